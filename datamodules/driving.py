@@ -2,14 +2,14 @@
 
 import copy
 import functools
-import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, get_type_hints
 
 import lightning
 import numpy as np
 import torch
+from pydantic import Field
 from rich.console import Console
 from torch.utils.data import DataLoader, Dataset
 
@@ -29,13 +29,16 @@ from datamodules.findings import report_lines
 from datamodules.leak import Leak, measure_leak, thumbnail
 from datamodules.recording import Recording, read_recordings
 from datamodules.row_views import RowViews, load_row_views
-from datamodules.samples import CENTER, Windows, make_samples
+from datamodules.samples import CENTER, Windows, camera_numbers, make_samples
 from datamodules.split import PARTS, Split, split_rows
 from datamodules.view import View
+from zoo.base.command_keys import convert
 from zoo.base.errors import InputError
 
-AUGMENT_ON = ("auto", "cpu", "device")
 MOST_WINDOW = 256  # frames, rows or targets of a window
+Share = Annotated[float, Field(ge=0, le=1)]
+Least0 = Annotated[float, Field(ge=0)]
+Count = Annotated[int, Field(ge=1)]
 
 
 class DrivingData(lightning.LightningDataModule):
@@ -79,85 +82,45 @@ class DrivingData(lightning.LightningDataModule):
         weights: list[float] | None = None,
         images: str | None = None,
         cameras: Sequence[str] = CAMERAS,
-        offset: float = 0.275,
-        recover_s: float | None = None,
-        flip: float | str = 0.5,
-        straight_cap: float | None = 0.5,
-        straight_threshold: float = 0.1,
-        samples_per_epoch: int | None = None,
-        batch_size: int = 64,
+        offset: Annotated[float, Field(ge=-1, le=1)] = 0.275,
+        recover_s: Annotated[float, Field(gt=0)] | None = None,
+        flip: Share | Literal["both"] = 0.5,
+        straight_cap: Share | None = 0.5,
+        straight_threshold: Least0 = 0.1,
+        samples_per_epoch: Count | None = None,
+        batch_size: Count = 64,
         split: str = "blocks",
-        val_share: float = 0.1,
-        test_share: float = 0.1,
-        block_s: float = 10.0,
-        gap_s: float = 1.0,
+        val_share: Least0 = 0.1,
+        test_share: Least0 = 0.1,
+        block_s: Least0 = 10.0,
+        gap_s: Least0 = 1.0,
         split_seed: int = 0,
         augment: dict | None = None,
-        augment_on: str = "auto",
-        on_bad_image: str = "fail",
-        on_bad_row: str = "fail",
+        augment_on: Literal["auto", "cpu", "device"] = "auto",
+        on_bad_image: Literal["fail", "skip"] = "fail",
+        on_bad_row: Literal["fail", "skip"] = "fail",
         cache: str | None = "outputs/cache",
-        workers: int = 0,
+        workers: Annotated[int, Field(ge=0)] = 0,
         seed: int = 1,
-        sequence: int | None = None,
-        stride: int | None = None,
-        ahead: int | None = None,
+        sequence: Annotated[int, Field(ge=1, le=MOST_WINDOW)] | None = None,
+        stride: Annotated[int, Field(ge=1, le=MOST_WINDOW)] | None = None,
+        ahead: Annotated[int, Field(ge=0, le=MOST_WINDOW)] | None = None,
     ) -> None:
+        given = dict(locals())
         super().__init__()
         if root is None:
             raise InputError("data.root is not set: name your recording, data.root=FOLDER")
+        kinds = get_type_hints(DrivingData.__init__, include_extras=True)
+        for key in kinds.keys() - {"root", "view", "weights", "cameras", "augment", "return"}:
+            convert(f"data.{key}", kinds[key], given[key])
         roots = 1 if isinstance(root, str) else len(root)
-        _check(
-            "weights",
-            weights,
-            weights is None or _are_weights(weights, roots),
-            f"null, or a list of {roots} numbers above 0, one for each recording of data.root",
-        )
-        known = isinstance(cameras, list | tuple) and set(cameras) <= set(CAMERAS)
-        _check("cameras", cameras, known and len(cameras) > 0, f"a list of {', '.join(CAMERAS)}")
-        _check("offset", offset, _is_in(offset, -1, 1), "a steering in -1..1")
-        _check(
-            "recover_s",
-            recover_s,
-            recover_s is None or (_is_in(recover_s, 0) and recover_s > 0),
-            "seconds above 0, or null",
-        )
-        _check("flip", flip, flip == "both" or _is_in(flip, 0, 1), "a probability 0..1, or both")
-        _check(
-            "straight_cap",
-            straight_cap,
-            straight_cap is None or _is_in(straight_cap, 0, 1),
-            "a share 0..1, or null",
-        )
-        _check("batch_size", batch_size, type(batch_size) is int and batch_size > 0, "1 or more")
-        _check(
-            "samples_per_epoch",
-            samples_per_epoch,
-            samples_per_epoch is None or (type(samples_per_epoch) is int and samples_per_epoch > 0),
-            "1 or more, or null",
-        )
-        for key, count, least in (
-            ("sequence", sequence, 1),
-            ("stride", stride, 1),
-            ("ahead", ahead, 0),
-        ):
-            whole = count is None or (type(count) is int and least <= count <= MOST_WINDOW)
-            _check(key, count, whole, f"{least}..{MOST_WINDOW}, or null")
+        if weights is not None and not _are_weights(weights, roots):
+            raise InputError(
+                f"data.weights={weights} is not null, or a list of {roots} numbers above 0, one "
+                "for each recording of data.root"
+            )
+        camera_numbers(cameras)
         self.windows = Windows(sequence or 1, stride or 1, ahead or 0)
-        _check("workers", workers, type(workers) is int and workers >= 0, "0 or more")
-        _check("split", split, isinstance(split, str), "blocks, random, recording or a file")
-        for key, value in (
-            ("straight_threshold", straight_threshold),
-            ("val_share", val_share),
-            ("test_share", test_share),
-            ("block_s", block_s),
-            ("gap_s", gap_s),
-        ):
-            _check(key, value, _is_in(value, 0), "a number, 0 or more")
-        _check("augment_on", augment_on, augment_on in AUGMENT_ON, ", ".join(AUGMENT_ON))
-        _check("cache", cache, cache is None or isinstance(cache, str), "a folder, or null")
-        for key, choice in (("on_bad_image", on_bad_image), ("on_bad_row", on_bad_row)):
-            _check(key, choice, choice in ("fail", "skip"), "fail or skip")
         self.root, self.images, self.view = root, images, view
         self.weights = None if weights is None else np.array(weights, float)
         self.cameras, self.offset, self.recover_s = list(cameras), offset, recover_s
@@ -351,16 +314,6 @@ class DrivingData(lightning.LightningDataModule):
         }
 
 
-def _check(key: str, value: object, good: bool, wanted: str) -> None:
-    if not good:
-        raise InputError(f"data.{key}={value} is not {wanted}")
-
-
 def _are_weights(value: Any, count: int) -> bool:
     listed = isinstance(value, list | tuple) and len(value) == count
-    return listed and all(_is_in(one, 0, 1000) and one > 0 for one in value)
-
-
-def _is_in(value: Any, least: float, most: float = math.inf) -> bool:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and least <= value <= most
+    return listed and all(type(one) in (int, float) and 0 < one <= 1000 for one in value)

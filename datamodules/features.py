@@ -13,14 +13,13 @@ from pathlib import Path
 import numpy as np
 import psutil
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from torch.utils.data import Dataset
 
 from datamodules.balance import BatchKey
 from datamodules.batches import Batch, TrainingBatches, make_batch
 from datamodules.driving_log import CAMERAS
 from datamodules.recording import Recording
-from datamodules.row_views import RowViews
+from datamodules.row_views import RowViews, ShowDone, image_progress
 from datamodules.view import View
 from datamodules.view_store import Keep, cache_key, is_stored, load_file
 
@@ -68,11 +67,6 @@ class FeatureFile:
     name: str
     target: Path | None
 
-    @property
-    def is_missing(self) -> bool:
-        """Return whether it has to be computed."""
-        return self.target is None or not is_stored(self.target)
-
 
 @dataclass(frozen=True)
 class FeaturePlan:
@@ -96,7 +90,7 @@ class FeaturePlan:
     @property
     def missing(self) -> int:
         """Return the number of images that are not in the cache."""
-        return sum(len(file.rows) for file in self.files if file.is_missing)
+        return sum(len(file.rows) for file in self.files if not is_stored(file.target))
 
     @property
     def missing_bytes(self) -> int:
@@ -155,17 +149,8 @@ def load_features(plan: FeaturePlan, views: RowViews, console: Console) -> RowVi
     file = np.full((len(views.file), 2 * len(CAMERAS)), -1)
     position = file.copy()
     arrays: list[np.ndarray] = []
-    text = TextColumn("{task.description}", markup=False)  # a folder's name is no markup
-    columns = (text, BarColumn(), TimeRemainingColumn())
-    shown = console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=not shown) as progress:
-        task = progress.add_task("", total=plan.missing, visible=False)
-
-        def show(done: int) -> None:
-            progress.update(task, advance=done, visible=True)
-
+    with image_progress(console) as show:
         for number, one in enumerate(plan.files):
-            progress.update(task, description=f"frozen blocks on {one.name}")
             arrays.append(_load(one, plan.front, views, show, console))
             file[one.rows, one.column] = number
             position[one.rows, one.column] = np.arange(len(one.rows))
@@ -173,33 +158,20 @@ def load_features(plan: FeaturePlan, views: RowViews, console: Console) -> RowVi
 
 
 def _load(
-    one: FeatureFile,
-    front: Front,
-    views: RowViews,
-    show: Callable[[int], None],
-    console: Console,
+    one: FeatureFile, front: Front, views: RowViews, show: ShowDone, console: Console
 ) -> np.ndarray:
     camera, turned = one.column % MIRRORED, one.column >= MIRRORED
 
     def fill(keep: Keep) -> dict[int, str]:
         for start in range(0, len(one.rows), CHUNK):
             rows = one.rows[start : start + CHUNK]
-            keep(start, front.compute(views.take(rows, camera, np.full(len(rows), turned))))
-            show(len(rows))
+            keep(front.compute(views.take(rows, camera, np.full(len(rows), turned))))
+            show(f"frozen blocks on {one.name}", start + len(rows), len(one.rows))
         return {}
 
-    shape = (len(one.rows), *front.shape)
-    if one.target is None:
-        array = np.empty(shape, np.float16)
-
-        def keep(start: int, chunk: np.ndarray) -> None:
-            array[start : start + len(chunk)] = chunk
-
-        fill(keep)
-        return array
     loaded = load_file(
         one.target,
-        shape,
+        (len(one.rows), *front.shape),
         np.float16,
         fill,
         lambda: console.print("another process computes these features; waiting for it"),

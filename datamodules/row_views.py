@@ -1,7 +1,10 @@
 """The views of a recording's rows and cameras, in memory or in mapped files."""
 
 import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -11,6 +14,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from datamodules.driving_log import CAMERAS
 from datamodules.recording import Recording
+from datamodules.samples import camera_numbers
 from datamodules.view import View
 from datamodules.view_store import load_views
 
@@ -18,6 +22,8 @@ from datamodules.view_store import load_views
 # mapped, so that memory does not grow with the rows.
 RESIDENT_BYTES = 16_000_000
 SMALL_BYTES = 1_000  # below it, a call for each image costs more than copying the image
+
+ShowDone = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -77,6 +83,21 @@ class RowViews:
         return RowViews([np.concatenate(self.files)], np.minimum(self.file, 0), position)
 
 
+@contextmanager
+def image_progress(console: Console) -> Iterator[ShowDone]:
+    """Yield a function that shows a bar with a description, and the done of all images."""
+    text = TextColumn("{task.description}", markup=False)  # a folder's name is no markup
+    columns = (text, BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    shown = console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=not shown) as progress:
+        task = progress.add_task("", total=None, visible=False)
+
+        def show(what: str, done: int, total: int) -> None:
+            progress.update(task, description=what, completed=done, total=total, visible=True)
+
+        yield show
+
+
 def load_row_views(
     recording: Recording, cameras: list[str], view: View, cache: Path | None, console: Console
 ) -> tuple[RowViews, dict[int, str]]:
@@ -89,28 +110,18 @@ def load_row_views(
     position = file.copy()
     files: list[np.ndarray] = []
     faults: dict[int, str] = {}
-    # A folder's name is not markup.
-    text = TextColumn("{task.description}", markup=False)
-    columns = (text, BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    shown = console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=not shown) as progress:
-        task = progress.add_task("", total=None, visible=False)
-
-        def show(done: int, total: int) -> None:
-            progress.update(task, completed=done, total=total, visible=True)
-
+    with image_progress(console) as show:
         for number, name in enumerate(recording.names):
-            for camera in sorted(CAMERAS.index(one) for one in set(cameras)):
+            for camera in camera_numbers(cameras):
                 rows = np.flatnonzero(recording.recording == number)
                 rows = rows[[path is not None for path in recording.images[rows, camera]]]
                 if not len(rows):
                     continue
-                progress.update(task, description=f"decoding {name}, {CAMERAS[camera]}")
                 loaded = load_views(
                     list(recording.images[rows, camera]),
                     view,
                     cache,
-                    show,
+                    partial(show, f"decoding {name}, {CAMERAS[camera]}"),
                     lambda: console.print("another process decodes these images; waiting for it"),
                 )
                 file[rows, camera] = len(files)

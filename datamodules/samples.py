@@ -1,5 +1,6 @@
 """Samples: each is a row, or a window of rows, and a camera, with steering corrected for it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -137,6 +138,11 @@ class Samples:
         speed_mph: speed, float32 [M].
         flipped: whether to mirror the sample before all else, bool [M] (`steering` is not yet
             negated).
+        windows: rows of a sample; the columns are those of its newest frame's row.
+        rows_per_s: rows of a second of the recording.
+        row_steering: recorded steering of all rows, float64 [N].
+        row_correction: steering that each camera adds, float64 [N, 3].
+        row_throttle: throttle minus brake of all rows, float32 [N].
     """
 
     row: np.ndarray
@@ -145,47 +151,33 @@ class Samples:
     throttle: np.ndarray
     speed_mph: np.ndarray
     flipped: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.row)
-
-    def frames(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows and the cameras of samples' frames, int64 [n] each."""
-        return self.row[numbers], self.camera[numbers]
-
-    def labels(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the steering and the throttle of samples, float32 [n] each."""
-        return self.steering[numbers], self.throttle[numbers]
-
-
-@dataclass(frozen=True)
-class WindowSamples(Samples):
-    """Samples with a window of rows each; the columns are those of its newest frame's row.
-
-    Attributes:
-        windows: rows of a sample.
-        rows_per_s: rows of a second of the recording.
-        row_steering: recorded steering of all rows, float64 [N].
-        row_correction: steering that each camera adds, float64 [N, 3].
-        row_throttle: throttle minus brake of all rows, float32 [N].
-    """
-
     windows: Windows
     rows_per_s: float
     row_steering: np.ndarray
     row_correction: np.ndarray
     row_throttle: np.ndarray
 
+    def __len__(self) -> int:
+        return len(self.row)
+
     def frames(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the frames' rows, int64 [n, sequence], and their cameras, int64 [n, 1]."""
-        return self.windows.frames(self.row[numbers]), self.camera[numbers][:, None]
+        """Return the rows and the cameras of samples' frames, int64 [n] each.
+
+        With windows, rows are int64 [n, sequence], and cameras [n, 1].
+        """
+        camera = self.camera[numbers]
+        cameras = camera[:, None] if self.windows.is_windowed else camera
+        return self.windows.frames(self.row[numbers]), cameras
 
     def labels(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the steering and the throttle, float32 [n, sequence + ahead] each.
+        """Return the steering and the throttle of samples, float32 [n] each.
 
-        The frames are seen from the side camera's place, and get its whole correction. In the steps
-        ahead a car that started there returns to the line (see `recovery_course`).
+        With windows, they are float32 [n, sequence + ahead]. The frames are seen from the side
+        camera's place, and get its whole correction. In the steps ahead a car that started there
+        returns to the line (see `recovery_course`).
         """
+        if not self.windows.is_windowed:
+            return self.steering[numbers], self.throttle[numbers]
         rows = self.windows.targets(self.row[numbers])
         camera = self.camera[numbers]
         correction = self.row_correction[rows, camera[:, None]]
@@ -224,11 +216,9 @@ def make_samples(
     Raises:
         InputError: a camera is unknown, or no row has an image of these cameras.
     """
-    if not cameras or any(name not in CAMERAS for name in cameras):
-        raise InputError(f"data.cameras={cameras} is not a list of {', '.join(CAMERAS)}")
     row_correction = np.zeros((len(recording), len(CAMERAS)))
     parts = []
-    for number in sorted(CAMERAS.index(name) for name in set(cameras)):
+    for number in camera_numbers(cameras):
         has_image = np.array([image is not None for image in recording.images[:, number]], bool)
         in_frames = has_image[windows.frames(rows)]
         seen = rows[in_frames.all(axis=tuple(range(1, in_frames.ndim)))]
@@ -249,24 +239,30 @@ def make_samples(
     row, camera = row[order], camera[order]
     row_throttle = (recording.throttle - recording.brake).astype(np.float32)
     steering = np.clip(recording.steering[row] + row_correction[row, camera], -1, 1)
-    columns = {
-        "row": row,
-        "camera": camera,
-        "steering": steering.astype(np.float32),
-        "throttle": row_throttle[row],
-        "speed_mph": recording.speed_mph[row].astype(np.float32),
-        "flipped": flipped,
-    }
-    if not windows.is_windowed:
-        return Samples(**columns)
-    return WindowSamples(
-        **columns,
+    return Samples(
+        row=row,
+        camera=camera,
+        steering=steering.astype(np.float32),
+        throttle=row_throttle[row],
+        speed_mph=recording.speed_mph[row].astype(np.float32),
+        flipped=flipped,
         windows=windows,
         rows_per_s=rows_per_second(recording),
         row_steering=recording.steering,
         row_correction=row_correction,
         row_throttle=row_throttle,
     )
+
+
+def camera_numbers(cameras: Sequence[str]) -> list[int]:
+    """Return the numbers of cameras, sorted.
+
+    Raises:
+        InputError: a camera is unknown, or there is none.
+    """
+    if not cameras or any(name not in CAMERAS for name in cameras):
+        raise InputError(f"data.cameras={cameras} is not a list of {', '.join(CAMERAS)}")
+    return sorted({CAMERAS.index(name) for name in cameras})
 
 
 def recovery_steering(

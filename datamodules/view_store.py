@@ -5,11 +5,9 @@ readers map it into memory. A file gets its name only when it is complete. `data
 uses the same files.
 """
 
-import errno
 import hashlib
 import json
 import os
-import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -32,13 +30,10 @@ from zoo.base.written_files import mark_folder, note_files
 # Raise it when the output of `decode_image` or `View` changes: old files are then not read again.
 VERSION = 2
 CACHE = "cache"  # kind of folder
-_seeking = threading.Lock()  # where a file has one position for all threads
-CHUNK = 32  # images that a thread decodes, and writes, at a time
-SYNC_EVERY_S = 0.02  # time between two syncs of a file that is being written
+CHUNK = 32  # images that a thread decodes at a time
 
 Progress = Callable[[int, int], None]
-# A function that stores rows of an array from a start position; several threads may call it.
-Keep = Callable[[int, np.ndarray], None]
+Keep = Callable[[np.ndarray], object]  # function that stores an array's next rows
 
 
 @dataclass(frozen=True)
@@ -71,16 +66,8 @@ def load_views(
     Raises:
         InputError: the disk is full or cannot be written to.
     """
-    if folder is None:
-        views = np.empty((len(paths), *view.shape), np.uint8)
-
-        def keep(start: int, chunk: np.ndarray) -> None:
-            views[start : start + len(chunk)] = chunk
-
-        return ViewFile(views, decode_all(paths, view, keep, progress))
-
     return load_file(
-        folder / f"{cache_key(paths, view)}.npy",
+        folder and folder / f"{cache_key(paths, view)}.npy",
         (len(paths), *view.shape),
         np.uint8,
         lambda keep: decode_all(paths, view, keep, progress),
@@ -90,7 +77,7 @@ def load_views(
 
 
 def load_file(
-    target: Path,
+    target: Path | None,
     shape: tuple[int, ...],
     dtype: type,
     fill: Callable[[Keep], dict[int, str]],
@@ -100,16 +87,26 @@ def load_file(
     """Return a mapped array; write it with `fill` if the file is not complete.
 
     Args:
-        target: file of the array.
+        target: file of the array; None keeps it in memory.
         shape: shape of the array.
         dtype: type of its elements.
-        fill: function that passes every row to its argument, and returns the faults.
+        fill: function that passes chunks of rows, in order, to its argument, and returns the
+            faults.
         on_wait: function called once if another process writes this file.
         what: name of the contents, for errors.
 
     Raises:
         InputError: the disk is full or cannot be written to.
     """
+    if target is None:
+        array, done = np.empty(shape, dtype), 0
+
+        def keep(chunk: np.ndarray) -> None:
+            nonlocal done
+            array[done : done + len(chunk)] = chunk
+            done += len(chunk)
+
+        return ViewFile(array, fill(keep))
     if not is_stored(target):
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -118,17 +115,21 @@ def load_file(
                 if not is_stored(target):
                     _build(target, shape, np.dtype(dtype), fill)
         except OSError as error:
-            size = int(np.prod(shape)) * np.dtype(dtype).itemsize
-            raise _cache_error(error, target.parent, size, what) from error
+            size_mb = np.prod(shape) * np.dtype(dtype).itemsize / 1e6
+            raise InputError(
+                f"{target.parent}: cannot write the {what}, {size_mb:.0f} MB a camera "
+                f"({error.strerror}); set data.cache=FOLDER on another disk, or null to keep it in "
+                "memory"
+            ) from error
     views = np.load(target, mmap_mode="r")
     notes = json.loads(_faults_path(target).read_text(encoding="utf-8"))
     faults = {int(position): fault for position, fault in notes.items()}
     return ViewFile(views, faults)
 
 
-def is_stored(target: Path) -> bool:
+def is_stored(target: Path | None) -> bool:
     """Return whether a file of the cache exists and is complete."""
-    return target.exists() and _faults_path(target).exists()
+    return target is not None and target.exists() and _faults_path(target).exists()
 
 
 def cache_key(paths: list[str], view: View) -> str:
@@ -145,40 +146,31 @@ def cache_key(paths: list[str], view: View) -> str:
 
 
 def decode_all(
-    paths: list[str],
-    view: View,
-    keep: Keep,
-    progress: Progress | None = None,
+    paths: list[str], view: View, keep: Keep, progress: Progress | None = None
 ) -> dict[int, str]:
     """Decode images on all cores; return the faults by position, whose views are zeros.
 
     Args:
         paths: image files.
         view: what a network sees.
-        keep: function that several threads call with a position and views uint8 [n, H, W, C],
-            which are overwritten afterwards.
+        keep: function that takes views, uint8 [n, H, W, C], in the order of the paths.
         progress: function called with (done, total).
     """
-    own = threading.local()  # a chunk per thread: new memory would be cleared each time
 
-    def decode(start: int) -> tuple[int, dict[int, str]]:
+    def decode(start: int) -> tuple[np.ndarray, dict[int, str]]:
         some = paths[start : start + CHUNK]
-        if not hasattr(own, "chunk"):
-            own.chunk = np.empty((CHUNK, *view.shape), np.uint8)
-        chunk, faults = own.chunk[: len(some)], {}
+        chunk, faults = np.zeros((len(some), *view.shape), np.uint8), {}
         for offset, path in enumerate(some):
             try:
                 view(read_image(path), out=chunk[offset])
-                continue
             except OSError as error:
                 faults[start + offset] = f"{path}: {error.strerror}"
             except ValueError as error:
                 faults[start + offset] = f"{path}: {error}"
-            chunk[offset] = 0
-        keep(start, chunk)
-        return start + len(some), faults
+        return chunk, faults
 
     all_faults: dict[int, str] = {}
+    done = 0
     threads = usable_cores()
     # OpenCV releases Python's lock while it decodes, so threads are enough. Its own threads are
     # off: they would share the work on each image.
@@ -189,8 +181,10 @@ def decode_all(
         # Submit a few chunks ahead, not all: an error ends the work early, and memory is bounded.
         ahead = deque(pool.submit(decode, start) for start in islice(starts, 2 * threads))
         while ahead:
-            done, faults = ahead.popleft().result()
+            chunk, faults = ahead.popleft().result()
             ahead.extend(pool.submit(decode, start) for start in islice(starts, 1))
+            keep(chunk)
+            done += len(chunk)
             all_faults |= faults
             if progress:
                 progress(done, len(paths))
@@ -201,10 +195,7 @@ def decode_all(
 
 
 def _build(
-    target: Path,
-    shape: tuple[int, ...],
-    dtype: np.dtype,
-    fill: Callable[[Keep], dict[int, str]],
+    target: Path, shape: tuple[int, ...], dtype: np.dtype, fill: Callable[[Keep], dict[int, str]]
 ) -> None:
     """Write `target` in one step: it is never incomplete."""
     for left in target.parent.glob(f".{target.name}.*.part"):
@@ -214,55 +205,10 @@ def _build(
         with part.open("wb") as file:
             header = {"descr": dtype.str, "fortran_order": False, "shape": shape}
             np.lib.format.write_array_header_1_0(file, header)
+            faults = fill(file.write)
             file.flush()
-            first, size = file.tell(), int(np.prod(shape[1:])) * dtype.itemsize
-
-            def keep(start: int, chunk: np.ndarray) -> None:
-                _write_at(file.fileno(), chunk, first + start * size)
-
-            with _synced_early(file.fileno()):
-                faults = fill(keep)
             os.fsync(file.fileno())
         write_whole(_faults_path(target), json.dumps(faults))
-
-
-def _write_at(descriptor: int, chunk: np.ndarray, offset: int) -> None:
-    """Write a whole chunk: on a nearly full disk the system may write only a part at first."""
-    left = chunk.data.cast("B")
-    while left:
-        written = _write_part(descriptor, left, offset)
-        left, offset = left[written:], offset + written
-
-
-def _write_part(descriptor: int, data: memoryview, offset: int) -> int:
-    """Write data at an offset as far as the system takes it; return the number of bytes."""
-    if hasattr(os, "pwrite"):
-        return os.pwrite(descriptor, data, offset)
-    with _seeking:  # Windows
-        os.lseek(descriptor, offset, os.SEEK_SET)
-        return os.write(descriptor, data)
-
-
-@contextmanager
-def _synced_early(descriptor: int) -> Iterator[None]:
-    """Sync a file again and again while it is written; the last sync then has little to wait for.
-
-    The disk writes while the images are decoded.
-    """
-    written = threading.Event()
-
-    def sync() -> None:
-        while not written.wait(SYNC_EVERY_S):
-            os.fsync(descriptor)
-
-    pool = ThreadPoolExecutor(1)
-    try:
-        syncing = pool.submit(sync)
-        yield
-    finally:
-        written.set()
-        pool.shutdown()
-    syncing.result()  # raises what a sync raised: the system reports a failed write only once
 
 
 @contextmanager
@@ -285,15 +231,3 @@ def _lock(target: Path, on_wait: Callable[[], None] | None) -> Iterator[None]:
 
 def _faults_path(target: Path) -> Path:
     return target.with_suffix(".json")
-
-
-def _cache_error(error: OSError, folder: Path, size: int, what: str) -> InputError:
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return InputError(
-            f"{folder}: no space left for the {what} ({size / 1e6:.0f} MB a camera); "
-            "free some, set data.cache=FOLDER on another disk, or null to keep it in memory"
-        )
-    return InputError(
-        f"{folder}: cannot write the {what} ({error.strerror}); "
-        "set data.cache=FOLDER to a folder that can be written, or null to keep it in memory"
-    )

@@ -206,5 +206,5 @@ def test_what_only_the_cpu_can_do_is_refused_on_a_device(data, monkeypatch) -> N
 
 
 def test_another_place_to_augment_on_is_refused(recorded) -> None:
-    with pytest.raises(InputError, match=r"data\.augment_on=gpu is not auto, cpu, device"):
+    with pytest.raises(InputError, match=r"data\.augment_on=gpu: must be auto, cpu or device"):
         DrivingData(str(recorded.folder), View((40, 20), "gray", None), augment_on="gpu")

@@ -1,5 +1,7 @@
 """The datamodule as training uses it: from a folder to batches."""
 
+import re
+
 import numpy as np
 import PIL.Image
 import pytest
@@ -318,10 +320,10 @@ def test_root_must_be_set():
     ids=str,
 )
 def test_value_that_cannot_be_names_its_key(setting):
-    ((key, value),) = setting.items()
+    (key,) = setting
     with pytest.raises(InputError) as caught:
         DrivingData("lake", VIEW, **setting)
-    assert str(caught.value).startswith(f"data.{key}={value} is not ")
+    assert re.match(rf"data\.{key}=.*( must be | is not )", str(caught.value))
 
 
 def test_a_recording_with_weight_is_fed_as_many_times(recorded, tmp_path, console):

@@ -271,7 +271,7 @@ def test_decoding_names_the_file(replaced: Written) -> None:
     image = replaced.image(7)
     image.write_bytes(LARGE["JPEG"])
     paths = [str(replaced.image(row)) for row in range(10)]
-    faults = decode_all(paths, View([60, 40], "gray", [8, 8]), lambda start, chunk: None)
+    faults = decode_all(paths, View([60, 40], "gray", [8, 8]), lambda chunk: None)
     assert list(faults) == [7]
     assert str(image) in faults[7]
     assert "20000 x 20000" in faults[7]
