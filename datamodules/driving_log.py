@@ -1,6 +1,5 @@
 """Parse `driving_log.csv`, as the original simulator, the course and forks of both write it."""
 
-import csv
 import itertools
 import math
 import re
@@ -8,18 +7,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from datamodules.log_text import (
-    MOST_LOG_BYTES,
-    find_delimiter,
     printable_path,
     read_fields,
     replace_undecoded,
 )
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most
-from zoo.base.regular_file import open_text
 from zoo.base.rig import UDACITY
 
 COLUMNS = ("center", "left", "right", "steering", "throttle", "brake", "speed")
@@ -30,7 +24,6 @@ RANGES = {"steering": (-1, 1), "throttle": (-1, 1), "brake": (0, 1), "speed": (0
 
 HINTED_SHARE = 0.05  # share of bad rows from which a cause that all rows share is likely
 MANY_ROWS = "divide the recording"
-ROWS_AT_ONCE = 1_000  # few enough to stay in the processor's cache
 
 # A number with a decimal comma as C# writes it: no needless zero at the start or end, and one digit
 # before the comma if there is an exponent.
@@ -93,81 +86,6 @@ class LogRow:
     line: int
     paths: tuple[str, ...]
     numbers: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class LogColumns:
-    """A whole log as columns: line, int64 [N]; paths, three lists; numbers, float64 [N, 4]."""
-
-    line: np.ndarray
-    paths: tuple[list[str], ...]
-    numbers: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.line)
-
-
-def read_log_columns(log: Path, bad: BadRows | None = None) -> LogColumns:
-    """Read a log as columns: a log of the simulator five times as fast as `read_log`.
-
-    Raises:
-        InputError: as `read_log`.
-    """
-    columns = _read_plain_log(log)
-    if columns is not None:
-        return columns
-    rows = list(read_log(log, bad))
-    return LogColumns(
-        np.array([row.line for row in rows]),
-        tuple([row.paths[camera] for row in rows] for camera in range(len(CAMERAS))),
-        np.array([row.numbers for row in rows]),
-    )
-
-
-def _read_plain_log(log: Path) -> LogColumns | None:
-    """Read a log of full rows with decimal points; return None if anything is unusual."""
-    paths: tuple[list[str], ...] = tuple([] for _ in CAMERAS)
-    lines, numbers, order = [], [], None
-    with open_text(log, MOST_LOG_BYTES) as file:
-        try:
-            if find_delimiter(file) != ",":
-                return None
-            reader = csv.reader(file, skipinitialspace=True)
-            while True:
-                before = reader.line_num
-                rows = list(itertools.islice(reader, ROWS_AT_ONCE))
-                if not rows:
-                    break
-                if reader.line_num - before != len(rows):
-                    return None
-                if order is None:
-                    first = [field.strip() for field in rows[0]]
-                    if not any(first):
-                        return None
-                    order = _column_order(log, first)
-                    if _is_header(first):
-                        before, rows = before + 1, rows[1:]
-                if any(len(row) != len(order) for row in rows):
-                    return None
-                cells = dict(zip(order, zip(*rows, strict=True), strict=True)) if rows else {}
-                for camera, column in zip(CAMERAS, paths, strict=True):
-                    column += map(str.strip, cells.get(camera, [""] * len(rows)))
-                    if "\0" in "".join(column[-len(rows) :]):
-                        return None
-                check_most("rows", reader.line_num, log, MANY_ROWS)
-                if rows:
-                    floats = [list(map(float, cells[name])) for name in NUMBERS]
-                    numbers.append(np.array(floats))
-                    lines.append(np.arange(before + 1, before + 1 + len(rows)))
-        except (csv.Error, ValueError):  # invalid UTF-8 raises a ValueError, too
-            return None
-    if not numbers:
-        return None
-    values = np.concatenate(numbers, axis=1).T
-    low, high = np.array([RANGES[name] for name in NUMBERS]).T
-    if not ((values >= low) & (values <= high)).all():
-        return None
-    return LogColumns(np.concatenate(lines), paths, values)
 
 
 def read_log(log: Path, bad: BadRows | None = None) -> Iterator[LogRow]:
@@ -237,13 +155,10 @@ def degrees_hint(largest: float) -> str:
     """
     if largest <= RANGES["steering"][1]:
         return ""
-    degrees = f"divide the column by {UDACITY.steering_deg:g}"
-    if largest <= UDACITY.steering_deg:
-        return f"degrees at the front wheels? {degrees}"
-    return (
-        f"degrees at the steering wheel? {degrees} times the ratio of steering wheel and front "
-        "wheels, which is about 15 in a car"
-    )
+    place, ratio = "at the front wheels", ""
+    if largest > UDACITY.steering_deg:
+        place, ratio = "at the steering wheel", " times the ratio to the front wheels, about 15"
+    return f"degrees {place}? divide the column by {UDACITY.steering_deg:g}{ratio}"
 
 
 def _is_header(fields: list[str]) -> bool:
@@ -255,24 +170,18 @@ def _column_order(log: Path, fields: list[str]) -> list[str]:
     if len(fields) > 1 and all(map(_HEADING.fullmatch, fields)) and not _is_header(fields):
         raise InputError(
             f"{log}, row 1: the header {','.join(fields):.200} is of another format; name its "
-            f"columns {','.join(COLUMNS)} (left and right may be missing), with the steering in "
-            "-1..1, right positive"
+            f"columns {','.join(COLUMNS)} (left and right may be missing)"
         )
     if _is_header(fields):
         names = [replace_undecoded(field).lower() for field in fields]
         names = ["center" if name == "centre" else name for name in names]
-        twice = [name for name in COLUMNS if names.count(name) > 1]
-        if twice:
-            raise InputError(
-                f"{log}, row 1: the header names {', '.join(twice)} more than once; "
-                f"expected {','.join(COLUMNS)}"
-            )
-        missing = [name for name in ("center", *NUMBERS) if name not in names]
-        if missing:
-            raise InputError(
-                f"{log}, row 1: the header has no column {', '.join(missing)}; "
-                f"expected {','.join(COLUMNS)}"
-            )
+        for name in COLUMNS:
+            least = 0 if name in ("left", "right") else 1
+            if not least <= names.count(name) <= 1:
+                raise InputError(
+                    f"{log}, row 1: the header names {name} {names.count(name)} times; "
+                    f"expected {','.join(COLUMNS)}"
+                )
         return names
     images = len([field for field in fields if _IMAGE.search(field)])
     if images == 1 and len(fields) > 1 and fields[1]:  # a steering, not an empty path
@@ -284,15 +193,11 @@ def _arrange(fields: list[str], order: list[str]) -> tuple[tuple[str, ...], list
     """Return a row's three paths and its numbers' fields, over 4 if they have decimal commas."""
     if len(fields) == len(order):
         cells = dict(zip(order, fields, strict=True))
-        paths = tuple(cells.get(camera, "") for camera in CAMERAS)
-        return paths, [cells[name] for name in NUMBERS]
-
+        return tuple(cells.get(name, "") for name in CAMERAS), [cells[name] for name in NUMBERS]
     cameras = [name for name in order if name in CAMERAS]
-    extra = len(fields) - len(order)
-    usual = order == [*cameras, *NUMBERS]
-    if usual and 0 < extra <= len(NUMBERS):
+    if order == [*cameras, *NUMBERS] and 0 < len(fields) - len(order) <= len(NUMBERS):
         cells = dict(zip(cameras, fields, strict=False))
-        return tuple(cells.get(camera, "") for camera in CAMERAS), fields[len(cameras) :]
+        return tuple(cells.get(name, "") for name in CAMERAS), fields[len(cameras) :]
     raise InputError(f"{len(fields)} columns, expected {len(order)} ({','.join(order):.200})")
 
 
@@ -322,23 +227,16 @@ def _decimal_comma_readings(pieces: list[str]) -> Iterator[tuple[float, ...]]:
     >>> list(_decimal_comma_readings(["0", "25", "1", "0", "30", "19028"]))
     [(0.25, 1.0, 0.0, 30.19028)]
     """
-    split = len(pieces) - len(NUMBERS)
-    for joined in itertools.combinations(range(len(NUMBERS)), split):
+    for joined in itertools.combinations(range(len(NUMBERS)), len(pieces) - len(NUMBERS)):
         rest = iter(pieces)
-        numbers = []
-        for position in range(len(NUMBERS)):
-            text = next(rest)
-            if position in joined:
-                text = f"{text},{next(rest)}"
-            if not _NUMBER.match(text):
-                break
-            value = float(text.replace(",", "."))
-            low, high = RANGES[NUMBERS[position]]
-            if not low <= value <= high:
-                break
-            numbers.append(value)
-        else:
-            yield tuple(numbers)
+        texts = [
+            f"{next(rest)},{next(rest)}" if position in joined else next(rest)
+            for position in range(len(NUMBERS))
+        ]
+        if all(map(_NUMBER.match, texts)):
+            numbers = tuple(float(text.replace(",", ".")) for text in texts)
+            if not range_fault(numbers):
+                yield numbers
 
 
 def number_text(value: float) -> str:

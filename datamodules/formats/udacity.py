@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datamodules.driving_log import CAMERAS, BadRows, LogColumns, read_log_columns
+from datamodules.driving_log import CAMERAS, BadRows, LogRow, read_log
 from datamodules.recording import LOG_NAME, ReadOptions, Recording, file_name, make_recording
 from zoo.base.errors import InputError
 
@@ -29,72 +29,61 @@ def read(path: Path, options: ReadOptions) -> Recording:
         InputError: the folder, the log, a row or an image is missing or wrong.
     """
     log = path if path.suffix == ".csv" else path / LOG_NAME
-    if not path.exists():
-        raise InputError(f"{path}: no such folder; {_suggest_near(path)}")
     if not log.exists():
-        raise InputError(f"{path}: holds no {LOG_NAME}; {_suggest(path)}")
+        what = f"holds no {LOG_NAME}" if path.exists() else "no such folder"
+        raise InputError(f"{path}: {what}; {_suggest(path)}")
     finder, bad_rows = ImageFinder(log, options.images), BadRows(options.on_bad_row)
-    rows = read_log_columns(log, bad_rows)
-    paths, missing = {}, []
-    for camera, written in zip(CAMERAS, rows.paths, strict=True):
-        paths[camera] = finder.find_all(written)
-        pairs = enumerate(zip(written, paths[camera], strict=True))
-        missing.append([index for index, (name, path) in pairs if name and path is None])
-    # A recording without any image of a side camera is a centre-only recording.
-    for side in (1, 2):
-        if len(missing[side]) == len(rows):
-            missing[side] = []
-    bad = _refuse_or_note(log, rows, missing, finder, options.on_bad_image)
-    names = ("steering", "throttle", "brake", "speed_mph")
-    numbers = dict(zip(names, rows.numbers.T, strict=True))
-    numbers["time_s"] = times_from_names(rows.paths[0])
+    rows = list(read_log(log, bad_rows))
+    images = {
+        name: [finder.find(row.paths[camera]) for row in rows]
+        for camera, name in enumerate(CAMERAS)
+    }
+    bad = _missing_images(log, rows, images)
+    if bad and options.on_bad_image == "fail":
+        raise InputError(
+            f"{bad[min(bad)]} in {finder.images or log.parent / 'IMG'} ({len(bad)} of {len(rows)} "
+            "rows lack one); copy the IMG folder there, set data.images=FOLDER, or "
+            "data.on_bad_image=skip"
+        )
+    columns = np.array([row.numbers for row in rows]).T
+    numbers = dict(zip(("steering", "throttle", "brake", "speed_mph"), columns, strict=True))
+    numbers["time_s"] = times_from_names([row.paths[0] for row in rows])
+    lines = np.array([row.line for row in rows])
     recording = make_recording(
-        log.parent, numbers, paths, line=rows.line, bad_rows=tuple(bad_rows.faults)
+        log.parent, numbers, images, line=lines, bad_rows=tuple(bad_rows.faults)
     )
     good = np.ones(len(rows), dtype=bool)
     good[list(bad)] = False
-    return recording.keep(good, tuple(bad.values()))
+    return recording.keep(good, tuple(bad[index] for index in sorted(bad)))
 
 
 def _suggest(root: Path) -> str:
-    """Return what to name instead of a folder without a log: the nearest folders with one."""
-    found = [str(path.parent) for path in sorted(root.glob(f"*/{LOG_NAME}"))]
-    if not found and (root.parent / LOG_NAME).is_file():  # its IMG folder was named
-        found = [str(root.parent)]
-    if not found:
-        return f"name the folder of a {LOG_NAME}"
-    named, more = ", ".join(found[:SUGGESTED]), len(found) - SUGGESTED
-    return f"name {'one of ' * (len(found) > 1)}{named}" + (f" ({more} more)" if more > 0 else "")
+    """Return what to name instead: recordings in a folder or around it, or with a near name."""
+    found = [path.parent for path in sorted(root.glob(f"*/{LOG_NAME}"))]
+    if not root.exists():
+        near = {path.parent.name: path.parent for path in root.parent.glob(f"*/{LOG_NAME}")}
+        found = [near[name] for name in difflib.get_close_matches(root.name, list(near), n=1)]
+    elif not found and (root.parent / LOG_NAME).is_file():  # its IMG folder was named
+        found = [root.parent]
+    named = ", or ".join(map(str, found[:SUGGESTED]))
+    return f"name {named}" if found else f"name the folder of a {LOG_NAME}"
 
 
-def _suggest_near(root: Path) -> str:
-    """Return what to name instead of a missing folder: a recording there with a near name."""
-    found = {path.parent.name: path.parent for path in root.parent.glob(f"*/{LOG_NAME}")}
-    near = difflib.get_close_matches(root.name, list(found), n=1)
-    return f"did you mean {found[near[0]]}?" if near else f"name the folder of a {LOG_NAME}"
-
-
-def _refuse_or_note(
-    log: Path,
-    rows: LogColumns,
-    missing: list[list[int]],
-    finder: "ImageFinder",
-    on_bad_image: str,
+def _missing_images(
+    log: Path, rows: list[LogRow], images: dict[str, list[str | None]]
 ) -> dict[int, str]:
-    """Return a line for each row with a missing image; raise InputError for `fail`."""
+    """Return a line for each row that names no centre image, or an image that is missing."""
     bad = {}
-    for camera, indices in enumerate(missing):
-        for index in indices:
-            written = rows.paths[camera][index]
-            bad[index] = f"{log}, row {rows.line[index]}: no image {file_name(written):.200}"
-    no_center = [index for index, path in enumerate(rows.paths[0]) if not path]
-    bad |= {index: f"{log}, row {rows.line[index]}: names no centre image" for index in no_center}
-    if bad and on_bad_image == "fail":
-        raise InputError(
-            f"{bad[min(bad)]} in {finder.searched()} ({len(bad)} of {len(rows)} rows lack one); "
-            "copy the IMG folder there, set data.images=FOLDER, or data.on_bad_image=skip"
-        )
-    return dict(sorted(bad.items()))
+    for camera, paths in enumerate(images.values()):
+        # A recording without any image of a side camera is a centre-only recording.
+        if camera and not any(paths):
+            continue
+        for index, (row, path) in enumerate(zip(rows, paths, strict=True)):
+            name = file_name(row.paths[camera])
+            if path is None and (name or not camera):
+                what = f"no image {name:.200}" if name else "names no centre image"
+                bad[index] = f"{log}, row {row.line}: {what}"
+    return bad
 
 
 class ImageFinder:
@@ -125,24 +114,6 @@ class ImageFinder:
                 return found
         return None
 
-    def find_all(self, written: list[str]) -> list[str | None]:
-        """Return each image's path or None, as `find`, but fast for a log that names one folder."""
-        first = next(filter(None, written), "")
-        folder = first[: len(first) - len(file_name(first))]
-        self.find(first)
-        table: dict[str, str] = {}
-        for candidate in reversed(self._candidates.get(folder, [])):
-            table |= self._listing(candidate)
-        start = len(folder)
-        return [
-            (path.startswith(folder) and table.get(path[start:])) or self.find(path)
-            for path in written
-        ]
-
-    def searched(self) -> str:
-        """Return the first folder searched, for messages."""
-        return str(self.images or self.root / "IMG")
-
     def _folders(self, written: str) -> list[Path]:
         """Return folders to search, best first: the given one, or IMG, the path's tails, others."""
         if self.images:
@@ -168,35 +139,12 @@ class ImageFinder:
 
 def times_from_names(names: list[str]) -> np.ndarray:
     """Return seconds since 1970, float64 [N], from `..._2018_07_16_17_11_43_382.jpg`; else NaN."""
-    times = _plain_times(names)
-    if times is None:
-        stamps = [
-            "{}-{}-{}T{}:{}:{}.{}".format(*found.groups())
-            if (found := _TIME.search(one))
-            else "NaT"
-            for one in names
-        ]
-        try:
-            times = np.array(stamps, dtype="datetime64[ms]")
-        except ValueError:  # such as month 13
-            return np.full(len(names), np.nan)
-    seconds = times.astype("int64") / 1000.0
-    return np.where(np.isnat(times), np.nan, seconds)
-
-
-def _plain_times(names: list[str]) -> np.ndarray | None:
-    """Return times, datetime64[ms] [N]; None unless all names end in one and three letters."""
+    stamps = [
+        "{}-{}-{}T{}:{}:{}.{}".format(*found.groups()) if (found := _TIME.search(name)) else "NaT"
+        for name in names
+    ]
     try:
-        tails = np.array([name[-27:] for name in names], "S27")
-    except UnicodeEncodeError:
-        return None
-    letters = tails.view(np.uint8).reshape(-1, 27)[:, :24].copy()
-    between, digits = [4, 7, 10, 13, 16, 19, 23], letters - ord("0")
-    digits[:, between] = 0
-    if not len(names) or (digits > 9).any() or (letters[:, between] != list(b"______.")).any():
-        return None
-    letters[:, between] = list(b"--T::.Z")
-    try:
-        return letters[:, :23].copy().view("S23").ravel().astype("datetime64[ms]")
-    except ValueError:
-        return None
+        times = np.array(stamps, dtype="datetime64[ms]")
+    except ValueError:  # such as month 13
+        return np.full(len(names), np.nan)
+    return np.where(np.isnat(times), np.nan, times.astype("int64") / 1000.0)

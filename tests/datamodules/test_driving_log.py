@@ -1,14 +1,13 @@
 """Logs as people have them, written byte for byte."""
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from datamodules.driving_log import ROWS_AT_ONCE, BadRows, LogRow, read_log, read_log_columns
+from datamodules.driving_log import BadRows, LogRow, read_log
 from tests.recordings import format_number
 from zoo.base.errors import InputError
 
@@ -21,18 +20,13 @@ HEADER = "center,left,right,steering,throttle,brake,speed"
 def read_text(folder: Path, text: str | bytes) -> list[LogRow]:
     log = folder / "driving_log.csv"
     log.write_bytes(text if isinstance(text, bytes) else text.encode())
-    rows = list(read_log(log))
-    assert rows == columns_as_rows(log), "both readers agree"
-    return rows
+    return list(read_log(log))
 
 
 def refusal(folder: Path, text: str) -> str:
     with pytest.raises(InputError) as caught:
         read_text(folder, text)
     message = str(caught.value)
-    with pytest.raises(InputError) as again:
-        read_log_columns(folder / "driving_log.csv")
-    assert str(again.value) == message, "both readers agree"
     assert "\n" not in message
     return message
 
@@ -152,7 +146,7 @@ REFUSED = [
     (f"{GOOD}{PATHS},0,0,0\n", "row 2: 6 columns, expected 7"),
     (f"{GOOD}{PATHS},0.5,0.25,0.5,20.5,7.5,9.5,1.5,2,3\n", "row 2: 12 columns"),
     (f"{PATHS},0.5,0.25,0,20.5,7\n", "row 1: '0.5,0.25,0,20.5,7' are not the four numbers"),
-    (HEADER.replace(",brake", "") + "\n", "row 1: the header has no column brake"),
+    (HEADER.replace(",brake", "") + "\n", "row 1: the header names brake 0 times"),
     *(
         (f"{GOOD}{PATHS},{text},0,0,1\n", f"row 2: steering is {text!r}")
         for text in ("NaN", "nan", "inf", "-Infinity", "", "left")
@@ -191,23 +185,13 @@ def test_a_log_that_ends_within_a_row_says_which_row_to_delete(tmp_path):
     assert "row 2: 5 columns, expected 7" in within
 
 
-@pytest.mark.parametrize("blank", [None, ROWS_AT_ONCE + 5])
-def test_a_log_of_several_chunks(tmp_path, blank):
-    lines = [f"{PATHS},{row % 100 / 100},0,0,{row % 30}" for row in range(2 * ROWS_AT_ONCE + 10)]
-    if blank:
-        lines.insert(blank, "")
-    rows = read_text(tmp_path, HEADER + "\n" + "\n".join(lines))
-    assert len(rows) == 2 * ROWS_AT_ONCE + 10
-    assert rows[-1].line == len(lines) + 1
-
-
 @pytest.mark.parametrize("name", ["center", "right", "speed"])
 def test_header_that_names_a_column_twice_is_refused(tmp_path, name):
     names = HEADER.split(",")
     names[1] = name
     message = refusal(tmp_path, f"{','.join(names)}\n{PATHS},0,0,0,1\n")
     assert f"{tmp_path}/driving_log.csv, row 1: " in message
-    assert f" {name} more than once" in message
+    assert f" {name} 2 times" in message
     assert HEADER in message
 
 
@@ -250,32 +234,6 @@ def test_a_column_name_that_is_no_utf_8_can_be_printed(tmp_path):
     refusal(tmp_path, text).encode()
 
 
-PIECES = [*HEADER.split(","), *PATHS.split(","), f"{PATHS},0,0,0,1\n", f"{HEADER}\n"]
-PIECES += ["0", "1", "-1", "0,5", "0.5", "99", "1e300", "nan", " ", ";", *",,,", *"\n\n", '"']
-ODD_BYTES = [b"\0", b"\xe9", b"\xff\xfe", b"\xc3\xaf"]
-
-
-@given(st.lists(st.sampled_from([*(piece.encode() for piece in PIECES), *ODD_BYTES]), max_size=30))
-def test_both_readers_agree_on_any_log(tmp_path_factory, pieces):
-    """The quick reader returns what `read_log` does, or raises the same InputError."""
-    log = tmp_path_factory.mktemp("log") / "driving_log.csv"
-    log.write_bytes(b"".join(pieces))
-    assert outcome(log, lambda one: list(read_log(one))) == outcome(log, columns_as_rows)
-
-
-def columns_as_rows(log: Path) -> list[LogRow]:
-    columns = read_log_columns(log)
-    paths, numbers = zip(*columns.paths, strict=True), map(tuple, columns.numbers.tolist())
-    return list(map(LogRow, columns.line.tolist(), paths, numbers))
-
-
-def outcome(log: Path, read: Callable[[Path], list[LogRow]]) -> list[LogRow] | str:
-    try:
-        return read(log)
-    except InputError as error:
-        return str(error)
-
-
 def test_bad_rows_are_left_out_and_named(tmp_path):
     log = tmp_path / "driving_log.csv"
     bad_rows = [f"{PATHS},left,0,0,1", f"{PATHS},0,0", f'"{PATHS},0,0,0,1', f'"{PATHS},2,0,0,1']
@@ -292,7 +250,7 @@ def test_a_log_of_bad_rows_alone_is_refused_even_if_they_are_skipped(tmp_path):
     log = tmp_path / "driving_log.csv"
     log.write_text(f"{PATHS},left,0,0,1\n" * 3)
     with pytest.raises(InputError, match=r"row 1: steering is 'left'.*3 of 3 rows.*all rows"):
-        read_log_columns(log, BadRows("skip"))
+        list(read_log(log, BadRows("skip")))
 
 
 @pytest.mark.parametrize(
