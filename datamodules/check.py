@@ -1,8 +1,6 @@
 """`drivezoo check`: check recordings before training."""
 
-import io
 import os
-import re
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -14,17 +12,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from datamodules.findings import find_oddities, report_lines
-from datamodules.image import (
-    FRAME_HEIGHT,
-    FRAME_WIDTH,
-    HEAD,
-    MOST_IMAGE_BYTES,
-    TAIL,
-    find_fault,
-    find_scan_fault,
-    find_size_fault,
-    image_size,
-)
+from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, MOST_IMAGE_BYTES, checked_size
 from datamodules.recording import Recording, read_recordings
 from zoo.base.command import command, is_help
 from zoo.base.command_keys import read_texts
@@ -33,8 +21,6 @@ from zoo.base.run_command import run_command
 from zoo.base.terminal import command_line, printable
 
 FIRST_TRY = "experiment=first_try"  # docs/recipes.md, "A first try that drives"
-# A training's keys that check takes, too.
-KEYS = {"data.root": "", "data.images": "images=", "data.on_bad_row": "on_bad_row="}
 SHOWN = 20  # bad rows and images that are listed; the others are counted
 
 
@@ -109,37 +95,19 @@ def _print_first(console: Console, lines: Sequence[str]) -> None:
 
 def _next_commands(roots: list[str], images: str | None, skipped: list[str]) -> Iterator[str]:
     """Yield a line for each next command, quoted for a shell and for Hydra."""
-    keys = [f"data.root={roots[0] if len(roots) == 1 else _hydra_list(roots)}"]
+    quoted = [text.replace("\\", "\\\\").replace("'", "\\'") for text in roots]
+    joined = ",".join(f"'{text}'" for text in quoted)  # a list in Hydra's grammar
+    keys = [f"data.root={roots[0] if len(roots) == 1 else f'[{joined}]'}"]
     keys += [f"data.images={images}"] if images else []
     keys += [f"{key}=skip" for key in skipped]
     yield f"show the network's input: {command_line(['drivezoo', 'preview', *keys])}"
     yield f"next: {command_line(['drivezoo', 'train', FIRST_TRY, *keys])}"
 
 
-def _hydra_list(texts: list[str]) -> str:
-    r"""Return a list in Hydra's grammar.
-
-    >>> _hydra_list(["one", "it's [2]"])
-    "[one,'it\\'s [2]']"
-    """
-    return f"[{','.join(map(_hydra_text, texts))}]"
-
-
-def _hydra_text(text: str) -> str:
-    if re.fullmatch(r"[\w./-]+", text, re.ASCII):
-        return text
-    escaped = text.replace("\\", "\\\\").replace("'", "\\'")
-    return f"'{escaped}'"
-
-
 def look_at_image(path: str) -> tuple[int, int] | str:
     """Return a JPEG's or PNG's `(width, height)` by its header, or what is wrong with the file."""
     try:
-        data = read_regular(path, MOST_IMAGE_BYTES)
-        if fault := find_fault(data[:HEAD], data[-TAIL:]):
-            return fault
-        size = image_size(io.BytesIO(data))
-        return find_size_fault(*size) or find_scan_fault(data) or size
+        return checked_size(read_regular(path, MOST_IMAGE_BYTES))
     except (OSError, ValueError) as error:
         return getattr(error, "strerror", None) or str(error)
 
@@ -162,34 +130,13 @@ def _look_at_images(
 
 def main(arguments: list[str]) -> None:
     """Check recordings; exit with 1 if an image is bad."""
-    given = [_as_option(argument) for argument in arguments]
-    for flag in ("--images", "--on-bad-row"):  # --images FOLDER
-        if flag in given[:-1]:
-            at = given.index(flag)
-            given[at : at + 2] = [f"{flag}={given[at + 1]}"]
-    given.sort(key=_is_option)  # folders first
+    given = [argument.removeprefix("data.root=") for argument in arguments]
     if is_help(given):
         check.main(given)
         return
     paths, options = check.split(given)
-    if not check(*paths, **read_texts(options)):
+    if not check(*paths, **read_texts(options, "data")):  # also with a training's keys
         sys.exit(1)
-
-
-def _as_option(argument: str) -> str:
-    """Return an argument in this command's form, if it has the form of a training's key.
-
-    >>> _as_option("data.root=my_recording"), _as_option("data.images=IMG")
-    ('my_recording', 'images=IMG')
-    """
-    key, equals, value = argument.partition("=")
-    if not equals or key not in KEYS or os.path.lexists(argument):
-        return argument
-    return f"{KEYS[key]}{value}"
-
-
-def _is_option(argument: str) -> bool:
-    return "=" in argument and not os.path.lexists(argument)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Figures of a recording, what is unusual about it, and what to do about that."""
 
-import os
+import filecmp
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -17,7 +17,6 @@ DISTINCT_SHARE = 0.8
 RECOVERIES_PER_ROW = 1 / 1000
 # A tenth of fewer rows (validation or test) is less than one block of ten seconds: one place.
 FEW_ROWS = 1000
-STRAIGHT_CAP, NEARLY_STRAIGHT = 0.5, 0.1  # of conf/data/recording.yaml
 SPEED_WINDOW_MPH, SPEEDS_APART_MPH = 3, 6
 SPEEDS_SHARE, SECOND_SPEED_SHARE = 0.8, 0.2
 SIDE_SHARE = 0.75
@@ -37,12 +36,8 @@ class Finding:
 
 def find_oddities(recording: Recording) -> list[Finding]:
     """Return what is unusual about a recording; several are judged as one."""
-    found = []
-    for kind, look in _LOOKS.items():
-        text = look(recording)
-        if text:
-            found.append(Finding(kind, text))
-    return found
+    found = ((look.__name__.removeprefix("_"), look(recording)) for look in _LOOKS)
+    return [Finding(kind, text) for kind, text in found if text]
 
 
 def _few_rows(recording: Recording) -> str | None:
@@ -63,21 +58,8 @@ def _keyboard(recording: Recording) -> str | None:
         return None
     return (
         f"{share:.0%} of steering is exactly 0 and the other {len(turned):,} rows share {values:,} "
-        f"values, as from a keyboard: a network learns to drive straight and to jerk; "
-        f"{_cap(recording)}steer by mouse or gamepad (drivezoo simulator drive)"
-    )
-
-
-def _cap(recording: Recording) -> str:
-    """Return what the usual limit of nearly straight samples does for a recording."""
-    cameras = np.count_nonzero(recording.images.astype(bool)) / len(recording)
-    # The samples of side cameras are not straight, as their steering is corrected.
-    straight = np.mean(np.abs(recording.steering) < NEARLY_STRAIGHT) / max(cameras, 1)
-    if straight > STRAIGHT_CAP:
-        return f"keep data.straight_cap={STRAIGHT_CAP:g}, or "
-    return (
-        f"data.straight_cap={STRAIGHT_CAP:g} does not act on this recording, because samples of "
-        "side cameras are not straight: "
+        f"values, as from a keyboard: a network learns to drive straight and to jerk; keep "
+        "data.straight_cap=0.5, or steer by mouse or gamepad (drivezoo simulator drive)"
     )
 
 
@@ -165,7 +147,8 @@ def _duplicates(recording: Recording) -> str | None:
             f"{repeated:,} of {len(named):,} images are named a second time: these rows count "
             "twice and can be in both training and validation; delete the repeated rows of the log"
         )
-    same = _identical_to_the_row_before(recording)
+    centre, moving = recording.images[:, 0], recording.speed_mph[1:] > STANDSTILL_MPH
+    same = sum(_is_copy(centre[row], centre[row + 1]) for row in np.flatnonzero(moving))
     if same < IDENTICAL_SHARE * len(recording):
         return None
     return (
@@ -174,42 +157,40 @@ def _duplicates(recording: Recording) -> str | None:
     )
 
 
-def _identical_to_the_row_before(recording: Recording) -> int:
-    """Return the number of such rows; only images of equal size are read."""
-    centre = recording.images[:, 0]
-    size = np.array([_size(path) for path in centre])
-    moving = recording.speed_mph[1:] > STANDSTILL_MPH
-    alike = np.flatnonzero((size[1:] == size[:-1]) & (size[1:] > 0) & moving)
-    return sum(_read(centre[row]) == _read(centre[row + 1]) for row in alike)
-
-
-def _size(path: str) -> int:
+def _is_copy(path: str, other: str) -> bool:
+    """Return whether two files have the same contents; only files of equal size are read."""
     try:
-        return os.stat(path).st_size  # noqa: PTH116 - Path.stat costs three times as much
+        return filecmp.cmp(path, other, shallow=False)
     except OSError:
-        return 0
+        return False
 
 
-def _read(path: str) -> bytes:
-    with open(path, "rb") as file:  # noqa: PTH123 - Path.open costs twice as much
-        return file.read()
-
-
-_LOOKS: dict[str, Callable[[Recording], str | None]] = {
-    "few_rows": _few_rows,
-    "keyboard": _keyboard,
-    "no_recoveries": _no_recoveries,
-    "centre_only": _centre_only,
-    "no_speed": _no_speed,
-    "two_speeds": _two_speeds,
-    "one_direction": _one_direction,
-    "duplicates": _duplicates,
-}
+_LOOKS: tuple[Callable[[Recording], str | None], ...] = (
+    _few_rows,
+    _keyboard,
+    _no_recoveries,
+    _centre_only,
+    _no_speed,
+    _two_speeds,
+    _one_direction,
+    _duplicates,
+)
 
 
 @dataclass(frozen=True)
 class RecordingReport:
-    """The figures of a recording, see `report_recording`."""
+    """The figures of a recording.
+
+    Attributes:
+        name: folder of the recording.
+        rows: number of rows.
+        side_cameras: rows with both side images.
+        seconds: driven time, without gaps; NaN without times in the file names.
+        fps: one over the median time between rows; NaN without times.
+        gaps: times over a second between rows.
+        zero_share: share of rows whose steering is exactly 0: a keyboard gives many.
+        mean_speed_mph: mean of the speed.
+    """
 
     name: str
     rows: int
@@ -224,31 +205,23 @@ class RecordingReport:
 def report_recordings(recording: Recording) -> list[RecordingReport]:
     """Return a report on each recording; times between recordings are not gaps."""
     return [
-        report_recording(recording, recording.recording == number, name)
+        _report(recording.keep(recording.recording == number), name)
         for number, name in enumerate(recording.names)
     ]
 
 
-def report_recording(recording: Recording, mask: np.ndarray, name: str) -> RecordingReport:
-    """Return the figures of the rows in `mask`, bool [N].
-
-    `seconds` is the driven time, without gaps; `gaps` counts times over a second between rows;
-    `fps` is one over the median time between rows. Without times in the file names `seconds` and
-    `fps` are NaN. `side_cameras` counts rows with both side images. `zero_share` is the share of
-    rows whose steering is exactly 0: a keyboard gives many.
-    """
-    steps = np.diff(recording.time_s[mask])
+def _report(one: Recording, name: str) -> RecordingReport:
+    steps = np.diff(one.time_s)
     driven = steps[(steps > 0) & (steps <= GAP_S)]
-    images = recording.images[mask]
     return RecordingReport(
         name=name,
-        rows=int(mask.sum()),
-        side_cameras=sum(None not in row for row in images[:, 1:].tolist()),
+        rows=len(one),
+        side_cameras=sum(None not in row for row in one.images[:, 1:].tolist()),
         seconds=float(driven.sum()) if len(driven) else float("nan"),
         fps=float(1 / np.median(driven)) if len(driven) else float("nan"),
         gaps=int(((steps > GAP_S) | (steps < 0)).sum()),
-        zero_share=float((recording.steering[mask] == 0).mean()) if mask.any() else float("nan"),
-        mean_speed_mph=float(recording.speed_mph[mask].mean()) if mask.any() else float("nan"),
+        zero_share=float((one.steering == 0).mean()) if len(one) else float("nan"),
+        mean_speed_mph=float(one.speed_mph.mean()) if len(one) else float("nan"),
     )
 
 

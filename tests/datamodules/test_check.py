@@ -48,7 +48,7 @@ def test_several_recordings(written, tmp_path):
 def test_images_elsewhere(written, tmp_path):
     elsewhere = (written.folder / "IMG").rename(tmp_path / "images")
     assert run_check(written.folder).returncode == 1
-    assert run_check(written.folder, "--images", elsewhere).returncode == 0
+    assert run_check(written.folder, f"--images={elsewhere}").returncode == 0
     same = run_check(f"data.root={written.folder}", f"data.images={elsewhere}")
     assert same.returncode == 0
 
@@ -126,7 +126,7 @@ def test_oddities_follow_the_figures_and_are_no_fault(tmp_path):
 def test_the_next_commands_close(tmp_path):
     folder = write_recording(tmp_path / "my lake", rows=2).folder
     images = folder / "IMG"
-    see, train = run_check(folder, "--images", images).stdout.splitlines()[-2:]
+    see, train = run_check(folder, f"images={images}").stdout.splitlines()[-2:]
     keys = [f"data.root={folder}", f"data.images={images}"]
     assert shlex.split(see.partition(": ")[2]) == ["drivezoo", "preview", *keys]
     assert shlex.split(train.partition(": ")[2]) == [

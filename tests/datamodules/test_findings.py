@@ -193,21 +193,6 @@ def test_one_tap_among_zeros_has_no_side():
     assert "one_direction" not in texts(recording_in_memory(steering))
 
 
-@pytest.mark.parametrize(("cameras", "words"), [(1, "keep data."), (3, "does not act")])
-def test_a_keyboard_is_told_whether_the_cap_of_straight_samples_acts(cameras, words):
-    taps = np.where(np.arange(2_000) % 10 < 3, 0.3, 0.0)
-    recording = recording_in_memory(taps)
-    images = np.full((2_000, 3), None, dtype=object)
-    images[:, :cameras] = "image.jpg"
-    images[:, 0] = [f"{row}.jpg" for row in range(2_000)]
-    (text,) = [
-        one.text
-        for one in find_oddities(replace(recording, images=images))
-        if one.kind == "keyboard"
-    ]
-    assert words in text
-
-
 ROWS = 600
 
 

@@ -209,12 +209,6 @@ def repeated_scan(components: int) -> bytes:
     return bytes(plain[:-2] + plain[scan:-2] * MOST_SCANS + plain[-2:])
 
 
-def test_a_decoder_stops_after_a_scan_of_all_components(tmp_path: Path) -> None:
-    path = tmp_path / "image.jpg"
-    path.write_bytes(repeated_scan(3))
-    assert (read_image(path) == 90).all()
-
-
 def test_many_scans_of_a_sequential_image_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "image.jpg"
     path.write_bytes(repeated_scan(1))
