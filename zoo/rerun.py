@@ -12,7 +12,6 @@ from zoo.base.child_process import child_environment, module_command
 from zoo.base.command import command
 from zoo.base.errors import InputError, StoppedError
 from zoo.base.new_folder import command_folder, dated_folder
-from zoo.base.parts import typed_parts
 from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import find_run
 from zoo.cli.closing_lines import print_written
@@ -33,9 +32,6 @@ COMPARED = (
     "data",
 )
 TIMED = ("latency_ms", "in_training")
-# Keys of paths; relative paths begin at the folder where the run was started.
-FOLDERS = ("data.root", "data.images", "data.cache", "data.record.out", "model.weights")
-FILES = ("data.split", "score.track", "callbacks.closed_loop.track")  # files, or built-in names
 
 
 @dataclass(frozen=True)
@@ -74,11 +70,11 @@ def rerun(run: str, *, out: str | None = None, trust: str = "") -> None:
     refuse_links_out(source)
     then = read_metrics_file(source)
     _, trusted = split_trust([f"{TRUST}={trust}"])
-    config = absolute_places(_trained_config(source), place_of(source))
+    config = _trained_config(source)
     check_saved_config(config, source, trusted)
     with command_folder(Path(out or dated_folder("reruns")).resolve(), "reruns") as folder:
         _prepare(source, config, folder)
-        _train(folder, trusted, then.get("threads"))
+        _train(folder, place_of(source), trusted, then.get("threads"))
         now = read_metrics_file(folder)
         _report(then, now, folder)
 
@@ -113,38 +109,6 @@ def place_of(run: Path) -> Path:
     return place if place.is_dir() else Path.cwd()
 
 
-def absolute_places(config: DictConfig, place: Path) -> DictConfig:
-    """Return a copy of a config in which relative paths that exist below `place` are absolute.
-
-    The rerun need not enter that folder, from which Python would import modules.
-    """
-    config = config.copy()
-    for key in (*FOLDERS, *FILES):
-        value = OmegaConf.to_container(config, resolve=False)
-        for part in key.split("."):
-            value = value.get(part) if isinstance(value, dict) else None
-        if isinstance(value, str):
-            OmegaConf.update(config, key, _absolute(value, place, key in FILES))
-        elif isinstance(value, list):
-            found = [_absolute(one, place, key in FILES) for one in value]
-            OmegaConf.update(config, key, found)
-    return config
-
-
-def _absolute(value: object, place: Path, is_file: bool) -> object:
-    from simulator.track_names import DRAWN  # imports gymnasium, which is slow
-
-    if not isinstance(value, str) or "${" in value or value in ("", "imagenet") or value[0] == "~":
-        return value
-    try:
-        drawn = DRAWN.fullmatch(value)  # own.yaml:17 is a road of the family in own.yaml
-        file = drawn[1] if drawn else value
-        found = (place / file).is_file() if is_file else (place / value).exists()
-    except (OSError, ValueError):  # path too long, or null byte
-        return value
-    return escape_interpolation(str(place / value)) if found else value
-
-
 def _trained_config(run: Path) -> DictConfig:
     """Return the config in a run's checkpoint, which a later `resume=` did not change."""
     from zoo.runs.run import load_config
@@ -173,15 +137,18 @@ def _prepare(run: Path, config: DictConfig, out: Path) -> None:
         raise InputError(f"out={out}: cannot write there ({error.strerror})") from None
 
 
-def _train(out: Path, trusted: Sequence[str], threads: int | None) -> None:
-    """Train the run in `out` with the same number of threads, on which sums depend."""
+def _train(out: Path, place: Path, trusted: Sequence[str], threads: int | None) -> None:
+    """Train the run in `out` with the same number of threads, on which sums depend.
+
+    The process runs in `place`, where relative paths begin; it imports nothing from there.
+    """
     environment = child_environment()
     if threads:
         environment["OMP_NUM_THREADS"] = str(threads)
-    command = module_command("zoo", f"resume={out}", *typed_parts())
+    command = module_command("zoo", f"resume={out}")
     if trusted:
         command.append(f"{TRUST}={','.join(trusted)}")
-    status = subprocess.run(command, env=environment, check=False).returncode
+    status = subprocess.run(command, env=environment, cwd=place, check=False).returncode
     if status == 130:
         raise StoppedError("stopped; the finished epochs are kept (see above)")
     if status:

@@ -26,7 +26,7 @@ from zoo.base.run_command import run_command
 from zoo.cli.compose import choices, compose_config, config_groups
 from zoo.correct.__main__ import correct
 from zoo.models.make_network import make_network
-from zoo.rerun import absolute_places, rerun
+from zoo.rerun import rerun
 from zoo.results import results
 from zoo.runs.run import load_config
 from zoo.runs.saved_config import check_saved_config, find_refusals
@@ -354,17 +354,6 @@ def test_a_rerun_does_not_enter_the_folder_that_a_config_names(
     assert not (tmp_path / "ran").exists()
     assert result.returncode == 0, result.stderr
     assert "digit" in result.stdout
-
-
-def test_relative_paths_start_from_the_folder_of_the_run(tmp_path: Path) -> None:
-    (tmp_path / "a").mkdir()
-    (tmp_path / "lake").mkdir()
-    config = OmegaConf.create(
-        {"data": {"root": ["a", "/b", "c"], "split": "a"}, "score": {"track": "lake"}}
-    )
-    found = absolute_places(config, tmp_path)
-    assert found.data.root == [str(tmp_path / "a"), "/b", "c"]
-    assert (found.data.split, found.score.track) == ("a", "lake")
 
 
 def write_sweep(folder: Path, arguments: list[str]) -> Path:

@@ -75,12 +75,12 @@ def run_words(cwd: Path, *words: str, **variables: str) -> subprocess.CompletedP
 
 
 def train_in_fork(
-    words: list[str], env: dict[str, str], check: bool
+    words: list[str], env: dict[str, str], cwd: Path, check: bool
 ) -> subprocess.CompletedProcess:
     """Stand in for the `subprocess.run` of `drivezoo rerun`, which takes seconds to import."""
     assert words[:3] == module_command("zoo")
     assert not check
-    return run(Path.cwd(), *words[3:], threads=env["OMP_NUM_THREADS"])
+    return run(cwd, *words[3:], threads=env["OMP_NUM_THREADS"])
 
 
 def start(cwd: Path, module: str, *arguments: str) -> subprocess.Popen | ForkedProcess:

@@ -6,7 +6,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from omegaconf import OmegaConf
 
 from tests.recordings import Written
 from tests.zoo.commands import train_in_fork
@@ -14,7 +13,7 @@ from tests.zoo.sweep.test_sweep_command import SMALL
 from tests.zoo.sweeps import write_run
 from zoo.__main__ import train_or_sweep as zoo
 from zoo.base.run_command import run_command
-from zoo.rerun import _report, absolute_places, differences, rerun
+from zoo.rerun import _report, differences, rerun
 
 
 def test_a_run_is_repeated_to_the_digit(
@@ -65,14 +64,6 @@ def test_differences_are_named_and_times_are_ignored() -> None:
     (found,), count = differences(then, now)
     assert (found.name, found.then, found.now) == ("drive.lake.autonomy.0", 1.0, 0.9)
     assert count == 3
-
-
-def test_files_of_tracks_and_families_are_found_from_another_folder(tmp_path: Path) -> None:
-    (tmp_path / "own.yaml").touch()
-    names = ["own.yaml", "own.yaml:17", "alpine:17", "lake"]
-    config = OmegaConf.create({"score": {"track": names}})
-    found = absolute_places(config, tmp_path).score.track
-    assert list(found) == [f"{tmp_path}/own.yaml", f"{tmp_path}/own.yaml:17", *names[2:]]
 
 
 @pytest.mark.parametrize(

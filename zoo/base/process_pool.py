@@ -2,56 +2,40 @@
 
 import multiprocessing
 import os
-import pickle
-import queue
 import signal
 import sys
 import threading
 import time
-import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from multiprocessing import resource_tracker
-from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from types import ModuleType
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
+from zoo.base.child_process import wait_for_parent
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError
 
 Result = TypeVar("Result")
 LOOK_S = 0.2  # seconds between two updates of the progress
+_reports: Any = None  # queue of job numbers and shares, in a process of a pool
 
 
 class KilledProcessError(InputError):
     """A process of a pool was killed, for example because memory ran out."""
 
 
-class RemoteTracebackError(Exception):
-    """The cause of an error of a job: its traceback in the process of the pool."""
-
-
-@dataclass
-class _Worker:
-    """A process of a pool, the parent's end of its pipe, and its job's number; None if idle."""
-
-    process: BaseProcess
-    pipe: Connection
-    job: int | None = None
-
-
 class ProcessPool:
     """Processes that run jobs.
 
-    Each process waits for the end of its pipe, which is closed at the end of the `with` block and
-    when this process is killed. Ctrl-C does not reach the processes: this one ends them. The
-    executor of `concurrent.futures` instead waits for running jobs, and its processes outlive a
-    killed parent.
+    At the end of the `with` block they are killed, whatever they are doing. Each looks whether this
+    process still runs, and ends with it. Ctrl-C does not reach them: this process ends them.
 
     Args:
         processes: number of processes.
@@ -61,20 +45,21 @@ class ProcessPool:
     def __init__(self, processes: int, key: str = "workers") -> None:
         self.processes, self.key = processes, key
         self.shares: dict[int, float] = {}  # finished share of running jobs, 0..1
-        self._workers: list[_Worker] = []
-        self._queue: deque[tuple[int, bytes]] = deque()
+        if os.name != "nt":
+            # A killed command leaves semaphores, of which the tracker would warn.
+            sys.warnoptions.append("ignore:resource_tracker:UserWarning")
+            resource_tracker.ensure_running()  # now: its start clears the mask of signals
+            sys.warnoptions.pop()
+        # Spawned: PyTorch's and Panda3D's threads do not survive a fork.
+        context = multiprocessing.get_context("spawn")
+        self._reports = context.SimpleQueue()
+        begin = os.getpid(), self._reports
+        self._executor = ProcessPoolExecutor(processes, context, _begin, begin)
+        self._children: set[BaseProcess] = set()
+        self._numbers: dict[Future, int] = {}
         self._submitted = 0
 
     def __enter__(self) -> "ProcessPool":
-        # Spawned: PyTorch's and Panda3D's threads do not survive a fork.
-        context = multiprocessing.get_context("spawn")
-        with _hidden_script(), _held_interrupt():
-            for _ in range(self.processes):
-                pipe, theirs = context.Pipe()
-                process = context.Process(target=_serve, args=(theirs,), daemon=True)
-                process.start()
-                theirs.close()
-                self._workers.append(_Worker(process, pipe))
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -82,11 +67,9 @@ class ProcessPool:
 
     def end(self) -> None:
         """End the processes at once."""
-        for one in self._workers:
-            one.pipe.close()
-            one.process.kill()  # its jobs are done, or of no use
-        for one in self._workers:
-            one.process.join()
+        for child in self._children:
+            child.kill()  # its jobs are done, or of no use
+        self._executor.shutdown(cancel_futures=True)
 
     def submit(self, function: Callable, *arguments: object) -> int:
         """Queue `function(*arguments, report)`, and return the job's number.
@@ -96,13 +79,19 @@ class ProcessPool:
                 share of the job that is done, 0..1.
             arguments: arguments that can be pickled.
         """
-        self._queue.append((self._submitted, pickle.dumps((function, arguments))))
+        number, others = self._submitted, {*multiprocessing.active_children()}
+        try:
+            with _hidden_script(), _held_interrupt():
+                future = self._executor.submit(_run, number, function, arguments)
+        except BrokenProcessPool:
+            raise self._killed() from None
+        self._children |= {*multiprocessing.active_children()} - others
+        self._numbers[future] = number
         self._submitted += 1
-        self._hand_out()
-        return self._submitted - 1
+        return number
 
     def finished(self, wait_s: float) -> list[tuple[int, Any]]:
-        """Return the numbers and results of jobs that have finished, and hand out waiting jobs.
+        """Return the numbers and results of jobs that have finished.
 
         Args:
             wait_s: seconds to wait for the first.
@@ -111,36 +100,19 @@ class ProcessPool:
             KilledProcessError: a process was killed.
             Exception: a job failed.
         """
-        found = []
-        ready = wait([one.pipe for one in self._workers], wait_s)
-        for one in self._workers:
-            if one.pipe not in ready:
-                continue
+        done, _ = wait(self._numbers, wait_s, FIRST_COMPLETED)
+        while not self._reports.empty():
+            number, share = self._reports.get()
+            self.shares[number] = share
+        results = []
+        for future in done:
+            number = self._numbers.pop(future)
+            self.shares.pop(number, None)
             try:
-                kind, value = one.pipe.recv()
-            except (EOFError, OSError):
+                results.append((number, future.result()))
+            except BrokenProcessPool:
                 raise self._killed() from None
-            assert one.job is not None
-            if kind == "share":
-                self.shares[one.job] = value
-                continue
-            self.shares.pop(one.job, None)
-            if kind == "error":
-                error, trace = value
-                raise error from RemoteTracebackError(trace)
-            found.append((one.job, value))
-            one.job = None
-        self._hand_out()
-        return found
-
-    def _hand_out(self) -> None:
-        for one in self._workers:
-            if one.job is None and self._queue:
-                one.job, job = self._queue.popleft()
-                try:
-                    one.pipe.send_bytes(job)
-                except OSError:
-                    raise self._killed() from None
+        return results
 
     def _killed(self) -> KilledProcessError:
         return KilledProcessError(
@@ -249,8 +221,8 @@ def run_jobs(
 def _hidden_script() -> Iterator[None]:
     """Start processes that do not run the user's script again.
 
-    Spawned processes import the `__main__` module: a script without `if __name__ == "__main__":`
-    would drive again in each of them. The jobs need nothing from it.
+    Spawned processes import the `__main__` module: a script without a guard would drive again in
+    each of them. The jobs need nothing from it.
     """
     script = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
@@ -268,7 +240,6 @@ def _held_interrupt() -> Iterator[None]:
     if is_main:
         before = signal.signal(signal.SIGINT, lambda *_: asked.append(1))
     if hasattr(signal, "pthread_sigmask"):  # a new process inherits the mask
-        resource_tracker.ensure_running()  # else its start clears the mask
         block = signal.SIG_BLOCK  # type: ignore[attr-defined,unused-ignore]
         mask = signal.pthread_sigmask(block, [signal.SIGINT])
     try:
@@ -283,48 +254,29 @@ def _held_interrupt() -> Iterator[None]:
         signal.raise_signal(signal.SIGINT)
 
 
-def _serve(pipe: Connection) -> None:
-    """Run jobs in a process of the pool until the pipe ends."""
+def _begin(parent: int, reports: Any) -> None:
+    """Prepare a process of a pool, which ends when its parent has ended."""
+    global _reports
+    _reports = reports
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    jobs: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    threading.Thread(target=_receive, args=(pipe, jobs), daemon=True).start()
-    with suppress(OSError):  # the parent has ended, which the thread notices, too
-        while True:
-            answer = _answer(jobs.get(), _Report(pipe))
-            sys.stdout.flush()  # now, because the parent kills this process in the end
-            pipe.send(answer)
+    threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
 
 
-def _receive(pipe: Connection, jobs: "queue.SimpleQueue[bytes]") -> None:
-    """Queue what arrives; at the end of the pipe, end this process, whatever it is doing."""
-    try:
-        while True:
-            jobs.put(pipe.recv_bytes())
-    finally:
-        os._exit(1)
+def _end_after(parent: int) -> None:
+    wait_for_parent(parent)
+    os._exit(1)
 
 
-class _Report:
-    """The `report(share)` of a job, which sends at most five shares a second."""
+def _run(number: int, function: Callable, arguments: tuple) -> Any:
+    """Run a job in a process of a pool; send at most five shares a second."""
+    next_s = 0.0
 
-    def __init__(self, pipe: Connection) -> None:
-        self._pipe, self._next_s = pipe, 0.0
+    def report(share: float) -> None:
+        nonlocal next_s
+        if time.monotonic() >= next_s:
+            next_s = time.monotonic() + LOOK_S
+            _reports.put((number, share))
 
-    def __call__(self, share: float) -> None:
-        if time.monotonic() >= self._next_s:
-            self._next_s = time.monotonic() + LOOK_S
-            self._pipe.send(("share", share))
-
-
-def _answer(job: bytes, report: _Report) -> tuple[str, Any]:
-    """Return the kind and value of a job's answer: its result, or its error and traceback."""
-    try:
-        function, arguments = pickle.loads(job)
-        return "result", function(*arguments, report)
-    except BaseException as error:
-        trace = traceback.format_exc()
-        try:
-            pickle.loads(pickle.dumps(error))
-        except Exception:
-            return "error", (RuntimeError(f"{type(error).__name__}: {error}"), trace)
-        return "error", (error, trace)
+    result = function(*arguments, report)
+    sys.stdout.flush()  # now, because the parent kills this process in the end
+    return result
