@@ -76,7 +76,7 @@ def convert(
     from rich.console import Console
 
     from datamodules.recording import find_format, formats
-    from zoo.base.new_folder import free_folder, print_unfinished, refuse_existing
+    from zoo.base.new_folder import free_folder, refuse_existing
     from zoo.cli.console_progress import progress_bar
 
     place = Path(source).expanduser()
@@ -87,7 +87,6 @@ def convert(
     whole = folder.absolute()
     out = out or free_folder(whole.with_name(f"{whole.name}_{to}"))
     refuse_existing(out.expanduser())
-    print_unfinished(out)
     with progress_bar("converting", Console(stderr=True)) as report:
         result = run_conversion(place, out, to, options, report)
     drives = f"{result.drives:,} continuous drive{'' if result.drives == 1 else 's'}"

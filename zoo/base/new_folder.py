@@ -10,7 +10,6 @@ import errno
 import os
 import secrets
 import shutil
-import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -18,12 +17,10 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from zoo.base.errors import InputError
-from zoo.base.terminal import command_line, printable
 from zoo.base.whole_file import PART
 from zoo.base.written_files import LOCK, MARK, mark_folder, note_files, read_register
 
 RECORDINGS = "recordings"  # kind of folder
-REMOVE = ("what=unfinished", "remove=true")  # arguments of drivezoo clean
 
 
 def dated_folder(kind: str) -> Path:
@@ -168,18 +165,6 @@ def refuse_existing(out: Path) -> None:
     """Raise InputError if a folder to write exists."""
     if os.path.lexists(out):
         raise InputError(f"out={out}: exists already; name another folder")
-
-
-def print_unfinished(out: Path) -> None:
-    """Print the hidden folders that killed commands left beside a folder to write."""
-    place = out.expanduser().absolute().parent
-    with suppress(OSError):
-        left = [one for one in sorted(place.iterdir()) if is_unfinished(one) and not is_held(one)]
-        for one in left:
-            print(printable(f"{one}: left by a command that was killed"), file=sys.stderr)
-        if left:
-            command = command_line(["drivezoo", "clean", place, *REMOVE])
-            print(printable(f"remove: {command}"), file=sys.stderr)
 
 
 def is_unfinished(path: Path) -> bool:

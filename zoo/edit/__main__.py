@@ -73,7 +73,7 @@ def edit(folder: str, *folders: str, options: EditOptions) -> None:
     from datamodules.findings import report_lines
     from datamodules.recording import read_recordings
     from datamodules.recording_edits import typed_edits
-    from zoo.base.new_folder import print_unfinished, refuse_existing
+    from zoo.base.new_folder import refuse_existing
     from zoo.cli.console_progress import progress_bar
     from zoo.edit.edit_session import EditSession
 
@@ -85,7 +85,6 @@ def edit(folder: str, *folders: str, options: EditOptions) -> None:
     for line in report_lines(recording):
         print(printable(line))
     session = EditSession(recording, edits, options.out, print_result)
-    print_unfinished(session.out)
     if not options.page:
         with progress_bar("writing", Console(stderr=True)) as report:
             session.write(report)

@@ -17,13 +17,13 @@ from zoo.base.new_folder import command_folder
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import Checkpoint, build_checkpoint, read_checkpoint_file
 from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents, without_folders
-from zoo.evaluate.drives_table import with_deviation
-from zoo.hub.hub_options import CARD, HUB
+from zoo.evaluate.drives_table import drives_table
 from zoo.report.blocks import Block, Bullets, Code, Rows, Section, Text, to_markdown
 from zoo.report.card_section import INTENDED_USE
-from zoo.runs.table import Table
 from zoo.verdict.evidence import Evidence, read_evidence
 
+HUB = "hub"  # kind of folder
+CARD = "README.md"
 TAGS = ["drivezoo", "behavioural-cloning", "self-driving", "simulator"]
 # Metrics of the header, of those that a track's figures can have.
 SHOWN = {"autonomy": "Autonomy", "interventions": "Interventions per drive"}
@@ -173,33 +173,18 @@ def _what(of: Described) -> list[Block]:
 
 
 def _drive(of: Described) -> list[Block]:
-    lines = [f"drivezoo drive {of.file} sim=lake laps=1"]
-    if of.repo:
-        folder = f"outputs/hub/{of.repo}"
-        lines = [
-            "pip install 'drivezoo[hub]'",
-            f"drivezoo hub pull {of.repo}",
-            f"drivezoo drive {folder}/{of.file} sim=lake laps=1",
-        ]
-    return [Code("\n".join(lines))]
+    fetch = f"pip install 'drivezoo[hub]'\ndrivezoo hub pull {of.repo}\n" if of.repo else ""
+    folder = f"outputs/hub/{of.repo}/" if of.repo else ""
+    return [Code(f"{fetch}drivezoo drive {folder}{of.file} sim=lake laps=1")]
 
 
 def _scores(of: Described) -> list[Block]:
     if not of.tracks:
         return [Text("Its run has no drives: nothing here shows that it stays on a road.")]
-    rows = []
-    for name, figures in of.tracks.items():
-        drives, kept = figures.get("drives"), figures.get("drives_without_intervention")
-        counted = f"{kept} of {drives}" if drives and kept is not None else "-"
-        cells = [with_deviation(figures["autonomy"], "{:.1%}", drives), counted]
-        for key, form in (("interventions", "{:.3g}"), ("cte_mean_m", "{:.2f} m")):
-            cells.append(with_deviation(figures[key], form, drives) if figures.get(key) else "-")
-        rows.append([name, *cells])
-    headers = ["track", "autonomy", "drives without intervention", "interventions", "mean error"]
     speed = (of.evidence.metrics.get("drive") or {}).get("speed_mph")
     where = "Drives of its run in drivezoo's embedded simulator"
     text = f"{where}, at {speed:g} mph." if speed else f"{where}."
-    return [Text(text), Rows(Table.of(headers, rows))]
+    return [Text(text), Rows(drives_table(dict(of.tracks)))]
 
 
 def _training(of: Described) -> list[Block]:

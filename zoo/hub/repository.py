@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from zoo.base.errors import InputError, UsageError
-from zoo.base.new_folder import print_unfinished, refuse_existing, whole_folder
+from zoo.base.new_folder import refuse_existing, whole_folder
 from zoo.checkpoints.checkpoint import MOST_BYTES, build_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_card import check_card
 from zoo.cli.console_progress import progress_bar
-from zoo.hub.card import described_hash
-from zoo.hub.hub_options import CARD, HUB
+from zoo.hub.card import CARD, HUB, described_hash
 
 if TYPE_CHECKING:
     from huggingface_hub import HfApi
@@ -90,7 +89,6 @@ def fetch(repo: str, file: str | None, out: str | None, console: Console) -> lis
         raise InputError(f"{repo}: {name} has {size} bytes, not 1..{MOST_BYTES:,}; it is not read")
     folder = Path(out or f"outputs/hub/{repo}").expanduser()
     refuse_existing(folder)
-    print_unfinished(folder)
     with whole_folder(folder, HUB) as part:
         with progress_bar(f"fetching {name}", console) as progress:
             digest = _download(api, repo, name, size, part / name, progress)
@@ -118,7 +116,7 @@ def _api() -> "HfApi":
 @contextmanager
 def _one_line_errors(repo: str, endpoint: str) -> Iterator[None]:
     """Raise InputError for each error of the library, of the network or of the server's answer."""
-    from huggingface_hub.errors import HfHubHTTPError, OfflineModeIsEnabled, RepositoryNotFoundError
+    from huggingface_hub.errors import HfHubHTTPError, RepositoryNotFoundError
     from huggingface_hub.errors import HTTPError as NetworkError
 
     try:
@@ -128,8 +126,6 @@ def _one_line_errors(repo: str, endpoint: str) -> Iterator[None]:
             f"{repo}: no such repository at {endpoint}, or it is private; check the name, or log "
             "in: hf auth login"
         ) from None
-    except OfflineModeIsEnabled:
-        raise InputError(f"{endpoint}: HF_HUB_OFFLINE is set; unset it to use the Hub") from None
     except HfHubHTTPError as error:
         status = getattr(error.response, "status_code", None)
         reason = f"{status} {error.server_message or ''}".strip() if status else str(error)
@@ -145,19 +141,12 @@ def _one_line_errors(repo: str, endpoint: str) -> Iterator[None]:
 
 def _chosen(repo: str, file: str | None, sizes: Mapping[str, Any]) -> str:
     """Return the name of the checkpoint to fetch, which is no path."""
-    names = sorted(one for one in sizes if _NAME.fullmatch(one))
-    if file is not None:
-        if file not in names:
-            raise UsageError(f"file={file}: {repo} has {_listed(names)}")
-        return file
-    if len(names) != 1:
-        fix = "; name one with file=" if names else "; name another repository"
-        raise InputError(f"{repo}: has {_listed(names)}{fix}")
-    return names[0]
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names[:10]) if names else "no .ckpt file in its top folder"
+    names = sorted(name for name in sizes if _NAME.fullmatch(name))
+    chosen = [name for name in names if file in (None, name)]
+    if len(chosen) == 1:
+        return chosen[0]
+    listed = ", ".join(names[:10]) or "no .ckpt file in its top folder"
+    raise UsageError(f"{repo}: has {listed}; name one with file=, or another repository")
 
 
 def _download(

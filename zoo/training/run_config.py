@@ -16,7 +16,7 @@ from datamodules.recording import read_recordings
 from datamodules.view import View
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError
-from zoo.base.new_folder import RECORDINGS, print_unfinished, whole_folder
+from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.terminal import print_line
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import find_checkpoint, read_checkpoint_file
@@ -220,7 +220,6 @@ def _record(folder: Path, recipe: dict, jobs: int | None, console: Console) -> N
             f"{folder}: exists but holds no {RECIPE}; remove it, or name your own recording "
             "with data.root=FOLDER"
         )
-    print_unfinished(folder)
     print_line(
         console,
         f"recording {len(recipe['passes'])} drives with the embedded simulator, once, in {folder}",

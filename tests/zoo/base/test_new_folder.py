@@ -8,7 +8,6 @@ from zoo.base.errors import InputError
 from zoo.base.new_folder import (
     command_folder,
     is_held,
-    print_unfinished,
     whole_folder,
 )
 from zoo.base.written_files import MARK, read_register
@@ -54,17 +53,3 @@ def test_a_whole_folder_knows_all_its_files(tmp_path: Path) -> None:
     found = read_register(tmp_path / "lake" / MARK)
     assert (found.kind, list(found.files)) == ("recordings", ["IMG/a.jpg"])
     assert [one.name for one in tmp_path.iterdir()] == ["lake"]
-
-
-def test_what_a_killed_command_left_is_named_with_its_remedy(
-    tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
-    left = whole_folder(tmp_path / "lake", "recordings")
-    part = left.__enter__()
-    print_unfinished(tmp_path / "other")
-    assert capsys.readouterr().err == "", "a command that runs is not named"
-    (part / ".drivezoo.lock").unlink()  # as after a kill
-    print_unfinished(tmp_path / "other")
-    lines = capsys.readouterr().err.splitlines()
-    assert lines[0].startswith(f"{part}: ")
-    assert lines[1].endswith(f"drivezoo clean {tmp_path} what=unfinished remove=true")
