@@ -11,12 +11,15 @@ from drivezoo.functions import (
     drive,
     evaluate,
     leaderboard,
+    load_policy,
+    policy,
+    read_benchmark,
+    read_run,
     replay,
     results,
     train,
+    write_table,
 )
-from drivezoo.policies import load_policy, policy
-from drivezoo.saved_results import read_benchmark, read_run, write_table
 from zoo import __version__
 from zoo.base.errors import InputError, StoppedError, UsageError
 

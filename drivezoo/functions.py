@@ -1,13 +1,19 @@
-"""A function for each command; keywords are the command's keys."""
+"""A function for each command, and functions of files; keywords are the command's keys."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+import signal
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
-from drivezoo.one_line_errors import one_line_errors
-from zoo.base.command_keys import typed
+from zoo.base.command_keys import constructed, typed
+from zoo.base.errors import UsageError
+from zoo.base.parts import name_parts
+from zoo.base.run_command import check_arguments, expected_failure
 from zoo.benchmark.__main__ import benchmark as benchmark_command
 from zoo.compare.__main__ import compare as compare_command
 from zoo.drive.__main__ import drive as drive_command
@@ -17,8 +23,40 @@ from zoo.leaderboard.__main__ import leaderboard as leaderboard_command
 from zoo.results import results as results_command
 
 if TYPE_CHECKING:
-    from drivezoo.served_drive import ServedDrive
-    from drivezoo.training import Training
+    from drivezoo.result_classes import ServedDrive, Training
+    from zoo.benchmark.benchmarked import Benchmarked
+    from zoo.runs.table import Cell
+    from zoo.worlds.environments import EnvironmentPolicy
+
+Given = ParamSpec("Given")
+Returned = TypeVar("Returned")
+
+
+def one_line_errors(function: Callable[Given, Returned]) -> Callable[Given, Returned]:
+    """Let a function raise the error of one line that its command prints, and take `parts=`.
+
+    An error that is a bug in drivezoo keeps its type and its traceback. `parts` names the user's
+    own modules, as on the command line: a name, or a list of names.
+    """
+
+    @wraps(function)
+    def call(*args: Given.args, **kwargs: Given.kwargs) -> Returned:
+        os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"
+        # A notebook needs no ipywidgets: drivezoo shows no bar of tqdm's, which Lightning imports.
+        warnings.filterwarnings("ignore", message="IProgress not found")
+        parts: Any = kwargs.pop("parts", None) or []
+        names = [parts] if isinstance(parts, str | Path) else parts
+        try:
+            name_parts(map(str, names))
+            return function(*args, **kwargs)
+        except Exception as error:
+            failure = expected_failure(error)
+            if failure is None:
+                raise
+        raise failure.with_traceback(None)
+
+    return call
+
 
 evaluate = one_line_errors(evaluate_command)
 replay = one_line_errors(replay_command)
@@ -43,11 +81,9 @@ def train(**keys: Any) -> Training:
         InputError: the recording or another file cannot be used.
         StoppedError: an interrupt, such as Ctrl-C; names how to resume.
     """
-    from drivezoo.training import Training
+    from drivezoo.result_classes import Training
     from zoo.__main__ import is_sweep
     from zoo.__main__ import train as train_run
-    from zoo.base.errors import UsageError
-    from zoo.base.run_command import check_arguments
 
     arguments = overrides(keys)
     check_arguments(arguments)
@@ -74,25 +110,122 @@ def drive(driver: str | os.PathLike[str], **keys: Any) -> ServedDrive | None:
         InputError: the checkpoint cannot be loaded, the port is taken, or the embedded simulator
             failed.
     """
-    from drivezoo.served_drive import ServedDrive, kept_signals
+    from drivezoo.result_classes import ServedDrive
 
-    with kept_signals():
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
         folder = drive_command(driver, **keys)
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
     return None if folder is None else ServedDrive.read(folder)
 
 
-def overrides(keywords: Mapping[str, object]) -> list[str]:
+@one_line_errors
+def load_policy(path: str | Path | Training) -> Callable[..., Any]:
+    """Return a checkpoint's policy, a function of a frame and mph; see `zoo.policy`.
+
+    Args:
+        path: checkpoint's path, run's folder, `latest`, or what `train` returned.
+
+    Raises:
+        InputError: the checkpoint cannot be loaded.
+    """
+    from zoo.checkpoints.checkpoint_path import find_driver
+    from zoo.checkpoints.policy import load_policy
+
+    return load_policy(find_driver(path))
+
+
+@one_line_errors
+def policy(
+    driver: str | Path | Training | Callable[..., Any],
+    speed: float = 15.0,
+    throttle: str = "hold",
+    frame_rate: float = 15.0,
+) -> EnvironmentPolicy:
+    """Return a policy for the simulator's Gymnasium environments.
+
+    >>> act = policy("latest")  # doctest: +SKIP
+    >>> observation, reward, *rest = env.step(act(observation))  # doctest: +SKIP
+
+    Args:
+        driver: see `evaluate`.
+        speed: speed to hold in mph.
+        throttle: `hold` for that speed, `network` for the network's throttle.
+        frame_rate: the environment's steps per second of simulated time.
+
+    Raises:
+        InputError: the checkpoint cannot be loaded, or predicts no throttle although it must.
+        UsageError: a value is wrong.
+    """
+    from zoo.checkpoints.checkpoint_path import find_driver
+    from zoo.checkpoints.command import as_policy
+    from zoo.checkpoints.policy import load_policy
+    from zoo.evaluate.evaluate_options import EvaluateOptions
+    from zoo.worlds.drive_loop import speed_controller
+    from zoo.worlds.environments import EnvironmentPolicy
+    from zoo.worlds.run_drives import check_throttle
+
+    keys = {"speed": speed, "throttle": throttle, "frame_rate": frame_rate}
+    settings = EvaluateOptions(**constructed(EvaluateOptions, keys))
+    named = find_driver(driver)
+    steering = load_policy(named) if isinstance(named, str) else as_policy(named)
+    check_throttle(steering, settings.throttle)
+    return EnvironmentPolicy(steering, speed_controller(settings), settings.frame_rate)
+
+
+@one_line_errors
+def read_run(folder: str | Path) -> Training:
+    """Return what `train` returned for a run's folder.
+
+    Raises:
+        InputError: the folder has no figures of a finished run.
+    """
+    from drivezoo.result_classes import Training
+
+    return Training.read(folder)
+
+
+@one_line_errors
+def read_benchmark(path: str | Path) -> Benchmarked:
+    """Return what `benchmark` returned for a folder or its `result.json`.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    from zoo.benchmark.benchmarked import Benchmarked
+
+    return Benchmarked.read(path)
+
+
+@one_line_errors
+def write_table(rows: Sequence[Mapping[str, Cell]], path: str | Path) -> Path:
+    """Write rows of figures as a .csv, .tex or .parquet file; return its path.
+
+    Args:
+        rows: figures by the name of their column, such as the `table()` of a result.
+        path: file to write; an existing one is replaced.
+
+    Raises:
+        InputError: the file's name has another ending, or it cannot be written.
+    """
+    from zoo.runs.table import Table
+    from zoo.runs.table_files import write_table as write
+
+    return write(Table.of_figures(rows), path)
+
+
+def overrides(keywords: Mapping[str, object], prefix: str = "") -> list[str]:
     """Return keywords as overrides of `drivezoo train`; the keys of a dict are joined by dots.
 
     >>> overrides({"model": "lenet", "data": {"root": "lake", "val_share": 0.2}, "quick": True})
     ['model=lenet', 'data.root=lake', 'data.val_share=0.2', 'quick=true']
     """
-    return [f"{key}={typed(value)}" for key, value in _flat(keywords)]
-
-
-def _flat(keywords: Mapping[str, object], prefix: str = "") -> Iterable[tuple[str, object]]:
+    words: list[str] = []
     for key, value in keywords.items():
         if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{key}.")
+            words += overrides(value, f"{prefix}{key}.")
         else:
-            yield f"{prefix}{key}", value
+            words.append(f"{prefix}{key}={typed(value)}")
+    return words

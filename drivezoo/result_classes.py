@@ -1,7 +1,10 @@
-"""The result of `drivezoo.train`."""
+"""The results of `drivezoo.train` and `drivezoo.drive`."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
+from zoo.drives.drive_log import SUMMARY_NAME, read_summary
+from zoo.drives.metrics import METRICS
 from zoo.evaluate.track_scores import how_well
 from zoo.results import read_finished
 from zoo.runs.metrics_file import read_metrics_file
@@ -47,3 +50,33 @@ class Training(Run, Result):
     def result_table(self) -> Table:
         """Return one row, as `drivezoo results` prints it."""
         return read_finished([self.folder]).result_table()
+
+
+@dataclass(frozen=True, repr=False)
+class ServedDrive(Result):
+    """A drive on the socket.
+
+    Attributes:
+        folder: drive's folder.
+        figures: contents of `drive.json`.
+    """
+
+    folder: Path
+    figures: dict
+
+    @classmethod
+    def read(cls, folder: Path) -> "ServedDrive":
+        """Return the drive of a folder.
+
+        Raises:
+            InputError: the folder has no readable `drive.json`.
+        """
+        return cls(folder, read_summary(folder / SUMMARY_NAME))
+
+    def __repr__(self) -> str:
+        driven_m, lost = (self.figures.get(key) or 0 for key in ("driven_m", "interventions"))
+        return f"ServedDrive in {self.folder}: {driven_m:.0f} m, {lost:g} interventions"
+
+    def result_table(self) -> Table:
+        """Return one row with all figures."""
+        return Table.of_figures([{key: one for key, one in self.figures.items() if key in METRICS}])
