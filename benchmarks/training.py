@@ -4,7 +4,7 @@ Five processes take turns: `drivezoo train`, epoch by epoch; a bare loop with th
 settings on tensors in memory; that loop with torch's defaults; and a loop fed by a DataLoader,
 whose four workers decode, resize and augment sample by sample; and the best matrix product in 32
 bits, which is the machine's own limit. Threads spin while they wait,
-torch's default; `drivezoo train` decides itself (`zoo.training.openmp_threads`).
+torch's default; those of `drivezoo train` sleep soon (`zoo.training.host_settings`).
 """
 
 import itertools

@@ -8,10 +8,6 @@ from pathlib import Path
 import lightning
 from omegaconf import DictConfig
 
-from zoo.training.openmp_threads import LOOK_EVERY_S, QUIET_LOOKS
-
-SETTLE_S = LOOK_EVERY_S * (QUIET_LOOKS + 2)
-
 
 class EndAtFirstStep(lightning.Callback):
     """A callback that ends the process with success just before the first training step.
@@ -26,27 +22,24 @@ class EndAtFirstStep(lightning.Callback):
 class EpochByEpoch(lightning.Callback):
     """A callback that trains on request and sends the samples per second of one epoch.
 
-    It measures an epoch that begins after `SETTLE_S`, when threads spin if the machine is quiet.
+    The first epoch is not measured.
     """
 
     def __init__(self, pipe: Connection) -> None:
-        self.pipe, self.settled_s, self.counts = pipe, 0.0, False
+        self.pipe = pipe
 
     def on_train_epoch_start(self, trainer: lightning.Trainer, module: object) -> None:
-        if self.counts or not self.settled_s:
-            if not self.settled_s:
-                self.pipe.send(None)
-            if not self.pipe.recv():
-                os._exit(0)
-            self.settled_s = time.perf_counter() + SETTLE_S
-        self.counts = time.perf_counter() > self.settled_s
+        if trainer.current_epoch == 1:
+            self.pipe.send(None)
+        if trainer.current_epoch and not self.pipe.recv():
+            os._exit(0)
         self.samples, self.began = module.train_samples, time.perf_counter()
 
     def on_train_batch_end(self, trainer: lightning.Trainer, module: object, *_: object) -> None:
         self.seconds = time.perf_counter() - self.began
 
     def on_train_epoch_end(self, trainer: lightning.Trainer, module: object) -> None:
-        if self.counts:
+        if trainer.current_epoch:
             self.pipe.send((module.train_samples - self.samples) / self.seconds)
 
 

@@ -12,7 +12,7 @@ from zoo.base.errors import InputError, StoppedError, UsageError
 from zoo.base.run_command import run_command
 from zoo.checkpoints.checkpoint_path import find_run, name_latest
 from zoo.cli.console_progress import loading
-from zoo.training.openmp_threads import choose_waiting
+from zoo.training.host_settings import limit_spinning
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -28,7 +28,7 @@ def train_or_sweep(arguments: list[str]) -> None:
 
         print(config_help(arguments))
     elif is_sweep(arguments) and not any(map(is_resume, arguments)):
-        choose_waiting()
+        limit_spinning()
         from zoo.cli.compose import one_line_errors
         from zoo.sweep.start_sweep import sweep
 
@@ -45,7 +45,7 @@ def train(arguments: list[str], several: bool = True) -> Path:
         arguments: overrides of the config.
         several: whether the training may start further processes with the same command.
     """
-    choose_waiting()
+    limit_spinning()
     arguments = [name_latest(one) for one in arguments]
     resumed = [one for one in arguments if is_resume(one)]
     if resumed:

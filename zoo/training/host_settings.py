@@ -1,18 +1,31 @@
 """Settings of this process that make training faster, mostly on Linux with glibc."""
 
 import ctypes
+import os
 import platform
 from pathlib import Path
-
-import torch
 
 # Constants of glibc's malloc.h, and the largest block that its heap may hold.
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _LARGEST_HEAP_BLOCK = 32 * 1024 * 1024
+SPINS = "10000"
+
+
+def limit_spinning() -> None:
+    """Let OpenMP's waiting threads sleep after a short while; call before importing torch.
+
+    A thread that spins on a core which another program needs delays all threads of the training.
+    An existing OMP_WAIT_POLICY or GOMP_SPINCOUNT is kept.
+    """
+    if not os.environ.keys() & {"OMP_WAIT_POLICY", "GOMP_SPINCOUNT"}:
+        os.environ["GOMP_SPINCOUNT"] = SPINS
+        os.environ.setdefault("KMP_BLOCKTIME", "0")  # of Intel's and LLVM's OpenMP
 
 
 def set_up_process(threads: int) -> None:
     """Set memory and threads of this process for training."""
+    import torch
+
     keep_freed_memory()
     # With trainer.deterministic torch would fill all memory that it allocates: 4 to 7 % of a step
     # of PilotNet.

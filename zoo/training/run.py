@@ -51,7 +51,6 @@ from zoo.training.interruptions import (
     resume_command,
     stopped_error,
 )
-from zoo.training.openmp_threads import spinning_while_quiet
 from zoo.training.plan import make_plan
 from zoo.training.run_config import settle_config, with_layers
 from zoo.training.run_loggers import log_config, log_results
@@ -134,23 +133,22 @@ def _run(
     log_config(trainer, card["config"])
 
     set_up_process(plan.threads)
-    with spinning_while_quiet(plan.threads):
-        data = build_feed(data, plan, console)
-        with ending_together(trainer, folder, resume_command(folder)):
-            _fit(trainer, module, data, resumed, folder)
-        if not trainer.is_global_zero:
-            return float("nan")
+    data = build_feed(data, plan, console)
+    with ending_together(trainer, folder, resume_command(folder)):
+        _fit(trainer, module, data, resumed, folder)
+    if not trainer.is_global_zero:
+        return float("nan")
 
-        choice = choose_best(score, _monitor(trainer), folder, console)
-        _take_best(module, folder)
-        trained = TrainedRun(folder, card, data, leaks, plan, module, trainer)
-        open_loop = evaluate_rows(module, data, console)
-        save_plots(open_loop, folder, console)
-        print_open_loop(open_loop, card["config"]["model"]["name"], console)
-        drives = drive_best(trained, score, console)
-        metrics, judged = write_metrics(trained, choice, open_loop, drives, started)
-        print_conclusion(folder, metrics, judged if verdict else None, console)
-        log_results(trainer, card["config"], metrics, folder, console)
+    choice = choose_best(score, _monitor(trainer), folder, console)
+    _take_best(module, folder)
+    trained = TrainedRun(folder, card, data, leaks, plan, module, trainer)
+    open_loop = evaluate_rows(module, data, console)
+    save_plots(open_loop, folder, console)
+    print_open_loop(open_loop, card["config"]["model"]["name"], console)
+    drives = drive_best(trained, score, console)
+    metrics, judged = write_metrics(trained, choice, open_loop, drives, started)
+    print_conclusion(folder, metrics, judged if verdict else None, console)
+    log_results(trainer, card["config"], metrics, folder, console)
     return open_loop.figures.get("val", {}).get("mse", float("nan"))
 
 

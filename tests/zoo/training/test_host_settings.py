@@ -1,5 +1,6 @@
 """The allocator, in processes of its own; the processor."""
 
+import os
 import platform
 import subprocess
 import sys
@@ -7,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from zoo.training.host_settings import multiplies_bf16
+from zoo.training.host_settings import SPINS, limit_spinning, multiplies_bf16
 
 # Takes and gives back the blocks of a training step, and says how often the kernel had to help.
 STEPS = """
@@ -51,3 +52,15 @@ def test_the_processor_says_whether_it_multiplies_bf16(
     (tmp_path / "cpuinfo").write_text(flags)
     assert multiplies_bf16(tmp_path / "cpuinfo") is expected
     assert multiplies_bf16(tmp_path / "none") is None
+
+
+def test_a_wait_policy_of_the_user_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("GOMP_SPINCOUNT", "OMP_WAIT_POLICY", "KMP_BLOCKTIME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("OMP_WAIT_POLICY", "ACTIVE")
+    limit_spinning()
+    assert "GOMP_SPINCOUNT" not in os.environ
+    monkeypatch.delenv("OMP_WAIT_POLICY")
+    limit_spinning()
+    assert os.environ["GOMP_SPINCOUNT"] == SPINS
+    monkeypatch.delenv("GOMP_SPINCOUNT")
