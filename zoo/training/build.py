@@ -11,7 +11,7 @@ import lightning
 import torch
 from hydra.errors import InstantiationException
 from hydra.utils import instantiate
-from lightning.pytorch.callbacks import EarlyStopping, ModelCheckpoint
+from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.loggers import CSVLogger
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
@@ -116,15 +116,11 @@ def build_module(
 def _check_spread(network: nn.Module, loss: nn.Module) -> None:
     """Raise InputError if one of network and loss knows a spread and the other does not."""
     predicted, needed = getattr(network, "predicts_spread", False), hasattr(loss, "needs_spread")
-    if predicted and not needed:
+    if predicted != needed:
+        remedy = "loss=gaussian" if predicted else "model=nvidia_gaussian, or loss=mse"
         raise InputError(
-            f"loss: {type(loss).__name__} cannot train the spread that the network predicts; set "
-            "loss=gaussian"
-        )
-    if needed and not predicted:
-        raise InputError(
-            f"loss: {type(loss).__name__} needs a network that predicts its spread; set "
-            "model=nvidia_gaussian, or loss=mse"
+            f"loss: {type(loss).__name__} {'needs' if needed else 'cannot train'} a spread, which "
+            f"the network {'predicts' if predicted else 'does not predict'}; set {remedy}"
         )
 
 
@@ -147,18 +143,21 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
         for name, settings in (config.callbacks or {}).items()
         if settings
     ]
+    drives = any(isinstance(callback, ClosedLoop) for callback in callbacks)
     for callback in callbacks:
         if isinstance(callback, ModelCheckpoint):
             callback.dirpath = str(folder / "checkpoints")
-        if isinstance(callback, ModelCheckpoint | EarlyStopping) and not has_validation:
-            monitor = callback.monitor or ""
-            if monitor.startswith("val/"):
-                raise InputError(
-                    f"{type(callback).__name__} monitors {monitor}, but data.val_share=0 leaves no "
-                    "validation rows; set data.val_share=0.1, or callbacks.early_stopping=null "
-                    "callbacks.best.monitor=train/loss"
-                )
-    _check_drives(callbacks)
+        monitor, name = getattr(callback, "monitor", None) or "", type(callback).__name__
+        if monitor.startswith("val/") and not has_validation:
+            raise InputError(
+                f"{name} monitors {monitor}, but data.val_share=0 leaves no validation rows; set "
+                "data.val_share=0.1, or callbacks.early_stopping=null "
+                "callbacks.best.monitor=train/loss"
+            )
+        if monitor.startswith(MONITORED) and not drives:
+            raise InputError(
+                f"{name} monitors {monitor}, but nothing drives; add callbacks=closed_loop"
+            )
     loggers = [CSVLogger(folder, name="", version="")]
     for name, settings in (config.logger or {}).items():
         if settings:
@@ -166,27 +165,8 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
             unset = {k: v for k, v in named.items() if k == "save_dir" or k not in settings}
             loggers.append(_instantiate(f"logger.{name}", settings, **unset))
     plugins = {} if lightnings.get("plugins") else {"plugins": [CheckpointFiles()]}
-    return _instantiate(
-        "trainer",
-        lightnings,
-        **plugins,
-        callbacks=callbacks,
-        logger=loggers,
-        default_root_dir=str(folder),
-    )
-
-
-def _check_drives(callbacks: list[lightning.Callback]) -> None:
-    """Raise InputError if a driving figure is monitored but no callback drives."""
-    if any(isinstance(callback, ClosedLoop) for callback in callbacks):
-        return
-    for callback in callbacks:
-        monitor = getattr(callback, "monitor", None) or ""
-        if monitor.startswith(MONITORED):
-            raise InputError(
-                f"{type(callback).__name__} monitors {monitor}, but nothing drives; add "
-                "callbacks=closed_loop"
-            )
+    made = {"callbacks": callbacks, "logger": loggers, "default_root_dir": str(folder)}
+    return _instantiate("trainer", lightnings, **plugins, **made)
 
 
 def keep_earlier_log(folder: Path) -> None:
@@ -233,31 +213,22 @@ def _instantiate(key: str, settings: dict | DictConfig, **more: object) -> objec
     """Call `hydra.utils.instantiate`; name the config's key where it fails."""
     os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
     target = settings.get("_target_")
-    if (
-        target is None
-    ):  # as experiment=lenet, which sets a key of a callback, with callbacks=published
+    if target is None:  # as experiment=lenet, which sets a callback's key, with callbacks=published
         raise UsageError(f"{key}: has keys, but no _target_; add {key}=null")
     if part := part_of(target):  # its own errors, in one line
         import_part(part, target.rpartition(".")[0])
-    with part_errors(part):
-        return _call_target(key, settings, more)
-
-
-def _call_target(key: str, settings: dict | DictConfig, more: dict[str, object]) -> object:
-    """Return what the `_target_` returns; raise InputError that names the key."""
     # Hydra resolves ${ in a path even if it is escaped: such paths are passed at the call.
     late = {name: value for name, value in more.items() if isinstance(value, str) and "${" in value}
     more = {name: value for name, value in more.items() if name not in late}
+    partial = {"_partial_": True} if late else {}
     try:
-        if late:
-            partial = instantiate(settings, **more, _partial_=True, _convert_="all")
-            return partial(**late)
-        return instantiate(settings, **more, _convert_="all")
+        with part_errors(part):
+            made = instantiate(settings, **more, **partial, _convert_="all")
+            return made(**late) if late else made
     except InstantiationException as error:
-        cause = error.__cause__ or error
+        cause: BaseException = error
         while isinstance(cause, InstantiationException) and cause.__cause__:
             cause = cause.__cause__
         if isinstance(cause, InputError):
             raise cause from None
-        reason = " ".join(str(cause).split())
-        raise InputError(f"{key}: {reason}") from error
+        raise InputError(f"{key}: {' '.join(str(cause).split())}") from error

@@ -6,7 +6,6 @@ score, so that the score is not the best of several attempts.
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -23,48 +22,14 @@ from zoo.worlds.run_drives import all_drives
 
 START_SEED = 1000  # the score's seeds count from 0
 BEST, MONITORED = "best.ckpt", "monitored.ckpt"
+FIGURES = ("autonomy", "interventions", "cte_mean_m", "driven_s")
 # In the order in which ties are broken.
 SOURCES = {BEST: "", DRIVEN: "best drive while training", "last.ckpt": "last epoch"}
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """A checkpoint that may become `best.ckpt`.
-
-    Attributes:
-        file: name in the folder of checkpoints.
-        what: reason why it is a candidate, such as `lowest val/mse`.
-        epoch: epoch after which it was saved, counted from 1.
-    """
-
-    file: str
-    what: str
-    epoch: int
-
-
-@dataclass(frozen=True)
-class Choice:
-    """The checkpoint that became `best.ckpt`.
-
-    Attributes:
-        epoch: epoch after which it was saved, counted from 1.
-        why: reason, a sentence.
-        drives: for each candidate that was driven, `file`, `what`, `epoch`, `score` and the figures
-            `autonomy`, `interventions`, `cte_mean_m`, `driven_s`; the best first.
-    """
-
-    epoch: int
-    why: str
-    drives: tuple[dict, ...] = ()
-
-    def plain(self) -> dict:
-        """Return plain containers, for `metrics.json`."""
-        return asdict(self) | {"drives": list(self.drives)}
-
-
 def choose_best(
     score: RunScore | None, monitor: str | None, folder: Path, console: Console
-) -> Choice | None:
+) -> dict | None:
     """Save the candidate that drives best as `best.ckpt`; print which one and why.
 
     If that is not the checkpoint that the monitored figure chose, the latter is kept as
@@ -78,36 +43,46 @@ def choose_best(
         console: console for the choice.
 
     Returns:
-        The choice; None where the run keeps no `best.ckpt`.
+        `choice` of `metrics.json`: `epoch` of `best.ckpt`, counted from 1; `why`, a sentence; and
+        `drives`: for each candidate that was driven, `file`, `what`, `epoch`, `score` and the
+        figures of its drive, the best first. None where the run keeps no `best.ckpt`.
     """
     checkpoints = folder / "checkpoints"
     candidates = find_candidates(checkpoints, monitor)
-    if not candidates or candidates[0].file != BEST:
+    if not candidates or candidates[0]["file"] != BEST:
         return None
-    if score is None or not score.candidate_laps or len(candidates) == 1:
-        choice = Choice(candidates[0].epoch, _undriven(score, candidates))
+    best, drives = candidates[0], []
+    why = best["what"]
+    if len(candidates) == 1:
+        why += "; no other candidate"
+    elif score is None or not score.candidate_laps:
+        key = "score=none" if score is None else "score.candidate_laps=0"
+        why += f"; no candidate was driven ({key}), and this figure hardly predicts driving"
     else:
         try:
             drives = _drive(score, checkpoints, candidates, console)
         except InputError as error:  # without a simulator the monitored checkpoint is kept
-            choice = Choice(candidates[0].epoch, f"{candidates[0].what}; not driven: {error}")
+            why += f"; not driven: {error}"
         else:
-            choice = _decide(candidates[0], drives)
-            _print_drives(score, drives, console)
-            take(checkpoints, drives[0]["file"])
-    line = f"best.ckpt is of epoch {choice.epoch}: {choice.why}"
-    print_line(console, line)
-    return choice
+            best = drives[0]
+            why = f"{best['what']}, and it drives best of {len(drives)} candidates"
+            take(checkpoints, best["file"])
+    print_line(console, f"best.ckpt is of epoch {best['epoch']}: {why}")
+    return {"epoch": best["epoch"], "why": why, "drives": drives}
 
 
-def find_candidates(checkpoints: Path, monitor: str | None) -> list[Candidate]:
-    """Return a run's distinct checkpoints, the monitored one first."""
-    candidates: dict[int, Candidate] = {}
+def find_candidates(checkpoints: Path, monitor: str | None) -> list[dict]:
+    """Return `file`, `what` and `epoch` of a run's distinct checkpoints, the monitored one first.
+
+    `what` is the reason why it is a candidate, such as `lowest val/mse`.
+    """
+    candidates: dict[int, dict] = {}
     for file, what in SOURCES.items():
         path = checkpoints / file
         if path.is_file():
             epoch = int(read_checkpoint_file(path)["epoch"]) + 1
-            candidates.setdefault(epoch, Candidate(file, what or monitored_as(monitor), epoch))
+            row = {"file": file, "what": what or monitored_as(monitor), "epoch": epoch}
+            candidates.setdefault(epoch, row)
     return list(candidates.values())
 
 
@@ -144,70 +119,35 @@ def restore_monitored(folder: Path) -> None:
         monitored.replace(folder / "checkpoints" / BEST)
 
 
-def _laps(score: RunScore) -> float:
-    return min(score.candidate_laps, score.laps)
-
-
 def _drive(
-    score: RunScore, checkpoints: Path, candidates: Sequence[Candidate], console: Console
+    score: RunScore, checkpoints: Path, candidates: Sequence[dict], console: Console
 ) -> list[dict]:
-    """Drive each candidate once, from the same start; return `Choice.drives`."""
-    scenario = score.one_drive(
-        track=score.tracks[0], seed=START_SEED, laps=_laps(score), guard=None
-    )
+    """Drive each candidate once, from the same start; print and return their drives."""
+    laps, track = min(score.candidate_laps, score.laps), score.tracks[0]
+    scenario = score.one_drive(track=track, seed=START_SEED, laps=laps, guard=None)
     scenarios = [scenario] * len(candidates)
     driven = all_drives(
-        [str(checkpoints / candidate.file) for candidate in candidates],
+        [str(checkpoints / candidate["file"]) for candidate in candidates],
         scenarios,
         KeptDrive(),
         score.workers,
         driving_line(scenarios),
         console,
     )
-    keys = ("autonomy", "interventions", "cte_mean_m", "driven_s")
-    drives = [
-        asdict(candidate) | {key: figures[key] for key in keys} | {"score": _score(figures)}
-        for candidate, figures in zip(candidates, driven, strict=True)
-    ]
+    drives = []
+    print_line(
+        console,
+        f"candidates for best.ckpt, {laps:g} lap{'' if laps == 1 else 's'} of the "
+        f"{short_name(track)} each, from another start than the score:",
+    )
+    for candidate, figures in zip(candidates, driven, strict=True):
+        count, error = figures["interventions"], figures["cte_mean_m"]
+        value = driving_score(count, figures["driven_s"], error)
+        drives.append(candidate | {key: figures[key] for key in FIGURES} | {"score": value})
+        print_line(
+            console,
+            f"  epoch {candidate['epoch']:>3}, {candidate['what']}: autonomy "
+            f"{figures['autonomy']:.1%}, {count} intervention{'' if count == 1 else 's'}, mean "
+            f"error {error:.2f} m",
+        )
     return sorted(drives, key=lambda drive: -drive["score"])  # stable: ties keep their order
-
-
-def _score(figures: dict) -> float:
-    return driving_score(figures["interventions"], figures["driven_s"], figures["cte_mean_m"])
-
-
-def _decide(monitored: Candidate, drives: Sequence[dict]) -> Choice:
-    best = drives[0]
-    why = f"{best['what']}, and it drives best of {len(drives)} candidates"
-    if best["file"] != monitored.file:
-        own = next(drive for drive in drives if drive["file"] == monitored.file)
-        why = (
-            f"{best['what']}; it drives better than the {monitored.what} of epoch "
-            f"{monitored.epoch} (autonomy {best['autonomy']:.1%} against {own['autonomy']:.1%}, "
-            f"mean error {best['cte_mean_m']:.2f} m against {own['cte_mean_m']:.2f} m)"
-        )
-    return Choice(best["epoch"], why, tuple(drives))
-
-
-def _undriven(score: RunScore | None, candidates: Sequence[Candidate]) -> str:
-    first = candidates[0].what
-    if len(candidates) == 1:
-        return f"{first}; no other candidate"
-    key = "score=none" if score is None else "score.candidate_laps=0"
-    return f"{first}; no candidate was driven ({key}), and this figure hardly predicts driving"
-
-
-def _print_drives(score: RunScore, drives: Sequence[dict], console: Console) -> None:
-    laps = f"{_laps(score):g} lap{'' if _laps(score) == 1 else 's'}"
-    track = short_name(score.tracks[0])
-    lines = [
-        f"candidates for best.ckpt, {laps} of the {track} each, from another start than the score:"
-    ]
-    for row in sorted(drives, key=lambda row: row["epoch"]):
-        count = row["interventions"]
-        lines.append(
-            f"  epoch {row['epoch']:>3}, {row['what']}: autonomy {row['autonomy']:.1%}, {count} "
-            f"intervention{'' if count == 1 else 's'}, mean error {row['cte_mean_m']:.2f} m"
-        )
-    for line in lines:
-        print_line(console, line)

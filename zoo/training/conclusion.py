@@ -1,64 +1,38 @@
 """Evaluate a run's best checkpoint; plot, drive, write and print the results."""
 
 import platform
-import time
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-import lightning
 import numpy as np
 from rich.console import Console
 
 from datamodules.driving import DrivingData
 from datamodules.findings import find_oddities
-from datamodules.leak import Leak
 from datamodules.split import PARTS
 from zoo.base.terminal import print_line
-from zoo.callbacks.closed_loop import best_drive
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import working
-from zoo.evaluate.track_scores import RunScore, score_run
 from zoo.report.training_section import metrics_table, print_metrics
 from zoo.report.write_up import write_report
 from zoo.runs import plots
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.run import Run
-from zoo.training.candidates import Choice
 from zoo.training.open_loop import (
     baseline_metrics,
     open_loop_metrics,
     predict_steering,
     side_response,
 )
-from zoo.training.plan import TrainingPlan
 from zoo.training.steering_module import SteeringModule
 from zoo.verdict.evidence import evidence_of_run
 from zoo.verdict.judgement import Verdict, judge, print_verdict
 
 PACKAGES = ("drivezoo", "torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
-
-
-@dataclass(frozen=True)
-class TrainedRun:
-    """A trained network with its best checkpoint's weights, and what it was trained with.
-
-    Attributes:
-        folder: run's folder.
-        card: see `zoo.checkpoints.checkpoint.make_card`.
-        leaks: train/validation similarity, of `val` and `test`.
-    """
-
-    folder: Path
-    card: dict
-    data: DrivingData
-    leaks: dict[str, Leak]
-    plan: TrainingPlan
-    module: SteeringModule
-    trainer: lightning.Trainer
 
 
 @dataclass(frozen=True)
@@ -128,60 +102,51 @@ def print_open_loop(open_loop: OpenLoop, name: str, console: Console) -> None:
         )
 
 
-def drive_best(run: TrainedRun, score: RunScore | None, console: Console) -> dict:
-    """Drive the best checkpoint as the training callback does, and as `score` says.
-
-    Returns:
-        `closed_loop` and `drive` of `metrics.json`.
-    """
-    closed_loop = best_drive(run.trainer, run.module, run.data.view)
-    return {"drive": score_run(score, run.folder, console), "closed_loop": closed_loop}
-
-
 def write_metrics(
-    run: TrainedRun, choice: Choice | None, open_loop: OpenLoop, drives: dict, started: float
+    folder: Path,
+    card: dict,
+    data: DrivingData,
+    module: SteeringModule,
+    open_loop: OpenLoop,
+    more: dict,
 ) -> tuple[dict, Verdict]:
     """Write `metrics.json`; return it and the verdict that it holds.
 
     Args:
-        run: trained run.
-        choice: choice of `best.ckpt`; None where the run keeps none.
+        folder: run's folder.
+        card: see `zoo.checkpoints.checkpoint.make_card`.
+        data: data that it was trained on.
+        module: module with the best checkpoint's weights.
         open_loop: open-loop evaluation.
-        drives: `closed_loop` and `drive`, as `drive_best` returns them.
-        started: start of the run, by `time.perf_counter`, seconds.
+        more: further fields of the file.
     """
-    folder, module, data, trainer = run.folder, run.module, run.data, run.trainer
-    samples, seconds = module.train_samples, module.train_seconds
-    config = run.card["config"]
+    samples, seconds, epochs = module.train_samples, module.train_seconds, module.train_epochs
+    trained, best = module.trainer.current_epoch, folder / "checkpoints" / "best.ckpt"
+    validated = best.is_file() and read_curves(folder)["val/mse"]
     metrics = {
-        "model": config["model"]["name"],
+        "model": card["config"]["model"]["name"],
         "parameters": sum(p.numel() for p in module.network.parameters()),
         "open_loop": open_loop.figures,
         "side_response": open_loop.responses,
         "baselines": open_loop.baselines,
-        **drives,
-        "leak": {part: vars(leak) for part, leak in run.leaks.items()},
-        "epochs": trainer.current_epoch,
-        "train_samples": samples // max(module.train_epochs, 1) * trainer.current_epoch,
-        "best_epoch": _best_epoch(folder) if read_curves(folder)["val/mse"] else None,
-        "choice": choice.plain() if choice else None,
+        "epochs": trained,
+        "train_samples": samples // max(epochs, 1) * trained,
+        "best_epoch": read_checkpoint_file(best)["epoch"] + 1 if validated else None,
         "samples_per_second": samples / seconds if seconds else None,
-        "seconds_per_epoch": seconds / module.train_epochs if seconds else None,
-        "wall_s": time.perf_counter() - started,
-        "seed": config["seed"],
-        "device": str(run.plan.device),
-        "threads": run.plan.threads,
+        "seconds_per_epoch": seconds / epochs if seconds else None,
+        "seed": card["config"]["seed"],
         "data": {
-            **run.card["data"],
+            **card["data"],
             "split": {part: len(getattr(data.split, part)) for part in PARTS},
         },
         "findings": [vars(oddity) for oddity in find_oddities(data.recording)],
         "code": code_fingerprint(),
         "versions": {"python": platform.python_version()}
         | {package: version(package) for package in PACKAGES},
+        **more,
     }
-    drive = drives["drive"]
-    evidence = evidence_of_run(folder, config, metrics)
+    drive = metrics["drive"]
+    evidence = evidence_of_run(folder, card["config"], metrics)
     verdict = judge(drive["drives"] if drive else [], evidence)
     metrics["verdict"] = verdict.plain()
     write_metrics_file(folder, metrics)
@@ -199,24 +164,17 @@ def print_conclusion(
             f"{metrics['epochs']} epochs, {metrics['samples_per_second']:,.0f} samples/s, "
             f"{metrics['wall_s']:.0f} s total" + (f"; best after epoch {best}" if best else ""),
         )
+    best_path = folder / "checkpoints" / "best.ckpt"
+    written = [best_path] if best_path.is_file() else []
     try:
         with working("writing the report", console):
-            written = [write_report(folder)]
+            written.append(write_report(folder))
     except Exception as error:  # any error: the training is complete, and must not be lost
         reason = " ".join(str(error).split()) or type(error).__name__
         print_line(console, f"report not written: {reason}")
-        written = []
-    best_path = folder / "checkpoints" / "best.ckpt"
-    written = [best_path, *written] if best_path.is_file() else written
     print_written(map(short_name, written), console=console)
     if verdict:
         print_verdict(verdict, console)
-
-
-def _best_epoch(folder: Path) -> int | None:
-    """Return the epoch of `best.ckpt`, counted from 1."""
-    path = folder / "checkpoints" / "best.ckpt"
-    return read_checkpoint_file(path)["epoch"] + 1 if path.is_file() else None
 
 
 def read_curves(folder: Path) -> dict[str, dict[int, float]]:

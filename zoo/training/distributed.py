@@ -45,8 +45,8 @@ def ending_together(trainer: lightning.Trainer, folder: Path, command: str) -> I
     except Exception as error:
         watch.over.set()
         if not trainer.is_global_zero:
-            if isinstance(error, InputError | StoppedError):
-                _write_note(folder, trainer, error)
+            if isinstance(error, InputError | StoppedError):  # a note for the first process
+                write_whole(folder / f"process-{trainer.global_rank}.txt", str(error))
             elif not (is_lost_connection(error) or isinstance(error, PrunedError)):
                 raise  # a bug, not a user's mistake: keep its traceback
             sys.exit(0)
@@ -104,9 +104,12 @@ class Watch(lightning.Callback):
     def end(self) -> None:
         """Stop the thread, end the other processes after an error, and delete their notes."""
         self.over.set()
-        for process in self.others:
-            if sys.exc_info()[0] is not None:
-                _end_process(process)
+        failed = sys.exc_info()[0] is not None
+        for process in self.others if failed else []:
+            try:
+                process.wait(2.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
         for note in self._notes() if self.others else []:
             note.unlink(missing_ok=True)
 
@@ -130,22 +133,6 @@ class Watch(lightning.Callback):
             for process in self.others:
                 process.kill()
             os._exit(1)  # the main thread waits forever in a collective operation
-
-
-def _end_process(process: subprocess.Popen) -> None:
-    try:
-        process.wait(2.0)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-
-
-def _write_note(folder: Path, trainer: lightning.Trainer, error: Exception) -> None:
-    """Write why this process failed, for the first process to read."""
-    reason = str(error)
-    if isinstance(error, StoppedError):
-        reason = f"process {trainer.global_rank + 1} of the {trainer.world_size} was {error}"
-    write_whole(folder / f"process-{trainer.global_rank}.txt", reason)
 
 
 def is_lost_connection(error: Exception) -> bool:

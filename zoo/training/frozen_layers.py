@@ -51,63 +51,69 @@ def plan_cached_features(
     setting = config.model.get("cache_features", False)
     if setting not in ("auto", True, False):
         raise InputError(f"{KEY}={setting} is not auto, true or false")
-    if setting is False:
-        return None
     frozen = getattr(network, "frozen_front", None)
-    if frozen is None:
-        if setting is True:
-            raise InputError(
-                f"{KEY}=true: no block of the network is frozen; lower model.trainable_blocks"
-            )
+    if setting is False or (setting == "auto" and frozen is None):
         return None
+    plan, refusal = None, _refusal(config, data, frozen)
+    if refusal is None:
+        plan = plan_features(
+            data.recording,
+            data.views,
+            data.cameras,
+            data.view,
+            _front(network.to(device), frozen, data),
+            mirrored=data.flip != 0,
+            cache=data.cache,
+        )
+        refusal = _too_large(setting, plan, config, data)
+    if refusal is None:
+        size = f"{plan.images:,} images, {plan.front.image_bytes / 1e3:.1f} kB each"
+        if plan.missing:
+            size = f"{plan.missing:,} of {size}, {_size(plan.missing_bytes)}"
+        print_line(console, f"frozen blocks: caching the features of {size}, {_place(plan)}")
+        return plan
+    if setting is True:
+        raise InputError(f"{KEY}=true: {refusal}, or {KEY}=false")
+    print_line(console, f"frozen blocks are computed in every epoch: {refusal}")
+    return None
+
+
+def _refusal(config: DictConfig, data: DrivingData, frozen: nn.Module | None) -> str | None:
+    """Return why features cannot be cached, and what to set; None if they can."""
+    if frozen is None:
+        return "no block of the network is frozen; set a lower model.trainable_blocks"
     changes = [name for name, settings in (config.data.augment or {}).items() if settings]
     if changes:
-        listed = ",".join(changes)
-        if setting is True:
-            raise InputError(
-                f"{KEY}=true: augment=[{listed}] changes every image, and features exist only for "
-                f"recorded and mirrored images; set augment=[], or {KEY}=false"
-            )
-        print_line(
-            console,
-            f"frozen blocks are computed again in every epoch, because of augment=[{listed}]; "
-            "with augment=[] they are computed once",
-        )
-        return None
+        return f"augment=[{','.join(changes)}] changes every image; set augment=[]"
     if data.windows.is_windowed:
-        if setting is True:
-            raise InputError(
-                f"{KEY}=true: features are cached for single frames, and data.sequence="
-                f"{data.windows.sequence} data.ahead={data.windows.ahead} make windows; set "
-                f"{KEY}=false"
-            )
-        print_line(console, "frozen blocks are computed again in every epoch, because of windows")
-        return None
-    plan = plan_features(
-        data.recording,
-        data.views,
-        data.cameras,
-        data.view,
-        _front(network.to(device), frozen, data),
-        mirrored=data.flip != 0,
-        cache=data.cache,
-    )
-    return plan if _is_wanted(setting, plan, _draws(config, data), console) else None
+        return (
+            f"data.sequence={data.windows.sequence} data.ahead={data.windows.ahead} make windows, "
+            "and features are of single frames; set a model of single frames"
+        )
+    return None
 
 
-def random_front_lines(weights: str | None, network: nn.Module) -> list[str]:
-    """Return a warning line if frozen layers have random weights.
+def _too_large(
+    setting: object, plan: FeaturePlan, config: DictConfig, data: DrivingData
+) -> str | None:
+    """Return why caching costs too much, and what to set; None if it does not."""
+    if setting == "auto":
+        draws = config.trainer.max_epochs * (
+            len(data.sampler()) * data.batch_size + len(data.split.val)
+        ) + len(data.recording)
+        if draws < plan.images:
+            return f"the training reads {draws:,} images of {plan.images:,}; set {KEY}=true"
+    needed, free = plan.missing_bytes, plan.free_bytes()
+    if needed > (min(free / 2, AUTO_BYTES) if setting == "auto" else free):
+        return (
+            f"caching takes {_size(needed)}, with {_size(free)} free {_place(plan)}; set a smaller "
+            "model.size, fewer data.cameras, or data.cache=FOLDER on another disk"
+        )
+    return None
 
-    Args:
-        weights: value of `model.weights`.
-        network: network to train.
-    """
-    if weights is not None or getattr(network, "frozen_front", None) is None:
-        return []
-    return [
-        "frozen blocks keep their random weights (model.weights=null): random features; "
-        "a larger model.trainable_blocks trains them"
-    ]
+
+def _place(plan: FeaturePlan) -> str:
+    return f"in {plan.folder}" if plan.folder else "in memory (data.cache=null)"
 
 
 def _front(network: nn.Module, frozen: nn.Module, data: DrivingData) -> Front:
@@ -132,50 +138,6 @@ def fingerprint(frozen: nn.Module) -> str:
         digest.update(f"{name} {tensor.dtype} {list(tensor.shape)}".encode())
         digest.update(tensor.detach().float().cpu().contiguous().numpy().tobytes())
     return digest.hexdigest()
-
-
-def _draws(config: DictConfig, data: DrivingData) -> int:
-    """Return the number of images that the whole training reads, also for a resumed run."""
-    epoch = len(data.sampler()) * data.batch_size + len(data.split.val)
-    return config.trainer.max_epochs * epoch + len(data.recording)
-
-
-def _is_wanted(setting: object, plan: FeaturePlan, draws: int, console: Console) -> bool:
-    """Return whether to cache features; print their size, or why they are not cached.
-
-    Raises:
-        InputError: `model.cache_features=true`, and there is no space.
-    """
-    if setting == "auto" and draws < plan.images:
-        print_line(
-            console,
-            f"frozen blocks are computed when needed: the training reads {draws:,} images of "
-            f"{plan.images:,} ({KEY}=true computes all of them, for other runs)",
-        )
-        return False
-    where = f"in {plan.folder}" if plan.folder else "in memory (data.cache=null)"
-    needed, free = plan.missing_bytes, plan.free_bytes()
-    if needed > free or (setting == "auto" and needed > min(free / 2, AUTO_BYTES)):
-        words = f"{_size(needed)} of features of frozen blocks, with {_size(free)} free {where}"
-        remedy = "a smaller model.size, fewer data.cameras, or data.cache=FOLDER on another disk"
-        if setting is True:
-            raise InputError(f"{KEY}=true: {words}; set {remedy}, or {KEY}=false")
-        print_line(
-            console,
-            f"frozen blocks are computed again in every epoch: caching them would take "
-            f"{words}; set {remedy}",
-        )
-        return False
-    size = f"{plan.images:,} images, {plan.front.image_bytes / 1e3:.1f} kB each"
-    if plan.missing:
-        print_line(
-            console,
-            f"frozen blocks: computing the features of {plan.missing:,} of {size}, "
-            f"{_size(needed)} {where}",
-        )
-    else:
-        print_line(console, f"frozen blocks: the features of {size}, are in {plan.folder}")
-    return True
 
 
 def _size(count: int) -> str:

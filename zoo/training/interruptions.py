@@ -1,8 +1,6 @@
 """A stopped run or a lost disk: what is kept, how to resume, and from which checkpoint."""
 
-import io
 import threading
-import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -28,26 +26,14 @@ def naming_lost_files(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        place = error.filename or _open_file(error) or folder
-        if not folder.is_dir():
-            remedy = f"{folder} was removed, with all that the run had saved; start the run again"
+        if folder.is_dir():
+            remedy = f"{kept(folder)}; free some space, and resume with: {resume_command(folder)}"
         else:
-            last = folder / "checkpoints" / "last.ckpt"
-            kept = f"{last} is kept" if last.is_file() else kept_without_last(folder)
-            again = resume_command(folder)
-            remedy = f"{kept}; free some space, and resume with: {again}"
+            remedy = f"{folder} was removed, with all that the run had saved; start the run again"
+        place = error.filename or folder
         raise InputError(f"{place}: {error.strerror or error}; {remedy}") from error
     finally:
         threading.excepthook = before
-
-
-def _open_file(error: OSError) -> str | None:
-    """Return the name of the file that the failed code had open; a write error lacks it."""
-    for frame, _ in reversed(list(traceback.walk_tb(error.__traceback__))):
-        for local in frame.f_locals.values():
-            if isinstance(local, io.IOBase) and isinstance(getattr(local, "name", None), str):
-                return local.name
-    return None
 
 
 def resume_command(folder: Path) -> str:
@@ -55,22 +41,22 @@ def resume_command(folder: Path) -> str:
     return command_line(["drivezoo", "train", f"resume={folder}", *typed_parts()])
 
 
-def kept_without_last(folder: Path) -> str:
-    """Return which checkpoint is kept in a run's folder that holds no `last.ckpt`."""
-    best = folder / "checkpoints" / "best.ckpt"
-    if not best.is_file():
-        return "no epoch was complete yet"
-    return f"{best} is kept, but there is no last.ckpt to resume from"
+def kept(folder: Path) -> str:
+    """Return which checkpoint of a stopped run is kept."""
+    last, best = (folder / "checkpoints" / f"{name}.ckpt" for name in ("last", "best"))
+    if last.is_file():
+        return f"{last} is kept"
+    if best.is_file():
+        return f"{best} is kept, but there is no last.ckpt to resume from"
+    return "no epoch was complete yet"
 
 
 def stopped_error(folder: Path, epoch: int) -> StoppedError:
     """Return the error of a training that was stopped in `epoch`, counted from 1."""
-    done = f"the epochs before {epoch} are saved"
-    if not (folder / "checkpoints" / "last.ckpt").is_file():
-        done = kept_without_last(folder)
+    done = f"stopped in epoch {epoch}; {kept(folder)}"
     if (finished := read_status(folder).get("finished_epochs")) is not None:
         done += f"; metrics.json holds the figures of {finished} finished epochs"
-    return StoppedError(f"stopped; {done}; resume with: {resume_command(folder)}")
+    return StoppedError(f"{done}; resume with: {resume_command(folder)}")
 
 
 @dataclass(frozen=True)
@@ -111,9 +97,8 @@ def find_resume_point(folder: Path, card: dict, console: Console) -> ResumePoint
     """
     last = folder / "checkpoints" / "last.ckpt"
     if not last.is_file():
-        if (last.parent / "best.ckpt").is_file():
-            line = f"training starts again at the first epoch: {kept_without_last(folder)}"
-            print_line(console, line)
+        if last.parent.is_dir():
+            print_line(console, f"training starts at the first epoch: {kept(folder)}")
         return None
     checkpoint = read_checkpoint_file(last)  # executes no code from the file
     check_part(checkpoint["drivezoo"], last)

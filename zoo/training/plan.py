@@ -175,16 +175,10 @@ def resolve_compile(setting: object, device: torch.device, console: Console) -> 
     """
     if setting not in ("auto", True, False):
         raise InputError(f"trainer.compile={setting} is not true or false")
-    if setting is not True:
-        return False
-    if device.type == "cpu" and not find_compiler():
-        print_line(
-            console,
-            "torch.compile disabled: no C++ compiler found; install one (Debian, Ubuntu: "
-            "apt install g++)",
-        )
-        return False
-    return True
+    compiles = setting is True and (device.type != "cpu" or find_compiler() is not None)
+    if setting is True and not compiles:
+        print_line(console, "torch.compile disabled: no C++ compiler found; install g++")
+    return compiles
 
 
 def find_compiler() -> str | None:
@@ -195,23 +189,21 @@ def find_compiler() -> str | None:
 
 def compile_step(step: Callable, console: Console) -> Callable:
     """Return `step`, compiled at its first call; print why where compilation fails."""
-    compiled = torch.compile(step, dynamic=False)
-    works = False
+    chosen: Callable | None = None
 
     def run(*arguments: object) -> object:
-        nonlocal compiled, works
-        if works:
-            return compiled(*arguments)
+        nonlocal chosen
+        if chosen:
+            return chosen(*arguments)
         try:
-            result = compiled(*arguments)
+            compiled = torch.compile(step, dynamic=False)
+            result, chosen = compiled(*arguments), compiled
         except InputError:
             raise
         except Exception as error:  # any error: training continues without compilation
-            reason = str(error).strip().splitlines()[0][:200] if str(error).strip() else error
+            reason = (str(error).strip() or type(error).__name__).splitlines()[0][:200]
             print_line(console, f"torch.compile disabled: {reason}")
-            compiled = step
-            result = step(*arguments)
-        works = True
+            result, chosen = step(*arguments), step
         return result
 
     return run

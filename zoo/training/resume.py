@@ -1,6 +1,7 @@
 """`drivezoo train resume=FOLDER`: resume a stopped run, or train a finished run further."""
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -48,14 +49,15 @@ def resume(folder: Path, overrides: list[str]) -> None:
     config, typed = _overridden(saved, overrides)
     check_saved_config(config, saved_path, trusted, typed)
     if read_status_file(folder).get("status") == "finished":
-        finished = FinishedRun(folder, saved, read_metrics_file(folder))
-        if not finished.is_less_than(config):
-            print("\n".join(finished.lines(overrides)))
+        metrics = read_metrics_file(folder)
+        epochs, last = metrics.get("epochs") or 0, folder / "checkpoints" / "last.ckpt"
+        if not overrides or _max_epochs(config) <= epochs:
+            print("\n".join(_finished_lines(folder, saved, metrics, overrides)))
             return
-        if not finished.last.is_file():
+        if not last.is_file():
             raise InputError(
-                f"{finished.last}: missing, so the run cannot be resumed; start a new run with "
-                f"model.weights={finished.best}"
+                f"{last}: missing, so the run cannot be resumed; start a new run with "
+                f"model.weights={last.with_name('best.ckpt')}"
             )
     with loading():
         from zoo.training.run import run_experiment
@@ -81,60 +83,28 @@ def _overridden(saved: DictConfig, overrides: list[str]) -> tuple[DictConfig, se
     return config, typed
 
 
-class FinishedRun:
-    """A finished run: its files, and how to train it further."""
-
-    def __init__(self, folder: Path, config: DictConfig, metrics: dict) -> None:
-        self.folder, self.config, self.metrics = folder, config, metrics
-        self.epochs = self.metrics.get("epochs") or 0
-        self.best = folder / "checkpoints" / "best.ckpt"
-        self.last = folder / "checkpoints" / "last.ckpt"
-
-    @property
-    def stopped_early(self) -> bool:
-        """Return whether early stopping ended it before its last epoch."""
-        return _stops_early(self.config) and self.epochs < _max_epochs(self.config)
-
-    def is_less_than(self, config: DictConfig) -> bool:
-        """Return whether a config asks for more epochs than this run's config or training."""
-        if self.stopped_early and not _stops_early(config):
-            return True
-        return _max_epochs(config) > max(_max_epochs(self.config), self.epochs)
-
-    def lines(self, overrides: list[str]) -> list[str]:
-        """Return the lines to print: the run's files, and how to train further."""
-        early = f" of {_max_epochs(self.config)}, stopped early" if self.stopped_early else ""
-        lines = [f"{self.folder}: finished after {self.epochs} epochs{early}; nothing to do"]
-        if overrides:
-            lines[0] += f" ({' '.join(overrides)}: no more epochs)"
-        best_epoch = self.metrics.get("best_epoch")
-        after = f" (after epoch {best_epoch})" if best_epoch else ""
-        page = self.folder / "report" / "index.html"
-        lines += [f"best checkpoint{after}: {self.best}"] if self.best.is_file() else []
-        lines += [f"report: {page}"] if page.is_file() else []
-        if self.last.is_file():
-            command = ["drivezoo", "train", f"resume={self.folder}", *self._more()]
-            command += typed_parts()
-            lines.append(f"train further: {command_line(command)}")
-        if self.best.is_file():
-            lines.append(f"or start a new run from its weights: model.weights={self.best}")
-        return lines
-
-    def _more(self) -> list[str]:
-        most = self.config.trainer.max_epochs
-        if self.stopped_early:
-            return ["callbacks.early_stopping=null"]
-        if self.config.quick:
-            return ["quick=false"] + ([] if most > self.epochs else [_epochs(2 * self.epochs)])
-        return [_epochs(2 * max(self.epochs, 1))]
-
-
-def _epochs(count: int) -> str:
-    return f"trainer.max_epochs={count}"
-
-
-def _stops_early(config: DictConfig) -> bool:
-    return bool((config.get("callbacks") or {}).get("early_stopping"))
+def _finished_lines(
+    folder: Path, config: DictConfig, metrics: dict, overrides: list[str]
+) -> Iterator[str]:
+    """Yield the lines on a finished run: its files, and how to train it further."""
+    epochs, most = metrics.get("epochs") or 0, _max_epochs(config)
+    best, last = (folder / "checkpoints" / f"{name}.ckpt" for name in ("best", "last"))
+    page = folder / "report" / "index.html"
+    ignored = f" ({' '.join(overrides)}: no more epochs)" if overrides else ""
+    early = f" of {most}, stopped early" if epochs < most else ""
+    yield f"{folder}: finished after {epochs} epochs{early}; nothing to do{ignored}"
+    if best.is_file():
+        yield f"best checkpoint (after epoch {metrics.get('best_epoch')}): {best}"
+    if page.is_file():
+        yield f"report: {page}"
+    if last.is_file():
+        more = ["callbacks.early_stopping=null"] * bool(early)
+        more += ["quick=false"] * bool(config.quick and not early)
+        more += [f"trainer.max_epochs={2 * max(epochs, 1)}"] * (not early)
+        command = ["drivezoo", "train", f"resume={folder}", *more, *typed_parts()]
+        yield f"train further: {command_line(command)}"
+    if best.is_file():
+        yield f"or start a new run from its weights: model.weights={best}"
 
 
 def _max_epochs(config: DictConfig) -> float:

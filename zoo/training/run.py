@@ -6,7 +6,6 @@ from pathlib import Path
 import lightning
 import numpy as np
 import torch
-from lightning.pytorch.callbacks import ModelCheckpoint
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from torch import nn
@@ -17,10 +16,11 @@ from datamodules.recording import read_source
 from datamodules.split import PARTS, rows_per_second, write_split
 from zoo.base.terminal import print_line
 from zoo.base.whole_file import refuse_links_out
+from zoo.callbacks.closed_loop import best_drive
 from zoo.checkpoints.checkpoint import make_card, read_checkpoint_file
 from zoo.cli.console_progress import working
 from zoo.cli.process_ranks import is_first_process, needs_processes
-from zoo.evaluate.track_scores import run_options
+from zoo.evaluate.track_scores import run_options, score_run
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.status import run_status
 from zoo.training.build import (
@@ -33,8 +33,6 @@ from zoo.training.build import (
 )
 from zoo.training.candidates import choose_best, restore_monitored
 from zoo.training.conclusion import (
-    TrainedRun,
-    drive_best,
     evaluate_rows,
     print_conclusion,
     print_open_loop,
@@ -42,7 +40,6 @@ from zoo.training.conclusion import (
     write_metrics,
 )
 from zoo.training.distributed import ending_together
-from zoo.training.frozen_layers import random_front_lines
 from zoo.training.host_settings import set_up_process
 from zoo.training.interruptions import (
     ResumePoint,
@@ -85,8 +82,8 @@ def run_experiment(
     first = is_first_process(needs_processes(config))
     with naming_lost_files(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    with naming_lost_files(folder), run_status(folder, first), naming_lost_files(folder):
-        return _run(config, folder, first, resume, keep_config, verdict)
+        with run_status(folder, first), naming_lost_files(folder):
+            return _run(config, folder, first, resume, keep_config, verdict)
 
 
 def _run(
@@ -140,13 +137,21 @@ def _run(
         return float("nan")
 
     choice = choose_best(score, _monitor(trainer), folder, console)
-    _take_best(module, folder)
-    trained = TrainedRun(folder, card, data, leaks, plan, module, trainer)
+    if (best := folder / "checkpoints" / "best.ckpt").is_file():
+        module.load_state_dict(read_checkpoint_file(best)["state_dict"])
     open_loop = evaluate_rows(module, data, console)
     save_plots(open_loop, folder, console)
     print_open_loop(open_loop, card["config"]["model"]["name"], console)
-    drives = drive_best(trained, score, console)
-    metrics, judged = write_metrics(trained, choice, open_loop, drives, started)
+    more = {
+        "closed_loop": best_drive(trainer, module, data.view),
+        "drive": score_run(score, folder, console),
+        "leak": {part: vars(leak) for part, leak in leaks.items()},
+        "choice": choice,
+        "device": str(plan.device),
+        "threads": plan.threads,
+        "wall_s": time.perf_counter() - started,
+    }
+    metrics, judged = write_metrics(folder, card, data, module, open_loop, more)
     print_conclusion(folder, metrics, judged if verdict else None, console)
     log_results(trainer, card["config"], metrics, folder, console)
     return open_loop.figures.get("val", {}).get("mse", float("nan"))
@@ -164,24 +169,25 @@ def print_start(
     height, width, _ = data.view.shape
     model, parameters = card["config"]["model"], sum(p.numel() for p in network.parameters())
     split = ", ".join(f"{len(getattr(data.split, part)):,} {part}" for part in PARTS)
-    for line in (
+    lines = [
         f"{model['name']}: {parameters:,} parameters, sees {width} x {height} "
         f"{data.view.colour}, on {device}",
         f"split by {card['config']['data']['split']}: {split} rows; {len(data.samples):,} "
         "training samples",
-        *_leak_lines(leaks),
-        *random_front_lines(model["weights"], network),
-    ):
-        print_line(console, line)
-
-
-def _leak_lines(leaks: dict[str, Leak]) -> list[str]:
-    return [
-        f"leak: a {part} frame is {leak.seconds:.2f} s from the nearest training frame; it differs "
-        f"from the most similar one {leak.likeness:.0%} as much as from any other (medians; near "
-        "0 % they are copies, whose errors say little)"
-        for part, leak in leaks.items()
     ]
+    for part, leak in leaks.items():
+        lines.append(
+            f"leak: a {part} frame is {leak.seconds:.2f} s from the nearest training frame; it "
+            f"differs from the most similar one {leak.likeness:.0%} as much as from any other "
+            "(medians; near 0 % they are copies, whose errors say little)"
+        )
+    if model["weights"] is None and getattr(network, "frozen_front", None) is not None:
+        lines.append(
+            "frozen blocks keep their random weights (model.weights=null): random features; "
+            "a larger model.trainable_blocks trains them"
+        )
+    for line in lines:
+        print_line(console, line)
 
 
 def _prepare_folder(
@@ -220,15 +226,7 @@ def _fit(
 
 def _monitor(trainer: lightning.Trainer) -> str | None:
     """Return the figure that chose `best.ckpt`; None if that is the last epoch's."""
-    names = {
-        Path(callback.filename or "").stem: callback.monitor
-        for callback in trainer.callbacks
-        if isinstance(callback, ModelCheckpoint)
-    }
-    return names.get("best")
-
-
-def _take_best(module: SteeringModule, folder: Path) -> None:
-    best = folder / "checkpoints" / "best.ckpt"
-    if best.is_file():
-        module.load_state_dict(read_checkpoint_file(best)["state_dict"])
+    for callback in trainer.checkpoint_callbacks:
+        if Path(callback.filename or "").stem == "best":
+            return callback.monitor
+    return None

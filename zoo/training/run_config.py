@@ -14,12 +14,14 @@ from rich.console import Console
 
 from datamodules.recording import read_recordings
 from datamodules.view import View
+from zoo.base.bounded_files import read_json
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.terminal import print_line
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import find_checkpoint, read_checkpoint_file
+from zoo.checkpoints.checkpoint_card import check_card
 from zoo.cli.compose import escape_interpolation
 from zoo.cli.conf_files import choice_files
 from zoo.keras.initial_weights import KERAS_SUFFIXES
@@ -129,24 +131,23 @@ def _of_keras(path: Path, view: View, scale: list | None) -> tuple[list, list]:
     from zoo.keras.keras_file import read_keras_apart
     from zoo.keras.keras_layers import convert
 
-    imported = "or run drivezoo import on it, and set model.weights to the checkpoint"
+    remedy = "or run drivezoo import on it, and set model.weights to the checkpoint"
     try:
         network = convert(read_keras_apart(path), scale=scale)
     except InputError as error:
-        raise InputError(f"{error}; here, scale is model.scale; {imported}") from None
+        raise InputError(f"{error}; here, scale is model.scale; {remedy}") from None
     rows, columns, channels = network.input_shape
     if network.input_shape != view.shape:
-        size = f"data.crop=[0,0] model.size=[{rows},{columns}]"
-        colour = "gray" if channels == 1 else "rgb"
         raise InputError(
             f"{path}: its input is {rows} x {columns} x {channels}, the view gives "
-            f"{' x '.join(map(str, view.shape))}; set {size} model.colour={colour}, with the crop "
-            f"and the colour of its training, {imported}"
+            f"{' x '.join(map(str, view.shape))}; set data.crop=[0,0] model.size=[{rows},{columns}]"
+            f" model.colour={'gray' if channels == 1 else 'rgb'}, with the crop and the colour of "
+            f"its training, {remedy}"
         )
     if network.scale is None:
         raise InputError(
             f"{path}: does not tell how it scales pixels; set model.scale=[127.5,1] for "
-            f"pixel / 127.5 - 1, or [1,0] for none, {imported}"
+            f"pixel / 127.5 - 1, or [1,0] for none, {remedy}"
         )
     return network.layers, list(network.scale)
 
@@ -155,17 +156,13 @@ def _of_checkpoint(path: Path, view: View, scale: list | None) -> tuple[list, li
     if path.suffix.lower() != ".ckpt":
         raise InputError(f"{path}: holds no layers; name a .h5, .keras, .json or .ckpt file")
     card = read_checkpoint_file(path)["drivezoo"]
-    config = card.get("config")
-    model = config.get("model") if isinstance(config, dict) else None
-    if not isinstance(model, dict) or not isinstance(model.get("layers"), list):
+    check_card(card, path)
+    model, own = card["config"]["model"], View.from_dict(card["view"])
+    if not isinstance(model.get("layers"), list):
         raise InputError(
-            f"{path}: is a checkpoint of {(model or {}).get('name')!s:.60}, without model.layers; "
-            "set model to its name"
+            f"{path}: is a checkpoint of {model.get('name')!s:.60}, without model.layers; set "
+            "model to its name"
         )
-    try:
-        own = View.from_dict(card["view"])
-    except (KeyError, TypeError, InputError):
-        raise InputError(f"{path}: has no view; name another checkpoint") from None
     if own != view:
         size = "null" if own.size is None else f"[{own.size[0]},{own.size[1]}]"
         raise InputError(
@@ -202,9 +199,19 @@ def with_recording(config: DictConfig, console: Console) -> DictConfig:
         raise InputError(
             f"{folder}: cannot record there ({error.strerror}); set data.record.out=FOLDER"
         ) from None
-    _check_recipe(folder, recipe)
+    if read_json(folder / RECIPE) != json.loads(json.dumps(recipe)):
+        raise InputError(
+            f"{folder / RECIPE}: {folder} was recorded with other options than data.record now "
+            "has; remove it, or set data.record.out to another folder"
+        )
     if fingerprint is not None:
-        _check_fingerprint(folder, str(fingerprint))
+        found = read_recordings(str(folder)).fingerprint()
+        if found != str(fingerprint):
+            raise InputError(
+                f"{folder}: the recording's fingerprint is {found}, data.record.fingerprint is "
+                f"{fingerprint}: its rows were changed, or other code recorded them; remove "
+                f"{folder} to record again, or set data.record.fingerprint=null to train on it"
+            )
     config = config.copy()
     config.data.root = escape_interpolation(str(folder))
     return config
@@ -228,44 +235,12 @@ def _record(folder: Path, recipe: dict, jobs: int | None, console: Console) -> N
         with whole_folder(folder, RECORDINGS) as unfinished:
             common = {"out": str(unfinished), "relative": True}
             passes = [RecordOptions(**common, **options) for options in recipe["passes"]]
-            if jobs is None:  # half a lap takes less time than starting another process is worth
-                jobs = (
-                    min(usable_cores(), MOST_JOBS)
-                    if sum(options.laps for options in passes) >= 1
-                    else 1
-                )
+            # Half a lap takes less time than starting another process is worth.
+            long = sum(options.laps for options in passes) >= 1
+            jobs = jobs or (min(usable_cores(), MOST_JOBS) if long else 1)
             record_laps([replace(options, jobs=jobs) for options in passes], console)
             write_whole(unfinished / RECIPE, json.dumps(recipe, indent=1))
     except InputError as error:
         raise InputError(f"data.record: {error}") from None
     except TypeError as error:
         raise InputError(f"data.record.passes: {error}; see drivezoo simulator record") from None
-
-
-def _check_recipe(folder: Path, recipe: dict) -> None:
-    from zoo.base.bounded_files import read_json
-
-    path, wanted = folder / RECIPE, json.loads(json.dumps(recipe))
-    recorded = read_json(path)
-    if not isinstance(recorded, dict):
-        raise InputError(f"{path}: should be keys and values; remove {folder} to record again")
-    other = [
-        key
-        for key in {**wanted, **recorded}
-        if key not in recorded or recorded[key] != wanted.get(key)
-    ]
-    if other:
-        raise InputError(
-            f"{path}: {other[0]} is not data.record.{other[0]}: {folder} was recorded with other "
-            "options than data.record now has; remove it, or set data.record.out to another folder"
-        )
-
-
-def _check_fingerprint(folder: Path, wanted: str) -> None:
-    fingerprint = read_recordings(str(folder)).fingerprint()
-    if fingerprint != wanted:
-        raise InputError(
-            f"{folder}: the recording's fingerprint is {fingerprint}, data.record.fingerprint is "
-            f"{wanted}: its rows were changed, or other code recorded them; remove {folder} to "
-            "record again, or set data.record.fingerprint=null to train on it"
-        )

@@ -177,13 +177,11 @@ class SteeringModule(lightning.LightningModule):
         """Check that the loss and the weights are finite."""
         # Before this epoch is saved: the last checkpoint stays finite.
         if not self.trainer.sanity_checking:
-            self._check_finite()
-            self._check_weights()
+            self._check_finite(weights=True)
 
     def on_train_epoch_end(self) -> None:
         """Check that all is finite, and log the mean loss."""
-        self._check_finite()
-        self._check_weights()
+        self._check_finite(weights=True)
         self.train_epochs += 1
         self.log("train/loss", float(self.mean_loss()), sync_dist=True)
 
@@ -191,20 +189,17 @@ class SteeringModule(lightning.LightningModule):
         """Return the mean loss of the epoch so far, over all processes' samples."""
         return self._loss_sum / self._loss_count
 
-    def _check_finite(self) -> None:
+    def _check_finite(self, weights: bool = False) -> None:
+        """Check the loss, and the weights: the last loss was computed before the last step."""
+        what = None
         if not np.isfinite(float(self._loss_sum)):
+            what = "the loss is"
+        elif weights and not all(bool(w.isfinite().all()) for w in self.network.parameters()):
+            what = "the weights are"
+        if what:
             raise InputError(
-                f"the loss is not finite in epoch {self.current_epoch + 1}: training stopped, the "
+                f"{what} not finite in epoch {self.current_epoch + 1}: training stopped, the "
                 "checkpoints of the epochs before are kept; lower optim.lr, or set "
-                "trainer.gradient_clip_val=1"
-            )
-
-    def _check_weights(self) -> None:
-        """Check the weights: the last loss was computed before the last step."""
-        if not all(bool(torch.isfinite(weight).all()) for weight in self.network.parameters()):
-            raise InputError(
-                f"the weights are not finite after epoch {self.current_epoch + 1}: training "
-                "stopped, the checkpoints of the epochs before are kept; lower optim.lr, or set "
                 "trainer.gradient_clip_val=1"
             )
 

@@ -32,10 +32,10 @@ def epoch(run: Path, name: str = "best") -> int:
 def test_the_better_driver_becomes_best(run: Path, console: Console) -> None:
     choice = choose_best(SHORT, "val/mse", run, console)
 
-    assert choice.epoch == epoch(run) == 5
+    assert choice["epoch"] == epoch(run) == 5
     assert epoch(run, "monitored") == 1, "the checkpoint with the lowest error is lost"
-    assert [one["file"] for one in choice.drives] == ["last.ckpt", "best.ckpt"]
-    assert choice.drives[0]["interventions"] < choice.drives[1]["interventions"]
+    assert [one["file"] for one in choice["drives"]] == ["last.ckpt", "best.ckpt"]
+    assert choice["drives"][0]["interventions"] < choice["drives"][1]["interventions"]
     printed = console.file.getvalue()
     for words in ("epoch   1, lowest val/mse", "epoch   5, last epoch", "best.ckpt is of epoch 5"):
         assert words in printed
@@ -44,14 +44,14 @@ def test_the_better_driver_becomes_best(run: Path, console: Console) -> None:
 def test_the_lowest_error_stays_where_it_drives_best(run: Path, console: Console) -> None:
     write_constant(run / "checkpoints" / "best.ckpt", steering=0.0, epoch=0)
     write_constant(run / "checkpoints" / "last.ckpt", steering=1.0, epoch=4)
-    assert choose_best(SHORT, "val/mse", run, console).epoch == epoch(run) == 1
+    assert choose_best(SHORT, "val/mse", run, console)["epoch"] == epoch(run) == 1
     assert not (run / "checkpoints" / "monitored.ckpt").exists()
 
 
 def test_what_drove_best_while_training_is_a_candidate(run: Path, console: Console) -> None:
     write_constant(run / "checkpoints" / "last.ckpt", steering=-1.0, epoch=4)
     write_constant(run / "checkpoints" / "driven.ckpt", steering=0.0, epoch=2)
-    assert choose_best(SHORT, "val/mse", run, console).epoch == epoch(run) == 3
+    assert choose_best(SHORT, "val/mse", run, console)["epoch"] == epoch(run) == 3
 
 
 @pytest.mark.parametrize(
@@ -61,8 +61,8 @@ def test_without_drives_the_lowest_error_stays_and_the_run_says_so(
     run: Path, console: Console, score: RunScore | None, key: str
 ) -> None:
     choice = choose_best(score, "val/mse", run, console)
-    assert choice.epoch == epoch(run) == 1
-    assert not choice.drives
+    assert choice["epoch"] == epoch(run) == 1
+    assert not choice["drives"]
     assert key in console.file.getvalue()
     assert "lowest val/mse" in console.file.getvalue()
 
@@ -74,15 +74,15 @@ def test_without_a_simulator_the_lowest_error_stays(
         raise InputError("no renderer opens")
 
     monkeypatch.setattr(run_drives, "open_world", fail)
-    assert choose_best(SHORT, "val/mse", run, console).epoch == epoch(run) == 1
+    assert choose_best(SHORT, "val/mse", run, console)["epoch"] == epoch(run) == 1
     assert "no renderer opens" in console.file.getvalue()
 
 
 def test_a_single_candidate_is_not_driven(run: Path, console: Console) -> None:
     write_constant(run / "checkpoints" / "last.ckpt", steering=1.0, epoch=0)
     choice = choose_best(SHORT, "val/mse", run, console)
-    assert not choice.drives
-    assert "no other candidate" in choice.why
+    assert not choice["drives"]
+    assert "no other candidate" in choice["why"]
 
 
 def test_a_run_that_keeps_no_best_checkpoint_has_none(run: Path, console: Console) -> None:

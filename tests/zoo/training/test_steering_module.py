@@ -51,7 +51,7 @@ def test_weights_that_overflow_in_an_epochs_last_step_stop_the_training(
 ) -> None:
     """The epoch's losses are finite: they come from the weights before the last step."""
     one_step = ("model=lenet", "data.batch_size=16", "data.samples_per_epoch=16")
-    with pytest.raises(InputError, match=r"weights are not finite after epoch 1.*optim\.lr"):
+    with pytest.raises(InputError, match=r"weights are not finite in epoch 1.*optim\.lr"):
         train_here(recorded, tmp_path, *one_step, "optim.lr=1e39", "trainer.max_epochs=1")
 
 
