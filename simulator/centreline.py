@@ -1,6 +1,6 @@
 """The geometry of a road's centreline, from control points, segments or a survey."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -22,14 +22,8 @@ VERGE_M = 2.5  # smallest distance between the edges of two parts of the road
 MOST_PAIRS = 2_000_000  # pairs of samples in the same square, a limit on memory
 BRIDGE_END_M = 6.0  # length of a bridge beyond the road below it, at each end
 
-
-@dataclass(frozen=True)
-class Segment:
-    """A straight or an arc: metres, radians turned (left positive) and metres climbed."""
-
-    length: float
-    turn: float = 0.0
-    climb: float = 0.0
+# Straights and arcs: metres, radians turned (left positive) and metres climbed.
+Segments = Sequence[tuple[float, float, float]]
 
 
 def make_centreline(
@@ -67,23 +61,22 @@ def make_centreline(
     }
 
 
-def segment_points(segments: list[Segment]) -> np.ndarray:
+def segment_points(segments: Segments) -> np.ndarray:
     """Return the points, float64 [N + 1, 3], at which segments begin, and the end of the last."""
     heading, here, points = 0.0, np.zeros(3), [np.zeros(3)]
-    for one in segments:
+    for length, turn, climb in segments:
         # The chord of an arc; np.sinc(x) is sin(pi x) / (pi x).
-        chord = one.length * np.sinc(one.turn / (2 * np.pi))
-        middle = heading + one.turn / 2
-        here = here + (chord * np.cos(middle), chord * np.sin(middle), one.climb)
-        heading += one.turn
+        chord = length * np.sinc(turn / (2 * np.pi))
+        middle = heading + turn / 2
+        here = here + (chord * np.cos(middle), chord * np.sin(middle), climb)
+        heading += turn
         points.append(here)
     return np.array(points)
 
 
-def follow_segments(segments: list[Segment], closed: bool) -> np.ndarray:
+def follow_segments(segments: Segments, closed: bool) -> np.ndarray:
     """Return control points, float64 [N, 3], of segments, with smooth transitions between them."""
-    table = [(one.length, one.turn, one.climb) for one in segments]
-    ends, turned, climbed = np.concatenate([np.zeros((1, 3)), np.cumsum(table, 0)]).T
+    ends, turned, climbed = np.concatenate([np.zeros((1, 3)), np.cumsum(segments, 0)]).T
     stride = 2  # steps of integration from one control point to the next
     count = stride * max(round(ends[-1] / SEGMENT_STEP_M), 4)
     nodes = np.linspace(0, ends[-1], count + 1)

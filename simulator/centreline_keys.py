@@ -2,12 +2,14 @@
 
 import math
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from simulator.centreline import (
     CLEARANCE_M,
-    Segment,
+    Segments,
     bridge_samples,
     follow_segments,
     follow_survey,
@@ -17,26 +19,64 @@ from simulator.centreline import (
     survey_points,
 )
 from simulator.rig import MAX_STEERING_DEG, REAR_AXLE_M, WHEELBASE_M
-from simulator.yaml_values import check_keys, is_finite, read_number, read_rows
+from simulator.track import MOST_LENGTH_M, Coordinate
+from simulator.yaml_fields import Flag, Keys, number
 from zoo.base.bounded_files import MOST_YAML_BYTES, read_text
 from zoo.base.errors import InputError
 
 COLUMNS = ("station_m", "heading_deg", "height_m")
 MOST_POINTS = 10_000  # rows of a survey, and points or segments of a track
 KINDS = ("points", "segments", "survey")
-CENTRELINE_KEYS = (*KINDS, "closed", "width", "widths")
 # The radius of the car's tightest circle, at the car's origin between the axles.
 TIGHTEST_RADIUS_M = math.hypot(WHEELBASE_M / math.tan(math.radians(MAX_STEERING_DEG)), REAR_AXLE_M)
-SEGMENTS = ("straight", "left", "right")
 CLOSING_M = 1.0  # largest gap between the end of a loop's last piece and its first point
-# Limits that keep the centreline and the ground within memory.
-MOST_LENGTH_M, MOST_SIDE_M = 100_000, 10_000
-SHORTEST_M = 20.0  # length of an open road
-MOST_DEGREES = 3_600.0  # turned by one segment
-WIDTHS = 3.0, 30.0
+MOST_SIDE_M = 10_000  # keeps the ground within memory
+SHORTEST_M = 20.0  # length of a road
+
+Bounded = Field(min_length=1, max_length=MOST_POINTS)
+Degrees = Annotated[float, number(0.1, 3_600)]
+Station = Annotated[float, number(0, MOST_LENGTH_M)]
+Width = Annotated[float, number(3, 30)]
 
 
-def read_survey(given: object, folder: Path) -> np.ndarray:
+class Segment(Keys):
+    """A straight, or an arc to the left or right: metres, degrees, and metres climbed."""
+
+    straight: Annotated[float, number(0.1, MOST_LENGTH_M)] | None = None
+    left: Degrees | None = None
+    right: Degrees | None = None
+    radius: Annotated[float, number(1, MOST_SIDE_M)] | None = None
+    climb: Annotated[float, number(-1e4, 1e4)] = 0.0
+
+    @model_validator(mode="after")
+    def complete(self) -> "Segment":
+        """Raise ValueError unless the segment is one straight, or one arc with a radius."""
+        ways = [way for way in (self.straight, self.left, self.right) if way is not None]
+        if len(ways) != 1 or (self.straight is None) != (self.radius is not None):
+            raise ValueError("must have straight (metres), or left or right (degrees) and radius")
+        return self
+
+    @property
+    def move(self) -> tuple[float, float, float]:
+        """Return the length in metres, the radians turned to the left, and the metres climbed."""
+        if self.straight is not None:
+            return self.straight, 0.0, self.climb
+        turn = math.radians(self.left or self.right or 0)
+        return (self.radius or 0) * turn, turn if self.left else -turn, self.climb
+
+
+class CentrelineKeys(Keys):
+    """Keys of a road's line and width; see `docs/simulator.md`."""
+
+    points: Annotated[list[tuple[Coordinate, Coordinate, Coordinate]], Bounded] | None = None
+    segments: Annotated[list[Segment], Bounded] | None = None
+    survey: str | None = None
+    closed: Flag = True
+    width: Width | None = None
+    widths: Annotated[list[tuple[Station, Width]], Bounded] | None = None
+
+
+def read_survey(given: str, folder: Path) -> np.ndarray:
     """Return a survey's rows, float64 [N, 3]: station, heading in degrees, height.
 
     Args:
@@ -47,7 +87,7 @@ def read_survey(given: object, folder: Path) -> np.ndarray:
         InputError: the file cannot be read, or a row is wrong.
     """
     place = f"survey: {given}"
-    if not isinstance(given, str) or "\0" in given or Path(given).is_absolute():
+    if "\0" in given or Path(given).is_absolute():
         raise InputError(f"{place}; must be a .csv file in the folder of this file")
     path = folder / given
     try:
@@ -57,16 +97,19 @@ def read_survey(given: object, folder: Path) -> np.ndarray:
     if not is_inside:
         raise InputError(f"{place}: lies outside of the folder of this file; copy it there")
     lines = read_text(path, MOST_YAML_BYTES).splitlines()
-    numbered = [(at, line) for at, line in enumerate(lines, start=1) if line.strip()]
-    numbered = [(at, line) for at, line in numbered if not line.startswith("#")]
-    if not numbered or tuple(numbered[0][1].replace(" ", "").split(",")) != COLUMNS:
+    first, *rows = [
+        (at, line)
+        for at, line in enumerate(lines, start=1)
+        if line.strip() and not line.startswith("#")
+    ] or [(1, "")]
+    if tuple(first[1].replace(" ", "").split(",")) != COLUMNS:
         raise InputError(f"{place}: the first row must be {','.join(COLUMNS)}")
-    survey = np.array([_row(place, at, line) for at, line in numbered[1:]]).reshape(-1, 3)
-    if not 4 <= len(survey) <= MOST_POINTS:
-        raise InputError(f"{place}: {len(survey):,} rows; must have 4..{MOST_POINTS:,}")
+    survey = np.array([_row(place, at, line) for at, line in rows])
+    if not 4 <= len(rows) <= MOST_POINTS:
+        raise InputError(f"{place}: {len(rows):,} rows; must have 4..{MOST_POINTS:,}")
     steps = np.diff(survey[:, 0])
     if steps.min() < 1:
-        at = numbered[1 + int(steps.argmin()) + 1][0]
+        at = rows[int(steps.argmin()) + 1][0]
         raise InputError(f"{place}: line {at}: each station must be 1 m or more after the last")
     return survey
 
@@ -76,116 +119,79 @@ def _row(place: str, at: int, line: str) -> list[float]:
         values = [float(cell) for cell in line.split(",")]
     except ValueError:
         values = []
-    if len(values) != len(COLUMNS) or not all(is_finite(value) for value in values):
+    if len(values) != len(COLUMNS) or not all(abs(value) < 1e9 for value in values):
         raise InputError(f"{place}: line {at}: {line[:80]!r}; must be three numbers")
     return values
 
 
-def read_centreline(content: dict, closed: bool, folder: Path) -> dict:
-    """Return `Track`'s arrays, length and width from a file's content.
+def read_centreline(keys: CentrelineKeys, folder: Path) -> dict:
+    """Return `Track`'s arrays, length and width from a file's keys.
 
     Args:
-        content: content of the track's file.
-        closed: whether the road is a closed loop.
+        keys: keys of the track's file.
         folder: folder of the track's file, in which a survey lies.
 
     Raises:
         InputError: a value is wrong, a loop does not close, a bend is too tight for the car,
             or two parts of the road are too near each other.
     """
-    kinds = [kind for kind in KINDS if content.get(kind) is not None]
-    if len(kinds) > 1:
-        raise InputError(f"{kinds[1]}: {kinds[0]} is given, too; keep one of them")
-    kind = kinds[0] if kinds else "points"
-    if kind == "segments":
-        segments = _segments(content["segments"])
-        _check_extent(kind, segment_points(segments), closed=False)
+    kind, *others = [name for name in KINDS if getattr(keys, name) is not None] or ["points"]
+    if others:
+        raise InputError(f"{others[0]}: {kind} is given, too; keep one of them")
+    closed, fine = keys.closed, 200
+    if keys.segments is not None:
+        moves = [one.move for one in keys.segments]
+        ends = segment_points(moves)
+        _check_extent(kind, ends)
         if closed:
-            _check_closing(segments)
-        points, fine = follow_segments(segments, closed), 20
-    elif kind == "survey":
-        survey = read_survey(content["survey"], folder)
-        kind = f"survey {content['survey']}"
-        reckoned = survey_points(survey, closed)
-        _check_extent(kind, reckoned, closed=False)
+            _check_closing(moves, ends[-1])
+        points, fine = follow_segments(moves, closed), 20
+    elif keys.survey is not None:
+        survey = read_survey(keys.survey, folder)
+        kind = f"survey {keys.survey}"
+        ends = survey_points(survey, closed)
+        _check_extent(kind, ends)
         if closed:
-            _check_gap(kind, *(reckoned[-1] - reckoned[0])[:2])
-        points, fine = follow_survey(survey, closed), 200
+            _check_gap(kind, *(ends[-1] - ends[0])[:2])
+        points = follow_survey(survey, closed)
     else:
-        points, fine = _points(content.get("points"), closed), 200
+        points = _points(keys)
     centreline = make_centreline(points, closed, fine)
-    if centreline["length"] > MOST_LENGTH_M:
-        raise InputError(_too_long(kind, centreline["length"]))
     _check_bends(kind, centreline)
-    usual, widths = _widths(content, centreline, closed)
+    usual, widths = _widths(keys, centreline)
     bridge = _bridges(kind, centreline, widths / 2, closed)
     return {**centreline, "closed": closed, "width": usual, "widths": widths, "bridge": bridge}
 
 
-def _points(given: object, closed: bool) -> np.ndarray:
-    points = read_rows("points", given, 3, "[x, y, z]")
-    if closed and len(points) < 4:
-        raise InputError(f"points: {len(points)} points; a closed loop needs 4 or more")
-    if len(points) < 2:
-        raise InputError(f"points: {len(points)} points; an open road needs 2 or more")
-    if len(points) > MOST_POINTS:
-        raise InputError(f"points: {len(points):,} points; use at most {MOST_POINTS:,}")
-    _check_extent("points", points, closed)
-    ends = points[:1] if closed else points[:0]
-    steps = np.linalg.norm(np.diff(np.vstack([points, ends]), axis=0)[:, :2], axis=1)
+def _points(keys: CentrelineKeys) -> np.ndarray:
+    points, least = np.array(keys.points or []).reshape(-1, 3), 4 if keys.closed else 2
+    if len(points) < least:
+        road = "a closed loop" if keys.closed else "an open road"
+        raise InputError(f"points: {len(points)} points; {road} needs {least} or more")
+    ends = np.vstack([points, points[:1]]) if keys.closed else points
+    _check_extent("points", ends)
+    steps = np.linalg.norm(np.diff(ends, axis=0)[:, :2], axis=1)
     if steps.min() < 1:
         where = int(steps.argmin()) + 1
-        advice = "; the loop closes by itself, so do not repeat the first one" if closed else ""
         raise InputError(
-            f"points: numbers {where} and {where % len(points) + 1} are less than 1 m apart{advice}"
+            f"points: numbers {where} and {where % len(points) + 1} are less than 1 m apart; a "
+            "loop closes by itself, so do not repeat its first point"
         )
     return points
 
 
-def _segments(given: object) -> list[Segment]:
-    if not isinstance(given, list) or not given:
-        raise InputError("segments: must be a list such as [{straight: 80}, {left: 45, ...}]")
-    if len(given) > MOST_POINTS:
-        raise InputError(f"segments: {len(given):,} segments; use at most {MOST_POINTS:,}")
-    return [_segment(f"segments, number {at}", one) for at, one in enumerate(given, start=1)]
-
-
-def _segment(place: str, given: object) -> Segment:
-    ways = [
-        way for way in ("straight", "left", "right") if isinstance(given, dict) and way in given
-    ]
-    if len(ways) != 1:
-        raise InputError(
-            f"{place}: {given}; must have one of straight (metres), left or right (degrees, with "
-            "radius)"
-        )
-    way = ways[0]
-    known = (way, "climb") if way == "straight" else (way, "radius", "climb")
-    check_keys(f"{place}: ", given, known)
-    climb = read_number(f"{place}: climb", given.get("climb", 0), -1e4, 1e4)
-    if way == "straight":
-        return Segment(
-            read_number(f"{place}: straight", given[way], 0.1, MOST_LENGTH_M), 0.0, climb
-        )
-    degrees = read_number(f"{place}: {way}", given[way], 0.1, MOST_DEGREES)
-    radius = read_number(f"{place}: radius", given.get("radius"), 1, MOST_SIDE_M)
-    turn = math.radians(degrees)
-    return Segment(radius * turn, turn if way == "left" else -turn, climb)
-
-
-def _check_closing(segments: list[Segment]) -> None:
+def _check_closing(moves: Segments, end: np.ndarray) -> None:
     """Raise InputError for segments whose end is not their start."""
-    gap = segment_points(segments)[-1]
-    _check_gap("segments", gap[0], gap[1])
-    turned = math.degrees(sum(one.turn for one in segments))
+    _check_gap("segments", end[0], end[1])
+    turned = math.degrees(sum(turn for _, turn, _ in moves))
     if abs(turned / 360 - round(turned / 360)) * 360 > 2:
         raise InputError(
             f"segments: the road turns {turned:.1f} degrees to the left; a closed loop turns a "
             "multiple of 360: change a bend, or set closed: false"
         )
-    if abs(gap[2]) > CLOSING_M:
+    if abs(end[2]) > CLOSING_M:
         raise InputError(
-            f"segments: the road ends {gap[2]:+.1f} m above its start; a closed loop needs a sum "
+            f"segments: the road ends {end[2]:+.1f} m above its start; a closed loop needs a sum "
             f"of climbs of 0, within {CLOSING_M:g} m"
         )
 
@@ -199,24 +205,16 @@ def _check_gap(kind: str, x: float, y: float) -> None:
         )
 
 
-def _check_extent(kind: str, points: np.ndarray, closed: bool) -> None:
-    """Raise InputError for points that would need gigabytes of memory."""
-    sides = np.ptp(points[:, :2], axis=0)
-    if sides.max() > MOST_SIDE_M:
+def _check_extent(kind: str, points: np.ndarray) -> None:
+    """Raise InputError for points of a short road, or of one that would need gigabytes."""
+    side = np.ptp(points[:, :2], axis=0).max()
+    length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    if side > MOST_SIDE_M:
+        raise InputError(f"{kind}: extend over {side:,.0f} m; use at most {MOST_SIDE_M:,} m")
+    if not SHORTEST_M <= length <= MOST_LENGTH_M:
         raise InputError(
-            f"{kind}: extend over {sides.max():,.0f} m, more than {MOST_SIDE_M:,} m; give them in "
-            "metres"
+            f"{kind}: the road is {length:,.0f} m long; must be {SHORTEST_M:g}..{MOST_LENGTH_M} m"
         )
-    ends = points[:1] if closed else points[:0]
-    length = np.linalg.norm(np.diff(np.vstack([points, ends]), axis=0), axis=1).sum()
-    if length > MOST_LENGTH_M:
-        raise InputError(_too_long(kind, length))
-    if not closed and length < SHORTEST_M:
-        raise InputError(f"{kind}: the road is {length:.0f} m long; needs {SHORTEST_M:.0f} m")
-
-
-def _too_long(kind: str, length: float) -> str:
-    return f"{kind}: the road is {length:,.0f} m long, more than {MOST_LENGTH_M:,} m; shorten it"
 
 
 def _check_bends(kind: str, centreline: dict) -> None:
@@ -229,28 +227,21 @@ def _check_bends(kind: str, centreline: dict) -> None:
         )
 
 
-def _widths(content: dict, centreline: dict, closed: bool) -> tuple[float, np.ndarray]:
+def _widths(keys: CentrelineKeys, centreline: dict) -> tuple[float, np.ndarray]:
     """Return the usual width and the width at each sample, in metres."""
-    given = content.get("widths")
     distance, length = centreline["distance"], centreline["length"]
-    if given is None:
-        usual = read_number("width", content.get("width", 6.4), *WIDTHS)
+    if keys.widths is None:
+        usual = keys.width or 6.4
         return usual, np.full(len(distance), usual)
-    table = read_rows("widths", given, 2, "[station, width]")
-    if not 1 <= len(table) <= MOST_POINTS:
-        raise InputError(f"widths: {len(table):,} rows; must have 1..{MOST_POINTS:,}")
-    for at, (station, width) in enumerate(table.tolist(), start=1):
-        read_number(f"widths, number {at}: station", station, 0, length)
-        read_number(f"widths, number {at}: width", width, *WIDTHS)
-    late = np.flatnonzero(np.diff(table[:, 0]) <= 0)
+    station, width = np.array(keys.widths).T
+    late = np.flatnonzero((np.diff(station, prepend=-1) <= 0) | (station > length))
     if len(late):
-        raise InputError(f"widths, number {late[0] + 2}: stations must increase")
-    period = length if closed else None
-    widths = np.interp(distance, table[:, 0], table[:, 1], period=period)
-    usual = content.get("width")
-    if usual is None:
-        return float(widths.mean()), widths
-    return read_number("width", usual, *WIDTHS), widths
+        raise InputError(
+            f"widths, number {late[0] + 1}: station {station[late[0]]:g}; stations must increase, "
+            f"up to the road's length, {length:.1f} m"
+        )
+    widths = np.interp(distance, station, width, period=length if keys.closed else None)
+    return keys.width or float(widths.mean()), widths
 
 
 def _bridges(kind: str, centreline: dict, half_widths: np.ndarray, closed: bool) -> np.ndarray:

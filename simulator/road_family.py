@@ -10,16 +10,17 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import AfterValidator, Field, create_model
 
 from simulator.centreline_keys import MOST_POINTS
 from simulator.closing import closing_segments
-from simulator.track import Track
-from simulator.track_content import VERGES, make_track
+from simulator.track import GroundKind, Track, VergeKind
+from simulator.track_content import make_track
 from simulator.track_names import DRAWN, road_folder
-from simulator.yaml_values import check_choice, check_keys, read_number
+from simulator.yaml_fields import Keys, number, read_keys
 from zoo.base.bounded_files import read_yaml
 from zoo.base.errors import InputError
 
@@ -28,7 +29,6 @@ MOST_DRAWS = 300
 # Limits of all draws of a road, in metres and in segments; the included families stay below them.
 MOST_DRAWN_M, MOST_DRAWN_SEGMENTS = 600_000, 100_000
 MOST_SEED = 2**31 - 1
-GROUNDS = ("sand", "grass", "forest")
 # Smallest and largest value of each range; a road's own file has the same limits.
 RANGES = {
     "length": (60.0, 20_000.0),
@@ -53,13 +53,41 @@ SCENERY = {
     "sun": (0.3, 2.0),
     "brightness": (0.3, 2.0),
 }
-COUNTS = ("trees", "bushes", "rocks")
-FACTORS = ("sun", "brightness")
-KEYS = (*RANGES, *SHARES, "widening", "verges", "surroundings")
+DIGITS = {"trees": 0, "bushes": 0, "rocks": 0, "sun": 2, "brightness": 2}  # others have 1
 LONGEST_M = 120.0  # length of a bend; one of a large radius turns less than `degrees`
 SHORTEST_M = 10.0  # length of the last segment
 TURNS = ("straight", "left", "right")  # keys of a segment that its length is proportional to
 TURN_BACK_DEG = 60.0  # a road that has turned this far mostly turns back
+
+
+def _ordered(ends: tuple[float, float]) -> tuple[float, float]:
+    if ends[0] > ends[1]:
+        raise ValueError("must be [smallest, largest]")
+    return ends
+
+
+def _ranges(limits: dict[str, tuple[float, float]]) -> dict[str, Any]:
+    """Return pydantic's definitions of fields that are ranges within limits."""
+    ends = {key: Annotated[float, number(*limits[key])] for key in limits}
+    return {
+        key: (Annotated[tuple[end, end], AfterValidator(_ordered)], ...)
+        for key, end in ends.items()
+    }
+
+
+Grounds = Annotated[tuple[GroundKind, ...], Field(min_length=1)]
+_SceneryKeys = create_model(
+    "_SceneryKeys", __base__=Keys, ground=(Grounds, ("sand",)), **_ranges(SCENERY)
+)
+_FamilyKeys = create_model(
+    "_FamilyKeys",
+    __base__=Keys,
+    **_ranges(RANGES),
+    **dict.fromkeys(SHARES, (Annotated[float, number(0, 1)], ...)),
+    widening=(Annotated[float, number(0, 10)], ...),
+    verges=(dict[VergeKind, Annotated[float, number(0, 1e3)]], ...),
+    surroundings=(_SceneryKeys, ...),
+)
 
 
 @dataclass(frozen=True)
@@ -112,35 +140,22 @@ def find_family(name: str) -> RoadFamily:
 
 
 def _read_family(path: Path) -> RoadFamily:
+    content = read_yaml(path)
     try:
-        content = read_yaml(path)
-        check_keys("", content, KEYS)
-        surroundings = content.get("surroundings", {})
-        check_keys("surroundings: ", surroundings, (*SCENERY, "ground"))
-        verges = content.get("verges")
-        check_keys("verges: ", verges, VERGES)
-        if not any(verges.values()):
+        keys = read_keys(_FamilyKeys, content)
+        if not any(keys.verges.values()):
             raise InputError("verges: give one kind or more a weight above 0")
-        grounds = surroundings.get("ground", ["sand"])
-        if not isinstance(grounds, list) or not grounds:
-            kinds = ", ".join(GROUNDS)
-            raise InputError(f"surroundings: ground: {grounds!s:.200}; must be a list of {kinds}")
-        for ground in grounds:
-            check_choice("surroundings: ground", ground, GROUNDS)
-        return RoadFamily(
-            path,
-            {key: _range(key, content.get(key), *RANGES[key]) for key in RANGES},
-            {key: read_number(key, content.get(key), 0, 1) for key in SHARES},
-            read_number("widening", content.get("widening"), 0, 10),
-            {kind: read_number(f"verges: {kind}", verges[kind], 0, 1e3) for kind in verges},
-            {
-                key: _range(f"surroundings: {key}", surroundings.get(key), *SCENERY[key])
-                for key in SCENERY
-            },
-            tuple(grounds),
-        )
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
+    return RoadFamily(
+        path,
+        {key: getattr(keys, key) for key in RANGES},
+        {key: getattr(keys, key) for key in SHARES},
+        keys.widening,
+        keys.verges,
+        {key: getattr(keys.surroundings, key) for key in SCENERY},
+        keys.surroundings.ground,
+    )
 
 
 def draw_road(family: RoadFamily, seed: int) -> Track:
@@ -312,16 +327,6 @@ def _stretches(family: RoadFamily, rng: np.random.Generator, length: float) -> l
 
 def _surroundings(family: RoadFamily, rng: np.random.Generator) -> dict:
     found = {key: rng.uniform(*family.scenery[key]) for key in SCENERY}
-    digits = dict.fromkeys(COUNTS, 0) | dict.fromkeys(FACTORS, 2)
-    rounded = {key: round(value, digits.get(key, 1)) for key, value in found.items()}
+    rounded = {key: round(value, DIGITS.get(key, 1)) for key, value in found.items()}
     ground = family.grounds[int(rng.integers(len(family.grounds)))]
     return {"seed": int(rng.integers(10_000)), "ground": ground, **rounded}
-
-
-def _range(key: str, value: object, low: float, high: float) -> tuple[float, float]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise InputError(f"{key}: {value!s:.200}; must be [smallest, largest]")
-    first, last = (read_number(key, one, low, high) for one in value)
-    if first > last:
-        raise InputError(f"{key}: {value}; the smallest value must come first")
-    return first, last

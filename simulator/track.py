@@ -1,19 +1,30 @@
 """A track: a closed loop or an open road, and the place of a car on it."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple, get_args
 
 import numpy as np
+from pydantic import Field
 
 from simulator.centreline import STEP_M
+from simulator.yaml_fields import Keys, Whole, number
 
 REACH_M = 20.0  # a search near a place covers this distance along the road, both ways
+# Limits that keep the centreline and the ground within memory.
+MOST_LENGTH_M = 100_000
+MOST_CIRCLES = Field(max_length=100)
+
+VergeKind = Literal["paved", "kerb", "stripes", "dirt", "wall", "rock", "drop"]
+VERGES = get_args(VergeKind)
+GroundKind = Literal["sand", "grass", "forest"]
+Size = Annotated[float, number(0, 1e4)]
+Radius = Annotated[float, Field(gt=0), number(0, 2_000)]
+Coordinate = Annotated[float, number(-1e9, 1e9)]
 
 
-@dataclass(frozen=True)
-class Verge:
+class Verge(Keys):
     """The kinds of ground beside the road, left and right.
 
     `paved`: shoulder, then grass. `kerb`: shoulder and pale kerb. `stripes`: red and white kerb.
@@ -21,48 +32,49 @@ class Verge:
     `drop`: steep descent.
     """
 
-    left: str = "paved"
-    right: str = "paved"
+    left: VergeKind = "paved"
+    right: VergeKind = "paved"
 
 
-WALLS = Verge("wall", "wall")
+WALLS = Verge(left="wall", right="wall")
 
 
-@dataclass(frozen=True)
-class Stretch:
+class Stretch(Verge):
     """A part of the lap, in metres from the start, with another paving or verge."""
 
-    start: float
-    end: float
-    paving: str = "asphalt"
-    verge: Verge = field(default_factory=Verge)
+    start: Annotated[float, number(0, MOST_LENGTH_M)] = Field(alias="from")
+    end: Annotated[float, number(0, MOST_LENGTH_M)] = Field(alias="to")
+    paving: Literal["asphalt", "cobbles"] = "asphalt"
 
 
-@dataclass(frozen=True)
-class Surroundings:
+class Surroundings(Keys):
     """The landscape around the road; counts are for the whole world, lengths in metres."""
 
-    seed: int = 1
-    hills: float = 14.0  # height of the highest hill above the road
-    hill_size: float = 90.0
-    calm: float = 14.0  # distance from the centreline within which the ground is level
-    lakes: tuple[tuple[float, float, float], ...] = ()  # x, y, radius
-    water_level: float = -3.0
-    mounds: tuple[tuple[float, float, float, float], ...] = ()  # x, y, radius, height
-    sun_turn_deg: float = 0.0  # added to every weather's azimuth of the sun
-    sun_lift_deg: float = 0.0  # added to every weather's elevation of the sun
-    sun: float = 1.0  # factor on every weather's sun
-    brightness: float = 1.0  # factor on every weather's brightness
-    kerb_width: float = 1.8
-    kerb_height: float = 0.4
-    stripes_width: float = 1.6
-    taper: float = 0.0  # length over which a rock face or a drop begins and ends
-    clear: float = 10.5  # smallest distance of a tree from the centreline
-    trees: int = 200
-    bushes: int = 60
-    rocks: int = 30
-    poles: int = 0
-    ground: str = "sand"  # sand, grass or forest
+    seed: Whole = 1
+    hills: Size = 14.0  # height of the highest hill above the road
+    hill_size: Annotated[float, number(1, 1e4)] = 90.0
+    calm: Size = 14.0  # distance from the centreline within which the ground is level
+    # x, y, radius
+    lakes: Annotated[tuple[tuple[Coordinate, Coordinate, Radius], ...], MOST_CIRCLES] = ()
+    water_level: Annotated[float, number(-1e4, 1e4)] = -3.0
+    # x, y, radius, height
+    mounds: Annotated[
+        tuple[tuple[Coordinate, Coordinate, Radius, Coordinate], ...], MOST_CIRCLES
+    ] = ()
+    sun_turn_deg: Size = 0.0  # added to every weather's azimuth of the sun
+    sun_lift_deg: Annotated[float, number(-90, 1e4)] = 0.0  # added to every weather's elevation
+    sun: Size = 1.0  # factor on every weather's sun
+    brightness: Size = 1.0  # factor on every weather's brightness
+    kerb_width: Size = 1.8
+    kerb_height: Size = 0.4
+    stripes_width: Size = 1.6
+    taper: Size = 0.0  # length over which a rock face or a drop begins and ends
+    clear: Size = 10.5  # smallest distance of a tree from the centreline
+    trees: Whole = 200
+    bushes: Whole = 60
+    rocks: Whole = 30
+    poles: Whole = 0
+    ground: GroundKind = "sand"
 
 
 @dataclass(frozen=True)
@@ -174,8 +186,7 @@ class Track:
         """Return the verges at a distance; a bridge has walls."""
         if self.on_bridge(distance):
             return WALLS
-        stretch = self.stretch_at(distance)
-        return stretch.verge if stretch else self.verge
+        return self.stretch_at(distance) or self.verge
 
     def on_bridge(self, distance: float) -> bool:
         """Return whether the road stands on a bridge at a distance."""

@@ -235,17 +235,17 @@ TRACKS: dict[str, tuple[Callable[[dict], None], str]] = {
         lambda one: one.update(points=[[100 * v for v in p] for p in one["points"]]),
         "points: extend over",
     ),
-    "many points": (many_points, "points: 10,001 points; use at most 10,000"),
+    "many points": (many_points, "points: must have at most 10000 items"),
     "long": (
         lambda one: one.update(
             points=[[x, y, 0.0] for x in range(0, 9000, 40) for y in range(0, 3000, 1500)]
         ),
         "road",
     ),
-    "NaN lake": (change("surroundings", {"lakes": [[1.0, float("nan"), 9.0]]}), "lakes: "),
+    "NaN lake": (change("surroundings", {"lakes": [[1.0, float("nan"), 9.0]]}), "lakes, number 1"),
     "no lake": (change("surroundings", {"lakes": float("nan")}), "lakes: "),
-    "large lake": (change("surroundings", {"lakes": [[0, 0, 1e8]]}), "lakes: "),
-    "lakes": (change("surroundings", {"lakes": [[0, 0, 9]] * 101}), "lakes: .*101"),
+    "large lake": (change("surroundings", {"lakes": [[0, 0, 1e8]]}), "lakes, number 1"),
+    "lakes": (change("surroundings", {"lakes": [[0, 0, 9]] * 101}), "lakes: .*at most 100"),
     "NaN width": (change("width", float("nan")), "width: "),
 }
 

@@ -15,8 +15,8 @@ from simulator.scenery.mesh import Mesh, cut, grid_triangles, join
 from simulator.scenery.plants import boulder_meshes, place_standing
 from simulator.scenery.road import road_meshes
 from simulator.scenery.textures import MEANS, halvings, make_textures
-from simulator.track import Track
-from simulator.track_content import VERGES, make_track
+from simulator.track import VERGES, Track
+from simulator.track_content import make_track
 from simulator.track_file import read_track, track_folder, track_names
 from simulator.weather import Weather
 from simulator.world import Start, World
