@@ -38,11 +38,11 @@ class _Sweeper(Sweeper):
 
 
 class GridSweeper(_Sweeper):
-    """A sweeper over all combinations; see `zoo.sweep.grid`."""
+    """A sweeper over all combinations; see `zoo.sweep.jobs`."""
 
     def sweep(self, arguments: list[str]) -> None:
         """Train every combination of the overrides."""
-        from zoo.sweep.grid import sweep_grid
+        from zoo.sweep.jobs import sweep_grid
 
         sweep_grid(arguments, self.config, self.hydra_context, self.launcher)
 
@@ -50,15 +50,14 @@ class GridSweeper(_Sweeper):
 class OptunaSweeper(_Sweeper):
     """A sweeper over the proposals of Optuna; see `zoo.sweep.search`."""
 
-    def __init__(self, **settings: object) -> None:
-        self.settings = settings
+    def __init__(self, **_: object) -> None:
+        """Take the settings, which `zoo.sweep.search` reads from the config."""
 
     def sweep(self, arguments: list[str]) -> None:
         """Train the configurations that Optuna proposes."""
-        from zoo.sweep.search import SearchSettings, sweep_search
+        from zoo.sweep.search import sweep_search
 
-        settings = SearchSettings(**self.settings)
-        sweep_search(arguments, settings, self.config, self.hydra_context, self.launcher)
+        sweep_search(arguments, self.config, self.hydra_context, self.launcher)
 
 
 class RayLauncher(Launcher):

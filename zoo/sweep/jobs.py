@@ -1,21 +1,30 @@
-"""The jobs of a sweep: launch them all, report how each ended, and find those that were killed."""
+"""The jobs of a sweep: compose and launch them all, and report how each ended."""
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.plugins.launcher import Launcher
+from hydra.types import HydraContext
+from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from zoo.base.errors import InputError
+from zoo.base.terminal import print_line
+from zoo.leaderboard.ranking_table import folder_label
 from zoo.leaderboard.scored import finished_run
 from zoo.runs.status import is_alive, read_status, write_status
-from zoo.sweep.sweep_record import varying
+from zoo.sweep.saved_sweep import check_job
+from zoo.sweep.sweep_record import add_to_record, log_digest, varying
 
+SERIAL = "basic"  # launcher that runs the jobs one by one, each of which prints its own progress
 DONE = ("finished", "pruned")
-POLL_S, WATCH_S = 1.0, 0.5
+POLL_S = 0.5
 DIED = "its process ended without an error: it was killed, or memory ran out"
 
 Launch = Callable[[Sequence["Job"]], None]
@@ -30,9 +39,116 @@ class Job:
     folder: Path
 
     @property
-    def is_done(self) -> bool:
-        """Return whether the job has finished or was pruned."""
-        return read_status(self.folder).get("status") in DONE
+    def status(self) -> str | None:
+        """Return whether the job is running, finished, pruned or failed."""
+        return read_status(self.folder).get("status")
+
+
+def sweep_grid(
+    arguments: list[str], config: DictConfig, context: HydraContext, launcher: Launcher
+) -> None:
+    """Run every combination of values that is not done yet.
+
+    Raises:
+        HydraException, OmegaConfBaseException: a job's config is invalid; no job has run.
+        InputError: an override is an interval, or the launcher cannot start a job.
+    """
+    folder = Path(config.hydra.sweep.dir)
+    parsed = OverridesParser.create(config_loader=context.config_loader).parse_overrides(arguments)
+    for override in parsed:
+        if override.is_sweep_override() and not override.is_discrete_sweep():
+            raise InputError(
+                f"{override.get_key_element()}: a grid needs a list of values, not an interval; "
+                "list values, or let Optuna choose them with hydra/sweeper=optuna"
+            )
+    (combinations,) = BasicSweeper.split_arguments(parsed, None)
+    jobs = [
+        Job(number, tuple(overrides), folder / str(number))
+        for number, overrides in enumerate(combinations)
+    ]
+    data = recordings_of([job.overrides for job in jobs], config, context)
+    add_to_record(folder, jobs=[list(job.overrides) for job in jobs], data=data)
+    run_jobs(jobs, config, launcher, sweep_console(folder))
+
+
+def sweep_console(folder: Path) -> Console:
+    """Return the console of a sweep, on which its folder is printed."""
+    console = Console(soft_wrap=True)
+    print_line(console, f"sweep: {folder_label(folder, Path.cwd())}")
+    return console
+
+
+def recordings_of(
+    jobs: Sequence[Sequence[str]],
+    config: DictConfig,
+    context: HydraContext,
+    added: Sequence[str] = (),
+) -> dict[str, str | None]:
+    """Compose every job, to report mistakes before the first job starts.
+
+    Args:
+        jobs: overrides of each job.
+        config: config of the sweep.
+        context: Hydra's loaders.
+        added: overrides that a search added, see `check_job`.
+
+    Returns:
+        By folder of each recording that the jobs read, the digest of its log.
+    """
+    digests: dict[str, str | None] = {}
+    for overrides in jobs:
+        job = context.config_loader.load_sweep_config(config, list(overrides))
+        check_job(overrides, job, added)
+        root = job.data.get("root") or OmegaConf.select(job, "data.record.out")
+        for path in root if OmegaConf.is_list(root) else [root]:
+            if path is not None and str(path) not in digests:
+                digests[str(path)] = log_digest(str(path))
+    return digests
+
+
+def run_jobs(jobs: Sequence[Job], config: DictConfig, launcher: Launcher, console: Console) -> None:
+    """Run jobs by one of Hydra's launchers; each job's folder is its number."""
+
+    def launch(some: Sequence[Job]) -> None:
+        overrides = [[*job.overrides, f"hydra.sweep.subdir='{job.number}'"] for job in some]
+        launcher.launch(overrides, initial_job_idx=some[0].number)
+
+    serial = config.hydra.runtime.choices["hydra/launcher"] == SERIAL
+    with contextlib.nullcontext() if serial else watched(jobs, console):
+        launch_all(launch, jobs, console)
+
+
+@contextlib.contextmanager
+def watched(jobs: Sequence[Job], console: Console) -> Iterator[None]:
+    """Print a line when a job ends; parallel jobs print only to their log files."""
+    varied = varying([job.overrides for job in jobs])
+    before = {job: read_status(job.folder) for job in jobs}
+    waiting = [job for job in jobs if job.status not in DONE]
+    over = threading.Event()
+
+    def report_ended() -> None:
+        for job in list(waiting):
+            status = read_status(job.folder)
+            if status != before[job] and status.get("status") != "running":
+                waiting.remove(job)
+                print_line(
+                    console,
+                    f"{len(jobs) - len(waiting)}/{len(jobs)}  job {job.number} "
+                    f"({varied[job.overrides]}): {result_text(job.folder)}",
+                )
+
+    def poll() -> None:
+        while not over.wait(POLL_S):
+            report_ended()
+
+    thread = threading.Thread(target=poll, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        report_ended()
 
 
 def result_text(folder: Path) -> str:
@@ -43,86 +159,36 @@ def result_text(folder: Path) -> str:
         return ": ".join(filter(None, [status.get("status"), status.get("reason")]))
     figures = [] if run.autonomy is None else [f"autonomy {run.autonomy:.1%}"]
     figures += [] if run.val_mse is None else [f"val MSE {run.val_mse:.4f}"]
-    return f"finished in {run.wall_s:.0f} s" + "".join(f", {figure}" for figure in figures)
-
-
-@contextmanager
-def watched(jobs: Sequence[Job], console: Console) -> Iterator[None]:
-    """Print a line when a job ends; parallel jobs print only to their log files."""
-    before = {job: read_status(job.folder) for job in jobs}
-    stopped = threading.Event()
-    varied = varying([job.overrides for job in jobs])
-    reported = {job for job in jobs if job.is_done}
-    count = len(reported)
-    lock = threading.Lock()
-
-    def report_ended() -> None:
-        nonlocal count
-        with lock:
-            for job in jobs:
-                status = read_status(job.folder)
-                if job in reported or status == before[job] or status.get("status") == "running":
-                    continue
-                reported.add(job)
-                count += 1
-                line = f"{count}/{len(jobs)}  job {job.number} ({varied[job.overrides]}): "
-                line += result_text(job.folder)
-                console.print(line, highlight=False, markup=False)
-
-    def poll() -> None:
-        while not stopped.wait(WATCH_S):
-            report_ended()
-
-    thread = threading.Thread(target=poll, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        stopped.set()
-        thread.join()
-        report_ended()
+    return ", ".join([f"finished in {run.wall_s:.0f} s", *figures])
 
 
 def launch_all(launch: Launch, jobs: Sequence[Job], console: Console) -> None:
     """Launch each job that is not done once, and wait for jobs that another process trains.
 
-    When one process of a pool is killed, the launcher can end the whole pool. Each job that was
-    training then runs again alone, so that only the job at fault fails.
+    When one process of a pool is killed, the launcher can end the whole pool: the jobs that it had
+    not started are launched again.
 
     Raises:
         InputError: the launcher cannot start any job.
     """
-    waiting = [job for job in jobs if not job.is_done and not is_alive(job.folder)]
+    waiting = [job for job in jobs if job.status not in DONE and not is_alive(job.folder)]
     while waiting:
         before = {job: read_status(job.folder) for job in waiting}
-        broken = _try_launch(launch, waiting)
+        broken = None
+        try:
+            launch(waiting)
+        except Exception as error:  # launchers raise their own errors, and some raise a job's
+            broken = error
         _wait(waiting, console)
-        died = [job for job in waiting if read_status(job.folder).get("status") == "running"]
-        if broken and len(waiting) > 1:
-            for job in died:
-                console.print(
-                    f"job {job.number}: {DIED}; running it again, alone",
-                    highlight=False,
-                    markup=False,
-                )
-                _try_launch(launch, [job])
-        for job in died:
-            if read_status(job.folder).get("status") == "running" and not is_alive(job.folder):
+        for job in waiting:
+            if job.status == "running":
                 write_status(job.folder, "failed", reason=DIED)
         untouched = [job for job in waiting if read_status(job.folder) == before[job]]
-        if broken and len(untouched) == len(waiting):
-            reason = _last_line(broken)
+        if broken and untouched == waiting:
+            reason = f"{type(broken).__name__}: {str(broken).strip()}".splitlines()[-1].strip()
             raise InputError(f"the launcher could not start a job: {reason}") from broken
         waiting = untouched if broken else []
     _wait(jobs, console)
-
-
-def _try_launch(launch: Launch, jobs: Sequence[Job]) -> Exception | None:
-    try:
-        launch(jobs)
-    except Exception as error:  # launchers raise their own errors, and some raise a job's
-        return error
-    return None
 
 
 def _wait(jobs: Sequence[Job], console: Console) -> None:
@@ -130,17 +196,10 @@ def _wait(jobs: Sequence[Job], console: Console) -> None:
     alive = [job for job in jobs if is_alive(job.folder)]
     for job in alive:
         status = read_status(job.folder)
-        console.print(
+        print_line(
+            console,
             f"job {job.number}: waiting for process {status.get('pid')} on {status.get('host')}, "
             "which is training it",
-            highlight=False,
-            markup=False,
         )
     while any(is_alive(job.folder) for job in alive):
         time.sleep(POLL_S)
-
-
-def _last_line(error: Exception) -> str:
-    """Return an error's type and last line; the first lines can be empty or a heading."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return f"{type(error).__name__}: {lines[-1]}" if lines else type(error).__name__

@@ -3,69 +3,40 @@
 import time
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import optuna
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import IntervalSweep, Override, RangeSweep
 from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf
+from optuna.distributions import (
+    BaseDistribution,
+    CategoricalDistribution,
+    FloatDistribution,
+    IntDistribution,
+    check_distribution_compatibility,
+)
+from optuna.trial import TrialState
 
 from zoo.base.errors import InputError
+from zoo.base.terminal import print_line
 from zoo.drives.interventions import driving_score
 from zoo.leaderboard.scored import Scored, finished_run
 from zoo.runs.status import read_status
-from zoo.sweep.grid import recordings_of, run_jobs, sweep_console
-from zoo.sweep.jobs import Job
+from zoo.sweep.jobs import Job, recordings_of, run_jobs, sweep_console
+from zoo.sweep.pruning import make_pruner
 from zoo.sweep.saved_sweep import PRUNING
 from zoo.sweep.sweep_record import add_to_record
 
-if TYPE_CHECKING:
-    import optuna
-
 ATTEMPTS = 5
-
-
-@dataclass(frozen=True)
-class SearchSettings:
-    """The keys of `hydra.sweeper` with `hydra/sweeper=optuna`.
-
-    Args:
-        n_trials: total number of trials in the study, from all processes.
-        at_once: number of trials that are chosen together and passed to the launcher.
-        monitor: figure to optimize and to prune by: `drive/score` (autonomy, with ties broken by
-            cross-track error, see `zoo.drives.interventions`) or `drive/autonomy`, both maximized;
-            `drive/cte_mean` or `val/mse`, both minimized.
-        storage: URL of the study's database; processes with the same URL share the study.
-        study: name of the study in the database.
-        sampler: sampler of Optuna: tpe, random or gp.
-        seed: random seed of the sampler; null for a random one. Processes that share a study need
-            null.
-        pruner: rule that ends bad trials early: median, halving or none, see `make_pruner`.
-        startup_trials: number of first trials that are never pruned.
-        warmup_epochs: number of first epochs in which no trial is pruned.
-    """
-
-    n_trials: int = 20
-    at_once: int = 1
-    monitor: str = "drive/score"
-    storage: str = "sqlite:///study.db"
-    study: str = "drivezoo"
-    sampler: str = "tpe"
-    seed: int | None = None
-    pruner: str = "median"
-    startup_trials: int = 4
-    warmup_epochs: int = 2
+MAXIMIZED = ("drive/score", "drive/autonomy")
+MONITORS = (*MAXIMIZED, "drive/cte_mean", "val/mse")
 
 
 def sweep_search(
-    arguments: list[str],
-    settings: SearchSettings,
-    config: DictConfig,
-    context: HydraContext,
-    launcher: Launcher,
+    arguments: list[str], config: DictConfig, context: HydraContext, launcher: Launcher
 ) -> None:
     """Run trials until the study has `n_trials`, first those that a killed process left.
 
@@ -83,8 +54,8 @@ def sweep_search(
         raise InputError(
             "no key to search over; give a key several values, or KEY=interval(1e-4,1e-2)"
         )
-    _check_monitor(settings.monitor, fixed, config, context)
-    search = Search(settings, fixed, space, folder)
+    _check_monitor(config.hydra.sweeper.monitor, fixed, config, context)
+    search = Search(config.hydra.sweeper, fixed, space, folder)
     add_to_record(folder, search=True, data=recordings_of([fixed], config, context))
     console = sweep_console(folder)
     numbers = search.own_trials(running=True) or search.ask()
@@ -95,7 +66,7 @@ def sweep_search(
         run_jobs(jobs, config, launcher, console)
         for job in jobs:
             search.report(job)
-        console.print(search.state(), highlight=False, markup=False)
+        print_line(console, search.state())
         numbers = search.ask()
     jobs = map(search.job, search.own_trials())
     add_to_record(folder, jobs=[list(job.overrides) for job in jobs])
@@ -105,7 +76,7 @@ class Search:
     """The trials that one sweep adds to an Optuna study.
 
     Args:
-        settings: settings of the sweeper.
+        settings: settings of the sweeper, see `conf/hydra/sweeper/optuna.yaml`.
         fixed: overrides of every trial.
         space: distribution of each key that is searched.
         folder: folder of the sweep.
@@ -115,34 +86,27 @@ class Search:
     """
 
     def __init__(
-        self, settings: SearchSettings, fixed: Sequence[str], space: dict, folder: Path
+        self, settings: DictConfig, fixed: Sequence[str], space: dict, folder: Path
     ) -> None:
         self.settings, self.fixed, self.space, self.folder = settings, fixed, space, folder
         self.study = _open_study(settings)
-        self._check_space()
+        place = f"{settings.storage}: the study {settings.study}"
         earlier = self.study.user_attrs.get("monitor", settings.monitor)
         if earlier != settings.monitor:
             raise InputError(
-                f"{settings.storage}: the study {settings.study} optimizes {earlier}, not "
-                f"{settings.monitor}; set hydra.sweeper.monitor={earlier}, or name another study "
-                "with hydra.sweeper.study=NAME"
+                f"{place} optimizes {earlier}, not {settings.monitor}; set "
+                f"hydra.sweeper.monitor={earlier}, or name another with hydra.sweeper.study=NAME"
             )
-        self.study.set_user_attr("monitor", settings.monitor)
-
-    def _check_space(self) -> None:
-        """Refuse values that differ from the study's, before a trial is created."""
-        from optuna.distributions import check_distribution_compatibility
-
         for trial in self.study.get_trials(deepcopy=False):
-            for key in trial.distributions.keys() & self.space.keys():
+            for key in trial.distributions.keys() & space.keys():
                 try:
-                    check_distribution_compatibility(trial.distributions[key], self.space[key])
+                    check_distribution_compatibility(trial.distributions[key], space[key])
                 except ValueError:
                     raise InputError(
-                        f"{self.settings.storage}: the study {self.settings.study} has other "
-                        f"values for {key} than this command; name another with "
+                        f"{place} has other values for {key} than this command; name another with "
                         "hydra.sweeper.study=NAME"
                     ) from None
+        self.study.set_user_attr("monitor", settings.monitor)
 
     def own_trials(self, running: bool = False) -> list[int]:
         """Return the numbers of this sweep's trials, of all or of those that have not ended."""
@@ -187,8 +151,6 @@ class Search:
 
     def report(self, job: Job) -> None:
         """Pass a job's figure to the study, or that it was pruned or failed."""
-        from optuna.trial import TrialState
-
         status = read_status(job.folder).get("status")
         value = _value(job.folder, self.settings.monitor) if status == "finished" else None
         ended = TrialState.PRUNED if status == "pruned" else TrialState.FAIL
@@ -205,11 +167,7 @@ class Search:
         return f"study: {len(states)} of {self.settings.n_trials} trials, {counted}{best}"
 
 
-def _open_study(settings: SearchSettings, attempt: int = 1) -> "optuna.Study":
-    import optuna
-
-    from zoo.sweep.pruning import make_pruner
-
+def _open_study(settings: DictConfig, attempt: int = 1) -> optuna.Study:
     samplers = {
         "tpe": optuna.samplers.TPESampler,
         "random": optuna.samplers.RandomSampler,
@@ -227,7 +185,7 @@ def _open_study(settings: SearchSettings, attempt: int = 1) -> "optuna.Study":
         return optuna.create_study(
             storage=settings.storage,
             study_name=settings.study,
-            direction="maximize" if _is_better_high(settings.monitor) else "minimize",
+            direction="maximize" if settings.monitor in MAXIMIZED else "minimize",
             sampler=samplers[settings.sampler](seed=settings.seed),
             load_if_exists=True,
         )
@@ -245,15 +203,12 @@ def _value(folder: Path, monitor: str) -> float | None:
     run = finished_run(folder)
     if run is None:
         return None
-    scored = {
-        "drive/score": _score(run),
-        "drive/autonomy": run.autonomy,
-        "drive/cte_mean": run.cte_m,
-    }.get(monitor)
+    driven = {"drive/score": _score(run), "drive/autonomy": run.autonomy}
+    scored = (driven | {"drive/cte_mean": run.cte_m}).get(monitor)
     if scored is not None:
         return scored
     by_epoch = run.curves.get(monitor, {}).values()
-    return (max if _is_better_high(monitor) else min)(by_epoch, default=None)
+    return (max if monitor in MAXIMIZED else min)(by_epoch, default=None)
 
 
 def _score(run: Scored) -> float | None:
@@ -265,18 +220,12 @@ def _score(run: Scored) -> float | None:
     return sum(scores) / len(scores)
 
 
-def _distribution(override: Override) -> "optuna.distributions.BaseDistribution":
+def _distribution(override: Override) -> BaseDistribution:
     """Convert an override to Optuna's distribution of its values.
 
     `1,2` is a choice; `range(1,9)` has steps; `interval(1e-4,1e-2)` is continuous; `tag(log,...)`
     draws on a logarithmic scale.
     """
-    from optuna.distributions import (
-        CategoricalDistribution,
-        FloatDistribution,
-        IntDistribution,
-    )
-
     value, key = override.value(), override.get_key_element()
     log = "log" in getattr(value, "tags", ())
     try:
@@ -295,16 +244,11 @@ def _distribution(override: Override) -> "optuna.distributions.BaseDistribution"
 def _check_monitor(
     monitor: str, fixed: Sequence[str], config: DictConfig, context: HydraContext
 ) -> None:
-    known = ("drive/score", "drive/autonomy", "drive/cte_mean", "val/mse")
-    if monitor not in known:
-        raise InputError(f"hydra.sweeper.monitor={monitor}: must be one of {', '.join(known)}")
+    if monitor not in MONITORS:
+        raise InputError(f"hydra.sweeper.monitor={monitor}: must be one of {', '.join(MONITORS)}")
     job = context.config_loader.load_sweep_config(config, list(fixed))
     if monitor.startswith("drive/") and not OmegaConf.select(job, "callbacks.closed_loop"):
         raise InputError(
             f"hydra.sweeper.monitor={monitor}: the training has no drives; add "
             "callbacks=closed_loop, or set hydra.sweeper.monitor=val/mse"
         )
-
-
-def _is_better_high(monitor: str) -> bool:
-    return monitor in ("drive/score", "drive/autonomy")

@@ -13,7 +13,7 @@ from rich.console import Console
 from zoo.base.errors import InputError, StoppedError
 from zoo.base.new_folder import is_held, written_folder
 from zoo.base.parts import typed_parts
-from zoo.base.terminal import command_line
+from zoo.base.terminal import command_line, print_line
 from zoo.base.whole_file import refuse_links_out
 from zoo.base.written_files import note_files
 from zoo.cli.compose import conf_folder, quote, quote_paths
@@ -52,19 +52,20 @@ def sweep(arguments: list[str]) -> None:
     """
     arguments = [word for word in arguments if word not in MULTIRUN]
     refuse_missing(arguments)
-    named = any(word.startswith(FOLDER_KEY) for word in arguments)
     what = [word for word in arguments if not word.startswith(FOLDER_KEY)]
     if any(word.startswith("hydra.sweep.subdir") for word in what):
         raise InputError(
             "hydra.sweep.subdir: cannot be set, a job's folder is its number; remove the override"
         )
-    folder = _composed_folder(arguments)
-    console = wide_console()
-    if named and (folder / records.NAME).is_file():
-        _check_same(folder, what)
-    elif not named:
-        found = find_unfinished(what, console)
-        folder = found or folder
+    folder, console = _composed_folder(arguments), wide_console()
+    if what == arguments:
+        folder = find_unfinished(what, console) or folder
+    elif (folder / records.NAME).is_file():
+        record = records.read_record(folder)
+        if not records.is_same(record, what):
+            typed = command_line(record.arguments)
+            raise InputError(f"{folder}: holds another sweep ({typed}); name another folder")
+        _refuse_changed(folder, record)
     finished = (folder / records.NAME).is_file() and _all_done(folder)
     run_sweep(folder, what, console, finished)
 
@@ -93,16 +94,14 @@ def go_on(folder: Path, more: list[str]) -> None:
             f"{wrong[0]}: cannot change when a sweep is resumed; only hydra/launcher, "
             "hydra.launcher..., hydra.sweeper.n_trials and trust can; start a new sweep"
         )
-    changed = records.what_changed(record)
-    if changed:
-        raise InputError(f"{folder}: {changed}; start a new sweep")
+    _refuse_changed(folder, record)
     keys = {word.partition("=")[0] for word in more}
     kept = [word for word in record.arguments if word.partition("=")[0] not in keys]
     if "hydra/launcher" in keys:  # another launcher does not take the earlier one's settings
         kept = [word for word in kept if not word.startswith("hydra.launcher")]
     refuse_missing([*kept, *more])
     console = wide_console()
-    console.print(_resuming_line(folder, record), highlight=False, markup=False)
+    print_line(console, _resuming_line(folder, record))
     with resumed_from(saved):
         run_sweep(folder, [*kept, *more], console, finished=_all_done(folder) and not more)
 
@@ -120,8 +119,7 @@ def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bo
                 named = f"{FOLDER_KEY}{quote(str(folder.resolve()))}"
                 _run_hydra([*quote_paths(arguments, sweep=True), named])
             except KeyboardInterrupt:
-                again = ["drivezoo", "sweep", f"resume={folder}", *typed_parts()]
-                again = command_line(again)
+                again = command_line(["drivezoo", "sweep", f"resume={folder}", *typed_parts()])
                 raise StoppedError(f"stopped; resume with the same command, or: {again}") from None
             except Exception:
                 if is_new:
@@ -153,17 +151,10 @@ def conclude(folder: Path, console: Console) -> None:
 def refuse_missing(arguments: list[str]) -> None:
     """Raise InputError if a chosen launcher or sweeper is not installed."""
     for choice, (module, extra) in OPTIONAL_MODULES.items():
-        if choice in arguments and not _is_installed(module):
+        if choice in arguments and importlib.util.find_spec(module) is None:
             raise InputError(
                 f"{choice}: a package is not installed; pip install 'drivezoo[{extra}]'"
             )
-
-
-def _is_installed(module: str) -> bool:
-    try:
-        return importlib.util.find_spec(module) is not None
-    except ModuleNotFoundError:  # the parent package is missing
-        return False
 
 
 def _composed_folder(arguments: list[str]) -> Path:
@@ -176,15 +167,9 @@ def _composed_folder(arguments: list[str]) -> Path:
         return Path(compose("config", quote_paths(own), return_hydra_config=True).hydra.sweep.dir)
 
 
-def _check_same(folder: Path, arguments: list[str]) -> None:
-    record = records.read_record(folder)
-    if not records.is_same(record, arguments):
-        raise InputError(
-            f"{folder}: holds another sweep ({command_line(record.arguments)}); name another folder"
-        )
-    changed = records.what_changed(record)
-    if changed:
-        raise InputError(f"{folder}: {changed}; name another folder")
+def _refuse_changed(folder: Path, record: records.SweepRecord) -> None:
+    if changed := records.what_changed(record):
+        raise InputError(f"{folder}: {changed}; start a new sweep in another folder")
 
 
 def find_unfinished(arguments: list[str], console: Console) -> Path | None:
@@ -202,25 +187,21 @@ def find_unfinished(arguments: list[str], console: Console) -> Path | None:
             continue
         changed = records.what_changed(record)
         if changed:
-            line = f"{folder}: same command, but {changed}; starting a new sweep"
-            console.print(line, highlight=False, markup=False)
+            print_line(console, f"{folder}: same command, but {changed}; starting a new sweep")
             return None
         if record.search and is_held(folder):
             continue  # another process uses this folder; processes of one study have one each
-        console.print(_resuming_line(folder, record), highlight=False, markup=False)
+        print_line(console, _resuming_line(folder, record))
         return folder
     return None
 
 
 def _resuming_line(folder: Path, record: records.SweepRecord) -> str:
-    statuses = [read_status(job).get("status") for job in records.job_folders(folder)]
-    done = sum(status in DONE for status in statuses)
-    failed = statuses.count("failed")
+    done = sum(read_status(job).get("status") in DONE for job in records.job_folders(folder))
     count = f" of {len(record.jobs)}" if record.jobs is not None else ""
-    again = f", {failed} failed and run again" if failed else ""
     return (
         f"resuming the sweep of {record.started[:16].replace('T', ' ')}: {done}{count} jobs are "
-        f"done{again}; for a new sweep add {FOLDER_KEY}FOLDER"
+        f"done; for a new sweep add {FOLDER_KEY}FOLDER"
     )
 
 

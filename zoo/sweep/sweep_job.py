@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import traceback
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +14,7 @@ from filelock import FileLock
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, open_dict
 
-from zoo.base.child_process import child_environment, module_command, wait_for_parent
+from zoo.base.child_process import child_environment, module_command
 from zoo.base.errors import InputError, PrunedError, StoppedError
 from zoo.base.verbosity import is_verbose
 from zoo.base.whole_file import write_whole
@@ -24,12 +23,8 @@ from zoo.cli.console_progress import loading
 from zoo.cli.process_ranks import needs_processes
 from zoo.runs.saved_config import TRUST, find_refusals
 from zoo.runs.status import is_beating, mark_run, read_status, write_status
-from zoo.sweep.jobs import DONE, result_text
+from zoo.sweep.jobs import DONE, SERIAL, result_text
 from zoo.sweep.sweep_record import read_record, varying
-
-SERIAL = "basic"
-ORPHAN_WATCH = "orphan watch"
-_training = threading.Lock()
 
 
 def run_job(config: DictConfig) -> float:
@@ -55,7 +50,7 @@ def run_job(config: DictConfig) -> float:
     else:
         _set_up_worker(config)
     try:
-        with _training, contextlib.nullcontext() if whole else _output_to(folder / "log.txt"):
+        with contextlib.nullcontext() if whole else _output_to(folder / "log.txt"):
             if needs_processes(config):
                 return _train_in_subprocess(config, folder)
             return _train(config, folder)
@@ -67,7 +62,11 @@ def run_job(config: DictConfig) -> float:
         if not isinstance(error, InputError):
             write_whole(folder / "error.txt", traceback.format_exc())
         if read_status(folder).get("status") != "failed":
-            write_status(folder, "failed", reason=_first_line(error))
+            write_status(
+                folder,
+                "failed",
+                reason=(str(error).strip() or type(error).__name__).splitlines()[0],
+            )
         return float("nan")
     finally:
         if serial and not whole:
@@ -87,25 +86,9 @@ def _set_up_worker(config: DictConfig) -> None:
     """Prepare a process that a launcher started, one of several on the machine."""
     # joblib sets a start method of its own, which fails in subprocesses of its workers.
     multiprocessing.set_start_method(multiprocessing.get_all_start_methods()[0], force=True)
-    if not any(thread.name == ORPHAN_WATCH for thread in threading.enumerate()):
-        watch = threading.Thread(
-            target=_exit_without_parent, args=(os.getppid(),), name=ORPHAN_WATCH
-        )
-        watch.daemon = True
-        watch.start()
     if config.get("score") and not config.score.get("workers"):
         with open_dict(config.score):
             config.score.workers = 1  # not one per core: the other jobs drive on the same cores
-
-
-def _exit_without_parent(parent: int) -> None:
-    """End this process, after its current job, when the sweep's process is gone.
-
-    A pool's process would otherwise wait for work forever after its sweep was killed.
-    """
-    wait_for_parent(parent)
-    with _training:
-        os._exit(0)
 
 
 def _claim(folder: Path) -> bool:
@@ -126,9 +109,8 @@ def _train(config: DictConfig, folder: Path) -> float:
         from zoo.training.run import run_experiment
 
     threads = torch.get_num_threads()
-    if "SLURM_CPUS_PER_TASK" in os.environ:  # torch would use all cores of the node
-        threads = int(os.environ["SLURM_CPUS_PER_TASK"])
-    torch.set_num_threads(threads)
+    # On a node of Slurm torch would use all cores.
+    torch.set_num_threads(int(os.environ.get("SLURM_CPUS_PER_TASK", threads)))
     try:
         return run_experiment(config, folder, resume=True)
     finally:
@@ -169,8 +151,3 @@ def _output_to(path: Path) -> Iterator[None]:
         contextlib.redirect_stderr(log),
     ):
         yield
-
-
-def _first_line(error: Exception) -> str:
-    lines = str(error).strip().splitlines()
-    return lines[0] if lines else type(error).__name__

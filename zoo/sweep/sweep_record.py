@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Sequence
 from datetime import datetime
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 
 from pydantic import Field
@@ -108,14 +108,12 @@ def what_changed(record: SweepRecord) -> str | None:
     """Return which recording or package has changed since the sweep began; None if none has."""
     for root, digest in record.data.items():
         now = log_digest(root)
-        if digest is not None and now is None:
-            return f"there is no recording in {root}, relative to the current folder"
         if digest is not None and now != digest:
-            return f"the recording in {root} has changed since"
+            return f"the recording in {root} {'is missing' if now is None else 'has changed since'}"
+    now = package_versions()
     for name, number in record.versions.items():
-        now = package_versions().get(name)
-        if now != number:
-            return f"{name} was {number} and is now {now}"
+        if now.get(name) != number:
+            return f"{name} was {number} and is now {now.get(name)}"
     return None
 
 
@@ -130,14 +128,8 @@ def log_digest(root: str) -> str | None:
 
 
 def package_versions() -> dict[str, str]:
-    """Return the versions of the packages in `VERSIONS` that are installed."""
-    found = {}
-    for name in VERSIONS:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
+    """Return the versions of the packages in `VERSIONS`."""
+    return {name: version(name) for name in VERSIONS}
 
 
 def _training_overrides(arguments: Iterable[str]) -> list[str]:
