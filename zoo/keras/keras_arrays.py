@@ -14,7 +14,7 @@ import numpy as np
 
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most, check_unpacked
-from zoo.keras.keras_model import LayerConfig
+from zoo.keras.keras_model import KerasLayer
 
 CONTAINERS = ("layers", "_layer_checkpoint_dependencies")  # of Keras 3, and of 2.12 to 2.15
 Named = tuple[str, np.ndarray]
@@ -51,7 +51,7 @@ class WeightsFile:
             for group in [_child(self.group, name, self.source)]
         ]
 
-    def arrays_of(self, model: LayerConfig) -> dict[int, list[np.ndarray]]:
+    def arrays_of(self, model: KerasLayer) -> dict[int, list[np.ndarray]]:
         """Return the arrays of each plain layer of a model, by the `id` of its config.
 
         Raises:
@@ -68,7 +68,7 @@ class WeightsFile:
             found.update(self._legacy(one, groups))
         return found
 
-    def _legacy(self, layer: LayerConfig, groups: dict) -> dict[int, list[np.ndarray]]:
+    def _legacy(self, layer: KerasLayer, groups: dict) -> dict[int, list[np.ndarray]]:
         arrays = groups.get(layer.name)
         if not layer.children:
             return {} if arrays is None else {id(layer): [array for _, array in arrays]}
@@ -87,7 +87,7 @@ class WeightsFile:
             found[id(owners[0])].append(array)
         return found
 
-    def _in_order(self, model: LayerConfig, groups: dict) -> dict[int, list[np.ndarray]]:
+    def _in_order(self, model: KerasLayer, groups: dict) -> dict[int, list[np.ndarray]]:
         """Return arrays by the order of layers, as Keras loads weights with other layer names."""
         leaves = list(model.leaves())
         offset = 1 if leaves[0].kind == "InputLayer" and len(groups) == len(leaves) - 1 else 0
@@ -99,7 +99,7 @@ class WeightsFile:
         pairs = zip(leaves[offset:], groups.values(), strict=True)
         return {id(leaf): [array for _, array in arrays] for leaf, arrays in pairs}
 
-    def _keras_3(self, model: LayerConfig, group: Any) -> Iterator[tuple[int, list[np.ndarray]]]:
+    def _keras_3(self, model: KerasLayer, group: Any) -> Iterator[tuple[int, list[np.ndarray]]]:
         container = next((one for one in CONTAINERS if one in group), None)
         if container is None:
             return

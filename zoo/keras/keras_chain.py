@@ -8,13 +8,7 @@ from zoo.base.errors import InputError
 from zoo.base.limits import is_ordinary
 from zoo.keras.keras_lambda import LEAST, WORDS, describe_lambda, specs_of_word
 from zoo.keras.keras_model import KerasLayer, KerasModel
-from zoo.keras.keras_specs import (
-    RECURRENT,
-    Spec,
-    UnknownValueError,
-    operator_specs,
-    specs_of,
-)
+from zoo.keras.keras_specs import RECURRENT, Spec, UnknownValueError, operator_specs, specs_of
 
 Scale = tuple[float, float]
 
@@ -40,13 +34,13 @@ class Chain:
         self.model = model
         self.scale = (float(scale[0]), float(scale[1])) if scale is not None else None
         self._given = self.scale is not None
-        self._words = list(lambdas or [])
         self._scaled = False  # whether a layer of the file was taken as the scale
+        self._words = list(lambdas or [])
         self.specs: list[Spec] = []
         self.owners: list[int] = []
         self.understood: list[str] = []
         for index, layer in enumerate(model.layers):
-            found, understood = self._layer(index, layer)
+            found, understood = self._layer(layer, f"{model.path}: {self.label(index)}")
             self.specs += found
             self.owners += [index] * len(found)
             self.understood.append(understood)
@@ -72,12 +66,23 @@ class Chain:
         total = len(self.model.layers)
         return f"layer {index + 1} of {total}, {layer.name!s:.60} ({layer.kind!s:.60})"
 
-    def _layer(self, index: int, layer: KerasLayer) -> tuple[list[Spec], str]:
-        label = f"{self.model.path}: {self.label(index)}"
+    def _layer(self, layer: KerasLayer, label: str) -> tuple[list[Spec], str]:
+        """Return a layer's specs, and a text on it."""
+        text = ""
         if layer.kind == "Lambda":
-            return self._lambda(layer, label)
-        if layer.kind == "Normalization":
-            return _normalization(layer, label)
+            found, text = self._lambda(layer, label)
+        elif layer.kind == "Normalization":
+            found = [_normalization(layer, label)]
+        else:
+            found = self._translated(layer, label)
+        if found and found[0]["layer"] == "Rescaling" and self._takes_scale(found[0], label):
+            return [], self._scale_text()
+        is_same = bool(found) and found[0].get("padding") == "same"
+        if is_same and found[0]["layer"] == "Conv2D" and self.model.backend == "theano":
+            found[0]["padding"] = "same_theano"
+        return found, text or _described(found)
+
+    def _translated(self, layer: KerasLayer, label: str) -> list[Spec]:
         operator = layer.config.get("function") if layer.kind == "TFOpLambda" else layer.kind
         try:
             found = operator_specs(str(operator), layer.constants)
@@ -85,26 +90,19 @@ class Chain:
                 found = specs_of(layer.kind, layer.config, self.model.version)
         except UnknownValueError as error:
             raise InputError(f"{label}: {error}, which cannot be converted") from None
-        if found is None and layer.kind in RECURRENT:
-            raise InputError(
-                f"{label}: needs several frames in a row; only networks of one image are converted"
-            )
         if found is None:
-            raise InputError(
-                f"{label}: is an unknown layer; replace it in Keras, and save the model again"
-            )
-        if found and found[0]["layer"] == "Rescaling" and self._takes_scale(found[0], label):
-            return [], self._scale_text()
-        if self.model.backend == "theano" and found and found[0]["layer"] == "Conv2D":
-            same = found[0].get("padding") == "same"
-            found[0] |= {"padding": "same_theano"} if same else {}
-        return found, _described(found)
+            what = "is an unknown layer; replace it in Keras, and save the model again"
+            if layer.kind in RECURRENT:
+                what = "needs several frames in a row; only networks of one image are converted"
+            raise InputError(f"{label}: {what}")
+        return found
 
     def _lambda(self, layer: KerasLayer, label: str) -> tuple[list[Spec], str]:
         word, holds = describe_lambda(layer.config)
         if word is None and self._words:
             word = str(self._words.pop(0))
-        elif word is None and self._takes_given_scale():
+        elif word is None and self._given and not self._scaled and self._is_at_input():
+            self._scaled = True
             return [], f"taken as {self._scale_text()}; holds {holds}"
         if word is None:
             raise InputError(
@@ -115,15 +113,7 @@ class Chain:
         found = specs_of_word(word)
         if found is None:
             raise InputError(f"{label}: lambdas={word!s:.60}: is none of {WORDS}; correct it")
-        if found and found[0]["layer"] == "Rescaling" and self._takes_scale(found[0], label):
-            return [], self._scale_text()
         return found, word
-
-    def _takes_given_scale(self) -> bool:
-        """Take an unclear Lambda as the scale that the user set, if it is the first scale."""
-        takes = self._given and not self._scaled and self._is_at_input()
-        self._scaled = self._scaled or takes
-        return takes
 
     def _is_at_input(self) -> bool:
         return all(one["layer"] in BEFORE_SCALE for one in self.specs)
@@ -156,26 +146,25 @@ class Chain:
         return True
 
 
-def _normalization(layer: KerasLayer, label: str) -> tuple[list[Spec], str]:
+def _normalization(layer: KerasLayer, label: str) -> Spec:
     """Return the spec of a layer that subtracts a mean and divides by a deviation."""
     constants = [layer.config.get("mean"), layer.config.get("variance")]
     arrays = layer.arrays[:2] if len(layer.arrays) > 1 else constants
     try:
         mean, variance = (np.asarray(one, np.float64).reshape(-1) for one in arrays)
+        if layer.config.get("invert") or len(mean) != len(variance):
+            raise ValueError
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{label}: has no mean and variance; save the model again") from None
-    if layer.config.get("invert") or len(mean) != len(variance):
-        raise InputError(f"{label}: has settings that cannot be converted")
+        raise InputError(
+            f"{label}: has no mean and variance that can be converted; save the model again"
+        ) from None
     factor = 1 / np.maximum(np.sqrt(np.maximum(variance, 0)), 1e-7)
-    spec = {"layer": "Rescaling", "scale": factor.tolist(), "offset": (-mean * factor).tolist()}
-    return [spec], _described([spec])
+    return {"layer": "Rescaling", "scale": factor.tolist(), "offset": (-mean * factor).tolist()}
 
 
 def _described(specs: list[Spec]) -> str:
-    if not specs:
-        return "no effect in driving"
-    parts = []
-    for spec in specs:
-        values = [f"{key}={value}" for key, value in spec.items() if key != "layer"]
-        parts.append(" ".join([spec["layer"], *values]))
-    return ", ".join(parts).replace(", ", ",")
+    parts = [
+        " ".join([spec["layer"], *(f"{k}={value}" for k, value in spec.items() if k != "layer")])
+        for spec in specs
+    ]
+    return ", ".join(parts).replace(", ", ",") or "no effect in driving"

@@ -15,15 +15,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import numpy as np
-
 from zoo.base.archive import open_archive
 from zoo.base.bounded_files import MOST_JSON_BYTES, MOST_LEVELS, check_text, parse_json, read_text
 from zoo.base.errors import InputError
 from zoo.base.process_pool import LOOK_S, KilledProcessError, ProcessPool
 from zoo.base.regular_file import open_binary
 from zoo.keras.keras_arrays import WeightsFile
-from zoo.keras.keras_model import KerasLayer, LayerConfig, read_architecture
+from zoo.keras.keras_model import KerasLayer, read_architecture
 from zoo.keras.keras_model import KerasModel as KerasModel
 
 MOST_BYTES = 4_000_000_000
@@ -36,19 +34,15 @@ CONFIG, METADATA, WEIGHTS = "config.json", "metadata.json", "model.weights.h5"  
 
 
 def read_keras(
-    path: str | Path,
-    weights: str | Path | None = None,
-    find_json: bool = True,
-    as_chain: bool = True,
+    path: str | Path, weights: str | Path | None = None, as_chain: bool = True
 ) -> KerasModel:
     """Return a model that Keras 1, 2 or 3 saved.
 
     Args:
         path: `.h5`, `.keras` or `.json` file.
         weights: `.h5` file for a `.json`; None to find it in the same folder.
-        find_json: whether a `.h5` file of weights alone gets the `.json` with its name, or
-            `model.json`, in the same folder.
-        as_chain: whether to refuse a model that is no chain of layers.
+        as_chain: whether to refuse a model that is no chain of layers, and to look for the `.json`
+            of a `.h5` file of weights alone in the same folder.
 
     Raises:
         InputError: h5py is not installed; a file is missing, damaged, too large, or not of Keras;
@@ -57,12 +51,12 @@ def read_keras(
     path = Path(path)
     if path.suffix.lower() == ".json":
         found = Path(weights) if weights is not None else _weights_of(path)
-        return replace(_read_h5(found, path, as_chain=as_chain), path=path)
+        return replace(_read_h5(found, path, as_chain), path=path)
     if weights is not None:
         raise InputError(f"{path}: weights={weights} belongs to a .json file; name that file")
     if path.suffix.lower() == ".keras":
         return _read_zip(path, as_chain)
-    return _read_h5(path, None, find_json, as_chain)
+    return _read_h5(path, None, as_chain)
 
 
 def read_keras_apart(path: str | Path, *arguments: Any) -> KerasModel:
@@ -76,6 +70,7 @@ def read_keras_apart(path: str | Path, *arguments: Any) -> KerasModel:
     path = Path(path)
     size = path.stat().st_size if path.is_file() else 0
     last_s = time.monotonic() + READ_S + size / BYTES_PER_S
+    reason = "does not end reading it"
     with ProcessPool(1) as pool:
         pool.submit(_read, path, arguments, FREE_BYTES + COPIES * size)
         try:
@@ -84,8 +79,6 @@ def read_keras_apart(path: str | Path, *arguments: Any) -> KerasModel:
                     return found
         except KilledProcessError:
             reason = "crashes on it"
-        else:
-            reason = "does not end reading it"
     raise InputError(f"{path}: is damaged: the HDF5 library {reason}; copy it again")
 
 
@@ -97,21 +90,19 @@ def _read(path: Path, arguments: tuple, most_bytes: int, _report: object) -> Ker
     return read_keras(path, *arguments)
 
 
-def _read_h5(
-    path: Path, json: Path | None, find_json: bool = False, as_chain: bool = True
-) -> KerasModel:
-    json_model = None if json is None else _json_model(json)
+def _read_h5(path: Path, json: Path | None, as_chain: bool) -> KerasModel:
+    config = None if json is None else _json_model(json)
     with _naming_damage(path, "HDF5"), open_binary(path, MOST_BYTES) as raw, _hdf5(raw) as file:
-        weights = WeightsFile(file, path, _size(raw))
+        weights = WeightsFile(file, path, raw.seek(0, io.SEEK_END))
         if not weights.is_legacy and not weights.is_keras_3:
             raise InputError(
                 f"{path}: holds no layers of Keras; save the model with model.save('model.h5')"
             )
-        if json_model is None and "model_config" in file.attrs:
-            json_model = _checked_model(weights.attribute("model_config"), path)
-        if json_model is None and find_json and (json := _json_of(path)):
-            json_model = _json_model(json)
-        return _model(path, json_model, weights, as_chain, json)
+        if config is None and "model_config" in file.attrs:
+            config = _checked_model(weights.attribute("model_config"), path)
+        if config is None and as_chain and (json := _json_of(path)):
+            config = _json_model(json)
+        return _model(path, config, weights, as_chain, json)
 
 
 def _read_zip(path: Path, as_chain: bool) -> KerasModel:
@@ -133,38 +124,24 @@ def _model(
     as_chain: bool,
     json: Path | None = None,
 ) -> KerasModel:
-    version = weights.attribute("keras_version") or (config or {}).get("keras_version")
-    backend = weights.attribute("backend") or (config or {}).get("backend")
-    if config is None:
-        if not weights.is_legacy:
-            raise InputError(
-                f"{path}: holds weights without the architecture; name model.json, or save the "
-                "model with model.save('model.h5')"
-            )
-        layers = [
-            KerasLayer(name, "", {}, [array for _, array in arrays])
-            for name, arrays in weights.named_arrays()
-        ]
-    else:
+    facts = config or {}
+    version = weights.attribute("keras_version") or facts.get("keras_version")
+    version = re.match(r"\d", str(version or ("1" if weights.is_legacy else "3")))
+    backend = weights.attribute("backend") or facts.get("backend")
+    if config is not None:
         root = read_architecture(config, json or path, as_chain)
         arrays = weights.arrays_of(root)
-        layers = [_layer(leaf, arrays) for leaf in root.leaves()]
-    return KerasModel(
-        path,
-        _major(version or ("1" if weights.is_legacy else "3")),
-        backend if isinstance(backend, str) else "",
-        layers,
-        config is not None,
-    )
-
-
-def _layer(leaf: LayerConfig, arrays: dict[int, list[np.ndarray]]) -> KerasLayer:
-    return KerasLayer(leaf.name, leaf.kind, leaf.config, arrays.get(id(leaf), []), leaf.constants)
-
-
-def _major(version: object) -> int:
-    found = re.match(r"\d", str(version))
-    return int(found[0]) if found else 1
+        layers = [replace(leaf, arrays=arrays.get(id(leaf), [])) for leaf in root.leaves()]
+    elif weights.is_legacy:
+        groups = weights.named_arrays()
+        layers = [KerasLayer(name, "", {}, [one for _, one in group]) for name, group in groups]
+    else:
+        raise InputError(
+            f"{path}: holds weights without the architecture; name model.json, or save the "
+            "model with model.save('model.h5')"
+        )
+    backend = backend if isinstance(backend, str) else ""
+    return KerasModel(path, int(version[0]) if version else 1, backend, layers, config is not None)
 
 
 def _json_model(path: Path) -> dict:
@@ -201,18 +178,14 @@ def _without_code(node: object, depth: int = 0) -> object:
 def _weights_of(path: Path) -> Path:
     """Return the weights file in the folder of a `.json` file."""
     stem = path.stem
-    usual = [stem, f"{stem}.weights", f"{stem}_weights", f"{stem}-weights", "model", "weights"]
-    for name in usual:
-        for suffix in H5_SUFFIXES:
-            if (beside := path.with_name(name + suffix)).is_file():
-                return beside
-    others = [one for suffix in H5_SUFFIXES for one in sorted(path.parent.glob(f"*{suffix}"))]
-    if len(others) == 1:
-        return others[0]
-    found = f"there are {len(others)}" if others else "there is none"
+    usual = (stem, f"{stem}.weights", f"{stem}_weights", f"{stem}-weights", "model", "weights")
+    files = [one for suffix in H5_SUFFIXES for one in sorted(path.parent.glob(f"*{suffix}"))]
+    found = [one for name in usual for one in files if one.stem == name][:1] or files
+    if len(found) == 1:
+        return found[0]
     raise InputError(
-        f"{path}: its weights are in a .h5 file, and {found} in the folder that could be meant; "
-        f"set weights=FILE.h5, or name it {stem}.h5"
+        f"{path}: its weights are in a .h5 file, and there are {len(found)} in its folder; set "
+        f"weights=FILE.h5, or name it {stem}.h5"
     )
 
 
@@ -242,10 +215,6 @@ def _hdf5(raw: BinaryIO) -> Iterator[Any]:
 
     with h5py.File(raw, "r") as file:
         yield file
-
-
-def _size(raw: BinaryIO) -> int:
-    return raw.seek(0, io.SEEK_END)
 
 
 @contextmanager

@@ -1,15 +1,17 @@
-"""Tell what a Lambda of Keras computes, from the constants and names in its code.
+"""Tell what a Lambda of Keras computes, from the marshalled Python code in its config.
 
-The code is read as data (see `zoo.keras.marshalled_code`) and never run. A Lambda is
-described by a word, which is also what a user sets for an unclear one: see `WORDS`.
+The code is never given to Python's `marshal`, nor run: a reader of its own returns constants, names
+and instructions of Python 2.7 to 3.13 as data (CPython's `Python/marshal.c`). A Lambda is described
+by a word, which is also what a user sets for an unclear one: see `WORDS`.
 """
 
 import base64
 import re
-from contextlib import suppress
+import struct
+from dataclasses import dataclass
+from typing import Any
 
 from zoo.base.limits import is_ordinary
-from zoo.keras.marshalled_code import Code, instructions, read_code
 from zoo.models.image_layers import RESIZE_METHODS
 from zoo.models.value_layers import ACTIVATIONS
 
@@ -19,22 +21,40 @@ WORDS = (
 )
 LEAST = 1e-9  # of a divisor or factor
 GRAY = [0.2989, 0.5870, 0.1140]  # of tf.image.rgb_to_grayscale
-# Operations of x and constants, by Python's numbers before 3.11 and by BINARY_OP's arguments.
-BINARY = {23: "+", 24: "-", 20: "*", 21: "/", 27: "/"}
-BINARY_OP = {0: "+", 10: "-", 5: "*", 11: "/", 13: "+", 23: "-", 18: "*", 24: "/"}
-# Python's numbers of operations, which 3.13 changed: argument, constant, BINARY_OP, return.
-NUMBERS = ((124, 100, 122, 83), (85, 83, 45, 36))
-SKIPPED = ((0, 151), (0, 149))  # CACHE and RESUME
-NEGATIVE, RETURN = 11, 83
-# Python's numbers of calls before 3.13, and of operations that only bring x, names and constants.
-CALLS = (131, 161, 171)
-PLAIN = (0, 2, 100, 102, 103, 106, 116, 124, 151, 160, 166)
+MOST_BYTES, MOST_OBJECTS, MOST_LEVELS, MOST_STEPS = 100_000, 1_000, 20, 100
+# Whole numbers before a code's eight objects, and objects after its first line, in Python 3.11,
+# 3.8, 3.0 and 2.7.
+LAYOUTS = ((5, 2), (6, 1), (5, 1), (4, 1))
+SINGLE = {"N": None, "T": True, "F": False, ".": ...}
+# Instructions as letters, before Python 3.13 and in 3.13: x is the argument, c a constant, b an
+# operator by its argument, n a minus, f a call, t a tuple; others only bring names.
+LETTERS = (
+    {
+        **{124: "x", 100: "c", 122: "b", 23: "+", 24: "-", 20: "*", 21: "/", 27: "/", 11: "n"},
+        **{131: "f", 161: "f", 171: "f", 102: "t", 103: "t", 83: "r"},
+        **dict.fromkeys((0, 2, 106, 116, 151, 160, 166), ""),
+    },
+    {85: "x", 83: "c", 45: "b", 36: "r", 0: "", 149: ""},
+)
+OPERATORS = {0: "+", 10: "-", 5: "*", 11: "/", 13: "+", 23: "-", 18: "*", 24: "/"}
 MODULES = (
     "tf", "tensorflow", "K", "keras", "backend", "math", "image", "nn", "activations", "ktf", "np",
     "compat", "v1", "python", "ops",
 )  # fmt: skip
-# Constants in their order, where the operations are of an unknown Python version.
-KNOWN = {(127.5, 1.0): (127.5, 1.0), (255.0, 0.5): (255.0, 0.5), (255.0,): (255.0, 0.0)}
+
+
+@dataclass(frozen=True)
+class Code:
+    """A function's code: bytecode, constants, and names of globals, modules and attributes.
+
+    Attributes:
+        is_closed: whether it uses no variables of an outer function.
+    """
+
+    instructions: bytes
+    constants: tuple
+    names: list[str]
+    is_closed: bool
 
 
 def describe_lambda(config: dict) -> tuple[str | None, str]:
@@ -44,164 +64,193 @@ def describe_lambda(config: dict) -> tuple[str | None, str]:
         config: the layer's config, from an untrusted file.
     """
     function = config.get("function")
-    if isinstance(function, dict):
-        function = function.get("config", function)
-        function = function.get("code", function) if isinstance(function, dict) else function
-        if isinstance(function, dict):
-            function = function.get("name", "")
-    closure = function[2] if isinstance(function, list) and len(function) > 2 else None
+    if isinstance(function, dict):  # of Keras 3: a name, or a dict with the code
+        function = function.get("config")
+        function = function.get("code") if isinstance(function, dict) else function
     text = function[0] if isinstance(function, list) and function else function
     if not isinstance(text, str):
         return None, "no code in the file"
     if config.get("function_type") == "function" or re.fullmatch(r"[\w.]{1,100}", text):
         return _known_name(text), f"function {text:.60}"
-    code = next((one for data in _decoded(text) if (one := read_code(data))), None)
+    try:  # Keras 2.1 and later
+        data = base64.b64decode(re.sub(r"\s", "", text), validate=True)
+    except ValueError:
+        data = text.encode("raw_unicode_escape")
+    code = read_code(data)
     if code is None:
         return None, "code of an unknown version of Python"
-    shown = [f"{one:g}" for one in _numbers(code.constants)]
-    shown += [str(one) for one in code.names]
-    return (None if closure else _word(code)), ", ".join(shown)[:100] or "nothing"
+    shown = [f"{one:g}" for one in code.constants if type(one) in (int, float)]
+    return _word(code), ", ".join([*shown, *code.names])[:100] or "nothing"
 
 
-def _decoded(text: str) -> list[bytes]:
-    """Return the bytes that a text may stand for, as Keras 2.1 and later, and 1.0 to 2.0, write."""
-    found = []
-    with suppress(ValueError):
-        found.append(base64.b64decode(re.sub(r"\s", "", text), validate=True))
-    for encoding in ("raw_unicode_escape", "latin-1"):
-        with suppress(UnicodeEncodeError):
-            found.append(text.encode(encoding))
-    return found
+def read_code(data: bytes) -> Code | None:
+    """Return the code in marshalled bytes; None if they are no code of a known layout."""
+    for whole, last in LAYOUTS if len(data) <= MOST_BYTES else ():
+        try:
+            reader = _Reader(data, whole, last)
+            found = reader.read(0)
+        except (ValueError, IndexError, TypeError, struct.error):
+            continue
+        if isinstance(found, Code) and reader.at == len(data):
+            return found
+    return None
 
 
-def _known_name(name: str) -> str | None:
-    last = name.rpartition(".")[2]
-    return last if last in ("atan", *ACTIVATIONS) and last != "linear" else None
+class _Reader:
+    """A reader of marshalled objects that returns texts as bytes."""
+
+    def __init__(self, data: bytes, whole: int, last: int) -> None:
+        self.data, self.whole, self.last = data, whole, last
+        self.at = self.count = 0
+        self.shared: list = []  # objects that later ones refer to
+        self.interned: list = []  # of Python 2
+
+    def read(self, depth: int) -> Any:
+        """Return the next object; raise ValueError if it is of an unknown kind."""
+        self.count += 1
+        if depth > MOST_LEVELS or self.count > MOST_OBJECTS:
+            raise ValueError("too many objects")
+        (mark,) = self._take(1)
+        place = len(self.shared)
+        if mark & 0x80:
+            self.shared.append(None)
+        found = self._value(chr(mark & 0x7F), depth)
+        if mark & 0x80:
+            self.shared[place] = found
+        return found
+
+    def _value(self, kind: str, depth: int) -> Any:
+        if kind in SINGLE:
+            return SINGLE[kind]
+        if kind == "i":
+            return self._long()
+        if kind == "g":
+            return struct.unpack("<d", self._take(8))[0]
+        if kind in "Rr":
+            return (self.interned if kind == "R" else self.shared)[self._long()]
+        if kind in "stuaAzZ":
+            text = self._take(self._take(1)[0] if kind in "zZ" else self._long())
+            if kind == "t":
+                self.interned.append(text)
+            return text
+        if kind in "()":
+            length = self._take(1)[0] if kind == ")" else self._long()
+            return tuple(self.read(depth + 1) for _ in range(length))
+        if kind != "c":
+            raise ValueError(f"unknown kind {kind!r}")
+        self._take(4 * self.whole)
+        instructions, constants, names, _, free, *_ = [self.read(depth + 1) for _ in range(8)]
+        self._long()  # first line
+        for _ in range(self.last):
+            self.read(depth + 1)
+        if not isinstance(instructions, bytes) or not isinstance(constants, tuple):
+            raise ValueError("no code")
+        texts = [one.decode("utf-8", "replace") for one in names if isinstance(one, bytes)]
+        # 3.11: a byte of flags for each variable; before: names.
+        outer = [one for one in free if not isinstance(one, int) or one & 0xC0]
+        return Code(instructions, constants, texts, not outer)
+
+    def _take(self, count: int) -> bytes:
+        found = self.data[self.at : self.at + count]
+        if count < 0 or len(found) != count:
+            raise ValueError("truncated")
+        self.at += count
+        return found
+
+    def _long(self) -> int:
+        return struct.unpack("<i", self._take(4))[0]
 
 
 def _word(code: Code) -> str | None:
-    numbers = _numbers(code.constants)
-    if not all(map(is_ordinary, numbers)):
-        return None
-    if code.free or any(isinstance(one, Code) for one in code.constants):
-        return None
-    if code.names:
-        return _word_of_names(code, numbers)
-    line = _straight_line(code) or KNOWN_LINES.get(tuple(numbers))
-    if line is None:
-        return None
-    factor, offset = line
-    return "identity" if line == (1, 0) else f"scale:{_short(1 / factor)}:{_short(-offset)}"
-
-
-KNOWN_LINES = {key: (1 / divisor, -less) for key, (divisor, less) in KNOWN.items()}
-
-
-def _word_of_names(code: Code, numbers: list[float]) -> str | None:
-    """Return the word for code that does nothing but call a function on x."""
-    names = [str(one) for one in code.names]
-    called = [one for one in names if one not in MODULES]
-    calls, products = _calls(code)
-    if any(isinstance(one, str) for one in _flat(code.constants)) or calls is None:
-        return None
-    if called and called[-1] in ("atan", "arctan") and len(numbers) < 2:
-        by_function = calls == 2 and not products and called[0] in ("mul", "multiply")
-        by_sign = calls == 1 and products and len(called) == 1
-        if len(numbers) == 1 and (by_sign or by_function):
-            return f"atan:{_short(numbers[0])}"
-        return "atan" if not numbers and calls == len(called) == 1 and not products else None
-    if calls != 1 or products or len(called) != 1:
-        return None
-    if called == ["rgb_to_grayscale"] and not numbers:
-        return "gray"
-    sizes = [one for one in numbers if one == int(one) and 1 < one <= 4096]
-    if len(sizes) == len(numbers) == 2 and "image" in names:
-        is_old = called[0] in ("resize_images", "resize_bilinear") or "v1" in names
-        if is_old or called[0] == "resize":
-            return f"resize:{sizes[0]:g}:{sizes[1]:g}:{'linear_tf1' if is_old else 'linear'}"
-    return _known_name(called[0]) if not numbers else None
-
-
-def _calls(code: Code) -> tuple[int | None, bool]:
-    """Return the number of calls, and whether the result is a product of the last one.
-
-    None stands for code with any other operation.
-    """
+    """Return the word for code of a known form, in the instructions of any version of Python."""
     for wide in (False, True):
-        found = [one for one in instructions(code, wide) if one[0] not in PLAIN]
-        calls = [one for one in found if one[0] in CALLS]
-        rest = [one for one in found if one[0] not in CALLS]
-        if not found or found[-1][0] != RETURN or len(rest) > 2:
-            continue
-        if len(rest) == 1:
-            return len(calls), False
-        is_product = rest[0][0] == 20 or (rest[0][0] == 122 and rest[0][1] == 5)
-        if is_product and found[-2] == rest[0]:
-            return len(calls), True
-    return None, False
-
-
-def _straight_line(code: Code) -> tuple[float, float] | None:
-    """Return a and b of code that computes a * x + b; None for any other."""
-    for wide in (False, True):
-        for numbers, skipped in zip(NUMBERS, SKIPPED, strict=True):
-            try:
-                found = _run_on_lines(code, wide, numbers, skipped)
-            except (LookupError, ValueError, TypeError, ZeroDivisionError, OverflowError):
+        for letters in LETTERS:
+            form, constants = _form(code, wide, letters)
+            values = [one for many in constants for one in _values(many)]
+            if not code.is_closed or not form.endswith("r") or not all(map(is_ordinary, values)):
                 continue
-            if found is not None and is_ordinary(found[0], least=LEAST) and is_ordinary(found[1]):
-                return found
+            word = _called(code.names, form, values) if code.names else _line(form[:-1], values)
+            if word:
+                return word
     return None
 
 
-def _run_on_lines(
-    code: Code, wide: bool, numbers: tuple[int, ...], skipped: tuple[int, ...]
-) -> tuple[float, float] | None:
-    """Follow the operations with pairs (a, b) in place of tensors a * x + b."""
-    variable, constant, binary, end = numbers
+def _form(code: Code, wide: bool, letters: dict[int, str]) -> tuple[str, list]:
+    """Return the instructions as letters, and the constants that they use; "?" is another.
+
+    Args:
+        code: function's code.
+        wide: whether an instruction takes one or three bytes, as before Python 3.6, not two.
+        letters: table of `LETTERS`.
+    """
+    form, constants, at, data = "", [], 0, code.instructions
+    while at < len(data) and len(form) < MOST_STEPS:
+        operation, argument = data[at], int.from_bytes(data[at + 1 : at + 2 + wide], "little")
+        at += (3 if operation >= 90 else 1) if wide else 2
+        letter = letters.get(operation, "?")
+        if letter == "b":
+            letter = OPERATORS.get(argument, "?")
+        if letter == "c" and argument < len(code.constants):
+            constants.append(code.constants[argument])
+        elif letter == "c" or (letter == "x" and argument):
+            letter = "?"
+        form += letter
+    return form, constants
+
+
+def _values(constant: object) -> tuple:
+    return constant if isinstance(constant, tuple) else (constant,)
+
+
+def _line(form: str, constants: list[float]) -> str | None:
+    """Return the word for a * x + b, from pairs (a, b) in place of the values of a stack."""
+    left = iter(constants)
     stack: list[tuple[float, float]] = []
-    for operation, argument in instructions(code, wide):
-        if operation in skipped:
-            continue
-        if operation == end:
-            return stack.pop() if len(stack) == 1 else None
-        if operation == variable and argument == 0:
-            stack.append((1.0, 0.0))
-        elif operation == constant:
-            stack.append((0.0, float(code.constants[argument])))
-        elif operation == NEGATIVE:
-            a, b = stack.pop()
-            stack.append((-a, -b))
-        elif operation in BINARY or operation == binary:
-            sign = BINARY_OP[argument] if operation == binary else BINARY[operation]
-            right, left = stack.pop(), stack.pop()
-            stack.append(_combined(left, sign, right))
-        else:
-            return None
+    try:
+        for letter in form:
+            if letter in "xc":
+                stack.append((1.0, 0.0) if letter == "x" else (0.0, float(next(left))))
+                continue
+            c, d = stack.pop()
+            a, b = (0.0, 0.0) if letter == "n" else stack.pop()
+            if letter in "+-n":
+                sign = 1 if letter == "+" else -1
+                stack.append((a + sign * c, b + sign * d))
+            elif letter == "*" and not (a and c):
+                stack.append((a * d + c * b, b * d))
+            elif letter == "/" and not c:
+                stack.append((a / d, b / d))
+            else:
+                return None
+        ((factor, offset),) = stack
+    except (IndexError, ValueError, ZeroDivisionError):
+        return None
+    if not is_ordinary(factor, least=LEAST) or not is_ordinary(offset):
+        return None
+    return "identity" if stack == [(1, 0)] else f"scale:{_short(1 / factor)}:{_short(-offset)}"
+
+
+def _called(names: list[str], form: str, numbers: list[float]) -> str | None:
+    """Return the word for code that does nothing but call a function on x."""
+    called = [one for one in names if one not in MODULES]
+    form = form.replace("t", "")
+    if len(called) == 2 and called[0] in ("mul", "multiply") and form in ("xfcfr", "cxffr"):
+        called, form = called[1:], "xfc*r"
+    if form in ("xfc*r", "cxf*r") and called in (["atan"], ["arctan"]):
+        return f"atan:{_short(numbers[0])}"
+    if form == "xfr" and len(called) == 1:
+        return "gray" if called == ["rgb_to_grayscale"] else _known_name(called[0])
+    sizes = [f"{one:g}" for one in numbers if one == int(one) and 1 < one <= 4096]
+    is_resize = called in (["resize"], ["resize_images"], ["resize_bilinear"]) and "image" in names
+    if is_resize and form in ("xcfr", "xccfr") and len(sizes) == len(numbers) == 2:
+        is_old = called != ["resize"] or "v1" in names
+        return f"resize:{':'.join(sizes)}:{'linear_tf1' if is_old else 'linear'}"
     return None
 
 
-def _combined(
-    left: tuple[float, float], sign: str, right: tuple[float, float]
-) -> tuple[float, float]:
-    (a, b), (c, d) = left, right
-    if sign in "+-":
-        factor = 1 if sign == "+" else -1
-        return a + factor * c, b + factor * d
-    if sign == "*" and not (a and c):
-        return a * d + c * b, b * d
-    if sign == "/" and not c:
-        return a / d, b / d
-    raise ValueError("not a straight line")
-
-
-def _flat(constants: tuple) -> list:
-    inner = (_flat(one) if isinstance(one, tuple) else [one] for one in constants)
-    return [one for many in inner for one in many]
-
-
-def _numbers(constants: tuple) -> list[float]:
-    return [float(one) for one in _flat(constants) if type(one) in (int, float)]
+def _known_name(name: str) -> str | None:
+    last = name.rpartition(".")[2].replace("arctan", "atan")
+    return last if last in ACTIVATIONS and last != "linear" else None
 
 
 def _short(number: float) -> str:
@@ -227,20 +276,21 @@ def specs_of_word(word: str) -> list[dict] | None:
         return None
     if not all(map(is_ordinary, numbers)):
         return None
-    whole = [int(one) for one in numbers if one == one // 1 and abs(one) < 1e6]
-    if name in ("identity", "linear") and not rest:
-        return []
-    if name == "gray" and not rest:
-        return [{"layer": "Gray", "weights": GRAY}]
-    if name == "scale" and len(numbers) == 2 and is_ordinary(numbers[0], least=LEAST):
-        return [{"layer": "Rescaling", "scale": 1 / numbers[0], "offset": -numbers[1]}]
-    if name == "atan" and len(numbers) == 1:
-        specs: list[dict] = [{"layer": "Activation", "activation": "atan"}]
-        return specs if numbers[0] == 1 else [*specs, {"layer": "Rescaling", "scale": numbers[0]}]
-    if name == "resize" and len(rest) == len(whole) == 2:
-        return [{"layer": "Resize", "size": whole, "method": method}]
-    if name == "crop" and len(rest) == len(whole) == 2:
-        return [{"layer": "Cropping2D", "cropping": [whole, [0, 0]]}]
-    if name in ACTIVATIONS and not rest:
-        return [{"layer": "Activation", "activation": name}]
+    whole = [int(one) for one in numbers if one.is_integer()]
+    match name, numbers:
+        case "identity" | "linear", []:
+            return []
+        case "gray", []:
+            return [{"layer": "Gray", "weights": GRAY}]
+        case "scale", [divisor, less] if abs(divisor) >= LEAST:
+            return [{"layer": "Rescaling", "scale": 1 / divisor, "offset": -less}]
+        case "atan", [factor]:
+            specs: list[dict] = [{"layer": "Activation", "activation": "atan"}]
+            return specs if factor == 1 else [*specs, {"layer": "Rescaling", "scale": factor}]
+        case "resize", [_, _] if len(whole) == 2:
+            return [{"layer": "Resize", "size": whole, "method": method}]
+        case "crop", [_, _] if len(whole) == 2:
+            return [{"layer": "Cropping2D", "cropping": [whole, [0, 0]]}]
+        case _, [] if name in ACTIVATIONS:
+            return [{"layer": "Activation", "activation": name}]
     return None

@@ -1,5 +1,6 @@
 """Convert a Keras model to specs and weights of `zoo.models.sequential.Sequential`."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -9,10 +10,7 @@ from torch import Tensor
 from zoo.base.errors import InputError
 from zoo.keras.keras_chain import Chain, Scale
 from zoo.keras.keras_model import KerasModel
-from zoo.keras.keras_specs import (
-    CLASSES,
-    Spec,
-)
+from zoo.keras.keras_specs import Spec, plain_kind
 from zoo.keras.keras_weights import MisfitError, copy_arrays
 from zoo.models.make_network import LimitedParameters
 from zoo.models.sequential import Sequential, build_layers, is_channels_first
@@ -100,24 +98,25 @@ def convert(
         raise InputError(f"{model.path}: {error}") from None
     for owner in sorted(set(owners)):
         own = [modules[index] for index, one in enumerate(owners) if one == owner]
+        layer = model.layers[owner]
+        layer = replace(layer, arrays=[]) if layer.kind == "Normalization" else layer
         try:
-            layer = model.layers[owner]
-            layer = replace(layer, arrays=[]) if layer.kind == "Normalization" else layer
             copy_arrays(layer, torch.nn.Sequential(*own), model, first)
         except MisfitError as error:
-            raise InputError(
-                f"{model.path}: {chain.label(owner)}: {error}{_remedy(error, shape, first)}"
-            ) from None
+            fix = "the file is damaged or of another model: save the model again"
+            if error.follows_input:
+                size_text = by(shape[1:] if first else shape[:2])
+                fix = f"the images of its training were not {size_text}: set size=[rows,columns]"
+            raise InputError(f"{model.path}: {chain.label(owner)}: {error}; {fix}") from None
     notes = _notes(model, chain, shapes, shape)
-    chosen = _output_specs(model, shapes[-1] if shapes else shape, outputs)
-    specs = [*specs, *chosen]
-    rows = shape[1:] if first else shape[:2]
-    channels = shape[0] if first else shape[2]
-    network = Sequential((channels, *rows), specs, chain.scale)
+    specs = [*specs, *_output_specs(model, shapes[-1] if shapes else shape, outputs)]
+    channels, rows, columns = shape if first else (shape[2], *shape[:2])
+    network = Sequential((channels, rows, columns), specs, chain.scale)
     for index, module in enumerate(modules):
         network.layers[index] = module
+    input_shape = (rows, columns, channels)
     return ConvertedKeras(
-        specs, network.state_dict(), (*rows, channels), chain.scale, notes, network.outputs
+        specs, network.state_dict(), input_shape, chain.scale, notes, network.outputs
     )
 
 
@@ -141,19 +140,18 @@ def _input_shape(
     Raises:
         InputError: the file does not have it and `size` is None, or it is not an image's.
     """
-    shape = _saved_shape(model)
-    channels = shape[0 if first else 2] if shape is not None and len(shape) == 3 else None
-    if shape is not None and len(shape) != 3:
+    saved = _saved_shape(model)
+    if len(saved) != 3:
         raise InputError(
-            f"{model.path}: its input is {by(shape)}, not an image of rows, columns and channels; "
+            f"{model.path}: its input is {by(saved)}, not an image of rows, columns and channels; "
             "only networks of one image are converted"
         )
+    channels, rows, columns = saved if first else (saved[2], *saved[:2])
     if channels is None:
         channels = _kernel_channels(model)
-    sides = list(shape[1:] if first else shape[:2]) if shape is not None else [None, None]
-    if None in sides and size is not None:
-        sides = list(size)
-    if None in sides or type(channels) is not int:
+    if size is not None and None in (rows, columns):
+        rows, columns = size
+    if None in (rows, columns) or type(channels) is not int:
         raise InputError(
             f"{model.path}: has no size of its input; set size=[rows,columns] of the images in "
             "its training, such as size=[66,200]"
@@ -163,7 +161,6 @@ def _input_shape(
             f"{model.path}: its input has {channels!s:.20} channels; only images of 1 or 3 "
             "are converted"
         )
-    rows, columns = sides
     if type(rows) is not int or type(columns) is not int or not {rows, columns} <= SIDES:
         raise InputError(
             f"{model.path}: its input of {rows!s:.20} x {columns!s:.20} is not 1 to 4096 pixels"
@@ -171,32 +168,28 @@ def _input_shape(
     return (channels, rows, columns) if first else (rows, columns, channels)
 
 
-def _saved_shape(model: KerasModel) -> list | None:
-    """Return the shape of an image that a layer's config has."""
+def _saved_shape(model: KerasModel) -> list:
+    """Return the shape of an image that a layer's config has; None for each unknown side."""
     for layer in model.layers[:3]:
         for key in ("batch_input_shape", "batch_shape"):
             shape = layer.config.get(key)
             if isinstance(shape, list) and len(shape) > 1:
                 return shape[1:]
-    return None
+    return [None, None, None]
 
 
 def _kernel_channels(model: KerasModel) -> int | None:
-    for layer in model.layers:
-        if layer.arrays:
-            kernel = layer.arrays[0]
-            is_conv = CLASSES.get(layer.kind, layer.kind).endswith("Conv2D") and kernel.ndim == 4
-            return int(kernel.shape[2]) if is_conv else None
-    return None
+    layer = next((one for one in model.layers if one.arrays), None)
+    if layer is None or not plain_kind(layer.kind).endswith("Conv2D") or layer.arrays[0].ndim != 4:
+        return None
+    return int(layer.arrays[0].shape[2])
 
 
 def _output_specs(
     model: KerasModel, shape: tuple[int, ...], outputs: Sequence[str] | None
 ) -> list[Spec]:
     """Return the specs that bring the outputs into the order steering, throttle."""
-    count = 1
-    for one in shape:
-        count *= one
+    count = math.prod(shape)
     flat: list[Spec] = [] if len(shape) == 1 else [{"layer": "Flatten"}]
     if count == 1:
         return flat
@@ -216,10 +209,3 @@ def _output_specs(
         raise InputError(f"{model.path}: outputs={names!s:.100}: known are {', '.join(known)}")
     columns = [names.index(one) for one in known[:2] if one in names]
     return [*flat, {"layer": "Select", "columns": columns}]
-
-
-def _remedy(error: MisfitError, shape: tuple[int, ...], first: bool) -> str:
-    if not error.follows_input:
-        return "; the file is damaged or of another model: save the model again"
-    rows = shape[1:] if first else shape[:2]
-    return f"; the images of its training were not {by(rows)}: set size=[rows,columns]"

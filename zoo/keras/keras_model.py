@@ -4,7 +4,7 @@ The config, of Keras 1, 2 or 3, is JSON from an untrusted file: nothing in it is
 type is an error.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,14 +26,24 @@ class KerasLayer:
         kind: its class; empty if the file has no architecture.
         config: its config.
         arrays: its weights in Keras' order, float32.
-        constants: numbers that an operator of a functional model was called with.
+        constants: numbers that an operator of a functional model was called with, such as
+            `127.5` of `x / 127.5`.
+        children: layers of a nested model; empty for a plain layer.
     """
 
     name: str
     kind: str
     config: dict
-    arrays: list[np.ndarray]
+    arrays: Sequence[np.ndarray] = ()
     constants: tuple[float, ...] = ()
+    children: tuple["KerasLayer", ...] = ()
+
+    def leaves(self) -> Iterator["KerasLayer"]:
+        """Yield the plain layers, nested models' layers in their place."""
+        if not self.children:
+            yield self
+        for child in self.children:
+            yield from child.leaves()
 
 
 @dataclass(frozen=True)
@@ -55,31 +65,7 @@ class KerasModel:
     has_architecture: bool
 
 
-@dataclass(frozen=True)
-class LayerConfig:
-    """A layer's name, class and config, as in the file.
-
-    Attributes:
-        children: layers of a nested model; empty for a plain layer.
-        constants: numbers that an operator of a functional model was called with, such as
-            `127.5` of `x / 127.5`.
-    """
-
-    name: str
-    kind: str
-    config: dict
-    children: tuple["LayerConfig", ...] = ()
-    constants: tuple[float, ...] = ()
-
-    def leaves(self) -> Iterator["LayerConfig"]:
-        """Yield the plain layers, nested models' layers in their place."""
-        if not self.children:
-            yield self
-        for child in self.children:
-            yield from child.leaves()
-
-
-def read_architecture(model: object, source: object, as_chain: bool = True) -> LayerConfig:
+def read_architecture(model: object, source: object, as_chain: bool = True) -> KerasLayer:
     """Return a model with its layers in the order of the data.
 
     Args:
@@ -101,72 +87,57 @@ def read_architecture(model: object, source: object, as_chain: bool = True) -> L
     return found
 
 
-def _layer(entry: object, source: object, as_chain: bool, depth: int) -> LayerConfig:
-    if not isinstance(entry, dict) or depth > 16:
-        raise InputError(f"{source}: its architecture is damaged; copy or save it again")
-    kind, config = entry.get("class_name"), entry.get("config")
-    if not isinstance(kind, str):
-        raise InputError(f"{source}: a layer of its architecture has no class; save it again")
+def _layer(entry: object, source: object, as_chain: bool, depth: int) -> KerasLayer:
+    kind, config = (
+        (entry.get("class_name"), entry.get("config")) if isinstance(entry, dict) else (None, None)
+    )
+    is_model = kind == "Sequential" or kind in GRAPHS
     layers = config.get("layers") if isinstance(config, dict) else config
+    no_layers = is_model and (not isinstance(layers, list) or not layers)
+    if not isinstance(entry, dict) or not isinstance(kind, str) or no_layers or depth > 16:
+        what = f"{kind} without layers" if no_layers else "without classes of layers"
+        raise InputError(f"{source}: its architecture is damaged ({what}); copy or save it again")
     own = config if isinstance(config, dict) else {}
     name = own.get("name", entry.get("name", ""))
     name = name if isinstance(name, str) else ""
-    if kind == "Sequential" or kind in GRAPHS:
-        if not isinstance(layers, list) or not layers:
-            raise InputError(f"{source}: {kind} {name} has no layers; save the model again")
-        children = [_layer(one, source, as_chain, depth + 1) for one in layers]
-        if kind in GRAPHS and as_chain:
-            children = _chain(children, layers, own, source)
-        if shape := own.get("build_input_shape"):  # of a model that was built by its first call
-            start = {"batch_input_shape": shape} | children[0].config
-            children[0] = replace(children[0], config=start)
-        return LayerConfig(name, kind, own, tuple(children))
-    return LayerConfig(name, kind, own, constants=_constants(entry.get("inbound_nodes")))
+    if not is_model or not isinstance(layers, list):
+        return KerasLayer(name, kind, own, constants=_constants(entry.get("inbound_nodes")))
+    children = [_layer(one, source, as_chain, depth + 1) for one in layers]
+    if kind in GRAPHS and as_chain:
+        children = _chain(children, layers, own, source)
+    if shape := own.get("build_input_shape"):  # of a model that was built by its first call
+        start = {"batch_input_shape": shape} | children[0].config
+        children[0] = replace(children[0], config=start)
+    return KerasLayer(name, kind, own, children=tuple(children))
 
 
 def _chain(
-    layers: list[LayerConfig], entries: list[dict], config: dict, source: object
-) -> list[LayerConfig]:
+    layers: list[KerasLayer], entries: list[dict], config: dict, source: object
+) -> list[KerasLayer]:
     """Return a functional model's layers in the order of the data."""
-    for key, what in (("input_layers", "inputs"), ("output_layers", "outputs")):
+    only = "only a chain of layers, with one input and one output, can be converted"
+    for key in ("input_layers", "output_layers"):
         ends = sorted(_sources(config.get(key)))
         if len(ends) > 1:
-            raise InputError(
-                f"{source}: the model has {len(ends)} {what} ({', '.join(ends)!s:.200}); a network "
-                "that drives has one image as input and one list of outputs"
-            )
-    after: dict[str, LayerConfig] = {}
-    starts = []
+            what = f"{len(ends)} {key.removesuffix('_layers')}s ({', '.join(ends)!s:.200})"
+            raise InputError(f"{source}: the model has {what}; {only}")
+    after: dict[str, KerasLayer] = {}
     for layer, entry in zip(layers, entries, strict=True):
-        nodes = entry.get("inbound_nodes")
-        inputs = _sources(nodes)
-        if isinstance(nodes, list) and len(nodes) > 1:
-            raise InputError(f"{source}: {layer.kind} {layer.name} is used more than once{_ONLY}")
-        if len(inputs) > 1:
+        inputs = _sources(entry.get("inbound_nodes")) or [""]
+        if len(inputs) > 1 or inputs[0] in after:
+            other = f", as does {after[inputs[0]].name}" if inputs[0] in after else ""
             raise InputError(
-                f"{source}: {layer.kind} {layer.name} has {len(inputs)} inputs "
-                f"({', '.join(inputs)!s:.200}){_ONLY}"
+                f"{source}: {layer.kind} {layer.name} takes the output of "
+                f"{', '.join(inputs) or 'nothing'!s:.200}{other}; {only}"
             )
-        if not inputs:
-            starts.append(layer)
-        elif inputs[0] in after:
-            raise InputError(
-                f"{source}: {layer.kind} {layer.name} and {after[inputs[0]].name} both take the "
-                f"output of {inputs[0]}{_ONLY}"
-            )
-        else:
-            after[inputs[0]] = layer
-    if len(starts) != 1:
-        raise InputError(f"{source}: the model has {len(starts)} inputs{_ONLY}")
-    chain = starts
-    while (following := after.pop(chain[-1].name, None)) is not None:
+        after[inputs[0]] = layer
+    chain: list[KerasLayer] = []
+    while (following := after.pop(chain[-1].name if chain else "", None)) is not None:
         chain.append(following)
-    if len(chain) != len(layers):
-        raise InputError(f"{source}: the layers after {chain[-1].name} are not connected{_ONLY}")
+    if after:
+        names = ", ".join(one.name for one in after.values())
+        raise InputError(f"{source}: the input does not lead to {names:.200}; {only}")
     return chain
-
-
-_ONLY = "; only a chain of layers can be converted"
 
 
 def _sources(node: object, depth: int = 0) -> list[str]:

@@ -3,7 +3,6 @@
 Values pass as they are: the network checks them when it is built. None stands for the default.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 from zoo.models.value_layers import ACTIVATIONS
@@ -15,115 +14,90 @@ class UnknownValueError(ValueError):
     """An error about a config's value that has no counterpart."""
 
 
-def _first(config: dict, *keys: str) -> Any:
-    """Return the first value that a config has, of several names of a setting."""
-    return next((config[key] for key in keys if config.get(key) is not None), None)
+# The settings of each layer, with Keras 2's names, in the order of a spec.
+CONVOLUTION = "strides padding filters kernel_size dilation_rate use_bias"
+POOL = "pool_size strides padding"
+SETTINGS = {
+    "Conv2D": f"{CONVOLUTION} groups",
+    "SeparableConv2D": f"{CONVOLUTION} depth_multiplier",
+    "DepthwiseConv2D": "strides padding kernel_size dilation_rate use_bias depth_multiplier",
+    "Conv1D": "filters kernel_size strides dilation_rate padding use_bias",
+    "Dense": "units use_bias",
+    "Flatten": "",
+    "Reshape": "target_shape",
+    "Permute": "dims",
+    "MaxPooling2D": POOL,
+    "AveragePooling2D": POOL,
+    "MaxPooling1D": POOL,
+    "AveragePooling1D": POOL,
+    "GlobalAveragePooling2D": "keepdims",
+    "GlobalMaxPooling2D": "keepdims",
+    "BatchNormalization": "axis epsilon momentum center scale",
+    "ELU": "alpha",
+    "LeakyReLU": "alpha",
+    "PReLU": "shared_axes",
+    "ReLU": "max_value negative_slope threshold",
+    "ThresholdedReLU": "theta",
+    "Cropping2D": "cropping",
+    "ZeroPadding2D": "padding",
+    "Rescaling": "scale offset",
+    "Dropout": "rate",
+    "SpatialDropout2D": "rate",
+    "GaussianNoise": "stddev",
+    "GaussianDropout": "rate",
+}
+# The names of a setting in Keras 1 and 3.
+OTHER_NAMES = {
+    "filters": ["nb_filter"],
+    "kernel_size": ["filter_length"],
+    "strides": ["subsample", "subsample_length", "stride"],
+    "dilation_rate": ["atrous_rate"],
+    "padding": ["border_mode"],
+    "use_bias": ["bias"],
+    "units": ["output_dim"],
+    "pool_size": ["pool_length"],
+    "alpha": ["negative_slope"],
+    "rate": ["p"],
+    "stddev": ["sigma"],
+}
+DEFAULTS = {"padding": "valid", "use_bias": True, "groups": 1, "keepdims": False, "center": True,
+            "negative_slope": 0, "threshold": 0}  # fmt: skip
+PAIRS = ("kernel_size", "strides", "dilation_rate", "pool_size")  # of an image: rows and columns
+WITH_ACTIVATION = ("Conv2D", "SeparableConv2D", "DepthwiseConv2D", "Conv1D", "Dense")
+# Parts of the names of classes in Keras 1 and of aliases.
+OLD_KINDS = {"Atrous": "", "Convolution": "Conv", "AvgPool": "AveragePool", "Pool2D": "Pooling2D",
+             "Pool1D": "Pooling1D", "NormalizationV1": "Normalization",
+             "NormalizationV2": "Normalization"}  # fmt: skip
 
 
-def _pair(config: dict, *keys: str) -> Any:
-    """Return two numbers, where the config may have one for both; None if they are 1."""
-    value = _first(config, *keys)
-    pair = [value, value] if type(value) is int else value
-    return None if pair in ([1, 1], (1, 1)) else pair
+def plain_kind(kind: str) -> str:
+    """Return a class's name in Keras 2.
+
+    >>> plain_kind("AtrousConvolution2D"), plain_kind("MaxPool1D")
+    ('Conv2D', 'MaxPooling1D')
+    """
+    for old, new in OLD_KINDS.items():
+        kind = kind.replace(old, new)
+    return kind
 
 
-def _number(value: Any) -> Any:
-    """Return a number, also from Keras 2's `{"type": ..., "value": ...}` for numpy's numbers."""
-    return value.get("value", value) if isinstance(value, dict) else value
-
-
-def _window(config: dict, stride: str = "strides") -> Spec:
-    padding = _first(config, "padding", "border_mode")
-    return {
-        "strides": _pair(config, stride, "subsample"),
-        "padding": None if padding == "valid" else padding,
-    }
-
-
-def _convolution(config: dict) -> Spec:
-    size = _first(config, "kernel_size")
-    if size is None and "nb_row" in config:
-        size = [config.get("nb_row"), config.get("nb_col")]
-    bias = _first(config, "use_bias", "bias")
-    return _window(config) | {
-        "filters": _first(config, "filters", "nb_filter"),
-        "kernel_size": [size, size] if type(size) is int else size,
-        "dilation_rate": _pair(config, "dilation_rate", "atrous_rate"),
-        "use_bias": None if bias is True else bias,
-    }
-
-
-def _conv2d(config: dict) -> Spec:
-    groups = config.get("groups")
-    return _convolution(config) | {"groups": None if groups == 1 else groups}
-
-
-def _depthwise(config: dict) -> Spec:
-    return _convolution(config) | {"depth_multiplier": config.get("depth_multiplier")}
-
-
-def _depthwise_alone(config: dict) -> Spec:
-    return _depthwise(config) | {"filters": None}
-
-
-def _one(value: Any) -> Any:
-    """Return the number in a list of one."""
-    return value[0] if isinstance(value, list | tuple) and len(value) == 1 else value
-
-
-def _conv1d(config: dict) -> Spec:
-    padding = _first(config, "padding", "border_mode")
-    bias = _first(config, "use_bias", "bias")
-    return {
-        "filters": _first(config, "filters", "nb_filter"),
-        "kernel_size": _one(_first(config, "kernel_size", "filter_length")),
-        "strides": _one(_first(config, "strides", "subsample_length")),
-        "dilation_rate": _one(config.get("dilation_rate")),
-        "padding": None if padding == "valid" else padding,
-        "use_bias": None if bias is True else bias,
-    }
-
-
-def _dense(config: dict) -> Spec:
-    bias = _first(config, "use_bias", "bias")
-    return {
-        "units": _first(config, "units", "output_dim"),
-        "use_bias": None if bias is True else bias,
-    }
-
-
-def _pool(config: dict) -> Spec:
-    size = config.get("pool_size")
-    stride = config.get("strides")
-    padding = _first(config, "padding", "border_mode")
-    return {
-        "pool_size": [size, size] if type(size) is int else size,
-        "strides": [stride, stride] if type(stride) is int else stride,
-        "padding": None if padding == "valid" else padding,
-    }
-
-
-def _pool1d(config: dict) -> Spec:
-    padding = _first(config, "padding", "border_mode")
-    return {
-        "pool_size": _one(_first(config, "pool_size", "pool_length")),
-        "strides": _one(_first(config, "strides", "stride")),
-        "padding": None if padding == "valid" else padding,
-    }
-
-
-def _batch_norm(config: dict) -> Spec:
-    if config.get("mode") not in (None, 0):
-        raise UnknownValueError(f"its mode is {config['mode']!s:.20}; only mode 0 can be converted")
-    flags = {
-        key: None if config.get(key) is True else config.get(key) for key in ("center", "scale")
-    }
-    return {
-        "axis": _one(config.get("axis")),
-        "epsilon": _number(config.get("epsilon")),
-        "momentum": _number(config.get("momentum")),
-        **flags,
-    }
+def _setting(kind: str, key: str, config: dict) -> Any:
+    """Return the value of a setting; None for the default."""
+    keys = [key, *OTHER_NAMES.get(key, [])]
+    value = next((config[one] for one in keys if config.get(one) is not None), None)
+    if key == "kernel_size" and value is None and "nb_row" in config:
+        value = [config.get("nb_row"), config.get("nb_col")]
+    if isinstance(value, dict):  # of Keras 2 for numpy's numbers
+        value = value.get("value", value)
+    if key in PAIRS and kind.endswith("2D"):
+        value = [value, value] if type(value) is int else value
+        return None if value == [1, 1] and kind.endswith("Conv2D") and key != PAIRS[0] else value
+    if key in (*PAIRS, "axis"):
+        return value[0] if isinstance(value, list) and len(value) == 1 else value
+    if kind in ("Cropping2D", "ZeroPadding2D"):
+        return _edges(value)
+    is_default = value == DEFAULTS.get(key) or (key == "scale" and value is True)
+    return None if is_default else value
 
 
 def _edges(value: Any) -> Any:
@@ -133,132 +107,34 @@ def _edges(value: Any) -> Any:
     if isinstance(value, dict):
         names = ("top_pad", "bottom_pad"), ("left_pad", "right_pad")
         return [[value.get(name, 0) for name in pair] for pair in names]
-    if isinstance(value, list | tuple) and all(type(one) is int for one in value):
+    if isinstance(value, list) and all(type(one) is int for one in value):
         if len(value) == 2:
             return [[one, one] for one in value]
         if len(value) == 4:
-            return [list(value[:2]), list(value[2:])]
+            return [value[:2], value[2:]]
     return value
 
 
-def _rate(config: dict) -> Spec:
-    return {"rate": _number(_first(config, "rate", "p"))}
-
-
-def _relu(config: dict) -> Spec:
-    slope = _number(_first(config, "negative_slope"))
-    return {
-        "max_value": _number(config.get("max_value")),
-        "negative_slope": slope or None,
-        "threshold": _number(config.get("threshold")) or None,
-    }
-
-
-def _prelu(config: dict) -> Spec:
-    return {"shared_axes": config.get("shared_axes")}
-
-
-def _resizing(config: dict) -> Spec:
+def _resize(config: dict) -> Spec:
     methods = {"bilinear": "linear", "nearest": "nearest", "area": "area"}
-    method = config.get("interpolation", "bilinear")
-    if (
-        str(method) not in methods
-        or config.get("crop_to_aspect_ratio")
-        or config.get("pad_to_aspect_ratio")
-    ):
-        raise UnknownValueError(
-            f"its interpolation is {method!s:.40}, or it keeps the aspect ratio"
-        )
-    return {
-        "layer": "Resize",
-        "size": [config.get("height"), config.get("width")],
-        "method": methods[method],
-    }
-
-
-TRANSLATIONS: dict[str, Callable[[dict], Spec]] = {
-    "Conv2D": _conv2d,
-    "SeparableConv2D": _depthwise,
-    "DepthwiseConv2D": _depthwise_alone,
-    "Conv1D": _conv1d,
-    "Dense": _dense,
-    "Flatten": lambda config: {},
-    "Reshape": lambda config: {"target_shape": config.get("target_shape")},
-    "Permute": lambda config: {"dims": config.get("dims")},
-    "MaxPooling2D": _pool,
-    "AveragePooling2D": _pool,
-    "MaxPooling1D": _pool1d,
-    "AveragePooling1D": _pool1d,
-    "GlobalAveragePooling2D": lambda config: {"keepdims": config.get("keepdims") or None},
-    "GlobalMaxPooling2D": lambda config: {"keepdims": config.get("keepdims") or None},
-    "BatchNormalization": _batch_norm,
-    "Activation": lambda config: {},
-    "Softmax": lambda config: {"layer": "Activation", "activation": "softmax"},
-    "ELU": lambda config: {"alpha": _number(config.get("alpha"))},
-    "LeakyReLU": lambda config: {"alpha": _number(_first(config, "negative_slope", "alpha"))},
-    "PReLU": _prelu,
-    "ReLU": _relu,
-    "ThresholdedReLU": lambda config: {
-        "layer": "ThresholdedReLU", "theta": _number(config.get("theta")),
-    },
-    "Cropping2D": lambda config: {"cropping": _edges(config.get("cropping"))},
-    "ZeroPadding2D": lambda config: {"padding": _edges(config.get("padding"))},
-    "Resizing": _resizing,
-    "Rescaling": lambda config: {"scale": _number(config.get("scale")),
-                                 "offset": _number(config.get("offset"))},
-    "Dropout": _rate,
-    "SpatialDropout2D": _rate,
-    "GaussianNoise": lambda config: {"stddev": _number(_first(config, "stddev", "sigma"))},
-    "GaussianDropout": _rate,
-}  # fmt: skip
-
-
-WITH_ACTIVATION = ("Conv2D", "SeparableConv2D", "DepthwiseConv2D", "Conv1D", "Dense")
-
-
-# Names of Keras 1 and of aliases.
-CLASSES = {
-    "Convolution2D": "Conv2D",
-    "AtrousConvolution2D": "Conv2D",
-    "SeparableConvolution2D": "SeparableConv2D",
-    "DepthwiseConvolution2D": "DepthwiseConv2D",
-    "Convolution1D": "Conv1D",
-    "MaxPool2D": "MaxPooling2D",
-    "AvgPool2D": "AveragePooling2D",
-    "MaxPool1D": "MaxPooling1D",
-    "AvgPool1D": "AveragePooling1D",
-    "GlobalAvgPool2D": "GlobalAveragePooling2D",
-    "GlobalMaxPool2D": "GlobalMaxPooling2D",
-    "BatchNormalizationV1": "BatchNormalization",
-    "BatchNormalizationV2": "BatchNormalization",
-}
+    method = str(config.get("interpolation", "bilinear"))
+    keeps = config.get("crop_to_aspect_ratio") or config.get("pad_to_aspect_ratio")
+    if method not in methods or keeps:
+        raise UnknownValueError(f"its interpolation is {method:.40}, or it keeps the aspect ratio")
+    size = [config.get("height"), config.get("width")]
+    return {"layer": "Resize", "size": size, "method": methods[method]}
 
 
 # Orders of axes, of Keras 2 and 1.
-ORDERS = {"channels_first": "channels_first", "th": "channels_first"}
-
-
-ORDERS |= {"channels_last": "channels_last", "tf": "channels_last"}
-
-
+ORDERS = {"th": "channels_first", "tf": "channels_last"}
+ORDERS |= {one: one for one in ORDERS.values()}
 # Layers that change nothing in driving, and need no place in the network.
 IDENTITIES = (
     "InputLayer", "ActivityRegularization", "Masking", "Identity", "RandomContrast", "RandomFlip",
     "RandomBrightness", "RandomRotation", "RandomTranslation", "RandomZoom",
 )  # fmt: skip
-
-
 RECURRENT = ("LSTM", "GRU", "SimpleRNN", "RNN", "ConvLSTM2D", "Bidirectional", "TimeDistributed")
-
-
-_ACTIVATIONS = {
-    "silu": "swish",
-    "hard_silu": "hard_swish",
-    "hard_swish": "hard_swish",
-    "relu6": "relu6",
-}
-
-
+_ACTIVATIONS = {"silu": "swish", "hard_silu": "hard_swish"}
 # Operators of functional models, of Keras 2 (config's `function`) and Keras 3 (class).
 OPERATORS = {
     "math.truediv": "/", "math.divide": "/", "TrueDivide": "/", "Divide": "/",
@@ -281,11 +157,18 @@ def specs_of(kind: str, config: dict, version: int) -> list[Spec] | None:
     """
     if kind in IDENTITIES:
         return []
-    kind = CLASSES.get(kind, kind)
-    translate = TRANSLATIONS.get(kind)
-    if translate is None:
+    kind = plain_kind(kind)
+    if kind in ("Activation", "Softmax"):
+        name = "softmax" if kind == "Softmax" else config.get("activation")
+        return activation_specs(name, version)
+    if kind not in (*SETTINGS, "Resizing"):
         return None
-    spec = {"layer": kind} | translate(config)
+    if kind == "BatchNormalization" and config.get("mode") not in (None, 0):
+        raise UnknownValueError(f"its mode is {config['mode']!s:.20}; only mode 0 can be converted")
+    keys = SETTINGS.get(kind, "").split()
+    spec: Spec = {"layer": kind} | {key: _setting(kind, key, config) for key in keys}
+    if kind == "Resizing":
+        spec = _resize(config)
     if ORDERS.get(str(config.get("data_format", config.get("dim_ordering")))) == "channels_first":
         spec["data_format"] = "channels_first"
     more = []
@@ -293,8 +176,6 @@ def specs_of(kind: str, config: dict, version: int) -> list[Spec] | None:
         more = activation_specs(config.get("activation"), version)
         if len(more) == 1 and more[0]["layer"] == "Activation":
             spec["activation"], more = more[0]["activation"], []
-    elif kind == "Activation":
-        return activation_specs(config.get("activation"), version)
     return [{key: value for key, value in spec.items() if value is not None}, *more]
 
 

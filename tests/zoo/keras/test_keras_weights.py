@@ -184,9 +184,10 @@ def test_the_layer_that_differs_is_named_with_what_to_set(tmp_path: Path) -> Non
     with pytest.raises(InputError) as caught:
         load_weights(network, str(path))
     message = str(caught.value)
-    assert f"{path}: layer 6 of 9, dense_1: kernel 8448 x 100" in message
-    assert "1152 x 100 in PilotNet" in message
-    assert "set data.crop=[50,20] model.size=null: its input is 160 x 320 x 3" in message
+    assert f"{path}: layer 6 of 9, dense_1, does not fit PilotNet: " in message
+    assert "kernel is 8448 x 100 in the file, 1152 x 100" in message
+    assert "set model.size and data.crop" in message
+    assert "its input is 160 x 320 x 3" in message
     assert all(torch.equal(a, b) for a, b in zip(before, network.parameters(), strict=True))
     model = compose_config(["model=nvidia", "model.size=null"])["model"]
     load_weights(make_network(model, View([50, 20], model["colour"], None)), str(path))
