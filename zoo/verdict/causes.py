@@ -1,6 +1,7 @@
 """Likely causes why a network does not drive, each with changes of its training against it."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 from zoo.verdict.evidence import Evidence
@@ -37,14 +38,11 @@ def likely_causes(evidence: Evidence, tracks: Sequence[str]) -> list[Cause]:
         evidence: config and metrics of the network.
         tracks: names of the tracks that the network does not drive.
     """
-    found = []
+    found: list[Cause] = []
     for rule in RULES:
-        try:
-            cause = rule(evidence, tracks)
-        # Config and metrics of other programs may hold anything; the verdict must not fail.
-        except (TypeError, ValueError, KeyError, IndexError, AttributeError):
-            continue
-        found += [cause] if cause else []
+        # Config and metrics lack what a rule reads, or are another program's and hold anything.
+        with suppress(TypeError, ValueError, LookupError, AttributeError, ArithmeticError):
+            found += filter(None, [rule(evidence, tracks)])
     return found[:MOST_CAUSES]
 
 
@@ -54,12 +52,10 @@ def train_again(evidence: Evidence, causes: Sequence[Cause]) -> str | None:
     Returns:
         The command; None if no cause has a change, or the original command is unknown.
     """
-    changes: dict[str, str | None] = {}
-    for cause in causes:
-        changes |= {key: value for key, value in cause.changes.items() if key not in changes}
-    wanted = [name for cause in causes for name in cause.augment]
-    if more := [name for name in wanted if name not in _augmentations(evidence)]:
-        names = dict.fromkeys([*_augmentations(evidence), *more])
+    changes = {key: value for cause in reversed(causes) for key, value in cause.changes.items()}
+    had = _augmentations(evidence)
+    names = dict.fromkeys([*had, *(name for cause in causes for name in cause.augment)])
+    if len(names) > len(had):
         changes["augment"] = f"[{','.join(names)}]"
     return evidence.again(changes) if changes else None
 
@@ -74,23 +70,21 @@ def _imported(evidence: Evidence, _: Sequence[str]) -> Cause | None:
     if evidence.at("model.weights") is None or evidence.at("trainer.max_epochs") != 0:
         return None
     return Cause(
-        "Its weights come from another program, which perhaps trained on images other than those "
-        f"of model.colour={evidence.at('model.colour')} and data.crop={evidence.at('data.crop')}, "
-        "or on another pixel scale."
+        "Its weights come from another program, which perhaps trained on other colours, another "
+        "crop or another pixel scale."
     )
 
 
 def _steers_back(evidence: Evidence, _: Sequence[str]) -> Cause | None:
-    responses = evidence.metrics.get("side_response")
-    values = [] if not isinstance(responses, Mapping) else list(responses.values())
-    known = [float(one) for one in values if isinstance(one, int | float)]
-    if not known or known[-1] >= STEERS_BACK:
+    responses = evidence.metrics["side_response"].values()
+    response = [float(one) for one in responses if one is not None][-1]
+    if response >= STEERS_BACK:
         return None
     text = (
         "It hardly steers back to the lane's centre: its recovery response to the side cameras is "
-        f"{known[-1]:+.3f}; networks that drive have 0.2 or more."
+        f"{response:+.3f}; networks that drive have 0.2 or more."
     )
-    if list(evidence.at("data.cameras", [])) == ["center"]:
+    if evidence.at("data.cameras") == ["center"]:
         every = "[center,left,right]"
         return Cause(f"{text} It was trained on the centre camera alone.", {"data.cameras": every})
     larger = max(0.3, round(float(evidence.at("data.offset", 0.0)) + 0.1, 3))
@@ -100,68 +94,54 @@ def _steers_back(evidence: Evidence, _: Sequence[str]) -> Cause | None:
 def _quick(evidence: Evidence, _: Sequence[str]) -> Cause | None:
     if not evidence.at("quick"):
         return None
-    samples = evidence.number("train_samples")
-    count = f" ({samples:,.0f} samples)" if samples else ""
-    text = f"It was trained with quick=true{count}, which shortens the training."
-    return Cause(text, {"quick": None})
+    return Cause("It was trained with quick=true, a short training.", {"quick": None})
 
 
 def _few_samples(evidence: Evidence, _: Sequence[str]) -> Cause | None:
-    samples, size = evidence.number("train_samples"), evidence.number("parameters")
-    epochs = evidence.number("epochs")
-    if not samples or not size or not epochs or size < SMALL or samples >= ENOUGH_SAMPLES:
+    samples, epochs = evidence.metrics["train_samples"], evidence.metrics["epochs"]
+    is_small = evidence.metrics["parameters"] < SMALL
+    if is_small or samples >= ENOUGH_SAMPLES or evidence.at("quick"):
         return None
-    if evidence.at("quick"):
-        return None
-    needed = int(-(-ENOUGH_SAMPLES * epochs // samples))
-    more = {"trainer.max_epochs": str(needed)}
+    more = {"trainer.max_epochs": str(-(-ENOUGH_SAMPLES * epochs // samples))}
     if not any(one.startswith("callbacks=") for one in evidence.overrides or ()):
         more["callbacks"] = "published"  # without early stopping
     return Cause(
-        f"It was trained on {samples:,.0f} samples; a network of its size needs more epochs.", more
+        f"It was trained on {samples:,} samples; a network of its size needs more epochs.", more
     )
 
 
 def _recording(evidence: Evidence, _: Sequence[str]) -> Cause | None:
-    findings = evidence.metrics.get("findings")
-    texts = [one["text"] for one in findings or [] if isinstance(one, Mapping) and "text" in one]
+    # A finding's advice stands behind its semicolon; the training may have followed it.
+    texts = [one["text"].partition("; ")[0] for one in evidence.metrics["findings"][:2]]
     if not texts:
         return None
-    # A finding's advice stands behind its semicolon; the training may have followed it.
-    sentences = [f"{str(text).partition('; ')[0].rstrip('.')}." for text in texts[:2]]
-    missing = [name for name in ROBUST if name not in _augmentations(evidence)]
-    if missing:
-        sentences.append(f"augment=[{','.join(ROBUST)}] makes up for some of it.")
-    else:
-        sentences.append("drivezoo check names what to record.")
-    return Cause(" ".join(["The recording:", *sentences]), augment=ROBUST if missing else ())
+    found = " ".join(f"{text.rstrip('.')}." for text in texts)
+    if set(ROBUST) <= set(_augmentations(evidence)):
+        return Cause(f"The recording: {found} drivezoo check names what to record.")
+    remedy = f"augment=[{','.join(ROBUST)}] makes up for some of it."
+    return Cause(f"The recording: {found} {remedy}", augment=ROBUST)
 
 
 def _unseen(evidence: Evidence, tracks: Sequence[str]) -> Cause | None:
     from simulator.track_names import recorded_name
 
-    passes = evidence.at("data.record.passes", [])
-    recorded = {recorded_name(str(one.get("track"))) for one in passes if isinstance(one, Mapping)}
+    passes = evidence.config["data"]["record"]["passes"]
+    recorded = {recorded_name(str(one.get("track"))) for one in passes}
     unseen = [one for one in tracks if recorded and one not in recorded]
     if not unseen:
         return None
-    names = " and ".join(unseen)
+    text = f"Its training images do not show the {' and '.join(unseen)};"
     if "bend" in _augmentations(evidence):
-        return Cause(f"Its training images do not show the {names}; record more roads.")
-    return Cause(
-        f"Its training images do not show the {names}; augment=[{','.join(BENDS)}] helps.",
-        augment=BENDS,
-    )
+        return Cause(f"{text} record more roads.")
+    return Cause(f"{text} augment=[{','.join(BENDS)}] helps.", augment=BENDS)
 
 
 def _bonnet(evidence: Evidence, _: Sequence[str]) -> Cause | None:
-    crop = evidence.at("data.crop")
-    if not isinstance(crop, list | tuple) or len(crop) != 2 or crop[1] >= BONNET_ROWS:
+    top, bottom = evidence.config["data"]["crop"]
+    if bottom >= BONNET_ROWS:
         return None
-    return Cause(
-        f"data.crop=[{crop[0]},{crop[1]}] keeps the bonnet in the image, which never changes.",
-        {"data.crop": f"[{crop[0]},25]"},
-    )
+    text = f"data.crop=[{top},{bottom}] keeps the bonnet in the image, which never changes."
+    return Cause(text, {"data.crop": f"[{top},25]"})
 
 
 # The likeliest first.

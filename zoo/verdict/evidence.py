@@ -1,13 +1,14 @@
 """Evidence on a network besides its drives, and the commands that train it again."""
 
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from zoo.base.errors import InputError
 from zoo.base.terminal import command_line
 from zoo.checkpoints.checkpoint_path import short_name
+from zoo.runs.run import HYDRA, Run
 from zoo.runs.status import read_metrics
 
 FIRST_TRY = "experiment=first_try"  # docs/recipes.md, "A first try that drives"
@@ -45,11 +46,6 @@ class Evidence:
             found = found.get(part)
         return otherwise if found is None else found
 
-    def number(self, key: str) -> float | None:
-        """Return a number of `metrics.json`; None if it holds no such number."""
-        found = self.metrics.get(key)
-        return float(found) if isinstance(found, int | float) else None
-
     def again(self, changed: Mapping[str, str | None]) -> str | None:
         """Return the command that trained the network, with keys changed.
 
@@ -82,18 +78,20 @@ def read_evidence(checkpoint: Path | str, config: Mapping, data: object = None) 
         data: facts on the recording from the checkpoint.
     """
     folder = Path(checkpoint).parent.parent
-    metrics = read_metrics(folder)
+    found = evidence_of_run(folder, config, read_metrics(folder))
     is_best = (folder / "checkpoints" / "best.ckpt") == Path(checkpoint)
     name = short_name(folder if is_best else Path(checkpoint))
-    return Evidence(name, config, metrics, read_overrides(folder), source_of(data))
+    return replace(found, checkpoint=name, source=source_of(data))
 
 
 def evidence_of_run(folder: Path, config: Mapping, metrics: Mapping) -> Evidence:
     """Return the evidence on the best checkpoint of a run, or on its last one."""
-    kept = any((folder / "checkpoints" / name).is_file() for name in ("best.ckpt", "last.ckpt"))
-    name = short_name(folder) if kept else None
-    source = source_of(metrics.get("data"))
-    return Evidence(name, config, metrics, read_overrides(folder), source)
+    run, overrides = Run(folder), None
+    if (folder / HYDRA / "overrides.yaml").exists():
+        with suppress(InputError):
+            overrides = tuple(run.overrides)
+    name = short_name(folder) if run.checkpoint_path else None
+    return Evidence(name, config, metrics, overrides, source_of(metrics.get("data")))
 
 
 def source_of(data: object) -> str | None:
@@ -113,16 +111,6 @@ def no_verdict(source: str) -> str:
         "than those of the embedded tracks; score it on drives that it was not trained on: "
         "drivezoo replay CKPT FOLDER"
     )
-
-
-def read_overrides(folder: Path) -> tuple[str, ...] | None:
-    """Return the overrides that started a run; None if unknown."""
-    from zoo.runs.run import read_overrides_file
-
-    try:
-        return tuple(read_overrides_file(folder))
-    except InputError:
-        return None
 
 
 def training_command(overrides: Sequence[str], changed: Mapping[str, str | None]) -> str:
@@ -145,7 +133,5 @@ def as_typed(override: str) -> str:
     """
     from zoo.cli.compose import quote_paths
 
-    plain = re.sub(
-        r"'((?:[^'\\]|\\.)*)'", lambda found: re.sub(r"\\(.)", r"\1", found[1]), override
-    )
+    plain = override.replace("'", "")
     return plain if quote_paths([plain]) == [override] else override

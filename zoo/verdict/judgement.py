@@ -14,15 +14,10 @@ from zoo.verdict.causes import likely_causes, train_again
 from zoo.verdict.evidence import Evidence, no_verdict
 
 DRIVES, ALMOST, FAILS, UNKNOWN = "drives", "almost", "fails", "unknown"
-HEADLINES = {
-    DRIVES: "It drove {track} without an intervention.",
-    ALMOST: "It nearly drives {track}.",
-    FAILS: "It does not drive {track}.",
-    UNKNOWN: "Unknown whether it drives.",
-}
-WORDS = {DRIVES: "drove", ALMOST: "nearly drives", FAILS: "does not drive", UNKNOWN: "unknown"}
-WORST_FIRST = (FAILS, ALMOST, UNKNOWN, DRIVES)
-COLOURS = {DRIVES: "green", ALMOST: "yellow", FAILS: "red", UNKNOWN: "yellow"}
+WORDS = {FAILS: "does not drive", ALMOST: "nearly drives", UNKNOWN: "unknown", DRIVES: "drove"}
+WORST_FIRST = tuple(WORDS)
+UNKNOWN_HEADLINE = "Unknown whether it drives."
+COLOURS = {FAILS: "red", ALMOST: "yellow", UNKNOWN: "yellow", DRIVES: "green"}
 NEARLY = 0.9  # least autonomy of a network that nearly drives
 WHOLE_LAP = 0.95  # laps; a drive may end just before the end of its last lap
 
@@ -84,7 +79,7 @@ def judge(
     worst = typed.get(names[0], names[0]) if names else "lake"
     return Verdict(
         level,
-        HEADLINES[level].format(track=f"the {names[0]}" if names else ""),
+        UNKNOWN_HEADLINE if level == UNKNOWN else f"It {WORDS[level]} the {names[0]}.",
         tuple(_track_line(track, levels[track], by_track[track]) for track in names),
         _certainty(by_track, evidence),
         tuple(cause.text for cause in causes),
@@ -96,12 +91,10 @@ def print_verdict(verdict: Verdict, console: Console) -> None:
     """Print a coloured box, and below it the commands, unbroken also in a narrow terminal."""
     lines = [*verdict.tracks, verdict.certainty]
     if verdict.causes:
-        lines += ["", "Likely cause:" if len(verdict.causes) == 1 else "Likely causes:"]
-        lines += [f"- {cause}" for cause in verdict.causes]
-    box = Text("\n".join(line for line in lines if line or verdict.causes))
+        lines += ["", "Likely causes:", *(f"- {cause}" for cause in verdict.causes)]
     colour = COLOURS[verdict.level]
     title = Text(verdict.headline, style=f"bold {colour}")
-    width = min(console.width, 100)
+    box, width = Text("\n".join(lines)), min(console.width, 100)
     panel = Panel(box, title=title, title_align="left", border_style=colour, width=width)
     console.print(panel, soft_wrap=False)
     for purpose, command in verdict.commands:
@@ -136,13 +129,9 @@ def _autonomy(drives: Sequence[Mapping]) -> float:
 
 def _track_line(track: str, level: str, drives: Sequence[Mapping]) -> str:
     laps = sum(one["laps"] or 0 for one in drives)
-    count = sum(int(one["interventions"]) for one in drives)
-    driven = f"{laps:.2f} laps" + (f" in {len(drives)} drives" if len(drives) > 1 else "")
-    start = f"{track}: {WORDS[level]}"
-    if count == 0:
-        return f"{start}, no intervention in {driven}"
-    lost = f"{count} intervention{'' if count == 1 else 's'}"
-    return f"{start}, autonomy {_autonomy(drives):.1%}, {lost} in {driven}"
+    lost = sum(int(one["interventions"]) for one in drives)
+    autonomy = f"autonomy {_autonomy(drives):.1%}, " if lost else ""
+    return f"{track}: {WORDS[level]}, {autonomy}interventions: {lost} in {laps:.2f} laps"
 
 
 def _without_verdict(
@@ -154,7 +143,7 @@ def _without_verdict(
     folder = root if isinstance(root, str) else "FOLDER"
     words = ["drivezoo", "replay", evidence.checkpoint or "CKPT", folder]
     command = ("score it on a recording of its own car", command_line(words))
-    return Verdict(UNKNOWN, HEADLINES[UNKNOWN], lines, f"{no_verdict(source)}.", (), (command,))
+    return Verdict(UNKNOWN, UNKNOWN_HEADLINE, lines, f"{no_verdict(source)}.", (), (command,))
 
 
 def _certainty(by_track: Mapping[str, Sequence[Mapping]], evidence: Evidence) -> str:
@@ -164,8 +153,8 @@ def _certainty(by_track: Mapping[str, Sequence[Mapping]], evidence: Evidence) ->
     clean = sum(one["interventions"] == 0 for one in drives)
     starts = len({one.get("seed") for one in drives})
     text = (
-        f"Drives without an intervention: {clean} of {len(drives)}; "
-        f"{_count(len(by_track), 'track')}, {_count(starts, 'start seed')}, one training."
+        f"Drives without an intervention: {clean} of {len(drives)} (tracks: {len(by_track)}, start "
+        f"seeds: {starts}, trainings: 1)."
     )
     if len(drives) > len(by_track):
         text += f" {ONE_TRACK}"
@@ -174,10 +163,6 @@ def _certainty(by_track: Mapping[str, Sequence[Mapping]], evidence: Evidence) ->
     if isinstance(choice, Mapping) and choice.get("drives") and chosen_on in by_track:
         text += f" A lap of the {chosen_on} chose this checkpoint: other tracks show more."
     return text
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _commands(
@@ -191,17 +176,15 @@ def _commands(
         return found
     on_track = [evidence.checkpoint, f"track={track}"]
     if world != "embedded":  # the only world that `correct` and `drive` have
-        more = ["drivezoo", "evaluate", *on_track, f"world={world}", "seeds=3"]
-        return [*found, ("drive it from other starts", command_line(more))]
-    if level in (ALMOST, FAILS):
-        correct = command_line(["drivezoo", "correct", *on_track])
-        return [*found, ("or let the expert correct it", correct)]
-    if level == UNKNOWN:
-        return [*found, ("drive it", command_line(["drivezoo", "evaluate", *on_track]))]
-    more = ["drivezoo", "benchmark", evidence.checkpoint, "suite=quick"]
-    watch = ["drivezoo", "drive", evidence.checkpoint, f"sim={track}"]
-    return [
-        *found,
-        ("drive it on other roads", command_line(more)),
-        ("watch it drive", command_line(watch)),
-    ]
+        words = ["evaluate", *on_track, f"world={world}", "seeds=3"]
+        following = [("drive it from other starts", words)]
+    elif level in (ALMOST, FAILS):
+        following = [("or let the expert correct it", ["correct", *on_track])]
+    elif level == UNKNOWN:
+        following = [("drive it", ["evaluate", *on_track])]
+    else:
+        following = [
+            ("drive it on other roads", ["benchmark", evidence.checkpoint, "suite=quick"]),
+            ("watch it drive", ["drive", evidence.checkpoint, f"sim={track}"]),
+        ]
+    return [*found, *((why, command_line(["drivezoo", *words])) for why, words in following)]
