@@ -31,7 +31,7 @@ def write_files(folder: Path, result: GuardResult) -> list[Path]:
     plot = save_figure(guard_tables.score_histograms(result), folder / PLOT)
     return [
         write_whole(folder / JSON, json_text(plain_result(result))),
-        write_whole(folder / PAGE, _page(folder, result, plot)),
+        write_whole(folder / PAGE, _page(result, plot)),
         plot,
     ]
 
@@ -103,7 +103,7 @@ def _lines(result: GuardResult) -> list[str]:
     ]
 
 
-def _page(folder: Path, result: GuardResult, plot: Path) -> str:
+def _page(result: GuardResult, plot: Path) -> str:
     tables = [
         blocks.Section(one.caption, [blocks.Rows(one)]) for one in guard_tables.all_tables(result)
     ]
@@ -119,7 +119,7 @@ def _page(folder: Path, result: GuardResult, plot: Path) -> str:
     title = f"Warnings before failures: {Path(result.checkpoint).name}"
     code = code_fingerprint()
     footer = f"{result.checkpoint}; code {code.get('commit') or code.get('hash')}"
-    return blocks.to_html(title, sections, footer, folder)
+    return blocks.to_html(title, sections, footer)
 
 
 def _plain_drive(drive: ScoredDrive) -> dict:

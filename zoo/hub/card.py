@@ -112,7 +112,7 @@ def card_text(of: Described) -> str:
         Section("Intended use", [Text(INTENDED_USE)]),
     ]
     header = yaml.safe_dump(_header(of), sort_keys=False, allow_unicode=True)
-    return f"---\n{header}---\n\n{to_markdown(_title(of), sections, Path())}"
+    return f"---\n{header}---\n\n{to_markdown(_title(of), sections)}"
 
 
 def described_hash(text: str) -> str | None:

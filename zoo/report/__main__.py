@@ -4,7 +4,6 @@ from zoo.base.command import command
 from zoo.checkpoints.checkpoint_path import find_run
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
-from zoo.report.write_up import MARKDOWN, write_report
 
 
 @command
@@ -19,6 +18,8 @@ def report(run_folder: str) -> None:
     """
     run = find_run(run_folder)
     with loading("writing the report"):
+        from zoo.report.write_up import MARKDOWN, write_report
+
         page = write_report(run)
     print_written([page, page.with_name(MARKDOWN)], ["leaderboard"])
 

@@ -1,11 +1,9 @@
 """The blocks of a report, and the page and the Markdown that are rendered from them."""
 
 import base64
-import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from zoo.runs.page import Page
 from zoo.runs.table import Table, markdown_cell
@@ -19,8 +17,8 @@ class MissingError(Exception):
 class Block:
     """A block of a section; `static/report.html` has its HTML."""
 
-    def markdown(self, folder: Path) -> str:
-        """Return the block as Markdown, for a file in a folder."""
+    def markdown(self) -> str:
+        """Return the block as Markdown."""
         raise NotImplementedError
 
 
@@ -30,63 +28,56 @@ class Text(Block):
 
     text: str
 
-    def markdown(self, folder: Path) -> str:
+    def markdown(self) -> str:
         """Return Markdown, see `Block`."""
         return plain(self.text)
 
 
-@dataclass(frozen=True)
-class Missing(Block):
+class Missing(Text):
     """A line in place of a part that cannot be created."""
 
-    reason: str
-
-    def markdown(self, folder: Path) -> str:
+    def markdown(self) -> str:
         """Return Markdown, see `Block`."""
-        return f"*{plain(self.reason)}*"
+        return f"*{plain(self.text)}*"
 
 
-@dataclass(frozen=True)
-class Heading(Block):
+class Heading(Text):
     """The heading of a part of a section."""
 
-    text: str
-
-    def markdown(self, folder: Path) -> str:
+    def markdown(self) -> str:
         """Return Markdown, see `Block`."""
         return f"### {plain(self.text)}"
+
+
+class Code(Text):
+    """A command or a text in a fixed-width font."""
+
+    def markdown(self) -> str:
+        """Return Markdown, see `Block`."""
+        fence = "````" if "```" in self.text else "```"
+        return f"{fence}\n{self.text.rstrip()}\n{fence}"
 
 
 @dataclass(frozen=True)
 class Bullets(Block):
     """A list of short points."""
 
-    items: list[str]
+    items: Sequence[str]
 
-    def markdown(self, folder: Path) -> str:
+    def markdown(self) -> str:
         """Return Markdown, see `Block`."""
         return "\n".join(f"- {plain(item)}" for item in self.items)
 
 
 @dataclass(frozen=True)
-class Tile:
-    """One figure of the headline."""
-
-    label: str
-    value: str
-    note: str
-
-
-@dataclass(frozen=True)
 class Tiles(Block):
-    """The headline's figures, the most important one first."""
+    """The headline's figures, the most important one first: each a label, a value and details."""
 
-    tiles: list[Tile]
+    tiles: Sequence[tuple[str, str, str]]
 
-    def markdown(self, folder: Path) -> str:
+    def markdown(self) -> str:
         """Return Markdown, see `Block`."""
-        rows = [(tile.label, tile.value, tile.note) for tile in self.tiles]
-        return Table.of(["figure", "value", "details"], rows).markdown()
+        return Table.of(["figure", "value", "details"], self.tiles).markdown()
 
 
 @dataclass(frozen=True)
@@ -103,7 +94,7 @@ class Rows(Block):
     left: int = 1
     bold: frozenset[int] = frozenset()
 
-    def markdown(self, folder: Path) -> str:
+    def markdown(self) -> str:
         """Return Markdown, see `Block`."""
         return self.table.markdown(self.left, self.bold)
 
@@ -137,7 +128,7 @@ class Images(Block):
     images: list[Image]
     columns: int = 1
 
-    def markdown(self, folder: Path) -> str:
+    def markdown(self) -> str:
         """Return images one below another, or side by side in a table with images as headings."""
         links = [f"![{Path(one.name).stem}](<{one.name}>)" for one in self.images]
         pairs = list(zip(links, (one.caption for one in self.images), strict=True))
@@ -154,25 +145,13 @@ class Images(Block):
 class Film(Block):
     """A film: embedded in the page if `data` is set, else a link to its file."""
 
-    path: Path
+    link: str
     caption: str
     data: bytes | None = None
 
-    def markdown(self, folder: Path) -> str:
+    def markdown(self) -> str:
         """Return Markdown, see `Block`."""
-        return f"[{plain(self.caption)}](<{relative(self.path, folder)}>)"
-
-
-@dataclass(frozen=True)
-class Code(Block):
-    """A command or a text in a fixed-width font."""
-
-    text: str
-
-    def markdown(self, folder: Path) -> str:
-        """Return Markdown, see `Block`."""
-        fence = "````" if "```" in self.text else "```"
-        return f"{fence}\n{self.text.rstrip()}\n{fence}"
+        return f"[{plain(self.caption)}](<{self.link}>)"
 
 
 @dataclass(frozen=True)
@@ -189,14 +168,14 @@ class Box(Block):
 
     kind: str
     title: str
-    lines: list[str]
-    items: list[str]
-    commands: list[tuple[str, str]]
+    lines: Sequence[str]
+    items: Sequence[str]
+    commands: Sequence[tuple[str, str]]
 
-    def markdown(self, folder: Path) -> str:
+    def markdown(self) -> str:
         """Return Markdown, see `Block`."""
         typed = [f"{plain(purpose)}:\n\n    {command}" for purpose, command in self.commands]
-        bullets = Bullets(self.items).markdown(folder)
+        bullets = Bullets(self.items).markdown()
         return _joined([f"**{plain(self.title)}**", *map(plain, self.lines), bullets, *typed])
 
 
@@ -207,9 +186,9 @@ class Fold(Block):
     title: str
     blocks: list[Block]
 
-    def markdown(self, folder: Path) -> str:
+    def markdown(self) -> str:
         """Return Markdown, see `Block`."""
-        inner = "\n\n".join(block.markdown(folder) for block in self.blocks)
+        inner = "\n\n".join(block.markdown() for block in self.blocks)
         return f"<details><summary>{plain(self.title)}</summary>\n\n{inner}\n\n</details>"
 
 
@@ -237,60 +216,30 @@ def images_of(blocks: Sequence[Block]) -> list[Image]:
     return found
 
 
-def gather(parts: Iterable[Callable[[Any], list[Block]]], run: Any) -> list[Block]:
-    """Return the blocks of several parts; a part that cannot be created becomes a line.
-
-    The same line appears only once.
-    """
-    blocks: list[Block] = []
-    for part in parts:
-        try:
-            blocks += part(run)
-        except MissingError as missing:
-            line = Missing(str(missing))
-            blocks += [] if line in blocks else [line]
-    return blocks
-
-
-def to_markdown(title: str, sections: list[Section], folder: Path) -> str:
-    """Return the text of `report.md`.
-
-    Args:
-        title: title of the report.
-        sections: sections; the first has no heading, because it follows the title.
-        folder: folder of `report.md`; paths of films are relative to it.
-    """
+def to_markdown(title: str, sections: Sequence[Section]) -> str:
+    """Return the text of `report.md`; the first section has no heading."""
     parts = [f"# {plain(title)}"]
     for number, section in enumerate(sections):
         parts.append(f"## {section.title}" if number else "")
-        parts += [block.markdown(folder) for block in section.blocks]
+        parts += [block.markdown() for block in section.blocks]
     return _joined(parts) + "\n"
 
 
-def to_html(title: str, sections: list[Section], footer: str, folder: Path) -> str:
+def to_html(title: str, sections: Sequence[Section], footer: str) -> str:
     """Return the text of `index.html`, with embedded images and films.
 
     Args:
         title: title of the report.
         sections: sections; the first has no heading.
         footer: text at the end of the page.
-        folder: folder of the page; links to films that are too large for it are relative to it.
     """
     page = Page(
         Path(__file__).with_name("static") / "report.html",
         sources="img-src data:; media-src data: 'self' file:; ",
-        filters={
-            "base64": lambda data: base64.b64encode(data).decode(),
-            "relative": lambda path: relative(path, folder),
-        },
+        filters={"base64": lambda data: base64.b64encode(data).decode()},
         tests={"a": lambda block, name: type(block).__name__ == name},
     )
     return page.render(title=title, sections=sections, footer=footer)
-
-
-def relative(path: Path, folder: Path) -> str:
-    """Return the link from a folder to a file."""
-    return Path(os.path.relpath(path, folder)).as_posix()
 
 
 def _joined(parts: Iterable[str]) -> str:

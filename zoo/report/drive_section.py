@@ -1,12 +1,12 @@
 """The section on driving: figures, film, path and worst moments."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from zoo.drives.drive_film import APART_S, FILM_NAME, MOMENTS
 from zoo.drives.intervals import ONE_TRACK
+from zoo.evaluate.drives_table import drives_table
 from zoo.report.blocks import (
     Block,
     Film,
@@ -18,7 +18,6 @@ from zoo.report.blocks import (
     MissingError,
     Rows,
     Text,
-    gather,
 )
 from zoo.report.report_images import jpeg, read_frame
 from zoo.report.reported_run import ReportedRun
@@ -29,61 +28,46 @@ if TYPE_CHECKING:
 FILMS_BYTES = 10_000_000  # total of films embedded in the page; base64 adds a third
 SLOW_MACS = 1_000_000_000  # multiply-adds above which a saliency map takes half a second
 FEW = 3  # number of worst moments of such a slow network
+PLOTS = {
+    "track": "The car's path, coloured by cross-track error. Crosses mark interventions.",
+    "error": "Cross-track error along the track. The lane is shaded.",
+}
 
 
-def drive_blocks(run: ReportedRun) -> list[Block]:
-    """Return the figures of all drives, then each track's film, plots and worst moments."""
-    return gather((_scores, _tracks, _in_training), run)
-
-
-def _scores(run: ReportedRun) -> list[Block]:
-    from zoo.evaluate.drives_table import drives_table
-
+def scores(run: ReportedRun) -> list[Block]:
+    """Return the figures of all drives."""
     if not run.tracks:
-        if "score" in run.choices and run.choices["score"] == "none":
-            raise MissingError(
-                "The run was not driven (score=none): it has only open-loop figures."
-            )
-        raise MissingError("The run was not driven. Drive its checkpoint with drivezoo evaluate.")
-    scored = run.metrics.get("drive") or {}
-    how = "Driven in the embedded simulator, in simulated time"
-    if scored.get("speed_mph"):
-        laps, seeds = scored["laps"], scored["seeds"]
-        how += (
-            f", at {scored['speed_mph']:g} mph, {laps:g} lap{'' if laps == 1 else 's'} with "
-            f"{seeds} start seed{'' if seeds == 1 else 's'}"
+        raise MissingError(
+            "The run was not driven (score=none): it has only open-loop figures. Drive its "
+            "checkpoint with drivezoo evaluate."
         )
+    scored = run.metrics.get("drive") or {}
+    keys = [f"{key}={scored[key]:g}" for key in ("speed_mph", "laps", "seeds") if scored.get(key)]
     return [
         Text(
-            f"{how}. Autonomy is NVIDIA's measure: 1 - 6 s x interventions / driving time. An "
-            "intervention puts a car that left its lane or stands still back on the centreline. "
-            "A start seed sets the start and any random weather. ± is the sample standard "
-            "deviation over start seeds; it does not show how much another training would differ. "
-            f"{ONE_TRACK} The same start seed gives the same figures to the digit, except the "
-            "latency."
+            f"Driven in the embedded simulator, in simulated time: {', '.join(keys)}. Autonomy is "
+            "NVIDIA's measure: 1 - 6 s x interventions / driving time. An intervention puts a car "
+            "that left its lane or stands still back on the centreline. A start seed sets the "
+            "start and any random weather. ± is the sample standard deviation over start seeds; it "
+            f"does not show how much another training would differ. {ONE_TRACK} The same start "
+            "seed gives the same figures to the digit, except the latency."
         ),
         Rows(drives_table(run.tracks), bold=frozenset({0})),
     ]
 
 
-def _tracks(run: ReportedRun) -> list[Block]:
+def tracks(run: ReportedRun) -> list[Block]:
+    """Return each track's film, plots and worst moments."""
     blocks: list[Block] = [Missing(f"A drive cannot be read: {one}.") for one in run.damaged_drives]
-    if run.tracks and not run.drives:
-        missing = Missing("The run's folder no longer holds the drives.")
-        return blocks or [missing]
+    if run.tracks and not run.drives and not blocks:
+        raise MissingError("The run's folder no longer holds the drives.")
     left = FILMS_BYTES
-    for track in dict.fromkeys(drive.summary["track"] for drive in run.drives):
-        drives = [drive for drive in run.drives if drive.summary["track"] == track]
-        first = drives[0]
-        blocks.append(Heading(f"Drive on the {track}"))
-        film = _film(run, first.folder / FILM_NAME, left)
+    for track in dict.fromkeys(drive.track for drive in run.drives):
+        drives = [drive for drive in run.drives if drive.track == track]
+        film = _film(drives[0], left)
         left -= len(film.data or b"") if isinstance(film, Film) else 0
-        blocks.append(film)
-        blocks += _plots(first)
-        if drives[1:]:
-            others: list[Block] = []
-            for drive in drives[1:]:
-                others += _plots(drive)
+        blocks += [Heading(f"Drive on the {track}"), film, *_plots(drives[0])]
+        if others := [block for drive in drives[1:] for block in _plots(drive)]:
             blocks.append(Fold(f"Drives with other start seeds: {len(drives) - 1}", others))
         try:
             blocks += _worst(run, track, drives)
@@ -92,25 +76,18 @@ def _tracks(run: ReportedRun) -> list[Block]:
     return blocks
 
 
-def _film(run: ReportedRun, path: Path, budget: int) -> Block:
+def _film(drive: "Drive", budget: int) -> Block:
+    path = drive.folder / FILM_NAME
     if not path.is_file():
         return Missing("The drive was not filmed (score.film; film=true in drivezoo evaluate).")
-    speed = (run.config.get("score") or {}).get("film_speed") or 1
-    faster = f", at {speed:g} times its speed" if speed > 1 else ""
-    caption = f"Film of the scored drive{faster}."
-    size = path.stat().st_size
-    if size > budget:
-        return Film(path, f"{caption} It has {size / 1e6:.0f} MB, so it is a separate file.")
-    return Film(path, caption, path.read_bytes())
+    is_small = path.stat().st_size <= budget
+    link = f"../drives/{drive.folder.name}/{FILM_NAME}"
+    return Film(link, "Film of the scored drive.", path.read_bytes() if is_small else None)
 
 
 def _plots(drive: "Drive") -> list[Block]:
-    captions = {
-        "track": "The car's path, coloured by cross-track error. Crosses mark interventions.",
-        "error": "Cross-track error along the track. The lane is shaded.",
-    }
     images = []
-    for plot, caption in captions.items():
+    for plot, caption in PLOTS.items():
         path = drive.folder / f"{plot}.png"
         if path.is_file():
             # Inverted for a dark page, large errors would have the darkest colours.
@@ -136,17 +113,20 @@ def _worst(run: ReportedRun, track: str, drives: "list[Drive]") -> list[Block]:
     found.sort(key=lambda one: _badness(*one), reverse=True)
     checkpoint = run.checkpoint
     height, width, channels = checkpoint.view.shape
-    count = MOMENTS
-    if multiply_adds(checkpoint.network, (channels, height, width)) > SLOW_MACS:
-        count = FEW
+    is_slow = multiply_adds(checkpoint.network, (channels, height, width)) > SLOW_MACS
     saliency = Saliency(CheckpointPolicy(checkpoint))
     images = []
-    for number, (drive, row) in enumerate(found[:count], 1):
+    for number, (drive, row) in enumerate(found[: FEW if is_slow else MOMENTS], 1):
         frame = read_frame(drive.folder / str(drive.frame[row]))
         where = saliency(frame, float(drive.speed_mph[row]))
         pair = np.hstack([frame, overlay(frame, where)])
-        name = _name(drives[0], f"worst_{number}.jpg")
-        images.append(jpeg(name, pair, _moment(drive, row, len(drives))))
+        lost = "Intervention. " if drive.intervention[row] else ""
+        caption = (
+            f"{lost}{drive.time_s[row]:.1f} s, start seed {drive.seed}, "
+            f"cross-track error {drive.cross_track_m[row]:+.2f} m, steering "
+            f"{drive.steering[row] + 0.0:+.2f}, {drive.speed_mph[row]:.0f} mph"
+        )
+        images.append(jpeg(_name(drives[0], f"worst_{number}.jpg"), pair, caption))
     return [
         Heading(f"Worst moments on the {track}"),
         Text(
@@ -159,8 +139,7 @@ def _worst(run: ReportedRun, track: str, drives: "list[Drive]") -> list[Block]:
 
 def worst_rows(drive: "Drive") -> list[int]:
     """Return rows with a saved image, the worst first, at least `APART_S` apart."""
-    rows = [int(row) for row in np.flatnonzero(drive.frame != "")]
-    rows = [row for row in rows if np.isfinite(drive.cross_track_m[row])]
+    rows = np.flatnonzero((drive.frame != "") & np.isfinite(drive.cross_track_m)).tolist()
     chosen: list[int] = []
     for row in sorted(rows, key=lambda one: _badness(drive, one), reverse=True):
         if all(abs(drive.time_s[row] - drive.time_s[other]) >= APART_S for other in chosen):
@@ -172,19 +151,8 @@ def _badness(drive: "Drive", row: int) -> tuple[bool, float]:
     return bool(drive.intervention[row]), abs(float(drive.cross_track_m[row]))
 
 
-def _moment(drive: "Drive", row: int, drives: int) -> str:
-    error = float(drive.cross_track_m[row])
-    parts = [
-        f"{drive.time_s[row]:.1f} s"
-        + (f", start seed {drive.summary['seed']}" if drives > 1 else ""),
-        f"{abs(error):.2f} m to the {'right' if error > 0 else 'left'}",
-        f"steering {drive.steering[row] + 0.0:+.2f}",
-        f"{drive.speed_mph[row]:.0f} mph",
-    ]
-    return ("Intervention. " if drive.intervention[row] else "") + ", ".join(parts)
-
-
-def _in_training(run: ReportedRun) -> list[Block]:
+def in_training(run: ReportedRun) -> list[Block]:
+    """Return the figures of the drives between epochs, with `callbacks=closed_loop`."""
     found = run.metrics.get("closed_loop")
     if not found:
         return []

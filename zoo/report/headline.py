@@ -1,12 +1,10 @@
 """The top of a report: the verdict, a summary and the main figures."""
 
 from zoo.evaluate.drives_table import with_deviation
-from zoo.report.blocks import Block, Box, Missing, MissingError, Text, Tile, Tiles
+from zoo.report.blocks import Block, Box, Missing, Text, Tiles
 from zoo.report.reported_run import ReportedRun
 from zoo.verdict.evidence import evidence_of_run
-from zoo.verdict.judgement import ALMOST, DRIVES, FAILS, UNKNOWN, judge
-
-KINDS = {DRIVES: "good", ALMOST: "warn", FAILS: "bad", UNKNOWN: "warn"}
+from zoo.verdict.judgement import judge
 
 
 def title(run: ReportedRun) -> str:
@@ -15,86 +13,57 @@ def title(run: ReportedRun) -> str:
     return f"{name}, quick" if run.config.get("quick") else str(name)
 
 
-def headline_blocks(run: ReportedRun) -> list[Block]:
+def headline(run: ReportedRun) -> list[Block]:
     """Return the verdict, a summary, and the figures of driving and of the open loop."""
-    blocks: list[Block] = [*_verdict(run), Text(_what(run))]
+    blocks = [] if run.ended_early else [_verdict(run)]
+    blocks.append(Text(_summary(run)))
     if run.ended_early:
         blocks.append(Missing(run.ended_early))
-    tiles = [*_driving(run), *_open_loop(run)]
-    return blocks + ([Tiles(tiles)] if tiles else [])
+    tiles = main_figures(run)
+    return [*blocks, Tiles(tiles)] if tiles else blocks
 
 
-def _verdict(run: ReportedRun) -> list[Block]:
-    """Return a box with the verdict; nothing for a run that has not finished."""
-    if not run.metrics or run.ended_early:
-        return []
+def _verdict(run: ReportedRun) -> Block:
     evidence = evidence_of_run(run.folder, run.config, run.metrics)
-    verdict = judge([one.summary for one in run.drives], evidence)
+    verdict = judge([drive.summary for drive in run.drives], evidence)
     lines = [*verdict.tracks, verdict.certainty]
     lines += ["Likely causes:"] if verdict.causes else []
-    return [
-        Box(
-            KINDS[verdict.level],
-            verdict.headline,
-            lines,
-            list(verdict.causes),
-            list(verdict.commands),
-        )
-    ]
+    return Box(verdict.level, verdict.headline, lines, verdict.causes, verdict.commands)
 
 
-def _what(run: ReportedRun) -> str:
-    metrics, root = run.metrics, run.config["data"].get("root")
-    size = f" with {metrics['parameters']:,} parameters" if metrics else ""
-    summary = f"A network that steers a car from camera images: {run.config['model']['name']}{size}"
-    try:
-        root = root or list(run.recording.names)
-    except MissingError:
-        root = "an unknown recording"
-    summary += ", trained on " if metrics else ", to be trained on "
-    summary += f"{root if isinstance(root, str) else ', '.join(root)}"
+def _summary(run: ReportedRun) -> str:
+    metrics, roots = run.metrics, run.trained_on.roots
+    trained_on = ", ".join(roots) or "an unknown recording"
+    text = (
+        f"{run.config['model']['name']}: a network that steers a car from camera images. Recording "
+        f"of its training: {trained_on}."
+    )
     if metrics:
-        rows, epochs = metrics["data"]["split"]["train"], metrics["epochs"]
-        summary += f" ({rows:,} training rows, {epochs} epoch{'' if epochs == 1 else 's'})"
-    return f"{summary}."
+        rows = metrics["data"]["split"]["train"]
+        text += f" Parameters: {metrics['parameters']:,}; training rows: {rows:,}"
+        text += f"; epochs: {metrics['epochs']}."
+    return text
 
 
-def _driving(run: ReportedRun) -> list[Tile]:
-    scored = run.metrics.get("drive") or {}
-    speed = f" at {scored['speed_mph']:g} mph" if scored.get("speed_mph") else ""
+def main_figures(run: ReportedRun) -> list[tuple[str, str, str]]:
+    """Return name, value and details of the figures: first those of driving."""
     first, second = [], []
     for track, figures in run.tracks.items():
-        count = figures.get("drives")
-        lost, laps = figures["interventions"][0], figures["laps"][0]
-        note = "per drive: " if (count or 1) > 1 else ""
-        note += f"{lost:.3g} interventions in {laps:.2f} laps{speed}"
-        if figures.get("drives_without_intervention") is not None:
-            kept = figures["drives_without_intervention"]
-            note += f"; drives without intervention: {kept} of {count}"
-        autonomy = with_deviation(figures["autonomy"], "{:.1%}", count)
-        first.append(Tile(f"Autonomy, {track}", autonomy, note))
-        second.append(
-            Tile(
-                f"Cross-track error, {track}",
-                f"{figures['cte_mean_m'][0]:.2f} m",
-                f"on average; {run.farthest_m(track):.2f} m at most",
-            )
+        drives, clean = figures.get("drives"), figures.get("drives_without_intervention")
+        details = (
+            f"interventions: {figures['interventions'][0]:.3g} in {figures['laps'][0]:.2f} laps"
         )
-    return first + second
-
-
-def _open_loop(run: ReportedRun) -> list[Tile]:
+        if drives and clean is not None:
+            details += f" (means); drives without intervention: {clean} of {drives}"
+        autonomy = with_deviation(figures["autonomy"], "{:.1%}", drives)
+        first.append((f"Autonomy, {track}", autonomy, details))
+        error = f"{figures['cte_mean_m'][0]:.2f} m"
+        most = f"on average; {run.farthest_m(track):.2f} m at most"
+        second.append((f"Cross-track error, {track}", error, most))
     found = run.metrics.get("open_loop") or {}
-    part = next((one for one in ("test", "val") if one in found), None)
-    if part is None:
-        return []
-    zero = run.metrics["baselines"][part]["always zero"]
-    name = {"test": "Test", "val": "Validation"}[part]
-    return [
-        Tile(f"{name} MSE", f"{found[part]['mse']:.4f}", f"always zero: {zero['mse']:.4f}"),
-        Tile(
-            f"{name} MAE, balanced",
-            f"{found[part]['balanced_mae']:.3f}",
-            f"always zero: {zero['balanced_mae']:.3f}",
-        ),
-    ]
+    if part := next((one for one in ("test", "val") if one in found), None):
+        zero = run.metrics["baselines"][part]["always zero"]
+        for label, key, form in (("MSE", "mse", ".4f"), ("balanced MAE", "balanced_mae", ".3f")):
+            value = f"{found[part][key]:{form}}"
+            second.append((f"{part.title()} {label}", value, f"always zero: {zero[key]:{form}}"))
+    return first + second

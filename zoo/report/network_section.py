@@ -8,7 +8,7 @@ from torch import nn
 
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.models.memory import Memory, frame_outputs
-from zoo.report.blocks import Block, Rows, Text, gather
+from zoo.report.blocks import Block, Rows, Text
 from zoo.report.reported_run import ReportedRun
 from zoo.runs.table import Table
 
@@ -67,12 +67,8 @@ def network_layers(network: nn.Module, shape: tuple[int, int, int]) -> list[Laye
     return layers
 
 
-def network_blocks(run: ReportedRun) -> list[Block]:
+def layers_table(run: ReportedRun) -> list[Block]:
     """Return a summary of the network and the table of its layers."""
-    return gather((_table,), run)
-
-
-def _table(run: ReportedRun) -> list[Block]:
     from zoo.models.make_network import multiply_adds, paper
 
     checkpoint: Checkpoint = run.checkpoint
@@ -82,27 +78,26 @@ def _table(run: ReportedRun) -> list[Block]:
     total = sum(layer.parameters for layer in layers)
     trained = sum(p.numel() for p in network.parameters() if p.requires_grad)
     rows = [
-        [layer.name, layer.kind, _size(layer.shape), f"{layer.parameters:,}"] for layer in layers
+        [layer.name, layer.kind, " x ".join(map(str, layer.shape)), f"{layer.parameters:,}"]
+        for layer in layers
     ]
     rows.append(["total", "", "", f"{total:,}"])
     inputs = "image and speed" if network.takes_speed else "image"
     outputs = "steering and throttle" if network.outputs == 2 else "steering"
     outputs += " with its spread" if getattr(network, "predicts_spread", False) else ""
     window = f" It was trained on {network.window}." if isinstance(network, Memory) else ""
-    frozen = "" if trained == total else f" ({total - trained:,} of them frozen)"
     top, bottom = view.crop
-    resize = f" (resize: {view.resize})" if view.size else ""
     return [
         Text(
             f"{run.config['model']['name']}: {paper(network)}. Input: {inputs}. Output: {outputs}."
-            f"{window} {total:,} parameters{frozen}, "
+            f"{window} {total:,} parameters ({trained:,} of them trained), "
             f"{multiply_adds(network, (channels, height, width)):,} multiply-adds per frame."
         ),
         Text(
             f"The view crops {top} rows at the top and {bottom} at the bottom of a frame of "
-            f"160 x 320 pixels. Its colour is {view.colour}, its size {height} x {width}{resize}. "
-            "The checkpoint stores the view, so driving uses the same. The network itself scales "
-            "the pixels."
+            f"160 x 320 pixels. Its colour is {view.colour}, its size {height} x {width} (resize: "
+            f"{view.resize}). The checkpoint stores the view, so driving uses the same. The "
+            "network itself scales the pixels."
         ),
         Rows(
             Table.of(["layer", "type", "output", "parameters"], rows),
@@ -116,7 +111,3 @@ def _details(module: nn.Module) -> str:
     """Return PyTorch's text on a layer's settings, without common defaults."""
     text = re.sub(r"\d+\.\d{4,}", lambda found: f"{float(found[0]):.3g}", module.extra_repr())
     return text.replace(", inplace=False", "").replace(", bias=True", "")
-
-
-def _size(shape: tuple[int, ...]) -> str:
-    return " x ".join(map(str, shape))

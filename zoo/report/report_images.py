@@ -25,7 +25,7 @@ def read_frame(path: Path | str) -> np.ndarray:
 
 
 def labelled_frame(name: str, frame: np.ndarray, steering: float, caption: str) -> Image:
-    """Return a frame, twice as large, with an arrow for the steering (-1..1).
+    """Return a frame, twice as large, with an arrow for the steering (-1..1), its last word.
 
     Full lock is 45 degrees, as in the plot of the network's input.
     """
@@ -33,13 +33,15 @@ def labelled_frame(name: str, frame: np.ndarray, steering: float, caption: str) 
     height, width = large.shape[:2]
     length, angle = 0.5 * height, steering * np.pi / 4
     foot = (width // 2, height - 1)
-    tip = (
-        round(width / 2 + length * np.sin(angle)),
-        round(height - 1 - length * np.cos(angle)),
-    )
+    tip = round(width / 2 + length * np.sin(angle)), round(foot[1] - length * np.cos(angle))
     for colour, thickness in ((DARK, 9), (AMBER, 5)):  # visible on light and dark roads
         cv2.arrowedLine(large, foot, tip, colour, thickness, cv2.LINE_AA, tipLength=0.12)
-    return jpeg(f"{name}.jpg", large, caption)
+    return jpeg(f"{name}.jpg", large, f"{caption} {signed(steering)}")
+
+
+def signed(steering: float) -> str:
+    """Return a steering as text, with its sign."""
+    return f"{steering + 0.0:+.3f}"
 
 
 def jpeg(name: str, pixels: np.ndarray, caption: str) -> Image:

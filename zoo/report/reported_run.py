@@ -78,7 +78,7 @@ class ReportedRun(Run):
             for drive in self._read_drives[0]
             if len(drive) and all(drive.summary.get(key) is not None for key in needed)
         )
-        return sorted(complete, key=lambda drive: (drive.summary["track"], drive.summary["seed"]))
+        return sorted(complete, key=lambda drive: (drive.track, drive.seed))
 
     @property
     def damaged_drives(self) -> list[str]:
@@ -104,26 +104,23 @@ class ReportedRun(Run):
 
         by_track: dict[str, list[dict]] = {}
         for drive in self.drives:
-            by_track.setdefault(drive.summary["track"], []).append(drive.summary)
+            by_track.setdefault(drive.track, []).append(drive.summary)
         return super().tracks or {name: mean_and_spread(one) for name, one in by_track.items()}
 
     def farthest_m(self, track: str) -> float:
         """Return the largest cross-track error of a track's drives, in metres."""
-        own = [one.summary["cte_max_m"] for one in self.drives if one.summary["track"] == track]
+        own = [drive.summary["cte_max_m"] for drive in self.drives if drive.track == track]
         return max(own, default=self.tracks[track]["cte_max_m"][0])
 
     @property
-    def ended_early(self) -> str | None:
-        """Return a sentence on why there are no figures; None for a finished run."""
-        state, reason = self.state, self.status.get("reason") or "the reason was not saved"
-        if state in ("failed", "pruned"):
-            end = "failed" if state == "failed" else "was pruned by a search"
-            return f"The run {end}: {reason}."
-        if self.metrics:  # the run itself may write this report before it ends
-            return None
-        if state == "running":
-            return "The run is still running."
-        return "The run did not finish: its process was killed."
+    def ended_early(self) -> str:
+        """Return a sentence on why there are no figures; empty for a finished run."""
+        if self.state in ("failed", "pruned"):
+            return f"The run {self.state}: {self.status.get('reason') or 'for an unknown reason'}."
+        # The run itself may write this report before it ends.
+        return (
+            "" if self.metrics else f"The run has not finished ({self.state or 'unknown state'})."
+        )
 
     def figures(self, key: str) -> Any:
         """Return a value of `metrics.json`; raise MissingError if it is not there."""
@@ -133,16 +130,15 @@ class ReportedRun(Run):
             raise MissingError(f"metrics.json does not contain {key}.")
         return self.metrics[key]
 
-    def plot(self, name: str, caption: str, why_not: str) -> Image:
-        """Return a plot of the run; raise MissingError with `why_not` if it is missing."""
+    def plot(self, name: str, caption: str) -> Image:
+        """Return a plot of the run; raise MissingError if it is missing."""
         path = self.folder / "plots" / f"{name}.png"
         if not path.is_file():
-            raise MissingError(why_not)
+            raise MissingError(f"The run has no plots/{path.name}.")
         return Image(path.name, path.read_bytes(), caption, plot=True)
 
     def _found(self, place: str) -> str:
         """Return a path of the run's config, relative to the folder where the run was started."""
         path = Path(place).expanduser()
-        if not path.exists() and self.started_in and (self.started_in / path).exists():
-            return str(self.started_in / path)
-        return str(path)
+        there = (self.started_in or Path()) / path
+        return str(there if there.exists() and not path.exists() else path)

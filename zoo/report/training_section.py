@@ -2,48 +2,60 @@
 
 from rich.console import Console
 
-from zoo.report.blocks import Block, Heading, Images, Missing, Rows, Text, gather
+from zoo.report.blocks import Block, Heading, Images, MissingError, Rows, Text
 from zoo.report.reported_run import ReportedRun
 from zoo.runs.table import Table
 
 OPEN_LOOP = (
-    "Open-loop figures compare the predicted steering with the recorded steering, row by row. "
-    "They do not show whether the car stays on the road."
+    "Open-loop figures compare the predicted steering with the recorded steering, row by row. They "
+    "do not show whether the car stays on the road. The table also has two predictors that ignore "
+    "the image: one always predicts zero, the other the mean of the training rows. Balanced MAE is "
+    "the mean of the MAEs in 21 steering bins. A positive bias is to the right."
 )
 
 
-def training_blocks(run: ReportedRun) -> list[Block]:
-    """Return the training's duration and curves."""
-    return gather((_took, _curves), run)
-
-
-def open_loop_blocks(run: ReportedRun) -> list[Block]:
-    """Return the open-loop figures with two baselines, and plots of predicted against true."""
-    return gather((_figures, _scatter), run)
-
-
-def _took(run: ReportedRun) -> list[Block]:
+def duration(run: ReportedRun) -> list[Block]:
+    """Return the training's epochs, speed and duration."""
     epochs, metrics = run.figures("epochs"), run.metrics
-    best, rate = metrics.get("best_epoch"), metrics.get("samples_per_second")
-    threads = metrics["threads"]
-    parts = [
-        f"Epochs: {epochs}" + (f" (best: {best})" if best else ""),
-        f"Speed: {rate:,.0f} samples/s" if rate else "",
-        f"Total time: {metrics['wall_s']:,.0f} s on {metrics['device']} with {threads} "
-        + ("thread" if threads == 1 else "threads"),
-        f"Training seed: {metrics['seed']}.",
+    return [
+        Text(
+            f"Epochs: {epochs} (best: {metrics.get('best_epoch') or '-'}). Samples per second: "
+            f"{metrics.get('samples_per_second') or 0:,.0f}. Total time: {metrics['wall_s']:,.0f} "
+            f"s on {metrics['device']}; threads: {metrics['threads']}. Training seed: "
+            f"{metrics['seed']}."
+        )
     ]
-    return [Text(". ".join(part for part in parts if part))]
 
 
-def _curves(run: ReportedRun) -> list[Block]:
-    image = run.plot(
-        "training_curves",
+def curves(run: ReportedRun) -> list[Block]:
+    """Return the training's curves."""
+    caption = (
         "Training loss and validation MSE by epoch. The training loss is computed on balanced, "
-        "flipped and augmented samples with dropout, so it is usually above the validation MSE.",
-        "There are no training curves: no epoch was trained, or the run did not finish.",
+        "flipped and augmented samples with dropout, so it is usually above the validation MSE."
     )
-    return [Images([image])]
+    return [Images([run.plot("training_curves", caption)])]
+
+
+def open_loop(run: ReportedRun) -> list[Block]:
+    """Return the open-loop figures with those of two baselines."""
+    figures, baselines = run.figures("open_loop"), run.figures("baselines")
+    table = metrics_table(run.metrics["model"], figures, baselines)
+    own = frozenset(number for number, (part, *_) in enumerate(table.cells) if part)
+    worse = worse_than_nothing(run)
+    return [Text(OPEN_LOOP), Rows(table, left=2, bold=own), *([Text(worse)] if worse else [])]
+
+
+def scatter(run: ReportedRun) -> list[Block]:
+    """Return plots of predicted against recorded steering."""
+    figures = run.figures("open_loop")
+    images = [
+        run.plot(f"predicted_against_true_{part}", f"{part} rows, with the line of equality.")
+        for part in ("val", "test")
+        if part in figures
+    ]
+    if not images:
+        raise MissingError("The split has neither validation nor test rows.")
+    return [Heading("Predicted against recorded steering"), Images(images, columns=2)]
 
 
 def metrics_table(name: str, figures: dict, baselines: dict) -> Table:
@@ -69,52 +81,20 @@ def print_metrics(table: Table, console: Console) -> None:
     shown = table.printed(left=2, title=title, title_justify="left")
     for number, (part, *_) in enumerate(table.cells):
         shown.rows[number].style = "bold" if part else "dim"
-        if part and number:
-            shown.rows[number - 1].end_section = True
     console.print(shown)
 
 
-def _figures(run: ReportedRun) -> list[Block]:
-    figures, baselines = run.figures("open_loop"), run.figures("baselines")
-    table = metrics_table(run.metrics["model"], figures, baselines)
-    own = frozenset(number for number, (part, *_) in enumerate(table.cells) if part)
-    return [
-        Text(
-            f"{OPEN_LOOP} The table also has two predictors that ignore the image: one always "
-            "predicts zero, the other the mean of the training rows. Balanced MAE is the mean of "
-            "the MAEs in 21 steering bins. A positive bias is to the right."
-        ),
-        Rows(table, left=2, bold=own),
-        *_verdict(run),
-    ]
-
-
-def _verdict(run: ReportedRun) -> list[Block]:
-    worse = worse_than_nothing(run)
-    if not worse:
-        return []
-    return [Text(f"On {' and '.join(worse)} rows the MSE is not below that of always zero.")]
-
-
-def worse_than_nothing(run: ReportedRun) -> list[str]:
-    """Return the held-out parts whose MSE is not below that of always zero."""
+def worse_than_nothing(run: ReportedRun) -> str:
+    """Return a sentence on the parts whose MSE is not below that of always zero; empty for none."""
     figures, baselines = run.metrics.get("open_loop") or {}, run.metrics.get("baselines") or {}
-    return [
-        {"val": "validation", "test": "test"}[part]
+    worse = [
+        part
         for part in ("val", "test")
         if part in figures and figures[part]["mse"] >= baselines[part]["always zero"]["mse"]
     ]
-
-
-def _scatter(run: ReportedRun) -> list[Block]:
-    images, figures = [], run.figures("open_loop")
-    for part in ("val", "test"):
-        if part in figures:
-            caption = (
-                f"{part} rows: predicted against recorded steering, with the line of equality."
-            )
-            why_not = f"The run has no plot of predicted against recorded steering for {part} rows."
-            images.append(run.plot(f"predicted_against_true_{part}", caption, why_not))
-    if not images:
-        return [Missing("The split has neither validation nor test rows.")]
-    return [Heading("Predicted against recorded steering"), Images(images, columns=2)]
+    if not worse:
+        return ""
+    return (
+        f"On {' and '.join(worse)} rows its MSE is not below that of always zero, a predictor that "
+        "ignores the image. This does not show how it drives."
+    )

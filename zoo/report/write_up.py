@@ -1,17 +1,42 @@
 """Write a run's report as HTML and Markdown from the same sections."""
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from zoo.base.errors import InputError
 from zoo.base.whole_file import refuse_links_out, write_whole
-
-if TYPE_CHECKING:
-    from zoo.report.blocks import Section
-    from zoo.report.reported_run import ReportedRun
+from zoo.report import (
+    card_section,
+    data_section,
+    drive_section,
+    headline,
+    network_section,
+    training_section,
+)
+from zoo.report.blocks import Block, Missing, MissingError, Section, images_of, to_html, to_markdown
+from zoo.report.reported_run import ReportedRun
 
 FOLDER, PAGE, MARKDOWN = "report", "index.html", "report.md"
-# The sections' imports take seconds, so functions import them: --help and a typo stay quick.
+Part = Callable[[ReportedRun], list[Block]]
+SECTIONS: dict[str, Sequence[Part]] = {
+    "Headline": (headline.headline,),
+    # With the film, which readers look for.
+    "Driving": (drive_section.scores, drive_section.tracks, drive_section.in_training),
+    "Data": (
+        data_section.recordings,
+        data_section.split,
+        data_section.balance,
+        data_section.cameras,
+        data_section.flipped,
+        data_section.recovery,
+        data_section.fed,
+    ),
+    "Network": (network_section.layers_table,),
+    "Training": (training_section.duration, training_section.curves),
+    "Open loop": (training_section.open_loop, training_section.scatter),
+    "Settings": (card_section.command, card_section.settings, card_section.versions),
+    "Model card": (card_section.use, card_section.measured, card_section.limits),
+}
 
 
 def write_report(folder: Path) -> Path:
@@ -23,66 +48,33 @@ def write_report(folder: Path) -> Path:
         InputError: the folder is not a run's, a link in it leads out of it, or the report cannot
             be written.
     """
-    from zoo.report.reported_run import ReportedRun
-
-    folder = Path(folder)
-    run = ReportedRun.open(folder)
-    refuse_links_out(folder)
+    run, place = ReportedRun.open(Path(folder)), Path(folder) / FOLDER
+    refuse_links_out(run.folder)
+    sections = [Section(name, _blocks(run, parts)) for name, parts in SECTIONS.items()]
+    versions, when = run.metrics.get("versions") or {}, run.status.get("time") or ""
+    title, footer = headline.title(run), f"drivezoo {versions.get('drivezoo') or ''} {when[:10]}"
     try:
-        return _write(run, folder / FOLDER)
+        place.mkdir(exist_ok=True)
+        for section in sections:
+            for image in images_of(section.blocks):
+                write_whole(place / image.name, image.data)
+        write_whole(place / MARKDOWN, to_markdown(title, sections))
+        return write_whole(place / PAGE, to_html(title, sections, footer))
     except OSError as error:
-        reason = error.strerror or error
-        raise InputError(f"{folder / FOLDER}: cannot be written ({reason})") from None
+        raise InputError(f"{place}: cannot be written ({error.strerror or error})") from None
 
 
-def _write(run: "ReportedRun", folder: Path) -> Path:
-    from zoo.report.blocks import images_of, to_html, to_markdown
-    from zoo.report.headline import title
-
-    sections = report_sections(run)
-    folder.mkdir(exist_ok=True)
-    for section in sections:
-        for image in images_of(section.blocks):
-            write_whole(folder / image.name, image.data)
-    name = title(run)
-    write_whole(folder / MARKDOWN, to_markdown(name, sections, folder))
-    page = to_html(name, sections, _footer(run), folder)
-    return write_whole(folder / PAGE, page)
-
-
-def report_sections(run: "ReportedRun") -> "list[Section]":
-    """Return all sections in order; a section that fails becomes a line with the error."""
-    from zoo.report.blocks import Missing, Section
-    from zoo.report.card_section import card_blocks, settings_blocks
-    from zoo.report.data_section import data_blocks
-    from zoo.report.drive_section import drive_blocks
-    from zoo.report.headline import headline_blocks
-    from zoo.report.network_section import network_blocks
-    from zoo.report.training_section import open_loop_blocks, training_blocks
-
-    makers = {
-        "Headline": headline_blocks,
-        "Driving": drive_blocks,  # with the film, which readers look for
-        "Data": data_blocks,
-        "Network": network_blocks,
-        "Training": training_blocks,
-        "Open loop": open_loop_blocks,
-        "Settings": settings_blocks,
-        "Model card": card_blocks,
-    }
-    sections = []
-    for name, make in makers.items():
+def _blocks(run: ReportedRun, parts: Sequence[Part]) -> list[Block]:
+    """Return the blocks of a section; a part that cannot be created becomes a line, once."""
+    blocks: list[Block] = []
+    for part in parts:
         try:
-            blocks = make(run)
+            blocks += part(run)
+        except MissingError as missing:
+            line = Missing(str(missing))
+            blocks += [] if line in blocks else [line]
         # A run of another version may hold anything; a report must not stop a training.
         except Exception as error:
             reason = " ".join([f"{type(error).__name__}:", *str(error).splitlines()[:1]])
-            blocks = [Missing(f"This section could not be written ({reason}).")]
-        sections.append(Section(name, blocks))
-    return sections
-
-
-def _footer(run: "ReportedRun") -> str:
-    version = (run.metrics.get("versions") or {}).get("drivezoo")
-    when = (run.status.get("time") or "")[:10]
-    return " ".join(part for part in ("drivezoo", version, when) if part)
+            blocks.append(Missing(f"This part could not be written ({reason})."))
+    return blocks

@@ -27,24 +27,24 @@ def driven(pause: bool) -> Recording:
 
 
 def test_a_recovery_after_a_pause_goes_before_a_sharper_bend() -> None:
-    found = find_recovery(driven(pause=True))
-    assert found.rows.tolist() == list(range(BACK, BACK + LENGTH))
-    assert "follow a pause" in found.why
-    assert "0.40" in found.why
+    rows, why = find_recovery(driven(pause=True))
+    assert rows.tolist() == list(range(BACK, BACK + LENGTH))
+    assert "follow a pause" in why
+    assert "0.40" in why
 
 
 def test_without_a_pause_the_largest_return_is_shown_with_a_warning() -> None:
-    found = find_recovery(driven(pause=False))
-    assert BEND in found.rows
-    assert BACK not in found.rows
-    assert "may be a sharp bend" in found.why
+    rows, why = find_recovery(driven(pause=False))
+    assert BEND in rows
+    assert BACK not in rows
+    assert "may be a sharp bend" in why
 
 
 def test_a_stretch_never_crosses_a_pause_or_another_recording() -> None:
     steering = np.zeros(200)
     steering[80:110] = 0.9
     recording = recording_in_memory(steering, sizes=(100, 100))
-    rows = find_recovery(recording).rows
+    rows, _ = find_recovery(recording)
     assert len(set(recording.recording[rows])) == 1
 
 

@@ -192,7 +192,7 @@ def test_a_section_that_fails_leaves_the_others(undriven: Path) -> None:
     metrics["leak"] = {"val": 3}
     (undriven / "metrics.json").write_text(json.dumps(metrics))
     said = missing_in(undriven)
-    assert any("This section could not be written (TypeError" in line for line in said)
+    assert any("This part could not be written (TypeError" in line for line in said)
     assert (undriven / "report" / "training_curves.png").is_file()
 
 
@@ -245,13 +245,13 @@ def test_help_needs_no_torch(tmp_path: Path) -> None:
     assert "RUN_FOLDER" in result.stdout
 
 
-def test_a_runs_name_cannot_become_markup(tmp_path: Path) -> None:
+def test_a_runs_name_cannot_become_markup() -> None:
     evil = '<script>alert("1")</script>|`*_'
     image = Image("a.png", b"", evil, plot=True)
     sections = [Section("Data", [Text(evil), Rows(Table.of([evil], [[evil]])), Images([image])])]
-    page = to_html(evil, sections, evil, tmp_path)
+    page = to_html(evil, sections, evil)
     assert "<script" not in page
     assert 'alt="&lt;script' in page
-    text = to_markdown(evil, sections, tmp_path)
+    text = to_markdown(evil, sections)
     assert not re.search(r"(?<!\\)<script", text)
     assert text.count("\n| ") == 3, "a character in a cell has ended it"
