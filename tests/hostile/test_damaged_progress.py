@@ -13,7 +13,7 @@ from zoo.base.command_keys import read_options
 from zoo.base.run_command import run_command
 from zoo.cli.compose import compose_config
 from zoo.correct.correct_options import CorrectOptions
-from zoo.correct.correct_rounds import Progress, Round, open_progress
+from zoo.correct.correct_rounds import open_progress, save
 from zoo.runs.saved_config import RECIPE
 from zoo.training.run_config import with_recording
 
@@ -68,8 +68,8 @@ def test_a_damaged_correction_is_named_and_not_changed(
         open_progress(out, str(checkpoint), options, [])
 
     new = open_progress(out, str(checkpoint), options, [])
-    first = Round(0, str(checkpoint), 0, {"lake": FIGURES})
-    Progress(new.identity, new.options, new.overrides, [first]).save(out)
+    first = {"number": 0, "checkpoint": str(checkpoint), "corrections": 0}
+    save(new | {"rounds": [first | {"tracks": {"lake": FIGURES}}]}, out)
     assert run_command("zoo.correct", again, []) == 0
     damage, words = CORRECT[name]
     damage(out / "correct.json")

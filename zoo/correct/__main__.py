@@ -39,7 +39,7 @@ def correct(ckpt: str, *overrides: str, options: CorrectOptions) -> None:
     path = str(find_checkpoint(ckpt))
     from rich.console import Console
 
-    from zoo.correct.correct_rounds import NAME, rounds_table
+    from zoo.correct.correct_rounds import NAME, best_round, rounds_table
 
     console = Console(soft_wrap=True)
     folder = Path(options.out or dated_folder("corrections")).expanduser().absolute()
@@ -50,21 +50,21 @@ def correct(ckpt: str, *overrides: str, options: CorrectOptions) -> None:
                 from zoo.correct.correction import Correction
 
                 correction = Correction(path, options, list(overrides), folder, console)
-            progress = correction.run()
+            rounds = correction.run()
     except (KeyboardInterrupt, StoppedError):
         again = ["drivezoo", "correct", path, *changed(options), *overrides, f"out={folder}"]
         raise StoppedError(
             f"stopped; finished rounds are kept; resume with: {command_line(again)}"
         ) from None
-    console.print(rounds_table(progress.rounds))
-    best = progress.best
-    if best.number == 0:
+    console.print(rounds_table(rounds))
+    best = best_round(rounds)
+    if best["number"] == 0:
         console.print("no round drives better than the original checkpoint", highlight=False)
         print_written([folder], ["correct", "--help"], console)
     else:
-        console.print(f"best checkpoint: round {best.number}", highlight=False)
-        following = ["benchmark", best.checkpoint, "suite=quick"]
-        print_written([best.checkpoint], following, console)
+        console.print(f"best checkpoint: round {best['number']}", highlight=False)
+        following = ["benchmark", best["checkpoint"], "suite=quick"]
+        print_written([best["checkpoint"]], following, console)
 
 
 def changed(options: CorrectOptions) -> list[str]:

@@ -8,8 +8,6 @@ takeover with the network's steering, and the person writes the correct steering
 
 import csv
 import io
-import os
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,9 +15,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from datamodules.driving_log import CAMERAS
-from datamodules.image import read_image
-from datamodules.recording import LOG_NAME, read_recordings
-from simulator.recorder import IMAGE_FOLDER, number_text
+from datamodules.formats.recording_writer import write_log
+from datamodules.image import link_or_copy, read_image
+from datamodules.recording import IMAGE_FOLDER, read_recordings
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.whole_file import write_whole
@@ -29,6 +27,7 @@ from zoo.drives.drive_record import PERSON, POLICY, Drive
 
 LABELS, LABELS_IMAGE = "labels.csv", "labels.png"
 COLUMNS = ("override", "image", "seconds_before", "sent", "steering")
+ACROSS = 5  # frames in a row of the image
 LABEL_EVERY_S = 0.5  # the steering is interpolated between labels
 
 
@@ -84,37 +83,35 @@ def corrections_of_a_person(options: CorrectOptions, out: Path, folder: Path) ->
     Its images get new names: other recordings of the same simulator can have the same names.
     """
     rows = _recorded(options.recording) if options.recording else _labelled(options, out)
-    with (
-        whole_folder(folder, RECORDINGS) as whole,
-        (whole / LOG_NAME).open("x", encoding="utf-8", newline="") as file,
-    ):
+    lines = []
+    with whole_folder(folder, RECORDINGS) as whole:
         (whole / IMAGE_FOLDER).mkdir()
-        writer = csv.writer(file, lineterminator="\n")
         for images, numbers in rows:
-            names = []
-            for camera, image in zip(CAMERAS, images, strict=True):
-                name = image and f"{camera}_person_{Path(image).name.removeprefix(f'{camera}_')}"
-                names.append(f"{IMAGE_FOLDER}/{name}" if name else "")
-                if name:
-                    _link(Path(image), whole / IMAGE_FOLDER / name)
-            writer.writerow([*names, *map(number_text, numbers)])
-    return len(rows)
+            names = [""] * len(CAMERAS)
+            for number, (camera, image) in enumerate(zip(CAMERAS, images, strict=True)):
+                if image:
+                    own = Path(image).name.removeprefix(f"{camera}_")
+                    names[number] = f"{IMAGE_FOLDER}/{camera}_person_{own}"
+                    link_or_copy(image, whole / names[number])
+            lines.append((names, numbers))
+        write_log(whole, lines)
+    return len(lines)
 
 
 def overrides(drive: Drive, before_s: float) -> list[Override]:
     """Return each takeover of a drive, with the rows with an image up to `before_s` before it."""
-    found = []
-    for number, began in enumerate(np.flatnonzero(drive.intervention & (drive.driver == PERSON))):
+    found, previous = [], 0
+    takeovers = np.flatnonzero(drive.intervention & (drive.driver == PERSON))
+    for number, began in enumerate(takeovers, 1):
         since_s = drive.time_s[began] - drive.time_s
         mine = (drive.client == drive.client[began]) & (drive.driver == POLICY)
         near = mine & (drive.frame != "") & (since_s >= 0) & (since_s <= before_s)
-        # Rows before the previous takeover belong to that one.
-        near[: found[-1][1] if found else 0] = False
-        rows = np.flatnonzero(near)
+        near[:previous] = False  # rows before the previous takeover belong to that one
+        rows, previous = np.flatnonzero(near), began
         # The original simulator sends frames twice.
         _, first = np.unique(drive.frame[rows], return_index=True)
-        found.append((number + 1, began, rows[np.sort(first)]))
-    return [Override(number, drive.time_s[began], rows) for number, began, rows in found]
+        found.append(Override(number, drive.time_s[began], rows[np.sort(first)]))
+    return found
 
 
 def read_labels(path: Path) -> dict[str, float]:
@@ -146,26 +143,23 @@ def read_labels(path: Path) -> dict[str, float]:
 
 def _write_labels(drive: Drive, found: list[Override], folder: Path) -> None:
     """Write the labels to fill in, and an image that shows their frames."""
-    shown = [(one, _sparse(drive, one.rows)) for one in found if len(one.rows)]
-    columns = max(len(rows) for _, rows in shown)
-    figure = Figure(figsize=(2.4 * columns, 1.6 * len(shown)), layout="constrained")
-    axes = figure.subplots(len(shown), columns, squeeze=False)
-    for axis in axes.ravel():
+    shown = [(one, row) for one in found if len(one.rows) for row in _sparse(drive, one.rows)]
+    height = -(-len(shown) // ACROSS)
+    figure = Figure(figsize=(2.4 * ACROSS, 1.6 * height), layout="constrained")
+    axes = figure.subplots(height, ACROSS, squeeze=False).ravel()
+    for axis in axes:
         axis.axis("off")
     lines = []
-    for line, (one, rows) in enumerate(shown):
-        for column, row in enumerate(rows):
-            before_s = one.began_s - drive.time_s[row]
-            sent = drive.steering[row]
-            lines.append([one.number, drive.frame[row], f"{before_s:.2f}", f"{sent:.3f}", ""])
-            path = drive.folder / drive.frame[row]
-            try:
-                axes[line, column].imshow(read_image(path))
-            except (OSError, ValueError) as error:
-                raise InputError(f"{path}: {error}; name another drive") from None
-            axes[line, column].set_title(
-                f"override {one.number}, {before_s:.1f} s before, sent {sent:+.2f}", fontsize=6
-            )
+    for axis, (one, row) in zip(axes, shown, strict=False):
+        before_s, sent = one.began_s - drive.time_s[row], drive.steering[row]
+        lines.append([one.number, drive.frame[row], f"{before_s:.2f}", f"{sent:.3f}", ""])
+        path = drive.folder / drive.frame[row]
+        try:
+            axis.imshow(read_image(path))
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path}: {error}; name another drive") from None
+        title = f"override {one.number}, {before_s:.1f} s before, sent {sent:+.2f}"
+        axis.set_title(title, fontsize=6)
     image, labels = io.BytesIO(), io.StringIO()
     figure.savefig(image, dpi=150, format=Path(LABELS_IMAGE).suffix[1:])
     write_whole(folder / LABELS_IMAGE, image.getbuffer())
@@ -203,20 +197,7 @@ def _labelled(options: CorrectOptions, out: Path) -> list[tuple]:
 
 
 def _recorded(folder: str) -> list[tuple]:
+    """Return the images and numbers of each row of a recording."""
     recording = read_recordings(folder)
-    numbers = zip(
-        recording.steering,
-        recording.throttle,
-        recording.brake,
-        recording.speed_mph,
-        strict=True,
-    )
-    return list(zip(recording.images.tolist(), numbers, strict=True))
-
-
-def _link(source: Path, target: Path) -> None:
-    """Link a file; copy it if the disk has no links."""
-    try:
-        os.link(source.resolve(), target)
-    except OSError:
-        shutil.copyfile(source, target)
+    columns = (recording.steering, recording.throttle, recording.brake, recording.speed_mph)
+    return list(zip(recording.images.tolist(), np.stack(columns, 1).tolist(), strict=True))

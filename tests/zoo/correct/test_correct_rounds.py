@@ -7,7 +7,7 @@ import pytest
 from zoo.base.command_keys import read_options
 from zoo.base.errors import InputError
 from zoo.correct.correct_options import CorrectOptions
-from zoo.correct.correct_rounds import open_progress
+from zoo.correct.correct_rounds import open_progress, save
 
 
 def test_a_correction_with_other_options_is_not_resumed(tmp_path: Path) -> None:
@@ -15,7 +15,7 @@ def test_a_correction_with_other_options_is_not_resumed(tmp_path: Path) -> None:
     checkpoint.write_bytes(b"weights")
     options = read_options(CorrectOptions)
     new = open_progress(out, str(checkpoint), options, [])
-    new.save(out)
+    save(new, out)
     assert open_progress(out, str(checkpoint), options, []) == new
     late = read_options(CorrectOptions, ["delay_s=0.2"])
     with pytest.raises(InputError, match="delay_s=0"):
