@@ -132,6 +132,12 @@ def typed(value: object) -> str:
     return str(os.fspath(value) if isinstance(value, os.PathLike) else value)
 
 
+def changed(options: object) -> list[str]:
+    """Return the options that differ from the defaults of their class, as users type them."""
+    given, usual = vars(options).items(), type(options)()
+    return [f"{key}={typed(value)}" for key, value in given if value != getattr(usual, key)]
+
+
 def help_row(name: str, meaning: str, names: int = NAMES) -> str:
     """Return a name and its meaning in two columns; a long name has its own line.
 

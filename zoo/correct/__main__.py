@@ -1,10 +1,10 @@
 """`drivezoo correct`: train a checkpoint on its own driving errors."""
 
-from dataclasses import fields
+from dataclasses import replace
 from pathlib import Path
 
 from zoo.base.command import command
-from zoo.base.command_keys import typed
+from zoo.base.command_keys import changed
 from zoo.base.errors import StoppedError
 from zoo.base.new_folder import command_folder, dated_folder
 from zoo.base.terminal import command_line
@@ -52,7 +52,8 @@ def correct(ckpt: str, *overrides: str, options: CorrectOptions) -> None:
                 correction = Correction(path, options, list(overrides), folder, console)
             rounds = correction.run()
     except (KeyboardInterrupt, StoppedError):
-        again = ["drivezoo", "correct", path, *changed(options), *overrides, f"out={folder}"]
+        words = [*changed(replace(options, out=str(folder))), *overrides]
+        again = ["drivezoo", "correct", path, *words]
         raise StoppedError(
             f"stopped; finished rounds are kept; resume with: {command_line(again)}"
         ) from None
@@ -65,16 +66,6 @@ def correct(ckpt: str, *overrides: str, options: CorrectOptions) -> None:
         console.print(f"best checkpoint: round {best['number']}", highlight=False)
         following = ["benchmark", best["checkpoint"], "suite=quick"]
         print_written([best["checkpoint"]], following, console)
-
-
-def changed(options: CorrectOptions) -> list[str]:
-    """Return the options that differ from the defaults, as a user types them."""
-    usual = CorrectOptions()
-    return [
-        f"{field.name}={typed(getattr(options, field.name))}"
-        for field in fields(options)
-        if field.name != "out" and getattr(options, field.name) != getattr(usual, field.name)
-    ]
 
 
 if __name__ == "__main__":

@@ -203,38 +203,23 @@ class RecordedErrors(Keep):
 
     def result(self, drive: Drive, policy: LabellingPolicy, world: EmbeddedWorld) -> int:
         """Record the drive, and return the number of rows."""
-        options = self.options
-        keep = worth_keeping(drive.rows, options.before_s, options.after_s, options.off_m)
+        options, labels, rows = self.options, policy.labels, drive.rows
+        keep = worth_keeping(rows, options.before_s, options.after_s, options.off_m)
+        before, stretch_s = -2, 0.0
         with Recorder(self.folder, relative=True) as recorder:
-            _record(recorder, world.simulated, drive.rows, policy.labels, keep, self.begin_s)
+            for number in np.flatnonzero(keep):
+                row, label = rows[number], labels[number]
+                # After an intervention the car is elsewhere.
+                if number != before + 1 or rows[before].intervention:
+                    recorder.begin_pass()
+                    stretch_s = row.time_s if recorder.rows else row.time_s - self.begin_s
+                before = number
+                # The side cameras are rendered here: the drive needs only the centre camera.
+                renderer = world.simulated.renderer
+                frames = {one: renderer.frame(label.pose, one, label.frame) for one in CAMERAS}
+                numbers = (label.steering, *split_pedals(label.throttle), row.speed_mph)
+                recorder.add(frames, *numbers, row.time_s - stretch_s)
         return recorder.rows
-
-
-def _record(
-    recorder: Recorder,
-    world: World,
-    rows: list[DriveRow],
-    labels: list[ExpertLabel],
-    keep: np.ndarray,
-    begin_s: float,
-) -> None:
-    """Record the kept frames, each stretch of consecutive frames as a pass.
-
-    The side cameras are rendered here: the drive needs only the centre camera.
-    """
-    before, stretch_s = -2, 0.0
-    for number in np.flatnonzero(keep):
-        row, label = rows[number], labels[number]
-        # After an intervention the car is elsewhere.
-        if number != before + 1 or rows[before].intervention:
-            recorder.begin_pass()
-            stretch_s = row.time_s if recorder.rows else row.time_s - begin_s
-        before = number
-        frames = {
-            camera: world.renderer.frame(label.pose, camera, label.frame) for camera in CAMERAS
-        }
-        pedals = split_pedals(label.throttle)
-        recorder.add(frames, label.steering, *pedals, row.speed_mph, row.time_s - stretch_s)
 
 
 def _join(parts: list[Path], folder: Path) -> None:

@@ -66,15 +66,15 @@ class Archive:
 
 def failure_map(
     archive: Archive,
-    points: list[tuple[float, float, bool]],
-    mildest: tuple[float, float] | None,
+    drives: list[tuple[Mapping[str, float], bool]],
+    mildest: Mapping[str, float] | None,
     title: str,
 ) -> Figure:
     """Draw the cells by their share of failures, each drive as a point, and the mildest failure.
 
     Args:
         archive: cells of the search.
-        points: the two features of each drive, and whether it failed.
+        drives: features of each drive, and whether it failed.
         mildest: features of the mildest failing road; None without a failure.
         title: title of the plot.
     """
@@ -92,37 +92,31 @@ def failure_map(
         ink = "white" if failed > driven / 2 else "black"
         text = {"ha": "center", "va": "center", "fontsize": 7, "zorder": 4, "color": ink}
         axis.text(middle, high - 0.2 * (high - low), f"{failed}/{driven}", **text)
-    for failed, colour, marker, label in (
-        (False, BLUE, "o", "driven without intervention"),
-        (True, "black", "x", "intervention"),
+    stars = [] if mildest is None else [mildest]
+    star = {"s": 130, "color": YELLOW, "marker": "*", "ec": "black", "zorder": 5}
+    passed = {"s": 8, "color": BLUE, "marker": "o", "alpha": 0.8, "lw": 1.0, "zorder": 3}
+    cross = passed | {"s": 14, "color": "black", "marker": "x"}
+    for label, places, look in (
+        ("driven without intervention", [one for one, failed in drives if not failed], passed),
+        ("intervention", [one for one, failed in drives if failed], cross),
+        ("mildest intervention", stars, star),
     ):
-        own = np.array([one[:2] for one in points if one[2] == failed]).reshape(-1, 2)
-        shown = {"s": 14 if failed else 8, "color": colour, "marker": marker, "lw": 1.0}
-        axis.scatter(*own.T, alpha=0.8, label=label, zorder=3, **shown)
-    if mildest is not None:
-        axis.scatter(
-            *mildest,
-            s=130,
-            marker="*",
-            color=YELLOW,
-            ec="black",
-            zorder=5,
-            label="mildest intervention",
-        )
-    for name, which in ((grid.x, "x"), (grid.y, "y")):
+        if places or look is not star:
+            across, up = ([one[name] for one in places] for name in (grid.x, grid.y))
+            axis.scatter(across, up, label=label, **look)
+    for name, side, ticks in ((grid.x, "x", axis.xaxis), (grid.y, "y", axis.yaxis)):
         borders, scale = edges[name], grid.scales[name].scale
-        own = [one[which == "y"] for one in points]
-        inside = min([borders[0], *own]), max([borders[-1], *own])
-        axis.set(**{f"{which}lim": inside, f"{which}label": grid.scales[name].label})
+        own = [one[name] for one, _ in drives]
+        limits = min([borders[0], *own]), max([borders[-1], *own])
+        axis.set(**{f"{side}lim": limits, f"{side}label": grid.scales[name].label})
         if scale.log:
-            axis.set(**{f"{which}scale": "log"})
-        ticks = borders[:: max(1, len(borders) // 6)]
-        axis.set(**{f"{which}ticks": ticks, f"{which}ticklabels": [f"{one:.3g}" for one in ticks]})
-        (axis.xaxis if which == "x" else axis.yaxis).set_minor_locator(NullLocator())
+            axis.set(**{f"{side}scale": "log"})
+        shown = borders[:: max(1, len(borders) // 6)]
+        ticks.set_ticks(shown, [f"{one:.3g}" for one in shown])
+        ticks.set_minor_locator(NullLocator())
     axis.set_title(title, fontsize="medium")
     axis.spines[["top", "right"]].set_visible(False)
-    colours = ScalarMappable(Normalize(0, 1), FAILED)
-    bar = figure.colorbar(colours, ax=axis, shrink=0.6)
+    bar = figure.colorbar(ScalarMappable(Normalize(0, 1), FAILED), ax=axis, shrink=0.6)
     bar.set_label("share of the cell's drives with an intervention, if any")
     figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize="small")
     return figure

@@ -1,8 +1,8 @@
 """The choice of the next roads and days to drive."""
 
 import warnings
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -10,47 +10,79 @@ from zoo.base.errors import InputError
 from zoo.search.failure_map import Archive
 from zoo.search.search_space import DAYS, Candidate, SearchSpace
 
-if TYPE_CHECKING:
-    import optuna
-
-PROPOSALS, TPE_PROPOSALS = 30, 8  # roads that are drawn to find one in a cell without a failure
 STEP = 0.15  # standard deviation of a change, as a share of a parameter's range
 ATTEMPTS = 20  # draws of parameters until the car can take a road
 
+Draw = Callable[[], dict[str, float]]  # returns parameters of a road and its day
 
-class RandomSampler:
+
+class Sampler:
     """A sampler that draws parameters uniformly from their ranges.
 
     Args:
         space: roads and days.
         seed: random seed.
+        archive: cells of the search, which the caller keeps up to date.
         whole_family: draw roads as the family draws them, and only the days uniformly.
     """
 
-    def __init__(self, space: SearchSpace, seed: int, whole_family: bool = False) -> None:
-        self.space, self.rng = space, np.random.default_rng(seed)
-        self.keys = [key for key in space.parameters if key in DAYS or not whole_family]
+    proposals = 1  # roads that are drawn to find one in a cell without a failure
+
+    def __init__(
+        self, space: SearchSpace, seed: int, archive: Archive, whole_family: bool = False
+    ) -> None:
+        self.space, self.archive, self.rng = space, archive, np.random.default_rng(seed)
+        self.draw = self._family if whole_family else self._uniform
+        # Of each proposed road: what drew it, whether its cell is new, and the road.
+        self.proposed: list[tuple[Any, bool, Candidate]] = []
 
     def propose(self, count: int) -> list[Candidate]:
-        """Return the next roads to drive."""
-        return [self.draw() for _ in range(count)]
+        """Return the next roads to drive, in cells without a failure as far as any are found."""
+        self.proposed, taken = [], set(self.archive.failed)
+        for _ in range(count):
+            draw = self._choose()
+            for left in reversed(range(self.proposals)):
+                candidate = self._road(draw)
+                cell = self.archive.grid.cell(candidate.features)
+                if cell not in taken or not left:
+                    break
+                self._abandon()
+            self.proposed.append((self.source, cell not in taken, candidate))
+            taken.add(cell)
+        return [candidate for *_, candidate in self.proposed]
 
     def learn(self, closeness: Sequence[float]) -> None:
         """Take the closeness to failure of the proposed roads' drives."""
 
-    def draw(self) -> Candidate:
+    def _choose(self) -> Draw:
+        """Return what draws the next road, and note it as `source`."""
+        self.source: Any = None
+        return self.draw
+
+    def _abandon(self) -> None:
+        """Take note that the last drawn road is not driven."""
+
+    def _road(self, draw: Draw) -> Candidate:
         """Return a road that the car can take."""
         for _ in range(ATTEMPTS):
-            candidate = self.space.draw(self.rng, self._parameters())
+            candidate = self.space.draw(self.rng, draw())
             if candidate is not None:
                 return candidate
-        raise no_road(self.space)
+            self._abandon()
+        raise InputError(
+            f"family={self.space.family.name}: the car could take none of {ATTEMPTS} roads; widen "
+            "the family's radius, or set a smaller length="
+        )
 
-    def _parameters(self) -> dict[str, float]:
-        return {key: self.space.parameters[key].at(self.rng.random()) for key in self.keys}
+    def _uniform(self) -> dict[str, float]:
+        return {key: one.at(self.rng.random()) for key, one in self.space.parameters.items()}
+
+    def _family(self) -> dict[str, float]:
+        days = {key: one for key, one in self.space.parameters.items() if key in DAYS}
+        return {key: one.at(self.rng.random()) for key, one in days.items()}
 
 
-class ArchiveSampler:
+class ArchiveSampler(Sampler):
     """A sampler that draws from three sources, and most from the one that finds new cells.
 
     The sources are the family's own roads, parameters drawn uniformly, and changed parameters of
@@ -58,37 +90,15 @@ class ArchiveSampler:
     mapping elites", arXiv:1504.04909). Thompson sampling chooses among them, by the share of their
     drives that failed in a new cell. A road is drawn in 10 ms, and driven only if its cell has no
     failure yet, since a drive takes seconds.
-
-    Args:
-        space: roads and days.
-        seed: random seed.
-        archive: cells of the search, which the caller keeps up to date.
     """
 
+    proposals = 30
+
     def __init__(self, space: SearchSpace, seed: int, archive: Archive) -> None:
-        self.space, self.archive, self.rng = space, archive, np.random.default_rng(seed)
-        family, uniform = (RandomSampler(space, seed, whole) for whole in (True, False))
-        family.rng = uniform.rng = self.rng
-        self.sources = [family.draw, uniform.draw, self._changed]
+        super().__init__(space, seed, archive)
+        self.sources = [self._family, self._uniform, self._changed]
         self.found, self.missed = np.ones(3), np.ones(3)  # drives of each source; new cells, others
         self.failures: list[dict[str, float]] = []
-        self.proposed: list[tuple[int, bool, Candidate]] = []  # source; whether its cell is new
-
-    def propose(self, count: int) -> list[Candidate]:
-        """Return the next roads to drive, in cells without a failure as far as any are found."""
-        self.proposed, taken = [], set(self.archive.failed)
-        usable = len(self.sources) if self.failures else len(self.sources) - 1
-        for _ in range(count):
-            chances = self.rng.beta(self.found[:usable], self.missed[:usable])
-            source = int(chances.argmax())
-            for _ in range(PROPOSALS):
-                candidate = self.sources[source]()
-                cell = self.archive.grid.cell(candidate.features)
-                if cell not in taken:
-                    break
-            self.proposed.append((source, cell not in taken, candidate))
-            taken.add(cell)
-        return [candidate for *_, candidate in self.proposed]
 
     def learn(self, closeness: Sequence[float]) -> None:
         """Keep failures, and count each source's drives that failed in a new cell."""
@@ -98,21 +108,20 @@ class ArchiveSampler:
             if failed:
                 self.failures.append(candidate.parameters)
 
-    def _changed(self) -> Candidate:
-        """Return a road with changed parameters of a failure."""
+    def _choose(self) -> Draw:
+        usable = len(self.sources) if self.failures else len(self.sources) - 1
+        self.source = int(self.rng.beta(self.found[:usable], self.missed[:usable]).argmax())
+        return self.sources[self.source]
+
+    def _changed(self) -> dict[str, float]:
+        """Return changed parameters of a failure."""
         ranges = self.space.parameters
-        for _ in range(ATTEMPTS):
-            parent = self.failures[self.rng.integers(len(self.failures))]
-            steps = {key: self.rng.normal(0, STEP) for key in ranges}
-            changed = {
-                key: one.at(one.share(parent[key]) + steps[key]) for key, one in ranges.items()
-            }
-            if (candidate := self.space.draw(self.rng, changed)) is not None:
-                return candidate
-        raise no_road(self.space)
+        parent = self.failures[self.rng.integers(len(self.failures))]
+        steps = {key: self.rng.normal(0, STEP) for key in ranges}
+        return {key: one.at(one.share(parent[key]) + steps[key]) for key, one in ranges.items()}
 
 
-class TpeSampler:
+class TpeSampler(Sampler):
     """A sampler of Optuna's TPE, which proposes parameters that resemble those of failures.
 
     As in `ArchiveSampler`, only roads in cells without a failure are driven.
@@ -127,6 +136,8 @@ class TpeSampler:
         InputError: Optuna is not installed.
     """
 
+    proposals = 8
+
     def __init__(self, space: SearchSpace, seed: int, archive: Archive, startup: int) -> None:
         try:
             import optuna
@@ -135,7 +146,7 @@ class TpeSampler:
                 "sampler=tpe: Optuna is not installed; pip install 'drivezoo[optuna]', or use "
                 "sampler=random"
             ) from None
-        self.space, self.archive, self.rng = space, archive, np.random.default_rng(seed)
+        super().__init__(space, seed, archive)
         self.ranges = {
             key: optuna.distributions.FloatDistribution(one.low, one.high, log=one.log)
             for key, one in space.parameters.items()
@@ -148,42 +159,18 @@ class TpeSampler:
                 seed=seed, n_startup_trials=startup, multivariate=True
             )
         self.study = optuna.create_study(direction="maximize", sampler=sampler)
-        self.trials: list[optuna.Trial] = []
-
-    def propose(self, count: int) -> list[Candidate]:
-        """Return the next roads to drive, in cells without a failure as far as any are found."""
-        self.trials, found = [], []
-        taken = set(self.archive.failed)
-        for _ in range(count):
-            for left in reversed(range(TPE_PROPOSALS)):
-                trial, candidate = self._ask()
-                cell = self.archive.grid.cell(candidate.features)
-                if cell not in taken or not left:
-                    break
-                self.study.tell(trial, state=self.abandoned)
-            taken.add(cell)
-            self.trials.append(trial)
-            found.append(candidate)
-        return found
 
     def learn(self, closeness: Sequence[float]) -> None:
         """Take the closeness to failure of the proposed roads' drives."""
-        for trial, one in zip(self.trials, closeness, strict=True):
+        for (trial, *_), one in zip(self.proposed, closeness, strict=True):
             self.study.tell(trial, one)
 
-    def _ask(self) -> "tuple[optuna.Trial, Candidate]":
-        for _ in range(ATTEMPTS):
-            trial = self.study.ask(self.ranges)
-            candidate = self.space.draw(self.rng, trial.params)
-            if candidate is not None:
-                return trial, candidate
-            self.study.tell(trial, state=self.abandoned)
-        raise no_road(self.space)
+    def _choose(self) -> Draw:
+        return self._ask
 
+    def _ask(self) -> dict[str, float]:
+        self.source = self.study.ask(self.ranges)
+        return self.source.params
 
-def no_road(space: SearchSpace) -> InputError:
-    """Return the error of a family of which the car can take no road."""
-    return InputError(
-        f"family={space.family.name}: the car could take none of {ATTEMPTS} roads; widen the "
-        "family's radius, or set a smaller length="
-    )
+    def _abandon(self) -> None:
+        self.study.tell(self.source, state=self.abandoned)

@@ -1,16 +1,19 @@
 """A search from its options to its files: search.json, map.png and mildest.yaml."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 import yaml
+from matplotlib.figure import Figure
 from rich.console import Console
 
+from zoo.base.command_keys import changed
 from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
+from zoo.base.process_pool import opened_pool
 from zoo.base.whole_file import json_text, write_whole
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.checkpoints.policy import load_policy
@@ -23,9 +26,10 @@ from zoo.runs.table_files import check_table, write_table
 from zoo.search.failure_map import Archive, failure_map
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_run import (
+    BATCH,
     Driven,
     distance_to_usual,
-    opened_driver,
+    drive_roads,
     search,
     usual_features,
 )
@@ -34,9 +38,10 @@ from zoo.worlds.embedded_world import ROAD
 
 VERSION = 1
 RESULT, MAP, MILDEST = "search.json", "map.png", f"{ROAD}.yaml"
+TABLE_COLUMNS = ("feature", "usual", "passed", "failed", "mildest")
 
 
-@dataclass(frozen=True)
+@dataclass
 class Report:
     """What the files of a search are written from.
 
@@ -48,6 +53,7 @@ class Report:
         archive: cells of the map.
         usual: the family's usual value of each feature.
         folder: folder to write to.
+        drives: finished drives.
     """
 
     checkpoint: str
@@ -57,25 +63,29 @@ class Report:
     archive: Archive
     usual: dict[str, float]
     folder: Path
+    drives: list[Driven] = field(default_factory=list)
 
     def distance(self, one: Driven) -> float:
         """Return how far a road is from the family's usual one; see `distance_to_usual`."""
         return distance_to_usual(one.candidate.features, self.usual, self.space)
 
-    def mildest(self, drives: list[Driven]) -> Driven | None:
+    @property
+    def failed(self) -> list[Driven]:
+        """Return the drives that ended with an intervention."""
+        return [one for one in self.drives if one.outcome.failed]
+
+    @property
+    def mildest(self) -> Driven | None:
         """Return the failure that is nearest to the family's usual road; None without one."""
-        return min((one for one in drives if one.outcome.failed), key=self.distance, default=None)
+        return min(self.failed, key=self.distance, default=None)
 
     def replay(self, one: Driven) -> list[str]:
         """Return the words after `drivezoo` that drive a road again, as the mildest."""
-        options = self.options
-        changed = [f"weather={weather_text(one.candidate.weather)}"]
-        changed += [f"speed={options.speed:g}"] if options.speed != 15 else []
-        changed += [f"frame_rate={options.frame_rate!r}"] if options.frame_rate != 15 else []
-        changed += [f"delay_s={options.delay_s!r}"] if options.delay_s else []
-        changed += [f"quality={options.quality}"] if options.quality != "full" else []
         track = f"track={self.folder / MILDEST}"
-        return ["evaluate", short_name(Path(self.checkpoint)), track, *changed]
+        words = ["evaluate", short_name(Path(self.checkpoint)), track]
+        words.append(f"weather={weather_text(one.candidate.weather)}")
+        own = ("speed", "frame_rate", "delay_s", "quality")
+        return [*words, *(word for word in changed(self.options) if word.partition("=")[0] in own)]
 
 
 def search_and_report(checkpoint: str, options: SearchOptions, console: Console) -> dict:
@@ -93,35 +103,46 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
         digest = sha256(Path(checkpoint).read_bytes()).hexdigest()
         report = Report(checkpoint, digest, options, space, archive, usual_features(space), folder)
         with (
-            opened_driver(checkpoint, options) as drive,
+            opened_pool(options.workers, most=BATCH) as pool,
             progress_bar(f"{options.budget} drives", console) as show,
         ):
 
             def keep(drives: list[Driven]) -> None:
-                write_whole(folder / RESULT, json_text(result_of(report, drives)))
+                report.drives = drives
+                write_whole(folder / RESULT, json_text(result_of(report)))
                 show(len(drives) / options.budget)
 
-            drives = search(options, space, archive, drive, keep)
-        result = result_of(report, drives)
-        mildest = report.mildest(drives)
-        written = [folder / RESULT, _draw(report, drives)]
+            drive = partial(drive_roads, checkpoint, options, pool)
+            search(options, space, archive, drive, keep)
+        mildest, table = report.mildest, features_table(report)
+        written = [folder / RESULT, save_figure(draw_map(report), folder / MAP)]
         if mildest is not None:
             written.append(_write_mildest(report, mildest))
-        _print_figures(report, drives, console)
+        console.print(table.printed())
+        cells, drives = archive.grid.cells**2, len(report.drives)
+        console.print(
+            f"{drives} drives, {len(report.failed)} with an intervention; cells: "
+            f"{len(archive.driven)} of {cells} driven, {len(archive.failed)} with an intervention",
+            highlight=False,
+        )
+        if mildest is None:
+            console.print("no road failed: try a larger budget=, another family= or speed=")
         if options.table is not None:
-            table = features_table(report, drives)
             written.append(write_table(table, options.table, options.columns))
         print_written(written, report.replay(mildest) if mildest else [], console)
-        steered_nan = sum(one.outcome.nan_frames > 0 for one in drives)
+        steered_nan = sum(one.outcome.nan_frames > 0 for one in report.drives)
         if steered_nan:
-            raise InputError(f"{checkpoint}: steered NaN in {steered_nan} of {len(drives)} drives")
-        return result
+            raise InputError(f"{checkpoint}: steered NaN in {steered_nan} of {drives} drives")
+        return result_of(report)
 
 
-def result_of(report: Report, drives: list[Driven]) -> dict:
+def result_of(report: Report) -> dict:
     """Return the content of `search.json`."""
-    space, archive = report.space, report.archive
-    mildest = report.mildest(drives)
+    archive, mildest, drives = report.archive, report.mildest, report.drives
+    worst = None
+    if mildest is not None:
+        command = ["drivezoo", *report.replay(mildest)]
+        worst = {"drive": drives.index(mildest), "command": command}
     return {
         "version": VERSION,
         "code": code_fingerprint(),
@@ -129,7 +150,7 @@ def result_of(report: Report, drives: list[Driven]) -> dict:
         "options": asdict(report.options),
         "features": {
             key: {"label": one.label, **asdict(one.scale), "usual": report.usual[key]}
-            for key, one in space.features.items()
+            for key, one in report.space.features.items()
         },
         "cells": {
             "all": archive.grid.cells**2,
@@ -140,40 +161,32 @@ def result_of(report: Report, drives: list[Driven]) -> dict:
                 for cell, count in sorted(archive.driven.items())
             ],
         },
-        "failed": sum(one.outcome.failed for one in drives),
-        "drives": [_record(report, one) for one in drives],
-        "mildest": None
-        if mildest is None
-        else {
-            "drive": drives.index(mildest),
-            "command": ["drivezoo", *report.replay(mildest)],
-        },
+        "failed": len(report.failed),
+        "drives": [
+            {
+                "seed": one.candidate.seed,
+                "parameters": one.candidate.parameters,
+                "weather": weather_text(one.candidate.weather),
+                "features": one.candidate.features,
+                "distance_to_usual": round(report.distance(one), 4),
+                **asdict(one.outcome),
+            }
+            for one in drives
+        ],
+        "mildest": worst,
     }
 
 
-def _record(report: Report, one: Driven) -> dict:
-    return {
-        "seed": one.candidate.seed,
-        "parameters": one.candidate.parameters,
-        "weather": weather_text(one.candidate.weather),
-        "features": one.candidate.features,
-        "distance_to_usual": round(report.distance(one), 4),
-        **asdict(one.outcome),
-    }
-
-
-def _draw(report: Report, drives: list[Driven]) -> Path:
-    grid, options = report.archive.grid, report.options
-    places = [(one.candidate.features[grid.x], one.candidate.features[grid.y]) for one in drives]
-    points = [(*place, one.outcome.failed) for place, one in zip(places, drives, strict=True)]
-    mildest = report.mildest(drives)
-    star = None if mildest is None else places[drives.index(mildest)]
+def draw_map(report: Report) -> Figure:
+    """Draw the map of the cells, the drives and the mildest failure."""
+    archive, options, mildest = report.archive, report.options, report.mildest
     title = (
         f"{Path(report.checkpoint).name} on {report.space.family.name}, sampler={options.sampler}: "
-        f"{len(report.archive.failed)} of {grid.cells**2} cells with an intervention, "
-        f"{len(drives)} drives"
+        f"{len(archive.failed)} of {archive.grid.cells**2} cells with an intervention, "
+        f"{len(report.drives)} drives"
     )
-    return save_figure(failure_map(report.archive, points, star, title), report.folder / MAP)
+    points = [(one.candidate.features, one.outcome.failed) for one in report.drives]
+    return failure_map(archive, points, mildest and mildest.candidate.features, title)
 
 
 def _write_mildest(report: Report, mildest: Driven) -> Path:
@@ -188,57 +201,27 @@ def _write_mildest(report: Report, mildest: Driven) -> Path:
     return write_whole(report.folder / MILDEST, text + content)
 
 
-TABLE_COLUMNS = ("feature", "usual", "passed", "failed", "mildest")
-
-
-def features_table(report: Report, drives: list[Driven]) -> Table:
+def features_table(report: Report) -> Table:
     """Return a row for each feature: its usual value, its quartiles, and the mildest failure's."""
-    mildest = report.mildest(drives)
-    features = report.space.features
+    features, mildest = report.space.features, report.mildest
     usual = [report.usual[key] for key in features]
-    worst = [None if mildest is None else mildest.candidate.features[key] for key in features]
+    labels = [one.label for one in features.values()]
     columns = [
-        Column(
-            "feature",
-            "feature",
-            [one.label for one in features.values()],
-            {"feature": list(features)},
-        ),
+        Column("feature", "feature", labels, {"feature": list(features)}),
         Column("usual", "family's usual", [f"{one:.3g}" for one in usual], {"usual": usual}),
     ]
     for name, failed in (("passed", False), ("failed", True)):
-        chosen = [drive.candidate for drive in drives if drive.outcome.failed is failed]
+        chosen = [one.candidate for one in report.drives if one.outcome.failed is failed]
         found = [_quartiles([one.features[key] for one in chosen]) for key in features]
         figures = {f"{name}_{part}": [one[part] for one in found] for part in found[0]}
-        texts = [_range(one) if chosen else "" for one in found]
-        columns.append(Column(name, name, texts, figures))
+        form = "{median:.3g} ({q25:.3g} to {q75:.3g})" if chosen else ""
+        columns.append(Column(name, name, [form.format(**one) for one in found], figures))
+    worst = [mildest and mildest.candidate.features[key] for key in features]
     texts = ["" if one is None else f"{one:.3g}" for one in worst]
     columns.append(Column("mildest", "mildest failure", texts, {"mildest": worst}))
     return Table(columns, "Features of the roads: median and, in brackets, quartiles.")
 
 
-def _print_figures(report: Report, drives: list[Driven], console: Console) -> None:
-    failed = [one for one in drives if one.outcome.failed]
-    console.print(features_table(report, drives).printed())
-    archive = report.archive
-    console.print(
-        f"{len(drives)} drives, {len(failed)} with an intervention; cells: {len(archive.driven)} "
-        f"of {archive.grid.cells**2} driven, {len(archive.failed)} with an intervention",
-        highlight=False,
-    )
-    if not failed:
-        console.print("no road failed: try a larger budget=, another family= or speed=")
-
-
 def _quartiles(values: list[float]) -> dict[str, float | None]:
     found = np.percentile(values, [25, 50, 75]).tolist() if values else [None] * 3
     return dict(zip(("q25", "median", "q75"), found, strict=True))
-
-
-def _range(of: Mapping[str, float | None]) -> str:
-    """Return quartiles as text.
-
-    >>> _range({"q25": 8.0, "median": 10.0, "q75": 14.0})
-    '10 (8 to 14)'
-    """
-    return "{median:.3g} ({q25:.3g} to {q75:.3g})".format(**of)

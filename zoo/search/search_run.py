@@ -1,16 +1,15 @@
 """A search: choose roads, drive them, and keep which failed."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from simulator.track import Track
-from zoo.base.process_pool import opened_pool
+from zoo.base.process_pool import Pool
 from zoo.drives.drive_record import Drive
 from zoo.search.failure_map import Archive
-from zoo.search.sampler import ArchiveSampler, RandomSampler, TpeSampler
+from zoo.search.sampler import ArchiveSampler, Sampler, TpeSampler
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_space import Candidate, SearchSpace
 from zoo.worlds.run_drives import all_drives
@@ -63,26 +62,27 @@ class Driven:
     outcome: Outcome
 
 
-@contextmanager
-def opened_driver(
-    checkpoint: str, options: SearchOptions
-) -> Iterator[Callable[[Sequence[Candidate]], list[Outcome]]]:
-    """Open processes; yield a function that drives roads and returns outcomes in their order.
+def drive_roads(
+    checkpoint: str, options: SearchOptions, pool: Pool, chosen: Sequence[Candidate]
+) -> list[Outcome]:
+    """Drive roads in the processes of a pool, and return outcomes in their order.
 
     Raises:
         InputError: a process was killed, for example because memory ran out.
     """
-    with opened_pool(options.workers, most=BATCH) as pool:
-
-        def drive(chosen: Sequence[Candidate]) -> list[Outcome]:
-            scenarios = [scenario_of(options, one) for one in chosen]
-            drives = all_drives(checkpoint, scenarios, first_only=True, pool=pool)
-            return [
-                Outcome.of(drive, candidate.track)
-                for drive, candidate in zip(drives, chosen, strict=True)
-            ]
-
-        yield drive
+    scenarios = [
+        Scenario(
+            road=one.content,
+            weather=one.weather,
+            speed=options.speed,
+            frame_rate=options.frame_rate,
+            delay_s=options.delay_s,
+            quality=options.quality,
+        )
+        for one in chosen
+    ]
+    drives = all_drives(checkpoint, scenarios, first_only=True, pool=pool)
+    return [Outcome.of(drive, one.track) for drive, one in zip(drives, chosen, strict=True)]
 
 
 def search(
@@ -101,7 +101,7 @@ def search(
         options: options of the search.
         space: roads and days to choose from.
         archive: empty cells, which are filled.
-        drive: see `opened_driver`.
+        drive: function that drives roads, see `drive_roads`.
         report: function called after each batch with all drives so far.
     """
     sampler = make_sampler(options, space, archive)
@@ -117,28 +117,14 @@ def search(
     return found
 
 
-def make_sampler(
-    options: SearchOptions, space: SearchSpace, archive: Archive
-) -> ArchiveSampler | RandomSampler | TpeSampler:
+def make_sampler(options: SearchOptions, space: SearchSpace, archive: Archive) -> Sampler:
     """Return the sampler that the options name."""
     if options.sampler == "archive":
         return ArchiveSampler(space, options.seed, archive)
     if options.sampler == "tpe":
         startup = max(BATCH, int(STARTUP * options.budget))
         return TpeSampler(space, options.seed, archive, startup)
-    return RandomSampler(space, options.seed, whole_family=options.sampler == "family")
-
-
-def scenario_of(options: SearchOptions, one: Candidate) -> Scenario:
-    """Return the drive of a road on its day."""
-    return Scenario(
-        road=one.content,
-        weather=one.weather,
-        speed=options.speed,
-        frame_rate=options.frame_rate,
-        delay_s=options.delay_s,
-        quality=options.quality,
-    )
+    return Sampler(space, options.seed, archive, whole_family=options.sampler == "family")
 
 
 def usual_features(space: SearchSpace) -> dict[str, float]:

@@ -1,7 +1,7 @@
 """The roads and days that a search chooses from: a family's ranges, narrowed by parameters."""
 
 import json
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from simulator.road_family import RoadFamily, draw_content
 from simulator.track import Track
 from simulator.weather import CLEAR, Weather, lit_by
+from zoo.base.command_keys import typed
 from zoo.base.errors import InputError
 
 SEEDS = 2**31  # seeds of roads are below it
@@ -142,12 +143,8 @@ class SearchSpace:
         content = json.loads(json.dumps(drawn))  # numpy's numbers do not fit into YAML
         weather = self._day(parameters)
         features = self._measure(track, weather)
-        measured = {
-            "radius": features["bend"],
-            "width": features["width"],
-            "grade": features["grade"] / 100,
-            "degrees": self.parameters["degrees"].high,
-        }
+        measured = {"radius": features["bend"], "width": features["width"]}
+        measured |= {"grade": features["grade"] / 100, "degrees": self.parameters["degrees"].high}
         return Candidate(measured | parameters, seed, content, track, weather, features)
 
     def _narrowed(self, parameters: dict[str, float]) -> RoadFamily:
@@ -188,14 +185,12 @@ def weather_text(weather: Weather) -> str:
     >>> weather_text(Weather(fog=0.4, wet=1.0)), weather_text(CLEAR)
     ('{fog: 0.4, wet: 1.0}', 'clear')
     """
-    keys = [one.name for one in fields(Weather) if one.name != "camera"]
-    changed = {key: getattr(weather, key) for key in keys}
-    changed = {key: value for key, value in changed.items() if value != getattr(CLEAR, key)}
-    camera = {
-        key: value
-        for key, value in vars(weather.camera).items()
-        if value != getattr(CLEAR.camera, key)
-    }
-    if camera:
-        changed["camera"] = camera
-    return json.dumps(changed).replace('"', "") if changed else "clear"
+    changed = _changed(weather, CLEAR)
+    if changed.pop("camera", None):
+        changed["camera"] = _changed(weather.camera, CLEAR.camera)
+    return typed(changed) if changed else "clear"
+
+
+def _changed(settings: object, usual: object) -> dict[str, Any]:
+    given = vars(settings).items()
+    return {key: value for key, value in given if value != getattr(usual, key)}
