@@ -49,7 +49,7 @@ def benchmark(ckpt: str, *ckpts: str, options: BenchmarkOptions) -> "Benchmarked
     # Reports a wrong path before torch is imported.
     names = [name if name in BASELINES else str(find_checkpoint(name)) for name in (ckpt, *ckpts)]
     with loading():
-        from zoo.benchmark.score_entry import score_entry
+        from zoo.benchmark.benchmarked import score_entry
     return score_entry(names, options, console)
 
 

@@ -1,4 +1,4 @@
-"""The result of `drivezoo benchmark`: its table, plot and page, and how it is printed."""
+"""`drivezoo benchmark`: the drives of an entry, their figures, table, plot and page."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -9,73 +9,47 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.text import Text
 
+from zoo.base.errors import StoppedError
+from zoo.base.new_folder import command_folder
 from zoo.base.terminal import printable
 from zoo.base.whole_file import write_whole
+from zoo.benchmark.benchmark_options import BenchmarkOptions
 from zoo.benchmark.checked_result import read_result
-from zoo.benchmark.marks import Reached, marks_table, missed_line
+from zoo.benchmark.drivers import find_drivers
+from zoo.benchmark.drives import UNFINISHED, FinishedDrives, drive_suite
+from zoo.benchmark.marks import (
+    Reached,
+    drives_table,
+    marks_table,
+    missed_line,
+    reached_marks,
+    write_marks,
+)
 from zoo.benchmark.result import (
     VERSION,
     BenchmarkResult,
     Driver,
-    DriveRecord,
     Interval,
     digest_of_drives,
     write_result,
 )
-from zoo.benchmark.suite import LAPS, Suite
-from zoo.benchmark.summary import outside_metrics, summarize_drives
+from zoo.benchmark.suite import LAPS, read_suite
+from zoo.benchmark.summary import FIGURES, outside_metrics, summarize_drives
 from zoo.cli.closing_lines import print_written
 from zoo.drives.interval_plot import interval_plot
 from zoo.drives.metrics import DRIVES, METRICS
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.page import Page
 from zoo.runs.table import Column, Table, interval_column, with_interval
-from zoo.runs.table_files import Result
+from zoo.runs.table_files import Result, check_plot, check_table, write_asked
 
 PAGE = "benchmark.html"
-# Columns by key of a group's figures: heading, factor and format.
-COLUMNS = {
-    "autonomy": ("autonomy, %", 100, "{:.1f}"),
-    "m_per_intervention": ("metres per intervention", 1, "{:,.0f}"),
-    "cte_mean_m": ("mean error, m", 1, "{:.2f}"),
-    "steering_per_s": ("steering change, 1/s", 1, "{:.2f}"),
-    "without_intervention": ("drives without intervention (interval in %)", 100, "{:.0f}"),
-}
-DIFFERENCES = {
-    "autonomy": ("autonomy, %-points", 100, "{:+.1f}"),
-    "cte_mean_m": ("mean error, m", 1, "{:+.2f}"),
-}
 SHORT = ("autonomy", "m_per_intervention", "cte_mean_m")
-NAMES_WIDTH, GAP = 12, 3  # of the first column, and before every other one, in characters
 INTERVALS = (
     "95 % interval. Means: bootstrap over roads and training seeds; counts: exact Poisson and "
     "Wilson. Fewer than 3 roads: no interval."
 )
 CAPTION = f"Below or behind each figure: its {INTERVALS}"
-
-
-def entry_result(
-    name: str, suite: Suite, drivers: Sequence[Driver], drives: Sequence[DriveRecord]
-) -> BenchmarkResult:
-    """Return the result of an entry, with the figures of its groups.
-
-    Args:
-        name: name of the entry.
-        suite: suite that was driven.
-        drivers: drivers of the entry.
-        drives: drives of each driver in turn.
-    """
-    return BenchmarkResult(
-        version=VERSION,
-        suite=suite.name,
-        roads=suite.roads,
-        code=code_fingerprint(),
-        entry=name,
-        checkpoints=list(drivers),
-        drives=list(drives),
-        **vars(summarize_drives(drives)),
-        digest=digest_of_drives(drives),
-    )
 
 
 @dataclass(frozen=True, repr=False)
@@ -129,8 +103,8 @@ class Benchmarked(Result):
         console = Console(emoji=False)
         print_result(self.result, console)
         if self.reached:
-            table = marks_table(self.result.model_dump(), self.reached)
-            console.print(table.printed(title="Marks", box=SIMPLE_HEAD), highlight=False)
+            shown = marks_table(self.reached).printed(title="Marks", box=SIMPLE_HEAD)
+            console.print(shown, highlight=False)
         # A suite of the user's is named to verify it.
         named = [f"suite={self.suite}"] if self.suite.endswith((".yaml", ".yml")) else []
         print_written(self.written, ["benchmark", "verify", self.written[0], *named], console)
@@ -145,118 +119,62 @@ class Benchmarked(Result):
         return interval_plot(groups, f"autonomy of {self.result.entry} (%)")
 
 
-def table_columns() -> tuple[str, ...]:
-    """Return the names of all columns that a table of drives here has."""
-    return ("group", "drives", *COLUMNS, *(name for name in METRICS if name not in METRICS.own()))
+def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -> Benchmarked:
+    """Drive a suite with the checkpoints of an entry, and write the figures.
 
-
-def groups_table(result: BenchmarkResult) -> Table:
-    """Return a row for each group of roads."""
-    groups, drives = result.groups.values(), [result.of_group(one) for one in result.groups]
-    counts = list(map(len, drives))
-    columns = [
-        Column("group", "group", list(result.groups)),
-        Column("drives", "drives", list(map(str, counts)), {"drives": counts}),
-    ]
-    for key, (heading, factor, form) in COLUMNS.items():
-        figures = [one[key] for one in groups]
-        columns.append(interval_column(key, heading, figures, form, factor, key in SHORT))
-    for key in outside_metrics(result.drives):  # their part may not be named here
-        heading, form = METRICS[key].row(DRIVES) if key in METRICS else (key, "{:.4g}")
-        figures = [one[key] for one in groups]
-        columns.append(interval_column(key, heading, figures, form))
-    last = len(COLUMNS) + 1
-    kept = [sum(not one.figures["interventions"] for one in own) for own in drives]
-    counted = [
-        f"{of} of {count}" + "".join(text.partition(" (")[1:])
-        for of, count, text in zip(kept, counts, columns[last].cells, strict=True)
-    ]
-    columns[last] = replace(columns[last], cells=counted)
-    title = f"{result.entry} on the suite {result.suite}"
-    return Table(columns, f"{title}. In brackets: {INTERVALS}")
-
-
-def print_result(result: BenchmarkResult, console: Console) -> None:
-    """Print a table with a column for each group, the differences, headline and digest."""
-    names, *groups = groups_table(result).narrow().turned().columns
-    tables = _side_by_side(groups, console.width - NAMES_WIDTH)
-    for number, part in enumerate(tables, 1):
-        title = Text(printable(f"{result.entry}, suite {result.suite}"))
-        shown = Table([names, *part]).printed(
-            left=1,
-            whole=range(1, len(groups) + 1),
-            title=title if number == 1 else None,
-            caption=CAPTION if number == len(tables) else " ",
-            caption_justify="left",
-            box=SIMPLE_HEAD,
-            show_edge=False,
-            pad_edge=False,
+    Raises:
+        InputError: a checkpoint or the suite cannot be used.
+        StoppedError: on Ctrl-C.
+    """
+    # Report wrong input before processes start.
+    own = (name for name in METRICS if name not in METRICS.own())
+    check_table(options.table, options.columns, ("group", "drives", *FIGURES, *own))
+    check_plot(options.plot)
+    suite = read_suite(options.suite, options.split)
+    drivers = find_drivers(names, suite)
+    with command_folder(options.out, "benchmarks", resumed_by=UNFINISHED) as folder:
+        code = code_fingerprint()  # files that are edited during the drives are not in it
+        finished = FinishedDrives(folder, drivers, suite)
+        if finished.drives:
+            line = f"{folder}: resumes after {len(finished.drives)} finished drives"
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
+        jobs = [(number, drive) for number in range(len(drivers)) for drive in suite.drives]
+        how = options.workers, console, finished, options.executor
+        try:
+            drives = drive_suite(drivers, jobs, suite.mean_steering, *how)
+        except KeyboardInterrupt:
+            raise StoppedError(
+                f"stopped after {len(finished.drives)} of {len(jobs)} drives; the same command "
+                f"with out={folder} resumes"
+            ) from None
+        result = BenchmarkResult(
+            version=VERSION,
+            suite=suite.name,
+            roads=suite.roads,
+            code=code,
+            entry=options.entry or drivers[0].model.lower(),
+            checkpoints=drivers,
+            drives=drives,
+            **vars(summarize_drives(drives)),
+            digest=digest_of_drives(drives),
         )
-        shown.columns[0].min_width = NAMES_WIDTH
-        console.print(shown)
-    digest = f"digest of the drives: {result.digest}"
-    for line in (*difference_lines(result), headline_line(result), digest):
-        console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
-
-
-def _side_by_side(columns: Sequence[Column], width: int) -> list[list[Column]]:
-    """Return columns in parts, each of which fits a width beside the names of its rows."""
-    parts: list[list[Column]] = []
-    room = 0
-    for column in columns:
-        column = replace(column, heading=printable(column.heading))
-        texts = (column.heading, *column.cells)
-        wide = GAP + max(len(line) for text in texts for line in text.split("\n"))
-        if wide > room:
-            parts.append([])
-            room = width
-        parts[-1].append(column)
-        room -= wide
-    return parts
-
-
-def difference_lines(result: BenchmarkResult) -> list[str]:
-    """Return a sentence for each shifted group: its difference to the clean partners."""
-    lines = []
-    for group, figures in result.differences.items():
-        texts = [
-            f"{heading}: {with_interval(figures[key], form, factor)}"
-            for key, (heading, factor, form) in DIFFERENCES.items()
-        ]
-        line = f"{group} minus clean drives of the same roads: {'; '.join(texts)}"
-        is_known = figures["autonomy"].low is not None
-        lines.append(line if is_known else f"{line} (fewer than 3 roads: no interval)")
-    return lines
-
-
-def headline_line(result: BenchmarkResult) -> str:
-    """Return the headline as a sentence."""
-    seeds = len(result.checkpoints)
-    trained = any(one.sha256 for one in result.checkpoints)
-    by = f"{seeds} training seed{'' if seeds == 1 else 's'}"
-    first = result.of_checkpoint(0)
-    roads = sum(one.group != LAPS for one in first) or len(first)
-    return (
-        f"autonomy, interquartile mean over {roads} roads: "
-        f"{with_interval(result.headline, '{:.1f}', 100)} %; "
-        f"{by if trained else 'without training'}"
-    )
-
-
-def nan_line(result: BenchmarkResult) -> str:
-    """Return a warning if the network steered NaN in a drive; empty if it did not."""
-    lost = [one for one in result.drives if one.figures.get("nan_frames")]
-    if not lost:
-        return ""
-    frames = sum(int(one.figures["nan_frames"] or 0) for one in lost)
-    return (
-        f"{result.checkpoints[lost[0].checkpoint].file}: the network steered NaN in {frames:,} "
-        "frames: these figures are not the network's; train again with a smaller optim.lr"
-    )
+        written = write_entry(folder, result)
+        finished.remove()
+        reached = reached_marks(result, suite.marks)
+        if reached:
+            written += write_marks(folder, result, reached)
+        benchmarked = Benchmarked(folder, result, reached, written, options.suite)
+        written += write_asked(benchmarked, options.table, options.plot, options.columns)
+        return benchmarked
 
 
 def write_entry(folder: Path, result: BenchmarkResult) -> list[Path]:
     """Write `result.json` and `benchmark.html`; return their paths."""
+    headings = ["number", *Driver.model_fields]
+    rows = [
+        [str(number), *("-" if value in (None, "") else str(value) for _, value in driver)]
+        for number, driver in enumerate(result.checkpoints, 1)
+    ]
     page = Page(Path(__file__).with_name("static") / PAGE).render(
         title=f"{result.entry}, suite {result.suite}",
         result=result,
@@ -264,42 +182,75 @@ def write_entry(folder: Path, result: BenchmarkResult) -> list[Path]:
         groups=groups_table(result),
         differences=difference_lines(result),
         caption=CAPTION,
-        checkpoints=_checkpoints_table(result),
-        drives=_drives_table(result),
+        checkpoints=Table.of(headings, rows),
+        drives=drives_table(result.drives),
     )
     return [write_result(folder, result), write_whole(folder / PAGE, page)]
 
 
-def _checkpoints_table(result: BenchmarkResult) -> Table:
-    names = {
-        "file": "file",
-        "model": "network",
-        "parameters": "parameters",
-        "training_seed": "training seed",
-        "data": "training data",
-        "sha256": "SHA-256",
-    }
-    rows = []
-    for number, one in enumerate(result.checkpoints, 1):
-        values = one.model_dump() | {"parameters": f"{one.parameters:,}"}
-        texts = ("-" if values[name] in (None, "") else str(values[name]) for name in names)
-        rows.append([str(number), *texts])
-    return Table.of(["number", *names.values()], rows)
+def groups_table(result: BenchmarkResult) -> Table:
+    """Return a row for each group of roads."""
+    groups = result.groups.values()
+    counts = [len(result.of_group(name)) for name in result.groups]
+    columns = [
+        Column("group", "group", list(result.groups)),
+        Column("drives", "drives", list(map(str, counts)), {"drives": counts}),
+    ]
+    for key, shown in FIGURES.items():
+        figures = [group[key] for group in groups]
+        columns.append(
+            interval_column(key, shown.heading, figures, shown.form, shown.factor, key in SHORT)
+        )
+    for key in outside_metrics(result.drives):  # their part may not be named here
+        heading, form = METRICS[key].row(DRIVES) if key in METRICS else (key, "{:.4g}")
+        columns.append(interval_column(key, heading, [group[key] for group in groups], form))
+    title = f"{result.entry} on the suite {result.suite}"
+    return Table(columns, f"{title}. In brackets: {INTERVALS}")
 
 
-def _drives_table(result: BenchmarkResult) -> Table:
-    forms = {
-        "autonomy": ("autonomy", "{:.1%}"),
-        "interventions": ("interventions", "{:.0f}"),
-        "cte_mean_m": ("mean error, m", "{:.2f}"),
-        "steering_per_s": ("steering change, 1/s", "{:.2f}"),
-    }
-    rows = []
-    for drive in result.drives:
-        settings = ", ".join(f"{key}: {value}" for key, value in drive.settings.items())
-        settings = settings.translate({ord(sign): None for sign in "{}'"})
-        texts = [form.format(drive.figures[name]) for name, (_, form) in forms.items()]
-        number = str(drive.checkpoint + 1)
-        rows.append([drive.group, drive.track, settings, number, *texts, drive.digest])
-    names = [heading for heading, _ in forms.values()]
-    return Table.of(["group", "road", "settings", "checkpoint", *names, "digest"], rows)
+def print_result(result: BenchmarkResult, console: Console) -> None:
+    """Print the main figures of each group, the differences, headline and digest."""
+    shown = groups_table(result).short().narrow()
+    cells = [replace(one, heading=printable(one.heading)) for one in shown.columns]
+    title = printable(f"{result.entry}, suite {result.suite}")
+    style = {"title": Text(title), "caption": CAPTION, "caption_justify": "left"}
+    table = Table(cells).printed(left=1, box=SIMPLE_HEAD, pad_edge=False, **style)
+    console.print(table)
+    digest = f"digest of the drives: {result.digest}"
+    for line in (*difference_lines(result), headline_line(result), digest):
+        console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
+
+
+def difference_lines(result: BenchmarkResult) -> list[str]:
+    """Return a sentence for each shifted group: its difference to the clean partners."""
+    lines = []
+    for group, figures in result.differences.items():
+        autonomy = with_interval(figures["autonomy"], "{:+.1f}", 100)
+        error = with_interval(figures["cte_mean_m"], "{:+.2f}")
+        text = f"autonomy, %-points: {autonomy}; mean error, m: {error}"
+        few = "" if figures["autonomy"].low is not None else " (fewer than 3 roads: no interval)"
+        lines.append(f"{group} minus clean drives of the same roads: {text}{few}")
+    return lines
+
+
+def headline_line(result: BenchmarkResult) -> str:
+    """Return the headline as a sentence."""
+    seeds = len(result.checkpoints)
+    trained = any(driver.sha256 for driver in result.checkpoints)
+    by = f"{seeds} training seed{'' if seeds == 1 else 's'}" if trained else "without training"
+    first = result.of_checkpoint(0)
+    roads = sum(drive.group != LAPS for drive in first) or len(first)
+    autonomy = with_interval(result.headline, "{:.1f}", 100)
+    return f"autonomy, interquartile mean over {roads} roads: {autonomy} %; {by}"
+
+
+def nan_line(result: BenchmarkResult) -> str:
+    """Return a warning if the network steered NaN in a drive; empty if it did not."""
+    lost = [drive for drive in result.drives if drive.figures.get("nan_frames")]
+    if not lost:
+        return ""
+    frames = sum(int(drive.figures["nan_frames"] or 0) for drive in lost)
+    return (
+        f"{result.checkpoints[lost[0].checkpoint].file}: the network steered NaN in {frames:,} "
+        "frames: these figures are not the network's; train again with a smaller optim.lr"
+    )

@@ -1,9 +1,7 @@
 """The only reader of `result.json`: what can be checked without driving is checked here."""
 
 import math
-from collections import Counter
 from pathlib import Path
-from typing import NamedTuple
 
 from zoo.base.bounded_files import check_version, read_json
 from zoo.base.errors import InputError
@@ -18,20 +16,12 @@ from zoo.benchmark.result import (
     code_name,
     digest_of_drives,
 )
-from zoo.benchmark.suite import LIKE, Suite, drive_key, find_suite, read_suite, suite_names
+from zoo.benchmark.suite import LIKE, Road, Suite, find_suite, read_suite, road_of, suite_names
 from zoo.benchmark.summary import Summary, summarize_drives
 from zoo.runs.record_fields import check_fields
 
 TOLERANCE = 1e-6  # of figures: other versions of NumPy sum in another order
 _AGAIN = "run the benchmark again"
-
-
-class Road(NamedTuple):
-    """A drive of the suite: its group, track, and settings as JSON."""
-
-    group: str
-    track: str
-    settings: str
 
 
 def read_result(path: Path) -> BenchmarkResult:
@@ -47,19 +37,16 @@ def read_result(path: Path) -> BenchmarkResult:
     path = Path(path)
     path = path / NAME if path.is_dir() else path
     if not path.exists():
-        raise InputError(
-            f"{path}: no such file; name a result of the benchmark: "
-            "drivezoo benchmark CKPT out=FOLDER"
-        )
+        raise InputError(f"{path}: no such file; drivezoo benchmark CKPT out=FOLDER writes one")
     found = read_json(path)
-    version = found.get("version") if isinstance(found, dict) else VERSION
-    check_version(version, VERSION, path, "use the drivezoo that wrote it, or run it again")
-    for key in ("drives", "checkpoints"):
-        if isinstance(found, dict) and isinstance(many := found.get(key), list):
-            check_most(key, len(many), path, "benchmark a smaller suite, or fewer checkpoints")
+    if isinstance(found, dict):
+        remedy = "use the drivezoo that wrote it, or run it again"
+        check_version(found.get("version"), VERSION, path, remedy)
+        for key in ("drives", "checkpoints"):
+            if isinstance(many := found.get(key), list):
+                check_most(key, len(many), path, "benchmark a smaller suite, or fewer checkpoints")
     result = check_fields(BenchmarkResult, found, path)
-    _check_figures(result, path)
-    _check_roads(result, path)
+    _check_drives(result, path)
     check_distinct(result.checkpoints, f"{path}: checkpoints: ")
     _check_sums(result, path)
     _check_included_suite(result, path)
@@ -69,14 +56,9 @@ def read_result(path: Path) -> BenchmarkResult:
 def roads_of(result: BenchmarkResult) -> dict[Road, list[DriveRecord]]:
     """Return the drives of each road, one for each checkpoint in turn."""
     drives: dict[Road, list[DriveRecord]] = {}
-    for one in sorted(result.drives, key=lambda one: one.checkpoint):
-        drives.setdefault(road_of(one), []).append(one)
+    for drive in sorted(result.drives, key=lambda drive: drive.checkpoint):
+        drives.setdefault(road_of(drive), []).append(drive)
     return drives
-
-
-def road_of(drive: DriveRecord) -> Road:
-    """Return what identifies a drive within the drives of its checkpoint."""
-    return Road(*drive_key(drive.group, drive.track, drive.settings))
 
 
 def shown(road: Road) -> str:
@@ -96,7 +78,7 @@ def check_suite(result: BenchmarkResult, suite: Suite, path: Path) -> None:
             f"{path}: roads: digest {result.roads:.40} is not that of the suite {suite.name} here "
             f"({suite.roads}); use the drivezoo that drove it ({code_name(result.code)})"
         )
-    wanted = {Road(*one.key) for one in suite.drives}
+    wanted = {drive.key for drive in suite.drives}
     if odd := sorted(wanted ^ set(roads_of(result))):
         raise InputError(
             f"{path}: drives: a {shown(odd[0])} is missing, or is not in the suite {suite.name}; "
@@ -117,46 +99,31 @@ def is_close(first: float | None, second: float | None) -> bool:
     return math.isclose(first or 0.0, second or 0.0, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
 
 
-def _check_figures(result: BenchmarkResult, path: Path) -> None:
+def _check_drives(result: BenchmarkResult, path: Path) -> None:
+    """Check the figures, and that each checkpoint drove every road and clean partner once."""
     if not result.drives:
         raise InputError(f"{path}: drives: has none; {_AGAIN}")
-    for number, one in enumerate(result.drives):
-        place = f"{path}: drives.{number}"
-        if one.checkpoint >= len(result.checkpoints):
-            raise InputError(
-                f"{place}.checkpoint: is {one.checkpoint}, of {len(result.checkpoints)} from 0 on"
-            )
+    for number, drive in enumerate(result.drives):
+        place, count = f"{path}: drives.{number}", len(result.checkpoints)
+        if drive.checkpoint >= count:
+            raise InputError(f"{place}.checkpoint: is {drive.checkpoint}, of {count} from 0 on")
         for name, (low, high) in NEEDED.items():
-            value = one.figures.get(name)
+            value = drive.figures.get(name)
             if value is None:
                 raise InputError(f"{place}.figures.{name}: is missing; {_AGAIN}")
             if not low <= value <= high:
-                raise InputError(
-                    f"{place}.figures.{name}: is {value:g}, must be in {low:g}..{high:g}"
-                )
-
-
-def _check_roads(result: BenchmarkResult, path: Path) -> None:
-    """Check that each checkpoint drove every road once, and each clean partner."""
-    counts = Counter((one.checkpoint, road_of(one)) for one in result.drives)
-    for number, road in counts:
-        if counts[number, road] > 1:
-            raise InputError(
-                f"{path}: drives: checkpoint {number} has {shown(road)} twice; {_AGAIN}"
-            )
-    roads = {road for _, road in counts}
-    for number in range(len(result.checkpoints)):
-        for road in sorted(roads):
-            if (number, road) not in counts:
-                raise InputError(
-                    f"{path}: drives: checkpoint {number} has no {shown(road)}; {_AGAIN}"
-                )
+                bounds = f"must be in {low:g}..{high:g}"
+                raise InputError(f"{place}.figures.{name}: is {value:g}, {bounds}")
+    roads = roads_of(result)
     clean = {road.track for road in roads if road.group == LIKE}
-    for road in sorted(roads):
-        if road.settings != "{}" and road.track not in clean:
-            raise InputError(
-                f"{path}: drives: {shown(road)} has no partner in group {LIKE}; {_AGAIN}"
-            )
+    for road, drives in roads.items():
+        if [drive.checkpoint for drive in drives] != [*range(len(result.checkpoints))]:
+            what = f"{shown(road)}: each checkpoint must have it once"
+        elif road.settings != "{}" and road.track not in clean:
+            what = f"{shown(road)} has no partner in group {LIKE}"
+        else:
+            continue
+        raise InputError(f"{path}: drives: {what}; {_AGAIN}")
 
 
 def _check_sums(result: BenchmarkResult, path: Path) -> None:

@@ -18,7 +18,7 @@ from zoo.benchmark.suite import LAPS, Suite, SuiteDrive
 from zoo.drives.drive_record import Drive
 from zoo.drives.metrics import measure
 from zoo.runs.code_fingerprint import code_fingerprint
-from zoo.runs.record_fields import check_fields
+from zoo.runs.record_fields import Count, Fields, check_fields
 from zoo.worlds.baseline import Baseline
 from zoo.worlds.cluster_pool import Executor
 from zoo.worlds.run_drives import run_drives
@@ -106,6 +106,13 @@ def drive_digest(drive: Drive) -> str:
     return hashlib.sha256(rounded.astype("<f8").tobytes()).hexdigest()[:16]
 
 
+class _Finished(Fields):
+    """A row of the file of finished drives."""
+
+    job: Count
+    drive: DriveRecord
+
+
 class FinishedDrives:
     """A file of finished drives: a line that says what is driven, then a line for each drive.
 
@@ -133,41 +140,34 @@ class FinishedDrives:
             "drivers": [one.sha256 or one.file for one in drivers],
             "code": code_fingerprint()["hash"],
         }
-        if self.path.is_file():
-            self._read(first)
-        else:
+        if not self.path.is_file():
             self._write([json.dumps(first), ""])
-
-    def _read(self, first: dict) -> None:
+            return
         lines = read_text(self.path, MOST_JSON_BYTES).split("\n")
-        found = self._parse(lines[0], 1)
-        if other := [key for key, value in first.items() if found.get(key) != value]:
-            raise InputError(
-                f"{self.path}: {other[0]}: differ from the drives that were begun; name another "
-                "folder with out=, or delete this file"
-            )
         # The text after the last line break is a drive that was written in part.
-        for number, line in enumerate(lines[1:-1], start=2):
-            row = self._parse(line, number)
-            if type(row.get("job")) is not int:
-                raise InputError(f"{self.path}: row {number}: job: is missing; {_DELETE}")
-            record = check_fields(DriveRecord, row.get("drive"), self.path)
-            self.drives[row["job"]] = record
+        for number, line in enumerate(lines[:-1], 1):
+            place = f"{self.path}: row {number}; delete this file and start again"
+            try:
+                content = parse_json(line)
+            except ValueError as error:
+                raise InputError(f"{place}: {error}") from None
+            if number == 1:
+                content = content if isinstance(content, dict) else {}
+                if other := [key for key, value in first.items() if content.get(key) != value]:
+                    raise InputError(
+                        f"{self.path}: {other[0]}: differ from the drives that were begun; name "
+                        "another folder with out=, or delete this file"
+                    )
+            else:
+                row = check_fields(_Finished, content, place)
+                self.drives[row.job] = row.drive
         self._write([*lines[:-1], ""])
-
-    def _parse(self, line: str, number: int) -> dict:
-        try:
-            found = parse_json(line)
-        except ValueError:
-            found = None
-        if not isinstance(found, dict):
-            raise InputError(f"{self.path}: row {number}: is damaged; {_DELETE}")
-        return found
 
     def add(self, job: int, drive: DriveRecord) -> None:
         """Keep a finished drive."""
         self.drives[job] = drive
-        self._write_line({"job": job, "drive": drive.model_dump()})
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps({"job": job, "drive": drive.model_dump()}) + "\n")
 
     def _write(self, lines: Sequence[str]) -> None:
         try:
@@ -175,13 +175,6 @@ class FinishedDrives:
         except OSError as error:
             raise InputError(f"{self.path}: {error.strerror}; its drives are kept") from None
 
-    def _write_line(self, content: dict) -> None:
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(content) + "\n")
-
     def remove(self) -> None:
         """Delete the file, once the result is written."""
         self.path.unlink()
-
-
-_DELETE = "delete this file and start again"

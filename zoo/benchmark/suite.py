@@ -2,12 +2,12 @@
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from simulator.road_family import roads_digest
 from simulator.weather import CLEAR, read_weather
@@ -15,16 +15,28 @@ from zoo.base.bounded_files import read_yaml
 from zoo.base.errors import InputError, UsageError
 from zoo.base.limits import check_most
 from zoo.base.nearest import hint
-from zoo.benchmark.marks import Mark, read_marks
 from zoo.cli.conf_files import choices, conf_folder
-from zoo.runs.record_fields import Fields, Number, check_fields
+from zoo.runs.record_fields import Number, OnlyFields, check_fields
 from zoo.worlds.open_world import open_world
 from zoo.worlds.scenario import Scenario, SpeedMph
 
 LIKE, LAPS, DEV = "like", "laps", "dev"  # groups; LIKE also has the clean partners
+HEADLINE = "headline"  # the group of marks of the whole suite's autonomy
+Share = Annotated[Number, Field(ge=0, le=1)]
+NotNegative = Annotated[Number, Field(ge=0)]
 
 
-class _Drive(Fields):
+class Marks(OnlyFields):
+    """The pass marks of a group; a share is 0..1."""
+
+    autonomy: Share = 0.0
+    without_intervention: Share = 0.0
+    m_per_intervention: NotNegative = 0.0
+    cte_mean_m: NotNegative = 0.0
+    steering_per_s: NotNegative = 0.0
+
+
+class _Drive(OnlyFields):
     """A drive in the file of a suite; all keys but the track are its settings."""
 
     track: str
@@ -34,7 +46,7 @@ class _Drive(Fields):
     speed: SpeedMph | None = None
 
 
-class _File(Fields):
+class _File(OnlyFields):
     """The file of a suite."""
 
     name: str
@@ -45,7 +57,15 @@ class _File(Fields):
     mean_steering: Number | None = None
     dev: list[str] = Field(default_factory=list)
     laps: list[str] = Field(default_factory=list)
-    marks: object = None
+    marks: Annotated[dict[str, Marks], Field(min_length=1)] | None = None
+
+
+class Road(NamedTuple):
+    """A drive of a suite: its group, track, and settings as JSON."""
+
+    group: str
+    track: str
+    settings: str
 
 
 @dataclass(frozen=True)
@@ -65,9 +85,9 @@ class SuiteDrive:
     scenario: Scenario = field(repr=False)
 
     @property
-    def key(self) -> tuple[str, str, str]:
+    def key(self) -> Road:
         """Return what identifies the drive in a suite and in a result."""
-        return drive_key(self.group, self.track, self.settings)
+        return road_of(self)
 
 
 @dataclass(frozen=True)
@@ -79,14 +99,14 @@ class Suite:
         drives: drives by group; the clean partners of shifted drives are in the group `like`.
         data: config in `conf/data` of the training data.
         mean_steering: mean steering of the training data, -1..1; None where the file has none.
-        marks: pass marks of a course; empty without marks.
+        marks: pass marks of a course by group; empty without marks.
     """
 
     name: str
     drives: tuple[SuiteDrive, ...]
     data: str | None
     mean_steering: float | None
-    marks: tuple[Mark, ...]
+    marks: Mapping[str, Marks]
 
     @property
     def roads(self) -> str:
@@ -94,13 +114,9 @@ class Suite:
         return roads_digest(dict.fromkeys(one.track for one in self.drives))
 
 
-def drive_key(group: str, track: str, settings: dict[str, Any]) -> tuple[str, str, str]:
-    """Return what identifies a drive in a suite and in a result.
-
-    >>> drive_key("looks", "alpine:17", {"weather": {"wet": 1.0, "fog": 0.5}})
-    ('looks', 'alpine:17', '{"weather": {"fog": 0.5, "wet": 1.0}}')
-    """
-    return group, track, json.dumps(settings, sort_keys=True)
+def road_of(drive: Any) -> Road:
+    """Return what identifies a drive in a suite and in a result, which have the same fields."""
+    return Road(drive.group, drive.track, json.dumps(drive.settings, sort_keys=True))
 
 
 def suite_names() -> list[str]:
@@ -140,33 +156,38 @@ def read_suite(name: str, split: str = "test") -> Suite:
         InputError: the file cannot be read, a key or value is wrong, or there is no such road.
     """
     path = _path(name)
-    file, own = _read_file(path), ""
+    file = _read_file(path)
+    if split == DEV and not file.dev:
+        raise UsageError(f"split=dev: the suite {file.name} has no dev roads; use split=test")
     given = [*file.groups.values(), file.dev, file.laps]
     check_most("drives", sum(map(len, given)), f"{path}: groups", "remove some")
-    groups = file.groups | {LAPS: [_Drive(track=one) for one in file.laps]}
-    if split == DEV:
-        if not file.dev:
-            raise UsageError(f"split=dev: the suite {file.name} has no dev roads; use split=test")
-        groups, own = {DEV: [_Drive(track=one) for one in file.dev]}, f"-{DEV}"
+    dev, laps = ([_Drive(track=track) for track in tracks] for tracks in (file.dev, file.laps))
+    groups = {DEV: dev} if split == DEV else file.groups | {LAPS: laps}
     drives = [
-        _suite_drive(file, path, group, one) for group, given in groups.items() for one in given
+        _suite_drive(file, path, group, drive) for group, given in groups.items() for drive in given
     ]
     if not drives:
         raise InputError(f"{path}: groups: has no drive; name one road or more")
-    counts = Counter(one.key for one in drives)
-    if twice := [one for one in drives if counts[one.key] > 1]:
-        raise InputError(
-            f"{path}: groups.{twice[0].group}: {twice[0].track} stands twice; remove one"
-        )
+    counts = Counter(drive.key for drive in drives)
+    if twice := [road for road, count in counts.items() if count > 1]:
+        raise InputError(f"{path}: groups.{twice[0].group}: {twice[0].track} stands twice")
     partners = [
-        _suite_drive(file, path, LIKE, _Drive(track=one.track)) for one in drives if one.settings
+        _suite_drive(file, path, LIKE, _Drive(track=drive.track))
+        for drive in drives
+        if drive.settings
     ]
-    by_key = {one.key: one for one in drives + partners}
+    by_key = {drive.key: drive for drive in drives + partners}
     order = [LIKE, *groups]
-    ordered = sorted(by_key.values(), key=lambda one: order.index(one.group))
-    names = list(dict.fromkeys(one.group for one in ordered))
-    marks = [] if own or file.marks is None else read_marks(file.marks, names, path)
-    return Suite(file.name + own, tuple(ordered), file.data, file.mean_steering, tuple(marks))
+    ordered = sorted(by_key.values(), key=lambda drive: order.index(drive.group))
+    marks = {} if split == DEV or file.marks is None else file.marks
+    known = [*dict.fromkeys(drive.group for drive in ordered), HEADLINE]
+    for group, own in marks.items():
+        if group not in known:
+            raise InputError(f"{path}: marks.{group}: no such group; {hint(group, known)}")
+        if group == HEADLINE and own.model_fields_set - {"autonomy"}:
+            raise InputError(f"{path}: marks.{HEADLINE}: has only a mark for autonomy")
+    name = file.name + (f"-{DEV}" if split == DEV else "")
+    return Suite(name, tuple(ordered), file.data, file.mean_steering, marks)
 
 
 def _path(name: str) -> Path:
@@ -178,9 +199,7 @@ def _path(name: str) -> Path:
 
 
 def _read_file(path: Path) -> _File:
-    found = read_yaml(path)
-    _check_keys(found, path)
-    return check_fields(_File, found, path)
+    return check_fields(_File, read_yaml(path), path)
 
 
 def _suite_drive(file: _File, path: Path, group: str, drive: _Drive) -> SuiteDrive:
@@ -195,22 +214,3 @@ def _suite_drive(file: _File, path: Path, group: str, drive: _Drive) -> SuiteDri
     except InputError as error:
         raise InputError(f"{path}: groups.{group}: {drive.track}: {error}") from None
     return SuiteDrive(group, drive.track, settings, scenario)
-
-
-def _check_keys(found: object, path: Path) -> None:
-    """Raise InputError for a key that a suite or one of its drives does not have."""
-    if not isinstance(found, dict):
-        return  # `check_fields` reports it
-    _check_known(found, _File, str(path))
-    groups = found.get("groups")
-    for group, drives in groups.items() if isinstance(groups, dict) else ():
-        for drive in drives if isinstance(drives, list) else ():
-            if isinstance(drive, dict):
-                _check_known(drive, _Drive, f"{path}: groups.{group}")
-
-
-def _check_known(found: Iterable[object], kind: type[BaseModel], place: str) -> None:
-    known: Sequence[str] = list(kind.model_fields)
-    for key in found:
-        if key not in known:
-            raise InputError(f"{place}: {key}: no such key; {hint(str(key), known)}")

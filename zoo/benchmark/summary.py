@@ -21,6 +21,24 @@ from zoo.drives.intervals import wilson_interval
 from zoo.drives.interventions import INTERVENTION_S
 from zoo.drives.metrics import METRICS
 
+
+@dataclass(frozen=True)
+class Figure:
+    """How a figure of a group is shown: heading, format, factor, and whether higher is better."""
+
+    heading: str
+    form: str
+    factor: float = 1
+    higher: bool = False
+
+
+FIGURES = {
+    "autonomy": Figure("autonomy, %", "{:.1f}", 100, True),
+    "m_per_intervention": Figure("metres per intervention", "{:,.0f}", 1, True),
+    "cte_mean_m": Figure("mean error, m", "{:.2f}"),
+    "steering_per_s": Figure("steering change, 1/s", "{:.2f}"),
+    "without_intervention": Figure("drives without intervention, %", "{:.0f}", 100, True),
+}
 MIDDLE = 0.5  # share of the roads in an interquartile mean
 # Figures compared with the clean partner, with the limits of their difference.
 COMPARED = {"autonomy": (-1.0, 1.0), "cte_mean_m": (-math.inf, math.inf)}

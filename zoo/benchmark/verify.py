@@ -9,11 +9,11 @@ from zoo.base.errors import InputError
 from zoo.base.regular_file import hash_file
 from zoo.base.terminal import printable
 from zoo.benchmark.baselines import BASELINES
-from zoo.benchmark.checked_result import Road, check_suite, is_close, read_result, road_of
+from zoo.benchmark.checked_result import check_suite, is_close, read_result
 from zoo.benchmark.drivers import read_driver
 from zoo.benchmark.drives import drive_suite
 from zoo.benchmark.result import NEEDED, Driver, DriveRecord, code_name
-from zoo.benchmark.suite import find_suite, read_suite
+from zoo.benchmark.suite import find_suite, read_suite, road_of
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.runs.code_fingerprint import code_fingerprint
 
@@ -43,7 +43,7 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
             f"{code_name(code_fingerprint())}): digests may differ"
         )
         console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
-    by_road = {Road(*one.key): one for one in found.drives}
+    by_road = {drive.key: drive for drive in found.drives}
     numbers = range(len(result.drives))
     if drives:
         numbers = sorted(random.sample(numbers, min(drives, len(numbers))))

@@ -9,8 +9,9 @@ import numpy as np
 from scipy import special
 
 from zoo.base.errors import InputError
-from zoo.benchmark.checked_result import Road, read_result, roads_of, shown
+from zoo.benchmark.checked_result import read_result, roads_of, shown
 from zoo.benchmark.result import BenchmarkResult, DriveRecord
+from zoo.benchmark.suite import Road
 from zoo.drives.bootstrap import FEWEST_ROADS, Estimate, bootstrap, mean
 from zoo.drives.intervals import wilson_interval
 

@@ -13,6 +13,7 @@ LARGEST = 1e300
 
 WORDS = {
     "missing": "is missing",
+    "extra_forbidden": "no such key",
     "float_type": "should be a number",
     "int_type": "should be a whole number",
     "string_type": "should be text",
@@ -28,6 +29,12 @@ class Fields(BaseModel):
     """A file's fields, with strict types and with unknown keys kept."""
 
     model_config = ConfigDict(strict=True, extra="allow", frozen=True, protected_namespaces=())
+
+
+class OnlyFields(Fields):
+    """A file's fields, without unknown keys."""
+
+    model_config = ConfigDict(extra="forbid")
 
 
 def finite(value: object) -> object:
@@ -79,7 +86,8 @@ def check_fields(kind: type[Record], found: object, place: Path | str) -> Record
     try:
         return kind.model_validate(found)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
+        errors = error.errors(include_url=False, include_input=False)
+    first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
     names = [str(one) for one in first["loc"]]
     found_wrong = WORDS.get(first["type"]) or first["msg"].removeprefix("Value error, ")
     raise InputError(f"{place}: {'.'.join(names)}: {found_wrong}")

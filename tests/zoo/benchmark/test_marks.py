@@ -7,8 +7,11 @@ from pathlib import Path
 import pytest
 import yaml
 
+from tests.zoo.benchmark.test_benchmark_command import write_suite
 from zoo.base.errors import InputError
-from zoo.benchmark.marks import marks_table, missed_line, reached_marks, read_marks, write_marks
+from zoo.benchmark.marks import marks_table, missed_line, reached_marks, write_marks
+from zoo.benchmark.result import BenchmarkResult, Interval
+from zoo.benchmark.suite import Marks, read_suite
 from zoo.cli.compose import conf_folder
 from zoo.runs.page import hash_source
 
@@ -17,7 +20,10 @@ MARKS = {
     "looks": {"autonomy": 0.7, "without_intervention": 0.5},
     "headline": {"autonomy": 0.8},
 }
-GROUPS = ("like", "looks")
+
+
+def marks_of(content: dict) -> dict[str, Marks]:
+    return {group: Marks(**figures) for group, figures in content.items()}
 
 
 def figure(value: float | None, low: float | None = 0.0, high: float | None = 1.0) -> dict:
@@ -26,6 +32,7 @@ def figure(value: float | None, low: float | None = 0.0, high: float | None = 1.
 
 def drive(track: str, group: str, interventions: int, settings: dict) -> dict:
     figures = {"autonomy": 0.9, "interventions": float(interventions), "cte_mean_m": 0.5}
+    figures["steering_per_s"] = 0.3
     return {
         "checkpoint": 0,
         "group": group,
@@ -37,64 +44,74 @@ def drive(track: str, group: str, interventions: int, settings: dict) -> dict:
 
 
 @pytest.fixture
-def result() -> dict:
+def result() -> BenchmarkResult:
     """Return a result that reaches all marks but one, the autonomy of `looks`."""
     shared = {"cte_mean_m": figure(0.5), "steering_per_s": figure(0.3)}
-    return {
-        "version": 1,
-        "suite": "course",
-        "roads": "a" * 16,
-        "code": {"hash": "b2", "commit": None},
-        "entry": "<i>Ada's</i> net",
-        "checkpoints": [{"file": "my run/best.ckpt", "sha256": "c" * 64, "model": "PilotNet"}],
-        "drives": [
-            drive("lakeside:801", "like", 0, {}),
-            drive("lakeside:803", "looks", 1, {"delay_s": 0.2}),
-            drive("lakeside:802", "looks", 2, {"weather": {"fog": 0.5, "shadows": False}}),
-        ],
-        "groups": {
-            "like": {
-                **shared,
-                "autonomy": figure(0.9),
-                "m_per_intervention": figure(None, 400.0, None),
-                "without_intervention": figure(1.0),
+    return BenchmarkResult.model_validate(
+        {
+            "version": 1,
+            "suite": "course",
+            "roads": "a" * 16,
+            "code": {"hash": "b2", "commit": None},
+            "entry": "<i>Ada's</i> net",
+            "checkpoints": [
+                {
+                    "file": "my run/best.ckpt",
+                    "sha256": "c" * 64,
+                    "model": "PilotNet",
+                    "parameters": 1,
+                    "training_seed": 1,
+                    "data": "",
+                }
+            ],
+            "drives": [
+                drive("lakeside:801", "like", 0, {}),
+                drive("lakeside:803", "looks", 1, {"delay_s": 0.2}),
+                drive("lakeside:802", "looks", 2, {"weather": {"fog": 0.5, "shadows": False}}),
+            ],
+            "groups": {
+                "like": {
+                    **shared,
+                    "autonomy": figure(0.9),
+                    "m_per_intervention": figure(None, 400.0, None),
+                    "without_intervention": figure(1.0),
+                },
+                "looks": {
+                    **shared,
+                    "autonomy": figure(0.65, 0.6, 0.7),
+                    "m_per_intervention": figure(90.0),
+                    "without_intervention": figure(0.5),
+                },
             },
-            "looks": {
-                **shared,
-                "autonomy": figure(0.65, 0.6, 0.7),
-                "m_per_intervention": figure(90.0),
-                "without_intervention": figure(0.5),
-            },
-        },
-        "headline": figure(0.81),
-        "digest": "d" * 16,
-    }
+            "headline": figure(0.81),
+            "digest": "d" * 16,
+        }
+    )
 
 
-def test_a_figure_at_its_mark_passes_and_one_below_does_not(result: dict) -> None:
-    reached = reached_marks(result, read_marks(MARKS, GROUPS, "course.yaml"))
-    assert [(one.mark.group, one.mark.figure) for one in reached if not one.passed] == [
-        ("looks", "autonomy")
-    ]
+def test_a_figure_at_its_mark_passes_and_one_below_does_not(result: BenchmarkResult) -> None:
+    reached = reached_marks(result, marks_of(MARKS))
+    assert [(one.group, one.figure) for one in reached if not one.passed] == [("looks", "autonomy")]
     assert len(reached) == 6
     line = missed_line(reached)
     assert "1 of 6" in line
     assert "looks" in line
-    assert "65%" in line
-    assert "at least 70%" in line
+    assert "65.0" in line
+    assert "at least 70.0" in line
 
 
-def test_a_lower_error_is_better(result: dict) -> None:
+def test_a_lower_error_is_better(result: BenchmarkResult) -> None:
     for mark, passed in ((0.5, True), (0.49, False)):
-        marks = read_marks({"like": {"cte_mean_m": mark}}, GROUPS, "course.yaml")
+        marks = marks_of({"like": {"cte_mean_m": mark}})
         (reached,) = reached_marks(result, marks)
         assert reached.passed == passed
         assert bool(missed_line([reached])) != passed
 
 
-def test_an_unknown_figure_does_not_pass(result: dict) -> None:
-    result["groups"]["like"]["m_per_intervention"] = figure(None, None, None)
-    marks = read_marks({"like": {"m_per_intervention": 0}}, GROUPS, "course.yaml")
+def test_an_unknown_figure_does_not_pass(result: BenchmarkResult) -> None:
+    unknown = Interval(value=None, low=None, high=None)
+    result.groups["like"]["m_per_intervention"] = unknown
+    marks = marks_of({"like": {"m_per_intervention": 0}})
     (reached,) = reached_marks(result, marks)
     assert not reached.passed
     assert "unknown" in missed_line([reached])
@@ -103,29 +120,28 @@ def test_an_unknown_figure_does_not_pass(result: dict) -> None:
 @pytest.mark.parametrize(
     ("marks", "named"),
     [
-        (None, "marks"),
-        ([], "marks"),
-        ({"likes": {"autonomy": 0.9}}, "likes: .*did you mean like"),
-        ({"like": 0.9}, "marks.like: "),
-        ({"like": {"autonomie": 0.9}}, "marks.like.autonomie: .*did you mean autonomy"),
-        ({"like": {"autonomy": 90}}, "marks.like.autonomy: 90"),
-        ({"like": {"autonomy": True}}, "marks.like.autonomy: True"),
-        ({"like": {"cte_mean_m": "low"}}, "marks.like.cte_mean_m: low"),
-        ({"like": {"cte_mean_m": float("nan")}}, "marks.like.cte_mean_m: nan"),
-        ({"headline": {"cte_mean_m": 1}}, "marks.headline.cte_mean_m"),
+        ([], "marks: should be keys and values"),
+        ({}, "marks: "),
+        ({"likes": {"autonomy": 0.9}}, "marks.likes: .*did you mean like"),
+        ({"like": 0.9}, "marks.like: should be keys and values"),
+        ({"like": {"autonomie": 0.9}}, "marks.like.autonomie: no such key"),
+        ({"like": {"autonomy": 90}}, "marks.like.autonomy: .*1"),
+        ({"like": {"autonomy": True}}, "marks.like.autonomy: should be a number"),
+        ({"like": {"cte_mean_m": "low"}}, "marks.like.cte_mean_m: should be a number"),
+        ({"headline": {"cte_mean_m": 1}}, "marks.headline: "),
     ],
 )
-def test_wrong_marks_get_one_line(marks: object, named: str) -> None:
-    with pytest.raises(InputError, match=named) as error:
-        read_marks(marks, GROUPS, "course.yaml")
-    assert str(error.value).startswith("course.yaml: marks")
+def test_wrong_marks_get_one_line(marks: object, named: str, tmp_path: Path) -> None:
+    path = write_suite(tmp_path, marks=marks)
+    with pytest.raises(InputError, match=f"{re.escape(str(path))}: {named}") as error:
+        read_suite(str(path))
     assert "\n" not in str(error.value)
 
 
 def test_the_suite_of_a_course_has_roads_of_its_own_and_marks_for_its_groups() -> None:
     files = ("suite/course.yaml", "suite/v1.yaml", "data/bench_v1.yaml")
     course, *others = (yaml.safe_load((conf_folder() / name).read_text()) for name in files)
-    assert read_marks(course["marks"], [*course["groups"], "laps"], "course.yaml")
+    assert set(read_suite("course").marks) == {*course["groups"], "laps"}
     roads = tracks_in(course["groups"])
     assert len(roads) == sum(map(len, course["groups"].values()))
     for other in others:
@@ -141,9 +157,9 @@ def tracks_in(content: object) -> set[str]:
     return set().union(*map(tracks_in, content)) if isinstance(content, list) else set()
 
 
-def test_an_autograder_and_a_student_get_files(result: dict, tmp_path: Path) -> None:
-    reached = reached_marks(result, read_marks(MARKS, GROUPS, "course.yaml"))
-    assert "missed" in marks_table(result, reached).columns[-1].cells
+def test_an_autograder_and_a_student_get_files(result: BenchmarkResult, tmp_path: Path) -> None:
+    reached = reached_marks(result, marks_of(MARKS))
+    assert "missed" in marks_table(reached).columns[-1].cells
     graded, page = write_marks(tmp_path, result, reached)
     found = json.loads(graded.read_text())
     assert not found["passed"]
@@ -166,8 +182,8 @@ def test_an_autograder_and_a_student_get_files(result: dict, tmp_path: Path) -> 
     assert command in text.replace("&#39;", "'")
 
 
-def test_reached_marks_leave_no_worst_drives(result: dict, tmp_path: Path) -> None:
-    reached = reached_marks(result, read_marks({"like": {"autonomy": 0.9}}, GROUPS, "course.yaml"))
+def test_reached_marks_leave_no_worst_drives(result: BenchmarkResult, tmp_path: Path) -> None:
+    reached = reached_marks(result, marks_of({"like": {"autonomy": 0.9}}))
     assert missed_line(reached) == ""
     graded, page = write_marks(tmp_path, result, reached)
     assert json.loads(graded.read_text())["passed"]

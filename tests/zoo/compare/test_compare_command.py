@@ -168,8 +168,11 @@ AGAIN = "run the benchmark again"
         (lambda found: found | {"checkpoints": None}, ("checkpoints", "should be a list")),
         (of_drives(lambda _: []), ("drives", AGAIN)),
         (of_drives(lambda _: [{"checkpoint": 0}]), ("drives.0.group", "is missing")),
-        (of_drives(lambda drives: drives[1:]), ("checkpoint 0", "lakeside:501", AGAIN)),
-        (of_drives(lambda drives: [*drives, drives[0]]), ("checkpoint 0", "501", "twice")),
+        (of_drives(lambda drives: drives[1:]), ("lakeside:501", "it once", AGAIN)),
+        (
+            of_drives(lambda drives: [*drives, drives[0]]),
+            ("501", "each checkpoint must have it once"),
+        ),
         (of_drives(lambda drives: drives[:1] * 5000), ("5,000 drives",)),
         (
             of_drives(lambda drives: [one for one in drives if one["group"] != "like"]),
@@ -215,7 +218,7 @@ def test_a_folder_without_a_result_and_a_wrong_place_are_named(
     assert f"out={first}" in line
     assert "name another file" in line
     line = only_line(run(tmp_path, "lenet", str(first), module=MODULE))
-    assert line.startswith("drivezoo compare: lenet: no such file; name a result of the benchmark")
+    assert line.startswith("drivezoo compare: lenet: no such file; drivezoo benchmark CKPT")
 
 
 def test_neither_an_input_nor_a_foreign_file_is_replaced(
