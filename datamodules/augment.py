@@ -71,7 +71,8 @@ class Brightness(Change):
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
         """Return factors."""
-        return rng.uniform(*self.scale, (shape[0], 1))
+        low, high = self.scale
+        return rng.uniform(low, high, (shape[0], 1))
 
     def change_one(self, image: np.ndarray, drawn: np.ndarray) -> None:
         """Scale an image in place."""
@@ -100,7 +101,8 @@ class Shadow(Change, albumentations.RandomShadow):
         high = np.array([right * shape[2], bottom * shape[1]], int)
         fewest, most = self.num_shadows_limit
         corners = rng.integers(low, high, (shape[0], most, self.shadow_dimension, 2))
-        intensities = rng.uniform(*self.shadow_intensity_range, (shape[0], most))
+        faintest, darkest = self.shadow_intensity_range
+        intensities = rng.uniform(faintest, darkest, (shape[0], most))
         counts = rng.integers(fewest, most + 1, shape[0])
         intensities[np.arange(most) >= counts[:, None]] = 0
         values = [corners.reshape(shape[0], most, -1), intensities[:, :, None]]
@@ -225,7 +227,7 @@ class Augment:
             _convert(images, to_rgb_code)
         streams = self._streams(seed)
         for transform, compose, rng in zip(self.transforms, self._composed, streams, strict=True):
-            if compose is None:
+            if compose is None or isinstance(transform, Change):
                 chosen, drawn = _draw(transform, images.shape[2:], len(images), rng, place)
                 # One thread: with several, Python's lock lets only one run between OpenCV's calls.
                 for frames, values in zip(chosen.tolist(), drawn, strict=True):

@@ -81,7 +81,8 @@ class Bend(Change):
         """Return the added steering, and each row's move to the right in columns of the view."""
         count = shape[0]
         curvature = rng.uniform(-self.curvature, self.curvature, count)
-        length = rng.uniform(*self.length_m, count)
+        shortest, longest = self.length_m
+        length = rng.uniform(shortest, longest, count)
         ahead = rng.uniform(-UDACITY.rear_axle_m, self.ahead_m, count)
         begin = np.where(rng.random(count) < self.begun, -UDACITY.rear_axle_m, ahead)
         aside = self.columns_aside(shape[1], curvature, begin, length)

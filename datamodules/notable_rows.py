@@ -9,7 +9,7 @@ from scipy.ndimage import median_filter
 from datamodules.image import MOST_IMAGE_BYTES, decode_pixels
 from datamodules.recording import Recording
 from datamodules.split import rows_per_second
-from datamodules.stretches import find_breaks
+from datamodules.stretches import find_breaks, true_runs
 from zoo.base.regular_file import read_regular
 
 MOST_ROWS = 40  # rows of each kind
@@ -46,10 +46,9 @@ def steering_jumps(recording: Recording) -> list[NotableRow]:
 
 def standstills(recording: Recording) -> list[NotableRow]:
     """Return the first rows of the longest standstills; values are numbers of rows."""
-    still = np.concatenate([[False], recording.speed_mph < LEAST_SPEED_MPH, [False]])
-    first, end = np.flatnonzero(np.diff(still.astype(int))).reshape(-1, 2).T
-    order = np.argsort(first - end, kind="stable")[:MOST_ROWS]
-    return [NotableRow(int(first[one]), float(end[one] - first[one])) for one in order]
+    still = true_runs(recording.speed_mph < LEAST_SPEED_MPH)
+    longest = sorted(still, key=lambda run: run[0] - run[1])[:MOST_ROWS]
+    return [NotableRow(first, float(end - first)) for first, end in longest]
 
 
 def odd_frames(recording: Recording, differences: np.ndarray) -> list[NotableRow]:

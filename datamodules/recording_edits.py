@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from datamodules.stretches import true_runs
 from zoo.base.errors import UsageError
 
 Stretch = tuple[int, int]  # first row, and the row after the last one
@@ -59,34 +60,32 @@ class Edits:
 
 def drop(edits: Edits, stretch: Stretch) -> Edits:
     """Leave out the rows of a stretch."""
-    return replace(edits, dropped=add(edits.dropped, _within(edits, stretch)))
+    dropped = _mask(edits.dropped, edits.rows)
+    dropped[_rows(edits, stretch)] = True
+    return replace(edits, dropped=true_runs(dropped))
 
 
 def restore(edits: Edits, stretch: Stretch) -> Edits:
     """Keep the rows of a stretch as they were recorded: neither dropped nor mirrored."""
-    stretch = _within(edits, stretch)
-    return replace(
-        edits,
-        dropped=subtract(edits.dropped, stretch),
-        mirrored=subtract(edits.mirrored, stretch),
-    )
+    masks = _mask(edits.dropped, edits.rows), _mask(edits.mirrored, edits.rows)
+    for mask in masks:
+        mask[_rows(edits, stretch)] = False
+    return replace(edits, dropped=true_runs(masks[0]), mirrored=true_runs(masks[1]))
 
 
 def trim(edits: Edits, stretch: Stretch) -> Edits:
     """Leave out all rows before and after a stretch."""
-    first, end = _within(edits, stretch)
-    for outside in ((0, first), (end, edits.rows)):
-        if outside[0] < outside[1]:
-            edits = drop(edits, outside)
-    return edits
+    inside = _rows(edits, stretch)
+    dropped = np.ones(edits.rows, bool)
+    dropped[inside] = _mask(edits.dropped, edits.rows)[inside]
+    return replace(edits, dropped=true_runs(dropped))
 
 
 def mirror(edits: Edits, stretch: Stretch) -> Edits:
     """Mirror a stretch from left to right; mirror it back if all its rows are mirrored."""
-    stretch = _within(edits, stretch)
-    without = subtract(edits.mirrored, stretch)
-    all_mirrored = add(without, stretch) == edits.mirrored
-    return replace(edits, mirrored=without if all_mirrored else add(without, stretch))
+    mirrored, rows = _mask(edits.mirrored, edits.rows), _rows(edits, stretch)
+    mirrored[rows] = not mirrored[rows].all()
+    return replace(edits, mirrored=true_runs(mirrored))
 
 
 def split(edits: Edits, row: int) -> Edits:
@@ -98,35 +97,9 @@ def split(edits: Edits, row: int) -> Edits:
 
 def merge(edits: Edits, stretch: Stretch) -> Edits:
     """Join the parts that begin within a stretch with the parts before them."""
-    first, end = _within(edits, stretch)
-    return replace(edits, splits=tuple(one for one in edits.splits if not first <= one < end))
-
-
-def add(stretches: Iterable[Stretch], new: Stretch) -> tuple[Stretch, ...]:
-    """Return the union of sorted stretches and a new one.
-
-    >>> add([(0, 3), (8, 9)], (3, 5))
-    ((0, 5), (8, 9))
-    """
-    found: list[Stretch] = []
-    for first, end in sorted([*stretches, new]):
-        if found and first <= found[-1][1]:
-            found[-1] = found[-1][0], max(end, found[-1][1])
-        else:
-            found.append((first, end))
-    return tuple(found)
-
-
-def subtract(stretches: Iterable[Stretch], cut: Stretch) -> tuple[Stretch, ...]:
-    """Return the rows of sorted stretches that are outside of another one.
-
-    >>> subtract([(0, 10)], (3, 5))
-    ((0, 3), (5, 10))
-    """
-    sides = (
-        (one, (one[0], min(one[1], cut[0])), (max(one[0], cut[1]), one[1])) for one in stretches
-    )
-    return tuple(side for _, *both in sides for side in both if side[0] < side[1])
+    rows = _rows(edits, stretch)
+    kept = tuple(one for one in edits.splits if not rows.start <= one < rows.stop)
+    return replace(edits, splits=kept)
 
 
 def parse_stretches(key: str, text: str, rows: int) -> tuple[Stretch, ...]:
@@ -138,7 +111,7 @@ def parse_stretches(key: str, text: str, rows: int) -> tuple[Stretch, ...]:
     Raises:
         UsageError: names the key, what was typed and the remedy.
     """
-    found: tuple[Stretch, ...] = ()
+    mask = np.zeros(rows, bool)
     for one in text[:MOST_TEXT].split(","):
         typed = _TYPED.fullmatch(one.strip())
         if not typed:
@@ -150,8 +123,8 @@ def parse_stretches(key: str, text: str, rows: int) -> tuple[Stretch, ...]:
         last = int(typed["last"] or (rows if typed["dash"] else first))
         if not 1 <= first <= last <= rows:
             raise UsageError(f"{key}={one.strip()}: must be rows in 1..{rows}, the smaller first")
-        found = add(found, (first - 1, last))
-    return found
+        mask[first - 1 : last] = True
+    return true_runs(mask)
 
 
 def format_stretches(stretches: Iterable[Stretch]) -> str:
@@ -180,15 +153,14 @@ def typed_edits(
     Raises:
         UsageError: a text is wrong.
     """
-    edits = Edits(rows)
+
+    def mask(key: str, text: str) -> np.ndarray:
+        return _mask(parse_stretches(key, text, rows) if text else (), rows)
+
+    dropped = mask("drop", drop_text)
     if keep_text:
-        edits = drop(edits, (0, rows))
-        for one in parse_stretches("keep", keep_text, rows):
-            edits = restore(edits, one)
-    for one in parse_stretches("drop", drop_text, rows) if drop_text else ():
-        edits = drop(edits, one)
-    for one in parse_stretches("mirror", mirror_text, rows) if mirror_text else ():
-        edits = replace(edits, mirrored=add(edits.mirrored, one))
+        dropped |= ~mask("keep", keep_text)
+    edits = Edits(rows, true_runs(dropped), true_runs(mask("mirror", mirror_text)))
     for text in split_text.split(",") if split_text else ():
         if not re.fullmatch(r"\d{1,12}", text.strip()):
             raise UsageError(f"split={text.strip()[:40]}: no row; write its number, such as 1200")
@@ -210,13 +182,13 @@ def edit_options(edits: Edits) -> list[str]:
     return [f"{key}={text}" for key, text in texts.items() if text]
 
 
-def _within(edits: Edits, stretch: Stretch) -> Stretch:
+def _rows(edits: Edits, stretch: Stretch) -> slice:
     first, end = stretch
     if not 0 <= first < end <= edits.rows:
         raise UsageError(
             f"rows {first + 1} to {end}: must be in 1..{edits.rows}, the smaller first"
         )
-    return stretch
+    return slice(first, end)
 
 
 def _mask(stretches: Iterable[Stretch], rows: int) -> np.ndarray:

@@ -57,6 +57,16 @@ def _changes(recording: Recording) -> np.ndarray:
     return np.diff(recording.recording) != 0
 
 
+def true_runs(mask: np.ndarray) -> tuple[tuple[int, int], ...]:
+    """Return the runs of true values, bool [N]: the first, and the one after the last.
+
+    >>> true_runs(np.array([True, True, False, True]))
+    ((0, 2), (3, 4))
+    """
+    borders = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)).tolist()
+    return tuple(zip(borders[::2], borders[1::2], strict=True))
+
+
 def steering_returns(recording: Recording, first: np.ndarray, length: int) -> np.ndarray:
     """Return how far each stretch's steering returns to 0, float64 [n].
 

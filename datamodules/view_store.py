@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -33,7 +34,7 @@ CACHE = "cache"  # kind of folder
 CHUNK = 32  # images that a thread decodes at a time
 
 Progress = Callable[[int, int], None]
-Keep = Callable[[np.ndarray], object]  # function that stores an array's next rows
+Keep = Callable[[Any], object]  # function that stores an array's next rows
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,8 @@ def load_file(
         InputError: the disk is full or cannot be written to.
     """
     if target is None:
-        array, done = np.empty(shape, dtype), 0
+        array: np.ndarray = np.empty(shape, dtype)
+        done = 0
 
         def keep(chunk: np.ndarray) -> None:
             nonlocal done

@@ -140,13 +140,14 @@ def write_log(folder: Path, rows: Iterable[tuple[list[str], list[float]] | None]
 
 
 def write_frame(image: np.ndarray, target: Path, quality: int = 95, fit: Fit = "keep") -> None:
-    """Write an image, uint8 [H, W, 3] RGB, as a new JPEG of this quality, 1..100.
+    """Write an image, uint8 [H, W, 3] RGB, as a new PNG or a JPEG of this quality, 1..100.
 
     OpenCV's own writer ends the process for a path that is not UTF-8.
     """
     image = pad_to_two_by_one(image) if fit == "pad" else image
     bgr = np.ascontiguousarray(image[:, :, ::-1])
-    data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    kind = ".png" if target.suffix.lower() == ".png" else ".jpg"
+    data = cv2.imencode(kind, bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
     write_new(target, data.tobytes())
 
 

@@ -68,8 +68,10 @@ def guard_rich() -> None:
     rich removes five of them from every text by a table, and adds its own control characters
     later. The table has no public name: if a version of rich lacks it, nothing changes.
     """
-    import rich.control
-
+    try:
+        import rich.control
+    except ImportError:  # the doctor runs without packages
+        return
     table = getattr(rich.control, "_CONTROL_STRIP_TRANSLATE", {})
     marks = (
         "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"  # of direction

@@ -11,8 +11,8 @@ from functools import partial
 from pathlib import Path
 
 from zoo.base.command import command, is_help
+from zoo.base.command_keys import check_keys, read_texts
 from zoo.base.errors import UsageError
-from zoo.base.nearest import hint
 from zoo.base.run_command import run_command
 from zoo.base.terminal import command_line, printable
 from zoo.checkpoints.checkpoint_path import FOLDER, LATEST, find_checkpoint, packaged_file
@@ -23,7 +23,6 @@ from zoo.doctor.finding import FAULT, OK, WARNING, Finding, careful
 PORT = 4567
 COLOURS = {OK: "32", WARNING: "33", FAULT: "31"}
 NAME_WIDTH, STATE_WIDTH = 12, 9
-FILES = (".ckpt", ".csv", ".onnx")  # a name that ends so is a path, even with = in it
 
 
 @command
@@ -60,7 +59,6 @@ def diagnose(checkpoint: str | None, recording: str | None, port: int) -> Iterat
     yield from careful("device", machine.check_device)
     yield from careful("renderer", renderers)
     yield from careful("port", partial(machine.check_port, port))
-    yield from careful("locale", machine.check_locale)
     yield from careful("disk", machine.check_disk)
     if recording is not None:
         yield from careful("recording", partial(inputs.check_recording, recording))
@@ -74,40 +72,26 @@ def diagnose(checkpoint: str | None, recording: str | None, port: int) -> Iterat
         yield from careful("round trip", partial(round_trip.check_round_trip, checkpoint))
 
 
-def sort_arguments(arguments: list[str]) -> tuple[str | None, str | None, int]:
-    """Return checkpoint, recording and port from arguments in any order.
+def sort_paths(paths: list[str]) -> tuple[str | None, str | None]:
+    """Return checkpoint and recording from paths in any order.
 
     Raises:
-        UsageError: an argument is repeated, a key is unknown, or the port is wrong.
+        UsageError: two are of a kind.
         InputError: a run's folder has no checkpoint.
     """
-    paths: dict[str, str] = {}
-    port = PORT
-    for argument in arguments:
-        path = Path(argument).expanduser()
-        key, equals, text = argument.partition("=")
-        key = key.replace("doctor.", "", 1)
-        is_option = (equals or argument.startswith("--")) and path.suffix not in FILES
-        if is_option and not path.exists():
-            if key != "port":
-                raise UsageError(f"{key}: no such key; {hint(key, ['port'])}")
-            if not (text.isdecimal() and 0 < int(text) < 65536):
-                raise UsageError(f"{argument}: must be a whole number in 1..65535")
-            port = int(text)
-            continue
+    found: dict[str, str] = {}
+    for named in paths:
+        path = Path(named).expanduser()
         is_run = path.is_dir() and (path.name == FOLDER or (path / FOLDER).is_dir())
-        is_name = argument == LATEST or packaged_file(argument) is not None
-        if is_run or (is_name and not path.exists()):
-            argument, kind = str(find_checkpoint(argument)), "CKPT"
-        else:
-            is_recording = path.is_dir() or path.suffix == ".csv"
-            kind = "RECORDING" if is_recording or not (path.exists() or path.suffix) else "CKPT"
-        if kind in paths:
+        is_name = not path.exists() and (named == LATEST or packaged_file(named) is not None)
+        is_recording = path.is_dir() or path.suffix in ("", ".csv")
+        kind = "CKPT" if is_run or is_name or not is_recording else "RECORDING"
+        if kind in found:
             raise UsageError(
-                f"{argument}: {kind} is given twice, also {paths[kind]}; usage: {doctor.usage}"
+                f"{named}: {kind} is given twice, also {found[kind]}; usage: {doctor.usage}"
             )
-        paths[kind] = argument
-    return paths.get("CKPT"), paths.get("RECORDING"), port
+        found[kind] = str(find_checkpoint(named)) if is_run or is_name else named
+    return found.get("CKPT"), found.get("RECORDING")
 
 
 def print_finding(finding: Finding) -> None:
@@ -118,13 +102,11 @@ def print_finding(finding: Finding) -> None:
     if sys.stdout and sys.stdout.isatty() and "NO_COLOR" not in os.environ:
         state = f"\033[{COLOURS[finding.state]}m{state}\033[0m"
     texts = [finding.found] + ([f"fix: {finding.fix}"] if finding.fix else [])
-    lines = []
-    for text in texts:
-        # A long path or command is not broken, so that users can copy it.
-        lines += textwrap.wrap(
-            text, width - len(indent), break_long_words=False, break_on_hyphens=False
-        )
-    first, *rest = lines or [""]
+    # A long path or command is not broken, so that users can copy it.
+    wrap = textwrap.TextWrapper(
+        width - len(indent), break_long_words=False, break_on_hyphens=False
+    ).wrap
+    first, *rest = [line for text in texts for line in wrap(text)] or [""]
     print(f"{state}{finding.what:<{NAME_WIDTH}}{printable(first)}", flush=True)
     for line in rest:
         print(indent + printable(line), flush=True)
@@ -135,8 +117,13 @@ def main(arguments: list[str]) -> None:
     if is_help(arguments):
         print(doctor.help())
         return
-    checkpoint, recording, port = sort_arguments(arguments)
-    doctor.function(checkpoint, recording, port=port)
+    paths, options = doctor.split(arguments)
+    texts = read_texts(options, "doctor")
+    check_keys(texts, doctor.keys)
+    port = texts.get("port", str(PORT))
+    if not (port.isdecimal() and 0 < int(port) < 65536):  # without pydantic, which may be missing
+        raise UsageError(f"port={port}: must be a whole number in 1..65535")
+    doctor.function(*sort_paths(paths), port=int(port))
 
 
 def next_step(checkpoint: str | None, recording: str | None) -> tuple[str, str]:

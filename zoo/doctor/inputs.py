@@ -5,6 +5,8 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Iterator
+from contextlib import suppress
+from itertools import compress
 
 from zoo.doctor.finding import OK, WARNING, Finding, from_error
 
@@ -60,17 +62,15 @@ def _trained_on(policy: object, recording: str | None) -> Finding:
     from zoo.base.errors import InputError
 
     data = policy.data
-    root = policy.config.get("data", {}).get("root")
-    epochs = policy.config.get("trainer", {}).get("max_epochs")
-    if data.get("fingerprint") is None or epochs == 0:  # the weights are from elsewhere
+    fingerprint, config = data.get("fingerprint"), policy.config
+    if fingerprint is None or config.get("trainer", {}).get("max_epochs") == 0:  # from elsewhere
         return Finding(OK, "trained on", "not known")
-    found = f"{root}, {data.get('rows', 0):,} rows, fingerprint {data.get('fingerprint')}"
-    if recording is not None:
-        try:
-            same = read_recordings(recording).fingerprint() == data.get("fingerprint")
-        except InputError:
-            return Finding(OK, "trained on", found)
-        found += "; the same as this recording" if same else "; not the same as this recording"
+    root = config.get("data", {}).get("root")
+    found = f"{root}, {data.get('rows', 0):,} rows, fingerprint {fingerprint}"
+    with suppress(InputError):
+        if recording is not None:
+            same = read_recordings(recording).fingerprint() == fingerprint
+            found += f"; {'' if same else 'not '}the same as this recording"
     return Finding(OK, "trained on", found)
 
 
@@ -88,7 +88,9 @@ def check_recording(folder: str) -> Iterator[Finding]:
     except InputError as error:
         yield from_error(what, error, "record or copy it again")
         return
-    yield Finding(OK, what, f"{folder}: {len(recording):,} rows, {_cameras(recording)}")
+    present = [any(path is not None for path in paths) for paths in recording.images.T]
+    cameras = ", ".join(compress(("centre", "left", "right"), present))
+    yield Finding(OK, what, f"{folder}: {len(recording):,} rows, cameras {cameras}")
     bad = list(recording.bad_images)
     rows = np.unique(np.linspace(0, len(recording) - 1, IMAGES).astype(int))
     for row in rows:
@@ -102,13 +104,3 @@ def check_recording(folder: str) -> Iterator[Finding]:
         yield Finding(WARNING, "images", found, f"{fix}data.on_bad_image=skip")
     else:
         yield Finding(OK, "images", f"a sample of {len(rows)} can be read")
-
-
-def _cameras(recording: object) -> str:
-    names = ("centre", "left", "right")
-    present = [
-        name
-        for name, paths in zip(names, recording.images.T)  # noqa: B905
-        if any(path is not None for path in paths)
-    ]
-    return f"{', '.join(present)} camera{'s' if len(present) > 1 else ''}"

@@ -48,17 +48,11 @@ def check_packages() -> Iterator[Finding]:
     if missing:
         found = f"not installed: {', '.join(missing)}"
         yield Finding(FAULT, "packages", found, INSTALL)
-    if installed_version("packaging") is None:  # reads versions; not a dependency of ours
-        return
-    good = {}
     for line in wanted:
-        findings = list(_check_package(line))
-        yield from findings
-        name = _name(line)
-        if name not in missing and all(finding.state != FAULT for finding in findings):
-            good[name] = installed_version(name)
-    shown = ", ".join(f"{name} {good[name]}" for name in SHOWN if name in good)
-    yield Finding(OK, "packages", f"{len(good)} have the versions that {source} requires: {shown}")
+        yield from _check_package(line)
+    versions = {name: installed_version(name) for name in SHOWN}
+    shown = ", ".join(f"{name} {version}" for name, version in versions.items() if version)
+    yield Finding(OK, "packages", f"compared with the versions that {source} requires: {shown}")
 
 
 def _check_package(line: str) -> Iterator[Finding]:
@@ -88,12 +82,11 @@ def read_requirements() -> tuple[list[str], str]:
 
     A checkout's `pyproject.toml` comes first: pip's record of an editable install can be older.
     """
-    pyproject = Path(__file__).parents[2] / "pyproject.toml"
     try:
         import tomllib  # since Python 3.11
 
-        project = tomllib.loads(pyproject.read_text(encoding="utf-8"))["project"]
-        return project["dependencies"], "pyproject.toml"
+        text = (Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8")
+        return tomllib.loads(text)["project"]["dependencies"], "pyproject.toml"
     except (ImportError, OSError):
         pass
     try:

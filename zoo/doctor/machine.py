@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import locale
 import os
 import shutil
 import socket
@@ -75,22 +74,6 @@ def check_disk() -> Iterator[Finding]:
         yield Finding(OK, "disk", found)
 
 
-def check_locale() -> Iterator[Finding]:
-    """Check the locale, whose decimal separator a simulator started from here uses."""
-    try:
-        locale.setlocale(locale.LC_NUMERIC, "")
-    except locale.Error:
-        names = ("LC_ALL", "LC_NUMERIC", "LANG")
-        name = next((f"{one}={os.environ[one]}" for one in names if os.environ.get(one)), "LANG")
-        fix = "export LC_ALL=C.UTF-8, or install the locale (Debian: dpkg-reconfigure locales)"
-        yield Finding(WARNING, "locale", f"{name} is not installed here", fix)
-        return
-    separator = locale.localeconv()["decimal_point"]
-    locale.setlocale(locale.LC_NUMERIC, "C")
-    note = "" if separator == "." else "; the driver and the log reader support it"
-    yield Finding(OK, "locale", f"decimal separator is {separator!r}{note}")
-
-
 def check_port(port: int) -> Iterator[Finding]:
     """Check that the driver can listen on a port."""
     from zoo.drive.port_holder import port_holder
@@ -104,18 +87,14 @@ def check_port(port: int) -> Iterator[Finding]:
             # With that option, a second socket binds too, and fails only when it listens.
             probe.listen(1)
         except OSError as error:
-            if error.errno not in (errno.EADDRINUSE, errno.EACCES):
-                raise
             if error.errno == errno.EACCES:
                 yield Finding(FAULT, what, "not allowed to this user", "drive with port=4567")
-                return
-            holder = port_holder(port)
-            if holder and "zoo.drive" in holder:
-                fix = "simulators connect to that driver; end it to drive another checkpoint"
-                yield Finding(WARNING, what, f"used by another driver: {holder}", fix)
-                return
-            fix = "end that process, or drive with port=4568"
-            by = f"used by {holder}" if holder else "used by another user's process"
-            yield Finding(FAULT, what, by, fix)
+            elif error.errno == errno.EADDRINUSE:
+                holder = port_holder(port) or "another user's process"
+                fix = "end that process, or drive with port=4568"
+                state = WARNING if "zoo.drive" in holder else FAULT  # a driver of this user
+                yield Finding(state, what, f"used by {holder}", fix)
+            else:
+                raise
             return
     yield Finding(OK, what, "free")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import queue
 import re
 import statistics
 import subprocess
@@ -35,9 +34,8 @@ def check_round_trip(checkpoint: str) -> Iterator[Finding]:
             errors="replace",
         )
         try:
-            url, lines = _wait_for_url(process)
+            url, last = _wait_for_url(process)
             if url is None:
-                last = lines[-1] if lines else "nothing"
                 yield Finding(FAULT, what, f"the driver did not start, it printed: {last}", fix)
                 return
             times_ms, steer = _drive(url)
@@ -86,26 +84,19 @@ def _next_steer(client: object) -> object:
     raise TimeoutError("no steer event received")
 
 
-def _wait_for_url(process: subprocess.Popen) -> tuple[str | None, list[str]]:
-    """Return the URL that the driver prints, None without one, and the printed lines."""
-    unread: queue.Queue[str] = queue.Queue()
-
-    def read() -> None:
+def _wait_for_url(process: subprocess.Popen) -> tuple[str | None, str]:
+    """Return the URL that the driver prints, None without one, and the last line."""
+    timer = threading.Timer(TIMEOUT_S, process.kill)
+    timer.start()
+    last = "nothing"
+    try:
         for line in process.stdout:
-            unread.put(line.strip())
-
-    reader = threading.Thread(target=read, daemon=True)
-    reader.start()
-    lines, end_s = [], time.monotonic() + TIMEOUT_S
-    while time.monotonic() < end_s and (reader.is_alive() or not unread.empty()):
-        try:
-            lines.append(unread.get(timeout=0.1))
-        except queue.Empty:
-            continue
-        found = re.search(r"listening on (http://\S+?)[;\s]", lines[-1] + " ")
-        if found:
-            return found[1], lines
-    return None, [line for line in lines if line]
+            last = line.strip() or last
+            if found := re.search(r"listening on (http://\S+?)[;\s]", line):
+                return found[1], last
+    finally:
+        timer.cancel()
+    return None, last
 
 
 def _end(process: subprocess.Popen) -> None:

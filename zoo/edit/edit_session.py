@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from datamodules import recording_edits
@@ -13,33 +12,6 @@ from zoo.base.errors import InputError
 from zoo.base.new_folder import free_folder
 
 MOST_UNDO = 1000  # steps
-
-
-@dataclass(frozen=True)
-class History:
-    """Edits now, before (the latest last), and after undo (the next last)."""
-
-    now: Edits
-    past: tuple[Edits, ...] = ()
-    future: tuple[Edits, ...] = ()
-
-    def then(self, edits: Edits) -> "History":
-        """Return the history after a change; without a difference, the same one."""
-        if edits == self.now:
-            return self
-        return History(edits, (*self.past, self.now)[-MOST_UNDO:])
-
-    def undo(self) -> "History":
-        """Return the history one step back, if there is one."""
-        if not self.past:
-            return self
-        return History(self.past[-1], self.past[:-1], (*self.future, self.now))
-
-    def redo(self) -> "History":
-        """Return the history one undone step forward, if there is one."""
-        if not self.future:
-            return self
-        return History(self.future[-1], (*self.past, self.now), self.future[:-1])
 
 
 class EditSession:
@@ -68,7 +40,9 @@ class EditSession:
         first = Path(recording.names[0]).absolute()
         self.out = (out or first.with_name(f"{first.name}_edited")).expanduser().absolute()
         self.written: WrittenRecording | None = None
-        self._history = History(edits)
+        self._now = edits
+        self._past: list[Edits] = []  # before, the latest last
+        self._future: list[Edits] = []  # after undo, the next last
         self._saved = Edits(len(recording))
         self._lock = threading.RLock()
         self._share: float | None = None  # of the writing
@@ -78,11 +52,11 @@ class EditSession:
     @property
     def unsaved(self) -> bool:
         """Whether there are edits that were not written."""
-        return self._history.now != self._saved
+        return self._now != self._saved
 
     def options(self) -> list[str]:
         """Return the command's options for the edits of now."""
-        return recording_edits.edit_options(self._history.now)
+        return recording_edits.edit_options(self._now)
 
     def change(self, name: str, value: object) -> None:
         """Apply an edit: `drop`, `restore`, `trim`, `mirror`, `merge`, `split`, `undo` or `redo`.
@@ -95,11 +69,17 @@ class EditSession:
             UsageError: the rows are not of the recording.
         """
         with self._lock:
-            if name in ("undo", "redo"):
-                self._history = getattr(self._history, name)()
-            else:
-                change = getattr(recording_edits, name)
-                self._history = self._history.then(change(self._history.now, value))
+            stacks = {"undo": (self._past, self._future), "redo": (self._future, self._past)}
+            if name not in stacks:
+                edits = getattr(recording_edits, name)(self._now, value)
+                if edits != self._now:
+                    self._past = [*self._past, self._now][-MOST_UNDO:]
+                    self._now, self._future = edits, []
+                return
+            source, target = stacks[name]
+            if source:
+                target.append(self._now)
+                self._now = source.pop()
 
     def write(self, progress: Callable[[float], None] = lambda share: None) -> None:
         """Write the edited recording.
@@ -107,7 +87,7 @@ class EditSession:
         Raises:
             InputError: see `write_edited`.
         """
-        edits = self._history.now
+        edits = self._now
         self.written = write_edited(self.recording, edits, free_folder(self.out), progress)
         self._saved = edits
         self._report(self.written)
@@ -142,15 +122,14 @@ class EditSession:
 
     def state(self) -> dict:
         """Return the edits and the writing as plain containers."""
-        history, written = self._history, self.written
-        edits = history.now
+        edits, written = self._now, self.written
         return {
             "dropped": edits.dropped,
             "mirrored": edits.mirrored,
             "splits": edits.splits,
             "parts": [len(rows) for rows, _ in edits.parts()],
-            "undo": len(history.past),
-            "redo": len(history.future),
+            "undo": len(self._past),
+            "redo": len(self._future),
             "unsaved": self.unsaved,
             "out": str(free_folder(self.out)),
             "writing": self._share,

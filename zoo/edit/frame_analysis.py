@@ -1,6 +1,7 @@
 """Background analysis of frames: how they differ, and what a network steers."""
 
 import threading
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -100,63 +101,43 @@ class FrameAnalysis:
             torch.set_num_threads(1)  # of this thread; the page's requests need the other cores
         after = 0  # the row after those analysed last
         while (rows := self._next_chunk()) is not None:
-            if rows.start != after:
-                self._warm_up(rows.start)
-            for analyse in (self._compare, self._predict):
-                for row in rows:
-                    if self._ending.is_set():
-                        return
-                    analyse(row)
+            # After a jump, the rows before fill the memory of the policy.
+            first = after if rows.start == after else max(0, rows.start - CHUNK)
+            if first != after:
+                self._last = None
+            for row in range(first, rows.stop):
+                if self._ending.is_set():
+                    return
+                self._analyse_row(row, keep=row >= rows.start)
             self._chunks.append(rows)
             after = rows.stop
 
     def _next_chunk(self) -> range | None:
         """Return the first rows to analyse at or after the row that is looked at, or before it."""
-        known = {chunk.start for chunk in self._chunks}
-        open_chunks = [
-            first for first in range(0, len(self.recording), CHUNK) if first not in known
-        ]
-        if not open_chunks:
-            return None
-        later = [first for first in open_chunks if first + CHUNK > self._wanted]
-        first = (later or open_chunks)[0]
-        return range(first, min(first + CHUNK, len(self.recording)))
+        known, rows = {chunk.start for chunk in self._chunks}, len(self.recording)
+        left = [first for first in range(0, rows, CHUNK) if first not in known]
+        later = [first for first in left if first + CHUNK > self._wanted]
+        chunks = [range(first, min(first + CHUNK, rows)) for first in (later or left)[:1]]
+        return chunks[0] if chunks else None
 
-    def _warm_up(self, first: int) -> None:
-        """Prepare for a row that does not follow the last one: its frame before, its memory."""
-        self._last = None
-        if first:
-            self._compare(first - 1, keep=False)
-        if self.policy is not None:
-            for row in range(max(0, first - CHUNK), first):
-                if not self._ending.is_set():
-                    self._predict(row, keep=False)
-
-    def _compare(self, row: int, keep: bool = True) -> None:
-        last = self._last
+    def _analyse_row(self, row: int, keep: bool) -> None:
+        path = self.recording.images[row, 0]
+        last, self._last = self._last, None
         try:
-            self._last = thumbnail(self.recording.images[row, 0])
+            self._last = thumbnail(path)
+            if keep and last is not None:
+                self._differences[row] = frame_difference(last, self._last)
         except (OSError, ValueError):
-            self._last = None
             if keep:
                 self._differences[row] = np.inf
-            return
-        if last is not None and keep:
-            self._differences[row] = frame_difference(last, self._last)
-
-    def _predict(self, row: int, keep: bool = True) -> None:
         if self.policy is None:
             return
-
         if self._resets[row]:
             self.policy.reset()
-        try:
-            frame = read_image(self.recording.images[row, 0])
-            command = self.policy(frame, float(self.recording.speed_mph[row]))
-        except Exception:  # a bad image, or any exception of a network; the row stays unknown
-            return
-        if keep:
-            self.predicted[row] = command.steering
+        with suppress(Exception):  # of a bad image or a network; the row stays unknown
+            command = self.policy(read_image(path), float(self.recording.speed_mph[row]))
+            if keep:
+                self.predicted[row] = command.steering
 
 
 def load_predictor(named: str) -> tuple[Path, "Policy"]:
