@@ -56,7 +56,7 @@ class ForwardReader:
         contents: function from a file to its contents, in order.
     """
 
-    def __init__(self, contents: Callable[[str], Iterator[Stored]]) -> None:
+    def __init__(self, contents: Callable[[Path], Iterator[Stored]]) -> None:
         self._contents = contents
         self._file, self._next = "", 0
 
@@ -67,7 +67,7 @@ class ForwardReader:
             ValueError: the file is shorter.
         """
         if file != self._file or number < self._next - 1:
-            self._file, self._next, self._items = file, 0, self._contents(file)
+            self._file, self._next, self._items = file, 0, self._contents(Path(file))
         for item in self._items if number >= self._next else ():
             self._last, self._next = item, self._next + 1
             if self._next > number:

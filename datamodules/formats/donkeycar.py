@@ -16,7 +16,7 @@ import numpy as np
 
 from datamodules.driving_log import BadRows
 from datamodules.formats.json_fields import number, parse, plain_name
-from datamodules.formats.recording_writer import Converted, left_out_note
+from datamodules.formats.recording_writer import Converted, left_out_note, whole_rows
 from datamodules.image import find_file_fault, link_or_copy
 from datamodules.recording import ReadOptions, Recording, keep_valid, make_recording
 from datamodules.stretches import complete_times, continuous_drives, times_of_drives
@@ -101,20 +101,20 @@ def read(path: Path, options: ReadOptions) -> Recording:
         sessions = {one: index for index, one in enumerate(dict.fromkeys(columns["session"]))}
         drive = np.array([sessions[one] for one in columns["session"]])
         numbers["time_s"] = times_of_drives(drive, np.arange(len(drive)) / LOOP_HZ)
-    notes = []
-    if deleted:
-        notes.append(f"{deleted:,} records left out that the tub marks as deleted")
-    if piloted:
-        notes.append(f"{piloted:,} records left out that an autopilot drove")
-    if not any(columns.get("has_speed", ())):
-        notes.append("the tub has no speed: the log has 0 mph in each row")
+    counts = {
+        f"{deleted:,} records left out that the tub marks as deleted": deleted,
+        f"{piloted:,} records left out that an autopilot drove": piloted,
+        "the tub has no speed: the log has 0 mph in each row": not any(
+            columns.get("has_speed", ())
+        ),
+    }
     recording = make_recording(
         path,
         numbers,
         {"center": columns.get("image", [])},
         places=np.array(columns.get("place", ()), object),
         bad_images=tuple(bad_images),
-        notes=tuple(notes),
+        notes=tuple(note for note, count in counts.items() if count),
         # Of drivezoo's own tubs; the rig of others is unknown.
         rig=UDACITY if any(columns.get("is_own", ())) else None,
     )
@@ -147,20 +147,14 @@ def _new_records(folder: Path) -> Iterator[tuple[str, str | None, str]]:
     """Yield each record's place, text (None if it is deleted), and folder of images."""
     path = folder / MANIFEST
     lines = read_text(path, MOST_JSON_BYTES).splitlines()
-    if len(lines) < 5:
-        raise InputError(
-            f"{path}, row {len(lines)}: the manifest has {len(lines)} of 5 rows; copy the tub again"
-        )
     place = f"{path}, row 5"
-    catalogs = parse(lines[4], place, dict)
-    deleted = catalogs.get("deleted_indexes", [])
-    paths = catalogs.get("paths")
+    catalogs = parse(lines[4] if len(lines) > 4 else "", place, dict)
+    deleted, paths = catalogs.get("deleted_indexes", []), catalogs.get("paths")
     if not isinstance(deleted, list) or not isinstance(paths, list):
         raise InputError(f"{place}: no lists paths and deleted_indexes; copy the tub again")
     names = [plain_name(name, place, "a catalog") for name in paths]
     if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise InputError(f"{place}: names the catalog {twice} more than once; name it once")
+        raise InputError(f"{place}: names a catalog more than once; name each once")
     gone = {one for one in deleted if isinstance(one, int)}
     images = f"{folder / IMAGES}{os.sep}"
     index = 0
@@ -207,14 +201,9 @@ def export_tub(
     """
     with whole_folder(out, RECORDINGS) as part:
         (part / IMAGES).mkdir()
-        faults = [find_file_fault(path) for path in recording.images[:, 0]]
-        left_out = [f"{recording.place(row)}: {one}" for row, one in enumerate(faults) if one]
-        kept = recording.keep(np.array([one is None for one in faults]))
-        if not len(kept):
-            raise InputError(f"no row has a whole image: {left_out[0]}; copy the images again")
-        drives = continuous_drives(kept)
+        kept, left_out = whole_rows(recording, cameras=1)
+        drives, time_s = continuous_drives(kept), complete_times(kept)
         drive = np.repeat(np.arange(len(drives)), [len(one) for one in drives])
-        time_s = complete_times(kept)
         day = time.strftime("%y-%m-%d", time.gmtime(time_s[0]))
         sessions = [f"{day}_{number}" for number in range(len(drives))]
         lines = []
@@ -231,7 +220,7 @@ def export_tub(
                 "_session_id": sessions[drive[row]],
                 "_timestamp_ms": round(time_s[row] * 1000),
             }
-            lines.append(json.dumps(record, allow_nan=False, sort_keys=True))
+            lines.append(json.dumps(record, allow_nan=False, sort_keys=True) + "\n")
         _write_catalogs(part, lines, sessions, float(time_s[0]))
     notes = left_out_note(left_out, "their image is damaged")
     if any(path is not None for path in recording.images[:, 1:].flat):
@@ -257,27 +246,30 @@ def _write_catalogs(folder: Path, lines: list[str], sessions: list[str], created
     names: list[str] = []
     for first in range(0, len(lines), CATALOG_ROWS):
         rows = lines[first : first + CATALOG_ROWS]
-        stem = f"catalog_{len(names)}"
-        names.append(f"{stem}.catalog")
-        (folder / names[-1]).write_text(
-            "".join(f"{one}\n" for one in rows), newline="\n", encoding="utf-8"
-        )
-        about = folder / f"{stem}.catalog_manifest"
-        lengths = [len(one) + 1 for one in rows]
-        contents = {"created_at": created_s, "line_lengths": lengths, "path": about.name}
-        _write_lines(about, [contents | {"start_index": first}])
+        names.append(f"catalog_{len(names)}.catalog")
+        _write_text(folder / names[-1], "".join(rows))
+        about = {
+            "created_at": created_s,
+            "line_lengths": [len(row) for row in rows],
+            "path": f"{names[-1]}_manifest",
+            "start_index": first,
+        }
+        _write_text(folder / f"{names[-1]}_manifest", json.dumps(about) + "\n")
     session = {"all_full_ids": sessions, "last_full_id": sessions[-1], "last_id": len(sessions) - 1}
-    catalogs = {
-        "paths": names,
-        "current_index": len(lines),
-        "max_len": CATALOG_ROWS,
-        "deleted_indexes": [],
-    }
-    metadata = {"created_at": created_s, "sessions": session}
-    about_keys = [list(TYPES), list(TYPES.values())]
-    _write_lines(folder / MANIFEST, [*about_keys, {}, metadata, catalogs])
+    manifest = [
+        list(TYPES),
+        list(TYPES.values()),
+        {},
+        {"created_at": created_s, "sessions": session},
+        {
+            "paths": names,
+            "current_index": len(lines),
+            "max_len": CATALOG_ROWS,
+            "deleted_indexes": [],
+        },
+    ]
+    _write_text(folder / MANIFEST, "".join(f"{json.dumps(row)}\n" for row in manifest))
 
 
-def _write_lines(path: Path, rows: list) -> None:
-    text = "".join(f"{json.dumps(one, sort_keys=True)}\n" for one in rows)
-    path.write_text(text, encoding="ascii", newline="\n")
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8", newline="\n")

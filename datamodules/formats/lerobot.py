@@ -1,6 +1,5 @@
 """The format LeRobotDataset v3, of drivezoo or of another program."""
 
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -105,20 +104,16 @@ def read(path: Path, options: ReadOptions) -> Recording:
         if features[key].get("dtype") == "video":
             videos = _video_starts(path, key, pyarrow)
             moments = zip(episode[good].tolist(), timestamp[good].tolist(), strict=True)
-            frames = ForwardReader(lambda file: read_frames(Path(file)))
+            frames = ForwardReader(read_frames)
             for row, (index, time_s) in enumerate(moments):
                 at = _video_place(recording.place(row), videos, index, time_s, info["fps"], path)
                 recording.images[row, camera] = StoredImage(*at, frames)
         else:
-            reader = ForwardReader(partial(_images_of, key=key, pyarrow=pyarrow))
+            reader = ForwardReader(partial(encoded_images, key=key, pyarrow=pyarrow))
             for row, at_row in enumerate(good.tolist()):
                 file, position = rows[at_row]
                 recording.images[row, camera] = StoredImage(str(file), position, reader)
     return recording
-
-
-def _images_of(file: str, key: str, pyarrow: Any) -> Iterator[bytes]:
-    return encoded_images([Path(file)], key, pyarrow)
 
 
 def _notes(meaning: Meaning, speed_unit: str) -> list[str]:

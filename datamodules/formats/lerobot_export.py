@@ -1,7 +1,12 @@
-"""Write a recording as a LeRobotDataset v3: Parquet tables and a video for each camera."""
+"""Write a recording as a LeRobotDataset v3: Parquet tables and a video for each episode and camera.
 
+An episode is a continuous drive, of 600 s at most.
+"""
+
+import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -9,27 +14,26 @@ from datamodules.driving_log import CAMERAS
 from datamodules.formats.lerobot_features import (
     ACTION,
     ACTIONS,
+    CAMERA_PREFIX,
+    DATA,
+    DATA_PATH,
+    EPISODES,
     EXACT,
     INFO,
     MOST_S,
     STATE,
+    STATES,
     STATS,
+    TASKS,
     TIME,
+    VERSION,
+    VIDEO_PATH,
     load_pyarrow,
+    video_file,
 )
-from datamodules.formats.lerobot_tables import (
-    assign_video_files,
-    dataset_features,
-    dataset_info,
-    dataset_stats,
-    write_data,
-    write_episodes,
-    write_json,
-    write_tasks,
-    write_videos,
-)
-from datamodules.formats.recording_writer import Converted, left_out_note
-from datamodules.image import find_file_fault
+from datamodules.formats.recording_writer import Converted, left_out_note, whole_rows
+from datamodules.formats.video import video_writer
+from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, read_image
 from datamodules.recording import Recording
 from datamodules.stretches import continuous_drives, mean_rate
 from zoo.base.errors import InputError
@@ -37,6 +41,10 @@ from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.rig import MPS_PER_MPH
 
 MOST_FPS = 1000
+CHUNK = 1000  # files in a folder
+FIRST_FILE = "chunk-000/file-000.parquet"
+QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+SAMPLED_FRAMES, SAMPLED_PIXELS = 10, 2  # every tenth frame, every second row and column
 
 
 def export_lerobot(
@@ -63,57 +71,47 @@ def export_lerobot(
     pyarrow = load_pyarrow()
     rate = fps or min(max(round(mean_rate(recording)), 1), MOST_FPS)
     with whole_folder(out, RECORDINGS) as part:
-        kept, left_out = _whole_rows(recording)
-        cameras, notes = _cameras(kept)
+        kept, left_out = whole_rows(recording)
+        known = {camera: list(kept.images[:, at]) for at, camera in enumerate(CAMERAS)}
+        cameras = [camera for camera, paths in known.items() if None not in paths]
         episodes = continuous_drives(kept, most=MOST_S * rate)
-        files = assign_video_files(episodes, MOST_S * rate)
         columns = _columns(kept, episodes, rate)
-        counts = {
-            camera: write_videos(part, kept, camera, episodes, files, rate, crf, step)
-            for camera, step in zip(cameras, _steps(progress, len(cameras)), strict=True)
+        counts: dict[str, list[np.ndarray]] = {camera: [] for camera in cameras}
+        for number, rows in enumerate(episodes):
+            for camera in cameras:
+                path = part / video_file(CAMERA_PREFIX + camera, *divmod(number, CHUNK))
+                path.parent.mkdir(parents=True, exist_ok=True)
+                counts[camera].append(_write_video(path, kept, camera, rows, rate, crf))
+                progress(rows.stop / len(kept))
+        about = [
+            _about_episode(number, rows, columns, counts, rate, task)
+            for number, rows in enumerate(episodes)
+        ]
+        tables = {
+            f"{DATA}/{FIRST_FILE}": _data_table(columns, pyarrow),
+            TASKS: _task_table(task, pyarrow),
+            f"{EPISODES}/{FIRST_FILE}": pyarrow.Table.from_pylist(about),
         }
-        features = dataset_features(columns, cameras, rate)
-        (part / "meta").mkdir()
-        write_data(part, columns, pyarrow)
-        write_tasks(part, task, pyarrow)
-        write_episodes(part, columns, counts, episodes, files, rate, task, pyarrow)
-        write_json(part / STATS, dataset_stats(columns, slice(None), counts, range(len(episodes))))
-        write_json(part / INFO, dataset_info(len(kept), len(episodes), rate, features))
-    real = mean_rate(kept)
-    notes = left_out_note(left_out, "an image is damaged") + notes
-    if abs(real / rate - 1) > 0.001:
+        for name, table in tables.items():
+            (part / name).parent.mkdir(parents=True, exist_ok=True)
+            with (part / name).open("xb") as file:
+                pyarrow.parquet.write_table(table, file, compression="snappy")
+        stats = _stats(columns, range(len(kept)), counts, range(len(episodes)))
+        info = _info(columns, cameras, len(episodes), rate)
+        for name, contents in ((STATS, stats), (INFO, info)):
+            text = json.dumps(contents, indent=4) + "\n"
+            (part / name).write_text(text, encoding="utf-8")
+    notes = left_out_note(left_out, "an image is damaged")
+    notes += [
+        f"{camera} camera left out: {paths.count(None):,} of {len(kept):,} rows have no image of it"
+        for camera, paths in known.items()
+        if 0 < paths.count(None) < len(kept)
+    ]
+    if abs((real := mean_rate(kept)) / rate - 1) > 0.001:
         notes.append(
             f"recorded at {real:.2f} frames/s, the dataset has {rate}: recorded times are in {TIME}"
         )
     return Converted(out, len(kept), len(episodes), tuple(notes))
-
-
-def _whole_rows(recording: Recording) -> tuple[Recording, list[str]]:
-    """Return the rows whose images are whole, and a line on each other one."""
-    left_out, mask = [], np.ones(len(recording), bool)
-    for row, paths in enumerate(recording.images.tolist()):
-        fault = next(filter(None, (find_file_fault(path) for path in paths if path)), None)
-        if fault:
-            left_out.append(f"{recording.place(row)}: {fault}")
-            mask[row] = False
-    if not mask.any():
-        raise InputError(f"no row has whole images: {left_out[0]}; copy the images again")
-    return recording.keep(mask), left_out
-
-
-def _cameras(recording: Recording) -> tuple[list[str], list[str]]:
-    """Return the cameras with an image in each row, and a note on each that lacks some."""
-    cameras, notes = [], []
-    for column, camera in enumerate(CAMERAS):
-        known = sum(path is not None for path in recording.images[:, column])
-        if known == len(recording):
-            cameras.append(camera)
-        elif known:
-            notes.append(
-                f"{camera} camera left out: {len(recording) - known:,} of {len(recording):,} rows "
-                "have no image of it"
-            )
-    return cameras, notes
 
 
 def _columns(recording: Recording, episodes: list[range], rate: int) -> dict[str, np.ndarray]:
@@ -137,8 +135,164 @@ def _columns(recording: Recording, episodes: list[range], rate: int) -> dict[str
     }
 
 
-def _steps(progress: Callable[[float], None], cameras: int) -> list[Callable[[float], None]]:
-    def step(number: int) -> Callable[[float], None]:
-        return lambda share: progress((number + share) / cameras)
+def _write_video(
+    path: Path, recording: Recording, camera: str, rows: range, rate: int, crf: int
+) -> np.ndarray:
+    """Write a video; return counts of the sampled frames' levels, int64 [3, 256], RGB."""
+    counts = np.zeros((3, 256), np.int64)
+    with video_writer(path, (FRAME_WIDTH, FRAME_HEIGHT), rate, crf) as video:
+        for frame, row in enumerate(rows):
+            image_path = recording.images[row, CAMERAS.index(camera)]
+            try:
+                image = read_image(image_path)
+            except ValueError as error:
+                raise InputError(
+                    f"{recording.place(row)}: {image_path}: {error}; drop the row: drivezoo edit"
+                ) from None
+            video.add(image)
+            if frame % SAMPLED_FRAMES == 0:
+                pixels = image[::SAMPLED_PIXELS, ::SAMPLED_PIXELS].reshape(-1, 3)
+                counts += [np.bincount(channel, minlength=256) for channel in pixels.T]
+    return counts
 
-    return [step(number) for number in range(cameras)]
+
+def _about_episode(
+    number: int,
+    rows: range,
+    columns: dict[str, np.ndarray],
+    counts: dict[str, list[np.ndarray]],
+    rate: int,
+    task: str,
+) -> dict[str, Any]:
+    """Return an episode's rows, places of its videos, and statistics."""
+    about: dict[str, Any] = {
+        "episode_index": number,
+        "tasks": [task],
+        "length": len(rows),
+        "data/chunk_index": 0,
+        "data/file_index": 0,
+        "dataset_from_index": rows.start,
+        "dataset_to_index": rows.stop,
+    }
+    for camera in counts:
+        key = f"videos/{CAMERA_PREFIX}{camera}"
+        about[f"{key}/chunk_index"], about[f"{key}/file_index"] = divmod(number, CHUNK)
+        about[f"{key}/from_timestamp"] = 0.0
+        about[f"{key}/to_timestamp"] = len(rows) / rate
+    for feature, stats in _stats(columns, rows, counts, range(number, number + 1)).items():
+        about |= {f"stats/{feature}/{name}": value for name, value in stats.items()}
+    return about | {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
+
+
+def _stats(
+    columns: dict[str, np.ndarray],
+    rows: range,
+    counts: dict[str, list[np.ndarray]],
+    episodes: range,
+) -> dict[str, dict]:
+    """Return the statistics of some rows, and of some episodes' frames."""
+    stats = {
+        name: _column_stats(column[rows.start : rows.stop]) for name, column in columns.items()
+    }
+    for camera, of_episodes in counts.items():
+        chosen = of_episodes[episodes.start : episodes.stop]
+        stats[CAMERA_PREFIX + camera] = _pixel_stats(np.sum(chosen, 0))
+    return stats
+
+
+def _column_stats(values: np.ndarray) -> dict[str, list]:
+    """Return a feature's statistics, float [N] or [N, D], as lists of D numbers."""
+    table = values.reshape(len(values), -1).astype(float)
+    found = {
+        "min": table.min(0),
+        "max": table.max(0),
+        "mean": table.mean(0),
+        "std": table.std(0),
+        **{name: np.quantile(table, share, axis=0) for name, share in QUANTILES.items()},
+    }
+    return {name: one.tolist() for name, one in found.items()} | {"count": [len(table)]}
+
+
+def _pixel_stats(counts: np.ndarray) -> dict[str, list]:
+    """Return the statistics of pixels in 0..1, as [3][1][1], as LeRobot shapes them."""
+    levels = np.arange(256) / 255
+    total = counts.sum(1)
+    mean = counts @ levels / total
+    found = {
+        "min": levels[(counts > 0).argmax(1)],
+        "max": levels[255 - (counts[:, ::-1] > 0).argmax(1)],
+        "mean": mean,
+        "std": np.sqrt(np.maximum(counts @ levels**2 / total - mean**2, 0)),
+    }
+    for name, share in QUANTILES.items():
+        found[name] = levels[(counts.cumsum(1) >= share * total[:, None]).argmax(1)]
+    shaped = {name: one.reshape(3, 1, 1).tolist() for name, one in found.items()}
+    frame = (FRAME_HEIGHT // SAMPLED_PIXELS) * (FRAME_WIDTH // SAMPLED_PIXELS)
+    return shaped | {"count": [int(total[0]) // frame]}
+
+
+def _data_table(columns: dict[str, np.ndarray], pyarrow: Any) -> Any:
+    arrays = {name: pyarrow.array(column.ravel()) for name, column in columns.items()}
+    for name, column in columns.items():
+        if column.ndim > 1:
+            arrays[name] = pyarrow.FixedSizeListArray.from_arrays(arrays[name], column.shape[1])
+    return pyarrow.table(arrays)
+
+
+def _task_table(task: str, pyarrow: Any) -> Any:
+    """Return the tasks as pandas writes them: the words are the index, which LeRobot reads."""
+
+    def about(name: str | None, kind: str, numpy_kind: str, more: dict | None = None) -> dict:
+        named = {"name": name, "field_name": name, "pandas_type": kind}
+        return named | {"numpy_type": numpy_kind, "metadata": more}
+
+    pandas = {
+        "index_columns": ["task"],
+        "column_indexes": [about(None, "unicode", "object", {"encoding": "UTF-8"})],
+        "columns": [about("task_index", "int64", "int64"), about("task", "unicode", "object")],
+        "creator": {"library": "pyarrow", "version": pyarrow.__version__},
+        "pandas_version": "2.0.0",
+    }
+    table = pyarrow.table({"task_index": pyarrow.array([0]), "task": pyarrow.array([task])})
+    return table.replace_schema_metadata({"pandas": json.dumps(pandas)})
+
+
+def _info(columns: dict[str, np.ndarray], cameras: list[str], episodes: int, rate: int) -> dict:
+    """Return the contents of `info.json`."""
+    names = {ACTION: list(ACTIONS), STATE: list(STATES)}
+    features: dict[str, dict] = {}
+    for name, column in columns.items():
+        shape = list(column.shape[1:]) or [1]
+        features[name] = {"dtype": str(column.dtype), "shape": shape, "names": names.get(name)}
+    video = {
+        "video.height": FRAME_HEIGHT,
+        "video.width": FRAME_WIDTH,
+        "video.codec": "h264",
+        "video.pix_fmt": "yuv420p",
+        "video.is_depth_map": False,
+        "video.fps": rate,
+        "video.channels": 3,
+        "has_audio": False,
+    }
+    for camera in cameras:
+        features[CAMERA_PREFIX + camera] = {
+            "dtype": "video",
+            "shape": [FRAME_HEIGHT, FRAME_WIDTH, 3],
+            "names": ["height", "width", "channels"],
+            "info": video,
+        }
+    return {
+        "codebase_version": VERSION,
+        "robot_type": "drivezoo",
+        "total_episodes": episodes,
+        "total_frames": len(columns["index"]),
+        "total_tasks": 1,
+        "chunks_size": CHUNK,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": rate,
+        "splits": {"train": f"0:{episodes}"},
+        "data_path": DATA_PATH,
+        "video_path": VIDEO_PATH,
+        "features": features,
+    }

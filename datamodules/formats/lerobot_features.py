@@ -4,7 +4,7 @@ Written after `lerobot/datasets/utils.py` and `lerobot_dataset.py` of version 0.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,7 +33,6 @@ STATS = "meta/stats.json"
 TASKS = "meta/tasks.parquet"
 EPISODES = "meta/episodes"
 DATA = "data"
-FILE = "chunk-{chunk:03d}/file-{file:03d}"
 # What info.json has for the same places.
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
@@ -168,36 +167,32 @@ def _cameras(features: dict, place: str, camera: str | None) -> tuple[str, str |
                 f"{place}: the camera {key!r:.80} is no plain name; rename the feature"
             )
     if camera is not None:
-        full = next((key for key in keys if key in (camera, CAMERA_PREFIX + camera)), None)
-        if full is None:
+        likely = [key for key in keys if key in (camera, CAMERA_PREFIX + camera)]
+        if not likely:
             raise UsageError(f"camera={camera}: {place} has {_list(keys)}; name one of them")
-        return full, _side(keys, "left", full), _side(keys, "right", full)
-    if not keys:
-        raise InputError(f"{place}: the dataset has no camera; name another dataset")
-    by_name = {key.removeprefix(CAMERA_PREFIX): key for key in keys}
-    full = next((by_name[name] for name in CENTRES if name in by_name), None)
-    if full is None and len(keys) > 1:
-        raise InputError(
-            f"{place}: no camera's name tells that it looks ahead; name it with camera=, one of "
-            f"{_list(keys)}"
-        )
-    full = full or keys[0]
-    return full, _side(keys, "left", full), _side(keys, "right", full)
+    else:
+        likely = [CAMERA_PREFIX + name for name in CENTRES if CAMERA_PREFIX + name in keys]
+        likely += [name for name in CENTRES if name in keys] + keys * (len(keys) == 1)
+        if not likely:
+            raise InputError(
+                f"{place}: no camera's name tells that it looks ahead; name it with camera=, one "
+                f"of {_list(keys)}"
+            )
+    centre = likely[0]
+    left, right = (
+        key if (key := CAMERA_PREFIX + side) in keys and key != centre else None
+        for side in ("left", "right")
+    )
+    return centre, left, right
 
 
-def _side(keys: list[str], side: str, centre: str) -> str | None:
-    key = CAMERA_PREFIX + side
-    return key if key in keys and key != centre else None
-
-
-def _list(names: object) -> str:
-    found = [str(one) for one in names]  # type: ignore[attr-defined]
-    return ", ".join(found[:20]) or "none"
+def _list(names: Iterable[str]) -> str:
+    return ", ".join([*names][:20]) or "none"
 
 
 def video_file(key: str, chunk: int, file: int) -> str:
     """Return the path of a camera's video in the dataset."""
-    return f"videos/{key}/{FILE.format(chunk=chunk, file=file)}.mp4"
+    return VIDEO_PATH.format(video_key=key, chunk_index=chunk, file_index=file)
 
 
 def load_pyarrow() -> Any:

@@ -17,18 +17,18 @@ BATCH_ROWS = 16  # rows with images that are read at a time
 REMEDY = "download the dataset again"
 
 
-def open_parquet(path: Path, pyarrow: Any) -> Any:
-    """Return an opened Parquet file.
+def open_parquet(path: Path, names: Sequence[str], pyarrow: Any) -> Any:
+    """Return an opened Parquet file with these columns.
 
     Raises:
-        InputError: it is missing, no regular file, damaged, has too many rows or columns, or a
-            column twice.
+        InputError: it is missing, no regular file, damaged, has too many rows or columns, lacks a
+            column or has one twice.
     """
     try:
         descriptor, _ = open_regular(path, MOST_PARQUET_BYTES)
         file = os.fdopen(descriptor, "rb")
         found = pyarrow.parquet.ParquetFile(file)
-        names = found.schema_arrow.names
+        columns = found.schema_arrow.names
     except UnicodeDecodeError:
         raise InputError(f"{path}: a column's name is not UTF-8; rename the column") from None
     except OSError as error:
@@ -36,10 +36,12 @@ def open_parquet(path: Path, pyarrow: Any) -> Any:
     except pyarrow.ArrowException as error:
         raise _damaged(path, error) from None
     check_most("rows", found.metadata.num_rows, path, "divide the dataset")
-    check_most("columns", len(names), path)
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
+    check_most("columns", len(columns), path)
+    if len(set(columns)) < len(columns):
+        twice = next(name for name in columns if columns.count(name) > 1)
         raise InputError(f"{path}: has the column {twice!r:.80} more than once; rename one of them")
+    if missing := [name for name in names if name not in columns]:
+        raise InputError(f"{path}: no column {missing[0]:.80}; {REMEDY}")
     return found
 
 
@@ -54,9 +56,7 @@ def read_table(path: Path, names: list[str], pyarrow: Any) -> dict[str, np.ndarr
     Raises:
         InputError: a column is missing, has no numbers, or the file is damaged.
     """
-    file = open_parquet(path, pyarrow)
-    for name in names:
-        _check_column(file, name, path)
+    file = open_parquet(path, names, pyarrow)
     # A few bytes can claim millions of equal numbers.
     claimed = sum(_claimed_numbers(file, name) for name in names)
     if claimed > MOST_NUMBERS:
@@ -69,11 +69,6 @@ def read_table(path: Path, names: list[str], pyarrow: Any) -> dict[str, np.ndarr
     except (OSError, pyarrow.ArrowException) as error:
         raise _damaged(path, error) from None
     return {name: _numbers(table.column(name), path, name, pyarrow) for name in names}
-
-
-def _check_column(file: Any, name: str, path: Path) -> None:
-    if name not in file.schema_arrow.names:
-        raise InputError(f"{path}: no column {name:.80}; {REMEDY}")
 
 
 def _claimed_numbers(file: Any, name: str) -> int:
@@ -98,22 +93,20 @@ def _numbers(column: Any, path: Path, name: str, pyarrow: Any) -> np.ndarray:
         raise InputError(f"{path}: {name} has no numbers of one length; {REMEDY}") from None
 
 
-def encoded_images(files: Sequence[Path], key: str, pyarrow: Any) -> Iterator[bytes]:
+def encoded_images(path: Path, key: str, pyarrow: Any) -> Iterator[bytes]:
     """Yield the encoded images of a column, row by row.
 
     Raises:
-        InputError: a file is damaged.
+        InputError: the file is damaged.
     """
-    for path in files:
-        file, unpacked = open_parquet(path, pyarrow), 0
-        _check_column(file, key, path)
-        try:
-            for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=[key]):
-                # A path next to the bytes is never opened.
-                for one in batch.column(0).to_pylist():
-                    data = (one or {}).get("bytes") or b""
-                    unpacked += len(data)
-                    check_unpacked(unpacked, path.stat().st_size, path)
-                    yield data
-        except (OSError, KeyError, AttributeError, pyarrow.ArrowException) as error:
-            raise _damaged(path, error) from None
+    file, unpacked = open_parquet(path, [key], pyarrow), 0
+    try:
+        for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=[key]):
+            # A path next to the bytes is never opened.
+            for one in batch.column(0).to_pylist():
+                data = (one or {}).get("bytes") or b""
+                unpacked += len(data)
+                check_unpacked(unpacked, path.stat().st_size, path)
+                yield data
+    except (OSError, KeyError, AttributeError, pyarrow.ArrowException) as error:
+        raise _damaged(path, error) from None

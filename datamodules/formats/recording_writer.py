@@ -11,7 +11,15 @@ import cv2
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, number_text
-from datamodules.image import HEAD, TAIL, decode_pixels, find_fault, image_size, link_or_copy
+from datamodules.image import (
+    HEAD,
+    TAIL,
+    decode_pixels,
+    find_fault,
+    find_file_fault,
+    image_size,
+    link_or_copy,
+)
 from datamodules.recording import (
     IMAGE_FOLDER,
     LOG_NAME,
@@ -55,6 +63,22 @@ def left_out_note(left_out: Iterable[str], what: str) -> list[str]:
     if not faults:
         return []
     return [f"{len(faults):,} rows left out: {what} (the first: {faults[0]})"]
+
+
+def whole_rows(recording: Recording, cameras: int = len(CAMERAS)) -> tuple[Recording, list[str]]:
+    """Return the rows whose images, of the first cameras, are whole; and a line on each other.
+
+    Raises:
+        InputError: no row is left.
+    """
+    left_out, mask = [], np.ones(len(recording), bool)
+    for row, paths in enumerate(recording.images[:, :cameras].tolist()):
+        if fault := next(filter(None, (find_file_fault(path) for path in paths if path)), None):
+            left_out.append(f"{recording.place(row)}: {fault}")
+            mask[row] = False
+    if not mask.any():
+        raise InputError(f"no row has whole images: {left_out[0]}; copy the images again")
+    return recording.keep(mask), left_out
 
 
 def write_recording(

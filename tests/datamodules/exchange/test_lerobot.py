@@ -77,7 +77,8 @@ def test_the_tables_are_lerobots(source: Recording, dataset: Path) -> None:
     episodes = table(dataset, EPISODES)
     assert episodes["dataset_to_index"] == [20, 40]
     key = "videos/observation.images.left"
-    assert episodes[f"{key}/from_timestamp"] == [0.0, 20 / 15]
+    assert episodes[f"{key}/file_index"] == [0, 1]
+    assert episodes[f"{key}/from_timestamp"] == [0.0, 0.0]
     # pandas reads the tasks' words as its index by this note.
     about = json.loads(pq.read_schema(dataset / "meta/tasks.parquet").metadata[b"pandas"])
     assert about["index_columns"] == ["task"]
@@ -367,6 +368,6 @@ def test_an_image_that_a_few_bytes_repeat_is_refused(foreign_data: Path) -> None
     images = pa.array([{"bytes": image, "path": ""}] * 300)
     columns = dict.fromkeys(("episode_index", "timestamp", "action"), zeros)
     write_table(foreign_data, columns | {"observation.images.front": images})
-    read = encoded_images([foreign_data], "observation.images.front", pa)
+    read = encoded_images(foreign_data, "observation.images.front", pa)
     with pytest.raises(InputError, match=r"file-000\.parquet: .*after decompression"):
         list(read)

@@ -203,7 +203,7 @@ def _pipe(tub: Path) -> None:
         (lambda tub: _manifest(tub, paths=["../other.catalog"]), "manifest.json, row 5: a catalog"),
         (lambda tub: _manifest(tub, paths=["/etc/passwd"]), "manifest.json, row 5: a catalog"),
         (lambda tub: _manifest(tub, paths=7), "manifest.json, row 5"),
-        (_shorten, "manifest.json, row 1: the manifest has 1 of 5 rows"),
+        (_shorten, "manifest.json, row 5: no JSON"),
         (_pipe, "named pipe"),
     ],
 )
