@@ -53,7 +53,7 @@ def list_parts(*kind: Kind) -> None:
     """
     for name in kind or (*GROUPS, CHECKPOINTS):
         if name == METRICS:
-            from zoo.drives.metrics_page import metrics_page
+            from zoo.drives.metrics import metrics_page
 
             print(metrics_page(), end="")
         elif name == CHECKPOINTS:

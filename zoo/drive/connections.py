@@ -5,7 +5,6 @@ import functools
 import socket
 import time
 from collections import Counter
-from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 
 import eventlet
@@ -24,46 +23,6 @@ QUIET_S = 20.0  # limit for the first telemetry of a session
 MOST_HELD = 16 << 20  # bytes; the largest allowed image takes 1.33 MB in base64
 
 
-class HeldBytes:
-    """Count of the bytes that each connection holds until its message is answered.
-
-    Without a limit, 512 connections that send half of the longest message would hold 1 GB. The
-    connection with the largest message is closed first, and the oldest of equal ones. A simulator's
-    message of about 20 kB is then never the largest.
-
-    Args:
-        give_way: function that lets other connections run, which frees their answered messages.
-        close: function that closes a connection and releases its bytes.
-    """
-
-    def __init__(self, give_way: Callable[[], None], close: Callable[[Hashable], None]) -> None:
-        self._give_way, self._close = give_way, close
-        self._sizes: dict[Hashable, int] = {}  # bytes by connection, the oldest first
-        self._total = 0
-
-    def hold(self, key: Hashable, size: int) -> None:
-        """Set the bytes of a connection, and wait until the sum is at most `MOST_HELD`.
-
-        Args:
-            key: connection.
-            size: bytes that it holds.
-        """
-        if size:
-            self._total += size - self._sizes.get(key, 0)
-            self._sizes[key] = size
-        else:
-            self.release(key)
-        while self._total > MOST_HELD and key in self._sizes:
-            self._give_way()
-            if self._total > MOST_HELD and self._sizes:
-                self._close(max(self._sizes, key=self._sizes.__getitem__))
-                self._give_way()
-
-    def release(self, key: Hashable) -> None:
-        """Forget a connection that has ended, or whose message was answered."""
-        self._total -= self._sizes.pop(key, 0)
-
-
 @dataclass(eq=False)
 class Connection:
     """An open connection.
@@ -75,6 +34,7 @@ class Connection:
         since_s: time at which it was accepted, by `time.monotonic`.
         environ: WSGI environment of its request; None until the request's head has arrived.
         drives: whether telemetry has arrived.
+        held: bytes that it holds until its message is answered.
     """
 
     task: GreenThread
@@ -83,6 +43,7 @@ class Connection:
     since_s: float
     environ: dict | None = None
     drives: bool = False
+    held: int = 0
 
     def overdue(self, now_s: float) -> bool:
         """Return whether the client exceeds the time limit of the connection's present state."""
@@ -116,6 +77,11 @@ class Connections:
     and WebSockets without telemetry, the oldest is closed first. A new simulator can thus connect
     whatever other clients hold open.
 
+    The bytes that connections hold until their messages are answered are limited, too: 512
+    connections that send half of the longest message would hold 1 GB. The connection with the
+    largest message is closed first, and the oldest of equal ones. A simulator's message of about
+    20 kB is then never the largest.
+
     Args:
         most: greatest number of open connections.
         notices: log of closed connections.
@@ -126,7 +92,7 @@ class Connections:
         self._notices = notices
         self._open: dict[GreenThread, Connection] = {}
         self._hosts: Counter[str] = Counter()
-        self._held = HeldBytes(eventlet.sleep, self._close_holder)
+        self._held = 0  # bytes of all connections
 
     def __len__(self) -> int:
         return len(self._open)
@@ -156,12 +122,10 @@ class Connections:
 
     def remove(self, task: GreenThread) -> None:
         """Forget a connection, if it is still known."""
-        self._held.release(task)
         connection = self._open.pop(task, None)
         if connection is not None:
-            self._hosts[connection.host] -= 1
-            if not self._hosts[connection.host]:
-                del self._hosts[connection.host]
+            self._held -= connection.held
+            self._hosts -= Counter([connection.host])  # without those that are 0
 
     def head_came(self, environ: dict) -> None:
         """Note the request of the current task's connection, and count its bytes.
@@ -195,8 +159,20 @@ class Connections:
             self._close(connection)
 
     def _hold(self, task: GreenThread, size: int) -> None:
-        if task in self._open:  # a closed connection may read once more
-            self._held.hold(task, size)
+        """Set the bytes of a connection, and wait until the sum is at most `MOST_HELD`."""
+        if task not in self._open:  # a closed connection may read once more
+            return
+        connection = self._open[task]
+        self._held += size - connection.held
+        connection.held = size
+        while self._held > MOST_HELD and task in self._open:
+            eventlet.sleep()  # other connections run, which frees their answered messages
+            if self._held > MOST_HELD:
+                largest = max(self._open.values(), key=lambda one: one.held)
+                kind = "connection closed: unfinished messages take too much"
+                self._notices.report(kind, largest.host)
+                self._close(largest)
+                eventlet.sleep()
 
     def _limit_quiet(self, host: str) -> None:
         alike = [one for one in self._open.values() if one.host == host and one.quiet_websocket]
@@ -208,11 +184,6 @@ class Connections:
         kind = "connection closed: more than 2,000 small messages or fragments in a second"
         self._notices.report(kind, connection.host)
         self._close(connection)
-
-    def _close_holder(self, task: Hashable) -> None:
-        holder = self._open[task]
-        self._notices.report("connection closed: unfinished messages take too much", holder.host)
-        self._close(holder)
 
     def _close(self, connection: Connection) -> None:
         self.remove(connection.task)

@@ -30,6 +30,7 @@ from zoo.drives.drive_record import FALLBACK, PERSON, DriveRow
 from zoo.drives.interventions import OFF_ROAD, STANDSTILL, TAKEOVER, WORDS
 from zoo.drives.speed_controller import SpeedController, SteeringFilter, limit_pedal
 from zoo.drives.tally import LONGEST_STEP_S, Tally, summary_lines
+from zoo.runs.table import known
 
 GENTLE_BRAKE = -0.2
 SILENCE_S = 1.0  # silence of a simulator after which another one is recorded and shown
@@ -302,11 +303,11 @@ class Driver:
         return SimpleNamespace(
             frame=self._frame,
             steering=row.steering,
-            spread=row.spread if math.isfinite(row.spread) else None,
+            spread=known(row.spread),
             throttle=row.throttle,
-            speed_mph=row.speed_mph if math.isfinite(row.speed_mph) else 0.0,
-            cross_track_m=row.cross_track_m if math.isfinite(row.cross_track_m) else None,
-            latency_ms=row.latency_ms if math.isfinite(row.latency_ms) else None,
+            speed_mph=known(row.speed_mph) or 0.0,
+            cross_track_m=known(row.cross_track_m),
+            latency_ms=known(row.latency_ms),
             clients=len(self.sessions),
             telemetry=tally.telemetry,
             interventions=tally.interventions,
@@ -317,7 +318,7 @@ class Driver:
             put_back=lead.can_put_back if lead else False,
             fallbacks=tally.fallbacks,
             driven_s=tally.driven_s,
-            autonomy=tally.autonomy if math.isfinite(tally.autonomy) else None,
+            autonomy=known(tally.autonomy),
             overridden=any(one.overridden for one in self.sessions.values()),
             paused=self.paused,
             set_mph=self.set_mph,

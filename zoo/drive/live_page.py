@@ -8,20 +8,23 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable
+from concurrent.futures import Future
 from http import HTTPStatus
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, Any, TypeVar
 from urllib.parse import parse_qs
 
 import cv2
 import eventlet
 import numpy as np
 import torch
+from pydantic import Field, StringConstraints, TypeAdapter, ValidationError
 
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.drive.driver import Driver
 from zoo.drive.page_requests import Answer, RequestError, json_answer, read_command, respond, route
+from zoo.runs.table import known
 from zoo.saliency.visual_backprop import Saliency, overlay
 
 POLL_MS = 100
@@ -37,6 +40,9 @@ FILES = {
 }
 
 Result = TypeVar("Result")
+Mph = Annotated[float, Field(ge=0, le=100)]
+Named = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
+COMMANDS: dict[str, Any] = {"pause": bool, "record": bool, "set_mph": Mph, "switch": Named}
 
 
 class PollInterval:
@@ -75,9 +81,8 @@ class LiveSaliency:
         self.driver = driver
         self._saliency: Saliency | None = None
         self._policy: object = None
-        self._image = b""
-        self._began_s = -np.inf
-        self._busy = False
+        self._image, self._ended_s = b"", -math.inf
+        self._turn = eventlet.Semaphore()
 
     def image(self) -> bytes:
         """Return a JPEG of 320 x 160 pixels, `SALIENCY_S` old or less; empty without a frame.
@@ -85,17 +90,10 @@ class LiveSaliency:
         Raises:
             Exception: the saliency of this network cannot be computed.
         """
-        while self._busy:
-            eventlet.sleep(0.02)
-        if time.monotonic() - self._began_s >= SALIENCY_S:
-            self._busy, self._began_s, self._image = True, time.monotonic(), b""
-            try:
+        with self._turn:
+            if time.monotonic() - self._ended_s >= SALIENCY_S:
                 self._image = call_in_thread(self._draw)
-            except Exception:
-                self._began_s = -np.inf  # the next call tries again
-                raise
-            finally:
-                self._busy = False
+                self._ended_s = time.monotonic()
         return self._image
 
     def _draw(self) -> bytes:
@@ -139,12 +137,6 @@ class LivePage:
             "/frame.jpg": lambda query: (self._frame(), "image/jpeg"),
             "/saliency.jpg": lambda query: (self._saliency(), "image/jpeg"),
         }
-        self._commands = {
-            "pause": self._pause,
-            "record": self._record,
-            "set_mph": self._set_speed,
-            "switch": self._switch,
-        }
 
     def __call__(self, environ: dict, start_response: Callable) -> Iterable[bytes]:
         """Answer a request."""
@@ -166,8 +158,8 @@ class LivePage:
         return state | {
             "time_s": time.monotonic(),
             "has_frame": latest.frame is not None,
-            "latency_p50_ms": _known(latency.percentile(50)),
-            "latency_p99_ms": _known(latency.percentile(99)),
+            "latency_p50_ms": known(latency.percentile(50)),
+            "latency_p99_ms": known(latency.percentile(99)),
             "loading": self.loading,
             "poll_ms": self.interval.poll_ms,
         }
@@ -197,32 +189,31 @@ class LivePage:
                 "token: wrong or missing; open the address with ?token= that drivezoo drive printed"
             )
             raise RequestError(HTTPStatus.FORBIDDEN, line)
-        name, value = read_command(environ, self._commands)
-        self._commands[name](value)
+        name, value = read_command(environ, COMMANDS)
+        try:
+            value = TypeAdapter(COMMANDS[name]).validate_python(value, strict=True)
+        except ValidationError as error:
+            line = f"{name}: {value!r:.40}: {error.errors()[0]['msg']}"
+            raise RequestError(HTTPStatus.BAD_REQUEST, line) from None
+        if name == "pause":
+            self.driver.paused = value
+        elif name == "record":
+            self.driver.recording = value
+        elif name == "switch":
+            self._switch(value)
+        else:
+            try:
+                self.driver.set_speed(value)
+            except ValueError as error:
+                raise RequestError(HTTPStatus.BAD_REQUEST, str(error)) from None
         return json_answer(self.state())
 
-    def _pause(self, value: object) -> None:
-        self.driver.paused = _true_or_false("pause", value)
-
-    def _record(self, value: object) -> None:
-        self.driver.recording = _true_or_false("record", value)
-
-    def _set_speed(self, value: object) -> None:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise RequestError(HTTPStatus.BAD_REQUEST, f"set_mph: {value!r:.40} is not a number")
-        try:
-            self.driver.set_speed(value)
-        except (ValueError, OverflowError) as error:
-            raise RequestError(HTTPStatus.BAD_REQUEST, str(error)) from None
-
-    def _switch(self, value: object) -> None:
-        if not isinstance(value, str) or not value.strip():
-            raise RequestError(HTTPStatus.BAD_REQUEST, "switch: must be the path of a checkpoint")
+    def _switch(self, path: str) -> None:
         if self.loading:
             raise RequestError(HTTPStatus.CONFLICT, f"{self.loading} is loading; wait for it")
-        self.loading = value.strip()
+        self.loading = path
         try:
-            call_in_thread(lambda named: self.driver.switch(find_checkpoint(named)), self.loading)
+            call_in_thread(lambda: self.driver.switch(find_checkpoint(path)))
         except Exception as error:  # InputError, or any exception of torch for a strange file
             raise RequestError(HTTPStatus.BAD_REQUEST, str(error) or type(error).__name__) from None
         finally:
@@ -246,16 +237,6 @@ def _image(image: bytes) -> bytes:
     return image
 
 
-def _true_or_false(name: str, value: object) -> bool:
-    if not isinstance(value, bool):
-        raise RequestError(HTTPStatus.BAD_REQUEST, f"{name}: {value!r:.40} is not true or false")
-    return value
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
 def jpeg(frame: np.ndarray) -> bytes:
     """Encode an image, uint8 [H, W, 3] RGB, as JPEG."""
     quality = (cv2.IMWRITE_JPEG_QUALITY, 88)
@@ -270,20 +251,16 @@ def call_in_thread(function: Callable[..., Result], *arguments: object) -> Resul
     >>> call_in_thread(max, 2, 3)
     3
     """
-    results: list[Result] = []
-    failures: list[BaseException] = []
+    future: Future[Result] = Future()
 
     def call() -> None:
         try:
-            results.append(function(*arguments))
+            future.set_result(function(*arguments))
         except BaseException as error:
-            failures.append(error)
+            future.set_exception(error)
 
     # Not eventlet's tpool, which can hang when the process ends (eventlet #989).
-    thread = threading.Thread(target=call, daemon=True)
-    thread.start()
-    while thread.is_alive():
+    threading.Thread(target=call, daemon=True).start()
+    while not future.done():
         eventlet.sleep(0.02)
-    if failures:
-        raise failures[0]
-    return results[0]
+    return future.result()

@@ -210,14 +210,14 @@ def _connection_limit() -> int:
     except ImportError:  # Windows, which has no such limit for sockets
         return MOST_CONNECTIONS
     resource: Any = module  # whose names mypy does not find for Windows
-    infinite, wanted = resource.RLIM_INFINITY, MOST_CONNECTIONS + OTHER_FILES
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if soft == infinite or soft >= wanted:
-        return MOST_CONNECTIONS
-    if hard == infinite or hard >= wanted:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
-        return MOST_CONNECTIONS
-    return max(soft - OTHER_FILES, 1)
+    wanted = MOST_CONNECTIONS + OTHER_FILES
+    endless = {resource.RLIM_INFINITY: wanted}
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    soft, hard = (endless.get(limit, limit) for limit in limits)
+    if soft < wanted:
+        soft = min(wanted, hard)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, limits[1]))
+    return max(min(soft, wanted) - OTHER_FILES, 1)
 
 
 def _protocol(notices: Notices) -> type[wsgi.HttpProtocol]:

@@ -8,7 +8,6 @@ first event connects it. It also sends PINGs itself, which `fast_socket` answers
 import logging
 import re
 import time
-from collections.abc import Callable
 
 import socketio
 
@@ -25,52 +24,6 @@ MOST_UNSENT = 64  # replies that a client has not read; the original leaves one 
 MOST_ATTACHMENTS = 4  # of an event; a telemetry has one image
 MOST_UNFINISHED = 8  # events of all clients that wait for attachments
 MOST_COMMAS = 1000  # of an event; 2 MiB of empty lists take 43 MB once parsed
-
-
-class PollingSessions:
-    """Sessions by their Engine.IO id; the oldest is closed when there are too many.
-
-    Without a limit, an attack took 500 MB in a minute, since a session lasts 45 s without another
-    request.
-
-    Args:
-        close: function that closes a session; engineio then calls `closed`.
-    """
-
-    def __init__(self, close: Callable[[str], None]) -> None:
-        self._close = close
-        self._quiet: dict[str, float] = {}  # time of opening by session, the oldest first
-        self._heard: dict[str, None] = {}  # sessions in the order of their last telemetry
-
-    def opened(self, eio_sid: str) -> None:
-        """Add a new session; close the oldest if there are too many."""
-        self._quiet[eio_sid] = time.monotonic()
-        while len(self._quiet) > MOST_QUIET:
-            self._end(next(iter(self._quiet)))
-
-    def heard(self, eio_sid: str) -> None:
-        """Note that a session sent telemetry."""
-        if eio_sid not in self._quiet and eio_sid not in self._heard:
-            return  # a WebSocket session
-        self.closed(eio_sid)
-        self._heard[eio_sid] = None
-        if len(self._heard) > MOST_HEARD:
-            self._end(next(iter(self._heard)))
-
-    def closed(self, eio_sid: str) -> None:
-        """Forget a session that has ended or changed to a WebSocket."""
-        self._quiet.pop(eio_sid, None)
-        self._heard.pop(eio_sid, None)
-
-    def close_overdue(self) -> None:
-        """Close the sessions that never sent telemetry."""
-        now_s = time.monotonic()
-        for eio_sid in [sid for sid, since in self._quiet.items() if now_s - since > QUIET_S]:
-            self._end(eio_sid)
-
-    def _end(self, eio_sid: str) -> None:
-        self.closed(eio_sid)
-        self._close(eio_sid)
 
 
 class SimulatorServer(socketio.Server):
@@ -91,15 +44,36 @@ class SimulatorServer(socketio.Server):
             max_http_buffer_size=MAX_MESSAGE,
         )
         self._undecided: set[str] = set()  # Engine.IO sessions that have not connected or left
-        self._polling = PollingSessions(self.eio.drop)
+        # Long-polling sessions by Engine.IO id, the oldest first: time of opening of those without
+        # telemetry, and those with telemetry in the order of their last one. Without a limit, an
+        # attack took 500 MB in a minute, since a session lasts 45 s without another request.
+        self._quiet: dict[str, float] = {}
+        self._driving: dict[str, float] = {}
 
     def heard(self, eio_sid: str) -> None:
         """Note that an Engine.IO session sent telemetry."""
-        self._polling.heard(eio_sid)
+        if eio_sid in self._quiet or eio_sid in self._driving:
+            self._forget(eio_sid)
+            self._keep(eio_sid, self._driving, MOST_HEARD)
+
+    def _keep(self, eio_sid: str, sessions: dict[str, float], most: int) -> None:
+        sessions[eio_sid] = time.monotonic()
+        while len(sessions) > most:
+            self._end(next(iter(sessions)))
+
+    def _forget(self, eio_sid: str) -> None:
+        self._quiet.pop(eio_sid, None)
+        self._driving.pop(eio_sid, None)
+
+    def _end(self, eio_sid: str) -> None:
+        self._forget(eio_sid)
+        self.eio.drop(eio_sid)
 
     def tend(self) -> None:
         """Close overdue sessions, and those that read no replies; send PINGs; once a second."""
-        self._polling.close_overdue()
+        now_s = time.monotonic()
+        for eio_sid in [sid for sid, since_s in self._quiet.items() if now_s - since_s > QUIET_S]:
+            self._end(eio_sid)
         for eio_sid, session in list(self.eio.sockets.items()):
             if session.queue.qsize() >= MOST_UNSENT:
                 self.hang_up(eio_sid)
@@ -120,11 +94,11 @@ class SimulatorServer(socketio.Server):
         self._undecided.add(eio_sid)
         super()._handle_eio_connect(eio_sid, environ)
         if environ.get("HTTP_UPGRADE", "").lower() != "websocket":
-            self._polling.opened(eio_sid)
+            self._keep(eio_sid, self._quiet, MOST_QUIET)
 
     def _handle_eio_disconnect(self, eio_sid: str, reason: str) -> None:
         self._undecided.discard(eio_sid)
-        self._polling.closed(eio_sid)
+        self._forget(eio_sid)
         self._binary_packet.pop(eio_sid, None)
         super()._handle_eio_disconnect(eio_sid, reason)
 

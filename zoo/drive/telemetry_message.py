@@ -161,31 +161,26 @@ def _image(image: object) -> bytes:
 
 
 def _affordable_size(image: bytes) -> tuple[int, int]:
-    """Return the width and height of an image that is fast to decode.
+    """Return the width and height of an image that is fast to decode, from its header.
 
     Raises:
         ValueError: the image exceeds a limit, or is no image.
     """
     if len(image) > MAX_IMAGE_BYTES:
         raise ValueError(f"the file has {len(image):,} bytes, the limit is {MAX_IMAGE_BYTES:,}")
-    width, height = _image_size(image)
+    size = jpeg_size(image)
+    if size is None:
+        try:
+            with Image.open(io.BytesIO(image)) as head:
+                size = head.size
+        except Exception as error:  # Pillow raises many types of exceptions for arbitrary bytes
+            raise ValueError(f"the file is no JPEG or PNG ({type(error).__name__})") from None
+    width, height = size
     if width * height > MAX_PIXELS:
         raise ValueError(f"the image is {width} x {height}, the limit is {MAX_PIXELS:,} pixels")
     if fault := find_scan_fault(image, MAX_SCANS):
         raise ValueError(fault)
     return width, height
-
-
-def _image_size(image: bytes) -> tuple[int, int]:
-    """Return width and height from the file's header, without decoding it."""
-    size = jpeg_size(image)
-    if size is not None:
-        return size
-    try:
-        with Image.open(io.BytesIO(image)) as head:
-            return head.size
-    except Exception as error:  # Pillow raises many types of exceptions for arbitrary bytes
-        raise ValueError(f"the file is no JPEG or PNG ({type(error).__name__})") from None
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,9 @@
 """Running counts of a drive on a socket: interventions, latency, telemetry and autonomy."""
 
-import itertools
 import math
 from collections import Counter
+
+import numpy as np
 
 from zoo.drives.interventions import INTERVENTION_S, OFF_ROAD, STANDSTILL, TAKEOVER, WORDS
 
@@ -31,13 +32,11 @@ class LatencyHistogram:
     """Histogram of latencies with bins of 0.05 ms, for percentiles in constant memory."""
 
     def __init__(self) -> None:
-        self._counts = [0] * (_BINS + 1)
-        self.total = 0
+        self._counts = np.zeros(_BINS + 1, np.int64)
 
     def add(self, latency_ms: float) -> None:
         """Count a latency."""
         self._counts[min(int(latency_ms / _BIN_MS), _BINS)] += 1
-        self.total += 1
 
     def percentile(self, percent: float) -> float:
         """Return a percentile in ms, at most 1000; NaN without latencies.
@@ -47,12 +46,10 @@ class LatencyHistogram:
         >>> histogram.percentile(50)
         2.05
         """
-        if not self.total:
-            return math.nan
-        seen = itertools.accumulate(self._counts)
-        wanted = max(1, math.ceil(percent / 100 * self.total))
-        bins = 1 + next(index for index, count in enumerate(seen) if count >= wanted)
-        return round(bins * _BIN_MS, 2)
+        seen = self._counts.cumsum()
+        wanted = max(1, math.ceil(percent / 100 * int(seen[-1])))
+        bins = 1 + int(np.searchsorted(seen, wanted))
+        return round(bins * _BIN_MS, 2) if seen[-1] else math.nan
 
 
 class Tally:
@@ -122,19 +119,15 @@ def summary_lines(figures: dict) -> list[str]:
     """Return the lines that summarize a drive in the terminal."""
     if not figures["telemetry"]:
         return ["no simulator sent telemetry: nothing was driven"]
-    served = [
+    rates = {"{:.0f} per second": "telemetry_per_s", "mean speed {:.1f} mph": "mean_speed_mph"}
+    latency = figures["latency_percentiles_ms"]
+    parts = [
         f"{figures['telemetry']:,} telemetry messages in {figures['driven_s']:.1f} s of driving",
-        *_known("{:.0f} per second", figures["telemetry_per_s"]),
-        *_known("mean speed {:.1f} mph", figures["mean_speed_mph"]),
-    ]
-    latency = [
-        text
-        for name, value in figures["latency_percentiles_ms"].items()
-        for text in _known(f"{name} {{:.1f}} ms", value)
+        *(form.format(figures[key]) for form, key in rates.items() if math.isfinite(figures[key])),
     ]
     return [
-        ", ".join(served),
-        *([f"latency {', '.join(latency)}"] if latency else []),
+        ", ".join(parts),
+        f"latency {', '.join(f'{name} {value:.1f} ms' for name, value in latency.items())}",
         autonomy_line(figures),
     ]
 
@@ -148,13 +141,6 @@ def autonomy_line(figures: dict) -> str:
     if math.isfinite(figures["autonomy"]):
         return f"autonomy {figures['autonomy']:.1%}: {counted}"
     reason = "this simulator sends no cross-track error, and nobody took over"
-    if not figures["driven_s"]:
-        reason = "the drive ended with its first telemetry"
-    elif figures["mean_speed_mph"] == 0:
+    if not figures["mean_speed_mph"] > 0:  # NaN after a single telemetry
         reason = "the car did not move"
     return f"autonomy: not measured ({reason}){f'; {counted}' if count else ''}"
-
-
-def _known(form: str, value: float) -> list[str]:
-    """Return the formatted value in a list; an empty list for NaN."""
-    return [form.format(value)] if math.isfinite(value) else []
