@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 from zoo.base.command_keys import constructed, typed
 from zoo.base.errors import UsageError
 from zoo.base.parts import name_parts
-from zoo.base.run_command import check_arguments, expected_failure
+from zoo.base.run_command import expected_failure
 from zoo.benchmark.__main__ import benchmark as benchmark_command
 from zoo.compare.__main__ import compare as compare_command
 from zoo.drive.__main__ import drive as drive_command
@@ -86,7 +86,6 @@ def train(**keys: Any) -> Training:
     from zoo.__main__ import train as train_run
 
     arguments = overrides(keys)
-    check_arguments(arguments)
     if is_sweep(arguments):
         raise UsageError("hydra.mode=MULTIRUN: call train for each run, or type drivezoo train -m")
     return Training.read(train_run(arguments, several=False))

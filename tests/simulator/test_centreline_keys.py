@@ -239,7 +239,7 @@ def test_a_figure_of_eight_gets_a_bridge_over_its_lower_part():
         ({"survey": "../mine.csv"}, "lies outside of the folder of this file"),
         ({"survey": "a\0b"}, "NUL"),
         ({"survey": "none.csv"}, "none.csv: cannot be read (No such file"),
-        ({"survey": "."}, "is a directory"),
+        ({"survey": "."}, "no regular file"),
         ({"survey": "x" * 5000}, "File name too long"),
     ],
 )

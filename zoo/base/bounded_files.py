@@ -13,16 +13,15 @@ from zoo.base.regular_file import read_regular
 
 MOST_JSON_BYTES = 16_000_000
 MOST_YAML_BYTES = 1_000_000
-MOST_LEVELS = 64
+MOST_LEVELS = MOST["levels"]
 MOST_DIGITS = 4300  # of a number; Python's own limit
+MOST_GROUPS = 100  # of base 60: YAML 1.1 reads 1:30 as 90
 MOST_BITS = 14_280  # of a number with fewer digits
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _STARTS = (yaml.MappingStartEvent, yaml.SequenceStartEvent)
 _ENDS = (yaml.MappingEndEvent, yaml.SequenceEndEvent)
 _NUMBER = re.compile(r"[\s_]*[-+0-9.]")
-# YAML 1.1 reads 1:30 as 90; above 170 groups PyYAML raises OverflowError.
-_BASE_60 = re.compile(r"[-+]?[0-9][0-9_]*(:[0-5]?[0-9]){100,}(\.[0-9_]*)?")
 _UNUSABLE = re.compile("[\0\ud800-\udfff]")
 # As Python does, a path's bytes that are not UTF-8 are saved as \udc80 to \udcff.
 _UNUSABLE_IN_PATHS = re.compile("[\0\ud800-\udc7f\udd00-\udfff]")
@@ -110,16 +109,12 @@ def check_yaml(text: str, any_path: bool = False) -> None:
             if depth > MOST_LEVELS:
                 raise ValueError(f"line {line}: nested deeper than {MOST_LEVELS} levels")
             if isinstance(event, yaml.ScalarEvent) and not event.style:
-                _check_number(line, event.value)
+                size = len(event.value)
+                is_long = size > MOST_DIGITS or event.value.count(":") > MOST_GROUPS
+                if is_long and _NUMBER.match(event.value):
+                    raise ValueError(f"line {line}: a number of {size:,} digits")
     except yaml.YAMLError as error:
         raise ValueError(_reason(error)) from None
-
-
-def _check_number(line: int, text: str) -> None:
-    if len(text) > MOST_DIGITS and _NUMBER.match(text):
-        raise ValueError(f"line {line}: a number of {len(text):,} digits")
-    if _BASE_60.fullmatch(text):
-        raise ValueError(f"line {line}: a number of {text.count(':') + 1} groups of base 60")
 
 
 def read_text(path: Path, most_bytes: int) -> str:

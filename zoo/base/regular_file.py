@@ -15,13 +15,6 @@ from typing import BinaryIO, TextIO
 from zoo.base.errors import InputError
 
 MOST_LINE = 1_000_000  # characters of a row of text
-KINDS = {
-    stat.S_IFIFO: "is a named pipe",
-    stat.S_IFCHR: "is a device",
-    stat.S_IFBLK: "is a device",
-    stat.S_IFSOCK: "is a socket",
-    stat.S_IFDIR: "is a directory",
-}
 MOST_HASHED_BYTES = 8_000_000_000
 # O_NONBLOCK: opening a pipe does not wait for its writer. Regular files ignore it.
 _FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
@@ -37,15 +30,11 @@ def open_regular(path: str | Path, most_bytes: int) -> tuple[int, int]:
         descriptor = os.open(path, _FLAGS)
     except ValueError as error:  # a NUL in the path
         raise OSError(errno.EINVAL, str(error), ascii(str(path))) from None
-    except OSError as error:
-        if error.errno == errno.ENXIO:  # the error of opening a socket
-            raise OSError(error.errno, "is a socket, no regular file", str(path)) from None
-        raise
     try:
         found = os.fstat(descriptor)
         if not stat.S_ISREG(found.st_mode):
-            kind = KINDS.get(stat.S_IFMT(found.st_mode), "is of an unknown kind")
-            raise OSError(errno.EINVAL, f"{kind}, no regular file", str(path))
+            kind = "is a directory, no" if stat.S_ISDIR(found.st_mode) else "is no"
+            raise OSError(errno.EINVAL, f"{kind} regular file", str(path))
         if found.st_size > most_bytes:
             reason = f"has {found.st_size:,} bytes, more than the {most_bytes:,} that are read"
             raise OSError(errno.EFBIG, reason, str(path))

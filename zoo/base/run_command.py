@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from zoo.base.errors import InputError, StoppedError, UsageError
 from zoo.base.parts import part_failure, take_parts
@@ -17,11 +17,6 @@ from zoo.base.verbosity import is_verbose, take_verbosity
 FAILED, WRONG_USE, STOPPED = 1, 2, 130  # exit statuses; 0 is success
 VERSION = ("--version", "-V")
 AGAIN_S = 0.05
-
-# Limits on an argument; beyond them parsers take minutes or raise errors of their own.
-MOST_PATH = 4096  # characters without a comma or a bracket: Linux' limit of a path
-MOST_DIGITS = 4300  # digits of a number: Python's limit
-MOST_LEVELS = 64  # levels of nested brackets
 
 # Messages of libraries' own error classes when the system has no more memory.
 _MEMORY = re.compile(
@@ -43,7 +38,6 @@ def run_command(name: str, command: Callable[[list[str]], object], arguments: li
     try:
         with forgiving_output():
             raise_interrupts()
-            check_arguments(arguments)
             os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"
             guard_rich()
             given = take_parts(take_verbosity(arguments))
@@ -147,22 +141,3 @@ def was_stopped(error: BaseException | None) -> bool:
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None
-
-
-def check_arguments(arguments: Sequence[str]) -> None:
-    """Raise UsageError for an argument that is too long or too deeply nested to parse."""
-    for argument in arguments:
-        begin = ascii(argument[:40])
-        if "\0" in argument:
-            raise UsageError(f"{begin}: contains a NUL character; remove it")
-        if any("/" in part for part in re.findall(rf"[^,\[\]]{{{MOST_PATH + 1},}}", argument)):
-            raise UsageError(f"{begin}...: a path has {MOST_PATH:,} characters at most; shorten it")
-        if re.search(rf"\d{{{MOST_DIGITS + 1}}}", argument):
-            raise UsageError(f"{begin}...: a number has {MOST_DIGITS:,} digits at most; shorten it")
-        depth = 0
-        for bracket in re.findall(r"[\[({})\]]", argument):
-            depth += 1 if bracket in "[({" else -1
-            if depth > MOST_LEVELS:
-                raise UsageError(
-                    f"{begin}...: brackets are nested {MOST_LEVELS} deep at most; use fewer"
-                )

@@ -3,28 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 from zoo.base.errors import InputError
 from zoo.base.parts import named_parts
 
 _LINE = re.compile(r"(?P<indent> *)(?P<key>\w+):(?P<value>[^#]*)(?:#\s*(?P<comment>.*))?$")
-
-
-@dataclass(frozen=True)
-class Key:
-    """A key in a YAML file.
-
-    Attributes:
-        name: dotted key that a user types before `=`.
-        default: default value as a user types it.
-        comment: meaning, unit and range.
-    """
-
-    name: str
-    default: str
-    comment: str
 
 
 def conf_folder() -> Path:
@@ -73,32 +57,25 @@ def choice_files(group: str) -> dict[str, Path]:
     return {path.stem: path for one in folders for path in sorted((one / group).glob("*.yaml"))}
 
 
-def keys_of(text: str, prefix: str = "") -> list[Key]:
-    r"""Return the keys in the lines of a YAML file, with their comments.
+def comments_of(text: str, prefix: str = "") -> dict[str, str]:
+    r"""Return the comment of each key in the lines of a YAML file, by its dotted name.
 
-    >>> keys_of("  port: 4567  # TCP port;\n              # 0 takes a free one")
-    [Key(name='port', default='4567', comment='TCP port; 0 takes a free one')]
+    >>> comments_of("  port: 4567  # TCP port;\n              # 0 takes a free one")
+    {'port': 'TCP port; 0 takes a free one'}
     """
-    keys: list[Key] = []
+    comments: dict[str, str] = {}
     parents: list[tuple[int, str]] = []
-    last = Key("", "", "")  # the key without a value, which may have a list below it
+    name = ""
     for line in text.splitlines():
         found = _LINE.match(line)
         if found is None:
-            if keys and line.strip().startswith("#"):  # the comment continues
-                keys[-1] = Key(
-                    keys[-1].name, keys[-1].default, f"{keys[-1].comment} {line.strip(' #')}"
-                )
-            elif line.strip().startswith("- ") and last not in keys:
-                keys.append(last)
+            if name and line.strip().startswith("#"):  # the comment continues
+                comments[name] = f"{comments[name]} {line.strip(' #')}".strip()
             continue
-        indent = len(found["indent"])
-        parents = [one for one in parents if one[0] < indent]
-        name = prefix + "".join(f"{parent}." for _, parent in parents) + found["key"]
-        value = found["value"].strip().strip("\"'")
+        indent, key = len(found["indent"]), found["key"]
+        parents = [(above, parent) for above, parent in parents if above < indent]
+        name = prefix + "".join(f"{parent}." for _, parent in parents) + key
+        comments[name] = found["comment"] or ""
         if not found["value"].strip():
-            parents.append((indent, found["key"]))
-            last = Key(name, "", found["comment"] or "")
-        elif not found["key"].startswith("_"):
-            keys.append(Key(name, value, found["comment"] or ""))
-    return keys
+            parents.append((indent, key))
+    return {name: comment for name, comment in comments.items() if comment}

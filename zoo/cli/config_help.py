@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from zoo.base.command_keys import help_row, typed
 from zoo.cli.compose import choices, compose_with_choices, config_groups, quote_paths
-from zoo.cli.conf_files import choice_files, conf_folder, keys_of
+from zoo.cli.conf_files import choice_files, comments_of, conf_folder
 
 ABOUT = """usage: drivezoo train [key=value...]
 
@@ -62,7 +62,7 @@ def key_comments(chosen: Mapping[str, str | None]) -> dict[str, str]:
         text = path.read_text(encoding="utf-8")
         header = _PACKAGE.match(text)
         prefix = f"{header['package'] if header else package}.".lstrip(".")
-        found |= {one.name: one.comment for one in keys_of(text, prefix) if one.comment}
+        found |= comments_of(text, prefix)
     return found
 
 

@@ -204,7 +204,7 @@ def _pipe(tub: Path) -> None:
         (lambda tub: _manifest(tub, paths=["/etc/passwd"]), "manifest.json, row 5: a catalog"),
         (lambda tub: _manifest(tub, paths=7), "manifest.json, row 5"),
         (_shorten, "manifest.json, row 5: no JSON"),
-        (_pipe, "named pipe"),
+        (_pipe, "no regular file"),
     ],
 )
 def test_damage_is_named_in_one_line_and_nothing_is_left(
