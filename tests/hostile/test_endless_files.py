@@ -55,9 +55,9 @@ def sparse(size: int) -> Make:
 
 
 ENDLESS: dict[str, tuple[Make, str]] = {
-    "pipe": (os.mkfifo, "pipe"),
-    "device": (lambda path: path.symlink_to("/dev/zero"), "device"),
-    "socket": (listening, "socket"),
+    "pipe": (os.mkfifo, "no regular file"),
+    "device": (lambda path: path.symlink_to("/dev/zero"), "no regular file"),
+    "socket": (listening, "No such device"),
     "folder": (Path.mkdir, "directory"),
 }
 KERNEL = Path("/proc/kmsg")  # claims to be a regular file of 0 bytes, but reading it blocks
@@ -84,7 +84,7 @@ def test_no_descriptor_is_left_open(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     before = len([*Path("/proc/self/fd").iterdir()])
     for _ in range(5):
-        with pytest.raises(OSError, match="pipe"):
+        with pytest.raises(OSError, match="no regular file"):
             open_regular(tmp_path / "pipe", 1000)
     assert len([*Path("/proc/self/fd").iterdir()]) == before
 
@@ -277,4 +277,4 @@ def test_film_names_an_image_that_is_no_regular_file(replaced: Written, tmp_path
     os.mkfifo(images / "a.jpg")
     line = only_line(run(tmp_path, str(images), module="zoo.film", timeout=60))
     assert f"{images / 'a.jpg'}: " in line
-    assert "pipe" in line
+    assert "no regular file" in line
