@@ -13,6 +13,7 @@ import shlex
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -46,15 +47,12 @@ def main(arguments: list[str]) -> int:
 def find(version: str) -> str | None:
     """Return the path of an interpreter; None if this machine has none of that version."""
     pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"), "versions")
-    its_own = [[str(path)] for path in sorted(pyenv.glob(f"{version}.*/bin/python"))]
-    for words in ([sys.executable], [f"python{version}"], ["py", f"-{version}"], *its_own):
-        try:
+    installed = [[str(path)] for path in sorted(pyenv.glob(f"{version}.*/bin/python"))]
+    for words in ([sys.executable], [f"python{version}"], ["py", f"-{version}"], *installed):
+        with suppress(OSError):
             done = subprocess.run([*words, "-c", ASK], capture_output=True, text=True, check=False)
-        except OSError:
-            continue
-        its_version, _, path = done.stdout.strip().partition(" ")
-        if its_version == version:
-            return path
+            if done.stdout.startswith(f"{version} "):
+                return done.stdout.strip().partition(" ")[2]
     return None
 
 
@@ -80,7 +78,6 @@ def try_python(version: str, interpreter: str, tests: str) -> list[str]:
         del steps["venv"], steps["install"]
     if tests == "false":
         del steps["tests"]
-    home.mkdir(parents=True, exist_ok=True)
     place = home / "tried" / time.strftime("%Y-%m-%d_%H-%M-%S")
     place.mkdir(parents=True)
     row = []

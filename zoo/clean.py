@@ -100,16 +100,15 @@ def clean(
     from rich.console import Console
     from rich.table import Table
 
-    console = Console(emoji=False)
     table = Table("what", *("number", "size, MB", "chosen, MB", "in use"))
     for kind in kinds:
         row = [one for one in items if one.kind == kind]
         part = [one for one in row if one in chosen]
         figures = (len(row), _megabytes(row), _megabytes(part), sum(one.in_use for one in row))
         table.add_row(kind, *map(str, figures))
-    console.print(table)
+    Console(emoji=False).print(table)
     for line in _lines(place, items):
-        console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
+        print(printable(line))
     total = f"{len(chosen)} of {len(items)} items, {_megabytes(chosen)} MB"
     if remove:
         removed = [one for one in chosen if remove_item(one)]
@@ -117,11 +116,8 @@ def clean(
         return
     print(f"chosen: {total}; nothing was removed")
     if chosen:
-        keys = [f"what={what}"] * (what != CACHE) + [f"older_days={older_days:g}"] * bool(
-            older_days
-        )
-        words = ["drivezoo", "clean", *[folder] * (folder != OUTPUTS_FOLDER), *keys, "remove=true"]
-        print_next(command_line(words), "remove what is chosen")
+        words = ["drivezoo", "clean", folder, f"what={what}", f"older_days={older_days:g}"]
+        print_next(command_line([*words, "remove=true"]), "remove what is chosen")
 
 
 def choose(items: list[Item], kinds: list[str], what: str, older_days: float) -> list[Item]:
@@ -181,23 +177,19 @@ def _cached(folder: Path) -> Iterator[Item]:
 def _marked(folder: Path, kind: str) -> Iterator[Item]:
     """Yield a marked folder, and on their own the recordings and unfinished folders within it."""
     written, others = written_below(folder)
-    places = {one.parent: UNFINISHED for one in written if is_unfinished(one.parent)}
-    for one in written:
-        if one.name == RECORDING_LOG and not places.keys() & set(one.parents):
-            places[one.parent] = RECORDINGS
-    places.setdefault(folder, kind)
-    for place, its_kind in places.items():
-        inner = {one for one in places if place in one.parents}
-
-        def own(files: list[Path], place: Path = place, inner: set[Path] = inner) -> list[Path]:
-            within = (one for one in files if place in one.parents)
-            return [one for one in within if not inner & set(one.parents)]
-
-        if its_kind == UNFINISHED:  # nothing else is written into it
-            its_files, its_others = own([*written, *others]), []
-        else:
-            its_files, its_others = own(written), own(others)
-        yield Item(its_kind, place, its_files, its_others, _is_in_use(folder, written))
+    places = {folder: kind}
+    places |= {path.parent: RECORDINGS for path in written if path.name == RECORDING_LOG}
+    places |= {path.parent: UNFINISHED for path in written if is_unfinished(path.parent)}
+    items = {
+        place: Item(its_kind, place, [], [], _is_in_use(folder, written))
+        for place, its_kind in places.items()
+    }
+    for paths, is_own in ((written, True), (others, False)):
+        for path in paths:
+            item = items[next(place for place in path.parents if place in places)]
+            # Only the killed command wrote into an unfinished folder.
+            (item.files if is_own or item.kind == UNFINISHED else item.others).append(path)
+    yield from items.values()
 
 
 def _is_in_use(folder: Path, written: list[Path]) -> bool:
@@ -251,13 +243,8 @@ def _lines(folder: Path, items: list[Item]) -> Iterator[str]:
         ("recordings, removed only with what=FOLDER: {}", recordings),
     ):
         if paths:
-            names = [_shown(one) for one in paths[:SHOWN]]
             more = f" and {len(paths) - SHOWN:,} more" if len(paths) > SHOWN else ""
-            yield text.format(", ".join(names)) + more
-
-
-def _shown(path: Path) -> str:
-    return str(path.relative_to(Path.cwd())) if Path.cwd() in path.parents else str(path)
+            yield text.format(", ".join(map(str, paths[:SHOWN]))) + more
 
 
 def _is_named(path: Path, name: str) -> bool:

@@ -15,6 +15,7 @@ from datamodules.image import read_image
 from datamodules.recording import LOG_NAME, read_recordings
 from zoo.base.command import command
 from zoo.base.errors import InputError
+from zoo.base.terminal import print_line
 from zoo.cli.closing_lines import print_written
 from zoo.drives import drive_log
 from zoo.drives.drive_film import MOMENTS
@@ -99,11 +100,9 @@ def make_film(
     if not drawn:
         raise InputError(f"{faults[0]}; none of {len(shots)} images can be read")
     if faults:
-        line = f"{len(faults):,} images left out: {faults[0]}"
-        console.print(line, highlight=False, markup=False, emoji=False)
+        print_line(console, f"{len(faults):,} images left out: {faults[0]}")
     speed = "" if fps is None else f", {rate / real_fps(shots):.1f} times as fast as driven"
-    line = f"{drawn:,} frames at {rate:g} per second, {drawn / rate:.1f} s{speed}"
-    console.print(line, highlight=False, markup=False, emoji=False)
+    print_line(console, f"{drawn:,} frames at {rate:g} per second, {drawn / rate:.1f} s{speed}")
     return out
 
 
@@ -145,12 +144,10 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
         values["cte_m"] = float(drive.cross_track_m[row])
         values["note"] = notes.get(str(drive.driver[row]))
         shots.append(Shot(folder / frame, float(drive.time_s[row]), values))
-    if not shots:
-        raise InputError(f"{folder}: the drive has no frames; drive with record=FOLDER")
-    if len(shots) <= MOMENTS < len(drive) / 10:
+    if not shots or len(shots) <= MOMENTS < len(drive) / 10:
         raise InputError(
-            f"{folder}: has only frames of its worst moments; film a drive while it is scored: "
-            "drivezoo evaluate CKPT film=true"
+            f"{folder}: has no frames, or only its worst moments; drive with record=FOLDER, or "
+            "film while it is scored: drivezoo evaluate CKPT film=true"
         )
     return shots
 

@@ -64,7 +64,7 @@ def list_parts(*kind: Kind) -> None:
             group, typed = GROUPS[name]
             print(f"{name}, {typed}")
             for choice, path in sorted(choice_files(group).items()):
-                print(printable_lines(help_row(choice, description(path))))
+                print(help_row(printable(choice), printable(description(path))))
             print()
     if not {METRICS, MODELS} & {*kind}:  # which end with a page, or a line of their own
         print_next("drivezoo new model my_net", "write one of your own")
@@ -136,8 +136,9 @@ def description(path: Path) -> str:
             break
         if not _USAGE.match(line, 2):
             comment.append(line[2:].strip())
-    found = _TARGET.search(text)
-    return _sentence(" ".join(comment) or (class_docstring(found[1]) if found else ""))
+    target = _TARGET.search(text)
+    purpose = " ".join(comment) or (class_docstring(target[1]) if target else "")
+    return re.split(r"(?<=\.) ", purpose, maxsplit=1)[0].rstrip(".")
 
 
 def class_docstring(target: str) -> str:
@@ -147,27 +148,18 @@ def class_docstring(target: str) -> str:
     """
     module, _, name = target.rpartition(".")
     part = part_of(target)
-    file = part.file if part else None
-    if file is None and (part or module.partition(".")[0] in OWN):
-        spec = importlib.util.find_spec(module)
-        file = Path(spec.origin) if spec and spec.origin else None
-    if file is None:
+    if part is None and module.partition(".")[0] not in OWN:
         return ""
+    file = part.file if part else None
+    if file is None:
+        spec = importlib.util.find_spec(module)
+        file = Path((spec and spec.origin) or "")
     try:
         nodes = ast.parse(file.read_text(encoding="utf-8")).body
     except (OSError, SyntaxError, ValueError):
         return ""
-    classes = [one for one in nodes if isinstance(one, ast.ClassDef) and one.name == name]
+    classes = [node for node in nodes if isinstance(node, ast.ClassDef) and node.name == name]
     return " ".join((ast.get_docstring(classes[0]) or "").split()) if classes else ""
-
-
-def printable_lines(text: str) -> str:
-    """Return lines with the control characters of each escaped."""
-    return "\n".join(map(printable, text.splitlines()))
-
-
-def _sentence(text: str) -> str:
-    return re.split(r"(?<=\.) ", text, maxsplit=1)[0].rstrip(".")
 
 
 if __name__ == "__main__":

@@ -59,7 +59,7 @@ def error_line(name: str, error: object) -> str:
 
 def print_line(console: "Console", line: str) -> None:
     """Print a text as it is: without colours for numbers, and with its square brackets."""
-    console.print(line, highlight=False, markup=False)
+    console.print(line, highlight=False, markup=False, emoji=False)
 
 
 def guard_rich() -> None:
