@@ -1,8 +1,9 @@
 """`drivezoo convert`: exchange recordings with LeRobot and Donkeycar."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -11,41 +12,6 @@ from zoo.base.errors import UsageError
 from zoo.base.terminal import command_line, printable
 from zoo.cli.closing_lines import print_next, print_written
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from datamodules.formats.recording_writer import Converted
-
-
-@dataclass(frozen=True, kw_only=True)
-class ConvertOptions:
-    """Keys of the formats.
-
-    Args:
-        images: folder of a recording's images, if not IMG/.
-        fps: LeRobot: frames per second to write; null: the recording's mean.
-        crf: LeRobot: quality of the videos, of which 1 is the best and the largest.
-        task: LeRobot: the task in words.
-        steering: LeRobot: number that steers, as action:0; null: found by its name.
-        camera: LeRobot: key of the camera that looks ahead; null: found by its name.
-        speed_unit: LeRobot: unit of a speed whose name has none.
-        fit: keep: images of other sizes as they are, which all commands stretch to 320 x 160; pad:
-            with black bars, in their shape.
-        on_bad_row: skip: leave out rows that cannot be read; each is counted.
-        quality: quality of JPEGs written from videos or padded.
-    """
-
-    images: str | None = None
-    fps: Annotated[int, Field(ge=1, le=1000)] | None = None
-    crf: Annotated[int, Field(ge=1, le=51)] = 18
-    task: str = "follow the road"
-    steering: str | None = None
-    camera: str | None = None
-    speed_unit: Literal["mph", "mps", "kmh"] = "mps"
-    fit: Literal["keep", "pad"] = "keep"
-    on_bad_row: Literal["fail", "skip"] = "fail"
-    quality: Annotated[int, Field(ge=1, le=100)] = 95
-
 
 @command
 def convert(
@@ -53,7 +19,16 @@ def convert(
     *,
     to: Literal["udacity", "lerobot", "donkeycar"] | None = None,
     out: Path | None = None,
-    options: ConvertOptions,
+    images: str | None = None,
+    fps: Annotated[int, Field(ge=1, le=1000)] | None = None,
+    crf: Annotated[int, Field(ge=1, le=51)] = 18,
+    task: str = "follow the road",
+    steering: str | None = None,
+    camera: str | None = None,
+    speed_unit: Literal["mph", "mps", "kmh"] = "mps",
+    fit: Literal["keep", "pad"] = "keep",
+    on_bad_row: Literal["fail", "skip"] = "fail",
+    quality: Annotated[int, Field(ge=1, le=100)] = 95,
 ) -> Path:
     """Exchange recordings with LeRobot and Donkeycar.
 
@@ -67,7 +42,17 @@ def convert(
         source: folder of a recording, a LeRobot dataset or a tub.
         to: new format; null: udacity (driving_log.csv), for a folder of another format.
         out: new folder to write; null: SOURCE's name with the format, with a number if that exists.
-        options: see `ConvertOptions`.
+        images: folder of a recording's images, if not IMG/.
+        fps: LeRobot: frames per second to write; null: the recording's mean.
+        crf: LeRobot: quality of the videos, of which 1 is the best and the largest.
+        task: LeRobot: the task in words.
+        steering: LeRobot: number that steers, as action:0; null: found by its name.
+        camera: LeRobot: key of the camera that looks ahead; null: found by its name.
+        speed_unit: LeRobot: unit of a speed whose name has none.
+        fit: keep: images of other sizes as they are, which all commands stretch to 320 x 160; pad:
+            with black bars, in their shape.
+        on_bad_row: skip: leave out rows that cannot be read; each is counted.
+        quality: quality of JPEGs written from videos or padded.
 
     Raises:
         InputError: the source cannot be read, or the new folder cannot be written.
@@ -75,31 +60,66 @@ def convert(
     """
     from rich.console import Console
 
-    from datamodules.recording import find_format, formats
+    from datamodules.recording import ReadOptions, find_format, formats
     from zoo.base.new_folder import free_folder, refuse_existing
     from zoo.cli.console_progress import progress_bar
 
     place = Path(source).expanduser()
     found, _ = find_format(place)
-    to = target_format(source, found, to)
+    titles = {name: known.title for name, known in formats()}
+    to = target_format(source, found, to, titles)
     folder = place.parent if place.is_file() else place
     # Without SOURCE's own name, `.` has none to add the format to.
     whole = folder.absolute()
     out = out or free_folder(whole.with_name(f"{whole.name}_{to}"))
     refuse_existing(out.expanduser())
     with progress_bar("converting", Console(stderr=True)) as report:
-        result = run_conversion(place, out, to, options, report)
+        if to == "udacity":
+            from datamodules.formats.recording_writer import convert_to_recording
+
+            read = ReadOptions(
+                images,
+                on_bad_row=on_bad_row,
+                steering=steering,
+                camera=camera,
+                speed_unit=speed_unit,
+            )
+            result = convert_to_recording(
+                place, out, read, fit=fit, quality=quality, progress=report
+            )
+            words, purpose = ["drivezoo", "check", str(result.folder)], ""
+        else:
+            from datamodules.findings import skipped_lines
+            from datamodules.recording import read_recordings
+
+            recording = read_recordings(
+                str(place), images, on_bad_image="skip", on_bad_row=on_bad_row
+            )
+            if to == "donkeycar":
+                from datamodules.formats.donkeycar import export_tub
+
+                result = export_tub(recording, out, report)
+                words = ["donkey", "train", "--tub", str(result.folder)]
+                purpose = "in your car's folder"
+            else:
+                from datamodules.formats.lerobot_export import export_lerobot
+
+                result = export_lerobot(recording, out, fps, crf, task, report)
+                name = f"local/{result.folder.name}"
+                words = ["lerobot-dataset-viz", "--repo-id", name, "--root", str(result.folder)]
+                words += ["--episode-index", "0"]
+                purpose = "where LeRobot is installed"
+            result = replace(result, notes=(*skipped_lines(recording), *result.notes))
     drives = f"{result.drives:,} continuous drive{'' if result.drives == 1 else 's'}"
-    titles = {name: known.title for name, known in formats()}
     print(f"{titles[found]} -> {titles[to]}: {result.rows:,} rows, {drives}")
     for note in result.notes:
         print(printable(f"- {note}"))
     print_written([result.folder])
-    print_following(result, to)
+    print_next(command_line(words), purpose)
     return result.folder
 
 
-def target_format(named: str, found: str, to: str | None) -> str:
+def target_format(named: str, found: str, to: str | None, titles: Mapping[str, str]) -> str:
     """Return the format to write.
 
     Raises:
@@ -109,64 +129,15 @@ def target_format(named: str, found: str, to: str | None) -> str:
         raise UsageError(
             f"{named}: is a recording; name its new format: to=lerobot or to=donkeycar"
         )
-    from datamodules.recording import formats
-
-    to, title = to or "udacity", dict(formats())[found].title
+    to = to or "udacity"
     if to == found:
-        raise UsageError(f"to={to}: {named} is a {title} already; name another format")
+        raise UsageError(f"to={to}: {named} is a {titles[found]} already; name another format")
     if "udacity" not in (to, found):
         raise UsageError(
-            f"to={to}: a {title} becomes a recording first: leave out to=, then convert the "
-            "new folder"
+            f"to={to}: a {titles[found]} becomes a recording first: leave out to=, then convert "
+            "the new folder"
         )
     return to
-
-
-def run_conversion(
-    source: Path,
-    out: Path,
-    to: str,
-    options: ConvertOptions,
-    progress: "Callable[[float], None]",
-) -> "Converted":
-    """Convert between two formats, of which one is a recording; return the result."""
-    from datamodules.recording import ReadOptions, read_recordings
-
-    if to == "udacity":
-        from datamodules.formats.recording_writer import convert_to_recording
-
-        given = {key: getattr(options, key) for key in ("steering", "camera", "speed_unit")}
-        read = ReadOptions(options.images, on_bad_row=options.on_bad_row, **given)
-        return convert_to_recording(
-            source, out, read, fit=options.fit, quality=options.quality, progress=progress
-        )
-    from datamodules.findings import skipped_lines
-
-    recording = read_recordings(
-        str(source), options.images, on_bad_image="skip", on_bad_row=options.on_bad_row
-    )
-    if to == "donkeycar":
-        from datamodules.formats.donkeycar import export_tub
-
-        result = export_tub(recording, out, progress)
-    else:
-        from datamodules.formats.lerobot_export import export_lerobot
-
-        result = export_lerobot(recording, out, options.fps, options.crf, options.task, progress)
-    return replace(result, notes=(*skipped_lines(recording), *result.notes))
-
-
-def print_following(result: "Converted", to: str) -> None:
-    """Print the command that uses what was written."""
-    folder = str(result.folder)
-    if to == "udacity":
-        print_next(command_line(["drivezoo", "check", folder]))
-    elif to == "donkeycar":
-        print_next(command_line(["donkey", "train", "--tub", folder]), "in your car's folder")
-    else:
-        name = f"local/{result.folder.name}"
-        words = ["lerobot-dataset-viz", "--repo-id", name, "--root", folder, "--episode-index", "0"]
-        print_next(command_line(words), "where LeRobot is installed")
 
 
 if __name__ == "__main__":

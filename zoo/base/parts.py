@@ -31,6 +31,7 @@ from zoo.base.errors import InputError, UsageError
 KEY, VARIABLE, GROUP = "parts", "DRIVEZOO_PARTS", "drivezoo.parts"
 MEANING = f"files, folders or modules of your own networks, losses, ...; see also {VARIABLE}"
 _REGISTERS = re.compile(r"^@(\w+\.)*(metric|perturbation|world)\b", re.MULTILINE)
+_CLASS = re.compile(r"^\s*class \w", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,13 @@ class Part:
         """Return whether a module is this part, or lies in this package."""
         return module == self.module or (self.file is None and module.startswith(f"{self.module}."))
 
+    def matches(self, *patterns: re.Pattern) -> bool:
+        """Return whether the file has one of the patterns; True for a module."""
+        if self.file is None:
+            return True
+        text = self.file.read_text(encoding="utf-8", errors="replace")
+        return any(pattern.search(text) for pattern in patterns)
+
 
 def take_parts(arguments: Sequence[str]) -> list[str]:
     """Return the arguments without `parts=...`; add those parts to the environment variable.
@@ -69,7 +77,8 @@ def take_parts(arguments: Sequence[str]) -> list[str]:
         raise UsageError(f"{typed[0]}: names no part; write {KEY}=FILE.py")
     name_parts(names)
     for name in names:
-        if not any(map(_offers, _parts_of(_absolute(name, name), Path.cwd()))):
+        parts = _parts_of(_absolute(name, name), Path.cwd())
+        if not any(part.conf or part.matches(_CLASS, _REGISTERS) for part in parts):
             print(
                 f"{name}: registers nothing: it has no class, and no function with @metric, "
                 "@perturbation or @world",
@@ -78,34 +87,21 @@ def take_parts(arguments: Sequence[str]) -> list[str]:
     return [argument for argument in arguments if argument not in typed]
 
 
-def _offers(part: Part) -> bool:
-    """Return whether a part's file has something to choose or to register; True for a module."""
-    if part.file is None:
-        return True
-    text = part.file.read_text(encoding="utf-8", errors="replace")
-    if re.search(r"^\s*class \w", text, re.MULTILINE) or _REGISTERS.search(text):
-        return True
-    yamls = sorted(part.conf.glob("*/*.yaml")) if part.conf else []
-    return any(f"{part.module}." in path.read_text(errors="replace") for path in yamls)
-
-
 def name_parts(names: Iterable[str]) -> None:
     """Add parts to those of the environment variable, for this process and those it starts.
 
     Raises:
         InputError: see `take_parts`.
     """
-    given = list(names)
-    before = os.environ.get(VARIABLE, "")
-    if not given and not before:
-        return
-    absolute = [_absolute(name, f"{KEY}={name}") for name in given]
-    for name in absolute:
-        if os.pathsep in name:
-            raise InputError(f"{KEY}={name}: a path with {os.pathsep} cannot be used; rename it")
-    kept = filter(None, before.split(os.pathsep))
-    os.environ[VARIABLE] = os.pathsep.join(dict.fromkeys([*kept, *absolute]))
-    named_parts()
+    whole = dict.fromkeys(filter(None, os.environ.get(VARIABLE, "").split(os.pathsep)))
+    for name in names:
+        path = _absolute(name, f"{KEY}={name}")
+        if os.pathsep in path:
+            raise InputError(f"{KEY}={path}: a path with {os.pathsep} cannot be used; rename it")
+        whole[path] = None
+    if whole:
+        os.environ[VARIABLE] = os.pathsep.join(whole)
+        named_parts()
 
 
 def typed_parts() -> list[str]:
@@ -121,7 +117,7 @@ def named_parts() -> tuple[Part, ...]:
     Raises:
         InputError: a part in the environment variable does not exist.
     """
-    return (*_parts_of(os.environ.get(VARIABLE, ""), Path.cwd()), *_installed(GROUP))
+    return (*_users_parts(), *_installed(GROUP))
 
 
 def registering_parts(group: str) -> tuple[list[Part], list[Part]]:
@@ -132,15 +128,12 @@ def registering_parts(group: str) -> tuple[list[Part], list[Part]]:
     Args:
         group: group of the packages' entry points.
     """
-    named = _parts_of(os.environ.get(VARIABLE, ""), Path.cwd())
-    return [part for part in named if _registers(part)], list(_installed(group))
+    named = [part for part in _users_parts() if part.matches(_REGISTERS)]
+    return named, list(_installed(group))
 
 
-@functools.lru_cache
-def _registers(part: Part) -> bool:
-    if part.file is None:
-        return True
-    return bool(_REGISTERS.search(part.file.read_text(encoding="utf-8", errors="replace")))
+def _users_parts() -> tuple[Part, ...]:
+    return _parts_of(os.environ.get(VARIABLE, ""), Path.cwd())
 
 
 def part_of(target: object) -> Part | None:
@@ -257,7 +250,7 @@ def _absolute(name: str, place: str) -> str:
 
 @functools.lru_cache
 def _parts_of(named: str, here: Path) -> tuple[Part, ...]:
-    parts: dict[Part, None] = {}
+    parts: list[Part] = []
     for given in filter(None, named.split(os.pathsep)):
         name = _absolute(given, f"{VARIABLE}: {given}")
         is_path = Path(name).is_absolute()
@@ -265,16 +258,15 @@ def _parts_of(named: str, here: Path) -> tuple[Part, ...]:
             # Another folder, such as a downloaded one, may have a file of that name.
             raise InputError(f"{VARIABLE}: {given}: is not a whole path; write {name}")
         if not is_path:
-            parts[Part(name, conf=_conf_in(_package_folder(name)))] = None
+            parts.append(Part(name, conf=_conf_in(_package_folder(name))))
             continue
         path = Path(name)
         folder = path if path.is_dir() else path.parent
         if str(folder) not in sys.path:
             sys.path.append(str(folder))  # last: it hides no installed module
         files = [path] if path.is_file() else _modules_in(folder)
-        conf = _conf_in(folder)
-        parts |= dict.fromkeys(Part(file.stem, file, conf) for file in files)
-    return tuple(parts)
+        parts += [Part(file.stem, file, _conf_in(folder)) for file in files]
+    return tuple(dict.fromkeys(parts))
 
 
 def _modules_in(folder: Path) -> list[Path]:
@@ -291,15 +283,12 @@ def _installed(group: str) -> tuple[Part, ...]:
 
     # Python also reads the packages' files in the current folder, which may be a downloaded one.
     here = Path.cwd()
-    entries = [entry for entry in entry_points(group=group) if entry.dist]
-    modules = sorted(
-        {
-            entry.module
-            for entry in entries
-            if Path(str(entry.dist.locate_file(""))).resolve() != here
-        }
-    )
-    return tuple(Part(name, conf=_conf_in(_package_folder(name))) for name in modules)
+    modules = {
+        entry.module
+        for entry in entry_points(group=group)
+        if entry.dist and Path(str(entry.dist.locate_file(""))).resolve() != here
+    }
+    return tuple(Part(name, conf=_conf_in(_package_folder(name))) for name in sorted(modules))
 
 
 def _package_folder(module: str) -> Path | None:

@@ -42,19 +42,10 @@ def print_next(command: str, purpose: str = "", console: Console | None = None) 
     """
     if is_quiet():
         return
-    if _takes_parts(command) and (parts := typed_parts()):
-        command = f"{command} {command_line(parts)}"
+    program, name, *_ = [*command.split(), ""]
+    if program == "drivezoo" and name not in ("check", "simulator"):
+        command = f"{command} {command_line(typed_parts())}".rstrip()
     _print(f"next: {command}{f'  # {purpose}' if purpose else ''}", console)
-
-
-def _takes_parts(command: str) -> bool:
-    """Return whether a command is one of drivezoo that reads `parts=`.
-
-    >>> [_takes_parts(f"{one} x") for one in ("drivezoo train", "drivezoo drive", "drivezoo check")]
-    [True, True, False]
-    """
-    words = command.split()
-    return words[0] == "drivezoo" and words[1] not in ("check", "simulator")
 
 
 def _print(line: str, console: Console | None) -> None:

@@ -167,17 +167,16 @@ def _explained(error: Exception, arguments: Sequence[str]) -> str:
 
 def valid_keys() -> list[str]:
     """Return every key that users can type, including groups, `parts`, `resume` and `trust`."""
-    config = compose_config([])
-    keys = ["parts", "resume", "trust"]
+    keys = ["parts", "resume", "trust", *config_groups()]
 
-    def walk(node: dict, prefix: str) -> None:
+    def walk(node: dict, prefix: str = "") -> None:
         for key, value in node.items():
             keys.append(f"{prefix}{key}")
             if isinstance(value, dict):
                 walk(value, f"{prefix}{key}.")
 
-    walk(config, "")
-    return list(dict.fromkeys(keys + config_groups()))
+    walk(compose_config([]))
+    return list(dict.fromkeys(keys))
 
 
 def config_groups() -> list[str]:

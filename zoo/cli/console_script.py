@@ -147,11 +147,11 @@ def outside_commands() -> dict[str, str]:
 
     # Python also reads the packages' files in the current folder, which may be a downloaded one.
     here, known = Path.cwd(), {*commands(), *LISTED}
-    points = [point for point in entry_points(group=ENTRY_POINTS) if point.dist]
     return {
         point.name: point.value
-        for point in points
-        if point.name not in known and Path(str(point.dist.locate_file(""))).resolve() != here
+        for point in entry_points(group=ENTRY_POINTS)
+        if point.name not in known and point.dist
+        if Path(str(point.dist.locate_file(""))).resolve() != here
     }
 
 
