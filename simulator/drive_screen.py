@@ -2,14 +2,12 @@
 
 from pathlib import Path
 
-import cv2
 import matplotlib
 import numpy as np
 from panda3d import core
 
-from simulator.renderer import Renderer
-from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH, VERTICAL_FOV_DEG
-from simulator.scenery.frame_effects import FOG_RGB, SHAPES
+from simulator.renderer import Renderer, camera_lens, set_aspect
+from simulator.scenery.frame_effects import FOG_RGB, bonnet_image
 from simulator.weather import Weather
 from simulator.window import ImagePanel, Window
 
@@ -22,7 +20,6 @@ DARK = (0.05, 0.06, 0.08, 0.6)
 HELP_SIZE = 0.036  # the help fills a window that is twice as wide as high
 INSET_WIDTH = 0.9  # in units of half the window's height, as all lengths here
 BAR_WIDTH = 0.5  # half the width of the steering bar
-BONNET_FROM = 128  # first row of the camera's frame that the bonnet is drawn in
 FINE = 4  # rows of the drawn bonnet for one of the camera's rows
 
 
@@ -31,8 +28,7 @@ class DriveScreen:
 
     def __init__(self, window: Window, renderer: Renderer, weather: Weather) -> None:
         self.window, self.renderer = window, renderer
-        self.lens = core.PerspectiveLens()
-        self.lens.setNearFar(0.3, 1500)
+        self.lens = camera_lens()
         self.camera = renderer.root.attachNewNode(core.Camera("driver", self.lens))
         self.camera.node().setInitialState(_weather_state(weather))
         window.window.makeDisplayRegion().setCamera(self.camera)
@@ -43,7 +39,9 @@ class DriveScreen:
         )
         flat = window.flat
         flat.setBin("unsorted", 0)  # draws nodes in the order of their creation
-        ImagePanel(flat, -2, -1, 4).show(bonnet_overlay(weather.brightness))
+        colour, cover = bonnet_image("center", FINE)
+        lit = np.concatenate([colour * weather.brightness, 255 * cover], -1)
+        ImagePanel(flat, -2, -1, 4).show(lit.clip(0, 255).astype(np.uint8))
         self.corner = flat.attachNewNode("top right")
         self.left = flat.attachNewNode("top left")
         top = 0.96 - INSET_WIDTH / 2
@@ -84,32 +82,13 @@ class DriveScreen:
         self.left.setX(-aspect + 0.03)
         self.help_box.setSx(aspect)
         self.help.setScale(HELP_SIZE * min(aspect / 2, 1))
-        tangent = np.tan(np.radians(VERTICAL_FOV_DEG / 2))
-        self.lens.setFov(float(2 * np.degrees(np.arctan(tangent * aspect))), VERTICAL_FOV_DEG)
+        set_aspect(self.lens, aspect)
         self.renderer.place_camera(self.camera, pose, "center")
         _set_text(self.speed, f"{speed_mph:.0f} mph", WHITE)
         self.wheel.setX(steering * BAR_WIDTH)
         pedal = "brake" if throttle < 0 else "throttle"
         _set_text(self.steering, f"steering {steering:+.2f}     {pedal} {abs(throttle):.2f}", WHITE)
         return self.window.draw()
-
-
-def bonnet_overlay(brightness: float) -> np.ndarray:
-    """Return the bonnet in the centre camera's view, finer than in its frames.
-
-    The result is uint8 [128, 1280, 4], RGBA, for the frame's rows from `BONNET_FROM` down.
-    """
-    size = (FINE * (FRAME_HEIGHT - BONNET_FROM), FINE * FRAME_WIDTH)
-    # Drawn twice as large, then averaged, for smooth edges.
-    image = np.zeros((2 * size[0], 2 * size[1], 4), np.float32)
-    for colour, outline in SHAPES["center"]:
-        corners = 2 * FINE * (np.array(outline) - (0, BONNET_FROM))
-        lit = [min(one * brightness, 255) for one in colour]
-        cv2.fillPoly(image, [np.round(corners).astype(np.int32)], (*lit, 255))
-    image = cv2.resize(image, size[::-1], interpolation=cv2.INTER_AREA)
-    # The average is of covered pixels only; otherwise edges darken.
-    image[..., :3] /= np.maximum(image[..., 3:] / 255, 1e-6)
-    return image.clip(0, 255).astype(np.uint8)
 
 
 def _weather_state(weather: Weather) -> core.RenderState:

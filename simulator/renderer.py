@@ -5,7 +5,6 @@ frames are identical on every machine and in every run. A few large pieces are f
 small ones. Near materials are drawn first, because pixels hidden behind them are skipped.
 """
 
-from dataclasses import dataclass
 from itertools import zip_longest
 
 import numpy as np
@@ -32,18 +31,13 @@ from simulator.weather import CLEAR, Weather, lit_by
 from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError
 
-RENDERERS = ("auto", "software", "opengl", "none")
+SETTINGS = "audio-library-name null\nnotify-level fatal\ntextures-power-2 down"
 FAR_M = 1500.0
 ORDER = ("asphalt", "plain", "cobbles", "stripes", "concrete", "ground", "rock", "plants", "sky")
 POINT = np.dtype([("point", "<f4", 3), ("colour", "u1", 4), ("uv", "<f4", 2)])
 
 
-@dataclass(frozen=True)
-class Piece:
-    """A mesh and the renderer's copy of its points."""
-
-    mesh: Mesh
-    data: core.GeomVertexData
+Piece = tuple[Mesh, core.GeomVertexData]  # a mesh and the renderer's copy of its points
 
 
 class Renderer:
@@ -59,15 +53,19 @@ class Renderer:
     """
 
     def __init__(self, track: Track, renderer: str = "auto", quality: str = "full") -> None:
-        self.track, self.quality = track, quality
+        self.track = track
         self.engine, self.buffer, self.name = open_buffer(renderer, FRAME_WIDTH, FRAME_HEIGHT)
         self.texture = core.Texture()
         self.buffer.addRenderTexture(self.texture, core.GraphicsOutput.RTMCopyRam)
         self.root = core.NodePath("world")
-        self.camera = self.root.attachNewNode(core.Camera("camera", _lens()))
+        self.camera = self.root.attachNewNode(core.Camera("camera", camera_lens()))
         self.buffer.makeDisplayRegion().setCamera(self.camera)
         self.textures = {name: core.Texture(name) for name in ORDER}
-        self.pieces = self._build()
+        built = landscape(track, quality)
+        dome, self.sky = self._attach(sky_mesh())
+        self.sky.setTextureOff(1)
+        self.pieces = [*(self._attach(part)[0] for part in built.meshes), dome]
+        self.shadows = built.shadows
         self.seed_drawn: int | None = None
         self.set_weather(CLEAR, 0)
 
@@ -80,7 +78,7 @@ class Renderer:
             self.seed_drawn = weather.texture_seed
         shadows = self.shadows(weather) if self.shadows and weather.shadows else []
         for piece, shade in zip_longest(self.pieces, shadows):
-            _set_colours(piece, lit_colours(piece.mesh, weather, shade))
+            _set_colours(piece, lit_colours(piece[0], weather, shade))
         self.weather, self.air = weather, Air(weather, seed)
 
     def frame(
@@ -108,34 +106,22 @@ class Renderer:
         """Move a Panda3D camera to the car's camera, and the sky around it."""
         x, y, z, heading, pitch = pose
         offset = self.weather.camera
-        right_m, up_m, ahead_m = np.array(CAMERA_POSITIONS[camera]) + (
-            offset.right_m,
-            offset.up_m,
-            0.0,
-        )
+        place = np.array(CAMERA_POSITIONS[camera]) + (offset.right_m, offset.up_m, 0.0)
         car = _car_axes(heading, pitch)
         looks = car @ camera_matrix(
             PITCH_DOWN_DEG - offset.pitch_deg,
             YAW_RIGHT_DEG + offset.yaw_deg,
             ROLL_DEG + offset.roll_deg,
         )
-        at = np.array([x, y, z]) + car @ (right_m, up_m, ahead_m)
-        (right, up, ahead), place = looks.T.tolist(), at.tolist()
-        node.setMat(core.LMatrix4f(*right, 0, *ahead, 0, *up, 0, *place, 1))
-        self.sky.setPos(*place)
+        at = (np.array([x, y, z]) + car @ place).tolist()
+        right, up, ahead = looks.T.tolist()
+        node.setMat(core.LMatrix4f(*right, 0, *ahead, 0, *up, 0, *at, 1))
+        self.sky.setPos(*at)
 
     def close(self) -> None:
         """Free the buffer."""
         self.engine.removeWindow(self.buffer)
         self.root.removeNode()
-
-    def _build(self) -> list[Piece]:
-        built = landscape(self.track, self.quality)
-        self.shadows = built.shadows
-        pieces = [self._attach(part)[0] for part in built.meshes]
-        dome, self.sky = self._attach(sky_mesh())
-        self.sky.setTextureOff(1)
-        return [*pieces, dome]
 
     def _attach(self, mesh: Mesh) -> tuple[Piece, core.NodePath]:
         data = core.GeomVertexData(mesh.material, _point_format(), core.Geom.UHDynamic)
@@ -145,7 +131,7 @@ class Renderer:
         indices = triangles.modifyVertices()
         indices.setNumRows(mesh.triangles.size)
         indices.modifyHandle().copyDataFrom(mesh.triangles.astype("<u4").tobytes())
-        piece = Piece(mesh, data)
+        piece = mesh, data
         _set_colours(piece, np.full((len(mesh.points), 3), 255, np.uint8))
         geom = core.Geom(data)
         geom.addPrimitive(triangles)
@@ -171,35 +157,44 @@ def open_buffer(
     Raises:
         InputError: the renderer is unknown or does not open on this machine.
     """
-    if renderer not in RENDERERS or renderer == "none":
+    if renderer not in ("auto", "software", "opengl"):
         raise InputError(f"renderer={renderer}: must be auto, software or opengl")
-    core.loadPrcFileData("", "audio-library-name null\nnotify-level fatal\ntextures-power-2 down")
-    tried = ("software", "opengl") if renderer == "auto" else (renderer,)
-    for name in tried:
-        pipe = _make_pipe(name)
-        if pipe is None:
-            continue
-        engine = core.GraphicsEngine(pipe)
-        wanted = core.FrameBufferProperties()
-        wanted.setRgbaBits(8, 8, 8, 0)
-        wanted.setDepthBits(24)
-        size = core.WindowProperties.size(width, height)
-        flags = core.GraphicsPipe.BFRefuseWindow
-        buffer = engine.makeOutput(pipe, "renderer", 0, wanted, size, flags)
-        if buffer is not None:
-            return engine, buffer, name
+    core.loadPrcFileData("", SETTINGS)
+    known = core.GraphicsPipeSelection.getGlobalPtr()
+    for name in ("software", "opengl") if renderer == "auto" else (renderer,):
+        # By its type, because the module's default pipe connects to a display if there is one.
+        pipe = (
+            known.makePipe("TinyOffscreenGraphicsPipe", "p3tinydisplay")
+            if name == "software"
+            else known.makeModulePipe("p3headlessgl")
+        )
+        if pipe is not None:
+            flags = core.GraphicsPipe.BFRefuseWindow
+            engine, buffer = make_output(pipe, "renderer", (width, height), flags)
+            if buffer is not None:
+                return engine, buffer, name
     raise InputError(
         f"renderer={renderer}: does not open on this machine; the software renderer needs libX11 "
         "(Debian and Ubuntu: apt install libx11-6), OpenGL needs a driver with EGL"
     )
 
 
-def _make_pipe(name: str) -> core.GraphicsPipe | None:
-    known = core.GraphicsPipeSelection.getGlobalPtr()
-    if name == "opengl":
-        return known.makeModulePipe("p3headlessgl")
-    # By its type, because the module's default pipe connects to a display if there is one.
-    return known.makePipe("TinyOffscreenGraphicsPipe", "p3tinydisplay")
+def make_output(
+    pipe: core.GraphicsPipe,
+    title: str,
+    size: tuple[int, int],
+    flags: int,
+    back_buffers: int = 0,
+) -> tuple[core.GraphicsEngine, core.GraphicsOutput | None]:
+    """Return an engine, and its window or buffer of a size in pixels; None if it does not open."""
+    wanted = core.FrameBufferProperties()
+    wanted.setRgbaBits(8, 8, 8, 0)
+    wanted.setDepthBits(24)
+    wanted.setBackBuffers(back_buffers)
+    asked = core.WindowProperties.size(*size)
+    asked.setTitle(title)
+    engine = core.GraphicsEngine(pipe)
+    return engine, engine.makeOutput(pipe, title, 0, wanted, asked, flags)
 
 
 def open_renderer(track: Track, renderer: str = "auto", quality: str = "full") -> Renderer:
@@ -208,14 +203,18 @@ def open_renderer(track: Track, renderer: str = "auto", quality: str = "full") -
     return Renderer(track, renderer, quality)
 
 
-def _lens() -> core.PerspectiveLens:
+def camera_lens() -> core.PerspectiveLens:
+    """Return the lens of the cameras, for frames that are twice as wide as high."""
     lens = core.PerspectiveLens()
-    wide = 2 * np.degrees(
-        np.arctan(np.tan(np.radians(VERTICAL_FOV_DEG / 2)) * FRAME_WIDTH / FRAME_HEIGHT)
-    )
-    lens.setFov(float(wide), VERTICAL_FOV_DEG)
+    set_aspect(lens, FRAME_WIDTH / FRAME_HEIGHT)
     lens.setNearFar(NEAR_M, FAR_M)
     return lens
+
+
+def set_aspect(lens: core.PerspectiveLens, aspect: float) -> None:
+    """Set the ratio of a view's width and height; its height keeps the cameras' field of view."""
+    wide = 2 * np.degrees(np.arctan(np.tan(np.radians(VERTICAL_FOV_DEG / 2)) * aspect))
+    lens.setFov(float(wide), VERTICAL_FOV_DEG)
 
 
 def _car_axes(heading: float, pitch: float) -> np.ndarray:
@@ -237,10 +236,11 @@ def _point_format() -> core.GeomVertexFormat:
 
 
 def _set_colours(piece: Piece, colours: np.ndarray) -> None:
-    points = np.empty(len(piece.mesh.points), POINT)
-    points["point"], points["uv"] = piece.mesh.points, piece.mesh.uv
+    mesh, data = piece
+    points = np.empty(len(mesh.points), POINT)
+    points["point"], points["uv"] = mesh.points, mesh.uv
     points["colour"][:, :3], points["colour"][:, 3] = colours, 255
-    piece.data.modifyArrayHandle(0).copyDataFrom(points.tobytes())
+    data.modifyArrayHandle(0).copyDataFrom(points.tobytes())
 
 
 def _fill_texture(texture: core.Texture, pixels: np.ndarray) -> None:

@@ -11,9 +11,10 @@ from contextlib import contextmanager
 import numpy as np
 from panda3d import core
 
+from simulator.renderer import SETTINGS, make_output
 from zoo.base.errors import InputError
 
-PIPES = {"pandagl": "OpenGL", "p3tinydisplay": "software"}
+PIPES = ("pandagl", "p3tinydisplay")
 KEY, UP = "key-", "-up"  # prefix and suffix of event names
 OVERLAY = 10  # drawn after the world
 
@@ -35,7 +36,7 @@ class Window:
     """
 
     def __init__(self, title: str, size: tuple[int, int] = (1280, 640)) -> None:
-        pipe, self.engine, self.window, self.name = _open(title, size)
+        pipe, self.engine, self.window = _open(title, size)
         self.held: set[str] = set()
         self.pressed: list[str] = []
         self.flat = core.NodePath("flat")
@@ -136,7 +137,7 @@ class ImagePanel:
 class Viewer:
     """A window that shows only frames."""
 
-    def __init__(self, title: str, size: tuple[int, int]) -> None:
+    def __init__(self, title: str, size: tuple[int, int] = (960, 480)) -> None:
         self.window = Window(title, size)
         self.panel = ImagePanel(self.window.flat, -1.0, -0.5, 2.0)
 
@@ -149,44 +150,37 @@ class Viewer:
         self.panel.node.setScale(min(self.window.aspect, width / height))
         return self.window.draw() and "escape" not in self.window.pressed
 
+    def show_until_closed(self, frame: np.ndarray) -> None:
+        """Show a frame; raise KeyboardInterrupt when the user has closed the window."""
+        if not self.show(frame):
+            raise KeyboardInterrupt
+
     def close(self) -> None:
         """Close the window; a second call has no effect."""
         self.window.close()
 
 
-def open_viewer(title: str, size: tuple[int, int] = (960, 480)) -> Viewer:
-    """Open a window for frames; raise InputError where that is impossible."""
-    return Viewer(title, size)
-
-
 def _open(
     title: str, size: tuple[int, int]
-) -> tuple[core.GraphicsPipe, core.GraphicsEngine, core.GraphicsWindow, str]:
+) -> tuple[core.GraphicsPipe, core.GraphicsEngine, core.GraphicsWindow]:
     linux = sys.platform.startswith("linux")
     if linux and not os.environ.get("DISPLAY"):
         raise InputError(
             "no window can be opened: DISPLAY is not set; run this on a desktop (Wayland needs "
             "Xwayland), with ssh -X, or under xvfb-run"
         )
-    core.loadPrcFileData("", "audio-library-name null\nnotify-level fatal")
-    wanted = core.FrameBufferProperties()
-    wanted.setRgbaBits(8, 8, 8, 0)
-    wanted.setDepthBits(24)
-    wanted.setBackBuffers(1)  # without one, nothing reaches the screen
-    asked = core.WindowProperties.size(*size)
-    asked.setTitle(title)
-    for module, name in PIPES.items():
+    core.loadPrcFileData("", SETTINGS)
+    for module in PIPES:
         with _quiet_libraries():
             pipe = core.GraphicsPipeSelection.getGlobalPtr().makeModulePipe(module)
             if pipe is None or not pipe.isValid():
                 continue
-            engine = core.GraphicsEngine(pipe)
-            flags = core.GraphicsPipe.BFRequireWindow
-            window = engine.makeOutput(pipe, title, 0, wanted, asked, flags)
+            # Without a back buffer, nothing reaches the screen.
+            engine, window = make_output(pipe, title, size, core.GraphicsPipe.BFRequireWindow, 1)
             if window is not None:
                 engine.openWindows()
                 if not window.isClosed():
-                    return pipe, engine, window, name
+                    return pipe, engine, window
     where = f"on DISPLAY={os.environ['DISPLAY']}" if linux else "here"
     raise InputError(f"no window can be opened {where}; run this on a desktop")
 

@@ -19,7 +19,7 @@ from simulator.rig import (
 )
 from simulator.weather import Weather
 
-FINE = 4  # drawn four times as large, then averaged, for smooth edges
+FINE = 4
 
 TAN, PALE_TAN, DARK_TAN = (143, 132, 105), (150, 143, 120), (126, 118, 96)
 GLASS, LAMP, RUBBER = (148, 151, 136), (240, 236, 224), (62, 58, 50)
@@ -76,21 +76,23 @@ FOG_RGB = np.array([200, 205, 205], np.float32)
 HORIZON_M = 300.0  # assumed distance of everything above the horizon
 
 
-def bonnet_image(camera: str) -> tuple[np.ndarray, np.ndarray]:
+def bonnet_image(camera: str, scale: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Return the bonnet in a camera's frame, and its cover.
 
-    The bonnet is RGB float32 [160, 320, 3] in 0..255, the cover float32 [160, 320, 1] in 0..1.
+    The bonnet is RGB float32 [H, W, 3] in 0..255, the cover float32 [H, W, 1] in 0..1, where H and
+    W are `scale` times those of a frame. It is drawn larger and averaged, for smooth edges.
     """
-    size = (FRAME_HEIGHT * FINE, FRAME_WIDTH * FINE)
+    fine = max(FINE, 2 * scale)
+    size = (FRAME_HEIGHT * fine, FRAME_WIDTH * fine)
     bonnet, cover = np.zeros((*size, 3), np.float32), np.zeros(size, np.float32)
     for colour, outline in SHAPES[camera]:
-        corners = [np.round(np.array(outline) * FINE).astype(np.int32)]
+        corners = [np.round(np.array(outline) * fine).astype(np.int32)]
         cv2.fillPoly(bonnet, corners, colour)
         cv2.fillPoly(cover, corners, 1.0)
     if camera in SEAMS:
-        start, end = (tuple(int(FINE * v) for v in corner) for corner in SEAMS[camera])
-        cv2.line(bonnet, start, end, RUBBER, FINE)
-    small = (FRAME_WIDTH, FRAME_HEIGHT)
+        start, end = (tuple(int(fine * v) for v in corner) for corner in SEAMS[camera])
+        cv2.line(bonnet, start, end, RUBBER, fine)
+    small = (scale * FRAME_WIDTH, scale * FRAME_HEIGHT)
     # The average is of covered pixels only; otherwise edges darken.
     cover_small = cv2.resize(cover, small, interpolation=cv2.INTER_AREA)
     bonnet = cv2.resize(bonnet, small, interpolation=cv2.INTER_AREA)

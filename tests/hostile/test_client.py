@@ -15,9 +15,8 @@ import engineio
 import pytest
 from rich.console import Console
 
-from simulator import autonomous_mode
 from simulator import client as client_module
-from simulator.autonomous_mode import Client
+from simulator.client import Client
 from simulator.command_options import ClientOptions
 from simulator.legacy_socket import MAX_MESSAGE, OPENED, HandshakeSilentError, LegacySocket
 from simulator.modern_socket import ModernSocket
@@ -175,7 +174,7 @@ def test_a_message_without_an_end_does_not_block_the_client(flood: bytes) -> Non
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (LegacySocket, ModernSocket):
         monkeypatch.setattr(sys.modules[module.__module__], "HANDSHAKE_S", 0.3)
-    monkeypatch.setattr(autonomous_mode, "SILENT_S", 0.3)
+    monkeypatch.setattr(client_module, "SILENT_S", 0.3)
     monkeypatch.setattr(client_module, "RETRY_S", 0.01)
 
 
@@ -221,9 +220,9 @@ def test_it_warns_once_and_connects_again() -> None:
     with serving(talk) as url:
         client = Client(open_world("lake", quality="simple"), ClientOptions(url=url), console)
         for _ in range(2):
-            client_module._drive_until_disconnected(client)
+            client.run()
         threading.Timer(1, lambda: connections[2].shutdown(socket.SHUT_RDWR)).start()
-        client_module._drive_until_disconnected(client)
+        client.run()
     printed = console.export_text()
     assert printed.count("no answer to the handshake") == 1
     assert url in printed

@@ -15,9 +15,8 @@ import cv2
 import pytest
 from rich.console import Console
 
-from simulator import autonomous_mode
-from simulator.autonomous_mode import Client
-from simulator.client import RETRY_S, run_client
+from simulator import client as client_module
+from simulator.client import RETRY_S, Client, run_client
 from simulator.command_options import ClientOptions
 from simulator.legacy_socket import LegacySocket
 from simulator.world import Start, World, open_world
@@ -128,7 +127,7 @@ def test_a_reply_that_the_original_discards_is_not_answered_and_is_reported(
     ],
 )
 def test_a_silent_driver_is_reported_with_the_expected_reply(monkeypatch, options, reply) -> None:
-    monkeypatch.setattr(autonomous_mode, "SILENT_S", 0.3)
+    monkeypatch.setattr(client_module, "SILENT_S", 0.3)
 
     def slow(text: str) -> Iterator[str]:
         if text.startswith('42["telemetry"'):

@@ -12,7 +12,7 @@ import pytest
 from datamodules.recording import read_recordings
 from simulator.__main__ import simulator
 from simulator.recorder import LOG_NAME
-from simulator.window import PIPES, open_viewer
+from simulator.window import PIPES, Viewer
 from tests.simulator.desktop import Desktop, open_desktop
 from tests.zoo.commands import command, environment, only_line, run_words
 from zoo.base.run_command import run_command
@@ -152,10 +152,10 @@ def test_a_drive_without_recording_leaves_no_files(tmp_path, begin, desktop: Des
 @pytest.mark.parametrize("pipe", PIPES)
 def test_a_viewer_shows_frames(desktop: Desktop, monkeypatch, pipe):
     monkeypatch.setenv("DISPLAY", desktop.name)
-    monkeypatch.setattr("simulator.window.PIPES", {pipe: PIPES[pipe]})
+    monkeypatch.setattr("simulator.window.PIPES", (pipe,))
     frame = np.zeros((160, 320, 3), np.uint8)
     frame[:80, :160], frame[80:, 160:] = (250, 0, 0), (0, 120, 250)
-    viewer = open_viewer("a test", (640, 320))
+    viewer = Viewer("a test", (640, 320))
     try:
         assert all(viewer.show(frame) for _ in range(3))
         shown = desktop.image()[140:460, 80:720]  # the window is in the middle of 800 x 600

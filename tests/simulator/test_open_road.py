@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from simulator.autonomous_mode import Client
+from simulator.client import Client
 from simulator.command_options import ClientOptions
 from simulator.drive import Drive
 from simulator.env import DrivingEnv
