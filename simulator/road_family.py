@@ -8,19 +8,18 @@ import hashlib
 import json
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, Field, create_model
+from pydantic import AfterValidator, Field
 
 from simulator.centreline_keys import MOST_POINTS
 from simulator.closing import closing_segments
 from simulator.track import GroundKind, Track, VergeKind
 from simulator.track_content import make_track
 from simulator.track_names import DRAWN, road_folder
-from simulator.yaml_fields import Keys, number, read_keys
+from simulator.yaml_fields import Keys, Number, number, read_keys
 from zoo.base.bounded_files import read_yaml
 from zoo.base.errors import InputError
 
@@ -29,30 +28,6 @@ MOST_DRAWS = 300
 # Limits of all draws of a road, in metres and in segments; the included families stay below them.
 MOST_DRAWN_M, MOST_DRAWN_SEGMENTS = 600_000, 100_000
 MOST_SEED = 2**31 - 1
-# Smallest and largest value of each range; a road's own file has the same limits.
-RANGES = {
-    "length": (60.0, 20_000.0),
-    "loop": (300.0, 20_000.0),
-    "straight": (1.0, 1_000.0),
-    "radius": (6.0, 1_000.0),
-    "degrees": (1.0, 270.0),
-    "grade": (-0.3, 0.3),
-    "width": (3.0, 30.0),
-    "shoulder": (0.0, 10.0),
-    "stretch": (5.0, 1_000.0),
-}
-SHARES = ("closed", "straights", "centre_line", "cobbles")  # probabilities
-SCENERY = {
-    "hills": (0.0, 200.0),
-    "hill_size": (20.0, 500.0),
-    "trees": (0.0, 2_000.0),
-    "bushes": (0.0, 2_000.0),
-    "rocks": (0.0, 500.0),
-    "sun_turn_deg": (0.0, 360.0),
-    "sun_lift_deg": (-37.0, 48.0),
-    "sun": (0.3, 2.0),
-    "brightness": (0.3, 2.0),
-}
 DIGITS = {"trees": 0, "bushes": 0, "rocks": 0, "sun": 2, "brightness": 2}  # others have 1
 LONGEST_M = 120.0  # length of a bend; one of a large radius turns less than `degrees`
 SHORTEST_M = 10.0  # length of the last segment
@@ -60,57 +35,56 @@ TURNS = ("straight", "left", "right")  # keys of a segment that its length is pr
 TURN_BACK_DEG = 60.0  # a road that has turned this far mostly turns back
 
 
-def _ordered(ends: tuple[float, float]) -> tuple[float, float]:
-    if ends[0] > ends[1]:
-        raise ValueError("must be [smallest, largest]")
-    return ends
+Ends = tuple[Number, Number]
+Share = Annotated[float, number(0, 1)]
 
 
-def _ranges(limits: dict[str, tuple[float, float]]) -> dict[str, Any]:
-    """Return pydantic's definitions of fields that are ranges within limits."""
-    ends = {key: Annotated[float, number(*limits[key])] for key in limits}
-    return {
-        key: (Annotated[tuple[end, end], AfterValidator(_ordered)], ...)
-        for key, end in ends.items()
-    }
+def within(low: float, high: float) -> AfterValidator:
+    """Return the mark of a range, `[smallest, largest]`, within limits."""
+
+    def check(ends: tuple[float, float]) -> tuple[float, float]:
+        if not low <= ends[0] <= ends[1] <= high:
+            raise ValueError(f"must be [smallest, largest] within {low:g}..{high:g}")
+        return ends
+
+    return AfterValidator(check)
 
 
-Grounds = Annotated[tuple[GroundKind, ...], Field(min_length=1)]
-_SceneryKeys = create_model(
-    "_SceneryKeys", __base__=Keys, ground=(Grounds, ("sand",)), **_ranges(SCENERY)
-)
-_FamilyKeys = create_model(
-    "_FamilyKeys",
-    __base__=Keys,
-    **_ranges(RANGES),
-    **dict.fromkeys(SHARES, (Annotated[float, number(0, 1)], ...)),
-    widening=(Annotated[float, number(0, 10)], ...),
-    verges=(dict[VergeKind, Annotated[float, number(0, 1e3)]], ...),
-    surroundings=(_SceneryKeys, ...),
-)
+class Scenery(Keys):
+    """Ranges of a road's surroundings, in the order in which they are drawn."""
+
+    hills: Annotated[Ends, within(0, 200)]
+    hill_size: Annotated[Ends, within(20, 500)]
+    trees: Annotated[Ends, within(0, 2_000)]
+    bushes: Annotated[Ends, within(0, 2_000)]
+    rocks: Annotated[Ends, within(0, 500)]
+    sun_turn_deg: Annotated[Ends, within(0, 360)]
+    sun_lift_deg: Annotated[Ends, within(-37, 48)]
+    sun: Annotated[Ends, within(0.3, 2)]
+    brightness: Annotated[Ends, within(0.3, 2)]
+    ground: Annotated[tuple[GroundKind, ...], Field(min_length=1)] = ("sand",)
 
 
-@dataclass(frozen=True)
-class RoadFamily:
-    """Ranges from which roads are drawn.
+class RoadFamily(Keys):
+    """Ranges from which roads are drawn: the keys of its file, `path`, in `docs/simulator.md`."""
 
-    Attributes:
-        path: the family's file.
-        ranges: smallest and largest value of each key of `RANGES`.
-        shares: probability of each key of `SHARES`.
-        widening: largest change of the width along the road, in metres.
-        verges: weight of each kind of verge.
-        scenery: smallest and largest value of each key of `SCENERY`.
-        grounds: kinds of ground.
-    """
-
-    path: Path
-    ranges: dict[str, tuple[float, float]]
-    shares: dict[str, float]
-    widening: float
-    verges: dict[str, float]
-    scenery: dict[str, tuple[float, float]]
-    grounds: tuple[str, ...]
+    path: Path = Path()
+    length: Annotated[Ends, within(60, 20_000)]
+    loop: Annotated[Ends, within(300, 20_000)]
+    closed: Share
+    straight: Annotated[Ends, within(1, 1_000)]
+    straights: Share
+    radius: Annotated[Ends, within(6, 1_000)]
+    degrees: Annotated[Ends, within(1, 270)]
+    grade: Annotated[Ends, within(-0.3, 0.3)]
+    width: Annotated[Ends, within(3, 30)]
+    widening: Annotated[float, number(0, 10)]
+    shoulder: Annotated[Ends, within(0, 10)]
+    centre_line: Share
+    verges: dict[VergeKind, Annotated[float, number(0, 1e3)]]
+    stretch: Annotated[Ends, within(5, 1_000)]
+    cobbles: Share
+    surroundings: Scenery
 
     @property
     def name(self) -> str:
@@ -136,26 +110,14 @@ def find_family(name: str) -> RoadFamily:
             f"there is no family of roads {name!a}; available: {', '.join(family_names())}, or a "
             ".yaml file"
         )
-    return _read_family(path)
-
-
-def _read_family(path: Path) -> RoadFamily:
     content = read_yaml(path)
     try:
-        keys = read_keys(_FamilyKeys, content)
-        if not any(keys.verges.values()):
+        family = read_keys(RoadFamily, content)
+        if not any(family.verges.values()):
             raise InputError("verges: give one kind or more a weight above 0")
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    return RoadFamily(
-        path,
-        {key: getattr(keys, key) for key in RANGES},
-        {key: getattr(keys, key) for key in SHARES},
-        keys.widening,
-        keys.verges,
-        {key: getattr(keys.surroundings, key) for key in SCENERY},
-        keys.surroundings.ground,
-    )
+    return family.model_copy(update={"path": path})
 
 
 def draw_road(family: RoadFamily, seed: int) -> Track:
@@ -173,13 +135,13 @@ def draw_content(family: RoadFamily, seed: int) -> tuple[dict[str, Any], Track]:
     if not 0 <= seed <= MOST_SEED:
         raise InputError(f"track={family.name}:{seed}: the number must be in 0..{MOST_SEED}")
     rng = np.random.default_rng((VERSION, seed))
-    closed = bool(rng.random() < family.shares["closed"])
+    closed = bool(rng.random() < family.closed)
     reason, metres, segments, draws = "", 0.0, 0, 0
     while draws < MOST_DRAWS and metres < MOST_DRAWN_M and segments < MOST_DRAWN_SEGMENTS:
         draws += 1
         content = _draw(family, rng, closed)
         if content is None:
-            metres += family.ranges["loop"][0]
+            metres += family.loop[0]
             continue
         metres += sum(map(_length, content["segments"]))
         segments += len(content["segments"])
@@ -227,8 +189,8 @@ def _draw(family: RoadFamily, rng: np.random.Generator, closed: bool) -> dict[st
     if segments is None:
         return None
     length = sum(_length(one) for one in segments)
-    width = rng.uniform(*family.ranges["width"])
-    low, high = family.ranges["width"]
+    width = rng.uniform(*family.width)
+    low, high = family.width
     stations = np.sort(rng.uniform(0, 0.98 * length, rng.integers(2, 6))).round(1)
     change = family.widening / 2 * rng.uniform(-1, 1, len(stations))
     widths = np.clip(width + change, low, high).round(2)
@@ -236,8 +198,8 @@ def _draw(family: RoadFamily, rng: np.random.Generator, closed: bool) -> dict[st
         "closed": closed,
         "segments": segments,
         "width": round(width, 2),
-        "shoulder": round(rng.uniform(*family.ranges["shoulder"]), 2),
-        "centre_line": bool(rng.random() < family.shares["centre_line"]),
+        "shoulder": round(rng.uniform(*family.shoulder), 2),
+        "centre_line": bool(rng.random() < family.centre_line),
         "stretches": _stretches(family, rng, length),
         "surroundings": _surroundings(family, rng),
     }
@@ -248,34 +210,34 @@ def _draw(family: RoadFamily, rng: np.random.Generator, closed: bool) -> dict[st
 
 def _segments(family: RoadFamily, rng: np.random.Generator, closed: bool) -> list[dict] | None:
     """Return segments of straights and bends; a loop mostly turns left and is closed at its end."""
-    wanted = rng.uniform(*family.ranges["loop" if closed else "length"])
+    wanted = rng.uniform(*(family.loop if closed else family.length))
     turned, segments = 0.0, [_straight(family, rng)]
     along = _length(segments[0])
     while along < wanted and len(segments) <= MOST_POINTS:
         # A loop turns left steadily, an open road to both sides.
         aim = 300.0 * along / wanted if closed else 0.0
         left = rng.random() < 1 / (1 + math.exp((turned - aim) / TURN_BACK_DEG * 2))
-        low, high = family.ranges["radius"]
+        low, high = family.radius
         radius = round(math.exp(rng.uniform(math.log(low), math.log(high))), 1)
-        degrees = min(rng.uniform(*family.ranges["degrees"]), math.degrees(LONGEST_M / radius))
+        degrees = min(rng.uniform(*family.degrees), math.degrees(LONGEST_M / radius))
         one = {"left" if left else "right": round(degrees, 1), "radius": radius}
         turned += one["left"] if left else -one["right"]
         segments.append(one)
         along += _length(one)
-        if rng.random() < family.shares["straights"]:
+        if rng.random() < family.straights:
             segments.append(_straight(family, rng))
             along += _length(segments[-1])
     if not closed:
         segments = _cut(segments, wanted)
-    low, high = family.ranges["grade"]
+    low, high = family.grade
     for one in segments:
         one["climb"] = round(rng.uniform(low, high) * _length(one), 2)
     if not closed:
         return segments
-    ending = closing_segments(segments, rng.uniform(*family.ranges["radius"]))
+    ending = closing_segments(segments, rng.uniform(*family.radius))
     climb = -sum(one["climb"] for one in segments)
     room = sum(_length(one) for one in ending)
-    longest = 1.3 * family.ranges["loop"][1]
+    longest = 1.3 * family.loop[1]
     if not ending or not low <= climb / room <= high or along + room > longest:
         return None
     for one in ending:
@@ -297,7 +259,7 @@ def _cut(segments: list[dict], wanted: float) -> list[dict]:
 
 
 def _straight(family: RoadFamily, rng: np.random.Generator) -> dict:
-    return {"straight": round(rng.uniform(*family.ranges["straight"]), 1)}
+    return {"straight": round(rng.uniform(*family.straight), 1)}
 
 
 def _length(segment: dict) -> float:
@@ -315,10 +277,10 @@ def _stretches(family: RoadFamily, rng: np.random.Generator, length: float) -> l
     stretches, start = [], 0.0
     # A road's smoothed length is a little shorter than that of its segments.
     while start < 0.9 * length:
-        end = min(start + rng.uniform(*family.ranges["stretch"]), 0.95 * length)
+        end = min(start + rng.uniform(*family.stretch), 0.95 * length)
         left, right = rng.choice(kinds, 2, p=weights / weights.sum()).tolist()
         one = {"from": round(start, 1), "to": round(end, 1), "left": left, "right": right}
-        if rng.random() < family.shares["cobbles"]:
+        if rng.random() < family.cobbles:
             one |= {"paving": "cobbles", "left": "wall", "right": "wall"}
         stretches.append(one)
         start = end
@@ -326,7 +288,8 @@ def _stretches(family: RoadFamily, rng: np.random.Generator, length: float) -> l
 
 
 def _surroundings(family: RoadFamily, rng: np.random.Generator) -> dict:
-    found = {key: rng.uniform(*family.scenery[key]) for key in SCENERY}
-    rounded = {key: round(value, DIGITS.get(key, 1)) for key, value in found.items()}
-    ground = family.grounds[int(rng.integers(len(family.grounds)))]
-    return {"seed": int(rng.integers(10_000)), "ground": ground, **rounded}
+    ranges = {key: ends for key, ends in family.surroundings if key != "ground"}
+    drawn = {key: round(rng.uniform(*ends), DIGITS.get(key, 1)) for key, ends in ranges.items()}
+    grounds = family.surroundings.ground
+    ground = grounds[int(rng.integers(len(grounds)))]
+    return {"seed": int(rng.integers(10_000)), "ground": ground, **drawn}

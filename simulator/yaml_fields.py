@@ -49,6 +49,7 @@ def _no_text(value: object) -> object:
 
 
 Whole = Annotated[int, BeforeValidator(_no_text), Field(ge=0, le=10_000)]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Flag = Annotated[bool, Field(strict=True)]
 
 
@@ -57,7 +58,8 @@ def read_keys(kind: type[Made], content: object) -> Made:
     try:
         return kind.model_validate(content)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
+        errors = error.errors(include_url=False)
+    first = min(errors, key=lambda one: one["type"] == "missing")
     place = ""
     for name in first["loc"]:
         place += f", number {name + 1}" if isinstance(name, int) else f": {name}"

@@ -1,6 +1,5 @@
 """Families of roads, the same for the same seed, and the surveyed roads of the originals."""
 
-import dataclasses
 import hashlib
 import math
 from itertools import pairwise
@@ -66,15 +65,15 @@ def test_a_digest_of_roads_changes_with_their_content(tmp_path):
 def test_roads_keep_to_the_ranges_of_their_family(family):
     for seed in range(20):
         content, road = draw_content(family, seed)
-        low, high = family.ranges["width"]
+        low, high = family.width
         assert low - 0.01 <= road.widths.min() <= road.widths.max() <= high + 0.01
-        grades = family.ranges["grade"]
+        grades = family.grade
         assert grades[0] - 0.01 <= road.grade.min() <= road.grade.max() <= grades[1] + 0.01
         assert road.closed == content["closed"]
-        low, high = family.ranges["loop" if road.closed else "length"]
+        low, high = family.loop if road.closed else family.length
         assert 0.95 * low <= road.length <= (1.3 if road.closed else 1.0) * high
         # Transitions make an arc's middle as tight as the arc, not tighter than a few per cent.
-        assert np.abs(road.curvature).max() <= 1.1 / family.ranges["radius"][0]
+        assert np.abs(road.curvature).max() <= 1.1 / family.radius[0]
 
 
 def test_each_road_has_a_light_of_its_own(family):
@@ -96,7 +95,7 @@ def test_the_expert_drives_roads_of_each_family(family):
 
 
 def test_loops_close(family):
-    family = dataclasses.replace(family, shares={**family.shares, "closed": 1.0})
+    family = family.model_copy(update={"closed": 1.0})
     road = draw_road(family, 1)
     assert road.closed
     turns = (road.heading[-1] - road.heading[0]) / (2 * np.pi)
@@ -131,9 +130,9 @@ def test_wrong_families_name_file_and_key(tmp_path, key, value, named):
 
 def test_ranges_without_a_road_say_so():
     family = find_family("alpine")
-    tight = {**family.ranges, "radius": (6.0, 6.0), "degrees": (270.0, 270.0)}
+    tight = {"radius": (6.0, 6.0), "degrees": (270.0, 270.0)}
     with pytest.raises(InputError, match="alpine:1: the car could take none"):
-        draw_road(dataclasses.replace(family, ranges=tight), 1)
+        draw_road(family.model_copy(update=tight), 1)
 
 
 @pytest.mark.parametrize(
@@ -146,9 +145,7 @@ def test_ranges_without_a_road_say_so():
 )
 def test_the_metres_and_segments_of_all_draws_are_bounded(ranges, monkeypatch):
     family = find_family("alpine")
-    closed = ranges.pop("closed", 0)
-    shares = {**family.shares, "closed": closed, "straights": 0.0}
-    family = dataclasses.replace(family, ranges={**family.ranges, **ranges}, shares=shares)
+    family = family.model_copy(update={"closed": 0, "straights": 0.0, **ranges})
     drawn = []
 
     def refuse(name, content):

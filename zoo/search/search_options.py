@@ -51,7 +51,7 @@ class SearchOptions(TableFiles):
     y: str = "width"
     cells: Annotated[int, Field(ge=2, le=100)] = 10
     weather: str = VARY
-    length: Annotated[float, Field(ge=60, le=20_000)] = 150.0  # as simulator.road_family.RANGES
+    length: Annotated[float, Field(ge=60, le=20_000)] = 150.0  # as a RoadFamily
     speed: SpeedMph = 15.0
     frame_rate: float = 15.0
     delay_s: float = 0.0

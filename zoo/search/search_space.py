@@ -1,7 +1,7 @@
 """The roads and days that a search chooses from: a family's ranges, narrowed by parameters."""
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -99,18 +99,14 @@ class SearchSpace:
 
     def __init__(self, family: RoadFamily, length_m: float, weather: Weather | None) -> None:
         self.weather = weather
-        self.family = replace(
-            family,
-            ranges=family.ranges | {"length": (length_m, length_m)},
-            shares=family.shares | {"closed": 0.0},
-        )
-        low, high = family.ranges["grade"]
+        self.family = family.model_copy(update={"length": (length_m, length_m), "closed": 0.0})
+        low, high = family.grade
         steepest, level = max(-low, high), max(low, -high, 0.0)
         self.parameters = {
-            "radius": Parameter(*family.ranges["radius"], log=True),
-            "width": Parameter(*family.ranges["width"]),
+            "radius": Parameter(*family.radius, log=True),
+            "width": Parameter(*family.width),
             "grade": Parameter(level, steepest),
-            "degrees": Parameter(*family.ranges["degrees"]),
+            "degrees": Parameter(*family.degrees),
         }
         self.features = {
             "bend": Feature("radius of the sharpest bend, m", self.parameters["radius"]),
@@ -148,14 +144,15 @@ class SearchSpace:
         return Candidate(measured | parameters, seed, content, track, weather, features)
 
     def _narrowed(self, parameters: dict[str, float]) -> RoadFamily:
-        ranges = dict(self.family.ranges)
-        sharpest, width = parameters["radius"], parameters["width"]
-        low, high = ranges["grade"]
-        ranges["radius"] = sharpest, min(WIDEST * sharpest, ranges["radius"][1])
-        ranges["width"] = width, min(width + self.family.widening, ranges["width"][1])
-        ranges["grade"] = max(low, -parameters["grade"]), min(high, parameters["grade"])
-        ranges["degrees"] = ranges["degrees"][0], parameters["degrees"]
-        return replace(self.family, ranges=ranges)
+        family, sharpest, width = self.family, parameters["radius"], parameters["width"]
+        low, high = family.grade
+        ranges = {
+            "radius": (sharpest, min(WIDEST * sharpest, family.radius[1])),
+            "width": (width, min(width + family.widening, family.width[1])),
+            "grade": (max(low, -parameters["grade"]), min(high, parameters["grade"])),
+            "degrees": (family.degrees[0], parameters["degrees"]),
+        }
+        return family.model_copy(update=ranges)
 
     def _day(self, parameters: dict[str, float]) -> Weather:
         if self.weather is not None:

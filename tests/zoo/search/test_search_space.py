@@ -1,7 +1,5 @@
 """The roads and days of a search: their ranges, features and cells."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -38,7 +36,7 @@ def test_the_same_seed_draws_the_same_road() -> None:
 
 
 def test_a_family_that_always_climbs_can_be_searched() -> None:
-    climbing = replace(ALPINE, ranges=ALPINE.ranges | {"grade": (0.05, 0.1)})
+    climbing = ALPINE.model_copy(update={"grade": (0.05, 0.1)})
     space = SearchSpace(climbing, 100.0, CLEAR)
     low = {key: one.low for key, one in space.parameters.items()}
     road = space.draw(np.random.default_rng(0), low | {"radius": 30.0})
@@ -55,7 +53,7 @@ def test_values_beyond_a_range_are_in_the_outer_cells() -> None:
     grid = Grid("bend", "width", features, 4)
     assert grid.cell({"bend": 1.0, "width": 99.0}) == (0, 3)
     bends, widths = grid.edges("bend"), grid.edges("width")
-    assert bends[[0, -1]] == pytest.approx(ALPINE.ranges["radius"])
+    assert bends[[0, -1]] == pytest.approx(ALPINE.radius)
     for number in range(4):
         inside = {"bend": bends[number] * 1.01, "width": widths[number] + 0.01}
         assert grid.cell(inside) == (number, number)
