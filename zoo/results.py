@@ -1,6 +1,5 @@
 """`drivezoo results`: print finished runs as a Markdown table."""
 
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,31 +8,18 @@ from zoo.base.command import command
 from zoo.base.errors import InputError, UsageError
 from zoo.base.terminal import printable
 from zoo.cli.closing_lines import print_written
-from zoo.runs.result_files import TableFiles
 from zoo.runs.run import Run
-from zoo.runs.table import Cell, Column, Table
-from zoo.runs.table_files import Result, check_table, write_asked
+from zoo.runs.table import Cell, Table
+from zoo.runs.table_files import Result, TableFiles
 
-SHORT = ("experiment", "parameters", "test_mse", "test_mae")  # in TeX
 ERRORS = ("mse", "mae", "balanced_mae")
 DRIVING = ("autonomy", "interventions", "cte_mean_m")
-# Printed columns by name: heading, format, and the names of further figures in the format.
-PRINTED = {
-    "experiment": ("experiment", "{}", ()),
-    "split": ("split", "{}", ()),
-    "parameters": ("parameters", "{:,}", ()),
-    "samples_per_second": ("samples/s", "{:,.0f}", ()),
-    "seconds_per_epoch": ("s/epoch", "{:.1f}", ()),
-    "best_epoch": ("best of epochs", "{} of {}", ("epochs",)),
-    **{
-        f"test_{error}": (
-            f"test {label} (zero, mean)",
-            "{:.4f} ({:.4f}, {:.4f})",
-            (f"test_{error}_zero", f"test_{error}_mean"),
-        )
-        for error, label in zip(ERRORS, ("MSE", "MAE", "balanced MAE"), strict=True)
-    },
-}
+SHORT = ("experiment", "parameters", "test_mse", "test_mae")  # in TeX
+PRINTED = (
+    *("experiment", "split", "parameters", "samples_per_second", "seconds_per_epoch"),
+    *("best_epoch", "epochs"),
+    *(f"test_{error}{baseline}" for error in ERRORS for baseline in ("", "_zero", "_mean")),
+)
 
 
 @dataclass(frozen=True, repr=False)
@@ -53,42 +39,18 @@ class FinishedRuns(Result):
     def __repr__(self) -> str:
         return f"FinishedRuns: {', '.join(str(run.folder) for run in self.runs)}"
 
-    def printed_table(self) -> Table:
-        """Return a row for each run with the printed columns."""
-        columns = []
-        for name, (heading, form, parts) in PRINTED.items():
-            texts = []
-            for figures in self.figures:
-                values = [figures.get(key) for key in (name, *parts)]
-                # No figure: a resumed run had nothing left to train, or the split has no test rows.
-                none = "-" if name in figures else "no test rows"
-                is_none = values[0] is None and name != "best_epoch"
-                texts.append(none if is_none else form.format(*values))
-            values_by_name = {
-                key: [figures.get(key) for figures in self.figures] for key in (name, *parts)
-            }
-            columns.append(Column(name, heading, texts, values_by_name, name in SHORT))
-        return Table(columns, "Errors of the steering; in brackets: always zero, the mean.")
-
     def show(self) -> None:
         """Print a row of Markdown for each run."""
-        print(f"| {' | '.join(PRINTED)} |")
-        print("|---|---|" + "---:|" * (len(PRINTED) - 2))
-        for row in self.printed_table().cells:
-            print(printable(f"| {' | '.join(row)} |"))
+        rows = [{name: figures.get(name) for name in PRINTED} for figures in self.figures]
+        for line in Table.of_figures(rows).markdown(left=2).splitlines():
+            print(printable(line))
         print_written(self.written)
 
     def result_table(self) -> Table:
         """Return a row for each run with all figures."""
-        printed = self.printed_table()
-        by_name = {column.name: column for column in printed.columns}
-        parts = {part for _, _, names in PRINTED.values() for part in names}
-        columns = [
-            by_name.get(column.name, replace(column, short=False))
-            for column in Table.of_figures(self.figures).columns
-            if column.name not in parts
-        ]
-        return Table(columns, printed.caption)
+        columns = Table.of_figures(self.figures).columns
+        caption = "Errors of the steering, and those of always zero and of the mean."
+        return Table([replace(one, short=one.name in SHORT) for one in columns], caption)
 
 
 @command
@@ -97,8 +59,8 @@ def results(
 ) -> FinishedRuns | None:
     """Print finished runs as a Markdown table.
 
-    Each run has a row: parameters, samples per second, and test errors. In brackets are the errors
-    of two baselines: steering always zero, and always the mean.
+    Each run has a row: parameters, samples per second, test errors, and the errors of two
+    baselines: steering always zero, and always the mean.
 
     Args:
         *run_folder: folders of finished runs.
@@ -115,9 +77,9 @@ def results(
         return None
     if not run_folder:
         raise UsageError(f"name the folders of finished runs; usage: {results.usage}")
-    check_table(tables.table, tables.columns)
+    tables.check_files()
     runs = read_finished(run_folder)
-    runs.written.extend(write_asked(runs, tables.table, columns=tables.columns))
+    runs.written.extend(tables.write_files(runs))
     return runs
 
 
@@ -145,10 +107,7 @@ def run_figures(run: Run) -> dict[str, Cell]:
     if not metrics:
         raise InputError(f"{folder}: has no metrics.json; name a finished run")
     if metrics.get("open_loop") is None and metrics.get("tracks"):
-        raise InputError(
-            f"{folder}: is an evaluation, not a run; rank evaluations: drivezoo leaderboard "
-            f"{shlex.quote(str(folder.parent))}"
-        )
+        raise InputError(f"{folder}: is an evaluation; rank those with drivezoo leaderboard FOLDER")
     name = run.choices["experiment"] or metrics["model"]
     found: dict[str, Cell] = {
         "run": str(folder),

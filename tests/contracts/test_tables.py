@@ -10,7 +10,7 @@ import pytest
 
 from zoo.base.errors import InputError, UsageError
 from zoo.runs.table import Column, Table
-from zoo.runs.table_files import FORMS, check_table, write_table
+from zoo.runs.table_files import FORMS, TableFiles, write_table
 
 HOSTILE = "<b>a|b_1</b> & 5%"
 TABLE = Table(
@@ -118,11 +118,11 @@ def test_a_caption_makes_the_tex_table_a_float() -> None:
 @pytest.mark.parametrize("columns", ["autnomy", "network,network", ""])
 def test_a_wrong_column_is_named_before_the_work(columns: str) -> None:
     with pytest.raises(UsageError, match=f"columns={columns}"):
-        check_table("a.tex", columns, ["network", "autonomy"])
+        TableFiles(table="a.tex", columns=columns).check_files(["network", "autonomy"])
 
 
 def test_other_endings_and_columns_without_a_file_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"must end in \.csv, .* or \.html"):
-        check_table(tmp_path / "a.xlsx")
+        TableFiles(table=str(tmp_path / "a.xlsx")).check_files()
     with pytest.raises(UsageError, match="table=FILE"):
-        check_table(None, "autonomy")
+        TableFiles(columns="autonomy").check_files()

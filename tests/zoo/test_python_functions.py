@@ -24,7 +24,7 @@ from tests.zoo.notebooks import FOLDER as NOTEBOOKS
 from tests.zoo.notebooks import run_notebook
 from tests.zoo.written_checkpoints import write_constant
 from zoo.benchmark.benchmarked import Benchmarked
-from zoo.runs.table_files import write_asked
+from zoo.runs.table_files import write_plot
 
 SHORT = {"laps": 0.02, "workers": 1}  # the expert of this setup drives once for all tests
 
@@ -177,7 +177,7 @@ def test_a_benchmark_is_plotted(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     write(tmp_path / "a", result(figures(rng, 0.6, 3, 0.01, np.zeros(len(ROADS))), "a"))
     found = Benchmarked.read(tmp_path / "a")
-    (written,) = write_asked(found, None, str(tmp_path / "a.svg"))
+    written = write_plot(found.plot(), tmp_path / "a.svg")
     text = written.read_text()
     for group in found.result.groups:
         assert f"<!-- {group} -->" in text

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from zoo.runs.result_files import ResultFiles
+from zoo.runs.table_files import ResultFiles
 from zoo.worlds.cluster_pool import Executor
 
 

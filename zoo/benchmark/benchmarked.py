@@ -41,7 +41,7 @@ from zoo.drives.metrics import DRIVES, METRICS
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.page import Page
 from zoo.runs.table import Column, Table, interval_column, with_interval
-from zoo.runs.table_files import Result, check_plot, check_table, write_asked
+from zoo.runs.table_files import Result
 
 PAGE = "benchmark.html"
 SHORT = ("autonomy", "m_per_intervention", "cte_mean_m")
@@ -128,8 +128,7 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
     """
     # Report wrong input before processes start.
     own = (name for name in METRICS if name not in METRICS.own())
-    check_table(options.table, options.columns, ("group", "drives", *FIGURES, *own))
-    check_plot(options.plot)
+    options.check_files(("group", "drives", *FIGURES, *own))
     suite = read_suite(options.suite, options.split)
     drivers = find_drivers(names, suite)
     with command_folder(options.out, "benchmarks", resumed_by=UNFINISHED) as folder:
@@ -164,7 +163,7 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
         if reached:
             written += write_marks(folder, result, reached)
         benchmarked = Benchmarked(folder, result, reached, written, options.suite)
-        written += write_asked(benchmarked, options.table, options.plot, options.columns)
+        written += options.write_files(benchmarked)
         return benchmarked
 
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from zoo.base.command import command
 from zoo.base.written_files import check_output
-from zoo.runs.result_files import ResultFiles
+from zoo.runs.table_files import ResultFiles
 
 if TYPE_CHECKING:
     from zoo.compare.comparison import ComparedEntries
@@ -32,16 +32,14 @@ def compare(
     """
     from zoo.benchmark.result import NAME
     from zoo.compare.comparison import COLUMNS, ComparedEntries
-    from zoo.runs.table_files import check_plot, check_table, write_asked
 
-    check_table(files.table, files.columns, COLUMNS)
-    check_plot(files.plot)
+    files.check_files(COLUMNS)
     path = Path(out).expanduser()
     given = [Path(each).expanduser() for each in (a, b)]
     check_output(path, inputs=[*given, *(each / NAME for each in given)])
     result = ComparedEntries.read(a, b)
     result.written.append(result.write(path))
-    result.written.extend(write_asked(result, files.table, files.plot, files.columns))
+    result.written.extend(files.write_files(result))
     return result
 
 

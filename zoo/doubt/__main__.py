@@ -12,9 +12,8 @@ from zoo.base.regular_file import hash_file
 from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
-from zoo.runs.result_files import TableFiles
 from zoo.runs.table import Column, Table
-from zoo.runs.table_files import check_table, write_table
+from zoo.runs.table_files import TableFiles
 
 if TYPE_CHECKING:
     from zoo.checkpoints.dropout_policy import DropoutPolicy
@@ -51,7 +50,7 @@ def doubt(
     Raises:
         InputError: a checkpoint cannot be used or is named twice, or a file cannot be written.
     """
-    check_table(tables.table, tables.columns, TABLE_COLUMNS)
+    tables.check_files(TABLE_COLUMNS)
     paths = [find_checkpoint(name) for name in (ckpt, *ckpts)]
     with loading():
         from zoo.checkpoints.doubt_file import doubt_contents
@@ -69,8 +68,7 @@ def doubt(
 
     title = Text(f"{policy.name}: {policy.parameters:,} parameters")
     Console(emoji=False).print(table.printed(title=title, title_justify="left"))
-    if tables.table is not None:
-        written.append(write_table(table, tables.table, tables.columns))
+    written += tables.write_files(table)
     print_written(written, ["evaluate", written[0], "track=lake"])
     return written[0]
 

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError, UsageError
-from zoo.runs.result_files import ResultFiles, TableFiles
+from zoo.runs.table_files import ResultFiles, TableFiles
 from zoo.worlds.cluster_pool import Executor
 from zoo.worlds.scenario import Scenario, SpeedMph
 

@@ -25,7 +25,7 @@ from zoo.monitor.guarded_policy import guarded
 from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.plots import save_figure
 from zoo.runs.table import Column, Table, with_interval
-from zoo.runs.table_files import Result, check_plot, check_table, write_asked
+from zoo.runs.table_files import Result
 from zoo.verdict.evidence import Evidence, read_evidence
 from zoo.verdict.judgement import Verdict, judge, print_verdict
 from zoo.worlds.run_drives import check_throttle
@@ -117,8 +117,7 @@ def score_driver(
     # Report wrong input before processes start.
     check_world(options)
     check_throttle(policy, options.throttle)
-    check_table(options.table, options.columns, ("track", *COUNTS, *METRICS))
-    check_plot(options.plot)
+    options.check_files(("track", *COUNTS, *METRICS))
     if options.guard and not is_file:
         raise UsageError(f"guard={options.guard}: belongs to a checkpoint; name its path")
     if options.guard:
@@ -164,7 +163,7 @@ def score_driver(
         nan = nan_line(list(scores.by_scenario.values()))
         problem = f"{name}: {nan}" if nan else ""
         result = Evaluation(folder, metrics, verdict, usual, results, problem)
-        result.written.extend(write_asked(result, options.table, options.plot, options.columns))
+        result.written.extend(options.write_files(result))
         return result
 
 

@@ -22,7 +22,7 @@ from zoo.evaluate.evaluate_options import ReplayOptions
 from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.plots import save_figure
 from zoo.runs.table import Table, known
-from zoo.runs.table_files import Result, check_table, write_asked
+from zoo.runs.table_files import Result
 from zoo.worlds.replay_world import ReplayWorld
 from zoo.worlds.run_drives import Keep, all_drives
 from zoo.worlds.scenario import Scenario
@@ -93,7 +93,7 @@ def replay_recording(
         InputError: the checkpoint cannot be loaded, the recording does not exist or cannot be
             replayed, or an option is wrong.
     """
-    check_table(options.table, options.columns, METRICS)
+    options.check_files(METRICS)
     policy = load_policy(driver) if isinstance(driver, str) else as_policy(driver)
     name = driver if isinstance(driver, str) else policy.name
     recording = read_recordings(recording_folder)
@@ -114,7 +114,7 @@ def replay_recording(
         nan = nan_line([{"track": "replay", "seed": drive.seed, "nan_frames": drive.nan_frames}])
         problem = f"{name}: {nan}" if nan else ""
         result = Replay(folder, figures, keyboard_lines(recording), name, problem)
-        result.written.extend(write_asked(result, options.table, columns=options.columns))
+        result.written.extend(options.write_files(result))
         return result
 
 

@@ -11,7 +11,7 @@ from zoo.base.errors import UsageError
 from zoo.base.nearest import hint
 from zoo.evaluate.evaluate_options import Count, Workers, check_world, track_names
 from zoo.monitor import MOST_SAMPLES
-from zoo.runs.result_files import TableFiles
+from zoo.runs.table_files import TableFiles
 from zoo.worlds.scenario import Laps, Margin, Scenario, SpeedMph
 
 

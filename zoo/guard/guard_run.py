@@ -26,7 +26,6 @@ from zoo.guard.warning_figures import warning_figures
 from zoo.monitor.guard_file import Guard, write_guard
 from zoo.monitor.scores import METHODS, Score, Threshold, fit_score, fit_threshold
 from zoo.monitor.signals import ENSEMBLE, signal_sources
-from zoo.runs.table_files import check_table, write_table
 from zoo.worlds.scenario import Scenario
 
 GUARD = "guard.pt"
@@ -40,7 +39,7 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
         InputError: a checkpoint or track does not exist, an option is wrong, or the network fails
             too often on nominal drives to fit a threshold.
     """
-    check_table(options.table, options.columns, TABLE_COLUMNS)
+    options.check_files(TABLE_COLUMNS)
     usual = options.usual()
     members = tuple(str(find_checkpoint(one)) for one in options.members)
     policy = load_policy(checkpoint)
@@ -88,8 +87,7 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
             result = replace(result, pairs=drive_paired(fleet, path, result, usual))
             write_files(folder, result)
         print_result(result, console)
-        if options.table is not None:
-            written.append(write_table(warnings_table(result), options.table, options.columns))
+        written += options.write_files(warnings_table(result))
         following = ["evaluate", checkpoint, f"guard={path}", "weather={fog: 0.6}"]
         print_written([path, *written], following, console)
         return result

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from zoo.base.command import command
 from zoo.base.errors import InputError
-from zoo.runs.result_files import TableFiles
+from zoo.runs.table_files import TableFiles
 
 if TYPE_CHECKING:
     from zoo.leaderboard.ranking_page import Ranking
@@ -33,9 +33,8 @@ def leaderboard(*folder: str | Path, tables: TableFiles) -> "Ranking":
     """
     from zoo.leaderboard.ranking_page import Ranking
     from zoo.leaderboard.scored import drive_folders, run_folders
-    from zoo.runs.table_files import check_table, write_asked
 
-    check_table(tables.table, tables.columns)
+    tables.check_files()
     named = [Path(name) for name in folder]
     roots = named or [OUTPUTS]
     for root in roots:
@@ -56,7 +55,7 @@ def leaderboard(*folder: str | Path, tables: TableFiles) -> "Ranking":
         under = roots[0]
     ranking = Ranking.read(folders, under, drives, title)
     ranking.written.append(ranking.write_page(roots[0] / PAGE, "Leaderboard"))
-    ranking.written.extend(write_asked(ranking, tables.table, columns=tables.columns))
+    ranking.written.extend(tables.write_files(ranking))
     return ranking
 
 

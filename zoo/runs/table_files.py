@@ -3,6 +3,7 @@
 import io
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,31 +67,66 @@ class Result(Shown, ABC):
         return self.result_table().short().html(repr(self))
 
 
-def check_table(
-    path: str | Path | None, columns: str | None = None, known: Iterable[str] = ()
-) -> None:
-    """Raise InputError for a table's file that cannot be written; call before long work.
+@dataclass(frozen=True, kw_only=True)
+class TableFiles:
+    """Keys of a command that writes its table.
 
     Args:
-        path: file of the table; None for no table.
-        columns: names of its columns, with commas between them.
-        known: names that the table has; none where they depend on what the work finds.
+        table: file to write the table to: .csv, .tex, .parquet, .md or .html; an existing one is
+            replaced.
+        columns: names of the table's columns, such as a,b; null: all, in .tex the main ones.
     """
-    if path is None:
-        if columns is not None:
-            raise UsageError(f"columns={columns}: are those of table=FILE; name the file, too")
-        return
-    if columns is not None and known:
-        column_names(columns, known)
+
+    table: str | None = None
+    columns: str | None = None
+
+    def check_files(self, known: Iterable[str] = ()) -> None:
+        """Raise InputError for files that cannot be written; call before long work.
+
+        Args:
+            known: names of the table's columns; none where they depend on what the work finds.
+        """
+        if self.table is not None:
+            _check_table(self.table)
+        elif self.columns is not None:
+            raise UsageError(f"columns={self.columns}: are those of table=FILE; name the file, too")
+        if self.columns is not None and known:
+            column_names(self.columns, known)
+
+    def write_files(self, result: Result | Table) -> list[Path]:
+        """Write the files that the user named; return their paths."""
+        table = result if isinstance(result, Table) else result.result_table()
+        return [] if self.table is None else [write_table(table, self.table, self.columns)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultFiles(TableFiles):
+    """Keys of a command that writes its table and plots its result.
+
+    Args:
+        plot: file to draw the result in: .pdf, .svg or .png.
+    """
+
+    plot: str | None = None
+
+    def check_files(self, known: Iterable[str] = ()) -> None:
+        """Raise InputError for files that cannot be written; see `TableFiles`."""
+        super().check_files(known)
+        if self.plot is not None:
+            check_ending(self.plot, PLOTS, "plot")
+
+    def write_files(self, result: Result | Table) -> list[Path]:
+        """Write the files that the user named; return their paths."""
+        written = super().write_files(result)
+        if self.plot is not None and isinstance(result, Result):
+            written.append(write_plot(result.plot(), self.plot))
+        return written
+
+
+def _check_table(path: str | Path) -> None:
     check_ending(path, tuple(FORMS), "table")
     if Path(path).suffix == ".parquet":
         _pyarrow(path)
-
-
-def check_plot(path: str | Path | None, key: str = "plot") -> None:
-    """Raise UsageError for a plot's file that is neither PDF, SVG nor PNG."""
-    if path is not None:
-        check_ending(path, PLOTS, key)
 
 
 def check_ending(path: str | Path, endings: Sequence[str], key: str) -> None:
@@ -112,7 +148,7 @@ def write_table(table: Table, path: str | Path, columns: str | None = None) -> P
         InputError: the file's name has another ending, or it cannot be written.
         UsageError: there is no such column.
     """
-    check_table(path)
+    _check_table(path)
     path = Path(path).expanduser()
     if columns is not None:
         table = table.chosen(columns)
@@ -127,21 +163,11 @@ def write_plot(figure: "Figure", path: str | Path) -> Path:
     Raises:
         InputError: the file's name has another ending, or it cannot be written.
     """
-    check_plot(path)
+    check_ending(path, PLOTS, "plot")
     path = Path(path).expanduser()
     contents = io.BytesIO()
     figure.savefig(contents, dpi=200, format=path.suffix[1:])
     return write_output(path, contents.getvalue(), "plot")
-
-
-def write_asked(
-    result: Result, table: str | None, plot: str | None = None, columns: str | None = None
-) -> list[Path]:
-    """Write the table and the plot that the user asks for; return their paths."""
-    written = [] if table is None else [result.write_table(table, columns)]
-    if plot is not None:
-        written.append(write_plot(result.plot(), plot))
-    return written
 
 
 def parquet_bytes(table: Table) -> bytes:

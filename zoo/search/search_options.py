@@ -10,7 +10,7 @@ from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError, UsageError
 from zoo.base.nearest import hint
 from zoo.evaluate.evaluate_options import Count, Workers
-from zoo.runs.result_files import TableFiles
+from zoo.runs.table_files import TableFiles
 from zoo.worlds.scenario import SpeedMph
 
 if TYPE_CHECKING:

@@ -22,7 +22,6 @@ from zoo.cli.console_progress import progress_bar
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.plots import save_figure
 from zoo.runs.table import Column, Table
-from zoo.runs.table_files import check_table, write_table
 from zoo.search.failure_map import Archive, failure_map
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_run import (
@@ -95,7 +94,7 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
         InputError: the checkpoint or family does not exist, or an option is wrong; or the network
             steered NaN, after all files are written.
     """
-    check_table(options.table, options.columns, TABLE_COLUMNS)
+    options.check_files(TABLE_COLUMNS)
     space = options.space()
     archive = Archive(options.grid(space))
     load_policy(checkpoint)  # reports a wrong file before processes start
@@ -127,8 +126,7 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
         )
         if mildest is None:
             console.print("no road failed: try a larger budget=, another family= or speed=")
-        if options.table is not None:
-            written.append(write_table(table, options.table, options.columns))
+        written += options.write_files(table)
         print_written(written, report.replay(mildest) if mildest else [], console)
         steered_nan = sum(one.outcome.nan_frames > 0 for one in report.drives)
         if steered_nan:
