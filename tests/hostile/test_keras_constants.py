@@ -14,7 +14,7 @@ from zoo.base.errors import InputError
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_lambda import describe_lambda, specs_of_word
 from zoo.keras.keras_layers import convert
-from zoo.models.window_builders import LayerSpec
+from zoo.models.layer_spec import LayerSpec
 
 REST: list[Layer] = [("Flatten", {}, []), ("Dense", {"units": 1}, random_weights((1800, 1), (1,)))]
 
@@ -97,7 +97,7 @@ def test_an_operators_constant_of_400_digits_is_named(tmp_path: Path) -> None:
 
 def test_a_specs_number_of_400_digits_is_named() -> None:
     with pytest.raises(ValueError, match=r"layer 1: alpha="):
-        LayerSpec({"alpha": 10**400}, "layer 1").number("alpha")
+        LayerSpec({"layer": "ELU", "alpha": 10**400}, "layer 1").number("alpha")
 
 
 def test_one_value_in_a_huge_compressed_chunk_is_not_unpacked(tmp_path: Path) -> None:

@@ -12,9 +12,9 @@ from zoo.keras.keras_chain import Chain, Scale
 from zoo.keras.keras_model import KerasModel
 from zoo.keras.keras_specs import Spec, plain_kind
 from zoo.keras.keras_weights import MisfitError, copy_arrays
+from zoo.models.layer_spec import by
 from zoo.models.make_network import LimitedParameters
 from zoo.models.sequential import Sequential, build_layers, is_channels_first
-from zoo.models.window_builders import by
 
 SIDES = set(range(1, 4097))  # of an image, in pixels
 

@@ -149,37 +149,23 @@ class Gray(nn.Module):
         return (images * self.weights.to(images.dtype)).sum(1, keepdim=True)
 
 
-class GlobalPool(nn.Module):
-    """A layer that returns the mean or maximum of each channel."""
-
-    def __init__(self, maximum: bool, keep: bool) -> None:
-        super().__init__()
-        self.maximum, self.keep = maximum, keep
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Return [N, C], or [N, C, 1, 1] with `keep`."""
-        pool = torch.amax if self.maximum else torch.mean
-        return pool(images, (2, 3), keepdim=self.keep)
-
-
 class InKerasOrder(nn.Module):
     """A layer for tensors in Keras' order of axes, [N, H, W, C] for images.
 
     Args:
         layer: layer that takes and returns this order.
-        to_images: whether an output of 4 axes becomes [N, C, H, W] again.
     """
 
-    def __init__(self, layer: nn.Module, to_images: bool = True) -> None:
+    def __init__(self, layer: nn.Module) -> None:
         super().__init__()
-        self.layer, self.to_images = layer, to_images
+        self.layer = layer
 
     def forward(self, values: Tensor) -> Tensor:
         """Return the layer's output."""
         if values.ndim == 4:
             values = values.permute(0, 2, 3, 1)
         values = self.layer(values)
-        return values.permute(0, 3, 1, 2) if values.ndim == 4 and self.to_images else values
+        return values.permute(0, 3, 1, 2) if values.ndim == 4 else values
 
 
 class OnAxis(nn.Module):
@@ -192,18 +178,6 @@ class OnAxis(nn.Module):
     def forward(self, values: Tensor) -> Tensor:
         """Return the layer's output, with the axes of the input."""
         return self.layer(values.transpose(1, self.axis)).transpose(1, self.axis)
-
-
-class Reshape(nn.Module):
-    """A layer that changes the shape of each sample."""
-
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        super().__init__()
-        self.shape = shape
-
-    def forward(self, values: Tensor) -> Tensor:
-        """Return the values in the new shape."""
-        return values.reshape(-1, *self.shape)
 
 
 class Permute(nn.Module):

@@ -6,7 +6,6 @@ order is channels first. It returns the module and the output's shape.
 
 import math
 from collections.abc import Callable
-from functools import partial
 
 import torch
 from torch import nn
@@ -17,10 +16,15 @@ from zoo.models.image_layers import (
     Gray,
     InKerasOrder,
     OnAxis,
+    OverRows,
+    PaddedAvgPool2d,
+    PaddedConv2d,
+    PaddedMaxPool2d,
+    Pads,
     Permute,
-    Reshape,
     Resize,
 )
+from zoo.models.layer_spec import LayerSpec, Pair, Shape, by
 from zoo.models.layers import Dropout
 from zoo.models.value_layers import (
     ACTIVATIONS,
@@ -31,22 +35,115 @@ from zoo.models.value_layers import (
     Rescaling,
     Select,
 )
-from zoo.models.window_builders import (
-    Builder,
-    Built,
-    LayerSpec,
-    Shape,
-    activated,
-    by,
-    conv1d,
-    conv2d,
-    depthwise,
-    global_pool,
-    image_of,
-    pool,
-    pool1d,
-    shape_of,
-)
+
+Built = tuple[nn.Module, Shape]
+Builder = Callable[[LayerSpec, Shape, bool], Built]
+# TensorFlow's `same` and Theano's, which pads half a window in front, also with a stride.
+PADDINGS = ("valid", "same", "same_theano")
+
+
+def _image_of(spec: LayerSpec, shape: Shape, first: bool) -> tuple[int, int, int]:
+    """Return rows, columns and channels of the input; a sequence is one row."""
+    axes = 2 if spec.layer.endswith("1D") else 3
+    if len(shape) != axes:
+        wanted = "images" if axes == 3 else "steps x channels"
+        raise ValueError(f"{spec.label}: needs {wanted}, not values of shape {by(shape)}")
+    if axes == 2:
+        return 1, shape[0], shape[1]
+    own = spec.values.get("data_format", "channels_first" if first else "channels_last")
+    if own != ("channels_first" if first else "channels_last"):
+        raise ValueError(f"{spec.label}: has data_format={own!r:.40}, unlike the other layers")
+    return (shape[1], shape[2], shape[0]) if first else (shape[0], shape[1], shape[2])
+
+
+def _shape_of(rows: int, columns: int, channels: int, first: bool) -> Shape:
+    return (channels, rows, columns) if first else (rows, columns, channels)
+
+
+def _activated(module: nn.Module, spec: LayerSpec) -> nn.Module:
+    """Return a module with the activation of its spec after it."""
+    name = spec.word("activation", list(ACTIVATIONS), "linear")
+    return module if name == "linear" else nn.Sequential(module, ACTIVATIONS[name]())
+
+
+def _window(
+    spec: LayerSpec, size: Pair, kernel: Pair, stride: Pair, dilation: Pair = (1, 1)
+) -> tuple[Pads, Pair]:
+    """Return a window's padding as TensorFlow pads, and the rows and columns of the output."""
+    padding = spec.word("padding", PADDINGS, "valid")
+    pads, out = [], []
+    for length, side, step, gap in zip(size, kernel, stride, dilation, strict=True):
+        side = (side - 1) * gap + 1
+        count, before, after = (length - side) // step + 1, 0, 0
+        if padding != "valid":
+            count = -(-length // step)
+            total = max((count - 1) * step + side - length, 0)
+            before = total // 2 if padding == "same" else side // 2
+            after = max(total - before, 0)
+        if count < 1:
+            raise ValueError(
+                f"{spec.label}: its window of {side} pixels does not fit the input of "
+                f"{size[0]} x {size[1]}; set the view (data.crop, model.size) of the training"
+            )
+        out.append(count)
+        pads = [before, after, *pads]  # F.pad takes the width first
+    return (pads[0], pads[1], pads[2], pads[3]), (out[0], out[1])
+
+
+def _convolution(spec: LayerSpec, shape: Shape, first: bool) -> Built:
+    rows, columns, channels = _image_of(spec, shape, first)
+    kernel, stride = spec.window("kernel_size"), spec.window("strides", (1, 1))
+    dilation, bias = spec.window("dilation_rate", (1, 1)), spec.flag("use_bias", True)
+    separable = spec.layer == "SeparableConv2D"
+    if separable or spec.layer == "DepthwiseConv2D":
+        groups, filters = channels, channels * spec.whole("depth_multiplier", 1)
+    else:
+        groups, filters = spec.whole("groups", 1), spec.whole("filters")
+        if channels % groups or filters % groups:
+            raise spec.wrong("groups", f"does not divide {channels} channels and {filters} filters")
+    pads, out = _window(spec, (rows, columns), kernel, stride, dilation)
+    left, right, top, bottom = pads
+    even = left == right and top == bottom
+    module: nn.Module = (nn.Conv2d if even else PaddedConv2d)(
+        channels, filters, kernel, stride, (top, left) if even else 0, dilation, groups,
+        bias and not separable,
+    )  # fmt: skip
+    if not even:
+        module.pads = pads
+    if separable:
+        inner, filters = filters, spec.whole("filters")
+        module = nn.Sequential(module, nn.Conv2d(inner, filters, 1, bias=bias))
+    if spec.layer == "Conv1D":
+        return _activated(OverRows(module), spec), (out[1], filters)
+    return _activated(module, spec), _shape_of(*out, filters, first)
+
+
+def _pool(spec: LayerSpec, shape: Shape, first: bool) -> Built:
+    rows, columns, channels = _image_of(spec, shape, first)
+    size = spec.window("pool_size", (2, 2))
+    stride = spec.window("strides", size)
+    pads, out = _window(spec, (rows, columns), size, stride)
+    module: nn.Module
+    if spec.layer.startswith("Max"):
+        module = nn.MaxPool2d(size, stride)
+        if any(pads):
+            module = PaddedMaxPool2d(size, stride)
+            module.pads = pads
+    elif any(pads):
+        module = PaddedAvgPool2d(size, stride, pads, (rows, columns))
+    else:
+        module = nn.AvgPool2d(size, stride)
+    if spec.layer.endswith("1D"):
+        return OverRows(module), (out[1], channels)
+    return module, _shape_of(*out, channels, first)
+
+
+def _global_pool(spec: LayerSpec, shape: Shape, first: bool) -> Built:
+    *_, channels = _image_of(spec, shape, first)
+    pool = nn.AdaptiveMaxPool2d(1) if "Max" in spec.layer else nn.AdaptiveAvgPool2d(1)
+    if spec.flag("keepdims", False):
+        return pool, _shape_of(1, 1, channels, first)
+    return nn.Sequential(pool, nn.Flatten()), (channels,)
 
 
 def _dense(spec: LayerSpec, shape: Shape, first: bool) -> Built:
@@ -54,7 +151,7 @@ def _dense(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     module: nn.Module = nn.Linear(shape[-1], units, bias=spec.flag("use_bias", True))
     if len(shape) == 3 and not first:  # on every pixel; channels first, it is on the columns
         module = InKerasOrder(module)
-    return activated(module, spec), (*shape[:-1], units)
+    return _activated(module, spec), (*shape[:-1], units)
 
 
 def _flatten(spec: LayerSpec, shape: Shape, first: bool) -> Built:
@@ -72,7 +169,7 @@ def _reshape(spec: LayerSpec, shape: Shape, first: bool) -> Built:
         target = [count // known if one == -1 else one for one in target]
     if math.prod(target) != count or min(target, default=0) < 1 or len(target) > 3:
         raise spec.wrong("target_shape", f"does not hold the {count:,} values of {by(shape)}")
-    module = Reshape(tuple(target))
+    module = nn.Sequential(nn.Flatten(), nn.Unflatten(1, tuple(target)))
     return module if first else InKerasOrder(module), tuple(target)
 
 
@@ -114,30 +211,26 @@ def _relu(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     return GeneralReLU(slope, threshold, most), shape
 
 
-def _thresholded(spec: LayerSpec) -> nn.Module:
-    return nn.Threshold(spec.number("theta", 1.0), 0.0)
-
-
 def _crop(spec: LayerSpec, shape: Shape, first: bool) -> Built:
-    rows, columns, channels = image_of(spec, shape, first)
+    rows, columns, channels = _image_of(spec, shape, first)
     top, bottom, left, right = spec.edges("cropping")
     rows, columns = rows - top - bottom, columns - left - right
     module = Crop((top, bottom, left, right), (rows, columns))
-    return module, shape_of(rows, columns, channels, first)
+    return module, _shape_of(rows, columns, channels, first)
 
 
 def _zero_padding(spec: LayerSpec, shape: Shape, first: bool) -> Built:
-    rows, columns, channels = image_of(spec, shape, first)
+    rows, columns, channels = _image_of(spec, shape, first)
     top, bottom, left, right = spec.edges("padding")
-    out = shape_of(rows + top + bottom, columns + left + right, channels, first)
+    out = _shape_of(rows + top + bottom, columns + left + right, channels, first)
     return nn.ZeroPad2d((left, right, top, bottom)), out
 
 
 def _resize(spec: LayerSpec, shape: Shape, first: bool) -> Built:
-    rows, columns, channels = image_of(spec, shape, first)
+    rows, columns, channels = _image_of(spec, shape, first)
     size = spec.pair("size")
     module = Resize((rows, columns), size, spec.word("method", RESIZE_METHODS, "linear"))
-    return module, shape_of(*size, channels, first)
+    return module, _shape_of(*size, channels, first)
 
 
 def _rescaling(spec: LayerSpec, shape: Shape, first: bool) -> Built:
@@ -153,11 +246,11 @@ def _rescaling(spec: LayerSpec, shape: Shape, first: bool) -> Built:
 
 
 def _gray(spec: LayerSpec, shape: Shape, first: bool) -> Built:
-    rows, columns, channels = image_of(spec, shape, first)
+    rows, columns, channels = _image_of(spec, shape, first)
     weights = spec.numbers("weights")
     if len(weights) != channels:
         raise spec.wrong("weights", f"is not {channels} numbers")
-    return Gray(weights), shape_of(rows, columns, 1, first)
+    return Gray(weights), _shape_of(rows, columns, 1, first)
 
 
 def _select(spec: LayerSpec, shape: Shape, first: bool) -> Built:
@@ -169,47 +262,43 @@ def _select(spec: LayerSpec, shape: Shape, first: bool) -> Built:
 
 def _dropout(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     rate = spec.share("rate")
-    spatial = spec.values["layer"].startswith("Spatial") and len(shape) == 3
+    spatial = spec.layer.startswith("Spatial") and len(shape) == 3
     return nn.Dropout2d(rate) if spatial else Dropout(rate), shape
 
 
 def _noise(spec: LayerSpec, shape: Shape, first: bool) -> Built:
-    if spec.values["layer"] == "GaussianNoise":
+    if spec.layer == "GaussianNoise":
         return GaussianNoise(spec.number("stddev"), multiplies=False), shape
     rate = spec.share("rate")
     return GaussianNoise(math.sqrt(rate / (1 - rate)), multiplies=True), shape
 
 
-def _elementwise(
-    make: Callable[[LayerSpec], nn.Module], spec: LayerSpec, shape: Shape, _: bool
-) -> Built:
-    return make(spec), shape
-
-
-def _activation(spec: LayerSpec) -> nn.Module:
-    return ACTIVATIONS[spec.word("activation", list(ACTIVATIONS))]()
+def _elementwise(make: Callable[[LayerSpec], nn.Module]) -> Builder:
+    return lambda spec, shape, _: (make(spec), shape)
 
 
 BUILDERS: dict[str, Builder] = {
-    "Conv2D": conv2d,
-    "SeparableConv2D": depthwise,
-    "DepthwiseConv2D": depthwise,
-    "Conv1D": conv1d,
+    "Conv2D": _convolution,
+    "SeparableConv2D": _convolution,
+    "DepthwiseConv2D": _convolution,
+    "Conv1D": _convolution,
     "Dense": _dense,
     "Flatten": _flatten,
     "Reshape": _reshape,
     "Permute": _permute,
-    "MaxPooling2D": pool,
-    "AveragePooling2D": pool,
-    "MaxPooling1D": pool1d,
-    "AveragePooling1D": pool1d,
-    "GlobalAveragePooling2D": global_pool,
-    "GlobalMaxPooling2D": global_pool,
+    "MaxPooling2D": _pool,
+    "AveragePooling2D": _pool,
+    "MaxPooling1D": _pool,
+    "AveragePooling1D": _pool,
+    "GlobalAveragePooling2D": _global_pool,
+    "GlobalMaxPooling2D": _global_pool,
     "BatchNormalization": _batch_norm,
-    "Activation": partial(_elementwise, _activation),
-    "ELU": partial(_elementwise, lambda spec: nn.ELU(spec.number("alpha", 1.0))),
-    "LeakyReLU": partial(_elementwise, lambda spec: nn.LeakyReLU(spec.number("alpha", 0.3))),
-    "ThresholdedReLU": partial(_elementwise, _thresholded),
+    "Activation": _elementwise(
+        lambda spec: ACTIVATIONS[spec.word("activation", list(ACTIVATIONS))]()
+    ),
+    "ELU": _elementwise(lambda spec: nn.ELU(spec.number("alpha", 1.0))),
+    "LeakyReLU": _elementwise(lambda spec: nn.LeakyReLU(spec.number("alpha", 0.3))),
+    "ThresholdedReLU": _elementwise(lambda spec: nn.Threshold(spec.number("theta", 1.0), 0.0)),
     "PReLU": _prelu,
     "ReLU": _relu,
     "Cropping2D": _crop,
