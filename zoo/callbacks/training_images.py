@@ -1,17 +1,15 @@
 """Plots of batches and predictions: PNG files in the run's `plots/`, and TensorBoard."""
 
-import struct
 from pathlib import Path
 
 import lightning
 import numpy as np
 from lightning.pytorch.loggers import TensorBoardLogger
 from matplotlib.figure import Figure
+from matplotlib.image import imread
 
 from datamodules.balance import BatchKey
 from zoo.runs import plots
-
-RGBA = 4  # TensorBoard's number of channels
 
 
 class FedBatch(lightning.Callback):
@@ -105,14 +103,5 @@ def publish(trainer: lightning.Trainer, name: str, figure: Figure) -> None:
     path = plots.save_figure(figure, Path(trainer.default_root_dir) / "plots" / f"{name}.png")
     for logger in trainer.loggers:
         if isinstance(logger, TensorBoardLogger):
-            log_png(logger, name, path.read_bytes(), trainer.current_epoch)
-
-
-def log_png(logger: TensorBoardLogger, name: str, png: bytes, step: int) -> None:
-    """Log a PNG file with alpha as it is: `add_image` would compress its pixels again, in 0.2 s."""
-    from tensorboard.compat.proto.summary_pb2 import Summary
-
-    width, height = struct.unpack(">II", png[16:24])  # after the signature and the header's name
-    image = Summary.Image(width=width, height=height, colorspace=RGBA, encoded_image_string=png)
-    summary = Summary(value=[Summary.Value(tag=name, image=image)])
-    logger.experiment.file_writer.add_summary(summary, step)
+            step = trainer.current_epoch
+            logger.experiment.add_image(name, imread(path), step, dataformats="HWC")

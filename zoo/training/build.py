@@ -184,29 +184,10 @@ def silence_libraries() -> None:
     # device itself.
     for name in ("lightning.pytorch", "lightning.fabric"):
         logging.getLogger(name).setLevel(logging.WARNING)
-    ignored = [
-        # Batches are prepared in the main process: workers would compete for its cores.
-        ".*does not have many workers.*",
-        # An epoch can be shorter than log_every_n_steps; figures are logged by epoch.
-        ".*number of training batches .* is smaller than the logging interval.*",
-        # Resuming writes to the folder it resumes from.
-        ".*Checkpoint directory .* exists and is not empty.*",
-        ".*Experiment logs directory .* exists and is not empty.*",
-        # Lightning steps the scheduler by epoch after resuming, which torch warns about.
-        ".*Detected call of `lr_scheduler.step\\(\\)` before `optimizer.step\\(\\)`.*",
-        # Lightning itself uses this deprecated part of torch.
-        ".*`isinstance\\(treespec, LeafSpec\\)` is deprecated.*",
-        # On a cluster's login node, and in a job with one process.
-        ".*The `srun` command is available on your system but is not used.*",
-        # Every process has the first process's figures.
-        ".*when logging on epoch level in distributed setting to accumulate the metric.*",
-        # Frozen layers evaluate: batch normalization keeps its statistics.
-        ".*module\\(s\\) in eval mode at the start of training.*",
-        # data.val_share=0 is allowed.
-        ".*Total length of `list` across ranks is zero.*",
-    ]
-    for message in ignored:
-        warnings.filterwarnings("ignore", message=message)
+    # Advice of Lightning, such as on data loaders without workers: `DrivingData` needs none.
+    warnings.filterwarnings("ignore", module=r"lightning\.")
+    # Lightning steps the scheduler by epoch after resuming, which torch warns about.
+    warnings.filterwarnings("ignore", message=".*Detected call of `lr_scheduler.step")
 
 
 def _instantiate(key: str, settings: dict | DictConfig, **more: object) -> object:

@@ -4,7 +4,6 @@ It does not change what a network learns.
 """
 
 import os
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -30,7 +29,6 @@ from zoo.training.steering_module import OWN
 # Below this, a step costs less than synchronizing two threads: 52,000 samples/s with one thread,
 # 30,000 with two, and 1,200 with two on cores that another program uses.
 TINY_PARAMETERS = 1_000
-_COMPILERS = ("g++", "clang++", "c++")
 
 
 @dataclass(frozen=True)
@@ -112,7 +110,7 @@ def make_plan(
     is_own = (config.get("module") or {}).get("_target_", OWN) == OWN
     is_overhead = device.type != "cpu" or parameters < TINY_PARAMETERS
     compiled_batch = None
-    if is_own and resolve_compile(config.trainer.get("compile", False), device, console):
+    if compiles(config.trainer.get("compile", False)) and is_own:
         share = share_of(data.batch_size, trainer.global_rank, world)
         compiled_batch = share.stop - share.start
     return TrainingPlan(
@@ -131,10 +129,9 @@ def make_plan(
 
 
 def _threads(parameters: int, processes: int) -> int:
-    if parameters < TINY_PARAMETERS:
-        return 1
     wanted = os.environ.get("OMP_NUM_THREADS", "")
-    return int(wanted) if wanted.isdigit() and int(wanted) else max(1, usable_cores() // processes)
+    cores = int(wanted) if wanted.isdigit() else usable_cores() // processes
+    return 1 if parameters < TINY_PARAMETERS else max(1, cores)
 
 
 def _takes_groups(callback: lightning.Callback) -> bool:
@@ -161,8 +158,8 @@ def _may_group(trainer: lightning.Trainer) -> bool:
     )
 
 
-def resolve_compile(setting: object, device: torch.device, console: Console) -> bool:
-    """Return whether to compile the step; on a CPU without a C++ compiler print why not.
+def compiles(setting: object) -> bool:
+    """Return whether to compile the step.
 
     Seven tenths of PilotNet's step on a CPU are convolutions, which use the same library with and
     without compilation. On four threads the compiled step trained 10 % more samples per second than
@@ -175,16 +172,7 @@ def resolve_compile(setting: object, device: torch.device, console: Console) -> 
     """
     if setting not in ("auto", True, False):
         raise InputError(f"trainer.compile={setting} is not true or false")
-    compiles = setting is True and (device.type != "cpu" or find_compiler() is not None)
-    if setting is True and not compiles:
-        print_line(console, "torch.compile disabled: no C++ compiler found; install g++")
-    return compiles
-
-
-def find_compiler() -> str | None:
-    """Return the path of the C++ compiler that torch would use; None without one."""
-    named = os.environ.get("CXX")
-    return shutil.which(named) if named else next(filter(None, map(shutil.which, _COMPILERS)), None)
+    return setting is True
 
 
 def compile_step(step: Callable, console: Console) -> Callable:
@@ -200,8 +188,8 @@ def compile_step(step: Callable, console: Console) -> Callable:
             result, chosen = compiled(*arguments), compiled
         except InputError:
             raise
-        except Exception as error:  # any error: training continues without compilation
-            reason = (str(error).strip() or type(error).__name__).splitlines()[0][:200]
+        except Exception as error:  # any error, such as no C++ compiler: train without compilation
+            reason = " ".join(str(error).split())[:200] or type(error).__name__
             print_line(console, f"torch.compile disabled: {reason}")
             result, chosen = step(*arguments), step
         return result

@@ -1,5 +1,6 @@
 """A training's pace, which must not change what is learnt."""
 
+import shutil
 import sys
 from dataclasses import replace
 from io import StringIO
@@ -18,7 +19,7 @@ from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config
 from zoo.training import plan
 from zoo.training.build import build_data
-from zoo.training.plan import compile_step, find_compiler, resolve_compile
+from zoo.training.plan import compile_step, compiles
 
 CPU = torch.device("cpu")
 
@@ -141,7 +142,7 @@ def test_a_users_callback_gets_each_batch_and_step(
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not find_compiler(), reason="no C++ compiler")
+@pytest.mark.skipif(not shutil.which("g++"), reason="no C++ compiler")
 def test_compiled_it_learns_the_same_and_repeats_to_the_bit(
     recorded: Written, tmp_path: Path
 ) -> None:
@@ -192,28 +193,10 @@ def test_a_plan_prints_as_a_line() -> None:
         assert word in more.line()
 
 
-@pytest.mark.parametrize("setting", [True, False, "auto"])
-def test_nothing_is_compiled_unless_told(
-    setting: object, monkeypatch: pytest.MonkeyPatch, console: Console
-) -> None:
-    monkeypatch.setattr(plan, "find_compiler", lambda: "g++")
-    assert resolve_compile(setting, CPU, console) is (setting is True)
-    assert not console.file.getvalue()
-
-
-def test_without_a_compiler_it_says_so_in_a_line(
-    monkeypatch: pytest.MonkeyPatch, console: Console
-) -> None:
-    monkeypatch.setenv("PATH", "/nowhere")
-    monkeypatch.delenv("CXX", raising=False)
-    assert not resolve_compile(True, CPU, console)
-    (line,) = console.file.getvalue().splitlines()
-    assert "no C++ compiler" in line
-
-
-def test_another_setting_is_refused(console: Console) -> None:
+def test_a_setting_of_compilation_that_is_no_truth_value_is_refused() -> None:
+    assert [compiles(setting) for setting in (True, False, "auto")] == [True, False, False]
     with pytest.raises(InputError, match=r"trainer\.compile=maybe is not true or false"):
-        resolve_compile("maybe", CPU, console)
+        compiles("maybe")
 
 
 def test_a_step_that_cannot_be_compiled_runs_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -227,4 +210,4 @@ def test_a_step_that_cannot_be_compiled_runs_as_it_was(monkeypatch: pytest.Monke
     console = Console(file=StringIO(), width=200)
     step = compile_step(lambda number: number + 1, console)
     assert [step(1), step(2)] == [2, 3]
-    assert console.file.getvalue() == "torch.compile disabled: no such header\n"
+    assert console.file.getvalue() == "torch.compile disabled: no such header and much more\n"
