@@ -268,7 +268,7 @@ def test_a_catalog_that_is_named_again_is_refused(tmp_path: Path) -> None:
     manifest = tub / "manifest.json"
     name = '"catalog_0.catalog"'
     manifest.write_text(manifest.read_text().replace(name, ", ".join([name] * 800)))
-    with pytest.raises(InputError, match=r"manifest\.json, row 5: .*catalog_0\.catalog more than"):
+    with pytest.raises(InputError, match=r"manifest\.json, row 5: names a catalog more than"):
         convert_to_recording(tub, tmp_path / "out")
 
 
