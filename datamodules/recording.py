@@ -219,19 +219,15 @@ def formats() -> Iterator[tuple[str, Format]]:
             ) from None
 
 
-def known_format(path: Path) -> tuple[str, Format] | None:
-    """Return the format of a folder or file and its name, None if it has none of them."""
-    return next((pair for pair in formats() if pair[1].detect(path)), None)
-
-
 def find_format(path: Path) -> tuple[str, Format]:
     """Return the format of the recording in a folder or file, and its name.
 
     Raises:
         InputError: there is no such folder, or it has none of the formats.
     """
-    if named := known_format(path):
-        return named
+    for named in formats():
+        if named[1].detect(path):
+            return named
     if not path.is_dir():
         raise InputError(f"{path}: no such folder; name the folder of a recording")
     raise InputError(
@@ -282,15 +278,12 @@ def read_recordings(
 
 
 def _read_log_of(root: Path, options: ReadOptions) -> Recording:
-    udacity = importlib.import_module(OWN["udacity"])
     try:
-        if root.is_dir() and not udacity.detect(root) and (other := known_format(root)):
-            raise InputError(
-                f"{root}: holds no {LOG_NAME}; it is a {other[1].title}: "
-                f"{shlex.join(['drivezoo', 'convert', str(root)])}"
-            )
-        recording: Recording = udacity.read(root, options)
-        return recording
+        name, found = next((one for one in formats() if one[1].detect(root)), next(formats()))
+        if name != "udacity":
+            convert = shlex.join(["drivezoo", "convert", str(root)])
+            raise InputError(f"{root}: holds no {LOG_NAME}; it is a {found.title}: {convert}")
+        return found.read(root, options)
     except OSError as error:
         raise InputError(
             f"{error.filename or root}: {error.strerror}; allow your user to read it, or name "

@@ -3,7 +3,6 @@
 import csv
 import io
 import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -135,9 +134,11 @@ def _split_blocks(
     # Blocks of a short recording are shorter, so that every part gets one.
     length = int(np.clip(block_s * rate, 1, max(len(recording) // 20, 1)))
     gap = min(round(gap_s * rate), length)
+    borders = np.flatnonzero(np.diff(recording.recording)) + 1
+    edges = [0, *borders.tolist(), len(recording)]
     bounds = [
         (start, min(start + length, stop))
-        for first, stop in _runs(recording)
+        for first, stop in itertools.pairwise(edges)
         for start in range(first, stop, length)
     ]
     sizes = np.array([stop - start for start, stop in bounds])
@@ -179,15 +180,22 @@ def _split_recordings(
 
 def _read_split(recording: Recording, path: Path) -> np.ndarray:
     parts = {}
-    for line, row in enumerate(_fields(path), start=1):
-        if not row or row == ["image", "part"]:
-            continue
-        if len(row) != 2 or row[1].strip() not in PARTS:
+    with open_text(path, MOST_SPLIT_BYTES, errors="surrogateescape") as file:
+        reader = csv.reader(file)
+        try:
+            for row in reader:
+                if not row or row == ["image", "part"]:
+                    continue
+                if len(row) != 2 or row[1].strip() not in PARTS:
+                    raise InputError(
+                        f"{path}, row {reader.line_num}: {','.join(row)[:80]!a} is not image,part "
+                        f"with a part of {', '.join(PARTS)}; correct the row"
+                    )
+                parts[file_name(row[0])] = PARTS.index(row[1].strip())
+        except csv.Error as error:
             raise InputError(
-                f"{path}, row {line}: {','.join(row)[:80]!a} is not image,part with a part of "
-                f"{', '.join(PARTS)}; correct the row"
-            )
-        parts[file_name(row[0])] = PARTS.index(row[1].strip())
+                f"{path}, row {reader.line_num + 1}: cannot be read ({error}); correct the row"
+            ) from None
     names = [file_name(image) for image in recording.images[:, 0]]
     part = np.array([parts.get(name, -1) for name in names])
     if (part < 0).all():
@@ -196,25 +204,3 @@ def _read_split(recording: Recording, path: Path) -> np.ndarray:
             f"with {names[0]}); name this recording's split, or set data.split=blocks"
         )
     return part
-
-
-def _fields(path: Path) -> Iterator[list[str]]:
-    with open_text(path, MOST_SPLIT_BYTES, errors="surrogateescape") as file:
-        reader = csv.reader(file)
-        while True:
-            try:
-                row = next(reader, None)
-            except csv.Error as error:
-                raise InputError(
-                    f"{path}, row {reader.line_num + 1}: cannot be read ({error}); correct the row"
-                ) from None
-            if row is None:
-                return
-            yield row
-
-
-def _runs(recording: Recording) -> list[tuple[int, int]]:
-    """Return each recording's first row and end."""
-    borders = np.flatnonzero(np.diff(recording.recording)) + 1
-    edges = [0, *borders.tolist(), len(recording)]
-    return list(itertools.pairwise(edges))

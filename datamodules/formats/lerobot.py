@@ -16,7 +16,6 @@ from datamodules.formats.lerobot_features import (
     TIME,
     VERSION,
     VIDEO_PATH,
-    Component,
     Meaning,
     find_meaning,
     load_pyarrow,
@@ -64,28 +63,22 @@ def read(path: Path, options: ReadOptions) -> Recording:
     files = sorted((path / DATA).glob("chunk-*/file-*.parquet"))
     if not files:
         raise InputError(f"{path / DATA}: holds no chunk-000/file-000.parquet; {REMEDY}")
-    roles = (meaning.steering, meaning.throttle, meaning.brake, meaning.speed)
-    names = ["episode_index", "timestamp", *(role.key for role in roles if role)]
-    names += [TIME] if TIME in features else []
-    tables = [read_table(file, [*dict.fromkeys(names)], pyarrow) for file in files]
+    times = [TIME] if TIME in features else []
+    keys = ["episode_index", "timestamp", *times, *(one.key for one in meaning.roles.values())]
+    tables = [read_table(file, [*dict.fromkeys(keys)], pyarrow) for file in files]
     lengths = [len(table["timestamp"]) for table in tables]
     check_most("rows", sum(lengths), path, "divide the dataset")
     if not sum(lengths):
         raise InputError(f"{files[0]}: no rows; {REMEDY}")
 
-    def column(role: Component | None) -> np.ndarray:
-        if role is None:
-            return np.zeros(sum(lengths))
-        return np.concatenate([_component(table[role.key], role.position) for table in tables])
+    def column(key: str, position: int = 0) -> np.ndarray:
+        return np.concatenate([_component(table[key], position) for table in tables])
 
-    episode = column(Component("episode_index", 0, "")).astype(np.int64)
-    timestamp = column(Component("timestamp", 0, ""))
-    values = [column(role) for role in roles]
-    numbers = dict(zip(("steering", "throttle", "brake"), values[:3], strict=True))
-    numbers["speed_mph"] = np.abs(values[3]) * meaning.mph
-    numbers["time_s"] = (
-        column(Component(TIME, 0, "")) if TIME in features else times_of_drives(episode, timestamp)
-    )
+    episode, timestamp = column("episode_index").astype(np.int64), column("timestamp")
+    numbers = {role: column(one.key, one.position) for role, one in meaning.roles.items()}
+    if "speed" in numbers:
+        numbers["speed_mph"] = np.abs(numbers.pop("speed")) * meaning.mph
+    numbers["time_s"] = column(TIME) if times else times_of_drives(episode, timestamp)
     rows = [(file, row) for file, count in zip(files, lengths, strict=True) for row in range(count)]
     recording = make_recording(
         path,
@@ -94,7 +87,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
         places=np.array([f"{file}, row {row + 1}" for file, row in rows], object),
         notes=tuple(_notes(meaning, options.speed_unit)),
         # The key is that of drivezoo's own datasets; the rig of others is unknown.
-        rig=UDACITY if meaning.steering.key == "steering" else None,
+        rig=UDACITY if meaning.roles["steering"].key == "steering" else None,
     )
     recording = keep_valid(recording, BadRows(options.on_bad_row))
     good = recording.line - 1
@@ -103,11 +96,18 @@ def read(path: Path, options: ReadOptions) -> Recording:
             continue
         if features[key].get("dtype") == "video":
             videos = _video_starts(path, key, pyarrow)
-            moments = zip(episode[good].tolist(), timestamp[good].tolist(), strict=True)
             frames = ForwardReader(read_frames)
-            for row, (index, time_s) in enumerate(moments):
-                at = _video_place(recording.place(row), videos, index, time_s, info["fps"], path)
-                recording.images[row, camera] = StoredImage(*at, frames)
+            for row, at_row in enumerate(good.tolist()):
+                index, time_s, place = episode[at_row], timestamp[at_row], recording.place(row)
+                if index not in videos:
+                    raise InputError(
+                        f"{place}: episode {index} is not in {path / EPISODES}; {REMEDY}"
+                    )
+                file, start = videos[index]
+                frame = (start + time_s) * info["fps"]
+                if not -0.5 <= frame < MOST["rows"]:
+                    raise InputError(f"{place}: timestamp is {time_s:g} s; correct the row")
+                recording.images[row, camera] = StoredImage(str(file), round(frame), frames)
         else:
             reader = ForwardReader(partial(encoded_images, key=key, pyarrow=pyarrow))
             for row, at_row in enumerate(good.tolist()):
@@ -117,14 +117,15 @@ def read(path: Path, options: ReadOptions) -> Recording:
 
 
 def _notes(meaning: Meaning, speed_unit: str) -> list[str]:
-    notes = []
-    if meaning.steering.key != "steering":
-        notes.append(f"steering is {meaning.steering} ({meaning.steering.name or 'no name'})")
-    missing = [role for role in ("throttle", "brake", "speed") if getattr(meaning, role) is None]
+    notes, steering = [], meaning.roles["steering"]
+    if steering.key != "steering":
+        notes.append(f"steering is {steering} ({steering.name or 'no name'})")
+    missing = [role for role in ("throttle", "brake", "speed") if role not in meaning.roles]
     if missing:
         notes.append(f"the dataset has no {', '.join(missing)}: 0 in each row")
     if meaning.assumed_unit:
-        notes.append(f"the speed {meaning.speed} is taken for {speed_unit} (speed_unit=)")
+        speed = meaning.roles["speed"]
+        notes.append(f"the speed {speed} is taken for {speed_unit} (speed_unit=)")
     return notes
 
 
@@ -152,24 +153,6 @@ def _read_info(folder: Path) -> dict[str, Any]:
 
 def _component(table: np.ndarray, position: int) -> np.ndarray:
     return table if table.ndim == 1 else table[:, min(position, table.shape[1] - 1)]
-
-
-def _video_place(
-    place: str,
-    videos: dict[int, tuple[Path, float]],
-    episode: int,
-    timestamp: float,
-    fps: float,
-    folder: Path,
-) -> tuple[str, int]:
-    """Return the video and the frame of a row, from its time since the episode's start."""
-    if episode not in videos:
-        raise InputError(f"{place}: episode {episode} is not in {folder / EPISODES}; {REMEDY}")
-    file, start = videos[episode]
-    moment = (start + timestamp) * fps
-    if not -0.5 <= moment < MOST["rows"]:
-        raise InputError(f"{place}: timestamp is {timestamp:g} s; correct the row")
-    return str(file), round(moment)
 
 
 def _video_starts(folder: Path, key: str, pyarrow: Any) -> dict[int, tuple[Path, float]]:

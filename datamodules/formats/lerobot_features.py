@@ -69,17 +69,14 @@ class Meaning:
     """The components and cameras of a dataset that a log has.
 
     Attributes:
-        steering: component that steers.
-        throttle, brake, speed: components; None if the dataset has none.
+        roles: component that is the `steering`, and those of `throttle`, `brake` and `speed`
+            that exist.
         mph: mph in one unit of the speed.
         cameras: feature's key of center, left, right; None without that camera.
         assumed_unit: whether the speed's name has no unit.
     """
 
-    steering: Component
-    throttle: Component | None
-    brake: Component | None
-    speed: Component | None
+    roles: dict[str, Component]
     mph: float
     cameras: tuple[str, str | None, str | None]
     assumed_unit: bool
@@ -102,30 +99,24 @@ def find_meaning(
         UsageError: what the user names does not exist.
     """
     components = list(_components(features))
-    chosen = {role: _find(components, role) for role in _WORDS}
+    roles = {role: found for role in _WORDS if (found := _find(components, role))}
     if steering is not None:
         named = {str(one): one for one in components}
         if steering not in named:
             raise UsageError(f"steering={steering}: {place} has {_list(named)}; name one of them")
-        chosen["steering"] = named[steering]
-    found = chosen["steering"]
-    if found is None:
+        roles["steering"] = named[steering]
+    if "steering" not in roles:
         raise InputError(
             f"{place}: no feature's name tells that it steers; name it with steering=, one of "
             f"{_list(map(str, components))}"
         )
-    speed = chosen["speed"]
-    full = f"{speed.key} {speed.name}" if speed else ""
-    units = [unit for unit, words in _UNITS.items() if words.search(full)]
-    return Meaning(
-        steering=found,
-        throttle=chosen["throttle"],
-        brake=chosen["brake"],
-        speed=speed,
-        mph=MPH_PER[units[0] if units else speed_unit],
-        cameras=_cameras(features, place, camera),
-        assumed_unit=speed is not None and not units,
-    )
+    speed = roles.get("speed")
+    units = [speed_unit]
+    if speed:
+        words = f"{speed.key} {speed.name}"
+        units = [unit for unit, pattern in _UNITS.items() if pattern.search(words)]
+    mph = MPH_PER[units[0] if units else speed_unit]
+    return Meaning(roles, mph, _cameras(features, place, camera), assumed_unit=not units)
 
 
 def _components(features: dict) -> Iterator[Component]:
@@ -153,10 +144,10 @@ def _find(components: list[Component], role: str) -> Component | None:
     words, first = _WORDS[role], "observation" if role == "speed" else "action"
     own = [one for one in components if one.key in (role, f"{role}_mph") and not one.name]
     named = [one for one in components if words.search(one.name)]
-    keyed = [one for one in components if words.search(one.key) and not one.name]
-    likely = [one for one in [*named, *keyed] if one.key.startswith(first)]
-    rest = [] if role != "speed" else [*named, *keyed]
-    return next(iter([*own, *likely, *rest]), None)
+    named += [one for one in components if words.search(one.key) and not one.name]
+    likely = [one for one in named if one.key.startswith(first) or role == "speed"]
+    likely.sort(key=lambda one: not one.key.startswith(first))
+    return next(iter(own + likely), None)
 
 
 def _cameras(features: dict, place: str, camera: str | None) -> tuple[str, str | None, str | None]:

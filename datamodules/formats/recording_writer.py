@@ -3,6 +3,7 @@
 import csv
 from collections import Counter
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -14,10 +15,10 @@ from datamodules.driving_log import CAMERAS, number_text
 from datamodules.image import (
     HEAD,
     TAIL,
+    checked_size,
     decode_pixels,
     find_fault,
     find_file_fault,
-    image_size,
     link_or_copy,
 )
 from datamodules.recording import (
@@ -226,14 +227,11 @@ def _write_image(
 
 def _size_note(path: Path) -> list[str]:
     """Return a note on images that every command will stretch, or none."""
-    with path.open("rb") as file:
-        try:
-            width, height = image_size(file)
-        except ValueError:
-            return []  # its reader will report it
-    if width == 2 * height:
-        return []
-    return [
-        f"images are {width} x {height}: every command stretches them to 320 x 160; fit=pad keeps "
-        "their shape"
-    ]
+    with suppress(ValueError):  # its reader will report it
+        width, height = checked_size(path.read_bytes())
+        if width != 2 * height:
+            return [
+                f"images are {width} x {height}: every command stretches them to 320 x 160; "
+                "fit=pad keeps their shape"
+            ]
+    return []
