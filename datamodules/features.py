@@ -151,15 +151,13 @@ def load_features(plan: FeaturePlan, views: RowViews, console: Console) -> RowVi
     arrays: list[np.ndarray] = []
     with image_progress(console) as show:
         for number, one in enumerate(plan.files):
-            arrays.append(_load(one, plan.front, views, show, console))
+            arrays.append(_load(one, plan.front, views, show))
             file[one.rows, one.column] = number
             position[one.rows, one.column] = np.arange(len(one.rows))
     return RowViews(arrays, file, position)
 
 
-def _load(
-    one: FeatureFile, front: Front, views: RowViews, show: ShowDone, console: Console
-) -> np.ndarray:
+def _load(one: FeatureFile, front: Front, views: RowViews, show: ShowDone) -> np.ndarray:
     camera, turned = one.column % MIRRORED, one.column >= MIRRORED
 
     def fill(keep: Keep) -> dict[int, str]:
@@ -174,7 +172,6 @@ def _load(
         (len(one.rows), *front.shape),
         np.float16,
         fill,
-        lambda: console.print("another process computes these features; waiting for it"),
         "features' cache",
     )
     return np.asarray(loaded.views)  # a memmap is slow to index

@@ -122,7 +122,6 @@ def load_row_views(
                     view,
                     cache,
                     partial(show, f"decoding {name}, {CAMERAS[camera]}"),
-                    lambda: console.print("another process decodes these images; waiting for it"),
                 )
                 file[rows, camera] = len(files)
                 position[rows, camera] = np.arange(len(rows))

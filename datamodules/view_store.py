@@ -8,6 +8,7 @@ uses the same files.
 import hashlib
 import json
 import os
+import sys
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -50,7 +51,6 @@ def load_views(
     view: View,
     folder: Path | None,
     progress: Progress | None = None,
-    on_wait: Callable[[], None] | None = None,
 ) -> ViewFile:
     """Return the views of images, from the cache, or decoded now and cached.
 
@@ -62,7 +62,6 @@ def load_views(
         view: what a network sees.
         folder: cache's folder; None keeps the views in memory.
         progress: function called with (done, total) as images are decoded.
-        on_wait: function called once if another process writes this file.
 
     Raises:
         InputError: the disk is full or cannot be written to.
@@ -72,7 +71,6 @@ def load_views(
         (len(paths), *view.shape),
         np.uint8,
         lambda keep: decode_all(paths, view, keep, progress),
-        on_wait,
         "view cache",
     )
 
@@ -82,7 +80,6 @@ def load_file(
     shape: tuple[int, ...],
     dtype: type,
     fill: Callable[[Keep], dict[int, str]],
-    on_wait: Callable[[], None] | None,
     what: str,
 ) -> ViewFile:
     """Return a mapped array; write it with `fill` if the file is not complete.
@@ -93,7 +90,6 @@ def load_file(
         dtype: type of its elements.
         fill: function that passes chunks of rows, in order, to its argument, and returns the
             faults.
-        on_wait: function called once if another process writes this file.
         what: name of the contents, for errors.
 
     Raises:
@@ -113,7 +109,7 @@ def load_file(
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
             mark_folder(target.parent, CACHE)
-            with _lock(target, on_wait):
+            with _lock(target):
                 if not is_stored(target):
                     _build(target, shape, np.dtype(dtype), fill)
         except OSError as error:
@@ -214,7 +210,7 @@ def _build(
 
 
 @contextmanager
-def _lock(target: Path, on_wait: Callable[[], None] | None) -> Iterator[None]:
+def _lock(target: Path) -> Iterator[None]:
     """Hold the lock of a file; the system releases it when the process dies."""
     path = target.with_suffix(".lock")
     note_files(path)
@@ -222,8 +218,7 @@ def _lock(target: Path, on_wait: Callable[[], None] | None) -> Iterator[None]:
     try:
         lock.acquire(timeout=0)
     except Timeout:
-        if on_wait:
-            on_wait()
+        print(f"{target.parent}: another process writes {target.name}; waiting", file=sys.stderr)
         lock.acquire()
     try:
         yield

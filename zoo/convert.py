@@ -1,6 +1,5 @@
 """`drivezoo convert`: exchange recordings with LeRobot and Donkeycar."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -67,23 +66,26 @@ def convert(
     place = Path(source).expanduser()
     found, _ = find_format(place)
     titles = {name: known.title for name, known in formats()}
-    to = target_format(source, found, to, titles)
-    folder = place.parent if place.is_file() else place
+    to = to or "udacity"
+    if to == found:
+        raise UsageError(
+            f"to={to}: {source} is a {titles[to]} already; name another format: to=udacity, "
+            "to=lerobot or to=donkeycar"
+        )
+    if "udacity" not in (to, found):
+        raise UsageError(
+            f"to={to}: a {titles[found]} becomes a recording first: leave out to=, then convert "
+            "the new folder"
+        )
     # Without SOURCE's own name, `.` has none to add the format to.
-    whole = folder.absolute()
+    whole = (place.parent if place.is_file() else place).absolute()
     out = out or free_folder(whole.with_name(f"{whole.name}_{to}"))
     refuse_existing(out.expanduser())
     with progress_bar("converting", Console(stderr=True)) as report:
         if to == "udacity":
             from datamodules.formats.recording_writer import convert_to_recording
 
-            read = ReadOptions(
-                images,
-                on_bad_row=on_bad_row,
-                steering=steering,
-                camera=camera,
-                speed_unit=speed_unit,
-            )
+            read = ReadOptions(images, "fail", on_bad_row, steering, camera, speed_unit)
             result = convert_to_recording(
                 place, out, read, fit=fit, quality=quality, progress=report
             )
@@ -117,27 +119,6 @@ def convert(
     print_written([result.folder])
     print_next(command_line(words), purpose)
     return result.folder
-
-
-def target_format(named: str, found: str, to: str | None, titles: Mapping[str, str]) -> str:
-    """Return the format to write.
-
-    Raises:
-        UsageError: there is nothing to convert, or one of the formats must be a recording.
-    """
-    if to is None and found == "udacity":
-        raise UsageError(
-            f"{named}: is a recording; name its new format: to=lerobot or to=donkeycar"
-        )
-    to = to or "udacity"
-    if to == found:
-        raise UsageError(f"to={to}: {named} is a {titles[found]} already; name another format")
-    if "udacity" not in (to, found):
-        raise UsageError(
-            f"to={to}: a {titles[found]} becomes a recording first: leave out to=, then convert "
-            "the new folder"
-        )
-    return to
 
 
 if __name__ == "__main__":

@@ -33,21 +33,18 @@ paths, folder, pause_s, limit = json.loads(sys.argv[1])
 if limit:
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 view_store.CHUNK = 16
-told = {"built": 0, "waited": False}
+told = {"built": 0}
 
 def progress(done, total):
     print(f"progress {done} of {total}", flush=True)
     told["built"] = done
     time.sleep(pause_s)
 
-def on_wait():
-    told["waited"] = True
-
 print("ready", flush=True)
 sys.stdin.readline()
 try:
     loaded = view_store.load_views(
-        paths, View((60, 25), "rgb", (33, 100)), Path(folder), progress, on_wait
+        paths, View((60, 25), "rgb", (33, 100)), Path(folder), progress
     )
     told["views"] = hashlib.sha256(loaded.views.tobytes()).hexdigest()
 except InputError as error:
@@ -62,6 +59,7 @@ def start_build(paths: list[str], folder: Path, pause_s: float = 0.0, limit: int
         [sys.executable, "-c", PROCESS, arguments],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
         cwd=REPOSITORY,
     )
@@ -75,8 +73,8 @@ def go(process: subprocess.Popen) -> None:
 
 
 def outcome(process: subprocess.Popen) -> dict:
-    output, _ = process.communicate(timeout=60)
-    return json.loads(output.splitlines()[-1])
+    output, errors = process.communicate(timeout=60)
+    return json.loads(output.splitlines()[-1]) | {"waited": "another process writes" in errors}
 
 
 def centre_paths(written: Written) -> list[str]:

@@ -64,7 +64,7 @@ class EditPage:
             "/predicted.bin": self._predicted,
             "/state.json": lambda query: json_answer(self.state()),
             "/notable.json": lambda query: json_answer(self.notable()),
-            "/row.json": self._described,
+            "/row.json": lambda query: json_answer(self.describe(self._row(query))),
             "/image": self._image,
         }
 
@@ -100,12 +100,6 @@ class EditPage:
         known = _number(query, "known", len(self.recording))
         found = np.stack([one.astype("<f4") for one in self.analysis.predicted_after(known)])
         return found.tobytes(), "application/octet-stream"
-
-    def _described(self, query: dict) -> Answer:
-        """Return what is shown of a row, and analyse from there on."""
-        row = self._row(query)
-        self.analysis.look_at(row)
-        return json_answer(self.describe(row))
 
     def state(self) -> dict:
         """Return what changes: the edits, the writing and the analysis."""

@@ -24,13 +24,9 @@ from datamodules.stretches import find_breaks
 if TYPE_CHECKING:
     from zoo.checkpoints.command import Policy
 
-CHUNK = 64  # rows that are compared, then predicted
-
 
 class FrameAnalysis:
-    """Analysis of all rows in a background thread, from the row that is looked at.
-
-    The analysis goes on to the last row, then over the rows before.
+    """Analysis of all rows, in order, in a background thread.
 
     Args:
         recording: recording to analyse.
@@ -38,6 +34,7 @@ class FrameAnalysis:
 
     Attributes:
         predicted: steering of the policy, float32 [N]; NaN where unknown.
+        done: number of analysed rows.
     """
 
     def __init__(self, recording: Recording, policy: "Policy | None" = None) -> None:
@@ -46,30 +43,13 @@ class FrameAnalysis:
         self._differences = np.full(len(recording), np.nan)
         self._last: np.ndarray | None = None
         self._resets = np.concatenate([[True], find_breaks(recording)])
-        self._chunks: list[range] = []  # that are analysed, in that order
-        self._wanted = 0  # row that is looked at
+        self.done = 0
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._analyse, daemon=True)
 
-    @property
-    def done(self) -> int:
-        """Number of analysed rows."""
-        return sum(map(len, self._chunks))
-
-    def look_at(self, row: int) -> None:
-        """Continue with this row, unless it is analysed."""
-        self._wanted = row
-
-    def predicted_after(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows that were analysed after the first `count`, and their predictions.
-
-        Args:
-            count: number of analysed rows that the caller knows.
-
-        Returns:
-            Rows, int [M], in the order of the analysis; and steering, float32 [M].
-        """
-        rows = np.array([row for chunk in list(self._chunks) for row in chunk], int)[count:]
+    def predicted_after(self, known: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows that were analysed after the first `known`, int, and their steering."""
+        rows = np.arange(known, self.done)
         return rows, self.predicted[rows]
 
     def start(self) -> None:
@@ -99,45 +79,28 @@ class FrameAnalysis:
             import torch
 
             torch.set_num_threads(1)  # of this thread; the page's requests need the other cores
-        after = 0  # the row after those analysed last
-        while (rows := self._next_chunk()) is not None:
-            # After a jump, the rows before fill the memory of the policy.
-            first = after if rows.start == after else max(0, rows.start - CHUNK)
-            if first != after:
-                self._last = None
-            for row in range(first, rows.stop):
-                if self._ending.is_set():
-                    return
-                self._analyse_row(row, keep=row >= rows.start)
-            self._chunks.append(rows)
-            after = rows.stop
+        for row in range(len(self.recording)):
+            if self._ending.is_set():
+                return
+            self._analyse_row(row)
+            self.done = row + 1
 
-    def _next_chunk(self) -> range | None:
-        """Return the first rows to analyse at or after the row that is looked at, or before it."""
-        known, rows = {chunk.start for chunk in self._chunks}, len(self.recording)
-        left = [first for first in range(0, rows, CHUNK) if first not in known]
-        later = [first for first in left if first + CHUNK > self._wanted]
-        chunks = [range(first, min(first + CHUNK, rows)) for first in (later or left)[:1]]
-        return chunks[0] if chunks else None
-
-    def _analyse_row(self, row: int, keep: bool) -> None:
+    def _analyse_row(self, row: int) -> None:
         path = self.recording.images[row, 0]
         last, self._last = self._last, None
         try:
             self._last = thumbnail(path)
-            if keep and last is not None:
+            if last is not None:
                 self._differences[row] = frame_difference(last, self._last)
         except (OSError, ValueError):
-            if keep:
-                self._differences[row] = np.inf
+            self._differences[row] = np.inf
         if self.policy is None:
             return
         if self._resets[row]:
             self.policy.reset()
         with suppress(Exception):  # of a bad image or a network; the row stays unknown
             command = self.policy(read_image(path), float(self.recording.speed_mph[row]))
-            if keep:
-                self.predicted[row] = command.steering
+            self.predicted[row] = command.steering
 
 
 def load_predictor(named: str) -> tuple[Path, "Policy"]:
