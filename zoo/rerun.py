@@ -88,7 +88,7 @@ def differences(then: object, now: object, name: str = "") -> tuple[list[Differe
     if isinstance(then, dict) and isinstance(now, dict):
         keys = [key for key in {**then, **now} if key not in TIMED]
         children = [(str(key), then.get(key), now.get(key)) for key in keys]
-    elif isinstance(then, list) and isinstance(now, list) and len(then) == len(now):
+    elif isinstance(then, list | tuple) and isinstance(now, list | tuple) and len(then) == len(now):
         children = [(str(place), *pair) for place, pair in enumerate(zip(then, now, strict=True))]
     else:
         return ([] if then == now else [Difference(name, then, now)]), 1
@@ -101,12 +101,10 @@ def differences(then: object, now: object, name: str = "") -> tuple[list[Differe
 
 def place_of(run: Path) -> Path:
     """Return the folder where a run was started, at which its relative paths begin."""
-    from zoo.runs.run import read_hydra_file
+    from zoo.runs.run import Run
 
-    if not (run / ".hydra" / "hydra.yaml").exists():
-        return Path.cwd()
-    place = Path(read_hydra_file(run).cwd or "")
-    return place if place.is_dir() else Path.cwd()
+    place = Run(run).started_in
+    return place if place is not None and place.is_dir() else Path.cwd()
 
 
 def _trained_config(run: Path) -> DictConfig:

@@ -20,7 +20,7 @@ from zoo.drives.drive_record import DriveRow
 from zoo.leaderboard.ranking import rank
 from zoo.leaderboard.scored import read_scored
 from zoo.report.reported_run import ReportedRun
-from zoo.runs.run import read_curves
+from zoo.runs.run import Run
 from zoo.sweep.sweep_record import new_record, read_record, write_record
 
 Damage = Callable[[Path], object]
@@ -98,8 +98,8 @@ DAMAGE = {
     "missing": (METRICS, Path.unlink, "o such file"),
     "text for figure": (METRICS, field(*LAKE, "autonomy", value="good"), "lake.autonomy: "),
     "number for pair": (METRICS, field(*LAKE, "cte_mean_m", value=0.3), "lake.cte_mean_m: "),
-    "NaN": (METRICS, field(*LAKE, "autonomy", value=[float("nan"), 0]), "lake.autonomy: "),
-    "null in pair": (METRICS, field(*LAKE, "autonomy", value=[None, 0]), "lake.autonomy: "),
+    "NaN": (METRICS, field(*LAKE, "autonomy", value=[float("nan"), 0]), "lake.autonomy.0: "),
+    "null in pair": (METRICS, field(*LAKE, "autonomy", value=[None, 0]), "lake.autonomy.0: "),
     "list of tracks": (METRICS, field("drive", "tracks", value=[1]), "drive.tracks: "),
     "infinite": (METRICS, field("wall_s", value=float("inf")), "wall_s: "),
     "400 digits": (METRICS, field("wall_s", value=10**400), "wall_s: "),
@@ -163,7 +163,7 @@ def test_the_leaderboard_prints_all_damaged_runs_and_the_table(tmp_path: Path) -
     assert result.returncode == 0, result.stderr
     assert "90.0%" in result.stdout
     assert "4 damaged: " in result.stdout
-    assert "drive.tracks.lake.autonomy: " in " ".join(result.stdout.split())
+    assert "drive.tracks.lake.autonomy.0: " in " ".join(result.stdout.split())
     assert not result.stderr
 
 
@@ -334,7 +334,7 @@ def test_a_damaged_card_of_a_checkpoint_is_named(name: str, tmp_path: Path) -> N
 def test_curves_in_files_of_other_names_are_ignored(tmp_path: Path) -> None:
     (tmp_path / "metrics.old.csv").write_text("epoch,val/mse\n0,0.5\n")
     (tmp_path / "metrics.csv").write_text("epoch,val/mse\n0,0.1\n")
-    assert read_curves(tmp_path, ["val/mse"]) == {"val/mse": {1: 0.1}}
+    assert Run(tmp_path).curves(["val/mse"]) == {"val/mse": {1: 0.1}}
 
 
 BASE_60 = "1" + ":1" * 400 + ".5"  # PyYAML raises OverflowError for it

@@ -14,7 +14,6 @@ from zoo.drives.metrics import leaderboard_metrics
 from zoo.evaluate.drives_table import with_deviation
 from zoo.leaderboard.ranking import Entry
 from zoo.runs.fitted_table import fitted_table
-from zoo.runs.run import recording_names
 from zoo.runs.table import Cell, Column, interval_figures, two_lines, with_interval
 
 ALWAYS_SHOWN = 2  # figures that long names never push out: autonomy and the number of drives
@@ -171,8 +170,7 @@ def named_columns(entries: Sequence[Entry], under: Path | None) -> list[Column]:
         found.append(Column("drive", "drive", sources))
     recordings = [entry.first.trained_on for entry in entries]
     if len(set(recordings)) > 1:
-        labels = recording_names(recordings)
-        found.append(Column("recording", "recording", [labels[one] for one in recordings]))
+        found.append(Column("recording", "recording", [one.name for one in recordings]))
     return found
 
 

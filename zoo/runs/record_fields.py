@@ -4,21 +4,22 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, ValidationError
 
 from zoo.base.errors import InputError
 
 Record = TypeVar("Record", bound=BaseModel)
-LARGEST = 1e300
 
 WORDS = {
     "missing": "is missing",
     "extra_forbidden": "no such key",
     "float_type": "should be a number",
+    "finite_number": "should be a finite number",
     "int_type": "should be a whole number",
     "string_type": "should be text",
     "bool_type": "should be true or false",
     "list_type": "should be a list",
+    "tuple_type": "should be two numbers, mean and deviation",
     "dict_type": "should be keys and values",
     "model_type": "should be keys and values",
     "model_attributes_type": "should be keys and values",
@@ -28,7 +29,9 @@ WORDS = {
 class Fields(BaseModel):
     """A file's fields, with strict types and with unknown keys kept."""
 
-    model_config = ConfigDict(strict=True, extra="allow", frozen=True, protected_namespaces=())
+    model_config = ConfigDict(
+        strict=True, extra="allow", frozen=True, allow_inf_nan=False, protected_namespaces=()
+    )
 
 
 class OnlyFields(Fields):
@@ -37,34 +40,17 @@ class OnlyFields(Fields):
     model_config = ConfigDict(extra="forbid")
 
 
-def finite(value: object) -> object:
-    """Return a value; raise ValueError for a NaN or infinite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return value
-    if not abs(value) < LARGEST:  # also false for NaN
-        raise ValueError("should be a finite number")
-    return value
-
-
-def _pair(value: object) -> object:
-    mean, deviation = value if isinstance(value, list) and len(value) == 2 else (None, None)
-    for one in (mean, 0 if deviation is None else deviation):
-        if isinstance(one, bool) or not isinstance(one, int | float):
-            raise ValueError("should be two numbers, mean and deviation")
-        finite(one)
-    return value
-
-
 def _texts(value: object) -> object:
     if not all(isinstance(one, str) for one in (value if isinstance(value, list) else [value])):
         raise ValueError("should be text, or a list of texts")
     return value
 
 
-Number = Annotated[float, BeforeValidator(finite)]
-Whole = Annotated[int, BeforeValidator(finite)]
-Count = Annotated[int, BeforeValidator(finite), Field(ge=0)]
-Pair = Annotated[list, BeforeValidator(_pair)]  # mean over drives, and deviation or null
+Number = float
+Whole = int
+Count = Annotated[int, Field(ge=0)]
+# Mean over drives, and deviation or null; strict types would refuse a list.
+Pair = Annotated[tuple[Number, Number | None], Strict(False)]
 
 # Of a figure over drives: mean; sample standard deviation, None without one.
 Spread = tuple[float, float | None]

@@ -3,7 +3,7 @@
 import csv
 import itertools
 import os
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -84,6 +84,16 @@ class TrainedOn:
     roots: tuple[str, ...] = ()
     fingerprint: str = ""
 
+    @property
+    def name(self) -> str:
+        """Return the names of the folders, with the first digits of the fingerprint.
+
+        >>> TrainedOn(("/a/lake",), "0123456789").name
+        'lake (012345)'
+        """
+        names = ", ".join(Path(root).name for root in self.roots) or "-"
+        return f"{names} ({self.fingerprint[:6]})" if self.fingerprint else names
+
 
 @dataclass(frozen=True)
 class Run:
@@ -146,13 +156,18 @@ class Run:
     @cached_property
     def overrides(self) -> list[str]:
         """Return the arguments of `drivezoo train`; empty without a file."""
-        is_written = (self.folder / HYDRA / "overrides.yaml").exists()
-        return read_overrides_file(self.folder) if is_written else []
+        path = self.folder / HYDRA / "overrides.yaml"
+        found = read_yaml(path, any_path=True) if path.exists() else []
+        if not isinstance(found, list) or not all(isinstance(one, str) for one in found):
+            raise InputError(f"{path}: should be a list of texts")
+        return found
 
     @cached_property
     def _runtime(self) -> Runtime:
-        is_written = (self.folder / HYDRA / "hydra.yaml").exists()
-        return read_hydra_file(self.folder) if is_written else Runtime()
+        path = self.folder / HYDRA / "hydra.yaml"
+        if not path.exists():
+            return Runtime()
+        return check_fields(HydraFile, read_yaml(path, any_path=True), path).hydra.runtime
 
     @property
     def choices(self) -> dict[str, Any]:
@@ -193,23 +208,20 @@ class Run:
         return TrainedOn(tuple(map(os.path.normpath, places)), str(fingerprint or ""))
 
     def curves(self, names: Iterable[str]) -> dict[str, dict[int, float]]:
-        """Return figures by epoch, see `read_curves`."""
-        return read_curves(self.folder, names)
+        """Return the named columns of `metrics*.csv` by epoch; 1 is the first epoch.
 
+        A resumed run repeats an interrupted epoch; the later figure counts.
 
-def read_hydra_file(folder: Path) -> Runtime:
-    """Return a run's command, as Hydra saved it; raise InputError for a damaged file."""
-    path = folder / HYDRA / "hydra.yaml"
-    return check_fields(HydraFile, read_yaml(path, any_path=True), path).hydra.runtime
-
-
-def read_overrides_file(folder: Path) -> list[str]:
-    """Return the arguments of `drivezoo train`; raise InputError for a damaged file."""
-    path = folder / HYDRA / "overrides.yaml"
-    found = read_yaml(path, any_path=True)
-    if not isinstance(found, list) or not all(isinstance(one, str) for one in found):
-        raise InputError(f"{path}: should be a list of texts")
-    return found
+        Raises:
+            InputError: a file cannot be read, or a row is damaged.
+        """
+        curves: dict[str, dict[int, float]] = {}
+        numbers = [path.stem.partition(".")[2] for path in self.folder.glob("metrics.*.csv")]
+        earlier = sorted(int(number) for number in numbers if number.isdecimal())
+        for name in (*(f"metrics.{number}.csv" for number in earlier), "metrics.csv"):
+            if (self.folder / name).exists():
+                _add_file(self.folder / name, names, curves)
+        return curves
 
 
 def load_config(folder: Path) -> "DictConfig":
@@ -236,25 +248,6 @@ def load_config(folder: Path) -> "DictConfig":
     return plain_config
 
 
-def read_curves(folder: Path, names: Iterable[str]) -> dict[str, dict[int, float]]:
-    """Return the named columns of a run's `metrics*.csv` by epoch; 1 is the first epoch.
-
-    A resumed run repeats an interrupted epoch; the later figure counts.
-
-    Raises:
-        InputError: a file cannot be read, or a row is damaged.
-    """
-    curves: dict[str, dict[int, float]] = {}
-    numbered = [
-        path for path in folder.glob("metrics.*.csv") if path.stem.split(".")[1].isdecimal()
-    ]
-    earlier = sorted(numbered, key=lambda path: int(path.stem.split(".")[1]))
-    for path in [*earlier, folder / "metrics.csv"]:
-        if path.exists():
-            _add_file(path, names, curves)
-    return curves
-
-
 def _add_file(path: Path, names: Iterable[str], curves: dict[str, dict[int, float]]) -> None:
     with open_text(path, MOST_CSV_BYTES) as file:
         rows = csv.DictReader(file)
@@ -270,32 +263,3 @@ def _add_file(path: Path, names: Iterable[str], curves: dict[str, dict[int, floa
             except (csv.Error, ValueError, TypeError) as error:
                 reason = " ".join(str(error).split())[:80]
                 raise InputError(f"{path}, row {line}: cannot be read ({reason})") from None
-
-
-def recording_names(recordings: Sequence[TrainedOn]) -> dict[TrainedOn, str]:
-    """Return a name for each: its folders, with the shortest end of the path that is unique.
-
-    If the folders are equal, the first digits of the fingerprint follow.
-
-    >>> old, new = TrainedOn(("/a/lake",), "0123456789"), TrainedOn(("/a/lake",), "abcdef0123")
-    >>> list(recording_names([old, new, TrainedOn(("/b/lake",))]).values())
-    ['a/lake (012345)', 'a/lake (abcdef)', 'b/lake']
-    """
-    roots = {root for one in recordings for root in one.roots}
-    labels = {root: _end_of_path(root, roots) for root in roots}
-    names = {}
-    for one in recordings:
-        name = ", ".join(labels[root] for root in one.roots) or "-"
-        same = {other.fingerprint for other in recordings if other.roots == one.roots}
-        names[one] = f"{name} ({one.fingerprint[:6] or 'not known'})" if len(same) > 1 else name
-    return names
-
-
-def _end_of_path(root: str, roots: Collection[str]) -> str:
-    """Return the shortest end of a path that no other path has."""
-    parts = Path(root).parts
-    for count in range(1, len(parts)):
-        end = parts[-count:]
-        if sum(Path(one).parts[-count:] == end for one in roots) == 1:
-            return "/".join(end)
-    return root

@@ -375,7 +375,7 @@ def test_names_never_vanish(width: int, tmp_path: Path, console: Console) -> Non
             f"[brightness,shadow,{model}]",
             f"0.{len(model)}",
             f"0.00{len(model)}",
-            f"{model}/lake",
+            "lake (012345)",
             "1,2,3(n=3)",
             "92.0%±1.0%",
             "0of9",
@@ -405,7 +405,7 @@ def test_runs_on_other_recordings_are_separate_entries(tmp_path: Path) -> None:
     entries = rank(read_scored(sorted(tmp_path.iterdir()))[0])
 
     (column,) = [one for one in named_columns(entries, tmp_path) if one.heading == "recording"]
-    assert column.cells == ["a/lake (aaaaaa)", "a/lake (bbbbbb)", "b/lake"]
+    assert column.cells == ["lake (aaaaaa)", "lake (bbbbbb)", "lake (cccccc)"]
 
 
 def test_a_single_training_shows_no_spread_over_its_start_seeds(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ def test_written_metrics_are_read(tmp_path: Path) -> None:
     assert json.loads(path.read_text())["version"] == VERSION
     found = read_metrics_file(tmp_path)
     assert (found["version"], found["wall_s"]) == (VERSION, None)
-    assert found["drive"]["tracks"]["lake"]["autonomy"] == [0.9, 0.1]
+    assert found["drive"]["tracks"]["lake"]["autonomy"] == (0.9, 0.1)
 
 
 @pytest.mark.parametrize("version", [{}, {"version": 2}, {"version": "1"}])
