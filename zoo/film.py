@@ -1,6 +1,5 @@
 """`drivezoo film`: film a drive, a recording or a folder of images."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -90,10 +89,16 @@ def make_film(
     shots = read_shots(folder)
     rate = real_fps(shots) if fps is None else fps
     faults: list[str] = []
+    show = Progress(console=console, transient=True, disable=not console.is_terminal)
     try:
-        with Film(out, rate) as film:
-            for frame in _frames(shots, faults, console):
-                film.add(frame)
+        with Film(out, rate) as film, show:
+            for shot in show.track(shots, description="filming"):
+                try:
+                    frame = read_image(shot.path)
+                except (OSError, ValueError) as error:
+                    faults.append(f"{shot.path}: {getattr(error, 'strerror', None) or error}")
+                else:
+                    film.add(draw_overlay(frame, **shot.values))
     except InputError as error:
         raise InputError(f"{error}; or name another file with out=") from None
     drawn = len(shots) - len(faults)
@@ -101,20 +106,8 @@ def make_film(
         raise InputError(f"{faults[0]}; none of {len(shots)} images can be read")
     if faults:
         print_line(console, f"{len(faults):,} images left out: {faults[0]}")
-    speed = "" if fps is None else f", {rate / real_fps(shots):.1f} times as fast as driven"
-    print_line(console, f"{drawn:,} frames at {rate:g} per second, {drawn / rate:.1f} s{speed}")
+    print_line(console, f"{drawn:,} frames at {rate:g} per second, {drawn / rate:.1f} s")
     return out
-
-
-def _frames(shots: list[Shot], faults: list[str], console: Console) -> Iterator[np.ndarray]:
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        for shot in progress.track(shots, description="filming"):
-            try:
-                frame = read_image(shot.path)
-            except (OSError, ValueError) as error:
-                faults.append(f"{shot.path}: {getattr(error, 'strerror', None) or error}")
-                continue
-            yield draw_overlay(frame, **shot.values)
 
 
 def _shots_of_drive(folder: Path) -> list[Shot]:
@@ -127,20 +120,19 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
     steps = np.diff(drive.time_s[rows], prepend=drive.time_s[rows][:1])
     # Without cross-track errors and interventions, the autonomy is unknown.
     judged = bool(np.isfinite(drive.cross_track_m[rows]).any())
+    driven_s = np.cumsum(np.where((steps > 0) & (steps <= LONGEST_STEP_S), steps, 0.0))
+    interventions = np.cumsum(drive.intervention[rows])
     shots, last = [], ""
-    interventions, driven_s = 0, 0.0
-    for row, step in zip(rows, steps, strict=True):
-        interventions += bool(drive.intervention[row])
-        driven_s += step if 0 < step <= LONGEST_STEP_S else 0.0
+    for number, row in enumerate(rows):
         frame = str(drive.frame[row])
         if not frame or frame == last:  # the old client's two loops send most frames twice
             continue
-        last = frame
+        last, lost = frame, int(interventions[number])
         values: dict[str, Any] = {
             name: float(getattr(drive, name)[row])
             for name in ("steering", "throttle", "speed_mph", "spread")
         }
-        values["autonomy"] = autonomy(interventions, driven_s) if judged or interventions else None
+        values["autonomy"] = autonomy(lost, driven_s[number]) if judged or lost else None
         values["cte_m"] = float(drive.cross_track_m[row])
         values["note"] = notes.get(str(drive.driver[row]))
         shots.append(Shot(folder / frame, float(drive.time_s[row]), values))

@@ -17,7 +17,6 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import create_model
 
 from datamodules.log_text import replace_undecoded
@@ -26,7 +25,7 @@ from zoo.base.errors import InputError
 from zoo.base.regular_file import open_text
 from zoo.base.whole_file import json_text, write_whole
 from zoo.base.written_files import note_files
-from zoo.drives.drive_record import TYPES, Drive, DriveRow
+from zoo.drives.drive_record import Drive, DriveRow
 from zoo.drives.metrics import METRICS, measure
 from zoo.runs.record_fields import Fields, Number, Whole, check_fields, plain
 
@@ -61,31 +60,6 @@ def summary_fields(metrics: tuple[str, ...]) -> type[Known]:
     return create_model("Summary", __base__=Known, **figures)
 
 
-class DriveWriter:
-    """Writer that appends rows to a folder's `drive.csv`; a row is never written in part.
-
-    Raises:
-        InputError: the folder holds a drive already.
-        OSError: the folder cannot be written to, or the disk is full.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self.path = folder / LOG_NAME
-        if self.path.exists():
-            raise InputError(f"{folder}: holds a {LOG_NAME} already; name another folder")
-        folder.mkdir(parents=True, exist_ok=True)
-        self._file = AppendedFile(self.path)
-        self._file.append([COLUMNS])
-
-    def add(self, rows: Iterable[DriveRow]) -> None:
-        """Append rows; none is written if the disk is full (OSError)."""
-        self._file.append([_texts(row) for row in rows])
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-
 class AppendedFile:
     """A CSV file that is readable at any time, also after a kill or on a full disk."""
 
@@ -114,6 +88,26 @@ class AppendedFile:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+class DriveWriter(AppendedFile):
+    """Writer that appends rows to a folder's `drive.csv`; a row is never written in part.
+
+    Raises:
+        InputError: the folder holds a drive already.
+        OSError: the folder cannot be written to, or the disk is full.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        if (folder / LOG_NAME).exists():
+            raise InputError(f"{folder}: holds a {LOG_NAME} already; name another folder")
+        folder.mkdir(parents=True, exist_ok=True)
+        super().__init__(folder / LOG_NAME)
+        self.append([COLUMNS])
+
+    def add(self, rows: Iterable[DriveRow]) -> None:
+        """Append rows; none is written if the disk is full (OSError)."""
+        self.append([_texts(row) for row in rows])
 
 
 def write_summary(folder: Path, summary: dict) -> None:
@@ -166,43 +160,33 @@ def read_drive(folder: Path | str) -> Drive:
     path = folder / LOG_NAME
     if not path.exists():
         raise InputError(f"{folder}: holds no {LOG_NAME}; name a folder that drivezoo drive wrote")
-    header, *rows = _rows(path) or [[]]
+    with open_text(path, MOST_BYTES, errors="surrogateescape") as file:
+        reader = csv.reader(file)
+        try:
+            header, *rows = list(reader) or [[]]
+        except csv.Error as error:
+            reason = f"{path}, row {reader.line_num}: cannot be read ({error}); delete the row"
+            raise InputError(reason) from None
     if tuple(header) != COLUMNS:
-        raise InputError(
-            f"{path}: its columns are not {','.join(COLUMNS)}; name a folder that drivezoo drive "
-            "wrote"
-        )
-    columns: dict[str, list[object]] = {name: [] for name in header}
-    for line, row in enumerate(rows, 2):
-        if len(row) != len(header):
-            raise InputError(
-                f"{path}, row {line}: {len(row)} columns, expected {len(header)}; delete the row"
-            )
-        for name, text in zip(header, row, strict=True):
-            columns[name].append(_value(path, line, name, text))
+        raise InputError(f"{path}: its columns are not {','.join(COLUMNS)}; name another folder")
+    read = []
+    for line, texts in enumerate(rows, 2):
+        try:
+            if len(texts) != len(COLUMNS):
+                raise ValueError(f"{len(texts)} columns, expected {len(COLUMNS)}")
+            read.append(DriveRow(*map(_value, COLUMNS, texts)))
+        except ValueError as error:
+            raise InputError(f"{path}, row {line}: {error}; delete the row") from None
     path = folder / SUMMARY_NAME
     summary = read_summary(path) if path.exists() else {}
-    arrays: dict[str, Any] = {
-        name: np.array(values, TYPES.get(name, np.float64)) for name, values in columns.items()
-    }
-    return Drive(
-        **arrays,
+    return Drive.of(
+        read,
         folder=folder,
         summary=summary,
         source=summary.get("drive") or "",
         track=summary.get("track") or "",
         seed=summary.get("seed") or 0,
     )
-
-
-def _rows(path: Path) -> list[list[str]]:
-    with open_text(path, MOST_BYTES, errors="surrogateescape") as file:
-        reader = csv.reader(file)
-        try:
-            return list(reader)
-        except csv.Error as error:
-            reason = f"{path}, row {reader.line_num}: cannot be read ({error}); delete the row"
-            raise InputError(reason) from None
 
 
 def _texts(row: DriveRow) -> list[str]:
@@ -216,10 +200,11 @@ def _texts(row: DriveRow) -> list[str]:
     return texts
 
 
-def _value(path: Path, line: int, name: str, text: str) -> object:
+def _value(name: str, text: str) -> Any:
+    """Return a value of a column; raise ValueError for one that the writer does not write."""
     if name in ("driver", "frame"):
         if "\0" in text or (not text.isascii() and replace_undecoded(text) != text):
-            raise InputError(f"{path}, row {line}: {name} is {text[:40]!a}; delete the row")
+            raise ValueError(f"{name} is {text[:40]!a}")
         return text
     try:
         value = math.nan if not text else float(text)
@@ -228,7 +213,5 @@ def _value(path: Path, line: int, name: str, text: str) -> object:
     whole = {"client": (1, 1e9), "intervention": (0, 1)}.get(name)
     if math.isinf(value) or (whole and not (whole[0] <= value <= whole[1] and value % 1 == 0)):
         what = "whole number" if whole else "number"
-        raise InputError(
-            f"{path}, row {line}: {name} is {text[:40]!r}, not a {what}; delete the row"
-        )
+        raise ValueError(f"{name} is {text[:40]!r}, not a {what}")
     return value

@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -65,27 +64,20 @@ class ClusterPool:
     """Jobs as tasks of a cluster, with the methods of `zoo.base.process_pool.ProcessPool`.
 
     Args:
-        start: function of a job's function, its arguments and a `Place` that starts a task.
-        ready: function of tasks and seconds to wait that returns those that have ended.
-        result: function that returns a task's result.
+        start: function of a job's function, its arguments and a `Place` that starts a task, and
+            returns an object with the methods `done` and `result`.
     """
 
-    def __init__(
-        self,
-        start: Callable[..., Any],
-        ready: Callable[[list[Any], float], list[Any]],
-        result: Callable[[Any], Any],
-    ) -> None:
+    def __init__(self, start: Callable[..., Any]) -> None:
         self.shares: dict[int, float] = {}  # a task reports none
-        self._start, self._ready, self._result = start, ready, result
-        self._tasks: list[Any] = []
-        self._running: list[Any] = []
+        self._start, self._submitted = start, 0
+        self._running: dict[int, Any] = {}
 
     def submit(self, function: Callable, *arguments: object) -> int:
         """Start a job, and return its number."""
-        self._tasks.append(self._start(function, arguments, this_place()))
-        self._running.append(self._tasks[-1])
-        return len(self._tasks) - 1
+        self._running[self._submitted] = self._start(_run_job, function, arguments, this_place())
+        self._submitted += 1
+        return self._submitted - 1
 
     def finished(self, wait_s: float) -> list[tuple[int, Any]]:
         """Return the numbers and results of jobs that have finished.
@@ -94,13 +86,13 @@ class ClusterPool:
             InputError: a job failed by the user's input.
             Exception: a task failed otherwise, or its process died.
         """
+        time.sleep(wait_s)
         found = []
-        for task in self._ready(self._running, wait_s):
-            self._running.remove(task)
-            value, error = self._result(task)
+        for number in [number for number, task in self._running.items() if task.done()]:
+            value, error = self._running.pop(number).result()
             if error is not None:
                 raise error
-            found.append((self._tasks.index(task), value))
+            found.append((number, value))
         return found
 
 
@@ -116,26 +108,20 @@ def opened_cluster(executor: Executor) -> Iterator[ClusterPool]:
         with running_ray(key, address=os.environ.get("RAY_ADDRESS"), log_to_driver=False):
             import ray
 
-            def ready(tasks: list[Any], wait_s: float) -> list[Any]:
-                return ray.wait(tasks, timeout=wait_s)[0]
+            def start(function: Callable, *arguments: object) -> Any:
+                task = ray.remote(num_cpus=1, max_retries=0)(function)
+                return task.remote(*arguments).future()
 
-            task = ray.remote(num_cpus=1, max_retries=0)(_run_job)
-            yield ClusterPool(task.remote, ready, ray.get)
+            yield ClusterPool(start)
         return
     try:
         import submitit
     except ImportError:
-        raise InputError(
-            f"{key}: submitit is not installed; pip install 'drivezoo[slurm]'"
-        ) from None
+        reason = "submitit is not installed; pip install 'drivezoo[slurm]'"
+        raise InputError(f"{key}: {reason}") from None
     slurm = submitit.AutoExecutor(LOGS, cluster="slurm")
     slurm.update_parameters(name="drivezoo", timeout_min=720, cpus_per_task=1, mem_gb=4)
-
-    def ended(jobs: list[Any], wait_s: float) -> list[Any]:
-        time.sleep(wait_s)
-        return [job for job in jobs if job.done()]
-
-    yield ClusterPool(partial(slurm.submit, _run_job), ended, lambda job: job.result())
+    yield ClusterPool(slurm.submit)
 
 
 def _run_job(function: Callable, arguments: tuple, place: Place) -> tuple[Any, InputError | None]:
