@@ -25,7 +25,7 @@ from benchmarks.study_grid import Entry, Study, kept, run_logged
 from datamodules.image import read_image
 from datamodules.recording import Recording, read_recordings
 from datamodules.split import Split, split_rows, write_split
-from simulator.human_control import REACTION_S
+from simulator.hand_control import REACTION_S
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError
 from zoo.base.whole_file import json_text, write_whole

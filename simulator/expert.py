@@ -1,18 +1,16 @@
 """The expert: a driver that follows the road by the world's exact state, without a camera."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from simulator.car import DRAG_PER_S, DRIVE_N, GRAVITY_MPS2, REVERSE_BELOW_MPH
-from simulator.rig import (
-    MASS_KG,
-    MAX_STEERING_DEG,
-    TOP_SPEED_MPH,
-    WHEELBASE_M,
-)
+from simulator.rig import MASS_KG, MAX_STEERING_DEG, TOP_SPEED_MPH, WHEELBASE_M
 from simulator.track import Track
 from simulator.world import World
+from simulator.world_settings import check_values
 from zoo.base.errors import InputError
 from zoo.base.rig import MPS_PER_MPH
 
@@ -36,31 +34,18 @@ class ExpertSettings:
         seed: random seed of the sways.
     """
 
-    speed_mph: float = TOP_SPEED_MPH
-    offset_m: float = 0.0
-    noise: float = 0.0
-    sway_every_m: float = 60.0
-    cornering_mps2: float = 5.0
-    braking_mps2: float = 3.0
-    steering_per_s: float = 4.0
-    reaction_s: float = 0.0
+    speed_mph: Annotated[float, Field(ge=REVERSE_BELOW_MPH + 3, le=TOP_SPEED_MPH)] = TOP_SPEED_MPH
+    offset_m: Annotated[float, Field(ge=-5, le=5)] = 0.0
+    noise: Annotated[float, Field(ge=0, le=1)] = 0.0
+    sway_every_m: Annotated[float, Field(ge=30, le=1e4)] = 60.0
+    cornering_mps2: Annotated[float, Field(ge=0.5, le=8)] = 5.0
+    braking_mps2: Annotated[float, Field(ge=0.5, le=6)] = 3.0
+    steering_per_s: Annotated[float, Field(ge=1, le=50)] = 4.0
+    reaction_s: Annotated[float, Field(ge=0, le=1)] = 0.0
     seed: int = 0
 
     def __post_init__(self) -> None:
-        ranges = {
-            "speed_mph": (REVERSE_BELOW_MPH + 3, TOP_SPEED_MPH),
-            "offset_m": (-5, 5),
-            "noise": (0, 1),
-            "sway_every_m": (30, 1e4),
-            "cornering_mps2": (0.5, 8),
-            "braking_mps2": (0.5, 6),
-            "steering_per_s": (1, 50),
-            "reaction_s": (0, 1),
-        }
-        for key, (low, high) in ranges.items():
-            if not low <= getattr(self, key) <= high:
-                value = getattr(self, key)
-                raise InputError(f"expert: {key}={value}: must be in {low:g}..{high:g}")
+        check_values(self)
 
 
 class Expert:
@@ -93,9 +78,8 @@ class Expert:
         self.rng = np.random.default_rng(seed)
         self.steering = 0.0
         self.recording = True
-        self._sway: tuple[float, float, float] | None = (
-            None  # begin and end in metres driven, size in metres
-        )
+        # Begin and end in metres driven, size in metres.
+        self._sway: tuple[float, float, float] | None = None
         self._next_sway: float | None = None
 
     def __call__(self, world: World) -> tuple[float, float]:

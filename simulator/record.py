@@ -13,7 +13,7 @@ from rich.table import Table
 
 from simulator.command_options import RecordOptions
 from simulator.expert import Expert, ExpertSettings
-from simulator.human_control import REACTION_S, HumanControl
+from simulator.hand_control import REACTION_S, HumanControl
 from simulator.parallel_record import ParallelRecorder, Requests
 from simulator.recorder import Recorder, split_pedals
 from simulator.rig import CAMERAS, PHYSICS_STEP_S

@@ -61,11 +61,10 @@ class Renderer:
         self.camera = self.root.attachNewNode(core.Camera("camera", camera_lens()))
         self.buffer.makeDisplayRegion().setCamera(self.camera)
         self.textures = {name: core.Texture(name) for name in ORDER}
-        built = landscape(track, quality)
+        meshes, self.shadows = landscape(track, quality)
         dome, self.sky = self._attach(sky_mesh())
         self.sky.setTextureOff(1)
-        self.pieces = [*(self._attach(part)[0] for part in built.meshes), dome]
-        self.shadows = built.shadows
+        self.pieces = [*(self._attach(mesh)[0] for mesh in meshes), dome]
         self.seed_drawn: int | None = None
         self.set_weather(CLEAR, 0)
 

@@ -14,10 +14,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from simulator.centreline_keys import MOST_POINTS
 from simulator.closing import closing_segments
 from simulator.track import GroundKind, Track, VergeKind
-from simulator.track_content import make_track
+from simulator.track_content import MOST_POINTS, make_track
 from simulator.track_names import DRAWN, road_folder
 from simulator.yaml_fields import Keys, Number, number, read_keys
 from zoo.base.bounded_files import read_yaml

@@ -3,14 +3,13 @@
 import base64
 import re
 
-import cv2
 import numpy as np
 
+from simulator.recorder import encode
 from simulator.rig import MAX_STEERING_DEG
 
 LARGEST_FLOAT = 3.4028235e38  # largest float of 32 bits; Mono's float.Parse throws beyond it
 FASTEST_MPH = 100.0  # highest speed at which a reply may put the car back
-JPEG_QUALITY = 75  # quality of the original's images
 
 
 def make_telemetry(
@@ -33,8 +32,6 @@ def make_telemetry(
         decimal_comma: whether numbers have a decimal comma.
         truth: numbers to add that the original does not send.
     """
-    bgr = cv2.cvtColor(frame, cv2.COLOR_RGB2BGR)
-    jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
     numbers = {
         "steering_angle": steering * MAX_STEERING_DEG,
         "throttle": throttle,
@@ -44,7 +41,7 @@ def make_telemetry(
     texts = {key: f"{value + 0.0:.4f}" for key, value in numbers.items()}
     if decimal_comma:
         texts = {key: text.replace(".", ",") for key, text in texts.items()}
-    return {**texts, "image": base64.b64encode(jpeg.tobytes()).decode()}
+    return {**texts, "image": base64.b64encode(encode(frame)).decode()}
 
 
 def read_steer(data: object, decimal_comma: bool) -> tuple[float, float]:

@@ -77,35 +77,23 @@ class Surroundings(Keys):
     ground: GroundKind = "sand"
 
 
-@dataclass(frozen=True)
-class Place:
-    """A point's position relative to the centreline.
+class Place(NamedTuple):
+    """A place on the centreline, and a point's distance from it.
+
+    Its numbers are plain floats: the car locates itself 50 times per second, and numpy is several
+    times slower for single numbers.
 
     Attributes:
         distance: metres from the start along the road: in [0, length) on a closed loop, in
             [0, length] on an open road.
-        cte: cross-track error in metres, right of the centreline positive.
         heading: heading of the road there, in radians.
         curvature: curvature of the road there, in 1/m, left positive.
         grade: rise of the road there, per metre.
+        x: metres to the east.
+        y: metres to the north.
         z: height of the road there, in metres.
         width: width of the road there, in metres between the edge lines.
-    """
-
-    distance: float
-    cte: float
-    heading: float
-    curvature: float
-    grade: float
-    z: float
-    width: float
-
-
-class Sample(NamedTuple):
-    """One sample of the centreline, in plain floats.
-
-    The car locates itself 50 times per second, and numpy is several times slower for single
-    numbers.
+        cte: cross-track error of the point in metres, right of the centreline positive.
     """
 
     distance: float
@@ -116,6 +104,7 @@ class Sample(NamedTuple):
     y: float
     z: float
     width: float
+    cte: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -212,9 +201,9 @@ class Track:
         index = min(int(position), pieces - 1)
         part = position - index
         pair = zip(self._samples[index], self._samples[index + 1], strict=True)
-        here = Sample._make([before + (after - before) * part for before, after in pair])
+        here = Place._make([before + (after - before) * part for before, after in pair])
         cte = (x - here.x) * math.sin(here.heading) - (y - here.y) * math.cos(here.heading)
-        return Place(distance, cte, here.heading, here.curvature, here.grade, here.z, here.width)
+        return here._replace(distance=distance, cte=cte)
 
     def _nearest_sample(self, x: float, y: float, middle: int) -> int:
         """Return the index of the sample nearest to a point, within 20 m along the road.
@@ -253,10 +242,10 @@ class Track:
         return np.array([(one.left, one.right) for one in verges]).T
 
     @cached_property
-    def _samples(self) -> list[Sample]:
+    def _samples(self) -> list[Place]:
         """Return all samples; on a closed loop also the first one again, a lap later."""
         columns = (self.distance, self.heading, self.curvature, self.grade, *self.xyz.T)
-        samples = [Sample(*row) for row in np.stack((*columns, self.widths), -1).tolist()]
+        samples = [Place(*row) for row in np.stack((*columns, self.widths), -1).tolist()]
         if not self.closed:
             return samples
         heading = samples[0].heading + self._turned

@@ -1,6 +1,5 @@
 """A reader of tracks: an included track, a user's own YAML file, or a road of a family."""
 
-import difflib
 from pathlib import Path
 
 from simulator.road_family import draw_road, family_names, find_family
@@ -9,6 +8,7 @@ from simulator.track_content import make_track
 from simulator.track_names import ALIASES, DRAWN, recorded_name, track_folder, track_names
 from zoo.base.bounded_files import read_yaml
 from zoo.base.errors import InputError
+from zoo.base.nearest import hint
 
 MOST_PATH = 4096  # characters of the path of a track's file
 
@@ -28,13 +28,10 @@ def read_track(name: str) -> Track:
         return draw_road(find_family(drawn[1]), int(drawn[2]))
     if not usable or not path.exists():
         name = ascii(name[:MOST_PATH])[1:-1] if "\0" in name else name[:MOST_PATH]
-        names = sorted(map(recorded_name, track_names()))
-        near = difflib.get_close_matches(name, names, n=1)
-        hint = f"did you mean {near[0]}? " if near else ""
+        names, families = sorted(map(recorded_name, track_names())), family_names()
         raise InputError(
-            f"there is no track {name}; {hint}available: {', '.join(names)}, a .yaml file, or a "
-            f"road of a family and a number, such as {family_names()[0]}:17 "
-            f"({', '.join(family_names())})"
+            f"there is no track {name}; {hint(name, names)} Or a .yaml file, or a road of a "
+            f"family and a number, such as {families[0]}:17 ({', '.join(families)})"
         )
     content = read_yaml(path)
     is_included = path.resolve().parent == track_folder().resolve()

@@ -1,19 +1,21 @@
 """Light and weather: conditions that change frames but not the road."""
 
-import difflib
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from simulator.rig import CameraOffset
 from zoo.base.bounded_files import parse_yaml
 from zoo.base.errors import InputError
+from zoo.base.nearest import hint
 
 if TYPE_CHECKING:
     from simulator.track import Surroundings  # slow import: SciPy
 
+Made = TypeVar("Made")
 RANGES = {
     "sun_elevation_deg": (5, 90),
     "sun": (0, 3),
@@ -70,19 +72,14 @@ CLEAR = Weather()
 
 def lit_by(surroundings: "Surroundings", weather: Weather) -> Weather:
     """Return a weather in the light of a track's surroundings, within the ranges of a weather."""
-
-    def within(key: str, value: float) -> float:
-        low, high = RANGES[key]
-        return min(max(value, low), high)
-
+    wanted = {
+        "sun_elevation_deg": weather.sun_elevation_deg + surroundings.sun_lift_deg,
+        "sun": weather.sun * surroundings.sun,
+        "brightness": weather.brightness * surroundings.brightness,
+    }
+    lit = {key: min(max(value, RANGES[key][0]), RANGES[key][1]) for key, value in wanted.items()}
     return replace(
-        weather,
-        sun_azimuth_deg=weather.sun_azimuth_deg + surroundings.sun_turn_deg,
-        sun_elevation_deg=within(
-            "sun_elevation_deg", weather.sun_elevation_deg + surroundings.sun_lift_deg
-        ),
-        sun=within("sun", weather.sun * surroundings.sun),
-        brightness=within("brightness", weather.brightness * surroundings.brightness),
+        weather, sun_azimuth_deg=weather.sun_azimuth_deg + surroundings.sun_turn_deg, **lit
     )
 
 
@@ -128,31 +125,25 @@ def read_weather(weather: str | Mapping[str, Any] | Weather) -> Weather | str:
         return CLEAR
     given: object = weather
     if isinstance(weather, str):
-        try:
+        with suppress(ValueError):
             given = parse_yaml(weather)
-        except ValueError:
-            given = None
     if not isinstance(given, Mapping):
         raise InputError(
             f"weather={weather}: must be clear, random or settings such as {{fog: 0.4}}"
         )
-    given = dict(given)
-    _check_names("weather", given, Weather)
-    if camera := given.pop("camera", None):
-        _check_names("weather: camera", camera, CameraOffset)
-        given["camera"] = CameraOffset(**camera)
-    return Weather(**given)
+    return _made("weather", Weather, given)
 
 
-def _check_names(place: str, given: dict, kind: type) -> None:
-    """Raise InputError unless each key is a field of `kind` with a number or bool."""
-    if not isinstance(given, dict):
+def _made(place: str, kind: type[Made], given: object) -> Made:
+    """Return an instance of `kind` from settings; raise InputError for a wrong one."""
+    if not isinstance(given, Mapping):
         raise InputError(f"{place}: must be settings, such as {{pitch_deg: 2}}")
-    known = [one.name for one in fields(kind)]
+    known, values = [one.name for one in fields(kind)], dict(given)
     for key, value in given.items():
         if key not in known:
-            near = difflib.get_close_matches(str(key), known, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"available: {', '.join(known)}"
-            raise InputError(f"{place}: there is no {key}; {hint}")
-        if key != "camera" and not isinstance(value, int | float):
+            raise InputError(f"{place}: there is no {key}; {hint(str(key), known)}")
+        if key == "camera":
+            values[key] = _made("weather: camera", CameraOffset, value)
+        elif not isinstance(value, int | float):
             raise InputError(f"{place}: {key}={value}: must be a number")
+    return kind(**values)

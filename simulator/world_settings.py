@@ -14,6 +14,13 @@ from zoo.base.errors import InputError
 DIRECTIONS = {"forward": 1, "1": 1, "backward": -1, "-1": -1}
 
 
+def check_values(options: object) -> None:
+    """Raise InputError for a value out of the range of its type, or that is no choice of it."""
+    for key in keys_of(type(options)):
+        if bounds(key.kind):
+            convert(key.name, key.kind, getattr(options, key.name))
+
+
 @dataclass(frozen=True, kw_only=True)
 class WorldSettings:
     """A world to open; `conf/world/embedded.yaml` has the same keys for trainings.
@@ -52,9 +59,7 @@ class WorldSettings:
 
     def check(self) -> None:
         """Raise InputError for a value that is not allowed."""
-        for key in keys_of(type(self)):
-            if bounds(key.kind):
-                convert(key.name, key.kind, getattr(self, key.name))
+        check_values(self)
         if self.direction not in self.directions:
             allowed = " or ".join(("forward", "backward", *map(str, self.directions[2:])))
             raise InputError(f"direction={self.direction}: must be {allowed}")

@@ -4,7 +4,7 @@ Drives of one process open a world each: a further one on a track opens in 0.07 
 """
 
 import pickle
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import lru_cache
 
 from simulator.scenery.edges import bridge_meshes, edge_meshes
@@ -18,17 +18,8 @@ from simulator.track import Track
 CELL_M = 90.0
 
 
-@dataclass(frozen=True)
-class Landscape:
-    """The solid parts of a world, which nothing changes.
-
-    Attributes:
-        meshes: meshes in cells of `CELL_M`; those of the road come first.
-        shadows: shadows on the road's meshes; None without shadows.
-    """
-
-    meshes: tuple[Mesh, ...]
-    shadows: Shadows | None
+# Meshes in cells of `CELL_M`, those of the road first, and shadows on the road's; None without.
+Landscape = tuple[tuple[Mesh, ...], Shadows | None]
 
 
 def landscape(track: Track, quality: str) -> Landscape:
@@ -51,4 +42,4 @@ def _landscape(contents: bytes, quality: str) -> Landscape:
     for mesh in parts:
         for array in (*mesh.columns, mesh.triangles):
             array.flags.writeable = False  # worlds share them
-    return Landscape(parts, shadows)
+    return parts, shadows

@@ -8,7 +8,7 @@ import pytest
 
 from datamodules.recording import read_recordings
 from simulator.expert import Expert, ExpertSettings, speed_limits
-from simulator.human_control import REACTION_S, HumanControl
+from simulator.hand_control import REACTION_S, HumanControl
 from simulator.record import RecordOptions, record, record_laps
 from simulator.recorder import Recorder
 from simulator.rig import PHYSICS_STEP_S
@@ -147,8 +147,8 @@ def test_speed_limits_leave_room_to_brake(direction):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"speed_mph": 3}, "speed_mph=3: must be in 8..30"),
-        ({"noise": 1.5}, "noise=1.5: must be in 0..1"),
+        ({"speed_mph": 3}, "speed_mph=3: must be a number in 8..30"),
+        ({"noise": 1.5}, "noise=1.5: must be a number in 0..1"),
         ({"offset_m": 3}, "offset_m=3: must be in -2.2..2.2"),
     ],
 )

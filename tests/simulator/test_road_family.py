@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from simulator.centreline_keys import TIGHTEST_RADIUS_M
 from simulator.expert import Expert
 from simulator.road_family import (
     MOST_DRAWN_M,
@@ -22,6 +21,7 @@ from simulator.road_family import (
     find_family,
     roads_digest,
 )
+from simulator.track_content import TIGHTEST_RADIUS_M
 from simulator.track_file import read_track, track_folder
 from simulator.world import Start, World
 from zoo.base.errors import InputError

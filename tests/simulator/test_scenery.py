@@ -21,7 +21,7 @@ from simulator.track_file import read_track, track_folder, track_names
 from simulator.weather import Weather
 from simulator.world import Start, World
 from tests.simulator.surfaces import surfaces_at
-from tests.simulator.test_centreline_keys import EIGHT
+from tests.simulator.test_track_content import EIGHT
 from tests.simulator.tracks import OPEN, loop
 
 CLEARANCE_M = 3.5  # smallest height of a bridge's underside above the road below
@@ -217,10 +217,10 @@ def test_a_landscape_is_kept_for_the_same_track_only() -> None:
     moved = read_track("lake")
     moved.xyz[:, 2] += 1.0
     higher = landscape(moved, "simple")
-    rise = higher.meshes[0].points[:, 2] - lake.meshes[0].points[:, 2]
+    rise = higher[0][0].points[:, 2] - lake[0][0].points[:, 2]
     assert rise == pytest.approx(1.0)
     with pytest.raises(ValueError, match="read-only"):
-        lake.meshes[0].points[0] = 0.0
+        lake[0][0].points[0] = 0.0
 
 
 # Five legs 14 m apart, each 8 m above the last one.

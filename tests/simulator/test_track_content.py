@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import yaml
 
-from simulator.centreline_keys import MOST_POINTS, TIGHTEST_RADIUS_M
 from simulator.expert import Expert, ExpertSettings
 from simulator.track import Track
+from simulator.track_content import MOST_POINTS, TIGHTEST_RADIUS_M
 from simulator.track_file import make_track, read_track
 from simulator.world import Start, World
 from tests.simulator.tracks import LOOP, loop, open_road
