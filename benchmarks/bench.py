@@ -14,10 +14,12 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 
+import psutil
 from rich.console import Console
 
 from benchmarks.measuring import make_console, markdown_table, write_between
@@ -29,62 +31,50 @@ HERE = Path(__file__).parent
 OUT = Path("outputs/bench.json")
 PAGE = Path("docs/performance.md")
 PAGE_WORDS = {"docs", "readme"}
+FIRST = ("feed", "training", "tiny", "start", "cache", "growth")  # parts about training
 LONGEST_S = 240  # of a part
 PACKAGES = ("torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
 
 
-def part_names() -> list[str]:
-    """Return the names of all parts, those about training first."""
-    names = sorted(path.stem for path in HERE.glob("*.py") if "\ndef measure(" in path.read_text())
-    first = ("feed", "training", "tiny", "start", "cache", "growth")
-    return [name for name in first if name in names] + [word for word in names if word not in first]
-
-
-def usual_parts(console: Console) -> list[str]:
-    """Return the parts to run by default; print which part is skipped."""
-    names = part_names()
-    if not os.environ.get("KERAS_PYTHON"):
-        names.remove("keras_training")
-        console.print("keras_training: skipped; set KERAS_PYTHON to a Python with Keras")
-    return names
-
-
-def run_one(name: str, short: bool, console: Console) -> list[Row]:
+def run_part(name: str, short: bool, console: Console) -> list[Row]:
     """Return a part's rows; if it fails, print its output and return none."""
     console.print(f"{name} ...", highlight=False)
     with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "rows.json"
-        command = [sys.executable, str(HERE / f"{name}.py"), f"out={out}"]
-        log = Path(folder) / "log.txt"
+        out, log = Path(folder) / "rows.json", Path(folder) / "log.txt"
+        command = [sys.executable, str(HERE / f"{name}.py"), f"out={out}", *["short"] * short]
         with log.open("w") as output:
-            process = subprocess.Popen(
-                command + ["short"] * short,
-                env=child_environment(),
-                stdout=output,
-                stderr=output,
-                start_new_session=True,
-            )
+            own = child_environment()
+            process = subprocess.Popen(command, env=own, stdout=output, stderr=output)
             try:
                 process.wait(LONGEST_S)
-            except BaseException as error:
-                os.killpg(process.pid, signal.SIGKILL)  # with the processes that it started
-                if not isinstance(error, subprocess.TimeoutExpired):
-                    raise
+            except subprocess.TimeoutExpired:
+                end_children()
         if process.poll() or not out.is_file():
             failure = f"{name}: failed, or took more than {LONGEST_S} s"
             console.print(log.read_text()[-2000:], failure, markup=False, highlight=False)
             return []
-        return [Row.read(row) for row in json.loads(out.read_text())]
+        return [Row(**row) for row in json.loads(out.read_text())]
+
+
+def end_children() -> None:
+    """End the running part, and the processes that it started."""
+    for child in psutil.Process().children(recursive=True):
+        with suppress(psutil.NoSuchProcess):
+            child.kill()
+
+
+def end(number: int, _: object) -> None:
+    """End with the running part, also while it starts."""
+    end_children()
+    sys.exit(128 + number)
 
 
 def machine() -> dict:
     """Return the facts about the machine that the figures depend on."""
     model = platform.processor() or platform.machine()
-    try:
+    with suppress(OSError, StopIteration):
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         model = next(line.split(": ")[1] for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        pass
     return {
         "processor": model,
         "cores": usable_cores(),
@@ -97,37 +87,40 @@ def machine() -> dict:
 
 def main(arguments: list[str]) -> int:
     """Print the table; return 1 if a part failed."""
-    # SIGTERM ends the running part, too, as Ctrl-C does.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
-    console = make_console()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
+    console, short, chosen = make_console(), "short" in arguments, []
+    names = sorted(path.stem for path in HERE.glob("*.py") if "\ndef measure(" in path.read_text())
+    names = [*FIRST, *(name for name in names if name not in FIRST)]
     for word in arguments:
-        if word not in {"short", *PAGE_WORDS} and not word.startswith("ONLY="):
+        if word.startswith("ONLY="):
+            chosen += filter(None, word.removeprefix("ONLY=").split(","))
+        elif word not in {"short", *PAGE_WORDS}:
             console.print(f"bench: {word}: must be ONLY=PART,PART, short or docs")
             return 1
-    names = part_names()
-    wanted = [word.removeprefix("ONLY=") for word in arguments if word.startswith("ONLY=")]
-    chosen = [name for word in wanted for name in word.split(",") if name] or usual_parts(console)
-    for name in chosen:
-        if name not in names:
-            console.print(f"bench: {name}: no such part; available: {', '.join(names)}")
-            return 1
-    began, known, rows, failed = time.perf_counter(), machine(), [], []
-    took = {}
+    if unknown := [name for name in chosen if name not in names]:
+        console.print(f"bench: {unknown[0]}: no such part; available: {', '.join(names)}")
+        return 1
+    if not chosen:
+        chosen = [name for name in names if name != "keras_training"]
+        if os.environ.get("KERAS_PYTHON"):
+            chosen.append("keras_training")
+        else:
+            console.print("keras_training: skipped; set KERAS_PYTHON to a Python with Keras")
+    began, contents, rows, took, failed = time.perf_counter(), machine(), [], {}, False
     for name in chosen:
         before = time.perf_counter()
-        of_part = run_one(name, "short" in arguments, console)
+        of_part = run_part(name, short, console)
+        rows, failed = [*rows, *of_part], failed or not of_part
         took[name] = round(time.perf_counter() - before, 1)
-        failed += [] if of_part else [name]
-        rows += of_part
     seconds = time.perf_counter() - began
     print_rows(rows)
     facts = (
-        f"{known['processor']}, {known['cores']} cores, load {known['load_before'][0]:.1f} before "
-        f"the start; torch {known['versions']['torch']}; {seconds:.0f} s"
+        f"{contents['processor']}, {contents['cores']} cores, load {contents['load_before'][0]:.1f}"
+        f" before the start; torch {contents['versions']['torch']}; {seconds:.0f} s"
     )
     console.print(f"{facts}; {OUT}", highlight=False)
-    console.print(", ".join(f"{name} {taken:.0f} s" for name, taken in took.items()))
-    contents = known | {"short": "short" in arguments, "seconds": seconds, "parts_s": took}
+    contents |= {"short": short, "seconds": seconds, "parts_s": took}
     contents["rows"] = [asdict(row) | {"met": row.met} for row in rows]
     OUT.parent.mkdir(exist_ok=True)
     OUT.write_text(json.dumps(contents, indent=1) + "\n")
@@ -135,7 +128,7 @@ def main(arguments: list[str]) -> int:
         lines = [[row.what, *row.cells()] for row in rows]
         table = markdown_table(["what", *COLUMNS], lines, left=2)
         write_between(PAGE, "bench", f"{table}\n\n{facts}.")
-    return 1 if failed else 0
+    return int(failed)
 
 
 if __name__ == "__main__":

@@ -40,7 +40,7 @@ def measure(short: bool) -> list[Row]:
         latency = {f"{key} ms": value for key, value in ours.recv().items()}
         what = f"the driver with {name}, telemetry answered"
         asked = f"two loops at {FPS} fps, answered at once"
-        rows.append(Row(what, asked, rate / (2 * FPS), figures={"telemetry/s": rate, **latency}))
+        rows.append(Row(what, asked, [rate / (2 * FPS)], figures={"telemetry/s": rate, **latency}))
     process.join()
     return rows
 

@@ -51,9 +51,11 @@ class SampleBySample(Dataset):
 
     def __init__(self, data: DrivingData) -> None:
         self.samples, self.images, self.view = data.samples, data.recording.images, data.view
-        # The same transforms, as albumentations runs them.
-        transforms = [change.transform for change in data.augment.changes]
-        self.augment = albumentations.Compose(transforms)
+        # What a user of albumentations writes for the same augmentations.
+        brightness = albumentations.RandomBrightnessContrast(contrast_limit=0, p=1.0)
+        shift = albumentations.Affine(translate_px={"x": (-25, 25), "y": (0, 0)}, p=0.5)
+        shadow = albumentations.RandomShadow(p=0.3)
+        self.augment = albumentations.Compose([brightness, shadow, shift])
         self.rng = np.random.default_rng(0)
 
     def __len__(self) -> int:
@@ -66,10 +68,10 @@ class SampleBySample(Dataset):
         image, steering = self.view(frame), float(samples.steering[index])
         if self.rng.random() < 0.5:
             image, steering = np.ascontiguousarray(image[:, ::-1]), -steering
-        changed = self.augment(image=image, steering=steering)
+        changed = self.augment(image=image)["image"]
         return {
-            "images": torch.from_numpy(changed["image"]).permute(2, 0, 1).contiguous(),
-            "targets": torch.tensor([changed["steering"]], dtype=torch.float32),
+            "images": torch.from_numpy(changed).permute(2, 0, 1).contiguous(),
+            "targets": torch.tensor([steering], dtype=torch.float32),
         }
 
 

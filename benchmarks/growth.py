@@ -18,7 +18,7 @@ from rich.console import Console
 
 from benchmarks.material import OUT, config_for, linked_recording, ready_to_fit
 from benchmarks.measuring import markdown_table, print_table, write_between
-from benchmarks.timing import Row, contestants, median_ratio, medians, run_part
+from benchmarks.timing import Row, contestants, medians, ratios, run_part
 from zoo.base.cores import usable_cores
 
 MEMORY = "memory without the page cache, MB"
@@ -31,7 +31,7 @@ def measure(short: bool) -> list[Row]:
     few, many, rounds = (200, 400, 1) if short else (4_000, 20_000, 2)
     epochs = [stages[EPOCH] for stages in stages_of([few, many] * rounds)]
     figures = medians({f"{few} rows s": epochs[::2], f"{many} rows s": epochs[1::2]})
-    ratio = median_ratio(epochs[1::2], [many / few * seconds for seconds in epochs[::2]])
+    ratio = ratios(epochs[1::2], [many / few * seconds for seconds in epochs[::2]])
     reference = f"{many // few} times that of {few:,}"
     return [Row(f"{EPOCH}, {many:,} rows", reference, ratio, 1.1, False, figures)]
 

@@ -28,7 +28,7 @@ def measure(short: bool) -> list[Row]:
     }
     rates = medians(take_turns(measures, 1 if short else 3))
     return [
-        Row(f"drawing the lake, {name}", f"{RATE} frames/s", rate / RATE, figures={"/s": rate})
+        Row(f"drawing the lake, {name}", f"{RATE} frames/s", [rate / RATE], figures={"/s": rate})
         for name, rate in rates.items()
     ]
 

@@ -8,7 +8,7 @@ often, which costs nothing extra.
 import time
 
 from benchmarks.material import random_policy
-from benchmarks.timing import Row, median_ratio, medians, run_part, take_turns
+from benchmarks.timing import Row, medians, ratios, run_part, take_turns
 from simulator.world import Start
 from zoo.drives.drive_record import Drive
 from zoo.worlds.drive_loop import drive
@@ -54,7 +54,7 @@ def measure(short: bool) -> list[Row]:
     world.close()
     sums = [a + b for a, b in zip(turns["rendering s"], turns["network s"], strict=True)]
     what = f"{laps:g} scored laps of the lake, nvidia, one core"
-    ratio, parts = median_ratio(turns["scored s"], sums), "rendering alone + network alone"
+    ratio, parts = ratios(turns["scored s"], sums), "rendering alone + network alone"
     return [Row(what, parts, ratio, 1.2, False, medians(turns))]
 
 

@@ -9,7 +9,7 @@ import multiprocessing
 import os
 import statistics
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -25,28 +25,6 @@ from benchmarks.measuring import print_table
 
 COLUMNS = "against", "ratio", "middle half", "aim", "met"
 Found = TypeVar("Found")  # what a measure returns
-NOISY = 0.1  # difference of two medians, as a share, above which a row is not judged
-
-
-@dataclass(frozen=True)
-class Ratio:
-    """A ratio that was measured in several rounds.
-
-    Attributes:
-        value: median of the rounds' ratios.
-        low, high: quarter and three quarters of the rounds' ratios lie below.
-        of_medians: ratio of both medians.
-    """
-
-    value: float
-    low: float
-    high: float
-    of_medians: float
-
-    @property
-    def noisy(self) -> bool:
-        """Return whether the two ways to take the median differ too much to judge."""
-        return abs(self.of_medians - self.value) > NOISY * self.value
 
 
 @dataclass(frozen=True)
@@ -56,7 +34,8 @@ class Row:
     Attributes:
         what: measured work.
         reference: work that it is compared with.
-        ratio: the measured figure divided by its reference's; a number if it has no rounds.
+        ratio: the measured figure divided by its reference's: lower quartile, median and upper
+            quartile over the rounds, or one number without rounds.
         aim: ratio to reach; None for a row without an aim.
         at_least: whether a larger ratio is better.
         figures: medians behind the ratio, with units in their names.
@@ -64,37 +43,29 @@ class Row:
 
     what: str
     reference: str
-    ratio: Ratio | float
+    ratio: Sequence[float]
     aim: float | None = None
     at_least: bool = True
     figures: dict[str, float] = field(default_factory=dict)
 
-    @classmethod
-    def read(cls, contents: dict) -> "Row":
-        """Return the row that a part wrote as JSON."""
-        ratio = contents["ratio"]
-        return cls(**contents | {"ratio": Ratio(**ratio) if isinstance(ratio, dict) else ratio})
-
     @property
     def value(self) -> float:
         """Return the ratio as a number."""
-        return self.ratio.value if isinstance(self.ratio, Ratio) else self.ratio
+        return self.ratio[len(self.ratio) // 2]
 
     @property
     def met(self) -> str:
-        """Return `yes`, `no` or `noisy`; an empty text without an aim."""
+        """Return `yes`, `no`, or `noisy` for an aim between the quartiles; empty without an aim."""
         if self.aim is None:
             return ""
-        if isinstance(self.ratio, Ratio) and self.ratio.noisy:
+        if self.ratio[0] < self.aim < self.ratio[-1]:
             return "noisy"
         reached = self.value >= self.aim if self.at_least else self.value <= self.aim
         return "yes" if reached else "no"
 
     def cells(self) -> list[str]:
         """Return the table's columns after the first one."""
-        spread = ""
-        if isinstance(self.ratio, Ratio):
-            spread = f"{self.ratio.low:.2f} to {self.ratio.high:.2f}"
+        spread = f"{self.ratio[0]:.2f} to {self.ratio[-1]:.2f}" if len(self.ratio) > 1 else ""
         sign = "at least" if self.at_least else "at most"
         aim = "" if self.aim is None else f"{sign} {self.aim:.3g}"
         return [self.reference, f"{self.value:.2f}", spread, aim, self.met]
@@ -109,15 +80,13 @@ def take_turns(measures: dict[str, Callable[[], Found]], rounds: int) -> dict[st
     return found
 
 
-def median_ratio(ours: list[float], theirs: list[float]) -> Ratio:
-    """Return the median and the spread over rounds of `ours` divided by `theirs`.
+def ratios(ours: list[float], theirs: list[float]) -> list[float]:
+    """Return the quartiles over the rounds of `ours` divided by `theirs`.
 
-    >>> median_ratio([2.0, 4.0, 9.0], [1.0, 2.0, 3.0])
-    Ratio(value=2.0, low=2.0, high=2.5, of_medians=2.0)
+    >>> ratios([2.0, 4.0, 9.0], [1.0, 2.0, 3.0])
+    [2.0, 2.0, 2.5]
     """
-    ratios = np.array(ours, float) / np.array(theirs, float)
-    low, value, high = map(float, np.quantile(ratios, [0.25, 0.5, 0.75]))
-    return Ratio(value, low, high, statistics.median(ours) / statistics.median(theirs))
+    return np.quantile(np.divide(ours, theirs), [0.25, 0.5, 0.75]).tolist()
 
 
 def medians(found: dict[str, list[float]]) -> dict[str, float]:
@@ -135,7 +104,7 @@ def compared(
 ) -> Row:
     """Return the row that compares two measures of `take_turns`, by their names."""
     both = {name: found[name] for name in names}
-    return Row(what, reference, median_ratio(*both.values()), aim, at_least, medians(both))
+    return Row(what, reference, ratios(*both.values()), aim, at_least, medians(both))
 
 
 @contextmanager

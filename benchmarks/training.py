@@ -10,14 +10,12 @@ torch's default; those of `drivezoo train` sleep soon (`zoo.training.host_settin
 import itertools
 import multiprocessing
 import os
-import statistics
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
-from pathlib import Path
 
 import torch
 from torch.utils.flop_counter import FlopCounterMode
@@ -30,13 +28,13 @@ from benchmarks.material import (
     loaded_data,
     random_network,
 )
-from benchmarks.timing import Row, compared, contestants, median_ratio, run_part, take_turns
+from benchmarks.timing import Row, compared, contestants, run_part, take_turns
 from zoo.training.host_settings import multiplies_bf16
 
 BATCH, WORKERS, ROWS = 64, 4, 2_000
 ROUND_S = 1.0  # duration of a loop, whatever the machine's load
 HALF = "zoo, bf16/s"
-LIMIT, SIDE = "product FLOP/s", 1024
+LIMIT, FLOPS, SIDE = "product FLOP/s", "bare loop FLOP/s", 1024
 TIMES = 10  # of each product; the fastest counts
 
 
@@ -68,12 +66,15 @@ def measure(short: bool) -> list[Row]:
     defaults = "eager, torch's defaults"
     busy = "the same, beside a program that takes one core"
     bare_turns = ("zoo/s", "bare loop/s")
+    per_sample = flops_of_sample("nvidia")
+    found[FLOPS] = [per_sample * speed for speed in found["bare loop/s"]]
+    share = "operations per second of that bare loop"
     rows = [
         compared(found, what, loader, ("zoo/s", "sample by sample/s"), 3.6),
         compared(found, whole, f"{memory}, same settings", bare_turns, 0.95),
         compared(beside, busy, f"{memory}, beside it, too", bare_turns, 0.8),
         compared(found, bare, defaults, ("bare loop/s", "bare by default/s"), 1.75),
-        _limit_row(found, "operations per second of that bare loop"),
+        compared(found, share, "best matrix product", (FLOPS, LIMIT), 0.6),
     ]
     if HALF in found:
         rows.insert(1, compared(found, f"{what}, bf16", loader, (HALF, "sample by sample/s"), 3.6))
@@ -99,22 +100,13 @@ def busy_core() -> Iterator[None]:
         busy.wait()
 
 
-def _limit_row(found: dict[str, list[float]], what: str) -> Row:
-    """Return the row that compares the bare loop's FLOP/s with the machine's limit."""
-    per_sample = flops_of_sample("nvidia")
-    ours = [per_sample * rate for rate in found["bare loop/s"]]
-    figures = {"bare loop FLOP/s": statistics.median(ours), LIMIT: statistics.median(found[LIMIT])}
-    return Row(what, "best matrix product", median_ratio(ours, found[LIMIT]), 0.6, figures=figures)
-
-
 def run_zoo(pipe: Connection, batches: int, *more: str) -> None:
     """Run `drivezoo train` with more overrides; a round is one or two epochs.
 
     Its output is discarded.
     """
-    from benchmarks.training_callbacks import (
-        train_by_turns,  # imports Lightning, which other targets do not need
-    )
+    # It imports Lightning, which other targets do not need.
+    from benchmarks.training_callbacks import train_by_turns
 
     config = config_for(
         linked_recording(ROWS),
@@ -157,14 +149,8 @@ def run_samples(pipe: Connection, seconds: float) -> None:
 
     data = loaded_data(config_for(linked_recording(ROWS), AUGMENT, "model=nvidia"))
     # Without it the workers would be started as this process was, and import everything again.
-    usual = multiprocessing.get_all_start_methods()[0]
-    loader = DataLoader(
-        SampleBySample(data),
-        BATCH,
-        shuffle=True,
-        num_workers=WORKERS,
-        multiprocessing_context=usual,
-    )
+    usual = {"multiprocessing_context": multiprocessing.get_all_start_methods()[0]}
+    loader = DataLoader(SampleBySample(data), BATCH, shuffle=True, num_workers=WORKERS, **usual)
     step, feed = bare_step(tuned=False), endless(loader)
 
     def run() -> float:
@@ -271,5 +257,4 @@ def flops_of_sample(name: str) -> float:
 
 
 if __name__ == "__main__":
-    Path(OUT).mkdir(parents=True, exist_ok=True)
     run_part(measure)

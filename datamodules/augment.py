@@ -105,8 +105,9 @@ class Shadow(Change, albumentations.RandomShadow):
         intensities = rng.uniform(faintest, darkest, (shape[0], most))
         counts = rng.integers(fewest, most + 1, shape[0])
         intensities[np.arange(most) >= counts[:, None]] = 0
-        values = [corners.reshape(shape[0], most, -1), intensities[:, :, None]]
-        return np.concatenate(values, 2).reshape(shape[0], -1)
+        size = 2 * self.shadow_dimension  # not -1, because a batch may have no shadow
+        values = [corners.reshape(shape[0], most, size), intensities[:, :, None]]
+        return np.concatenate(values, 2).reshape(shape[0], most * (size + 1))
 
     def change_one(self, image: np.ndarray, drawn: np.ndarray) -> None:
         """Darken an image in place."""

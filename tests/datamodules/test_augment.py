@@ -187,6 +187,11 @@ def test_what_is_fed_in_is_left_as_it_was(images):
     assert not steering.any()
 
 
+def test_a_batch_without_a_changed_sample_stays(images):
+    rare = Augment([Shadow(p=0.0), Brightness(p=0.0), Shift(p=0.0)], "rgb")
+    assert np.array_equal(rare(images, zeros(images), seed=1)[0], images)
+
+
 def test_no_transforms_change_nothing(images):
     same, steering = Augment([], "yuv")(images, zeros(images), seed=1)
     np.testing.assert_array_equal(same, images)

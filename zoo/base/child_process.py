@@ -41,7 +41,13 @@ def interrupt_module(process: subprocess.Popen) -> None:
 def end_with_parent() -> None:
     """End this process when the process ends that started it with `child_environment`."""
     parent = os.environ.pop(PARENT, "")  # not for this process's own children
-    if parent != str(os.getppid()):  # a process between them kept the variable
+    if not parent:
+        return
+    if parent != str(os.getppid()):
+        import psutil  # slow
+
+        if not psutil.pid_exists(int(parent)):  # else a process between them kept the variable
+            sys.exit(1)
         return
     import threading  # late: most processes need none
 
