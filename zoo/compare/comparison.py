@@ -8,23 +8,20 @@ from matplotlib.figure import Figure
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 
-from zoo.base.terminal import printable
+from zoo.base.terminal import print_line, printable
 from zoo.base.whole_file import json_text, write_output
 from zoo.cli.closing_lines import print_written
 from zoo.compare.differences import (
-    A_BETTER,
-    CANNOT_TELL,
     OVERALL,
     Comparison,
     Entry,
     Needed,
     compare_entries,
     read_pair,
-    verdict_on,
 )
 from zoo.drives.bootstrap import Estimate
 from zoo.drives.interval_plot import interval_plot
-from zoo.runs.table import Cell, Column, Table, interval_figures, known, two_lines, with_interval
+from zoo.runs.table import Cell, Column, Table, interval_figures, known, with_interval
 from zoo.runs.table_files import Result
 
 VERSION = 1  # of the JSON file
@@ -36,19 +33,10 @@ INTERVALS = (
 COLUMNS = ("group", "roads", "autonomy", "cte_mean_m", "a_better", "verdict")
 NEEDED = {
     "decided": "",
-    "equal": "equal",
+    "equal": "harder roads: both have the same autonomy",
     "roads": "more roads",
-    "many": ">100 seeds",
-    "unknown": "more seeds",
-}
-ADVICE = {
-    "equal": "both have the same autonomy, so no number of training seeds can be named; use a "
-    "suite of harder roads",
-    "roads": "to tell: more roads, three or more, because the difference varies too much between "
-    "these; more training seeds would not decide",
-    "many": "more than 100 training seeds of each entry would be needed to tell",
-    "unknown": "how many training seeds would be needed cannot be estimated from one training "
-    "seed; benchmark three or more of each entry",
+    "many": "more than 100 training seeds",
+    "unknown": "three or more training seeds, to estimate how many",
 }
 
 
@@ -79,9 +67,23 @@ class ComparedEntries(Result):
         return cls(a, b, compare_entries(a, b))
 
     @property
-    def lines(self) -> Sequence[str]:
-        """Return the verdict, what limits it, and the training seeds needed."""
-        return conclusion(self.a, self.b, self.groups)
+    def lines(self) -> list[str]:
+        """Return the verdict over all groups, what limits it, and what is needed to tell."""
+        name, overall = next(reversed(self.groups.items()))
+        where = f"{overall.roads} roads" + ("" if name == OVERALL else f" of group {name}")
+        first, second = (f"{one['autonomy']:.1%}" for one in (overall.a, overall.b))
+        lines = [f"verdict: {overall.verdict} (autonomy {first} and {second} on {where})"]
+        pair = (self.a, self.b)
+        if single := [one.result.entry for one in pair if one.seeds == 1 and one.is_trained]:
+            lines.append(
+                f"{' and '.join(single)}: one training seed: the intervals leave out how trainings "
+                "differ, so another training may drive better or worse"
+            )
+        if self.a.result.code.get("hash") != self.b.result.code.get("hash"):
+            lines.append("A and B were driven by different versions of the code; drive both by one")
+        if text := needed_text(overall.needed):
+            lines.append(f"to tell: {text}")
+        return lines
 
     def __repr__(self) -> str:
         return "\n".join([f"ComparedEntries of {self._names}", *(f"  {one}" for one in self.lines)])
@@ -91,24 +93,41 @@ class ComparedEntries(Result):
         return f"A: {self.a.result.entry}, B: {self.b.result.entry}"
 
     def show(self) -> None:
-        """Print the comparison and what was written."""
-        console = Console(emoji=False)
-        print_comparison(self, console)
+        """Print a row for each group, the verdict, and what was written."""
+        console = Console(emoji=False, soft_wrap=True)
+        for name, entry in (("A", self.a), ("B", self.b)):
+            how = f"training seeds: {entry.seeds}" if entry.is_trained else "a baseline"
+            print_line(console, printable(f"{name}: {entry.result.entry}, {how} ({entry.path})"))
+        table = (
+            self.result_table()
+            .narrow()
+            .printed(
+                left=1,
+                whole=range(len(COLUMNS) - 1),
+                title="A minus B",
+                caption=f"Below each figure: its {INTERVALS}",
+                caption_justify="left",
+                box=SIMPLE_HEAD,
+                show_edge=False,
+            )
+        )
+        table.columns[-1].min_width = 10
+        console.print(table)
+        for line in self.lines:
+            print_line(console, printable(line))
         print_written(self.written, console=console)
 
     def result_table(self) -> Table:
         """Return a row for each group of roads; differences are A minus B."""
         compared = list(self.groups.values())
-        roads, needed = [one.roads for one in compared], [one.needed for one in compared]
-        verdicts = [one.verdict for one in compared]
+        roads, verdicts = [one.roads for one in compared], [one.verdict for one in compared]
         texts = [
-            f"{verdict.replace(' drives', '')}\n{NEEDED.get(one.reason, f'{one.seeds} seeds')}"
-            for verdict, one in zip(verdicts, needed, strict=True)
+            f"{one.verdict.replace(' drives', '')}\n{needed_text(one.needed)}" for one in compared
         ]
         figures: dict[str, Sequence[Cell]] = {
             "verdict": verdicts,
-            "needed": [one.reason for one in needed],
-            "needed_seeds": [one.seeds for one in needed],
+            "needed": [one.needed.reason for one in compared],
+            "needed_seeds": [one.needed.seeds for one in compared],
         }
         columns = [
             Column("group", "group", list(self.groups)),
@@ -152,65 +171,13 @@ class ComparedEntries(Result):
         return write_output(path, json_text(written))
 
 
-def print_comparison(compared: ComparedEntries, console: Console) -> None:
-    """Print a row for each group, then the verdict, its limits and the training seeds needed."""
-    entries, lines = [], list(compared.lines)
-    for name, entry in (("A", compared.a), ("B", compared.b)):
-        seeds = f"{entry.seeds} training seed{'' if entry.seeds == 1 else 's'}"
-        how = seeds if entry.is_trained else "a baseline without training"
-        entries.append(f"{name}: {entry.result.entry}, {how} ({entry.path})")
-    shown = compared.result_table().narrow()
-    table = shown.printed(
-        left=1,
-        whole=range(len(COLUMNS) - 1),
-        title="A minus B",
-        caption=f"Below each figure: its {INTERVALS}",
-        caption_justify="left",
-        box=SIMPLE_HEAD,
-        show_edge=False,
-    )
-    table.columns[-1].min_width = 10
-    for part in (*entries, table, *lines):
-        text = printable(part) if isinstance(part, str) else part
-        console.print(text, highlight=False, markup=False, soft_wrap=isinstance(part, str))
+def needed_text(needed: Needed) -> str:
+    """Return what would decide: more training seeds of each entry, or other roads.
 
-
-def conclusion(a: Entry, b: Entry, comparisons: Mapping[str, Comparison]) -> list[str]:
-    """Return the verdict over all groups, what limits it, and the training seeds needed."""
-    name, overall = next(reversed(comparisons.items()))
-    where = f"{overall.roads} roads" + ("" if name == OVERALL else f" of group {name}")
-    first, second = (f"{one['autonomy']:.1%}" for one in (overall.a, overall.b))
-    lines = [f"verdict: {overall.verdict} (autonomy {first} and {second} on {where})"]
-    if (nearer := verdict_on(overall.cte_mean_m)) != CANNOT_TELL:
-        name = "B" if nearer == A_BETTER else "A"  # A_BETTER: A's error is greater
-        metres = two_lines(_estimate(overall.cte_mean_m, "{:+.2f}"))
-        metres = metres.replace("\n", " m, 95 %: ")
-        lines.append(f"mean error: {name} stays nearer to the centre ({metres} m)")
-    if single := [one for one in (a, b) if one.seeds == 1 and one.is_trained]:
-        named = " and ".join(one.result.entry for one in single)
-        lines.append(
-            f"{named}: one training seed: the intervals leave out how trainings differ, so another "
-            "training may drive better or worse"
-        )
-    if a.result.code.get("hash") != b.result.code.get("hash"):
-        lines.append("A and B were driven by different versions of the code; drive both with one")
-    if overall.verdict == CANNOT_TELL:
-        lines.append(advice(overall.needed))
-    return lines
-
-
-def advice(needed: Needed) -> str:
-    """Return a sentence on the training seeds needed.
-
-    >>> advice(Needed(7, "seeds"))
-    'to tell: about 7 training seeds of each entry, a rough number from the variance of these'
+    >>> needed_text(Needed(7, "seeds"))
+    'about 7 training seeds'
     """
-    if needed.seeds is None:
-        return ADVICE[needed.reason]
-    return (
-        f"to tell: about {needed.seeds} training seeds of each entry, a rough number from the "
-        "variance of these"
-    )
+    return NEEDED.get(needed.reason, f"about {needed.seeds} training seeds")
 
 
 def _estimate(figure: Estimate, form: str, factor: float = 1) -> str:

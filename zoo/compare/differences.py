@@ -59,23 +59,19 @@ def read_pair(first: Path, second: Path) -> tuple[Entry, Entry]:
     """
     results = ((path, read_result(path)) for path in (first, second))
     a, b = (Entry(path, result, roads_of(result)) for path, result in results)
-    if a.result.suite != b.result.suite:
-        raise InputError(
-            f"{b.path}: suite: is {b.result.suite}, but {a.path} has {a.result.suite}; "
-            "compare results of one suite"
-        )
-    if a.result.roads != b.result.roads:
-        raise InputError(
-            f"{b.path}: roads: are {b.result.roads}, but {a.path} has {a.result.roads}: the "
-            "suite's roads were drawn differently; run both benchmarks with the same drivezoo"
-        )
+    for key in ("suite", "roads"):
+        own, other = getattr(a.result, key), getattr(b.result, key)
+        if own != other:
+            raise InputError(
+                f"{b.path}: {key}: is {other}, but {a.path} has {own}; compare results of one "
+                "suite, driven by one version of drivezoo"
+            )
     for one, other in ((a, b), (b, a)):
-        for road in one.drives:
-            if road not in other.drives:
-                raise InputError(
-                    f"{other.path}: drives: has no {shown(road)}, which {one.path} has; "
-                    "run the benchmark again"
-                )
+        if missing := one.drives.keys() - other.drives.keys():
+            raise InputError(
+                f"{other.path}: drives: has no {shown(min(missing))}, which {one.path} has; run "
+                "the benchmark again"
+            )
     return a, b
 
 

@@ -38,7 +38,6 @@ def test_it_names_the_better_entry_and_writes_all_figures(
 
     assert shown.returncode == 0, shown.stderr
     assert "verdict: B drives better" in shown.stdout
-    assert "mean error: B stays nearer to the centre (+0.20 m" in shown.stdout
     assert "wrote: compare.json" in shown.stdout
     written = json.loads((tmp_path / "compare.json").read_text())
     assert list(written["groups"]) == ["like", "sharp", "dynamics", "laps", "all but laps"]
@@ -121,7 +120,7 @@ def test_one_training_seed_says_nothing_about_other_trainings(tmp_path: Path) ->
     shown = run(tmp_path, str(first), str(second), module=MODULE).stdout
 
     assert "alone and other: one training seed" in shown
-    assert "cannot be estimated from one training seed" in shown
+    assert "three or more training seeds, to estimate" in shown
 
 
 def test_a_baseline_needs_no_further_training_seed(tmp_path: Path) -> None:
@@ -132,8 +131,8 @@ def test_a_baseline_needs_no_further_training_seed(tmp_path: Path) -> None:
     second = write(tmp_path / "b", expert)
     shown = run(tmp_path, str(first), str(second), module=MODULE).stdout
 
-    assert "a baseline without training" in shown
-    assert "cannot be estimated" not in shown
+    assert "a baseline" in shown
+    assert "to estimate how many" not in shown
 
 
 def of_drives(change: Callable[[list[dict]], list[dict]]) -> Callable[[dict], dict]:

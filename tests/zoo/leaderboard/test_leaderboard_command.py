@@ -375,7 +375,7 @@ def test_names_never_vanish(width: int, tmp_path: Path, console: Console) -> Non
             f"[brightness,shadow,{model}]",
             f"0.{len(model)}",
             f"0.00{len(model)}",
-            "lake (012345)",
+            "lake(012345)",
             "1,2,3(n=3)",
             "92.0%±1.0%",
             "0of9",
