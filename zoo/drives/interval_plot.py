@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 from matplotlib.figure import Figure
 
 from zoo.runs.plots import BLUE, GREY, NotebookFigure
-from zoo.runs.table import Bounded
 
 
-def interval_plot(figures: Mapping[str, Bounded], label: str, line: float | None = None) -> Figure:
+def interval_plot(figures: Mapping[str, Any], label: str, line: float | None = None) -> Figure:
     """Draw a row for each share: its value as a dot and its interval, both in percent.
 
     Args:

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from zoo.drives.drive_record import Drive
 
 FILMS_BYTES = 10_000_000  # total of films embedded in the page; base64 adds a third
-SLOW_MACS = 1_000_000_000  # multiply-adds above which a saliency map takes half a second
-FEW = 3  # number of worst moments of such a slow network
 PLOTS = {
     "track": "The car's path, coloured by cross-track error. Crosses mark interventions.",
     "error": "Cross-track error along the track. The lane is shaded.",
@@ -104,19 +102,15 @@ def _name(drive: "Drive", file: str) -> str:
 def _worst(run: ReportedRun, track: str, drives: "list[Drive]") -> list[Block]:
     """Return the worst moments of a track's drives, each with its saliency map."""
     from zoo.checkpoints.policy import CheckpointPolicy
-    from zoo.models.make_network import multiply_adds
     from zoo.saliency.visual_backprop import Saliency, overlay
 
     found = [(drive, row) for drive in drives for row in worst_rows(drive)]
     if not found:
         raise MissingError("The drive saved no images of its worst moments.")
     found.sort(key=lambda one: _badness(*one), reverse=True)
-    checkpoint = run.checkpoint
-    height, width, channels = checkpoint.view.shape
-    is_slow = multiply_adds(checkpoint.network, (channels, height, width)) > SLOW_MACS
-    saliency = Saliency(CheckpointPolicy(checkpoint))
+    saliency = Saliency(CheckpointPolicy(run.checkpoint))
     images = []
-    for number, (drive, row) in enumerate(found[: FEW if is_slow else MOMENTS], 1):
+    for number, (drive, row) in enumerate(found[:MOMENTS], 1):
         frame = read_frame(drive.folder / str(drive.frame[row]))
         where = saliency(frame, float(drive.speed_mph[row]))
         pair = np.hstack([frame, overlay(frame, where)])

@@ -97,21 +97,6 @@ class ReportedRun(Run):
                 damaged.append(str(error))
         return found, damaged
 
-    @cached_property
-    def tracks(self) -> dict[str, dict]:
-        """Return every track's figures (see `mean_and_spread`); empty without drives."""
-        from zoo.evaluate.drives_table import mean_and_spread
-
-        by_track: dict[str, list[dict]] = {}
-        for drive in self.drives:
-            by_track.setdefault(drive.track, []).append(drive.summary)
-        return super().tracks or {name: mean_and_spread(one) for name, one in by_track.items()}
-
-    def farthest_m(self, track: str) -> float:
-        """Return the largest cross-track error of a track's drives, in metres."""
-        own = [drive.summary["cte_max_m"] for drive in self.drives if drive.track == track]
-        return max(own, default=self.tracks[track]["cte_max_m"][0])
-
     @property
     def ended_early(self) -> str:
         """Return a sentence on why there are no figures; empty for a finished run."""

@@ -42,16 +42,8 @@ def commit_of(root: Path) -> str | None:
     """Return the commit of the checkout `root`; None if it is not one, or without git."""
     if not (root / ".git").exists():  # a parent folder may be another project's checkout
         return None
-    command = [
-        "git",
-        "-C",
-        str(root),
-        "describe",
-        "--always",
-        "--dirty",
-        "--abbrev=12",
-        "--exclude=*",
-    ]
+    options = ("--always", "--dirty", "--abbrev=12", "--exclude=*")
+    command = ["git", "-C", str(root), "describe", *options]
     try:
         found = subprocess.run(
             command, capture_output=True, text=True, encoding="utf-8", timeout=10, check=False

@@ -22,10 +22,9 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from zoo.base.errors import InputError
-from zoo.base.parts import part_of, unknown_part
+from zoo.base.parts import unknown_part
 from zoo.runs.allowed_classes import is_allowed
 
-SHIPPED = ("zoo.", "datamodules.", "lightning.", "torch.")  # no user's part is in these modules
 TRUST = "trust"  # key with which the user allows more
 RECIPE = "recipe.json"  # in a recording that the embedded simulator wrote for a config
 
@@ -99,14 +98,11 @@ def check_saved_config(
             resolved.
     """
     for one in find_refusals(config, source, trusted, typed):
-        remedy = f"if you trust it, add {TRUST}={one.trust:.200}"
+        parts = "parts= and its file, or " if one.key.endswith("._target_") else ""
+        remedy = f"if you trust it, add {parts}{TRUST}={one.trust:.200}"
         if one.key == "model._target_" and not str(one.value).startswith("zoo."):
             # `make_network` takes no network of another module, trusted or not.
             remedy = unknown_part(one.value)
-        elif one.key.endswith("._target_") and not (
-            str(one.value).startswith(SHIPPED) or part_of(one.value)
-        ):
-            remedy = f"if you trust it, add parts= and its file, or {TRUST}={one.trust:.200}"
         raise InputError(
             f"{source}: {one.key}={one.value!r:.200} {one.reason}, so nothing was run; {remedy}"
         )

@@ -7,7 +7,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from zoo.base.errors import UsageError
 from zoo.base.nearest import hint
@@ -178,24 +178,16 @@ class Table:
         \end{tabular}
         <BLANKLINE>
         """
-        lines = [" & ".join(map(tex_escape, row)) + r" \\" for row in (self.headings, *self.cells)]
-        above, below = [], []
+        head, *rows = (
+            " & ".join(map(tex_escape, row)) + r" \\" for row in (self.headings, *self.cells)
+        )
+        kinds = "".join("l" if is_text else "r" for is_text in self._are_texts())
+        lines = [rf"\begin{{tabular}}{{{kinds}}}", r"\toprule", head, r"\midrule", *rows]
+        lines += [r"\bottomrule", r"\end{tabular}"]
         if self.caption:
-            above = [r"\begin{table}", r"\centering", rf"\caption{{{tex_escape(self.caption)}}}"]
-            below = [r"\end{table}"]
-        parts = [
-            r"% \usepackage{booktabs}",
-            *above,
-            rf"\begin{{tabular}}{{{''.join('l' if one else 'r' for one in self._are_texts())}}}",
-            r"\toprule",
-            lines[0],
-            r"\midrule",
-            *lines[1:],
-            r"\bottomrule",
-            r"\end{tabular}",
-            *below,
-        ]
-        return "\n".join(parts) + "\n"
+            caption = rf"\caption{{{tex_escape(self.caption)}}}"
+            lines = [r"\begin{table}", r"\centering", caption, *lines, r"\end{table}"]
+        return "\n".join([r"% \usepackage{booktabs}", *lines, ""])
 
     def markdown(self, left: int | None = None, bold: Collection[int] = ()) -> str:
         r"""Return the texts as Markdown.
@@ -246,24 +238,10 @@ def column_names(columns: str, known: Iterable[str]) -> list[str]:
     return names
 
 
-class Bounded(Protocol):
-    """A figure with the bounds of its interval; None or NaN where one is not known."""
-
-    @property
-    def value(self) -> float | None:
-        """Return the figure."""
-
-    @property
-    def low(self) -> float | None:
-        """Return the lower bound."""
-
-    @property
-    def high(self) -> float | None:
-        """Return the upper bound."""
-
-
-def with_interval(figure: Bounded, form: str, factor: float = 1) -> str:
+def with_interval(figure: Any, form: str, factor: float = 1) -> str:
     """Return a figure with its interval, both times a factor.
+
+    A figure has `value`, `low` and `high`; None or NaN where one is not known.
 
     >>> from types import SimpleNamespace as Figure
     >>> with_interval(Figure(value=0.9, low=0.8, high=0.95), "{:.0f}", 100)
@@ -298,7 +276,7 @@ def two_lines(cell: str) -> str:
     return f"{interval[1]}\n{bounds}"
 
 
-def interval_figures(name: str, figures: Sequence[Bounded]) -> dict[str, list[Cell]]:
+def interval_figures(name: str, figures: Sequence[Any]) -> dict[str, list[Cell]]:
     """Return figures as columns of a table: `NAME`, `NAME_low` and `NAME_high`."""
     return {
         name: [known(figure.value) for figure in figures],
@@ -310,7 +288,7 @@ def interval_figures(name: str, figures: Sequence[Bounded]) -> dict[str, list[Ce
 def interval_column(
     name: str,
     heading: str,
-    figures: Sequence[Bounded],
+    figures: Sequence[Any],
     form: str,
     factor: float = 1,
     short: bool = True,
