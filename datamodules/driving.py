@@ -158,7 +158,14 @@ class DrivingData(lightning.LightningDataModule):
             recording, [*self.cameras, "center"], self.view, self.cache, console
         )
         if faults:
-            recording, views = self._without(faults, recording, views)
+            lines = tuple(f"{recording.place(row)}: {faults[row]}" for row in sorted(faults))
+            good = ~np.isin(np.arange(len(recording)), list(faults))
+            if self.on_bad_image == "fail" or not good.any():
+                raise InputError(
+                    f"{lines[0]} ({len(lines)} of {len(recording)} rows have a bad image); "
+                    "record or copy it again, or set data.on_bad_image=skip"
+                )
+            recording, views = recording.keep(good, lines), views.keep(good)
         self.recording: Recording = recording
         self.views: RowViews = views
         for line in report_lines(recording):
@@ -185,23 +192,6 @@ class DrivingData(lightning.LightningDataModule):
                 f"set data.batch_size={count} or less"
             )
         next(iter(self.sampler()))  # to report a wrong straight_cap now
-
-    def _without(
-        self, faults: dict[int, str], recording: Recording, views: RowViews
-    ) -> tuple[Recording, RowViews]:
-        lines = tuple(f"{recording.place(row)}: {faults[row]}" for row in sorted(faults))
-        if self.on_bad_image == "fail":
-            raise InputError(
-                f"{lines[0]} ({len(lines)} of {len(recording)} rows have a bad image); "
-                "record or copy it again, or set data.on_bad_image=skip"
-            )
-        good = np.ones(len(recording), dtype=bool)
-        good[list(faults)] = False
-        if not good.any():
-            raise InputError(
-                f"{lines[0]}; no row is left, all have a bad image; record or copy them again"
-            )
-        return recording.keep(good, lines), views.keep(good)
 
     def sampler(self, rank: int = 0, world: int = 1) -> BalancedBatches:
         """Return the sampler of an epoch's batch keys, of one rank."""
@@ -257,24 +247,20 @@ class DrivingData(lightning.LightningDataModule):
 
     def train_dataloader(self) -> DataLoader:
         """Return this rank's training batches."""
-        keys = self.sampler()
-        if self.trainer is not None:
-            keys = self.sampler(self.trainer.global_rank, self.trainer.world_size)
-            # A resumed run takes its first batch before Lightning sets the epoch.
+        keys = self.sampler(*self._rank())
+        if self.trainer is not None:  # a resumed run's first batch comes before Lightning's epoch
             keys.set_epoch(self.trainer.current_epoch)
         training, workers = self.training_batches(), self.workers
         batches: Dataset = training
-        sampler: BalancedBatches | KeyGroups = keys
         if self.features is not None:
             batches = FeatureBatches(training, self.features)
         elif self._batch_device is not None:
             batches, workers = DeviceBatches(training, self._batch_device), 0
-        if self.batches_per_step > 1:
-            batches, sampler = BatchGroups(batches), KeyGroups(keys, self.batches_per_step)
+        grouped = self.batches_per_step > 1
         return DataLoader(
-            batches,
+            BatchGroups(batches) if grouped else batches,
             batch_size=None,
-            sampler=sampler,
+            sampler=KeyGroups(keys, self.batches_per_step) if grouped else keys,
             collate_fn=unchanged,
             num_workers=workers,
             persistent_workers=workers > 0,
@@ -289,16 +275,17 @@ class DrivingData(lightning.LightningDataModule):
     def val_dataloader(self) -> DataLoader | list:
         """Return this rank's validation rows; `SteeringModule` joins the predictions."""
         batches = self.evaluation_batches("val")
-        if not len(batches):
-            return []
-        if self.trainer is not None:
-            batches = batches.share(self.trainer.global_rank, self.trainer.world_size)
-        return DataLoader(batches, batch_size=None, shuffle=False)
+        shard = batches.share(*self._rank()) if self.trainer is not None else batches
+        return DataLoader(shard, batch_size=None, shuffle=False) if len(batches) else []
 
     def test_dataloader(self) -> DataLoader | list:
         """Return the test rows."""
         batches = self.evaluation_batches("test")
         return DataLoader(batches, batch_size=None, shuffle=False) if len(batches) else []
+
+    def _rank(self) -> tuple[int, int]:
+        """Return the rank of this process and the number of processes."""
+        return (self.trainer.global_rank, self.trainer.world_size) if self.trainer else (0, 1)
 
     def leaks(self) -> dict[str, Leak]:
         """Return the train/validation similarity of `val` and `test`."""

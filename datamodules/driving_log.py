@@ -64,13 +64,9 @@ class BadRows:
             first += f" ({bad:,} of {rows:,} rows are bad)"
         if hint and bad >= HINTED_SHARE * rows:
             raise InputError(f"{first}; {hint}")
-        if bad == rows > 1:
-            raise InputError(f"{first}; correct all rows, or name another recording")
-        row, them = ("the row", "it") if bad == 1 else ("these rows", "them")
-        raise InputError(
-            f"{first}; correct or delete {row}, or leave {them} out with on_bad_row=skip "
-            "(in a training data.on_bad_row=skip)"
-        )
+        skip = ", or leave out bad rows with on_bad_row=skip (in a training data.on_bad_row=skip)"
+        what = "all rows" if bad == rows > 1 else "the row"
+        raise InputError(f"{first}; correct or delete {what}{skip if good else ''}")
 
 
 @dataclass(frozen=True)

@@ -233,11 +233,8 @@ def report_lines(recording: Recording) -> list[str]:
         if np.isfinite(report.seconds):
             gaps = f"{report.gaps} gap{'' if report.gaps == 1 else 's'}"
             timing = f"{report.seconds:.0f} s at {report.fps:.1f} frames/s, {gaps}"
-        sides = "3 cameras"
-        if report.side_cameras == 0:
-            sides = "centre camera only"
-        elif report.side_cameras < report.rows:
-            sides = f"3 cameras in {report.side_cameras:,} rows"
+        some = f" in {report.side_cameras:,} rows" if report.side_cameras < report.rows else ""
+        sides = f"3 cameras{some}" if report.side_cameras else "centre camera only"
         lines.append(
             f"{report.name}: {report.rows:,} rows, {sides}, {timing}, "
             f"{report.zero_share:.0%} of steering exactly 0, mean {report.mean_speed_mph:.1f} mph"

@@ -139,14 +139,18 @@ def format_stretches(stretches: Iterable[Stretch]) -> str:
 
 
 def typed_edits(
-    rows: int, drop_text: str = "", keep_text: str = "", mirror_text: str = "", split_text: str = ""
+    rows: int,
+    drop_text: str | None = None,
+    keep_text: str | None = None,
+    mirror_text: str | None = None,
+    split_text: str | None = None,
 ) -> Edits:
     """Return the edits that the keys `drop`, `keep`, `mirror` and `split` name.
 
     Args:
         rows: number of rows of the recording.
-        drop_text: stretches to leave out, see `parse_stretches`; empty for none.
-        keep_text: stretches to keep; all other rows are dropped; empty for all.
+        drop_text: stretches to leave out, see `parse_stretches`; None for none.
+        keep_text: stretches to keep; all other rows are dropped; None for all.
         mirror_text: stretches to mirror.
         split_text: rows with which a further part begins, from 2.
 
@@ -154,7 +158,7 @@ def typed_edits(
         UsageError: a text is wrong.
     """
 
-    def mask(key: str, text: str) -> np.ndarray:
+    def mask(key: str, text: str | None) -> np.ndarray:
         return _mask(parse_stretches(key, text, rows) if text else (), rows)
 
     dropped = mask("drop", drop_text)

@@ -96,18 +96,17 @@ class Windows:
             windows = self if part == "train" else self.past
             whole = windows.whole(recording, rows)
             if len(rows) and not len(whole):
-                length = (windows.sequence - 1 + windows.ahead) * self.stride + 1
                 raise InputError(
                     f"data.sequence={self.sequence} data.stride={self.stride} data.ahead="
-                    f"{self.ahead}: no {part} row has a window of {length} consecutive rows in "
-                    "its part; set lower values, a longer data.block_s (with data.split=blocks), "
-                    "or record more driving"
+                    f"{self.ahead}: no {part} row has a whole window in its part; set lower "
+                    "values, a longer data.block_s, or record more driving"
                 )
             counts.append(f"{len(whole):,} of {len(rows):,} {part}")
-        frames = f"{self.sequence} frame{'s' * (self.sequence > 1)}"
-        ahead = f" and {self.ahead} target{'s' * (self.ahead > 1)} ahead" * (self.ahead > 0)
-        stride = f"{self.stride} row{'s' * (self.stride > 1)} apart"
-        return f"windows of {frames}{ahead}, {stride}: {', '.join(counts)} rows have one"
+        ahead = f" and {self.ahead} targets ahead" if self.ahead else ""
+        return (
+            f"windows of {self.sequence} frames{ahead}, {self.stride} rows apart: "
+            f"{', '.join(counts)} rows have one"
+        )
 
 
 SINGLE_FRAMES = Windows()

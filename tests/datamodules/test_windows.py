@@ -328,7 +328,7 @@ def test_loading_prints_how_many_rows_have_a_window(load, console):
         ({"sequence": 10**30}, "data.sequence"),
         ({"sequence": 100}, "no val row"),
         ({"sequence": 100, "stride": 5}, "no train row"),
-        ({"sequence": 9, "split": "random"}, "data.split=blocks"),
+        ({"sequence": 9, "split": "random"}, "data.block_s"),
     ],
 )
 def test_wrong_windows_are_refused_in_one_line(load, settings, named):

@@ -1,4 +1,4 @@
-"""`drivezoo doctor`: find faults of this installation."""
+"""`drivezoo doctor`: find faults of this machine."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from zoo.base.run_command import run_command
 from zoo.base.terminal import command_line, printable
 from zoo.checkpoints.checkpoint_path import FOLDER, LATEST, find_checkpoint, packaged_file
 from zoo.cli.closing_lines import print_next
-from zoo.doctor import inputs, installation, machine, renderer, round_trip
-from zoo.doctor.finding import FAULT, OK, WARNING, Finding, careful
+from zoo.doctor import inputs, machine, renderer
+from zoo.doctor.machine import FAULT, OK, WARNING, Finding, careful
 
 PORT = 4567
 COLOURS = {OK: "32", WARNING: "33", FAULT: "31"}
@@ -27,7 +27,7 @@ NAME_WIDTH, STATE_WIDTH = 12, 9
 
 @command
 def doctor(ckpt: str | None = None, recording: str | None = None, *, port: int = PORT) -> None:
-    """Find faults of this installation.
+    """Find faults of this machine.
 
     Checks packages, device, renderer, port and disk, and prints each fault with its fix. With a
     checkpoint, also drives a round trip with the original simulator's protocol. Exits 0 without
@@ -51,11 +51,11 @@ def doctor(ckpt: str | None = None, recording: str | None = None, *, port: int =
 
 def diagnose(checkpoint: str | None, recording: str | None, port: int) -> Iterator[Finding]:
     """Yield each finding as soon as it is found; raise nothing."""
-    yield from careful("Python", installation.check_python)
-    if sys.version_info < installation.OLDEST:
+    yield from careful("Python", machine.check_python)
+    if sys.version_info < machine.OLDEST:
         return  # every other check would fail for this reason
     renderers = renderer.start_renderers()  # runs while torch is imported
-    yield from careful("packages", installation.check_packages)
+    yield from careful("packages", machine.check_packages)
     yield from careful("device", machine.check_device)
     yield from careful("renderer", renderers)
     yield from careful("port", partial(machine.check_port, port))
@@ -69,7 +69,7 @@ def diagnose(checkpoint: str | None, recording: str | None, port: int) -> Iterat
         usable = usable and finding.state != FAULT
         yield finding
     if usable:
-        yield from careful("round trip", partial(round_trip.check_round_trip, checkpoint))
+        yield from careful("round trip", partial(inputs.check_round_trip, checkpoint))
 
 
 def sort_paths(paths: list[str]) -> tuple[str | None, str | None]:

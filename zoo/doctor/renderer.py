@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterator
 
 from zoo.base.child_process import start_module
-from zoo.doctor.finding import FAULT, OK, WARNING, Finding
+from zoo.doctor.machine import FAULT, OK, WARNING, Finding
 
 TIMEOUT_S = 20.0
 GROUND = (0.2, 0.6, 0.4)

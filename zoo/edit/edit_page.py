@@ -1,6 +1,7 @@
 """The editing page: the files of `static/`, the recording's columns and images, and commands."""
 
 import contextlib
+import errno
 import io
 import math
 import socket
@@ -22,6 +23,7 @@ from zoo.base.regular_file import read_regular
 from zoo.drive.notices import Notices
 from zoo.drive.origin import OriginGuard
 from zoo.drive.page_requests import Answer, RequestError, json_answer, read_command, respond, route
+from zoo.drive.port_holder import port_holder
 from zoo.edit.edit_session import EditSession
 from zoo.edit.frame_analysis import FrameAnalysis
 
@@ -178,28 +180,29 @@ class PageServer(socketserver.ThreadingMixIn, WSGIServer):
 
     Args:
         port: TCP port; 0 for a free one.
-        notices: log of refused requests.
+        page: page that answers the requests.
 
     Raises:
-        OSError: the port is in use.
+        InputError: the port is in use; names the process that holds it.
     """
 
     daemon_threads = True
 
-    def __init__(self, port: int, notices: Notices) -> None:
-        self.guard = OriginGuard(exposed=False, notices=notices)
+    def __init__(self, port: int, page: EditPage) -> None:
         self._open: dict[socket.socket, None] = {}  # the oldest first
-        super().__init__((HOST, port), _Handler)
+        try:
+            super().__init__((HOST, port), _Handler)
+        except OSError as error:
+            holder = port_holder(port) if error.errno == errno.EADDRINUSE else None
+            reason = f"held by {holder}" if holder else error.strerror
+            raise InputError(f"port={port}: {reason}; add port=0 for a free one") from None
+        self.set_app(OriginGuard(exposed=False, notices=Notices())(page))
 
     def server_bind(self) -> None:
         """Bind the socket, without the name lookup of `http.server`."""
         socketserver.TCPServer.server_bind(self)
         self.server_name, self.server_port = HOST, self.server_address[1]
         self.setup_environ()
-
-    def show(self, page: EditPage) -> None:
-        """Answer requests with a page from now on."""
-        self.set_app(self.guard(page))
 
     def process_request(self, request: socket.socket, client_address: object) -> None:
         """Answer a request in a thread; close the oldest when too many are unfinished."""

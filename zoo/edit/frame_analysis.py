@@ -2,7 +2,6 @@
 
 import threading
 from contextlib import suppress
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -101,19 +100,3 @@ class FrameAnalysis:
         with suppress(Exception):  # of a bad image or a network; the row stays unknown
             command = self.policy(read_image(path), float(self.recording.speed_mph[row]))
             self.predicted[row] = command.steering
-
-
-def load_predictor(named: str) -> tuple[Path, "Policy"]:
-    """Return a checkpoint's path and its policy.
-
-    Raises:
-        InputError: there is no such checkpoint, or it cannot be loaded.
-    """
-    from zoo.checkpoints.checkpoint_path import find_checkpoint
-    from zoo.cli.console_progress import loading
-
-    path = find_checkpoint(named)
-    with loading():
-        from zoo.checkpoints.policy import load_policy
-
-        return path, load_policy(path)

@@ -148,7 +148,7 @@ def test_evaluate_takes_the_latest_run_and_keeps_which_it_was(
 @pytest.mark.parametrize("named", [f"outputs/{ODD}", "latest"])
 def test_the_doctor_knows_a_run(named: str, odd: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(odd)
-    checkpoint, recording, _ = doctor.sort_arguments([named])
+    checkpoint, recording = doctor.sort_paths([named])
     assert checkpoint == f"outputs/{ODD}/checkpoints/best.ckpt"
     assert recording is None
 

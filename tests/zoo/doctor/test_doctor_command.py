@@ -13,9 +13,8 @@ from tests.recordings import Written
 from tests.zoo.commands import ROOT, run, run_words
 from zoo.base.run_command import run_command
 from zoo.doctor import __main__ as doctor
-from zoo.doctor import inputs, installation, round_trip
-from zoo.doctor.finding import FAULT, WARNING
-from zoo.doctor.machine import check_device
+from zoo.doctor import inputs, machine
+from zoo.doctor.machine import FAULT, WARNING, check_device
 
 
 def run_doctor(cwd: Path, *arguments: object, **more: str) -> subprocess.CompletedProcess:
@@ -87,7 +86,7 @@ def test_a_package_that_carries_malware_is_a_fault(
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: lightning\nVersion: 2.6.2\n")
     monkeypatch.syspath_prepend(tmp_path / "bad")
 
-    (fault,) = (one for one in installation.check_packages() if one.state == FAULT)
+    (fault,) = (one for one in machine.check_packages() if one.state == FAULT)
 
     assert "lightning 2.6.2 carries malware" in fault.found
     assert "pip uninstall lightning" in fault.fix
@@ -130,7 +129,7 @@ def test_bad_images_are_a_warning(tmp_path: Path, recorded: Written) -> None:
 
 
 def test_a_driver_that_does_not_start_is_a_fault(tmp_path: Path) -> None:
-    (finding,) = round_trip.check_round_trip(str(tmp_path / "absent.ckpt"))
+    (finding,) = inputs.check_round_trip(str(tmp_path / "absent.ckpt"))
     assert finding.state == FAULT
     assert "absent.ckpt" in finding.found
 
@@ -147,7 +146,7 @@ def test_wrong_arguments_get_one_line(
 
 def test_the_supported_pythons_are_those_of_pyproject() -> None:
     text = (ROOT / "pyproject.toml").read_text()
-    (oldest, first), (newest, last) = installation.OLDEST, installation.NEWEST
+    (oldest, first), (newest, last) = machine.OLDEST, machine.NEWEST
     assert f'requires-python = ">={oldest}.{first},<{newest}.{last + 1}"' in text
 
 

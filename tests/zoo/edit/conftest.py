@@ -14,7 +14,6 @@ from datamodules.recording import read_recordings
 from datamodules.recording_edits import Edits
 from tests.recordings import Written
 from zoo.checkpoints.command import as_policy
-from zoo.drive.notices import Notices
 from zoo.edit.edit_page import EditPage, PageServer
 from zoo.edit.edit_session import EditSession
 from zoo.edit.frame_analysis import FrameAnalysis
@@ -64,8 +63,7 @@ def served(recorded: Written, tmp_path: Path) -> Iterator[ServedPage]:
     analysis = FrameAnalysis(recording, policy)
     session = EditSession(recording, Edits(len(recording)))
     page = EditPage(session, analysis, "best.ckpt")
-    with PageServer(0, Notices(lambda line: None)) as server:
-        server.show(page)
+    with PageServer(0, page) as server:
         thread = threading.Thread(target=server.serve_forever, args=(0.02,))
         thread.start()
         analysis.start()

@@ -11,8 +11,7 @@ from datamodules.recording import read_recordings
 from tests.recordings import Written
 from tests.zoo.commands import command, environment, only_line, run
 from zoo.base.errors import InputError
-from zoo.drive.notices import Notices
-from zoo.edit.__main__ import open_server
+from zoo.edit.edit_page import PageServer
 
 
 def test_without_a_page_it_writes_at_once(recorded: Written, tmp_path: Path) -> None:
@@ -65,7 +64,7 @@ def test_ctrl_c_ends_the_page_and_prints_how_to_resume(recorded: Written, tmp_pa
 
 def test_a_port_in_use_is_named_with_its_holder() -> None:
     with (
-        open_server(0, Notices()) as first,
+        PageServer(0, lambda *_: []) as first,
         pytest.raises(InputError, match=rf"port={first.server_port}: held by .*port=0"),
     ):
-        open_server(first.server_port, Notices())
+        PageServer(first.server_port, lambda *_: [])

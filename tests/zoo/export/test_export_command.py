@@ -27,7 +27,7 @@ from zoo.checkpoints.onnx_policy import CARD
 from zoo.checkpoints.policy import CheckpointPolicy, load_policy
 from zoo.cli.compose import choices
 from zoo.doctor import inputs
-from zoo.doctor.finding import OK
+from zoo.doctor.machine import OK
 from zoo.drive.__main__ import load_warm_policy, view_line
 from zoo.drive.live_page import list_checkpoints
 from zoo.evaluate import __main__ as evaluate
