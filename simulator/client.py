@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack, closing
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
@@ -18,14 +18,17 @@ from simulator.film import Film
 from simulator.legacy_socket import (
     OPENED,
     UNREADABLE,
-    HandshakeRefusedError,
     HandshakeSilentError,
     LegacySocket,
     websocket_address,
 )
 from simulator.telemetry import make_telemetry, read_put_back, read_steer
-from simulator.weather import read_weather
-from simulator.world import Start, World, open_world
+from simulator.world import Start, World
+
+if TYPE_CHECKING:
+    from simulator.modern_socket import ModernSocket  # slow import: python-socketio
+
+    Socket = LegacySocket | ModernSocket
 
 RETRY_S = 0.5  # seconds between attempts to connect
 SILENT_S = 5.0  # seconds without a reply until the client reports it
@@ -35,19 +38,6 @@ REPLIES = {
     "steer": '42["steer",{"steering_angle":"0.0500","throttle":"0.2000"}]',
     "manual": '42["manual",{}]',
 }
-
-
-class Socket(Protocol):
-    """Interface of `LegacySocket` and `ModernSocket`."""
-
-    def emit(self, name: str, data: object) -> None:
-        """Send an event."""
-
-    def events(self, wait_s: float) -> list[tuple[str, object]]:
-        """Return the events received within `wait_s` seconds."""
-
-    def close(self) -> None:
-        """Close the connection."""
 
 
 class Client:
@@ -96,9 +86,7 @@ class Client:
             self.pause()
             return
         except OSError as error:
-            refused = isinstance(error, HandshakeRefusedError)
-            answer = f" (the server there answers {error})" if refused else ""
-            self.print_once(f"waiting for a driver at {self.options.url}; {START}{answer}")
+            self.print_once(f"waiting for a driver at {self.options.url}; {START} ({error})")
             self.pause()
             return
         before = self.replies, self.dropped
@@ -115,7 +103,7 @@ class Client:
             if before == (self.replies, self.dropped):
                 self.pause()  # the driver refused the client
 
-    def drive(self, socket: Socket) -> None:
+    def drive(self, socket: "Socket") -> None:
         """Drive until `finished`; raise ConnectionError when the driver disconnects."""
         options = self.options
         realtime, drop_s = options.clock == "realtime", options.drop_at
@@ -148,7 +136,7 @@ class Client:
             time.sleep(max(self.next_frame_s - time.monotonic(), 0))
             self.advance()
 
-    def handle_event(self, socket: Socket, name: str, data: object) -> None:
+    def handle_event(self, socket: "Socket", name: str, data: object) -> None:
         """Handle a reply; discard it, and send nothing, if the original client would discard it."""
         put_back_mph = None
         if name == OPENED:
@@ -197,7 +185,7 @@ class Client:
         for show in self.on_frame:
             show(self.frame())
 
-    def emit(self, socket: Socket) -> None:
+    def emit(self, socket: "Socket") -> None:
         """Send telemetry, or null while a simulated person drives."""
         self.counts["telemetry"] += 1
         if self.manual:
@@ -243,7 +231,7 @@ class Client:
             f"{put_back}"
         )
 
-    def _connect(self) -> Socket:
+    def _connect(self) -> "Socket":
         if self.options.protocol == "legacy":
             return LegacySocket(self.options.url)
         from simulator.modern_socket import ModernSocket
@@ -274,8 +262,7 @@ def run_client(options: ClientOptions, console: Console) -> Client:
     """
     options.check()
     websocket_address(options.url)
-    world = open_world(renderer=options.renderer, **options.place)
-    world.reset(options.seed, Start(options.start), read_weather(options.weather))
+    world = options.open()
     client = Client(world, options, console)
     client.print_once(f"{world.track.name}, drawn by the {world.renderer.name} renderer")
     with ExitStack() as open_things:

@@ -1,13 +1,17 @@
 """Keys of `drivezoo simulator record`, `drive` and `client`."""
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
 from simulator.rig import TOP_SPEED_MPH
+from simulator.weather import read_weather
 from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError
+
+if TYPE_CHECKING:
+    from simulator.world import World
 
 Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -25,6 +29,19 @@ class DrawnWorld(WorldSettings):
     seed: Annotated[int, Field(ge=0)] = 0
     start: float | None = None
     renderer: Literal["auto", "software", "opengl"] = "auto"
+
+    def open(self, renderer: Any = None, **changes: Any) -> "World":
+        """Open the world and begin a drive.
+
+        Args:
+            renderer: stand-in for the renderer; None for the one of the options.
+            changes: arguments of `open_world` in place of the options' own.
+        """
+        from simulator.world import Start, open_world  # slow import: SciPy
+
+        world = open_world(renderer=renderer or self.renderer, **self.place | changes)
+        world.reset(self.seed, Start(self.start), read_weather(self.weather))
+        return world
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,9 +2,6 @@
 
 import datetime
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -13,11 +10,10 @@ from simulator.command_options import DriveOptions
 from simulator.drive_screen import HELP, DriveScreen
 from simulator.hand_control import Gamepads, HandControl, Hands
 from simulator.record import Driven, print_report
-from simulator.recorder import Recorder, check_free
+from simulator.recorder import Recorder
 from simulator.rig import CAMERAS, PHYSICS_STEP_S
-from simulator.weather import read_weather
 from simulator.window import Window
-from simulator.world import Start, World, open_world
+from simulator.world import Start, World
 
 SHOWN_PER_S = 60.0
 LONGEST_S = 0.1  # longest step of real time; on slower machines the world slows down
@@ -29,35 +25,25 @@ class Drive:
     Args:
         world: world with a frame for each physics step of 0.02 s.
         screen: screen that the person watches.
-        open_recorder: function called when R is first pressed.
+        recorder: recorder of the rows while the person records.
         frame_rate: rows per second of simulated time.
     """
 
     def __init__(
-        self,
-        world: World,
-        screen: DriveScreen,
-        open_recorder: Callable[[], Recorder],
-        frame_rate: float,
+        self, world: World, screen: DriveScreen, recorder: Recorder, frame_rate: float
     ) -> None:
         self.world, self.screen, self.row_s = world, screen, 1 / frame_rate
-        self.open_recorder = open_recorder
         self.control, self.gamepads = HandControl(), Gamepads()
         self.driven = Driven(world.track.length)
-        self.recorder: Recorder | None = None
-        self.is_recording = False
+        self.recorder, self.is_recording = recorder, False
         self._began_s = self._next_row_s = 0.0
         self._before = world.pose()
 
-    def run(self, recorders: ExitStack, seconds: float = 0.0) -> None:
-        """Drive until the person quits.
-
-        Args:
-            recorders: stack that closes the recorder at its end, also after an error.
-            seconds: seconds of simulated time until the end; 0 for no end.
+    def run(self, seconds: float = 0.0) -> None:
+        """Drive until the person quits, or for some seconds of simulated time above 0.
 
         Raises:
-            InputError: the recording's folder cannot be written, or the disk is full.
+            InputError: the disk is full.
         """
         begin, owed_s = time.perf_counter(), 0.0
         while not seconds or self.world.time < seconds:
@@ -65,7 +51,7 @@ class Drive:
             while owed_s >= PHYSICS_STEP_S:
                 owed_s -= PHYSICS_STEP_S
                 self._step(hands)
-            if not self._draw(owed_s / PHYSICS_STEP_S) or not self._handle_keys(recorders):
+            if not self._draw(owed_s / PHYSICS_STEP_S) or not self._handle_keys():
                 break
             time.sleep(max(begin + 1 / SHOWN_PER_S - time.perf_counter(), 0))
             now = time.perf_counter()
@@ -101,12 +87,13 @@ class Drive:
 
     def _draw(self, part: float) -> bool:
         """Draw the world at a fraction between its last two steps, for smooth motion."""
-        rows = self.recorder.rows if self.recorder else 0
+        rows = self.recorder.rows
         if self.is_recording:
             status = f"REC   {rows:,} rows"
         else:
             status = f"paused   {rows:,} rows" if rows else "R: record"
-        notice = self.recorder.folder.name if self.recorder else "nothing is recorded yet"
+        begun = rows or self.is_recording
+        notice = self.recorder.folder.name if begun else "nothing is recorded yet"
         if self.world.at_end:
             notice = "the road ends here: press backspace to return to its begin"
         elif self.world.off_road:
@@ -119,28 +106,22 @@ class Drive:
         car = self.world.car
         return self.screen.draw(pose, car.speed_mph, self.control.steering, self.control.throttle)
 
-    def _handle_keys(self, recorders: ExitStack) -> bool:
+    def _handle_keys(self) -> bool:
         """Handle the keys just pressed; return False to quit."""
         for key in self.screen.window.pressed:
             if key == "escape":
                 return False
             if key == "r":
-                self._toggle_recording(recorders)
+                self.is_recording = not self.is_recording
+                self._begin_pass()
             elif key == "space":
                 self.control.cruising = not self.control.cruising
             elif key == "backspace":
                 self._put_back()
         return True
 
-    def _toggle_recording(self, recorders: ExitStack) -> None:
-        self.is_recording = not self.is_recording
-        if self.recorder is None:
-            self.recorder = recorders.enter_context(self.open_recorder())
-        self._begin_pass()
-
     def _begin_pass(self) -> None:
-        if self.recorder is not None:
-            self.recorder.begin_pass()
+        self.recorder.begin_pass()
         self._began_s = self.world.time
 
     def _put_back(self) -> None:
@@ -166,40 +147,25 @@ def drive(options: DriveOptions, console: Console | None = None) -> tuple[Path, 
         InputError: an option is wrong, no window opens, or the recording cannot be written.
     """
     console = console or Console(soft_wrap=True)
-    world = _open(options)
-    title = f"{world.track.name}, drivezoo simulator drive"
-    window = Window(title, (options.width, options.width // 2))
-    screen = DriveScreen(window, world.renderer, world.weather)
-    run = Drive(world, screen, partial(_open_recorder, options), options.frame_rate)
-    console.print(HELP.replace("     ", "\n"), highlight=False, markup=False)
+    options.check()
+    world = options.open(frame_rate=1 / PHYSICS_STEP_S)
+    folder = Path(options.out)
+    if options.out == "auto":
+        folder = Path("recordings", f"{datetime.datetime.now():%Y-%m-%d_%H-%M-%S}")
     began = time.perf_counter()
-    try:
-        with ExitStack() as recorders:
-            run.run(recorders, options.seconds)
-    finally:
-        window.close()
-    if run.recorder is None or not run.recorder.rows:
+    with Recorder(folder, options.header, options.relative) as recorder:
+        title = f"{world.track.name}, drivezoo simulator drive"
+        window = Window(title, (options.width, options.width // 2))
+        screen = DriveScreen(window, world.renderer, world.weather)
+        run = Drive(world, screen, recorder, options.frame_rate)
+        console.print(HELP.replace("     ", "\n"), highlight=False, markup=False)
+        try:
+            run.run(options.seconds)
+        finally:
+            window.close()
+    if not recorder.rows:
         console.print("nothing was recorded; press R while driving to record")
         return None
     took = time.perf_counter() - began
-    print_report(console, run.recorder, [run.driven], took, world.renderer.name)
-    return run.recorder.folder, run.driven.off_road
-
-
-def _open(options: DriveOptions) -> World:
-    options.check()
-    check_free(_folder(options.out))
-    place = options.place | {"frame_rate": 1 / PHYSICS_STEP_S}
-    world = open_world(renderer=options.renderer, **place)
-    world.reset(options.seed, Start(options.start), read_weather(options.weather))
-    return world
-
-
-def _open_recorder(options: DriveOptions) -> Recorder:
-    return Recorder(_folder(options.out), options.header, options.relative)
-
-
-def _folder(out: str) -> Path:
-    """Return the folder `out`; for `auto`, one named after the present time."""
-    moment = datetime.datetime.now()
-    return Path("recordings", f"{moment:%Y-%m-%d_%H-%M-%S}") if out == "auto" else Path(out)
+    print_report(console, recorder, [run.driven], took, world.renderer.name)
+    return recorder.folder, run.driven.off_road

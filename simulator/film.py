@@ -2,7 +2,6 @@
 
 import contextlib
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 
@@ -61,14 +60,9 @@ class Film(contextlib.AbstractContextManager):
             self._video = self._open.enter_context(video)
         self._video.add(frame)
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
         try:
-            self._open.__exit__(kind, error, trace)
+            self._open.__exit__(kind, *error)
         except OSError as failure:
             raise self._unwritable(failure) from None
         if kind is None and self._video is not None:

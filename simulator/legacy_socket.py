@@ -116,10 +116,6 @@ def _check(size: int) -> None:
         )
 
 
-class HandshakeRefusedError(ConnectionError):
-    """An answer that does not open a WebSocket; the text is the status, such as `HTTP 400`."""
-
-
 def websocket_address(url: str) -> str:
     """Return the address that the original connects to for a driver's `http://127.0.0.1:4567`.
 
@@ -156,7 +152,7 @@ class LegacySocket:
                 address, timeout=HANDSHAKE_S, class_=BoundedWebSocket, suppress_origin=True
             )
         except websocket.WebSocketBadStatusException as error:
-            raise HandshakeRefusedError(f"HTTP {error.status_code}") from None
+            raise ConnectionError(f"HTTP {error.status_code}") from None
         except (websocket.WebSocketException, ssl.SSLError) as error:
             raise ConnectionError(str(error)) from None
         # The original leaves Nagle's algorithm on, which waits for the server's delayed ACK.

@@ -8,7 +8,6 @@ byte as those of one process.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from types import TracebackType
 
 import numpy as np
 from rich.progress import Progress
@@ -81,12 +80,7 @@ class ParallelRecorder:
     def __enter__(self) -> "ParallelRecorder":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
         if self.rows and (kind is None or issubclass(kind, InputError)):
             try:
                 self._write()

@@ -17,9 +17,7 @@ from simulator.hand_control import REACTION_S, HumanControl
 from simulator.parallel_record import ParallelRecorder, Requests
 from simulator.recorder import Recorder, split_pedals
 from simulator.rig import CAMERAS, PHYSICS_STEP_S
-from simulator.track_file import read_track
-from simulator.weather import read_weather
-from simulator.world import Start, World, open_world
+from simulator.world import World
 from zoo.base.errors import InputError
 from zoo.base.terminal import command_line
 
@@ -249,15 +247,11 @@ def record_laps(
 
 def _open(options: RecordOptions, jobs: int) -> tuple[World, Expert | HumanControl]:
     """Open the world and the driver of a pass; with several jobs, a world that draws nothing."""
-    place, is_person = options.place, options.control in REACTION_S
-    if is_person:
-        place["frame_rate"] = 1 / PHYSICS_STEP_S
-    if jobs == 1:
-        world = open_world(renderer=options.renderer, **place)
-    else:
-        requests = Requests(place.pop("track"), options.renderer, place.pop("quality"))
-        world = World(read_track(options.track), requests, **place)
-    world.reset(options.seed, Start(options.start), read_weather(options.weather))
+    is_person, requests = options.control in REACTION_S, None
+    if jobs > 1:
+        requests = Requests(options.track, options.renderer, options.quality)
+    frame_rate = 1 / PHYSICS_STEP_S if is_person else options.frame_rate
+    world = options.open(requests, frame_rate=frame_rate)
     reaction_s = REACTION_S.get(options.control, 0.0)
     settings = ExpertSettings(
         options.speed, noise=options.noise, reaction_s=reaction_s, seed=options.seed

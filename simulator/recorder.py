@@ -6,7 +6,6 @@ import io
 import os
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
 
 import cv2
 import numpy as np
@@ -49,7 +48,11 @@ class Recorder:
         self.rows, self._held = 0, ExitStack()
         self._pass_begin_s, self._last_s = 0.0, -np.inf
         try:
-            check_free(self.folder)
+            if self.log.exists():
+                raise InputError(
+                    f"{self.folder}: has a {LOG_NAME} already; give another folder with out=, or "
+                    "delete it"
+                )
             if marked_folder(self.log) is None:  # the folder is no part of a command's
                 self._held.enter_context(written_folder(self.folder, RECORDINGS))
             self.images.mkdir(parents=True, exist_ok=True)
@@ -64,12 +67,7 @@ class Recorder:
     def __enter__(self) -> "Recorder":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._file.close()
         with self._held:
             if not self.rows:
@@ -146,15 +144,6 @@ class Recorder:
         except OSError:
             self._file.truncate(size)
             raise
-
-
-def check_free(folder: Path | str) -> None:
-    """Raise InputError if a folder contains a recording; create nothing."""
-    folder = Path(folder).expanduser().absolute()
-    if (folder / LOG_NAME).exists():
-        raise InputError(
-            f"{folder}: has a {LOG_NAME} already; give another folder with out=, or delete it"
-        )
 
 
 def number_text(value: float) -> str:

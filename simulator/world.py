@@ -216,7 +216,7 @@ class World:
 
 def open_world(
     track: str | Track = "lake",
-    renderer: str = "auto",
+    renderer: "str | Renderer" = "auto",
     quality: str = "full",
     frame_rate: float = 15.0,
     delay_s: float = 0.0,
@@ -229,8 +229,9 @@ def open_world(
     Raises:
         InputError: there is no such track or renderer, or a value is not allowed.
     """
-    course, opened = read_track(track) if isinstance(track, str) else track, None
-    if renderer != "none":
+    course = read_track(track) if isinstance(track, str) else track
+    opened = None if isinstance(renderer, str) else renderer
+    if isinstance(renderer, str) and renderer != "none":
         from simulator.renderer import open_renderer  # slow import: a training only checks worlds
 
         opened = open_renderer(course, renderer, quality)

@@ -45,9 +45,9 @@ def edge_meshes(track: Track, ground: Ground) -> list[Mesh]:
             if not track.on_bridge((start + end) / 2):
                 along = points_along(start, end)
                 meshes += [_outer_face(track, ground, along, side) for side in (-1, 1)]
-                meshes += [
-                    _cross_face(track, ground, along, at) for at in _bridge_ends(track, along)
-                ]
+                for at, beyond in ((0, along[0] - 0.6), (-1, along[-1] + 0.6)):
+                    if track.on_bridge(beyond):
+                        meshes.append(_cross_face(track, ground, along, at))
     if not track.closed:
         for at in (0, -1):
             meshes += _road_end(track, ground, at)
@@ -94,12 +94,6 @@ def _outer_face(track: Track, ground: Ground, along: np.ndarray, side: int) -> M
     top = track.at(along) + (side * edge)[:, None] * right
     top[:, 2] += _rise(track, along, side, edge)
     return _face(ground, top, side * right)
-
-
-def _bridge_ends(track: Track, along: np.ndarray) -> list[int]:
-    """Return 0 and -1 where a bridge precedes and follows a run on the ground."""
-    ends = ((0, along[0] - 0.6), (-1, along[-1] + 0.6))
-    return [at for at, beyond in ends if track.on_bridge(beyond)]
 
 
 def _cross_face(track: Track, ground: Ground, along: np.ndarray, at: int) -> Mesh:

@@ -201,5 +201,5 @@ def test_a_mistake_is_one_line_before_a_window_opens(here, monkeypatch, argument
     (here / "held" / LOG_NAME).touch()
     # A window would fail here, with another words.
     monkeypatch.setitem(os.environ, "DISPLAY", "")
-    assert run_command("simulator", simulator, ["drive", argument]) in (1, 2)
+    assert run_command("drivezoo simulator", simulator, ["drive", argument]) in (1, 2)
     assert words in capsys.readouterr().err

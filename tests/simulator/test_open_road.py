@@ -1,7 +1,6 @@
 """Open roads: every drive, in both directions, ends at the road's end."""
 
 import math
-from contextlib import ExitStack
 
 import gymnasium
 import numpy as np
@@ -163,10 +162,10 @@ class Keyboard:
 def test_a_person_returns_from_the_end_to_the_begin(tmp_path):
     straight = make_track("road", {"segments": [{"straight": 40}], "closed": False})
     world, keyboard = World(straight, GreyRenderer(), frame_rate=50), Keyboard()
-    with ExitStack() as recorders:
-        drive = Drive(world, keyboard, lambda: Recorder(tmp_path / "laps"), 15)
+    with Recorder(tmp_path / "laps") as recorder:
+        drive = Drive(world, keyboard, recorder, 15)
         keyboard.pressed = ["r"]
-        drive._handle_keys(recorders)
+        drive._handle_keys()
         hands = drive._hands()
         while not world.at_end:
             drive._step(hands)
@@ -179,7 +178,7 @@ def test_a_person_returns_from_the_end_to_the_begin(tmp_path):
         assert drive.recorder.rows == rows
         assert "backspace" in keyboard.notices[-1]
         keyboard.pressed = ["backspace"]
-        drive._handle_keys(recorders)
+        drive._handle_keys()
         assert world.place.distance == 0
         drive._step(hands)
         drive._draw(0.0)
