@@ -101,7 +101,7 @@ def test_what_cannot_be_read_is_one_line_on_stderr(written, broken):
     assert done.returncode == 1
     assert done.stdout == ""
     (line,) = done.stderr.splitlines()
-    assert line.startswith(f"check: {folder}")
+    assert line.startswith(f"drivezoo check: {folder}")
 
 
 @pytest.mark.parametrize("name", ["x[/red]", "Straße ï :car: [bold]", "a 'b' \\[c", "lr=0.1,x"])

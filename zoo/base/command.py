@@ -39,15 +39,13 @@ from zoo.base.command_keys import (
 )
 from zoo.base.errors import InputError, UsageError
 from zoo.base.nearest import hint
+from zoo.base.parts import MEANING as PARTS
 from zoo.base.run_command import run_command
 
 Made = TypeVar("Made")
 
 HELP = ("-h", "--help")
 MOST_NAMED = 3  # choices that stand in the usage themselves, such as push|pull
-PARTS_MEANING = (
-    "files, folders or modules of your own networks, losses, ...; see also DRIVEZOO_PARTS"
-)
 
 
 class Shown:
@@ -167,9 +165,9 @@ class Command(Generic[Made]):
         values = dict(argument.split("=", 1) for argument in given if "=" in argument)
         keys = [key.row for key in keys_of(self.function, given=values)]
         if keys and self.parts:
-            keys.append(help_row("parts=null", PARTS_MEANING))
-        tables = ["\n".join(lines) for lines in (rows, keys) if lines]
-        return "\n\n".join([f"usage: {self.usage}", self.doc, *tables])
+            keys.append(help_row("parts=null", PARTS))
+        blocks = [f"usage: {self.usage}", self.doc, "\n".join(rows), "\n".join(keys)]
+        return "\n\n".join(filter(None, blocks))
 
     def split(self, given: Sequence[str]) -> tuple[list[str], list[str]]:
         """Return the arguments, unparsed, and the options after them.
@@ -178,23 +176,20 @@ class Command(Generic[Made]):
             UsageError: an argument is missing or unknown, or there are too many.
         """
         needed = [name for name in self.arguments if name[0] != "["]
-        several = len(needed) < len(self.arguments) or any("..." in name for name in needed)
         if len(given) < len(needed):
             raise UsageError(f"usage: {self.usage}; --help lists the options")
         first, rest = list(given[: len(needed)]), list(given[len(needed) :])
         known = {key.name for key in self.keys}
         for argument, name in zip(first, needed, strict=True):
             key = argument.partition("=")[0].removeprefix(f"{self.name}.")
-            is_key = "=" in argument and key in known and not _exists(argument)
-            if argument.startswith("--") or is_key:
+            if argument.startswith("--") or (_is_option(argument) and key in known):
                 raise UsageError(f"{argument}: {name} comes first; usage: {self.usage}")
-        options = [argument for argument in rest if not several or _is_option(argument)]
+        options = [argument for argument in rest if _is_option(argument)]
         arguments = first + [argument for argument in rest if argument not in options]
-        takes = bool(known) or self.config
-        surplus = [argument for argument in options if not takes or not _is_option(argument)]
+        surplus = [] if known or self.config else options
         if not any("..." in name for name in self.arguments):
-            surplus += arguments[len(self.arguments) :]
-        if surplus and not (self.config and not known):
+            surplus = surplus + arguments[len(self.arguments) :]
+        if surplus and (known or not self.config):
             what = f"{'further ' * bool(self.arguments)}arguments"
             what = "options" if _is_option(surplus[0]) else what
             raise UsageError(f"{surplus[0]}: {self.name} takes no {what}; usage: {self.usage}")
@@ -204,10 +199,12 @@ class Command(Generic[Made]):
         """Separate the command's own options from those of a training's config."""
         if not self.config:
             return options, []
-        keys = [option.partition("=")[0].removeprefix(f"{self.name}.") for option in options]
-        config = [not self.keys or not {".", "/"}.isdisjoint(key) for key in keys]
-        own = [option for option, other in zip(options, config, strict=True) if not other]
-        return own, [option for option, other in zip(options, config, strict=True) if other]
+        overrides = []
+        for option in options:
+            key = option.partition("=")[0].removeprefix(f"{self.name}.")
+            if not self.keys or "." in key or "/" in key:
+                overrides.append(option)
+        return [option for option in options if option not in overrides], overrides
 
     def _run(self, arguments: Sequence[Any], values: Mapping[str, Any]) -> Made:
         parameters = [*self.arguments.values()]

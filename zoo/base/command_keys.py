@@ -13,7 +13,7 @@ import re
 import sys
 import textwrap
 import types
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from typing import (
     Annotated,
@@ -246,24 +246,6 @@ def convert(name: str, kind: Any, value: Any) -> Any:
         raise UsageError(f"{name}={typed(given)}: must be {wanted(kind)}") from None
 
 
-def parameters_of(function: Callable[..., Any]) -> list[tuple[inspect.Parameter, Any]]:
-    """Return each parameter with its type; texts of annotations are evaluated."""
-    inner = function.func if isinstance(function, functools.partial) else function
-    if is_dataclass(inner):
-        hints = get_type_hints(inner, include_extras=True)
-    elif inspect.isclass(inner):
-        hints = get_type_hints(inner.__init__, include_extras=True)
-    else:
-        hints = {}
-    found = []
-    for parameter in inspect.signature(function).parameters.values():
-        kind = hints.get(parameter.name, parameter.annotation)
-        if isinstance(kind, str) and parameter.kind is parameter.KEYWORD_ONLY:
-            kind = eval(kind, vars(sys.modules[inner.__module__]))
-        found.append((parameter, kind))
-    return found
-
-
 def meanings_of(function: Callable[..., Any]) -> dict[str, str]:
     """Return the meaning of each argument, from the docstrings of a function or of classes."""
     inner = function.func if isinstance(function, functools.partial) else function
@@ -375,15 +357,24 @@ def read_options(kind: Callable[..., Made], arguments: Sequence[str] = ()) -> Ma
     return kind(**constructed(kind, given))
 
 
-def _keyed(function: Callable[..., Any]) -> list[tuple[inspect.Parameter, Any]]:
-    """Return the parameters that are keys: keyword-only ones of a function, all of a class."""
+def _keyed(function: Callable[..., Any]) -> Iterator[tuple[inspect.Parameter, Any]]:
+    """Yield the parameters that are keys, with their types: of a class all, else keyword-only ones.
+
+    Texts of annotations are evaluated.
+    """
     inner = function.func if isinstance(function, functools.partial) else function
-    return [
-        (parameter, kind)
-        for parameter, kind in parameters_of(function)
-        if parameter.kind is parameter.KEYWORD_ONLY or inspect.isclass(inner)
-        if not any(isinstance(mark, Untyped) for mark in getattr(kind, "__metadata__", ()))
-    ]
+    hints: dict[str, Any] = {}
+    if inspect.isclass(inner):
+        owner = inner if is_dataclass(inner) else inner.__init__
+        hints = get_type_hints(owner, include_extras=True)
+    for parameter in inspect.signature(function).parameters.values():
+        if parameter.kind is not parameter.KEYWORD_ONLY and not inspect.isclass(inner):
+            continue
+        kind = hints.get(parameter.name, parameter.annotation)
+        if isinstance(kind, str):
+            kind = eval(kind, vars(sys.modules[inner.__module__]))
+        if not any(isinstance(mark, Untyped) for mark in getattr(kind, "__metadata__", ())):
+            yield parameter, kind
 
 
 def _mark(kind: Any) -> tuple[object, Any]:

@@ -206,7 +206,8 @@ def part_failure(error: BaseException) -> InputError | None:
 
 def _lines_in(part: Part, error: BaseException) -> list[int | None]:
     """Return the lines of a part's file through which an error passed."""
-    file = str(part.file or getattr(sys.modules.get(part.module), "__file__", "") or part.name)
+    loaded = getattr(sys.modules.get(part.module), "__file__", None)
+    file = str(part.file or loaded or part.name)
     frames = traceback.extract_tb(error.__traceback__)
     return [frame.lineno for frame in frames if frame.filename == file]
 
