@@ -13,7 +13,7 @@ from rich.progress import Progress
 
 from datamodules.findings import find_oddities, report_lines
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, MOST_IMAGE_BYTES, checked_size
-from datamodules.recording import Recording, read_recordings
+from datamodules.recording import read_recordings
 from zoo.base.command import command, is_help
 from zoo.base.command_keys import read_texts
 from zoo.base.regular_file import read_regular
@@ -57,11 +57,19 @@ def check(
         _print_first(console, recording.bad_rows)
     sizes: Counter[tuple[int, int]] = Counter()
     bad = list(recording.bad_images)
-    for row, path, found in _look_at_images(recording, console):
-        if isinstance(found, str):
-            bad.append(f"{recording.place(row)}: {path}: {found}")
-        else:
-            sizes[found] += 1
+    named = [(row, path) for row, paths in enumerate(recording.images) for path in paths if path]
+    pool = ThreadPoolExecutor(os.cpu_count())
+    try:
+        found = pool.map(look_at_image, [path for _, path in named])
+        with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+            looked_at = progress.track(found, total=len(named), description="checking images")
+            for (row, path), size in zip(named, looked_at, strict=True):
+                if isinstance(size, str):
+                    bad.append(f"{recording.place(row)}: {path}: {size}")
+                else:
+                    sizes[size] += 1
+    finally:
+        pool.shutdown(cancel_futures=True)  # on Ctrl-C, do not wait for the other images
     for (width, height), count in sizes.most_common():
         usual = (width, height) == (FRAME_WIDTH, FRAME_HEIGHT)
         note = "" if usual else f" (will be resized to {FRAME_WIDTH} x {FRAME_HEIGHT})"
@@ -110,22 +118,6 @@ def look_at_image(path: str) -> tuple[int, int] | str:
         return checked_size(read_regular(path, MOST_IMAGE_BYTES))
     except (OSError, ValueError) as error:
         return getattr(error, "strerror", None) or str(error)
-
-
-def _look_at_images(
-    recording: Recording, console: Console
-) -> Iterator[tuple[int, str, tuple[int, int] | str]]:
-    """Yield row, path and result of `look_at_image` for every image, with a thread per core."""
-    images = [(row, path) for row, paths in enumerate(recording.images) for path in paths if path]
-    pool = ThreadPoolExecutor(os.cpu_count())
-    try:
-        found = pool.map(look_at_image, [path for _, path in images])
-        with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-            looked_at = progress.track(found, total=len(images), description="checking images")
-            for (row, path), one in zip(images, looked_at, strict=True):
-                yield row, path, one
-    finally:
-        pool.shutdown(cancel_futures=True)  # on Ctrl-C, do not wait for the other images
 
 
 def main(arguments: list[str]) -> None:

@@ -56,14 +56,12 @@ class FeatureFile:
     Attributes:
         rows: recording's rows, int64 [n].
         column: column of `RowViews.file`: the camera, plus `MIRRORED` for mirrored images.
-        paths: files of the images.
         name: description for the user.
         target: path of the file; None in memory.
     """
 
     rows: np.ndarray
     column: int
-    paths: list[str]
     name: str
     target: Path | None
 
@@ -130,7 +128,6 @@ def plan_features(
                     FeatureFile(
                         rows,
                         camera + MIRRORED * turned,
-                        paths,
                         f"{name}, {camera_name}{', mirrored' * turned}",
                         cache / f"{digest}.npy" if cache else None,
                     )

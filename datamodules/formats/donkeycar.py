@@ -61,7 +61,7 @@ TYPES = {
 
 def detect(path: Path) -> bool:
     """Return whether a folder holds a manifest, or records of Donkeycar 3."""
-    return (path / MANIFEST).exists() or any(True for _ in _old_paths(path))
+    return (path / MANIFEST).exists() or next(_old_paths(path), None) is not None
 
 
 def read(path: Path, options: ReadOptions) -> Recording:
@@ -126,9 +126,9 @@ def _record(place: str, text: str, images: str) -> dict[str, Any] | None:
     found = parse(text, place, dict)
     if found.get(MODE, "user") != "user":
         return None
-    speed_key = next((key for key in SPEEDS_MPS if key in found), SPEEDS_MPS[0])
-    speed_mph = abs(number(found, speed_key, place, 0.0)) / MPS_PER_MPH
-    stamp = next((key for key in STAMPS if key in found), None)
+    speeds = [key for key in SPEEDS_MPS if key in found]
+    speed_mph = abs(number(found, speeds[0], place)) / MPS_PER_MPH if speeds else 0.0
+    stamps = [key for key in STAMPS if key in found]
     return {
         "place": place,
         "image": images + plain_name(found.get(IMAGE), place, IMAGE),
@@ -136,9 +136,9 @@ def _record(place: str, text: str, images: str) -> dict[str, Any] | None:
         "throttle": number(found, EXACT["throttle"], place, number(found, THROTTLE, place, 0.0)),
         "brake": number(found, EXACT["brake"], place, 0.0),
         "speed_mph": number(found, EXACT["speed"], place, speed_mph),
-        "time_s": number(found, stamp, place) / 1000 if stamp else np.nan,
+        "time_s": number(found, stamps[0], place) / 1000 if stamps else np.nan,
         "session": str(found.get("_session_id", "")),
-        "has_speed": any(key in found for key in (*SPEEDS_MPS, EXACT["speed"])),
+        "has_speed": bool(speeds) or EXACT["speed"] in found,
         "is_own": EXACT["speed"] in found,
     }
 
@@ -171,16 +171,16 @@ def _new_records(folder: Path) -> Iterator[tuple[str, str | None, str]]:
 
 
 def _old_records(folder: Path) -> Iterator[tuple[str, str, str]]:
-    images = f"{folder}{os.sep}"
     for _, path in sorted(_old_paths(folder)):
         with open_text(path, MOST_JSON_BYTES, errors="surrogateescape") as file:
-            yield str(path), file.read(), images
+            yield str(path), file.read(), f"{folder}{os.sep}"
 
 
 def _old_paths(folder: Path) -> Iterator[tuple[int, Path]]:
     """Yield the number and path of each record of Donkeycar 3, in no order."""
-    named = ((_OLD_RECORD.fullmatch(path.name), path) for path in folder.glob("record_*.json"))
-    return ((int(match[1]), path) for match, path in named if match)
+    for path in folder.glob("record_*.json"):
+        if match := _OLD_RECORD.fullmatch(path.name):
+            yield int(match[1]), path
 
 
 def export_tub(

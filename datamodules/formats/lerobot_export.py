@@ -12,19 +12,11 @@ import numpy as np
 
 from datamodules.driving_log import CAMERAS
 from datamodules.formats.lerobot_features import (
-    ACTION,
-    ACTIONS,
     CAMERA_PREFIX,
     DATA,
     DATA_PATH,
     EPISODES,
-    EXACT,
     INFO,
-    MOST_S,
-    STATE,
-    STATES,
-    STATS,
-    TASKS,
     TIME,
     VERSION,
     VIDEO_PATH,
@@ -40,6 +32,19 @@ from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.rig import MPS_PER_MPH
 
+STATS = "meta/stats.json"
+TASKS = "meta/tasks.parquet"
+STATE, ACTION = "observation.state", "action"
+ACTIONS = ("steering", "throttle", "brake")
+# Two numbers, because LeRobot 0.4.4 reads a feature of one number without its dimension, and its
+# policies then fail on a batch.
+STATES = ("speed_mph", "speed_mps")
+# Columns of drivezoo's own datasets: recorded values in float64, unchanged to the bit. Their names
+# start neither with `observation` nor with `action`, so that LeRobot's policies do not take them.
+EXACT = ("steering", "throttle", "brake", "speed_mph")
+# Seconds of an episode and of a video file. LeRobot finds a frame by its time as float32, within
+# 1e-4 s: after 1,024 s two neighbouring float32 are farther apart.
+MOST_S = 600
 MOST_FPS = 1000
 CHUNK = 1000  # files in a folder
 FIRST_FILE = "chunk-000/file-000.parquet"

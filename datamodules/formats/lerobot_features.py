@@ -29,8 +29,6 @@ _UNITS = {
 }
 VERSION = "v3.0"
 INFO = "meta/info.json"
-STATS = "meta/stats.json"
-TASKS = "meta/tasks.parquet"
 EPISODES = "meta/episodes"
 DATA = "data"
 # What info.json has for the same places.
@@ -38,18 +36,7 @@ DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 
 CAMERA_PREFIX = "observation.images."
-STATE, ACTION = "observation.state", "action"
-ACTIONS = ("steering", "throttle", "brake")
-# Two numbers, because LeRobot 0.4.4 reads a feature of one number without its dimension, and its
-# policies then fail on a batch.
-STATES = ("speed_mph", "speed_mps")
-# Columns of drivezoo's own datasets: recorded values in float64, unchanged to the bit. Their names
-# start neither with `observation` nor with `action`, so that LeRobot's policies do not take them.
-EXACT = ("steering", "throttle", "brake", "speed_mph")
 TIME = "time_s"
-# Seconds of an episode and of a video file. LeRobot finds a frame by its time as float32, within
-# 1e-4 s: after 1,024 s two neighbouring float32 are farther apart.
-MOST_S = 600
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from datamodules.check import look_at_image
+from datamodules.driving_log import MOST_LOG_BYTES
 from datamodules.image import (
     MOST_IMAGE_BYTES,
     MOST_PIXELS,
@@ -20,7 +21,6 @@ from datamodules.image import (
     find_size_fault,
     read_image,
 )
-from datamodules.log_text import MOST_LOG_BYTES
 from datamodules.recording import read_recordings
 from datamodules.split import split_rows
 from datamodules.view import View

@@ -19,7 +19,7 @@ from typing import Any
 
 from pydantic import create_model
 
-from datamodules.log_text import replace_undecoded
+from datamodules.driving_log import replace_undecoded
 from zoo.base.bounded_files import check_version, read_json
 from zoo.base.errors import InputError
 from zoo.base.regular_file import open_text

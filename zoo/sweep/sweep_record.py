@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pydantic import Field
 
-from datamodules.log_text import MOST_LOG_BYTES
+from datamodules.driving_log import MOST_LOG_BYTES
 from zoo.base.bounded_files import check_version, read_json
 from zoo.base.errors import InputError
 from zoo.base.regular_file import read_regular
