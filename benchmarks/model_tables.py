@@ -6,7 +6,6 @@ without a page is left out.
 """
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 from torch import nn
@@ -24,43 +23,29 @@ PAGES = Path("docs/models")
 NORM = "batch normalization"
 
 
-@dataclass(frozen=True)
 class NetworkFacts:
-    """What the pages print of a network of `conf/model`.
+    """What the pages print of a network of `conf/model`, with the settings of its YAML.
+
+    Args:
+        name: as `model=` takes it.
 
     Attributes:
-        name: as `model=` takes it.
-        shape: `(height, width, channels)` of the published view.
-        colour: of the view.
+        view: published view.
+        size: the view's `channels x height x width`.
         layers: descriptions in the order of a forward pass, with output shape and parameters.
+        parameters: number of parameters of all layers.
         multiply_adds: of one forward pass.
     """
 
-    name: str
-    shape: tuple[int, int, int]
-    colour: str
-    layers: tuple[tuple[str, tuple[int, ...], int], ...]
-    multiply_adds: int
-
-    @property
-    def parameters(self) -> int:
-        """Number of parameters of all layers."""
-        return sum(count for *_, count in self.layers)
-
-
-def network_facts(name: str) -> NetworkFacts:
-    """Return the facts of a network with the settings of its YAML."""
-    config = compose_config([f"model={name}"])
-    view = published_view(config)
-    height, width, channels = view.shape
-    network = make_network(config["model"], view)
-    return NetworkFacts(
-        name,
-        view.shape,
-        view.colour,
-        tuple(_folded(network, network_layers(network, view.shape))),
-        multiply_adds(network, (channels, height, width)),
-    )
+    def __init__(self, name: str) -> None:
+        config = compose_config([f"model={name}"])
+        self.name, self.view = name, published_view(config)
+        height, width, channels = self.view.shape
+        network = make_network(config["model"], self.view)
+        self.size = _size((channels, height, width))
+        self.layers = _folded(network, network_layers(network, self.view.shape))
+        self.parameters = sum(count for *_, count in self.layers)
+        self.multiply_adds = multiply_adds(network, (channels, height, width))
 
 
 def _folded(network: nn.Module, layers: list[Layer]) -> list[tuple[str, tuple[int, ...], int]]:
@@ -69,30 +54,24 @@ def _folded(network: nn.Module, layers: list[Layer]) -> list[tuple[str, tuple[in
     An inverted residual is one line; a batch normalization stands in its convolution's.
     """
     modules = dict(network.named_modules())
+    blocks = [name for name, module in modules.items() if isinstance(module, InvertedResidual)]
     lines: list[tuple[str, tuple[int, ...], int]] = []
     block = None
     for layer in layers:
         words = layer_words(modules[layer.name]) if layer.name else layer.kind
         if words in ("dropout 0", "Identity"):
             continue
-        before, block = block, _block_of(layer.name, modules)
-        if block is not None and block is not before:
-            lines.append((layer_words(block), layer.shape, layer.parameters))
-        elif block is not None:
-            lines[-1] = (lines[-1][0], layer.shape, lines[-1][2] + layer.parameters)
-        elif lines and layer.shape == lines[-1][1] and (not layer.parameters or words == NORM):
+        before, block = block, next((b for b in blocks if layer.name.startswith(f"{b}.")), None)
+        folds = lines and layer.shape == lines[-1][1] and (not layer.parameters or words == NORM)
+        if block is not None and block != before:
+            lines.append((layer_words(modules[block]), layer.shape, layer.parameters))
+        elif block is not None or folds:
             first, shape, count = lines[-1]
-            lines[-1] = (f"{first}; {words}", shape, count + layer.parameters)
+            first, shape = (first, layer.shape) if block else (f"{first}; {words}", shape)
+            lines[-1] = (first, shape, count + layer.parameters)
         else:
             lines.append((words, layer.shape, layer.parameters))
     return lines
-
-
-def _block_of(name: str, modules: dict[str, nn.Module]) -> InvertedResidual | None:
-    """Return the inverted residual that a layer is in; None if it is in none."""
-    parts = name.split(".")
-    around = (modules[".".join(parts[:count])] for count in range(1, len(parts)))
-    return next((module for module in around if isinstance(module, InvertedResidual)), None)
 
 
 def layer_words(module: nn.Module) -> str:
@@ -143,24 +122,18 @@ def layer_words(module: nn.Module) -> str:
 def layer_table(facts: NetworkFacts) -> str:
     """Return the network's line of facts and its table of layers."""
     rows = [[words, _size(shape), f"{count:,}"] for words, shape, count in facts.layers]
-    height, width, channels = facts.shape
-    rows.insert(0, [f"input, {facts.colour}", _size((channels, height, width)), ""])
+    rows.insert(0, [f"input, {facts.view.colour}", facts.size, ""])
     rows.append(["**total**", "", f"**{facts.parameters:,}**"])
     return markdown_table(["layer", "output", "parameters"], rows)
 
 
 def networks_table(networks: list[NetworkFacts], pages: dict[str, Path]) -> str:
     """Return a line for each network, with a link to its page."""
-    rows = [
-        [
-            f"[`{network.name}`]({pages[network.name].name})",
-            _size((network.shape[2], *network.shape[:2])),
-            network.colour,
-            f"{network.parameters:,}",
-            f"{network.multiply_adds:,}",
-        ]
-        for network in networks
-    ]
+    rows = []
+    for network in networks:
+        link = f"[`{network.name}`]({pages[network.name].name})"
+        figures = f"{network.parameters:,}", f"{network.multiply_adds:,}"
+        rows.append([link, network.size, network.view.colour, *figures])
     head = ["model", "input (C x H x W)", "colour", "parameters", "multiply-adds"]
     return markdown_table(head, rows, left=3)
 
@@ -172,8 +145,9 @@ def layers_mark(name: str) -> str:
 
 def pages_by_network(folder: Path = PAGES) -> dict[str, Path]:
     """Return the page of each network that has one, in alphabetical order of networks."""
-    mark = re.compile(re.escape(layers_mark("NAME")).replace("NAME", r"(\S+)"))
-    pages = {name: page for page in folder.glob("*.md") for name in mark.findall(page.read_text())}
+    texts = {page: page.read_text() for page in folder.glob("*.md")}
+    mark = re.compile(layers_mark(r"(\S+)"))
+    pages = {name: page for page, text in texts.items() for name in mark.findall(text)}
     return dict(sorted(pages.items()))
 
 
@@ -184,7 +158,7 @@ def _size(shape: tuple[int, ...]) -> str:
 def write_tables() -> None:
     """Write every table into its page."""
     pages = pages_by_network()
-    networks = [network_facts(name) for name in pages]
+    networks = [NetworkFacts(name) for name in pages]
     write_between(PAGES / "index.md", "networks", networks_table(networks, pages))
     for network in networks:
         write_between(pages[network.name], f"layers of {network.name}", layer_table(network))

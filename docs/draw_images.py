@@ -6,12 +6,11 @@ headless Chromium shows the live page. Writes `docs/images/lap.webp` (the lap as
 Takes some four minutes on two cores.
 """
 
+import csv
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import imageio_ffmpeg
@@ -24,28 +23,6 @@ IMAGES = ROOT / "docs" / "images"
 WIDTH, HEIGHT = 400, 200  # of the animation, pixels
 FPS, FASTER = 8, 10  # it plays ten times as fast as driven
 MOST_ANIMATION, MOST_IMAGE = 1_000_000, 150_000  # bytes
-
-
-@contextmanager
-def driving(run: Path, folder: Path) -> Iterator[str]:
-    """Drive a lap with a run's best checkpoint, keep the frames, and give the page's address."""
-    keys = ["drive.sim=lake", "drive.laps=1", "drive.port=0", "drive.speed.set_mph=20"]
-    process, url = serve("zoo.drive", str(run.resolve()), *keys, f"drive.record={folder}")
-    yield url
-    process.communicate()
-
-
-@contextmanager
-def editing(run: Path, folder: Path) -> Iterator[str]:
-    """Record a lap of the expert, and give the address of the page that edits it."""
-    record = [sys.executable, "-m", "simulator", "record", "track=lake", "laps=1", f"out={folder}"]
-    subprocess.run(record, check=True)
-    edits = ["drop=150-240", "mirror=700-860", "split=1000"]
-    options = [f"ckpt={run.resolve()}", "port=0", *edits]
-    process, url = serve("zoo.edit", folder.name, *options, folder=folder.parent)
-    yield f"{url}#420"
-    process.terminate()
-    process.communicate()
 
 
 def serve(*command: str, folder: Path = ROOT) -> tuple[subprocess.Popen, str]:
@@ -73,8 +50,9 @@ def take_screenshot(
         browser.value("document.documentElement.style.overflow = 'hidden'")  # no scroll bar
         browser.screenshot(path.with_suffix(".png"))
     with Image.open(path.with_suffix(".png")) as image:
-        _save(image.convert("RGB"), path)
+        image.convert("RGB").save(path, quality=75, method=6)
     path.with_suffix(".png").unlink()
+    _report(path, MOST_IMAGE)
 
 
 def animate(folder: Path, path: Path) -> None:
@@ -83,7 +61,8 @@ def animate(folder: Path, path: Path) -> None:
     subprocess.run(
         [sys.executable, "-m", "zoo.film", str(folder), f"out={film}", "fps=30"], check=True
     )
-    driven_s = _driven_s(folder)
+    with (folder / "drive.csv").open() as file:
+        driven_s = float([row["time_s"] for row in csv.DictReader(file)][-1])
     _, film_s = imageio_ffmpeg.count_frames_and_secs(str(film))
     faster = f"setpts=PTS*{driven_s / film_s / FASTER:.4f}"
     frames = imageio_ffmpeg.read_frames(
@@ -91,11 +70,10 @@ def animate(folder: Path, path: Path) -> None:
     )
     next(frames)  # what is known of the film
     images = [Image.frombytes("RGB", (WIDTH, HEIGHT), frame) for frame in frames]
-    first, *others = images
-    first.save(
+    images[0].save(
         path,
         save_all=True,
-        append_images=others,
+        append_images=images[1:],
         duration=1000 // FPS,
         loop=0,
         quality=40,
@@ -103,17 +81,6 @@ def animate(folder: Path, path: Path) -> None:
         minimize_size=False,
     )
     _report(path, MOST_ANIMATION)
-
-
-def _driven_s(folder: Path) -> float:
-    rows = (folder / "drive.csv").read_text().splitlines()
-    column = rows[0].split(",").index("time_s")
-    return float(rows[-1].split(",")[column])
-
-
-def _save(image: Image.Image, path: Path) -> None:
-    image.save(path, quality=75, method=6)
-    _report(path, MOST_IMAGE)
 
 
 def _report(path: Path, most: int) -> None:
@@ -130,13 +97,20 @@ def main(run: Path) -> None:
         raise SystemExit(f"{report}: no such file; name a finished run")
     IMAGES.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as scratch:
-        drive = Path(scratch) / "drive"
-        with driving(run, drive) as url:
-            drives = "!document.body.innerText.includes('Waiting for a simulator')"
-            take_screenshot(url, (1280, 800), IMAGES / "live_page.webp", wait_s=10, ready=drives)
+        drive, lap = Path(scratch) / "drive", Path(scratch) / "my_lap"
+        keys = ["drive.sim=lake", "drive.laps=1", "drive.port=0", "drive.speed.set_mph=20"]
+        process, url = serve("zoo.drive", str(run.resolve()), *keys, f"drive.record={drive}")
+        drives = "!document.body.innerText.includes('Waiting for a simulator')"
+        take_screenshot(url, (1280, 800), IMAGES / "live_page.webp", wait_s=10, ready=drives)
+        process.communicate()
         animate(drive, IMAGES / "lap.webp")
-        with editing(run, Path(scratch) / "my_lap") as url:
-            take_screenshot(url, (1400, 890), IMAGES / "edit_page.webp", wait_s=20)
+        record = ["-m", "simulator", "record", "track=lake", "laps=1", f"out={lap}"]
+        subprocess.run([sys.executable, *record], check=True)
+        edits = ["drop=150-240", "mirror=700-860", "split=1000", "port=0", f"ckpt={run.resolve()}"]
+        process, url = serve("zoo.edit", lap.name, *edits, folder=lap.parent)
+        take_screenshot(f"{url}#420", (1400, 890), IMAGES / "edit_page.webp", wait_s=20)
+        process.terminate()
+        process.communicate()
     take_screenshot(report.resolve().as_uri(), (1000, 1100), IMAGES / "report.webp", wait_s=3)
 
 

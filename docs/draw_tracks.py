@@ -12,7 +12,6 @@ mpl.use("agg")
 import matplotlib.pyplot as plt
 
 from simulator.centreline import STEP_M
-from simulator.track import Track
 from simulator.track_file import read_track
 from simulator.track_names import track_names
 from simulator.world import Start, open_world
@@ -35,7 +34,9 @@ def draw_tracks(names: list[str]) -> plt.Figure:
     for name, (plan, *views) in zip(names, rows, strict=True):
         world = open_world(name)
         track = world.track
-        draw_plan(plan, track)
+        plan.plot(*track.at(np.linspace(0, track.length, 1200))[:, :2].T, color=ROAD, lw=3)
+        plan.set_aspect("equal")
+        plan.axis("off")
         plan.set_title(f"{name}, {track.length:,.0f} m")
         for number, (share, view) in enumerate(zip(PLACES, views, strict=True), 1):
             start = Start(distance=share * track.length)
@@ -47,23 +48,6 @@ def draw_tracks(names: list[str]) -> plt.Figure:
             view.set_title(f"{number}: at {start.distance:,.0f} m")
             view.axis("off")
     return figure
-
-
-def draw_plan(plan: plt.Axes, track: Track) -> None:
-    """Draw a track from above: bridges over the road below, and bars at an open road's ends."""
-    plan.plot(*track.at(np.linspace(0, track.length, 1200))[:, :2].T, color=ROAD, lw=3)
-    ends = np.flatnonzero(np.diff(track.bridge)) + 1
-    for samples in np.split(np.arange(len(track.bridge)), ends):
-        if track.bridge[samples[0]]:
-            bridge = track.xyz[samples, :2].T
-            plan.plot(*bridge, color="white", lw=6, solid_capstyle="butt")
-            plan.plot(*bridge, color=ROAD, lw=3)
-    for distance in () if track.closed else (0.0, track.length):
-        heading = float(track.heading_at(distance))
-        across = 0.03 * np.ptp(track.xyz[:, :2]) * np.array([np.sin(heading), -np.cos(heading)])
-        plan.plot(*np.transpose([track.at(distance)[:2] + side * across for side in (-1, 1)]), "k")
-    plan.set_aspect("equal")
-    plan.axis("off")
 
 
 def figures(name: str) -> str:

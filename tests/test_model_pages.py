@@ -9,7 +9,6 @@ from benchmarks.model_tables import (
     NetworkFacts,
     layer_table,
     layers_mark,
-    network_facts,
     networks_table,
     pages_by_network,
 )
@@ -22,7 +21,7 @@ DOCUMENTED = pages_by_network(PAGES)
 
 @pytest.fixture(scope="module")
 def networks() -> dict[str, NetworkFacts]:
-    return {name: network_facts(name) for name in DOCUMENTED}
+    return {name: NetworkFacts(name) for name in DOCUMENTED}
 
 
 def between(text: str, begin: str, end: str) -> str:
