@@ -10,17 +10,19 @@ import os
 import re
 import signal
 import socket
-import struct
 import subprocess
 import sys
 import tempfile
 import threading
 import time
+import urllib.request
 from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import psutil
+import websocket
+from websocket import ABNF
 
 from benchmarks.driver import FPS, noise_telemetry
 from benchmarks.measuring import print_table, run_named
@@ -30,18 +32,24 @@ MESSAGES = 72_000
 MOST_GROWTH_MB = 100
 MOST_OPEN = 500  # connections that an attack holds at a time; the driver allows 512
 EVERY_S = 0.1  # pause between messages: 10 per second, 21 MB/s
-POLLING = b"GET /socket.io/?EIO=4&transport=polling HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
 POST = (
     b"POST /socket.io/?EIO=4&transport=polling&sid=%s HTTP/1.1\r\nHost: 127.0.0.1\r\n"
     b"Content-Length: %d\r\n\r\n"
 )
-WEBSOCKET = (
-    b"GET /socket.io/?EIO=4&transport=websocket HTTP/1.1\r\nHost: 127.0.0.1\r\n"
-    b"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-    b"Sec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n\r\n"
-)
 LARGE = 2 << 20  # bytes; the longest message that the driver reads
-BINARY, TEXT = 2, 1  # opcodes
+
+
+def message(text: str) -> bytes:
+    """Return a text message of a WebSocket."""
+    return ABNF.create_frame(text, ABNF.OPCODE_TEXT).format()
+
+
+HALF = message("4" * LARGE)[:-1]
+WHOLE = message('42["x","' + "y" * (LARGE - 10) + '"]')
+DRIVING = message('42["telemetry",{}]')
+# One of two large attachments of a telemetry.
+ATTACHED = message('452-["telemetry",{}]')
+ATTACHED += ABNF.create_frame(bytes(LARGE - 1000), ABNF.OPCODE_BINARY).format()
 
 
 class Attacker:
@@ -52,67 +60,44 @@ class Attacker:
     """
 
     def __init__(self, port: int) -> None:
-        self.port = port
+        self.port, self.url = port, f"://127.0.0.1:{port}/socket.io/?EIO=4&transport="
         self._open: deque[socket.socket] = deque()
 
     def connect(self, sent: bytes) -> socket.socket:
         """Open a connection, send the beginning of a request, and leave it open."""
-        if len(self._open) >= MOST_OPEN:
-            self._open.popleft().close()
-        connection = socket.create_connection(("127.0.0.1", self.port), 5)
-        self._open.append(connection)
+        connection = self._keep(socket.create_connection(("127.0.0.1", self.port), 5))
         connection.sendall(sent)
         return connection
 
     def websocket(self) -> socket.socket:
         """Open a WebSocket and leave it open."""
-        connection = self.connect(WEBSOCKET)
-        answer = b""
-        while b"\r\n\r\n" not in answer:
-            more = connection.recv(4096)
-            if not more:
-                raise ConnectionError("the driver closed the connection")
-            answer += more
-        return connection
+        try:
+            return self._keep(websocket.create_connection(f"ws{self.url}websocket", 5).sock)
+        except websocket.WebSocketException as error:
+            raise ConnectionError(str(error)) from None
 
-    def ask(self, request: bytes) -> bytes:
-        """Return the answer to a request."""
-        with socket.create_connection(("127.0.0.1", self.port), 5) as connection:
-            connection.sendall(request)
-            answer = b""
-            while more := connection.recv(4096):
-                answer += more
-            return answer
+    def half_post(self) -> None:
+        """Send all but the last byte of the longest polling request."""
+        with urllib.request.urlopen(f"http{self.url}polling", timeout=5) as answer:
+            sid = json.loads(answer.read()[1:])["sid"]
+        self.connect(POST % (sid.encode(), LARGE) + b"4" * (LARGE - 1))
 
     def close(self) -> None:
         """Close all connections."""
         for connection in self._open:
             connection.close()
 
-
-def frame(opcode: int, size: int, sent: bytes) -> bytes:
-    """Return the beginning of a WebSocket frame that announces `size` bytes, under a mask of 0."""
-    head = struct.pack("!BBQ", 0x80 | opcode, 0xFF, size) if size > 65535 else None
-    head = head or struct.pack("!BBH", 0x80 | opcode, 0xFE, size)
-    return head + bytes(4) + sent
-
-
-def half_post(attacker: Attacker) -> None:
-    """Send all but the last byte of the longest polling request."""
-    sid = json.loads(attacker.ask(POLLING).partition(b"\r\n\r\n")[2][1:])["sid"]
-    attacker.connect(POST % (sid.encode(), LARGE) + b"4" * (LARGE - 1))
+    def _keep(self, connection: socket.socket) -> socket.socket:
+        if len(self._open) >= MOST_OPEN:
+            self._open.popleft().close()
+        self._open.append(connection)
+        return connection
 
 
-HALF = frame(TEXT, LARGE, b"4" * (LARGE - 1))  # all but the last byte of the longest message
-WHOLE = frame(TEXT, LARGE, b'42["x","' + b"y" * (LARGE - 10) + b'"]')
-DRIVING = frame(TEXT, 400, b'42["telemetry",{}]'.ljust(400))
-# One of two large attachments of a telemetry.
-ATTACHED = frame(TEXT, 400, b'452-["telemetry",{}]'.ljust(400))
-ATTACHED += frame(BINARY, LARGE - 1000, bytes(LARGE - 1000))
 ATTACKS: dict[str, Callable[[Attacker], None]] = {
     "half-sent messages": lambda attacker: attacker.websocket().sendall(HALF),
     "half-sent after telemetry": lambda attacker: attacker.websocket().sendall(DRIVING + HALF),
-    "half-sent polling requests": half_post,
+    "half-sent polling requests": Attacker.half_post,
     "whole large messages": lambda attacker: attacker.websocket().sendall(WHOLE),
     "missing attachments": lambda attacker: attacker.websocket().sendall(ATTACHED),
 }

@@ -9,8 +9,8 @@ from simulator.expert import Expert, ExpertSettings
 from simulator.road_family import draw_road, family_names, find_family
 from simulator.track import Track
 from simulator.track_names import track_names
-from simulator.world import Start, open_world
 from simulator.world import World as Embedded
+from simulator.world import open_world
 
 SLOWEST_MPS = 1.0  # a driver that is slower than this on average is stuck
 
@@ -60,7 +60,7 @@ def expert(*tracks: str) -> None:
     """Measure how well the expert drives: `expert [TRACK...]`.
 
     It drives ten laps of each track in both directions, without noise and with three seeds of
-    noise. Then it renders and drives two seconds from 200 random starts in random weather.
+    noise.
     """
     rows, laps = [], 10
     for track in tracks or track_names():
@@ -79,21 +79,6 @@ def expert(*tracks: str) -> None:
                 rows.append([track, f"{way:+d}", f"{noise:g}", seed, *cells, off])
     head = ["track", "direction", "noise", "seed", "mean cte, m", "max cte, m", "lap, s"]
     print_table([*head, "off road"], rows)
-    for track in tracks or track_names():
-        world, off = open_world(track, "software"), 0
-        driver = Expert(world.track)
-        for seed in range(200):
-            rng = np.random.default_rng(seed)
-            where = world.draw_distance(rng)
-            start = Start(where, rng.uniform(-1, 1), rng.uniform(-5, 5), 15)
-            world.reset(seed, start, "random")
-            driver.reset(seed)
-            for _ in range(30):
-                world.step(*driver(world))
-                off += world.off_road
-            if world.frame().std() < 5:
-                print(f"{track}: seed {seed}: the frame is nearly blank")
-        print(f"{track}: 200 random starts and weathers driven, {off} frames off the road")
 
 
 if __name__ == "__main__":

@@ -7,11 +7,10 @@ import pytest
 
 from benchmarks.driver_memory import (
     ATTACKS,
+    HALF,
     MOST_GROWTH_MB,
     POST,
-    TEXT,
     Attacker,
-    frame,
     megabytes,
 )
 from benchmarks.driver_memory import LARGE as LONGEST
@@ -84,7 +83,7 @@ def test_the_largest_unfinished_message_is_closed_and_logged(fresh: Served) -> N
     small.send_frame(1, b'42["telem', last=False)
     attacker = Attacker(fresh.port)
     oldest = attacker.websocket()
-    oldest.sendall(frame(TEXT, LONGEST, b"4" * (LONGEST - 1)))
+    oldest.sendall(HALF)
     for _ in range(MOST_HELD // LONGEST + 4):
         with contextlib.suppress(OSError):
             ATTACKS["half-sent messages"](attacker)
