@@ -20,11 +20,10 @@ def record(*, options: RecordOptions) -> Path:
     Args:
         options: see `RecordOptions`.
     """
-    from simulator.record import next_command, print_written, record_laps
-    from simulator.recorder import LOG_NAME
+    from simulator.record import print_written, record_laps
 
     folder = record_laps(options)
-    print_written(folder / LOG_NAME, next_command(options.out))
+    print_written(folder)
     return folder
 
 
@@ -39,17 +38,13 @@ def drive(*, options: DriveOptions) -> Path | None:
         The recording's folder; None if nothing was recorded.
     """
     from simulator import drive as driving
-    from simulator.record import next_command, print_written
-    from simulator.recorder import LOG_NAME
+    from simulator.record import print_written
 
     recorded = driving.drive(options)
     if recorded is None:
         return None
-    folder, off_road = recorded
-    here = Path.cwd()
-    root = folder.relative_to(here) if folder.is_relative_to(here) else folder
-    print_written(folder / LOG_NAME, next_command(root, off_road))
-    return folder
+    print_written(*recorded)
+    return recorded[0]
 
 
 @command(name="simulator client", parts=False)

@@ -15,7 +15,7 @@ HELP = (
     "arrows or W A S D: drive     left mouse button held, moved sideways: steer     "
     "space: cruise     R: record     backspace: back on the road     Esc: quit"
 )
-WHITE, GREY, RED, GREEN = (1, 1, 1, 1), (0.85, 0.85, 0.85, 1), (1, 0.25, 0.2, 1), (0.4, 0.9, 0.5, 1)
+WHITE, GREY, RED = (1, 1, 1, 1), (0.85, 0.85, 0.85, 1), (1, 0.25, 0.2, 1)
 DARK = (0.05, 0.06, 0.08, 0.6)
 HELP_SIZE = 0.036  # the help fills a window that is twice as wide as high
 INSET_WIDTH = 0.9  # in units of half the window's height, as all lengths here
@@ -47,17 +47,17 @@ class DriveScreen:
         top = 0.96 - INSET_WIDTH / 2
         _box(self.corner, (-INSET_WIDTH - 0.01, 0.01), (top - 0.09, 0.97), DARK)
         self.inset = ImagePanel(self.corner, -INSET_WIDTH, top, INSET_WIDTH)
-        caption = _text(self.corner, -INSET_WIDTH / 2, top - 0.06, 0.037, core.TextNode.ACenter)
+        caption = _text(self.corner, -INSET_WIDTH / 2, top - 0.06, 0.037)
         _set_text(caption, "centre camera, as recorded", GREY)
         _box(self.left, (0, 0.95), (0.71, 0.97), DARK)
-        self.recording = _text(self.left, 0.05, 0.87, 0.065)
-        self.notice = _text(self.left, 0.05, 0.765, 0.042)
-        self.speed = _text(flat, 0, -0.66, 0.15, core.TextNode.ACenter)
+        self.recording = _text(self.left, 0.05, 0.87, 0.065, core.TextNode.ALeft)
+        self.notice = _text(self.left, 0.05, 0.765, 0.042, core.TextNode.ALeft)
+        self.speed = _text(flat, 0, -0.66, 0.15)
         _box(flat, (-BAR_WIDTH, BAR_WIDTH), (-0.775, -0.755), DARK)
         self.wheel = _box(flat, (-0.02, 0.02), (-0.79, -0.74), WHITE)
-        self.steering = _text(flat, 0, -0.86, 0.042, core.TextNode.ACenter)
+        self.steering = _text(flat, 0, -0.86, 0.042)
         self.help_box = _box(flat, (-1, 1), (-1, -0.93), DARK)
-        self.help = _text(flat, 0, -0.98, HELP_SIZE, core.TextNode.ACenter)
+        self.help = _text(flat, 0, -0.98, HELP_SIZE)
         _set_text(self.help, HELP, GREY)
 
     def show_frame(self, frame: np.ndarray) -> None:
@@ -70,11 +70,7 @@ class DriveScreen:
         _set_text(self.notice, notice, GREY)
 
     def draw(
-        self,
-        pose: tuple[float, float, float, float, float],
-        speed_mph: float,
-        steering: float,
-        throttle: float,
+        self, pose: tuple[float, ...], speed_mph: float, steering: float, throttle: float
     ) -> bool:
         """Draw the world from a pose of `World.pose`; return False when the window is closed."""
         aspect = self.window.aspect
@@ -104,11 +100,7 @@ def _weather_state(weather: Weather) -> core.RenderState:
 
 
 def _text(
-    parent: core.NodePath,
-    x: float,
-    z: float,
-    size: float,
-    align: int = core.TextNode.ALeft,
+    parent: core.NodePath, x: float, z: float, size: float, align: int = core.TextNode.ACenter
 ) -> core.NodePath:
     node = core.TextNode("text")
     node.setAlign(align)

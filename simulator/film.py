@@ -1,6 +1,7 @@
 """A writer of films that browsers play: H.264 in an .mp4, frame by frame."""
 
 import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -36,10 +37,8 @@ class Film(contextlib.AbstractContextManager):
         self._open = contextlib.ExitStack()
         self._video: VideoWriter | None = None
         check_output(self.path)
-        try:
+        with self._reported():
             self.path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise self._unwritable(error) from None
 
     def add(self, frame: np.ndarray) -> None:
         """Append a frame, uint8 [H, W, 3], RGB.
@@ -51,22 +50,22 @@ class Film(contextlib.AbstractContextManager):
         """
         frame = frame[: frame.shape[0] // 2 * 2, : frame.shape[1] // 2 * 2]
         if self._video is None:
-            try:
+            with self._reported():
                 part = self._open.enter_context(whole_path(self.path))
-            except OSError as error:
-                raise self._unwritable(error) from None
             size = frame.shape[1], frame.shape[0]
             video = VideoWriter(part, self.path, size, self.fps, ENCODING)
             self._video = self._open.enter_context(video)
         self._video.add(frame)
 
     def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        try:
+        with self._reported():
             self._open.__exit__(kind, *error)
-        except OSError as failure:
-            raise self._unwritable(failure) from None
         if kind is None and self._video is not None:
             note_output(self.path)
 
-    def _unwritable(self, error: OSError) -> InputError:
-        return InputError(f"{self.path}: cannot be written: {error.strerror}")
+    @contextlib.contextmanager
+    def _reported(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None

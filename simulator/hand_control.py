@@ -132,9 +132,8 @@ class Gamepads:
         readings = [(0.0, 0.0)]
         for kind in AXES:
             readings += [read_device(device) for device in self.manager.getDevices(kind)]
-        return max((one[0] for one in readings), key=abs), max(
-            (one[1] for one in readings), key=abs
-        )
+        sticks, pedals = zip(*readings, strict=True)
+        return max(sticks, key=abs), max(pedals, key=abs)
 
 
 def read_device(device: core.InputDevice) -> tuple[float, float]:

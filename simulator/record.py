@@ -15,7 +15,7 @@ from simulator.command_options import RecordOptions
 from simulator.expert import Expert, ExpertSettings
 from simulator.hand_control import REACTION_S, HumanControl
 from simulator.parallel_record import ParallelRecorder, Requests
-from simulator.recorder import Recorder, split_pedals
+from simulator.recorder import LOG_NAME, Recorder, split_pedals
 from simulator.rig import CAMERAS, PHYSICS_STEP_S
 from simulator.world import World
 from zoo.base.errors import InputError
@@ -114,9 +114,11 @@ def print_report(
     console.print(table)
 
 
-def print_written(path: Path, following: str) -> None:
-    """Print the recording's log, and the command to type next."""
-    for line in (f"wrote: {path}", f"next: {following}"):
+def print_written(folder: Path, off_road: int = 0) -> None:
+    """Print the recording's log, and the command to type next; see `next_command`."""
+    here = Path.cwd()
+    root = folder.relative_to(here) if folder.is_relative_to(here) else folder
+    for line in (f"wrote: {folder / LOG_NAME}", f"next: {next_command(root, off_road)}"):
         Console(soft_wrap=True).print(line, highlight=False, markup=False, emoji=False)
 
 

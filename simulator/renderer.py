@@ -34,6 +34,7 @@ from zoo.base.errors import InputError
 SETTINGS = "audio-library-name null\nnotify-level fatal\ntextures-power-2 down"
 FAR_M = 1500.0
 ORDER = ("asphalt", "plain", "cobbles", "stripes", "concrete", "ground", "rock", "plants", "sky")
+POINTS = core.GeomVertexFormat.getV3c4t2()
 POINT = np.dtype([("point", "<f4", 3), ("colour", "u1", 4), ("uv", "<f4", 2)])
 
 
@@ -123,7 +124,7 @@ class Renderer:
         self.root.removeNode()
 
     def _attach(self, mesh: Mesh) -> tuple[Piece, core.NodePath]:
-        data = core.GeomVertexData(mesh.material, _point_format(), core.Geom.UHDynamic)
+        data = core.GeomVertexData(mesh.material, POINTS, core.Geom.UHDynamic)
         data.uncleanSetNumRows(len(mesh.points))
         triangles = core.GeomTriangles(core.Geom.UHStatic)
         triangles.setIndexType(core.Geom.NTUint32)
@@ -224,14 +225,6 @@ def _car_axes(heading: float, pitch: float) -> np.ndarray:
     # Right x ahead by hand, because np.cross is ten times slower for one pair.
     above = (-cos * up, -sin * up, sin * north + cos * east)
     return np.array([(sin, -cos, 0.0), above, (east, north, up)]).T
-
-
-def _point_format() -> core.GeomVertexFormat:
-    array = core.GeomVertexArrayFormat()
-    array.addColumn("vertex", 3, core.Geom.NTFloat32, core.Geom.CPoint)
-    array.addColumn("color", 4, core.Geom.NTUint8, core.Geom.CColor)
-    array.addColumn("texcoord", 2, core.Geom.NTFloat32, core.Geom.CTexcoord)
-    return core.GeomVertexFormat.registerFormat(core.GeomVertexFormat(array))
 
 
 def _set_colours(piece: Piece, colours: np.ndarray) -> None:
