@@ -72,16 +72,6 @@ def rank(runs: Sequence[Scored]) -> list[Entry]:
     return sorted((_entry(group, shared) for group in groups.values()), key=_order)
 
 
-def protocols(runs: Sequence[Scored]) -> list[str]:
-    """Return tracks, world and speed of the runs' drives; none where they are the same for all."""
-    found = {
-        f"{', '.join(run.tracks)} ({run.source}{f', {run.mph:g} mph' if run.mph else ''})"
-        for run in runs
-        if run.tracks
-    }
-    return sorted(found) if len(found) > 1 else []
-
-
 def _entry(runs: Sequence[Scored], shared: set[str]) -> Entry:
     runs = sorted(runs, key=lambda run: (run.seed is None, run.seed))
     figures = {

@@ -13,7 +13,7 @@ from zoo.base.terminal import print_line, printable
 from zoo.base.whole_file import write_output
 from zoo.cli.closing_lines import print_written
 from zoo.drives.drive_record import EMBEDDED
-from zoo.leaderboard.ranking import Entry, protocols, rank
+from zoo.leaderboard.ranking import Entry, rank
 from zoo.leaderboard.ranking_table import (
     Figure,
     folder_label,
@@ -52,7 +52,6 @@ class Ranking(Result):
     Attributes:
         entries: rows of the ranking, the best first.
         unranked: runs without figures.
-        different: how the runs were driven, where it is not the same for all.
         under: folder to which the runs' folders are shown relative.
         title: title of the printed table.
         written: paths of the files written, the page first.
@@ -60,7 +59,6 @@ class Ranking(Result):
 
     entries: list[Entry]
     unranked: list[Unranked]
-    different: list[str]
     under: Path
     title: str = ""
     written: list[Path] = field(default_factory=list)
@@ -71,7 +69,7 @@ class Ranking(Result):
     ) -> "Ranking":
         """Rank the runs of some folders, and drives together with them."""
         scored, unranked = read_scored(folders, drives)
-        return cls(rank(scored), unranked, protocols(scored), under, title)
+        return cls(rank(scored), unranked, under, title)
 
     def show(self, console: Console | None = None) -> None:
         """Print the ranking, a line for each kind of unranked run, and what was written."""
@@ -82,9 +80,6 @@ class Ranking(Result):
             if left_out:
                 line = f"not shown in {console.width} characters: {'; '.join(left_out)}"
                 console.print(line, highlight=False, markup=False, soft_wrap=True)
-        if self.different:
-            line = "; ".join(self.different)
-            print_line(console, f"compare with care, the drives had different conditions: {line}")
         for line in self.unranked_lines():
             print_line(console, line)
         print_written(self.written, following(self.entries), console)
@@ -145,7 +140,7 @@ class Ranking(Result):
         page = PAGE.render(
             title=title,
             where=f"{self.under.resolve()} \N{MIDDLE DOT} {datetime.now():%Y-%m-%d %H:%M}",
-            lead=self._lead(figures),
+            lead="The best driver comes first." if entries else "No run has finished.",
             heads=[(one.heading, True) for one in names]
             + [(one.heading, False) for one in figures],
             rows=list(zip(*cells, strict=True)),
@@ -160,14 +155,6 @@ class Ranking(Result):
             unranked=self.unranked_lines(),
         )
         return write_output(path, page, key="")
-
-    def _lead(self, figures: Sequence[Figure]) -> str:
-        """Return the page's first sentences: number of runs, the best run and its figures."""
-        if not self.entries:
-            return "No run has finished."
-        count = sum(len(entry.runs) for entry in self.entries)
-        best = "; ".join(f"{one.heading} {one.texts()[0]}" for one in figures[:2])
-        return f"Ranked: {count}. The best, {run_name(self.entries[0], self.under)}: {best}."
 
     def _scripted(
         self, place: int, entry: Entry, settings: Sequence[Column], figures: Sequence[Figure]

@@ -34,11 +34,10 @@ class Scored:
 
     Attributes:
         name: name of the experiment, of the model or of the checkpoint.
-        settings: config and recordings as text, without the training seed; equal for repeats.
+        settings: what repeats have in common, such as the config without the training seed.
         tracks: by track, the leaderboard's metrics and `LENGTHS`, each a mean over the drives.
         counts: by track, number of drives without an intervention and of drives, where known.
         source: source of the drives, as in `Drive`, or BENCHMARK; empty without a drive.
-        mph: speed that the controller held; None for the network's own throttle, or if unknown.
         overrides: overrides that the user typed, by key, without those of Hydra itself.
         seed: training seed.
         trained_on: recordings of the training.
@@ -52,7 +51,6 @@ class Scored:
     tracks: dict[str, dict[str, float]]
     counts: dict[str, tuple[int, int]]
     source: str
-    mph: float | None = None
     overrides: dict[str, str] = field(default_factory=dict)
     seed: int | None = None
     trained_on: TrainedOn = field(default_factory=TrainedOn)
@@ -167,7 +165,7 @@ def load_run(folder: Path) -> Scored | None:
     open_loop = metrics.get("open_loop")
     if open_loop is None:
         return None
-    run, drive = Run(folder), metrics.get("drive") or {}
+    run = Run(folder)
     for name, one in run.tracks.items():
         for key in ("autonomy", "cte_mean_m"):
             if key not in one:
@@ -178,7 +176,6 @@ def load_run(folder: Path) -> Scored | None:
         settings=_settings(run),
         source=EMBEDDED if run.tracks else "",
         **_of_tracks(run.tracks),
-        mph=drive.get("speed_mph") if run.tracks else None,
         overrides=_typed(run),
         seed=metrics.get("seed"),
         trained_on=run.trained_on,
@@ -211,11 +208,10 @@ def load_drive(folder: Path) -> Scored:
     return Scored(
         folder=folder,
         name=str(summary.get("checkpoint") or "-"),
-        settings=f"the drive in {folder.resolve()}",  # unique: no other drive repeats it
+        settings=str(folder.resolve()),  # no other one repeats it
         tracks={track: figures},
         counts={track: (is_clean, 1)} if "autonomy" in figures else {},
         source=summary.get("drive") or "",
-        mph=summary.get("set_mph"),
     )
 
 
@@ -232,7 +228,7 @@ def load_evaluation(folder: Path) -> Scored:
     return Scored(
         folder=folder,
         name=str(metrics.get("checkpoint") or "-"),
-        settings=f"the evaluation in {folder.resolve()}",  # unique: no other one repeats it
+        settings=str(folder.resolve()),  # no other one repeats it
         source=EMBEDDED,
         **_of_tracks(tracks),
     )
@@ -264,7 +260,7 @@ def load_benchmark(folder: Path) -> Scored:
     return Scored(
         folder=folder,
         name=result.entry,
-        settings=f"the benchmark in {folder.resolve()}",  # unique: no other one repeats it
+        settings=str(folder.resolve()),  # no other one repeats it
         tracks={suite: figures},
         counts={suite: (clean, len(drives))},
         source=BENCHMARK,

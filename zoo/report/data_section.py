@@ -15,9 +15,8 @@ from zoo.runs.table import Table
 SHOWN = 6  # number of frames of the recovery
 SIMILARITY = (
     "Similarity of held-out and training frames (medians): the time to the nearest training frame, "
-    "and the difference to the most similar training frame, as a share of the difference between "
-    "any two frames. Near 0 s and 0 %, held-out rows are almost copies of training rows, and their "
-    "figures mean little."
+    "and the difference to the most similar one, as a share of that between any two frames. Near "
+    "0 s and 0 %, held-out rows are almost copies of training rows."
 )
 
 

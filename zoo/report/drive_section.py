@@ -45,10 +45,8 @@ def scores(run: ReportedRun) -> list[Block]:
         Text(
             f"Driven in the embedded simulator, in simulated time: {', '.join(keys)}. Autonomy is "
             "NVIDIA's measure: 1 - 6 s x interventions / driving time. An intervention puts a car "
-            "that left its lane or stands still back on the centreline. A start seed sets the "
-            "start and any random weather. ± is the sample standard deviation over start seeds; it "
-            f"does not show how much another training would differ. {ONE_TRACK} The same start "
-            "seed gives the same figures to the digit, except the latency."
+            "that left its lane or stands still back on the centreline. ± is the sample standard "
+            f"deviation over start seeds, not over trainings. {ONE_TRACK}"
         ),
         Rows(drives_table(run.tracks), bold=frozenset({0})),
     ]
@@ -143,18 +141,3 @@ def worst_rows(drive: "Drive") -> list[int]:
 
 def _badness(drive: "Drive", row: int) -> tuple[bool, float]:
     return bool(drive.intervention[row]), abs(float(drive.cross_track_m[row]))
-
-
-def in_training(run: ReportedRun) -> list[Block]:
-    """Return the figures of the drives between epochs, with `callbacks=closed_loop`."""
-    found = run.metrics.get("closed_loop")
-    if not found:
-        return []
-    return [
-        Heading("Drives during the training"),
-        Text(
-            f"The closed-loop callback drove {found['metres']:g} m of the {found['track']} with "
-            f"the best weights: autonomy {found['autonomy']:.1%}, {found['interventions']} "
-            f"interventions, mean cross-track error {found['cte_mean']:.2f} m."
-        ),
-    ]

@@ -7,10 +7,9 @@ from zoo.report.reported_run import ReportedRun
 from zoo.runs.table import Table
 
 OPEN_LOOP = (
-    "Open-loop figures compare the predicted steering with the recorded steering, row by row. They "
-    "do not show whether the car stays on the road. The table also has two predictors that ignore "
-    "the image: one always predicts zero, the other the mean of the training rows. Balanced MAE is "
-    "the mean of the MAEs in 21 steering bins. A positive bias is to the right."
+    "Predicted and recorded steering, row by row; this does not show whether the car stays on the "
+    "road. Always zero and the mean of the training rows ignore the image. Balanced MAE is the "
+    "mean of the MAEs in 21 steering bins. A positive bias is to the right."
 )
 
 

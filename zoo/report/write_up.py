@@ -21,7 +21,7 @@ Part = Callable[[ReportedRun], list[Block]]
 SECTIONS: dict[str, Sequence[Part]] = {
     "Headline": (headline.headline,),
     # With the film, which readers look for.
-    "Driving": (drive_section.scores, drive_section.tracks, drive_section.in_training),
+    "Driving": (drive_section.scores, drive_section.tracks),
     "Data": (
         data_section.recordings,
         data_section.split,

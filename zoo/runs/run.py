@@ -114,18 +114,11 @@ class Run:
         Raises:
             InputError: the folder does not exist or is not a run's.
         """
-        if not folder.is_dir():
-            found = "is not a folder" if folder.exists() else "no such folder"
-            raise InputError(f"{folder}: {found}; name a run's folder, such as outputs/DATE/TIME")
-        if (folder / "multirun.yaml").is_file():
-            jobs = sorted(path.parent.parent for path in folder.glob(f"*/{HYDRA}/config.yaml"))
-            hint = f"name one of its runs, such as {jobs[0]}" if jobs else "it has no runs"
-            raise InputError(f"{folder}: is a sweep's folder; {hint}")
         if not (folder / HYDRA / "config.yaml").is_file():
-            raise InputError(
-                f"{folder}: is not a run's folder (no {HYDRA}/config.yaml); name one, such as "
-                "outputs/DATE/TIME"
-            )
+            runs = sorted(path.parent.parent for path in folder.glob(f"*/{HYDRA}/config.yaml"))
+            found = "is not a run's folder" if folder.exists() else "no such folder"
+            example = runs[0] if runs else "outputs/DATE/TIME"
+            raise InputError(f"{folder}: {found}; name a run's folder, such as {example}")
         return cls(folder)
 
     @cached_property

@@ -12,7 +12,6 @@ ENOUGH_SAMPLES = 50_000
 SMALL = 1_000  # a network with fewer parameters needs fewer samples
 ROBUST = ("brightness", "shadow", "shift")
 BENDS = ("brightness", "bend")
-BONNET_ROWS = 20  # rows of the car's bonnet at the bottom of a frame
 MOST_CAUSES = 3
 
 
@@ -64,15 +63,6 @@ def _augmentations(evidence: Evidence) -> list[str]:
     """Return the names of the augmentations that the training had."""
     used = evidence.at("data.augment", {})
     return [str(name) for name in used] if isinstance(used, Mapping) else []
-
-
-def _imported(evidence: Evidence, _: Sequence[str]) -> Cause | None:
-    if evidence.at("model.weights") is None or evidence.at("trainer.max_epochs") != 0:
-        return None
-    return Cause(
-        "Its weights come from another program, which perhaps trained on other colours, another "
-        "crop or another pixel scale."
-    )
 
 
 def _steers_back(evidence: Evidence, _: Sequence[str]) -> Cause | None:
@@ -136,21 +126,11 @@ def _unseen(evidence: Evidence, tracks: Sequence[str]) -> Cause | None:
     return Cause(f"{text} augment=[{','.join(BENDS)}] helps.", augment=BENDS)
 
 
-def _bonnet(evidence: Evidence, _: Sequence[str]) -> Cause | None:
-    top, bottom = evidence.config["data"]["crop"]
-    if bottom >= BONNET_ROWS:
-        return None
-    text = f"data.crop=[{top},{bottom}] keeps the bonnet in the image, which never changes."
-    return Cause(text, {"data.crop": f"[{top},25]"})
-
-
 # The likeliest first.
 RULES: tuple[Callable[[Evidence, Sequence[str]], Cause | None], ...] = (
-    _imported,
     _quick,
     _steers_back,
     _few_samples,
     _unseen,
     _recording,
-    _bonnet,
 )

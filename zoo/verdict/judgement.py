@@ -158,10 +158,6 @@ def _certainty(by_track: Mapping[str, Sequence[Mapping]], evidence: Evidence) ->
     )
     if len(drives) > len(by_track):
         text += f" {ONE_TRACK}"
-    choice = evidence.metrics.get("choice")
-    chosen_on = next(iter(_typed_tracks(evidence.at("score.track"))), None)
-    if isinstance(choice, Mapping) and choice.get("drives") and chosen_on in by_track:
-        text += f" A lap of the {chosen_on} chose this checkpoint: other tracks show more."
     return text
 
 

@@ -18,7 +18,7 @@ from zoo.benchmark.checked_result import read_result
 from zoo.drives.drive_log import write_drive
 from zoo.drives.drive_record import SOCKET, Drive, DriveRow
 from zoo.leaderboard.__main__ import leaderboard
-from zoo.leaderboard.ranking import protocols, rank
+from zoo.leaderboard.ranking import rank
 from zoo.leaderboard.ranking_page import Ranking
 from zoo.leaderboard.ranking_table import named_columns
 from zoo.leaderboard.scored import drive_folders, load_drive, load_run, read_scored, run_folders
@@ -192,16 +192,6 @@ def test_only_tracks_that_all_runs_share_count(tmp_path: Path) -> None:
     (both / "metrics.json").write_text(json.dumps(metrics))
     lake = write_run(tmp_path / "lake", 0.9, overrides=("x=2",))
     assert ranked(both, lake) == [["both"], ["lake"]]
-    assert len(protocols(read_scored([both, lake])[0])) == 2
-
-
-def test_a_run_with_its_own_throttle_is_another_protocol(tmp_path: Path) -> None:
-    held, own = write_run(tmp_path / "held", 1.0), write_run(tmp_path / "own", 1.0)
-    metrics = json.loads((own / "metrics.json").read_text())
-    metrics["drive"]["speed_mph"] = None
-    (own / "metrics.json").write_text(json.dumps(metrics))
-    expected = ["lake (embedded)", "lake (embedded, 20 mph)"]
-    assert protocols(read_scored([held, own])[0]) == expected
 
 
 def test_a_real_run_is_read_whole(run_folder: Path) -> None:

@@ -215,13 +215,12 @@ def test_bad_input_is_one_line(tmp_path: Path, run_folder: Path) -> None:
     assert "nowhere: no such folder" in only_line(run(tmp_path, "nowhere", module="zoo.report"))
     sweep = tmp_path / "sweep"
     shutil.copytree(run_folder / ".hydra", sweep / "0" / ".hydra")
-    (sweep / "multirun.yaml").touch()
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").touch()
     for name, said in {
-        "sweep": f"is a sweep's folder; name one of its runs, such as {sweep / '0'}",
+        "sweep": f"name a run's folder, such as {sweep / '0'}",
         "empty": "is not a run's folder",
-        "file": "is not a folder",
+        "file": "is not a run's folder",
     }.items():
         with pytest.raises(InputError, match=re.escape(said)):
             write_report(tmp_path / name)

@@ -84,14 +84,6 @@ def test_start_seeds_of_one_track_have_a_count_and_no_interval() -> None:
     assert "%" not in " ".join([verdict.headline, verdict.certainty, *verdict.tracks])
 
 
-def test_a_lap_of_the_track_that_chose_the_checkpoint_shows_less() -> None:
-    config = {"score": {"track": "lake"}}
-    chosen = evidence(config, (), choice={"drives": [{"file": "best.ckpt"}]})
-    assert "lake chose this checkpoint" in judge([drive()], chosen).certainty
-    assert "chose" not in judge([drive(track="mountain")], chosen).certainty
-    assert "chose" not in judge([drive()], evidence(config)).certainty
-
-
 @pytest.mark.parametrize(
     ("known", "cause", "typed"),
     [
@@ -123,34 +115,27 @@ def test_a_lap_of_the_track_that_chose_the_checkpoint_shows_less() -> None:
             "lake",
             "augment=[brightness,bend]",
         ),
-        (evidence({"data": {"crop": [50, 0]}}), "bonnet", "data.crop=[50,25]"),
-        (
-            evidence({"model": {"weights": "old.h5"}, "trainer": {"max_epochs": 0}}),
-            "another program",
-            None,
-        ),
     ],
 )
 def test_a_likely_cause_is_named_with_a_command_against_it(
-    known: Evidence, cause: str, typed: str | None
+    known: Evidence, cause: str, typed: str
 ) -> None:
     verdict = judge([drive(20)], known)
     assert cause in " ".join(verdict.causes)
     commands = [shlex.split(command) for _, command in verdict.commands]
-    if typed:
-        assert commands[0][:2] == ["drivezoo", "train"]
-        assert typed in commands[0]
+    assert commands[0][:2] == ["drivezoo", "train"]
+    assert typed in commands[0]
     assert commands[-1][:3] == ["drivezoo", "correct", known.checkpoint]
 
 
 def test_the_command_against_the_causes_keeps_what_the_training_had() -> None:
-    had = {"data": {"augment": {"shift": {}, "noise": {}}, "crop": [50, 0]}, "quick": True}
+    had = {"data": {"augment": {"shift": {}, "noise": {}}}, "quick": True}
     findings = [{"text": "no side cameras: an effect; set augment=[shift]"}]
     typed = ("experiment=lenet", "augment=[shift,noise]", "quick=true", "data.offset=0.3")
     verdict = judge([drive(20)], evidence(had, typed, findings=findings))
     command = shlex.split(verdict.commands[0][1])
     assert command[2:4] == ["experiment=lenet", "data.offset=0.3"]
-    assert set(command[4:]) == {"data.crop=[50,25]", "augment=[shift,noise,brightness,shadow]"}
+    assert command[4:] == ["augment=[shift,noise,brightness,shadow]"]
 
 
 def test_a_remedy_that_the_training_had_is_not_advised_again() -> None:
