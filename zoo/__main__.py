@@ -2,8 +2,6 @@
 
 import os
 import sys
-from collections.abc import Callable
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,9 +55,8 @@ def train(arguments: list[str], several: bool = True) -> Path:
         return folder
     from zoo.cli.compose import one_line_errors
 
-    with one_line_errors(arguments), ExitStack() as starting:
-        starting.enter_context(loading())
-        return train_once(arguments, starting.close, several)
+    with one_line_errors(arguments):
+        return train_once(arguments, several)
 
 
 def is_resume(argument: str) -> bool:
@@ -67,14 +64,8 @@ def is_resume(argument: str) -> bool:
     return argument.startswith("resume=")
 
 
-def train_once(arguments: list[str], is_started: Callable[[], None], several: bool = True) -> Path:
-    """Train once in a new folder, and return it.
-
-    Args:
-        arguments: overrides of the config.
-        is_started: function to call when the run begins to print its progress.
-        several: whether the training may start further processes with the same command.
-    """
+def train_once(arguments: list[str], several: bool = True) -> Path:
+    """Train once in a new folder, and return it; for the arguments see `train`."""
     import hydra
     from hydra.core.hydra_config import HydraConfig
     from hydra.errors import HydraException
@@ -90,9 +81,8 @@ def train_once(arguments: list[str], is_started: Callable[[], None], several: bo
         nonlocal began, folder
         began = True
         folder = Path(HydraConfig.get().runtime.output_dir)
-        from zoo.training.run import run_experiment
-
-        is_started()
+        with loading():
+            from zoo.training.run import run_experiment
         try:
             if not several and needs_processes(config):
                 raise UsageError(

@@ -71,12 +71,11 @@ def list_parts(*kind: Kind) -> None:
 
 
 def print_models() -> None:
-    """Print a table of the networks, and the source of each."""
+    """Print a table of the networks in `conf/model`, and the source of each."""
     from rich.console import Console
 
-    with loading("building the networks"):
-        table, sources = zoo_table()
     console = Console(soft_wrap=True)
+    table, sources = zoo_table()
     console.print(table)
     for name, source in sources.items():
         console.print(f"{name}: {source}", highlight=False)
@@ -88,26 +87,24 @@ def zoo_table() -> "tuple[Table, dict[str, str]]":
     from rich.table import Table
 
     from zoo.cli.compose import compose_config
-    from zoo.models.make_network import make_network, multiply_adds, paper, published_view
 
     sources = {}
     table = Table(title="the zoo", title_justify="left")
     for column in ("model", "input (CxHxW)", "colour", "parameters", "multiply-adds"):
         table.add_column(column, justify="right" if column[-1] == "s" else "left")
-    for name in choices("model"):
-        config = compose_config([f"model={name}"])
-        view = published_view(config)
-        network = make_network(config["model"], view)
-        height, width, channels = view.shape
-        parameters = sum(parameter.numel() for parameter in network.parameters())
-        table.add_row(
-            name,
-            f"{channels} x {height} x {width}",
-            view.colour,
-            f"{parameters:,}",
-            f"{multiply_adds(network, (channels, height, width)):,}",
-        )
-        sources[name] = paper(network)
+    with loading("building the networks"):
+        from zoo.models.make_network import make_network, multiply_adds, paper, published_view
+
+        for name in choices("model"):
+            config = compose_config([f"model={name}"])
+            view = published_view(config)
+            network = make_network(config["model"], view)
+            height, width, channels = view.shape
+            parameters = sum(parameter.numel() for parameter in network.parameters())
+            operations = multiply_adds(network, (channels, height, width))
+            size = f"{channels} x {height} x {width}"
+            table.add_row(name, size, view.colour, f"{parameters:,}", f"{operations:,}")
+            sources[name] = paper(network)
     return table, sources
 
 

@@ -3,7 +3,6 @@
 import shutil
 import subprocess
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
@@ -31,16 +30,8 @@ COMPARED = (
     "leak",
     "data",
 )
+Difference = tuple[str, object, object]  # key in metrics.json, and its values then and now
 TIMED = ("latency_ms", "in_training")
-
-
-@dataclass(frozen=True)
-class Difference:
-    """A figure that differs: its key in `metrics.json`, and its values then and now."""
-
-    name: str
-    then: object
-    now: object
 
 
 @command
@@ -73,7 +64,11 @@ def rerun(run: str, *, out: str | None = None, trust: str = "") -> None:
     config = _trained_config(source)
     check_saved_config(config, source, trusted)
     with command_folder(Path(out or dated_folder("reruns")).resolve(), "reruns") as folder:
-        _prepare(source, config, folder)
+        try:
+            shutil.copytree(source / ".hydra", folder / ".hydra")
+            OmegaConf.save(config, folder / ".hydra" / "config.yaml")
+        except OSError as error:
+            raise InputError(f"out={folder}: cannot write there ({error.strerror})") from None
         _train(folder, place_of(source), trusted, then.get("threads"))
         now = read_metrics_file(folder)
         _report(then, now, folder)
@@ -83,7 +78,7 @@ def differences(then: object, now: object, name: str = "") -> tuple[list[Differe
     """Return the figures that differ between two `metrics.json`, and the number compared.
 
     >>> differences({"a": 1, "b": {"c": 2}}, {"a": 1, "b": {"c": 3}})
-    ([Difference(name='b.c', then=2, now=3)], 2)
+    ([('b.c', 2, 3)], 2)
     """
     if isinstance(then, dict) and isinstance(now, dict):
         keys = [key for key in {**then, **now} if key not in TIMED]
@@ -91,7 +86,7 @@ def differences(then: object, now: object, name: str = "") -> tuple[list[Differe
     elif isinstance(then, list | tuple) and isinstance(now, list | tuple) and len(then) == len(now):
         children = [(str(place), *pair) for place, pair in enumerate(zip(then, now, strict=True))]
     else:
-        return ([] if then == now else [Difference(name, then, now)]), 1
+        return ([] if then == now else [(name, then, now)]), 1
     found, count = [], 0
     for key, one, other in children:
         more, compared = differences(one, other, f"{name}.{key}" if name else key)
@@ -126,15 +121,6 @@ def _trained_config(run: Path) -> DictConfig:
     return config
 
 
-def _prepare(run: Path, config: DictConfig, out: Path) -> None:
-    """Create the folder of an untrained run."""
-    try:
-        shutil.copytree(run / ".hydra", out / ".hydra")
-        OmegaConf.save(config, out / ".hydra" / "config.yaml")
-    except OSError as error:
-        raise InputError(f"out={out}: cannot write there ({error.strerror})") from None
-
-
 def _train(out: Path, place: Path, trusted: Sequence[str], threads: int | None) -> None:
     """Train the run in `out` with the same number of threads, on which sums depend.
 
@@ -163,8 +149,8 @@ def _report(then: dict, now: dict, out: Path) -> None:
     if then.get("threads") != now.get("threads"):
         print(f"threads: {then.get('threads')} then, {now.get('threads')} now")
     found, count = differences(*({key: one.get(key) for key in COMPARED} for one in (then, now)))
-    for one in found:
-        print(f"{one.name}: {one.then} then, {one.now} now")
+    for name, before, after in found:
+        print(f"{name}: {before} then, {after} now")
     if not found:
         print(f"equal: all {count} figures, to the digit")
     print_written([out], [] if found else ["report", out])

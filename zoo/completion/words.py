@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import simulator.__main__ as simulator_commands
+from simulator.__main__ import COMMANDS as SIMULATOR
 from simulator.track_names import ALIASES as TRACKS
 from simulator.track_names import track_names
 from zoo.base.command import Command
@@ -38,17 +38,12 @@ class Words:
 
 def command_words() -> dict[str, Words]:
     """Return the words of each command of `drivezoo`."""
-    places = {**{name: place for group in GROUPS.values() for name, place in group.items()}}
+    places = {name: place for group in GROUPS.values() for name, place in group.items()}
     places |= ALIASES | outside_commands()
-    training = Words((), _training_keys())
-    simulators = simulator_commands.COMMANDS
-    found = {
-        name: words_of(load(place))
-        for name, place in places.items()
-        if name not in ("train", "simulator")
-    }
-    found |= {"train": training, "preview": training, "simulator": Words(tuple(simulators), {})}
-    found |= {f"simulator {name}": words_of(one) for name, one in simulators.items()}
+    special = {name: Words((), _training_keys()) for name in ("train", "preview")}
+    special["simulator"] = Words(tuple(SIMULATOR), {})
+    found = {name: special.get(name) or words_of(load(place)) for name, place in places.items()}
+    found |= {f"simulator {name}": words_of(command) for name, command in SIMULATOR.items()}
     return found | {kind: Words((), {}) for kind in LISTED}
 
 
@@ -68,18 +63,10 @@ def values_of(key: str, default: str) -> tuple[str, ...]:
     """Return the values of a key that have names, without those that only its command knows."""
     if default in ("true", "false"):
         return ("true", "false")
-    names = {
-        "ckpt": (LATEST, *packaged_names()),
-        "family": tuple(choices("road")),
-        "suite": tuple(choices("suite")),
-        "weights": (LATEST, *packaged_names()),
-    }
-    last = key.rpartition(".")[2]
-    return (
-        tuple(sorted([*TRACKS, *track_names()]))
-        if last in ("track", "sim")
-        else names.get(last, ())
-    )
+    checkpoints, tracks = (LATEST, *packaged_names()), tuple(sorted([*TRACKS, *track_names()]))
+    names = {"ckpt": checkpoints, "weights": checkpoints, "track": tracks, "sim": tracks}
+    names |= {"family": tuple(choices("road")), "suite": tuple(choices("suite"))}
+    return names.get(key.rpartition(".")[2], ())
 
 
 def _training_keys() -> dict[str, tuple[str, ...]]:

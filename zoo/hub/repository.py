@@ -200,12 +200,7 @@ def _check_hash(repo: str, name: str, digest: str, listed: str | None, card: byt
 
 
 def _check(path: Path, name: str) -> None:
-    """Check a checkpoint; the network of a part that the user has not named is not built.
-
-    Args:
-        path: file that holds the checkpoint.
-        name: its name in messages.
-    """
+    """Check a checkpoint; the network of a part that the user has not named is not built."""
     try:
         contents = read_checkpoint_file(path)
         check_card(contents["drivezoo"], path)

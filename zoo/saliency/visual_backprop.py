@@ -62,15 +62,10 @@ class Saliency:
     """
 
     def __init__(self, policy: CheckpointPolicy, published: bool = False) -> None:
-        if isinstance(policy, OnnxPolicy):
+        if isinstance(policy, OnnxPolicy | EnsemblePolicy):
             raise InputError(
-                f"{policy.path}: saliency needs gradients, which an ONNX file does not have; use "
-                "the checkpoint that it was exported from"
-            )
-        if isinstance(policy, EnsemblePolicy):
-            raise InputError(
-                f"{policy.name}: an ensemble has no saliency of its own; name one of the "
-                "checkpoints that it was written from"
+                f"{policy.name}: an ONNX file or an ensemble has no gradients for the saliency; "
+                "name the checkpoint that it was written from"
             )
         self.view, self.published = policy.view, published
         # A copy, since hooks would slow the driving down, and record it from another thread.
