@@ -4,7 +4,10 @@ A reader compares what a file claims with its limit before it reads or allocates
 limits keep each file's reading below five seconds and 500 MB.
 """
 
-from typing import TypeGuard
+import io
+import struct
+import zipfile
+from typing import BinaryIO, TypeGuard
 
 from zoo.base.errors import InputError
 
@@ -25,6 +28,9 @@ MOST = {
 }
 # Bytes after decompression: a free amount, and so many times the bytes of the file.
 FREE_BYTES, MOST_RATIO = 64_000_000, 8
+_END, _END_64 = b"PK\5\6", b"PK\6\6"  # records at an archive's end
+_END_BYTES = 22 + 65_535 + 20 + 56  # both records, the comment between, and a locator
+LARGEST_32 = 0xFFFFFFFF
 
 
 def is_ordinary(value: object, least: float = 0.0, most: float = 1e9) -> TypeGuard[float]:
@@ -78,3 +84,36 @@ def check_unpacked(unpacked: int, size: int, place: object) -> None:
             f"{place}: claims {unpacked:,} bytes after decompression, more than the {most:,} that "
             f"are read of a file of {size:,} bytes; copy it again, or name another file"
         )
+
+
+def open_archive(file: BinaryIO, place: object) -> zipfile.ZipFile:
+    """Open an archive whose members unpack to an ordinary number of bytes.
+
+    Args:
+        file: opened file.
+        place: file's name, for messages.
+
+    Raises:
+        InputError: the archive has too many members, or they claim too many bytes.
+        zipfile.BadZipFile: the file is truncated or damaged.
+    """
+    size = file.seek(0, io.SEEK_END)
+    check_most("bytes of an index", _directory_bytes(file, size), place)
+    archive = zipfile.ZipFile(file)
+    check_most("members", len(archive.infolist()), place)
+    check_unpacked(sum(one.file_size for one in archive.infolist()), size, place)
+    return archive
+
+
+def _directory_bytes(file: BinaryIO, size: int) -> int:
+    """Return the bytes of an archive's list of members, which `zipfile` reads whole."""
+    file.seek(max(0, size - _END_BYTES))
+    tail = file.read(_END_BYTES)
+    at = tail.rfind(_END)
+    if at < 0 or len(tail) < at + 22:
+        raise zipfile.BadZipFile("its end is missing")
+    (count,) = struct.unpack_from("<L", tail, at + 12)
+    at = tail.rfind(_END_64, 0, at)
+    if at >= 0 and len(tail) >= at + 48:
+        count = max(0 if count == LARGEST_32 else count, *struct.unpack_from("<Q", tail, at + 40))
+    return count

@@ -1,13 +1,17 @@
-"""Texts for a terminal: foreign texts without control characters, and commands to paste."""
+"""Texts for a terminal: foreign texts escaped, commands to paste, and how much is printed."""
 
+import os
 import re
 import shlex
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+# An environment variable keeps the choice, so that processes which a command starts make it, too.
+VARIABLE = "DRIVEZOO_VERBOSITY"
+FLAGS = {"-q": "quiet", "--quiet": "quiet", "-v": "verbose", "--verbose": "verbose"}
 MOST = 4000  # characters of an error's line; the middle of a longer one is left out
 
 
@@ -79,3 +83,21 @@ def guard_rich() -> None:
     for code in [*range(32), *range(127, 160), *map(ord, marks)]:
         if chr(code) not in "\t\n":
             table.setdefault(code, printable(chr(code)))
+
+
+def take_verbosity(arguments: Sequence[str]) -> list[str]:
+    """Return the arguments without `-q` and `-v`, and keep the last of these."""
+    for flag in arguments:
+        if flag in FLAGS:
+            os.environ[VARIABLE] = FLAGS[flag]
+    return [one for one in arguments if one not in FLAGS]
+
+
+def is_quiet() -> bool:
+    """Return whether progress and hints are left out."""
+    return os.environ.get(VARIABLE) == "quiet"
+
+
+def is_verbose() -> bool:
+    """Return whether a sweep prints each job's output, and an error its traceback."""
+    return os.environ.get(VARIABLE) == "verbose"

@@ -6,7 +6,7 @@ import lightning
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from zoo.base.verbosity import is_quiet
+from zoo.base.terminal import is_quiet
 
 
 class TrainingProgress(lightning.Callback):

@@ -12,10 +12,9 @@ import torch
 from torch import Tensor, nn
 
 from datamodules.view import View
-from zoo.base.archive import open_archive
 from zoo.base.bounded_files import check_text, check_version
 from zoo.base.errors import InputError
-from zoo.base.limits import check_unpacked
+from zoo.base.limits import check_unpacked, open_archive
 from zoo.base.regular_file import open_binary
 from zoo.checkpoints.checkpoint_card import check_part, part_cards
 from zoo.checkpoints.checkpoint_path import find_checkpoint as find_checkpoint

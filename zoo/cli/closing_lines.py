@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zoo.base.parts import typed_parts
-from zoo.base.terminal import command_line, printable
-from zoo.base.verbosity import is_quiet
+from zoo.base.terminal import command_line, is_quiet, printable
 
 if TYPE_CHECKING:
     from rich.console import Console

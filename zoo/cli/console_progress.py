@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from zoo.base.verbosity import is_quiet
+from zoo.base.terminal import is_quiet
 from zoo.cli.process_ranks import is_first_process
 
 if TYPE_CHECKING:

@@ -19,8 +19,7 @@ def completion(shell: Literal["bash", "zsh", "fish"]) -> None:
     Args:
         shell: shell.
     """
-    from zoo.completion.shell_scripts import SCRIPTS
-    from zoo.completion.words import command_words
+    from zoo.completion.shell_scripts import SCRIPTS, command_words
 
     print(SCRIPTS[shell](command_words()), end="")
 

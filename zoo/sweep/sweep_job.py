@@ -16,7 +16,7 @@ from omegaconf import DictConfig, open_dict
 
 from zoo.base.child_process import child_environment, module_command
 from zoo.base.errors import InputError, PrunedError, StoppedError
-from zoo.base.verbosity import is_verbose
+from zoo.base.terminal import is_verbose
 from zoo.base.whole_file import write_whole
 from zoo.base.written_files import note_files
 from zoo.cli.console_progress import loading

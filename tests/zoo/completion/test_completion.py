@@ -10,8 +10,7 @@ import pytest
 from tests.zoo.commands import only_line, run
 from zoo.cli.compose import choices
 from zoo.cli.console_script import commands, load
-from zoo.completion.shell_scripts import SCRIPTS
-from zoo.completion.words import command_words
+from zoo.completion.shell_scripts import SCRIPTS, command_words
 
 pytestmark = pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
 
