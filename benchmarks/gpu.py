@@ -1,9 +1,9 @@
 """Measure training on a GPU: `python benchmarks/gpu.py [NETWORK...] [device=cpu] [short]`.
 
 For each network `drivezoo train trainer=gpu` trains on views that stay in the GPU's memory, plainly
-and compiled. The processes take turns, an epoch each; figures are medians over the rounds, with the
-lowest and highest. The machine's own limit is the best matrix product in the same run. Before that,
-outputs and gradients of each network are compared with the CPU's.
+and compiled. The processes take turns, an epoch each. The table has their operations per second
+relative to the machine's own limit, the best matrix product in the same run. Before that, outputs
+and gradients of each network are compared with the CPU's.
 
 `device=cpu` runs the same path on a CPU, and `short` with tiny sizes: the figures mean nothing.
 Without a GPU the script prints one line.
@@ -18,8 +18,7 @@ from multiprocessing.connection import Connection
 import torch
 
 from benchmarks.material import AUGMENT, OUT, config_for, linked_recording
-from benchmarks.measuring import print_table
-from benchmarks.timing import contestants, take_turns
+from benchmarks.timing import Row, contestants, print_rows, ratios, take_turns
 from benchmarks.training import flops_of_sample, run_product, untrained
 from benchmarks.training_callbacks import train_by_turns
 from zoo.cli.compose import choices
@@ -29,7 +28,7 @@ NETWORKS = ("nvidia", "vgg", "tiny", "cnn_gru", "pilotnet_stack")
 BATCH, ROWS, ROUNDS = 256, 2_000, 5
 EPOCH = 400  # batches of an epoch
 SIDE = {"cuda": 8192, "cpu": 1024}  # of the square matrices whose product is timed
-LIMIT = "matrix product, FLOP/s"
+LIMIT = "bfloat16 matrix product"
 TOLERANCE = 1e-3  # of the largest value: sums in another order, in 32 bits
 
 
@@ -47,7 +46,13 @@ def main(names: list[str], device: str, short: bool) -> int:
     linked_recording(ROWS)  # created once, before the processes need it
     with contestants(targets(names, device, batch, epoch, short)) as measures:
         found = take_turns(measures, rounds)
-    print_rates(names, found, differ)
+    rows = []
+    for label in found.keys() - {LIMIT}:
+        name = label.removesuffix(", compiled")
+        used = [flops_of_sample(name) * speed for speed in found[label]]
+        figures = {"samples/s": statistics.median(found[label]), "from the CPU's": differ[name]}
+        rows.append(Row(label, LIMIT, ratios(used, found[LIMIT]), figures=figures))
+    print_rows(sorted(rows, key=lambda row: row.what))
     wrong = [name for name, value in differ.items() if value > TOLERANCE]
     if wrong:
         print(f"gpu.py: {', '.join(wrong)}: other results than on the CPU")
@@ -59,17 +64,10 @@ def targets(names: list[str], device: str, batch: int, epoch: int, short: bool) 
     side = 64 if short else SIDE[device]
     found: dict[str, tuple] = {LIMIT: (run_product, device, side, torch.bfloat16)}
     for name in names:
-        words = [
-            AUGMENT,
-            f"model={name}",
-            "trainer=gpu",
-            "callbacks=published",
-            "data.augment_on=device",
-            f"data.batch_size={batch}",
-            f"data.samples_per_epoch={batch * epoch}",
-            "trainer.max_epochs=100000",
-            f"trainer.accelerator={'gpu' if device == 'cuda' else 'cpu'}",
-        ]
+        words = [AUGMENT, f"model={name}", "trainer=gpu", "callbacks=published"]
+        words += ["data.augment_on=device", f"data.batch_size={batch}", "trainer.max_epochs=100000"]
+        words += [f"data.samples_per_epoch={batch * epoch}"]
+        words += [f"trainer.accelerator={'gpu' if device == 'cuda' else 'cpu'}"]
         found[name] = run_network, words
         if not short:
             found[f"{name}, compiled"] = run_network, [*words, "trainer.compile=true"]
@@ -103,23 +101,6 @@ def difference(name: str, device: str) -> float:
         float((ours - theirs).abs().max() / theirs.abs().max().clamp(min=1e-6))
         for theirs, ours in zip(*results, strict=True)
     )
-
-
-def print_rates(names: list[str], found: dict[str, list[float]], differ: dict[str, float]) -> None:
-    """Print samples per second, their share of the matrix product's FLOP/s, and the difference."""
-    limit, rows = statistics.median(found[LIMIT]), []
-    for label in found:
-        name = label.removesuffix(", compiled")
-        if name in names:
-            middle = statistics.median(found[label])
-            rates = (middle, min(found[label]), max(found[label]))
-            share = middle * flops_of_sample(name) / limit
-            cells = [f"{share:.2%}", f"{differ[name]:.1e}"]
-            rows.append([label, *(f"{rate:,.0f}" for rate in rates), *cells])
-    head = ["network", "samples/s", "lowest", "highest", "of the limit", "from the CPU's"]
-    print_table(head, rows)
-    spread = f"{min(found[LIMIT]):.3g} to {max(found[LIMIT]):.3g}"
-    print(f"the limit: a bfloat16 matrix product at {limit:.3g} FLOP/s ({spread})")
 
 
 if __name__ == "__main__":

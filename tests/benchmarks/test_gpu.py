@@ -17,16 +17,11 @@ def gpu(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
 def test_the_whole_path_runs_on_a_cpu(tmp_path: Path) -> None:
     result = gpu(tmp_path, "tiny", "device=cpu", "short")
     assert result.returncode == 0, result.stdout + result.stderr
-    (line,) = [one for one in result.stdout.splitlines() if " tiny " in one]
-    _, label, middle, lowest, highest, share, differs, _ = (
-        one.strip() for one in line.split("│" if "│" in line else "|")
-    )
-    assert label == "tiny"
-    assert 0 < float(lowest.replace(",", "")) <= float(middle.replace(",", ""))
-    assert float(middle.replace(",", "")) <= float(highest.replace(",", ""))
-    assert share.endswith("%")
-    assert float(differs) == 0  # the same device
-    assert "the limit: a bfloat16 matrix product" in result.stdout
+    line, figures = [one for one in result.stdout.splitlines() if "│" in one and "what" not in one]
+    assert " tiny " in line
+    assert "bfloat16 matrix product" in line
+    assert "samples/s" in figures
+    assert "from the CPU's 0 " in figures  # the same device
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has a GPU")

@@ -11,8 +11,8 @@ import io
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
-from matplotlib.figure import Figure
 
 from datamodules.driving_log import CAMERAS
 from datamodules.formats.recording_writer import write_log
@@ -27,7 +27,7 @@ from zoo.drives.drive_record import PERSON, POLICY, Drive
 
 LABELS, LABELS_IMAGE = "labels.csv", "labels.png"
 COLUMNS = ("override", "image", "seconds_before", "sent", "steering")
-ACROSS = 5  # frames in a row of the image
+TEXT = cv2.FONT_HERSHEY_SIMPLEX
 LABEL_EVERY_S = 0.5  # the steering is interpolated between labels
 
 
@@ -143,33 +143,28 @@ def read_labels(path: Path) -> dict[str, float]:
 
 def _write_labels(drive: Drive, found: list[Override], folder: Path) -> None:
     """Write the labels to fill in, and an image that shows their frames."""
-    shown = [(one, row) for one in found if len(one.rows) for row in _sparse(drive, one.rows)]
-    height = -(-len(shown) // ACROSS)
-    figure = Figure(figsize=(2.4 * ACROSS, 1.6 * height), layout="constrained")
-    axes = figure.subplots(height, ACROSS, squeeze=False).ravel()
-    for axis in axes:
-        axis.axis("off")
-    lines = []
-    for axis, (one, row) in zip(axes, shown, strict=False):
-        before_s, sent = one.began_s - drive.time_s[row], drive.steering[row]
-        lines.append([one.number, drive.frame[row], f"{before_s:.2f}", f"{sent:.3f}", ""])
-        path = drive.folder / drive.frame[row]
-        try:
-            axis.imshow(read_image(path))
-        except (OSError, ValueError) as error:
-            raise InputError(f"{path}: {error}; name another drive") from None
-        title = f"override {one.number}, {before_s:.1f} s before, sent {sent:+.2f}"
-        axis.set_title(title, fontsize=6)
-    image, labels = io.BytesIO(), io.StringIO()
-    figure.savefig(image, dpi=150, format=Path(LABELS_IMAGE).suffix[1:])
-    write_whole(folder / LABELS_IMAGE, image.getbuffer())
+    lines, frames = [], []
+    for one in found:
+        for row in _sparse(drive, one.rows):
+            before_s, sent = one.began_s - drive.time_s[row], drive.steering[row]
+            lines.append([one.number, drive.frame[row], f"{before_s:.2f}", f"{sent:.3f}", ""])
+            path = drive.folder / drive.frame[row]
+            try:
+                frame = cv2.resize(read_image(path), (320, 160))
+            except (OSError, ValueError) as error:
+                raise InputError(f"{path}: {error}; name another drive") from None
+            text = f"override {one.number}, {before_s:.1f} s before, sent {sent:+.2f}"
+            frames.append(cv2.putText(frame, text, (4, 12), TEXT, 0.4, (255, 255, 255)))
+    sheet = cv2.imencode(Path(LABELS_IMAGE).suffix, np.vstack(frames)[..., ::-1])[1]
+    write_whole(folder / LABELS_IMAGE, sheet.tobytes())
+    labels = io.StringIO()
     csv.writer(labels, lineterminator="\n").writerows([COLUMNS, *lines])
     write_whole(folder / LABELS, labels.getvalue())
 
 
 def _sparse(drive: Drive, rows: np.ndarray) -> list[int]:
     """Return the last row, and one for every half second before it."""
-    chosen = [int(rows[-1])]
+    chosen = rows[-1:].tolist()
     for row in rows[::-1]:
         if drive.time_s[chosen[-1]] - drive.time_s[row] >= LABEL_EVERY_S - 0.01:
             chosen.append(int(row))

@@ -5,17 +5,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from zoo.runs.plots import BLUE
 from zoo.search.search_space import Feature
 
-PASSED, YELLOW = "#d6e4f0", "#f2c500"
-# Shares of failures above 0, from light to dark.
-FAILED = ListedColormap(["#fbe3cb", "#f6c38f", "#e79a4b", "#c96a17", "#8f4306"])
+YELLOW = "#f2c500"
+# No failure, then shares of failures from light to dark.
+SHARES = ListedColormap(["#d6e4f0", "#fbe3cb", "#f6c38f", "#e79a4b", "#c96a17", "#8f4306"])
+NORM = BoundaryNorm([0, 0.001, 0.2, 0.4, 0.6, 0.8, 1.001], SHARES.N)
 Cell = tuple[int, int]
 
 
@@ -82,16 +82,17 @@ def failure_map(
     figure = Figure(figsize=(7.6, 5.4), layout="constrained")
     axis = figure.subplots()
     edges = {name: grid.edges(name) for name in (grid.x, grid.y)}
-    for (column, row), driven in sorted(archive.driven.items()):
+    shares = np.full((grid.cells, grid.cells), np.nan)
+    for (column, row), driven in archive.driven.items():
         failed = archive.failed[column, row]
+        shares[row, column] = failed / driven
         left, right = edges[grid.x][column : column + 2]
         low, high = edges[grid.y][row : row + 2]
-        colour = FAILED(failed / driven) if failed else PASSED
-        axis.fill([left, right, right, left], [low, low, high, high], color=colour, lw=0)
         middle = np.sqrt(left * right) if grid.scales[grid.x].scale.log else (left + right) / 2
         ink = "white" if failed > driven / 2 else "black"
         text = {"ha": "center", "va": "center", "fontsize": 7, "zorder": 4, "color": ink}
         axis.text(middle, high - 0.2 * (high - low), f"{failed}/{driven}", **text)
+    mesh = axis.pcolormesh(edges[grid.x], edges[grid.y], shares, cmap=SHARES, norm=NORM)
     stars = [] if mildest is None else [mildest]
     star = {"s": 130, "color": YELLOW, "marker": "*", "ec": "black", "zorder": 5}
     passed = {"s": 8, "color": BLUE, "marker": "o", "alpha": 0.8, "lw": 1.0, "zorder": 3}
@@ -116,7 +117,7 @@ def failure_map(
         ticks.set_minor_locator(NullLocator())
     axis.set_title(title, fontsize="medium")
     axis.spines[["top", "right"]].set_visible(False)
-    bar = figure.colorbar(ScalarMappable(Normalize(0, 1), FAILED), ax=axis, shrink=0.6)
-    bar.set_label("share of the cell's drives with an intervention, if any")
+    label = "share of the cell's drives with an intervention"
+    figure.colorbar(mesh, ax=axis, shrink=0.6, label=label, format="%.1g")
     figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize="small")
     return figure
