@@ -8,7 +8,7 @@ from zoo.cli.console_progress import loading
 from zoo.guard.guard_options import GuardOptions
 
 if TYPE_CHECKING:
-    from zoo.guard.guard_result import GuardResult
+    from zoo.guard.guard_drives import GuardResult
 
 # Slow imports (torch, Panda3D) come late: --help and typos answer at once.
 

@@ -12,7 +12,7 @@ from zoo.worlds.run_drives import PolicyMaker
 from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import World
 
-WEATHER, DEGRADED = "weather", "degraded"  # groups
+NOMINAL, WEATHER, DEGRADED = "nominal", "weather", "degraded"  # groups
 NOISE = (0.05, 0.8)  # smallest and largest deviation of the weights' noise
 
 
@@ -21,9 +21,9 @@ class Condition:
     """A condition of a drive.
 
     Attributes:
-        group: WEATHER or DEGRADED.
-        kind: fog, rain, light or weights.
-        level: strength, above 0 up to 1.
+        group: NOMINAL, WEATHER or DEGRADED.
+        kind: nominal, fog, rain, light or weights.
+        level: strength, 0 to 1.
         scenario: drive, but for its policy.
         noise: standard deviation of the noise of the network's weights, as a multiple of their own.
     """
@@ -76,12 +76,10 @@ def rainy(weather: Weather, level: float) -> Weather:
 
 def dark(weather: Weather, level: float) -> Weather:
     """Return a weather towards the night: a low sun, and down to 0.08 of the brightness."""
-    return replace(
-        weather,
-        sun_elevation_deg=weather.sun_elevation_deg * (1 - level) + 6 * level,
-        sun=1 - 0.7 * level,
-        brightness=weather.brightness * 0.08**level,
-    )
+    elevation = weather.sun_elevation_deg * (1 - level) + 6 * level
+    brightness = weather.brightness * 0.08**level
+    sun = 1 - 0.7 * level
+    return replace(weather, sun_elevation_deg=elevation, sun=sun, brightness=brightness)
 
 
 @dataclass(frozen=True)

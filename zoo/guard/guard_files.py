@@ -10,8 +10,8 @@ from zoo.base.regular_file import hash_file
 from zoo.base.terminal import printable
 from zoo.base.whole_file import json_text, write_whole
 from zoo.guard import guard_tables
-from zoo.guard.guard_drives import ScoredDrive
-from zoo.guard.guard_result import GuardResult
+from zoo.guard.conditions import DEGRADED, WEATHER
+from zoo.guard.guard_drives import GuardResult, ScoredDrive
 from zoo.monitor.scores import METHODS
 from zoo.report import blocks
 from zoo.runs.code_fingerprint import code_fingerprint
@@ -38,7 +38,10 @@ def write_files(folder: Path, result: GuardResult) -> list[Path]:
 
 def plain_result(result: GuardResult) -> dict:
     """Return the content of `guard.json`."""
-    pairs = result.pairs
+    warnings: dict[str, dict[str, dict]] = {}
+    for group, method, lead, figures in result.figures:
+        by_lead = warnings.setdefault(group, {}).setdefault(method, {})
+        by_lead[str(lead)] = {name: asdict(one) for name, one in figures.items()}
     return {
         "version": VERSION,
         "code": code_fingerprint(),
@@ -47,35 +50,19 @@ def plain_result(result: GuardResult) -> dict:
         "scores": {
             method: {
                 "source": METHODS[method].source,
-                "ms_per_frame": result.fitted.signal_ms[method],
-                "threshold": asdict(threshold),
+                "ms_per_frame": fitted.frame_ms,
+                "threshold": asdict(fitted.threshold),
                 "alarms_without_failure": {
-                    group: by_method[method] for group, by_method in result.shifted_alarms.items()
+                    group: result.alarms_without_failure(group, method)
+                    for group in (WEATHER, DEGRADED)
                 },
             }
-            for method, threshold in result.fitted.thresholds.items()
+            for method, fitted in result.fitted.items()
         },
-        "warnings": {
-            group: {
-                method: {
-                    str(lead): {name: asdict(one) for name, one in figures.items()}
-                    for lead, figures in by_lead.items()
-                }
-                for method, by_lead in by_method.items()
-            }
-            for group, by_method in result.figures.items()
-        },
-        "drives": [_plain_drive(one) for one in [*result.fitted.nominal, *result.shifted]],
+        "warnings": warnings,
+        "drives": [_plain_drive(one) for one in result.drives],
         "guard": result.method,
-        "paired": None
-        if pairs is None
-        else [
-            {"condition": one.name, "without": asdict(first), "guarded": asdict(second)}
-            | {"slower": asdict(third)}
-            for one, first, second, third in zip(
-                pairs.conditions, pairs.without, pairs.guarded, pairs.slower, strict=True
-            )
-        ],
+        "paired": result.pairs,
         "notes": result.notes,
     }
 
@@ -92,29 +79,19 @@ def print_result(result: GuardResult, console: Console) -> None:
 
 
 def _lines(result: GuardResult) -> list[str]:
-    pairs = [] if result.pairs is None else [guard_tables.prevented_line(result.pairs)]
-    return [
-        CAPTION,
-        *guard_tables.LINES,
-        *result.notes,
-        guard_tables.failure_line(result),
-        guard_tables.method_line(result),
-        *pairs,
-    ]
+    return [CAPTION, *result.notes, *guard_tables.sentences(result)]
 
 
 def _page(result: GuardResult, plot: Path) -> str:
-    tables = [
-        blocks.Section(one.caption, [blocks.Rows(one)]) for one in guard_tables.all_tables(result)
-    ]
-    data = plot.read_bytes()
     caption = "Scores of nominal windows and of windows 1 s before a failure in weather and light"
+    image = blocks.Image(PLOT, plot.read_bytes(), caption, plot=True)
     sections = [
         blocks.Section("Guard", [blocks.Text(one) for one in _lines(result)]),
-        *tables,
-        blocks.Section(
-            "Distributions", [blocks.Images([blocks.Image(PLOT, data, caption, plot=True)])]
+        *(
+            blocks.Section(one.caption, [blocks.Rows(one)])
+            for one in guard_tables.all_tables(result)
         ),
+        blocks.Section("Distributions", [blocks.Images([image])]),
     ]
     title = f"Warnings before failures: {Path(result.checkpoint).name}"
     code = code_fingerprint()
@@ -130,7 +107,7 @@ def _plain_drive(drive: ScoredDrive) -> dict:
         "level": condition.level,
         "noise": condition.noise,
         "weather": str(condition.scenario.weather),
-        "seed": drive.seed,
+        "seed": condition.scenario.seed,
         "driven_m": drive.driven_m,
         "failures": windows.failures,
         "late": {str(lead): count for lead, count in windows.late.items()},

@@ -2,7 +2,6 @@
 
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from rich.console import Console
@@ -14,19 +13,31 @@ from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.policy import CheckpointPolicy, load_policy
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import working
-from zoo.drives.bootstrap import Estimate
-from zoo.guard.conditions import DEGRADED, WEATHER, Condition, shifted_conditions
-from zoo.guard.guard_drives import Driven, Fleet, ObservedDrive, ScoredDrive, score_drive
+from zoo.guard.conditions import DEGRADED, NOMINAL, WEATHER, Condition, shifted_conditions
+from zoo.guard.guard_drives import (
+    Fitted,
+    GuardResult,
+    ObservedDrive,
+    ScoredDrive,
+    Warnings,
+    drive_pairs,
+    observe,
+    of_group,
+    score_drive,
+)
 from zoo.guard.guard_files import print_result, write_files
 from zoo.guard.guard_options import GuardOptions
-from zoo.guard.guard_result import NOMINAL, Fitted, GuardResult, Pairs, of_group
 from zoo.guard.guard_tables import TABLE_COLUMNS, warnings_table
-from zoo.guard.labelled_windows import LEADS_S, WINDOW_S
-from zoo.guard.warning_figures import warning_figures
+from zoo.guard.warning_figures import (
+    LEADS_S,
+    WINDOW_S,
+    label_windows,
+    warning_figures,
+    window_scores,
+)
 from zoo.monitor.guard_file import Guard, write_guard
-from zoo.monitor.scores import METHODS, Score, Threshold, fit_score, fit_threshold
+from zoo.monitor.scores import METHODS, Score, fit_score, fit_threshold
 from zoo.monitor.signals import ENSEMBLE, signal_sources
-from zoo.worlds.scenario import Scenario
 
 GUARD = "guard.pt"
 TIMED = 100  # frames whose score is timed
@@ -46,45 +57,50 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
     sources, notes = signal_sources(policy, options.samples, [load_policy(one) for one in members])
     if options.method is not None and METHODS[options.method].signal not in sources:
         raise InputError(f"method={options.method}: {'; '.join(notes)}; name another method")
-    degraded = options.degraded
+    degraded, count = options.degraded, options.nominal
     if degraded and type(policy) is not CheckpointPolicy:
         notes.append("no degraded networks: needs a checkpoint of one network")
         degraded = 0
+    nominal = [
+        Condition(NOMINAL, NOMINAL, 0.0, replace(usual, seed=seed))
+        for seed in range(1, 3 * count + 1)
+    ]
+    first = replace(usual, seed=3 * count + 1, laps=options.laps)
+    conditions = shifted_conditions(first, options.levels, degraded)
     with command_folder(options.out, "guards") as folder:
-        fleet = Fleet(checkpoint, members, options.samples, options.workers, console)
-        fitted = fit_nominal(fleet, options, usual, notes)
-        if options.method is not None and options.method not in fitted.scores:
+        driven = dict(observe(checkpoint, members, nominal, options, NOMINAL, console))
+        fitting = [driven[number] for number in range(2 * count)]
+        fitted = fit_methods(fitting, options, notes, console)
+        if options.method is not None and options.method not in fitted:
             raise InputError(f"method={options.method}: {'; '.join(notes)}; name another method")
-        conditions = shifted_conditions(
-            replace(usual, seed=3 * options.nominal + 1, laps=options.laps),
-            options.levels,
-            degraded,
-        )
-        shifted = drive_shifted(fleet, conditions, fitted)
-        figures = count_warnings(shifted, fitted)
+        scores = {name: one.score for name, one in fitted.items()}
+        what = "weather, light and degraded networks"
+        shifted = {
+            number: score_drive(drive, conditions[number], scores)
+            for number, drive in observe(checkpoint, members, conditions, options, what, console)
+        }
+        drives = [
+            *(
+                score_drive(driven[row], nominal[row], scores)
+                for row in range(2 * count, 3 * count)
+            ),
+            *(shifted[number] for number in range(len(conditions))),
+        ]
+        figures = count_warnings(drives, fitted)
         method = options.method or best_method(figures)
+        result = GuardResult(checkpoint, options, fitted, drives, figures, method, notes)
         guard = Guard(
-            fitted.scores[method],
-            fitted.thresholds[method].value,
+            scores[method],
+            fitted[method].threshold.value,
             max(1, round(WINDOW_S * options.frame_rate)),
             options.slow,
             options.samples,
             hash_file(checkpoint),
         )
         path = write_guard(folder / GUARD, guard)
-        result = GuardResult(
-            checkpoint,
-            options,
-            fitted,
-            shifted,
-            figures,
-            alarms_in_shift(shifted, fitted),
-            method,
-            notes=notes,
-        )
         written = write_files(folder, result)  # kept, if the paired drives are interrupted
         if options.paired:
-            result = replace(result, pairs=drive_paired(fleet, path, result, usual))
+            result = replace(result, pairs=drive_pairs(result, str(path), usual.speed, console))
             write_files(folder, result)
         print_result(result, console)
         written += options.write_files(warnings_table(result))
@@ -93,47 +109,37 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
         return result
 
 
-def fit_nominal(fleet: Fleet, options: GuardOptions, usual: Scenario, notes: list[str]) -> Fitted:
-    """Drive nominal drives, and fit scores and thresholds; a method that fails adds a note.
+def fit_methods(
+    drives: list[ObservedDrive], options: GuardOptions, notes: list[str], console: Console
+) -> dict[str, Fitted]:
+    """Fit scores to the first half of nominal drives, and thresholds to the second half.
+
+    A method that fails adds a note.
 
     Raises:
         InputError: no method could be fitted.
     """
-    count = options.nominal
-    nominal = [
-        Condition(NOMINAL, NOMINAL, 0.0, replace(usual, seed=seed))
-        for seed in range(1, 3 * count + 1)
-    ]
-    drives: dict[int, ObservedDrive] = {}
-    fleet.observe(nominal, NOMINAL, drives.__setitem__)
-    train = [drives[number] for number in range(count)]
-    scores: dict[str, Score] = {}
-    thresholds: dict[str, Threshold] = {}
+    half = len(drives) // 2
+    fitted: dict[str, Fitted] = {}
     for name, method in METHODS.items():
-        if method.signal not in train[0].signals:
+        if method.signal not in drives[0].signals:
             continue
-        with working(f"fitting {name}", fleet.console):
-            signals = np.concatenate([one.signals[method.signal] for one in train])
+        with working(f"fitting {name}", console):
+            signals = np.concatenate([one.signals[method.signal] for one in drives[:half]])
             score = fit_score(name, signals, options.epochs)
-            fits = [
-                score_drive(drives[number], None, 0, {name: score}).normal[name]
-                for number in range(count, 2 * count)
-            ]
+            fits = []
+            for one in drives[half:]:
+                normal = label_windows(one.drive.time_s, one.drive.intervention).normal
+                fits.append(window_scores(score(one.signals[method.signal]), normal))
         try:
-            thresholds[name] = fit_threshold(np.concatenate(fits), options.false_alarms)
+            threshold = fit_threshold(np.concatenate(fits), options.false_alarms)
         except InputError as error:
             notes.append(f"not scored: {name}: {error}")
             continue
-        scores[name] = score
-    if not scores:
+        fitted[name] = Fitted(score, threshold, _frame_ms(drives[0], score))
+    if not fitted:
         raise InputError(notes[-1])
-    held_out = range(2 * count, 3 * count)
-    return Fitted(
-        scores,
-        thresholds,
-        {name: _frame_ms(drives[0], score) for name, score in scores.items()},
-        [score_drive(drives[one], nominal[one], one + 1, scores) for one in held_out],
-    )
+    return fitted
 
 
 def _frame_ms(drive: ObservedDrive, score: Score) -> float:
@@ -148,68 +154,34 @@ def _frame_ms(drive: ObservedDrive, score: Score) -> float:
     return drive.signal_ms[method.signal] + 1000 * float(np.median(took_s))
 
 
-def drive_shifted(fleet: Fleet, conditions: list[Condition], fitted: Fitted) -> list[ScoredDrive]:
-    """Drive the conditions and return their scores."""
-    found: dict[int, ScoredDrive] = {}
-
-    def take(number: int, drive: ObservedDrive) -> None:
-        one = conditions[number]
-        found[number] = score_drive(drive, one, one.scenario.seed, fitted.scores)
-
-    fleet.observe(conditions, "weather, light and degraded networks", take)
-    return [found[number] for number in range(len(conditions))]
-
-
-def count_warnings(
-    shifted: list[ScoredDrive], fitted: Fitted
-) -> dict[str, dict[str, dict[int, dict[str, Estimate]]]]:
-    """Return the figures by group, method and lead; normal windows are those of nominal drives."""
-    return {
-        group: {
-            method: {
-                lead: warning_figures(
-                    [one.before[method][lead] for one in of_group(shifted, group)],
-                    [one.normal[method] for one in fitted.nominal],
-                    fitted.thresholds[method].value,
-                )
-                for lead in LEADS_S
-            }
-            for method in fitted.scores
-        }
+def count_warnings(drives: list[ScoredDrive], fitted: dict[str, Fitted]) -> list[Warnings]:
+    """Return figures by group, method and lead; normal windows are those of nominal drives."""
+    return [
+        Warnings(
+            group,
+            method,
+            lead,
+            warning_figures(
+                [one.before[method][lead] for one in of_group(drives, group)],
+                [one.normal[method] for one in of_group(drives, NOMINAL)],
+                fitted[method].threshold.value,
+            ),
+        )
         for group in (WEATHER, DEGRADED)
-        if of_group(shifted, group)
-    }
+        if of_group(drives, group)
+        for method in fitted
+        for lead in LEADS_S
+    ]
 
 
-def alarms_in_shift(shifted: list[ScoredDrive], fitted: Fitted) -> dict[str, dict[str, float]]:
-    """Return the share of alarms in windows of the conditions that no failure follows."""
-    found: dict[str, dict[str, float]] = {}
-    for group in (WEATHER, DEGRADED):
-        for method, threshold in fitted.thresholds.items():
-            normal = [one.normal[method] for one in of_group(shifted, group)]
-            scores = np.concatenate([np.zeros(0), *normal])
-            share = float((scores > threshold.value).mean()) if len(scores) else float("nan")
-            found.setdefault(group, {})[method] = share
-    return found
-
-
-def best_method(figures: dict[str, dict[str, dict[int, dict[str, Estimate]]]]) -> str:
+def best_method(figures: list[Warnings]) -> str:
     """Return the method with the best mean F3 over weather and leads; the first one if none fails.
 
     An ensemble is left out, because a guard file holds one checkpoint.
     """
-    by_method = {name: one for name, one in figures[WEATHER].items() if name != ENSEMBLE}
-
-    def mean_f3(name: str) -> float:
-        found = [one["f3"].value for one in by_method[name].values()]
-        return float(np.mean(np.nan_to_num(found)))
-
-    return max(by_method, key=mean_f3)
-
-
-def drive_paired(fleet: Fleet, guard: Path, result: GuardResult, usual: Scenario) -> Pairs:
-    """Drive the conditions and the held-out nominal drives again, with the guard and slower."""
-    drives = [*result.fitted.nominal, *result.shifted]
-    conditions = [one.condition for one in drives]
-    without = [Driven(one.windows.failures, one.driven_m, usual.speed) for one in drives]
-    return Pairs(conditions, without, *fleet.drive_pairs(str(guard), conditions))
+    by_method: dict[str, float] = {}
+    for one in figures:
+        if one.group == WEATHER and one.method != ENSEMBLE:
+            f3 = float(np.nan_to_num(one.figures["f3"].value))
+            by_method[one.method] = by_method.get(one.method, 0.0) + f3
+    return max(by_method, key=by_method.__getitem__)

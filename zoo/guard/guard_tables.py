@@ -1,16 +1,14 @@
 """The result of a guard as tables, sentences and a plot."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from zoo.drives.bootstrap import Estimate, bootstrap, mean
-from zoo.guard.conditions import DEGRADED, WEATHER
-from zoo.guard.guard_result import NOMINAL, GuardResult, Pairs, of_group
-from zoo.guard.labelled_windows import LEADS_S
-from zoo.guard.warning_figures import FIGURES
+from zoo.drives.bootstrap import bootstrap, mean
+from zoo.guard.conditions import DEGRADED, NOMINAL, WEATHER
+from zoo.guard.guard_drives import GuardResult, joined, of_group
+from zoo.guard.warning_figures import FIGURES, LEADS_S
 from zoo.runs.plots import BLUE, GREY, ORANGE
 from zoo.runs.table import Column, Table, interval_column, with_interval
 
@@ -20,8 +18,8 @@ HEADINGS = ("recall %", "precision %", "false alarms %", "F3 %", "AUC %")
 # ThirdEye, Stocco et al. 2022, "ThirdEye: attention maps for safe autonomous driving systems";
 # levels of weather; method, seconds before the failure, recall, precision, false-positive rate, F3.
 THIRDEYE = (
-    ("attention maps", 1, 92, 49, 4, 84),
-    ("autoencoder on the image", 1, 100, 24, 7, 75),
+    ("attention maps", "1", "92", "49", "4", "84"),
+    ("autoencoder on the image", "1", "100", "24", "7", "75"),
 )
 LINES = (
     "ThirdEye's best F3 3 s ahead: 79",
@@ -37,131 +35,97 @@ def warnings_table(result: GuardResult, only: str | None = None) -> Table:
         result: result of the command.
         only: the only group, whose name is then the title; None for all groups.
     """
-    found = [
-        (group, method, lead, figures)
-        for group, by_method in result.figures.items()
-        for method, by_lead in by_method.items()
-        for lead, figures in by_lead.items()
-        if only in (None, group)
-    ]
-    leads = [lead for _, _, lead, _ in found]
-    methods = [method for _, method, _, _ in found]
-    if only is not None:  # each method is named once
-        pairs = zip(methods, leads, strict=True)
-        methods = [method if lead == LEADS_S[0] else "" for method, lead in pairs]
+    found = [one for one in result.figures if only in (None, one.group)]
+    leads = [one.lead_s for one in found]
+    # With a title, each method is named once.
+    methods = ["" if only and one.lead_s != LEADS_S[0] else one.method for one in found]
     columns = [
-        Column("group", "group", [group for group, *_ in found]),
+        Column("group", "group", [one.group for one in found]),
         Column("score", "score", methods),
         Column("lead_s", "lead s", list(map(str, leads)), {"lead_s": leads}),
     ]
     for name, heading in zip(FIGURES, HEADINGS, strict=True):
-        figures = [one[name] for *_, one in found]
+        figures = [one.figures[name] for one in found]
         columns.append(interval_column(name, heading, figures, "{:.0f}", 100))
     if only is not None:
         return Table(columns[1:], TITLES[only])
     return Table(columns, "Warnings before failures, in brackets 95 % intervals over drives.")
 
 
-def published_table() -> Table:
-    """Return the figures of ThirdEye on the original simulator."""
-    rows = [
-        [name, str(lead), str(recall), str(precision), str(rate), str(f3), ""]
-        for name, lead, recall, precision, rate, f3 in THIRDEYE
-    ]
+def all_tables(result: GuardResult) -> list[Table]:
+    """Return the tables in the order of the terminal and the page; a caption is the title."""
+    groups = [one for one in (WEATHER, DEGRADED) if of_group(result.drives, one)]
+    failed = {one.condition.group for one in result.drives if one.windows.failures}
+    tables = [warnings_table(result, group) for group in groups if group in failed]
     title = "Published (ThirdEye, levels of weather in the original simulator)"
-    return Table.of(["score", "lead s", *HEADINGS], rows, title)
-
-
-def score_table(result: GuardResult) -> Table:
-    """Return the threshold and the cost of each score, and its alarms without a failure."""
-    fitted = result.fitted
-    groups = [group for group in (WEATHER, DEGRADED) if group in result.figures]
+    tables.append(Table.of(["score", "lead s", *HEADINGS], [[*one, ""] for one in THIRDEYE], title))
     rows = [
         [
             method,
-            f"{threshold.value:.3g}",
-            f"{fitted.signal_ms[method]:.1f}",
-            *(_percent(result.shifted_alarms[group][method]) for group in groups),
+            f"{fitted.threshold.value:.3g}",
+            f"{fitted.frame_ms:.1f}",
+            *(_percent(result.alarms_without_failure(group, method)) for group in groups),
         ]
-        for method, threshold in fitted.thresholds.items()
+        for method, fitted in result.fitted.items()
     ]
     names = [f"alarms without a failure, {group} %" for group in groups]
-    return Table.of(["score", "threshold", "ms per frame", *names], rows, "Scores")
+    tables.append(Table.of(["score", "threshold", "ms per frame", *names], rows, "Scores"))
+    return [*tables, *([] if result.pairs is None else [pair_table(result.pairs)])]
 
 
-def pair_table(pairs: Pairs) -> Table:
+def pair_table(pairs: list[dict]) -> Table:
     """Return the interventions without a guard, with it, and at its mean speed."""
-    kinds = list(dict.fromkeys(one.kind for one in pairs.conditions))
+    kinds = [one["condition"].split()[0] for one in pairs]
     rows = []
-    for kind in [*kinds, "all"]:
-        own = [row for row, one in enumerate(pairs.conditions) if kind in (one.kind, "all")]
+    for kind in [*dict.fromkeys(kinds), "all"]:
+        own = [one for one, its_kind in zip(pairs, kinds, strict=True) if kind in (its_kind, "all")]
         counts = [
-            str(sum(drives[row].interventions for row in own))
-            for drives in (pairs.without, pairs.guarded, pairs.slower)
+            str(sum(one[which]["interventions"] for one in own))
+            for which in ("without", "guarded", "slower")
         ]
-        alarms = str(sum(pairs.guarded[row].alarms for row in own))
-        speed = f"{np.mean([pairs.guarded[row].speed_mph for row in own]):.1f}"
+        alarms = str(sum(one["guarded"]["alarms"] for one in own))
+        speed = f"{np.mean([one['guarded']['speed_mph'] for one in own]):.1f}"
         rows.append([kind, str(len(own)), *counts, alarms, speed])
     headings = ["condition", "drives", "without", "with the guard", "at its mean speed"]
     return Table.of([*headings, "alarms", "mean speed, mph"], rows, "Interventions")
 
 
-def prevented(pairs: Pairs) -> tuple[Estimate, Estimate]:
-    """Return the interventions prevented per drive by the guard, and by its mean speed alone."""
-    counts = [
-        np.array([one.interventions for one in drives], float)
-        for drives in (pairs.without, pairs.guarded, pairs.slower)
-    ]
-    without, guarded, slower = counts
-    return bootstrap((without - guarded)[None], mean), bootstrap((without - slower)[None], mean)
-
-
-def prevented_line(pairs: Pairs) -> str:
-    """Return a sentence about the interventions that the guard prevented."""
-    guard, slower = prevented(pairs)
-    without, guarded = (
-        sum(one.interventions for one in drives) for drives in (pairs.without, pairs.guarded)
+def sentences(result: GuardResult) -> list[str]:
+    """Return sentences about publications, failures, the guard's score and what it prevented."""
+    groups = {one: of_group(result.drives, one) for one in (NOMINAL, WEATHER, DEGRADED)}
+    failures = "; ".join(
+        f"{group}: {sum(one.windows.failures for one in drives)} in {len(drives)} drives"
+        for group, drives in groups.items()
+        if drives
     )
-    alarms = sum(one.alarms for one in pairs.guarded)
-    return (
-        f"{without} interventions without the guard, {guarded} with it, after {alarms} alarms: "
-        f"prevented per drive {with_interval(guard, '{:.2f}')}; the same mean speed without a "
-        f"guard prevents {with_interval(slower, '{:.2f}')}"
-    )
-
-
-def failure_line(result: GuardResult) -> str:
-    """Return a sentence about the drives, their failures and windows."""
-    parts = []
-    for group in (NOMINAL, WEATHER, DEGRADED):
-        drives = result.fitted.nominal if group == NOMINAL else of_group(result.shifted, group)
-        if drives:
-            failures = sum(one.windows.failures for one in drives)
-            parts.append(f"{group}: {failures} in {len(drives)} drives")
-    late = {lead: sum(one.windows.late[lead] for one in result.shifted) for lead in LEADS_S}
+    shifted = [*groups[WEATHER], *groups[DEGRADED]]
+    late = {lead: sum(one.windows.late[lead] for one in shifted) for lead in LEADS_S}
     soon = ", ".join(f"{count} at {lead} s" for lead, count in late.items())
-    normal = sum(len(one.windows.normal) for one in result.fitted.nominal)
-    return (
-        f"failures: {'; '.join(parts)}; left out because the car started too shortly before: "
-        f"{soon}; nominal windows: {normal}"
+    normal = sum(len(one.windows.normal) for one in groups[NOMINAL])
+    lines = [
+        *LINES,
+        f"failures: {failures}; left out because the car started too shortly before: {soon}; "
+        f"nominal windows: {normal}",
+        f"the guard file uses {result.method}, which takes "
+        f"{result.fitted[result.method].frame_ms:.1f} ms per frame, and slows down to "
+        f"{result.options.slow:g} mph",
+    ]
+    if result.pairs is None:
+        return lines
+    without, guarded, slower = (
+        np.array([one[which]["interventions"] for one in result.pairs], float)
+        for which in ("without", "guarded", "slower")
     )
-
-
-def method_line(result: GuardResult) -> str:
-    """Return a sentence about the guard file's score."""
-    fitted, method = result.fitted, result.method
-    return (
-        f"the guard file uses {method}, which takes {fitted.signal_ms[method]:.1f} ms per frame, "
-        f"and slows down to {result.options.slow:g} mph"
+    by_guard, by_speed = (
+        with_interval(bootstrap((without - one)[None], mean), "{:.2f}") for one in (guarded, slower)
     )
-
-
-def all_tables(result: GuardResult) -> Sequence[Table]:
-    """Return the tables in the order of the terminal and the page; a caption is the title."""
-    failed = {one.condition.group for one in result.shifted if one.windows.failures}
-    tables = [warnings_table(result, group) for group in result.figures if group in failed]
-    tables += [published_table(), score_table(result)]
-    return [*tables, *([] if result.pairs is None else [pair_table(result.pairs)])]
+    alarms = sum(one["guarded"]["alarms"] for one in result.pairs)
+    prevented = (
+        f"{without.sum():.0f} interventions without the guard, {guarded.sum():.0f} with it, after "
+        f"{alarms} alarms: prevented per drive {by_guard}; the same mean speed without a guard "
+        f"prevents {by_speed}"
+    )
+    return [*lines, prevented]
 
 
 def _percent(share: float) -> str:
@@ -170,15 +134,13 @@ def _percent(share: float) -> str:
 
 def score_histograms(result: GuardResult) -> Figure:
     """Plot each score's distribution: nominal windows, and windows before failures in weather."""
-    scores = result.fitted.scores
-    lead = LEADS_S[0]
-    figure = Figure(figsize=(11, 0.6 + 2.1 * -(-len(scores) // 2)), layout="constrained")
-    axes = figure.subplots(-(-len(scores) // 2), 2, squeeze=False).ravel()
-    for axis, method in zip(axes, scores, strict=False):
-        threshold = result.fitted.thresholds[method].value
-        nominal = _joined([one.normal[method] for one in result.fitted.nominal])
-        drives = of_group(result.shifted, WEATHER)
-        before = _joined([one.before[method][lead] for one in drives])
+    lead, rows = LEADS_S[0], -(-len(result.fitted) // 2)
+    figure = Figure(figsize=(11, 0.6 + 2.1 * rows), layout="constrained")
+    axes = figure.subplots(rows, 2, squeeze=False).ravel()
+    for axis, (method, fitted) in zip(axes, result.fitted.items(), strict=False):
+        threshold = fitted.threshold.value
+        nominal = joined([one.normal[method] for one in of_group(result.drives, NOMINAL)])
+        before = joined([one.before[method][lead] for one in of_group(result.drives, WEATHER)])
         both = np.concatenate([nominal, before])
         most = float(np.quantile(both, 0.99)) if len(both) else threshold
         bins = np.linspace(0, max(most, 1.2 * threshold), 40)
@@ -194,12 +156,8 @@ def score_histograms(result: GuardResult) -> Figure:
         axis.set_title(method)
         axis.set_ylabel("% of windows")
         axis.spines[["top", "right"]].set_visible(False)
-    for axis in axes[len(scores) :]:
+    for axis in axes[len(result.fitted) :]:
         axis.axis("off")
     axes[0].legend(frameon=False, fontsize=8)
     figure.supxlabel("mean score of a window of 1 s")
     return figure
-
-
-def _joined(parts: list[np.ndarray]) -> np.ndarray:
-    return np.concatenate([np.zeros(0), *parts])
