@@ -137,9 +137,7 @@ class Driver:
         if began:
             session.overridden = True
             session.rule.restart()
-            session.controller.reset()
-            session.steer.reset()
-            session.forget()
+            session.restart()
             self.tally.counts[TAKEOVER] += 1
             count = self.tally.interventions
             self.notices.print_some("person", f"a person drives (intervention {count})")
@@ -171,7 +169,12 @@ class Driver:
         command = replace(command, steering=steering)
         throttle = session.controller.pedal(command, session.speed_mph, now_s)
         session.send(steering)
-        self._count_alarm(session, command.limit_mph is not None, now_s)
+        limited = command.limit_mph is not None
+        if limited and not session.limited:  # an alarm of the guard begins
+            self.alarms += 1
+            line = f"the guard slows down after {self._time(now_s):.1f} s (alarm {self.alarms})"
+            self.notices.print_some("guard", line)
+        session.limited = limited
         if self.paused:
             throttle = limit_pedal(GENTLE_BRAKE, session.speed_mph)
         row = DriveRow(
@@ -191,24 +194,11 @@ class Driver:
         image = telemetry.image if self.recording and leads else None
         values = reply_values(steering, throttle, session.decimal or ".")
         if lost is not None and session.can_put_back:
-            values |= self._put_back(session)
+            # The simulator puts the car back at this speed.
+            session.restart()
+            mph = session.controller.set_mph or session.speed_mph
+            values[PUT_BACK] = number_text(mph, session.decimal or ".")
         return Reply("steer", values, row, image)
-
-    def _count_alarm(self, session: Session, limited: bool, now_s: float) -> None:
-        """Count and print an alarm of the guard when it begins."""
-        if limited and not session.limited:
-            self.alarms += 1
-            line = f"the guard slows down after {self._time(now_s):.1f} s (alarm {self.alarms})"
-            self.notices.print_some("guard", line)
-        session.limited = limited
-
-    def _put_back(self, session: Session) -> dict[str, str]:
-        """Return the value that makes the simulator put the car back, at the speed to hold."""
-        session.controller.reset()
-        session.steer.reset()
-        session.forget()
-        mph = session.controller.set_mph or session.speed_mph
-        return {PUT_BACK: number_text(mph, session.decimal or ".")}
 
     def _leads(self, session: Session) -> bool:
         """Return whether a session is the one to record and show: the first one that drives."""

@@ -77,6 +77,12 @@ class Session:
         kind = self.rule.judge(now_s, mph, telemetry.cross_track_m, telemetry.at_wall)
         return kind if self.sends_cross_track else None
 
+    def restart(self) -> None:
+        """Forget everything of the drive before: when a person drove, or the car is put back."""
+        self.controller.reset()
+        self.steer.reset()
+        self.forget()
+
     def forget(self) -> None:
         """Forget the frames and commands before: after a pause, when a person drove, or put back.
 

@@ -1,8 +1,7 @@
 """Scores of a checkpoint on several tracks, for `zoo.evaluate` and for runs."""
 
-import math
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -28,6 +27,7 @@ from zoo.evaluate.drive_plots import birds_eye, error_over_distance
 from zoo.evaluate.drives_table import mean_and_spread, nan_line, with_deviation
 from zoo.evaluate.evaluate_options import EvaluateOptions, check_world
 from zoo.runs.plots import save_figure
+from zoo.runs.table import known
 from zoo.worlds.baseline import Baseline
 from zoo.worlds.cluster_pool import Executor
 from zoo.worlds.embedded_world import EmbeddedWorld
@@ -54,22 +54,21 @@ class KeptDrive(Keep):
         self.folder, self.frame_rate, self.film_speed = folder, frame_rate, film_speed
 
     def __enter__(self) -> "KeptDrive":
-        self.moments, self.films = WorstMoments(), ExitStack()
-        self.shown: list[Callable[[np.ndarray, DriveRow], None]] = []
-        if self.folder is not None:
-            self.shown.append(self.moments)
-            if self.film_speed:
-                film = DriveFilm(self.folder, self.frame_rate, self.film_speed)
-                self.shown.append(self.films.enter_context(film))
+        self.moments, self.film = WorstMoments(), nullcontext()
+        if self.folder is not None and self.film_speed:
+            self.film = DriveFilm(self.folder, self.frame_rate, self.film_speed)
+        self.film.__enter__()
         return self
 
     def __exit__(self, *error: Any) -> None:
-        self.films.__exit__(*error)
+        self.film.__exit__(*error)
 
     def show(self, frame: np.ndarray, row: DriveRow) -> None:
         """Take the next frame and its row."""
-        for take in self.shown:
-            take(frame, row)
+        if self.folder is not None:
+            self.moments(frame, row)
+        if isinstance(self.film, DriveFilm):
+            self.film(frame, row)
 
     def result(self, drive: Drive, policy: Policy, world: World) -> dict[str, Any]:
         """Write the drive, and return its figures."""
@@ -90,7 +89,7 @@ class KeptDrive(Keep):
                 save_figure(track, self.folder / "track.png")
             save_figure(error_over_distance(drive, title), self.folder / "error.png")
         return {
-            key: None if isinstance(value, float) and not math.isfinite(value) else value
+            key: known(value) if isinstance(value, float) else value
             for key, value in figures.items()
         }
 

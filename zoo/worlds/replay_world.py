@@ -20,6 +20,7 @@ of the replay's interventions with those of the same lap driven is 0.93 at 30 mp
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -145,7 +146,7 @@ class ReplayWorld(World):
         if margin_m is not None and not 0 < margin_m <= GREATEST_MARGIN_M:
             raise InputError(f"margin={margin_m:g}: must be above 0, up to {GREATEST_MARGIN_M:g} m")
         self.row, self.now_s = 0, 0.0
-        self.car, self.path = VirtualCar(), _Path()
+        self.car, self.metres = VirtualCar(), 0.0
         return self._state()
 
     def frame(self, camera: str = "center") -> np.ndarray:
@@ -154,8 +155,18 @@ class ReplayWorld(World):
         Raises:
             InputError: an image cannot be read.
         """
-        frames = _Frames(self.recording, self.row)
-        return self._warp(frames, frames.cameras, self.car.cte_m, self.car.heading_rad)
+        paths = dict(zip(CAMERAS, self.recording.images[self.row], strict=True))
+
+        @cache
+        def recorded(camera: str) -> np.ndarray:
+            try:
+                return read_image(paths[camera])
+            except (OSError, ValueError) as error:
+                place = self.recording.place(self.row)
+                raise InputError(f"{place}: {paths[camera]}: {error}") from None
+
+        cameras = [camera for camera, path in paths.items() if path]
+        return self._warp(recorded, cameras, self.car.cte_m, self.car.heading_rad)
 
     def step(self, steering: float, throttle: float) -> State:
         """Steer the virtual car to the next row."""
@@ -187,7 +198,7 @@ class ReplayWorld(World):
         metres = float(self._speed_mps[row] + self._speed_mps[row + 1]) / 2 * seconds
         if steering is not None:
             self.car.step(steering, recorded, metres, max(1, math.ceil(seconds / STEP_S)))
-        self.path.step(recorded, metres)
+        self.metres += metres
         self.now_s += seconds
         return self._state()
 
@@ -198,10 +209,9 @@ class ReplayWorld(World):
             speed_mph=float(recording.speed_mph[row]),
             throttle=float(recording.throttle[row] - recording.brake[row]),
             cross_track_m=self.car.cte_m,
-            distance_m=self.path.metres,
-            driven_m=self.path.metres,
+            distance_m=self.metres,
+            driven_m=self.metres,
             contact=self.car.lost,
-            xy=self.path.beside(self.car.cte_m),
             share=self.row / len(recording),
             moved=moved,
             done=self.row == len(recording),
@@ -251,42 +261,3 @@ def seconds_of_rows(recording: Recording, frame_rate: float | None = None) -> np
     other = np.diff(recording.recording) != 0
     seconds[:-1][other | ~(seconds[:-1] > 0) | (seconds[:-1] > GAP_S)] = np.nan
     return seconds
-
-
-class _Frames:
-    """Frames of a row by camera, decoded at the first use."""
-
-    def __init__(self, recording: Recording, row: int) -> None:
-        self.recording, self.row = recording, row
-        paths = recording.images[row]
-        self.cameras = [one for one, path in zip(CAMERAS, paths, strict=True) if path]
-        self._decoded: dict[str, np.ndarray] = {}
-
-    def __call__(self, camera: str) -> np.ndarray:
-        if camera not in self._decoded:
-            path = self.recording.images[self.row, CAMERAS.index(camera)]
-            try:
-                self._decoded[camera] = read_image(path)
-            except (OSError, ValueError) as error:
-                raise InputError(f"{self.recording.place(self.row)}: {path}: {error}") from None
-        return self._decoded[camera]
-
-
-class _Path:
-    """Path of the recorded car, integrated from its steering; it drifts, but shows the bends."""
-
-    def __init__(self) -> None:
-        self.metres = self.x = self.y = self.heading = 0.0
-
-    def step(self, steering: float, metres: float) -> None:
-        self.heading -= curvature(steering) * metres / 2
-        self.x += metres * math.cos(self.heading)
-        self.y += metres * math.sin(self.heading)
-        self.heading -= curvature(steering) * metres / 2
-        self.metres += metres
-
-    def beside(self, right_m: float) -> tuple[float, float]:
-        return (
-            self.x + right_m * math.sin(self.heading),
-            self.y - right_m * math.cos(self.heading),
-        )

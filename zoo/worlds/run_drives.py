@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import lru_cache
 from pathlib import Path
-from types import TracebackType
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -38,15 +37,10 @@ class Keep:
     It is entered before the drive, and left after it.
     """
 
-    def __enter__(self) -> "Keep":
+    def __enter__(self) -> Any:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         pass
 
     def show(self, frame: np.ndarray | None, row: DriveRow) -> bool | None:
@@ -112,10 +106,10 @@ def run_drives(
             pool = stack.enter_context(
                 opened_cluster(executor) if is_cluster else opened_pool(workers, most=len(jobs))
             )
-        show: Callable[[float], None] = lambda share: None  # noqa: E731
+        shown = {}
         if what and console is not None:
-            show = stack.enter_context(progress_bar(what, console))
-        yield from run_jobs(pool, _drive_once, jobs, show, [_frames(one) for one in scenarios])
+            shown["show"] = stack.enter_context(progress_bar(what, console))
+        yield from run_jobs(pool, _drive_once, jobs, **shown)
 
 
 def all_drives(*arguments: Any, **keywords: Any) -> list[Any]:
@@ -199,18 +193,3 @@ def _load(path: str, version: tuple[int, int, int] | None) -> Policy:
     from zoo.checkpoints.policy import load_policy
 
     return load_policy(path)
-
-
-@lru_cache
-def _length_m(track: str) -> float:
-    from simulator.track_file import read_track  # slow import: SciPy
-
-    return read_track(track).length
-
-
-def _frames(scenario: Scenario) -> float:
-    """Return about how many frames a drive has, for the time left: laps have most."""
-    if scenario.world != "embedded" or scenario.road is not None:
-        return 1.0
-    metres = _length_m(scenario.track) * scenario.laps
-    return metres * scenario.frame_rate / max(scenario.speed, 1.0)

@@ -58,7 +58,7 @@ def test_who_steers_as_recorded_stays_on_the_path(recording):
     driven = replay(Recorded(recording), recording)
     figures = measure(driven)
 
-    assert len(driven.rows) == len(driven.xy) == ROWS
+    assert len(driven.rows) == len(driven.distance_m) == ROWS
     assert figures["autonomy"] == 1
     assert figures["cte_max_m"] < 1e-9
     assert figures["steering_per_s"] == pytest.approx(figures["expert_steering_per_s"], rel=0.01)
