@@ -1,6 +1,5 @@
 """`drivezoo leaderboard`: rank all runs, the best driver first."""
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -49,10 +48,7 @@ def leaderboard(*folder: str | Path, tables: TableFiles) -> "Ranking":
         )
     title = f"leaderboard of {', '.join(map(str, roots))}: {len(folders)} runs"
     title += f", {len(drives)} evaluations, benchmarks or drives" if drives else ""
-    try:
-        under = Path(os.path.commonpath([root.resolve() for root in roots]))
-    except ValueError:  # on different drives of Windows
-        under = roots[0]
+    under = roots[0] if len(roots) == 1 else Path()
     ranking = Ranking.read(folders, under, drives, title)
     ranking.written.append(ranking.write_page(roots[0] / PAGE, "Leaderboard"))
     ranking.written.extend(tables.write_files(ranking))

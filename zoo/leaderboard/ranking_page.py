@@ -123,7 +123,7 @@ class Ranking(Result):
         settings = setting_columns(entries)
         names = [*named_columns(entries, self.under), *settings, seeds_column(entries)]
         cells = [[(cell, None) for cell in column.cells] for column in names]
-        cells += [list(zip(one.texts(), one.values, strict=True)) for one in figures]
+        cells += [list(zip(one.texts, one.values, strict=True)) for one in figures]
         axes = [{"key": one.name, "heading": one.name, "kind": "setting"} for one in settings]
         axes += [
             {

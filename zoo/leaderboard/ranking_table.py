@@ -51,15 +51,12 @@ class Figure:
             found[0] if (found := entry.figures.get(self.key)) else None for entry in self.entries
         ]
 
-    def texts(self, intervals: bool = False) -> list[str]:
-        """Return the texts, such as `98.2% ± 0.4%`.
+    @property
+    def texts(self) -> list[str]:
+        """Return the texts: an autonomy with its 95 % interval, others with their deviation."""
+        return [self._text(entry) for entry in self.entries]
 
-        Args:
-            intervals: whether an autonomy has its 95 % interval instead of its deviation.
-        """
-        return [self._text(entry, intervals) for entry in self.entries]
-
-    def _text(self, entry: Entry, interval: bool) -> str:
+    def _text(self, entry: Entry) -> str:
         value, track = entry.figures.get(self.key), self.key.rpartition("/")[0]
         if value is None:
             return "-"
@@ -67,10 +64,7 @@ class Figure:
             return "{} of {}".format(*entry.counts[track])
         if not self.is_autonomy:
             return with_deviation(value, self.form)
-        length = entry.short_drive(track)
-        text = with_deviation(value, self.form)
-        if interval:
-            text = with_interval(self._interval(entry), self.form)
+        text, length = with_interval(self._interval(entry), self.form), entry.short_drive(track)
         return f"{text} of {length}" if length else text
 
     def _interval(self, entry: Entry) -> Estimate:
@@ -92,7 +86,7 @@ class Figure:
             figures = {name: drives, f"{name}_without_intervention": clean}
         if self.is_autonomy:
             figures |= interval_figures(name, [self._interval(entry) for entry in self.entries])
-        return Column(name, self.heading, self.texts(intervals=True), figures, short)
+        return Column(name, self.heading, self.texts, figures, short)
 
 
 def ranked_figures(entries: Sequence[Entry]) -> list[Figure]:
@@ -224,7 +218,7 @@ def ranking_table(
 def _narrow_column(figure: Figure) -> Column:
     """Return a figure's texts with the deviation or the length in a second line."""
     heading = figure.heading.replace(", ", ",\n").replace("without ", "without\n")
-    cells = [two_lines(one).replace(" of ", "\nof ", figure.is_autonomy) for one in figure.texts()]
+    cells = [two_lines(one).replace(" of ", "\nof ", figure.is_autonomy) for one in figure.texts]
     return Column(figure.key, heading, cells)
 
 

@@ -75,8 +75,7 @@ def cameras(run: ReportedRun) -> list[Block]:
     samples = make_samples(
         recording, np.arange(len(recording)), used, data["offset"], data.get("recover_s")
     )
-    count = np.bincount(samples.row, minlength=len(recording))
-    rows = np.flatnonzero(count == count.max())
+    rows = samples.row[samples.camera == samples.camera.max()]  # the others have fewer images
     # Not straight ahead, and not the sharpest bend.
     row = rows[np.argsort(np.abs(recording.steering[rows]), kind="stable")[3 * len(rows) // 4]]
     labels = {

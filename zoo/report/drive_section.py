@@ -102,7 +102,11 @@ def _worst(run: ReportedRun, track: str, drives: "list[Drive]") -> list[Block]:
     from zoo.checkpoints.policy import CheckpointPolicy
     from zoo.saliency.visual_backprop import Saliency, overlay
 
-    found = [(drive, row) for drive in drives for row in worst_rows(drive)]
+    found = [
+        (drive, row)
+        for drive in drives
+        for row in np.flatnonzero((drive.frame != "") & np.isfinite(drive.cross_track_m)).tolist()
+    ]
     if not found:
         raise MissingError("The drive saved no images of its worst moments.")
     found.sort(key=lambda one: _badness(*one), reverse=True)
@@ -127,16 +131,6 @@ def _worst(run: ReportedRun, track: str, drives: "list[Drive]") -> list[Block]:
         ),
         Images(images, columns=2),
     ]
-
-
-def worst_rows(drive: "Drive") -> list[int]:
-    """Return rows with a saved image, the worst first, at least `APART_S` apart."""
-    rows = np.flatnonzero((drive.frame != "") & np.isfinite(drive.cross_track_m)).tolist()
-    chosen: list[int] = []
-    for row in sorted(rows, key=lambda one: _badness(drive, one), reverse=True):
-        if all(abs(drive.time_s[row] - drive.time_s[other]) >= APART_S for other in chosen):
-            chosen.append(row)
-    return chosen[:MOMENTS]
 
 
 def _badness(drive: "Drive", row: int) -> tuple[bool, float]:

@@ -34,8 +34,8 @@ SECTIONS: dict[str, Sequence[Part]] = {
     "Network": (network_section.layers_table,),
     "Training": (training_section.duration, training_section.curves),
     "Open loop": (training_section.open_loop, training_section.scatter),
-    "Settings": (card_section.command, card_section.settings, card_section.versions),
-    "Model card": (card_section.use, card_section.measured, card_section.limits),
+    "Settings": (card_section.command, card_section.settings),
+    "Model card": (card_section.use, card_section.limits),
 }
 
 

@@ -8,15 +8,7 @@ from zoo.runs.record_fields import Fields, Figures, Number, Whole, check_fields,
 
 NAME = "metrics.json"
 VERSION = 1
-
-
-class Scores(Fields):
-    """Open-loop figures of one part of the split."""
-
-    mse: Number | None = None
-    mae: Number | None = None
-    balanced_mae: Number | None = None
-    bias: Number | None = None
+Scores = dict[str, Number | None]  # open-loop figures of one part of the split
 
 
 class Driving(Fields):
@@ -35,13 +27,6 @@ class Data(Fields):
     fingerprint: str | None = None
     rows: Whole | None = None
     split: dict[str, Whole] | None = None
-
-
-class Code(Fields):
-    """The code that trained."""
-
-    hash: str
-    commit: str | None = None
 
 
 class Metrics(Fields):
@@ -72,7 +57,7 @@ class Metrics(Fields):
     threads: Whole | None = None
     data: Data | None = None
     findings: list[dict] | None = None
-    code: Code | None = None
+    code: dict[str, str | None] | None = None
     versions: dict[str, str | None] | None = None
     verdict: dict | None = None
     checkpoint: str | None = None

@@ -58,18 +58,11 @@ def is_folder_named(argument: str) -> bool:
 def check_name(folder: Path, key: str = KEY) -> None:
     """Raise InputError for a path that Hydra reads as an interpolation, or that is not UTF-8."""
     path = str(folder.absolute())
-    if "${" in path:
+    if "${" in path or path.encode(errors="ignore").decode() != path:
         raise InputError(
-            f"{path}: Hydra cannot write a run into a path that contains ${{; name another "
-            f"folder: {key}FOLDER"
+            f"{path}: Hydra and TensorBoard cannot write a run into a path that contains ${{ or is "
+            f"not UTF-8; name another folder: {key}FOLDER"
         )
-    try:
-        path.encode()
-    except UnicodeEncodeError:
-        raise InputError(
-            f"{path}: TensorBoard cannot write a run into a path that is not UTF-8; rename the "
-            f"folder, or name another one: {key}FOLDER"
-        ) from None
 
 
 def _composed_folder(arguments: list[str]) -> Path | None:

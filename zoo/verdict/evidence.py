@@ -11,8 +11,6 @@ from zoo.checkpoints.checkpoint_path import short_name
 from zoo.runs.run import HYDRA, Run
 from zoo.runs.status import read_metrics
 
-FIRST_TRY = "experiment=first_try"  # docs/recipes.md, "A first try that drives"
-
 
 @dataclass(frozen=True)
 class Evidence:
@@ -57,17 +55,6 @@ class Evidence:
         """
         return None if self.overrides is None else training_command(self.overrides, changed)
 
-    def first_try(self) -> str | None:
-        """Return the command of `experiment=first_try` on the same recording.
-
-        Returns:
-            The command; None if the recording is unknown, or the network is a first try.
-        """
-        if self.overrides is None or FIRST_TRY in self.overrides:
-            return None
-        kept = [one for one in self.overrides if one.startswith(("data.root=", "data.images="))]
-        return training_command([FIRST_TRY, *kept], {})
-
 
 def read_evidence(checkpoint: Path | str, config: Mapping, data: object = None) -> Evidence:
     """Read the evidence from the run's folder of a checkpoint; skip what cannot be read.
@@ -102,14 +89,10 @@ def source_of(data: object) -> str | None:
 
 def no_verdict(source: str) -> str:
     """Return why drives on the embedded tracks give no verdict, and what does instead."""
-    from datamodules.recording import formats
-
-    titles = {name: known.title for name, known in formats()}
-    name = titles.get(source, "recording of another car")
     return (
-        f"no verdict by driving: it was trained on a {name}, with another camera and another car "
-        "than those of the embedded tracks; score it on drives that it was not trained on: "
-        "drivezoo replay CKPT FOLDER"
+        f"no verdict by driving: its recording was converted ({source}), with another camera and "
+        "another car than those of the embedded tracks; score it on drives that it was not "
+        "trained on: drivezoo replay CKPT FOLDER"
     )
 
 

@@ -81,7 +81,7 @@ def judge(
         level,
         UNKNOWN_HEADLINE if level == UNKNOWN else f"It {WORDS[level]} the {names[0]}.",
         tuple(_track_line(track, levels[track], by_track[track]) for track in names),
-        _certainty(by_track, evidence),
+        _certainty(by_track),
         tuple(cause.text for cause in causes),
         tuple(_commands(level, evidence, again, worst, world)),
     )
@@ -146,19 +146,16 @@ def _without_verdict(
     return Verdict(UNKNOWN, UNKNOWN_HEADLINE, lines, f"{no_verdict(source)}.", (), (command,))
 
 
-def _certainty(by_track: Mapping[str, Sequence[Mapping]], evidence: Evidence) -> str:
+def _certainty(by_track: Mapping[str, Sequence[Mapping]]) -> str:
     drives = [one for own in by_track.values() for one in own]
     if not drives:
         return "It was not driven: open-loop figures do not show whether a car stays on the road."
     clean = sum(one["interventions"] == 0 for one in drives)
     starts = len({one.get("seed") for one in drives})
-    text = (
+    return (
         f"Drives without an intervention: {clean} of {len(drives)} (tracks: {len(by_track)}, start "
-        f"seeds: {starts}, trainings: 1)."
+        f"seeds: {starts}, trainings: 1). {ONE_TRACK}"
     )
-    if len(drives) > len(by_track):
-        text += f" {ONE_TRACK}"
-    return text
 
 
 def _commands(
@@ -166,8 +163,6 @@ def _commands(
 ) -> list[tuple[str, str]]:
     """Return pairs of a purpose and a command; the first is the one to try first."""
     found = [("train again", again)] if again else []
-    if level == FAILS and (first_try := evidence.first_try()):
-        found.append(("or train by a recipe that worked on other recordings", first_try))
     if evidence.checkpoint is None:
         return found
     on_track = [evidence.checkpoint, f"track={track}"]

@@ -51,9 +51,8 @@ def test_true_in_capitals_is_no_other_setting(tmp_path: Path) -> None:
     assert {row["quick"] for row in ranking.table()} == {"true", None}
 
 
-def test_runs_of_several_folders_are_named_from_the_folder_they_share(tmp_path: Path) -> None:
+def test_runs_of_several_folders_are_named_from_the_current_folder(here: Path) -> None:
     for name in ("a", "b"):
-        write_run(tmp_path / name / "today" / "run", 0.9, overrides=(f"x={name}",))
-    names = [tmp_path / "a", tmp_path / "b"]
-    ranking = leaderboard(*names)
+        write_run(here / name / "today" / "run", 0.9, overrides=(f"x={name}",))
+    ranking = leaderboard(here / "a", here / "b")
     assert {row["run"] for row in ranking.table()} == {"a/today/run", "b/today/run"}

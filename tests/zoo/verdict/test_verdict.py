@@ -64,7 +64,7 @@ def test_a_network_of_another_car_gets_no_verdict_by_driving() -> None:
     known = replace(evidence({"data": {"root": "my laps"}}, ("quick=true",)), source="donkeycar")
     verdict = judge([drive(20)], known)
     assert (verdict.level, verdict.causes) == ("unknown", ())
-    assert "Donkeycar tub" in verdict.certainty
+    assert "donkeycar" in verdict.certainty
     assert [shlex.split(command)[:2] for _, command in verdict.commands] == [["drivezoo", "replay"]]
     assert "my laps" in verdict.commands[0][1]
 
