@@ -5,11 +5,10 @@ import pytest
 import yaml
 from scipy.spatial import cKDTree
 
-from simulator.renderer import open_renderer
+from simulator.renderer import landscape, open_renderer
 from simulator.scenery.edges import DECK_M, bridge_meshes, edge_meshes
 from simulator.scenery.frame_effects import bonnet_image
 from simulator.scenery.ground import Ground
-from simulator.scenery.landscape import landscape
 from simulator.scenery.light import Shadows, lit_colours
 from simulator.scenery.mesh import Mesh, cut, grid_triangles, join
 from simulator.scenery.plants import boulder_meshes, place_standing
