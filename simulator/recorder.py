@@ -149,8 +149,8 @@ class Recorder:
 def number_text(value: float) -> str:
     """Format a number as C# writes a float: seven digits, no trailing zeros.
 
-    >>> number_text(0.64978641), number_text(1.0), number_text(-0.00001234)
-    ('0.6497864', '1', '-1.234E-05')
+    >>> number_text(0.64978641), number_text(-0.0), number_text(0.0001), number_text(-0.00001234)
+    ('0.6497864', '0', '0.0001', '-1.234E-05')
     """
     return f"{value + 0.0:.7g}".upper()
 

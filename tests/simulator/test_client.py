@@ -323,7 +323,6 @@ def test_spans_of_seconds_may_be_whole_numbers_on_the_command_line() -> None:
     ("options", "words"),
     [
         ({"protocol": "old"}, "protocol=old: must be legacy or modern"),
-        ({"clock": "slow"}, "clock=slow"),
         ({"manual": [[3.0, 1.0]]}, "manual: must be pairs"),
         ({"manual": [5, 7]}, "manual: must be pairs"),
         ({"url": "nowhere", "protocol": "modern"}, "url=nowhere: must be like"),

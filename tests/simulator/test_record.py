@@ -209,14 +209,3 @@ def test_a_mistake_is_one_line_and_leaves_no_folder(tmp_path, arguments, message
     assert message in line
     assert "\n" not in line
     assert list(tmp_path.iterdir()) == []
-
-
-def test_help_lists_every_option_with_its_meaning_and_default(tmp_path):
-    printed = run(tmp_path, "record", "--help", module="simulator").stdout
-    for name, default in (vars(RecordOptions(out="needed")) | {"direction": "forward"}).items():
-        shown = str(default).lower() if isinstance(default, bool) else default
-        shown = "null" if shown is None else shown
-        (line,) = [line for line in printed.splitlines() if line.startswith(f"  {name}=")]
-        option, meaning = line.split(maxsplit=1)
-        assert option == f"{name}={shown}"
-        assert len(meaning) > 5

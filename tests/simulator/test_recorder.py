@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from datamodules.recording import read_recordings
-from simulator.recorder import Recorder, number_text, split_pedals
+from simulator.recorder import Recorder, split_pedals
 from simulator.rig import CAMERAS
 from tests.zoo.commands import environment
 from zoo.base.errors import InputError
@@ -169,23 +169,6 @@ def test_a_recorder_without_rows_leaves_nothing(tmp_path):
     with Recorder(tmp_path / "lake", header=True):
         pass
     assert not (tmp_path / "lake").exists()
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (0.0, "0"),
-        (-0.0, "0"),
-        (1.0, "1"),
-        (-0.1, "-0.1"),
-        (0.64978641, "0.6497864"),
-        (30.190283, "30.19028"),
-        (0.0001, "0.0001"),
-        (-0.00001234, "-1.234E-05"),
-    ],
-)
-def test_numbers_are_written_as_csharp_writes_them(value, text):
-    assert number_text(value) == text
 
 
 def test_a_command_is_either_throttle_or_brake():
