@@ -77,7 +77,7 @@ def train_once(arguments: list[str], several: bool = True) -> Path:
     failures: list[Exception] = []
     folder, began, typed = Path(), False, sys.argv
 
-    def train(config: "DictConfig") -> float:
+    def train(config: "DictConfig") -> None:
         nonlocal began, folder
         began = True
         folder = Path(HydraConfig.get().runtime.output_dir)
@@ -89,10 +89,9 @@ def train_once(arguments: list[str], several: bool = True) -> Path:
                     f"trainer.devices={config.trainer.devices}: only the command drivezoo train "
                     "starts several processes; set trainer.devices=1 trainer.strategy=auto"
                 )
-            return run_experiment(config, folder)
+            run_experiment(config, folder)
         except InputError as error:
             failures.append(error)  # Hydra would print a traceback
-            return float("nan")
         except StoppedError as error:
             raise KeyboardInterrupt(str(error)) from error
 

@@ -27,14 +27,11 @@ from zoo.sweep.jobs import DONE, SERIAL, result_text
 from zoo.sweep.sweep_record import read_record, varying
 
 
-def run_job(config: DictConfig) -> float:
+def run_job(config: DictConfig) -> None:
     """Train one job of a sweep, from its last checkpoint if there is one.
 
     It skips a job that is done or that a running process trains. A failure is recorded in the job's
     status and not raised, so that the other jobs run.
-
-    Returns:
-        The validation MSE; NaN where there is none.
 
     Raises:
         KeyboardInterrupt: the user stopped the sweep; Hydra ends a sweep on no other exception.
@@ -42,7 +39,7 @@ def run_job(config: DictConfig) -> float:
     hydra = HydraConfig.get()
     folder = Path(hydra.runtime.output_dir)
     if not _claim(folder):
-        return float("nan")
+        return
     serial = hydra.runtime.choices["hydra/launcher"] == SERIAL
     whole = serial and is_verbose()
     if serial:
@@ -51,23 +48,17 @@ def run_job(config: DictConfig) -> float:
         _set_up_worker(config)
     try:
         with contextlib.nullcontext() if whole else _output_to(folder / "log.txt"):
-            if needs_processes(config):
-                return _train_in_subprocess(config, folder)
-            return _train(config, folder)
+            (_train_in_subprocess if needs_processes(config) else _train)(config, folder)
     except StoppedError as error:
         raise KeyboardInterrupt(str(error)) from error
     except PrunedError:
-        return float("nan")
+        pass
     except Exception as error:
         if not isinstance(error, InputError):
             write_whole(folder / "error.txt", traceback.format_exc())
         if read_status(folder).get("status") != "failed":
-            write_status(
-                folder,
-                "failed",
-                reason=(str(error).strip() or type(error).__name__).splitlines()[0],
-            )
-        return float("nan")
+            reason = str(error).strip() or type(error).__name__
+            write_status(folder, "failed", reason=reason.splitlines()[0])
     finally:
         if serial and not whole:
             print(result_text(folder), flush=True)
@@ -102,7 +93,7 @@ def _claim(folder: Path) -> bool:
     return True
 
 
-def _train(config: DictConfig, folder: Path) -> float:
+def _train(config: DictConfig, folder: Path) -> None:
     with loading():
         import torch
 
@@ -112,12 +103,12 @@ def _train(config: DictConfig, folder: Path) -> float:
     # On a node of Slurm torch would use all cores.
     torch.set_num_threads(int(os.environ.get("SLURM_CPUS_PER_TASK", threads)))
     try:
-        return run_experiment(config, folder, resume=True)
+        run_experiment(config, folder, resume=True)
     finally:
         torch.set_num_threads(threads)  # the run may have changed it; reset it for the next job
 
 
-def _train_in_subprocess(config: DictConfig, folder: Path) -> float:
+def _train_in_subprocess(config: DictConfig, folder: Path) -> None:
     """Train in a subprocess, whose command Lightning can run again for each device.
 
     The command of this process is the sweep's: Lightning would start the whole sweep again.
@@ -135,10 +126,6 @@ def _train_in_subprocess(config: DictConfig, folder: Path) -> float:
         status = read_status(folder)
         died = f"its process ended with {result.returncode}"
         raise RuntimeError(status["reason"] if status.get("status") == "failed" else died)
-    from zoo.runs.metrics_file import read_metrics_file
-
-    scores = (read_metrics_file(folder).get("open_loop") or {}).get("val") or {}
-    return scores.get("mse", float("nan"))
 
 
 @contextlib.contextmanager

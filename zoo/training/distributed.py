@@ -15,8 +15,7 @@ import torch
 
 from zoo.base.errors import InputError, PrunedError, StoppedError
 from zoo.base.terminal import error_line
-from zoo.base.whole_file import write_whole
-from zoo.runs.status import write_status
+from zoo.runs.status import read_status, write_status
 
 # A process that waits in a collective operation may or may not learn that another one ended.
 LOOK_S, GRACE_S = 0.5, 15.0
@@ -45,8 +44,8 @@ def ending_together(trainer: lightning.Trainer, folder: Path, command: str) -> I
     except Exception as error:
         watch.over.set()
         if not trainer.is_global_zero:
-            if isinstance(error, InputError | StoppedError):  # a note for the first process
-                write_whole(folder / f"process-{trainer.global_rank}.txt", str(error))
+            if isinstance(error, InputError | StoppedError):  # for the first process to read
+                write_status(folder, "failed", reason=str(error))
             elif not (is_lost_connection(error) or isinstance(error, PrunedError)):
                 raise  # a bug, not a user's mistake: keep its traceback
             sys.exit(0)
@@ -87,10 +86,13 @@ class Watch(lightning.Callback):
     def reason(self, wait_s: float = 0.0) -> str | None:
         """Return why another process failed; None where none did."""
         until = time.monotonic() + wait_s
-        while not self._failed_other() and not self._notes() and time.monotonic() < until:
+        while True:
+            status = read_status(self.folder)
+            if status.get("status") == "failed":
+                return status.get("reason")
+            if self._failed_other() or time.monotonic() > until:
+                break
             time.sleep(0.1)
-        for note in self._notes():
-            return note.read_text(encoding="utf-8")
         for number, process in enumerate(self.others, 1):
             code = process.poll()
             if code:
@@ -102,7 +104,7 @@ class Watch(lightning.Callback):
         return None
 
     def end(self) -> None:
-        """Stop the thread, end the other processes after an error, and delete their notes."""
+        """Stop the thread, and end the other processes after an error."""
         self.over.set()
         failed = sys.exc_info()[0] is not None
         for process in self.others if failed else []:
@@ -110,14 +112,9 @@ class Watch(lightning.Callback):
                 process.wait(2.0)
             except subprocess.TimeoutExpired:
                 process.kill()
-        for note in self._notes() if self.others else []:
-            note.unlink(missing_ok=True)
 
     def _failed_other(self) -> bool:
         return any(process.poll() for process in self.others)
-
-    def _notes(self) -> list[Path]:
-        return sorted(self.folder.glob("process-*.txt"))
 
     def _start(self, is_over: Callable[[], bool]) -> None:
         threading.Thread(target=self._look, args=(is_over,), daemon=True).start()

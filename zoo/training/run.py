@@ -61,16 +61,12 @@ def run_experiment(
     resume: bool = False,
     keep_config: bool = False,
     verdict: bool = True,
-) -> float:
+) -> None:
     """Run an experiment in `folder`; with `resume`, from its last checkpoint.
 
     With `keep_config`, `config` replaces the folder's config once it is known to fit the
     checkpoint: a run that is stopped again resumes with it. Without `verdict`, no verdict and no
     next command is printed: a command that drives the network itself prints its own.
-
-    Returns:
-        The validation MSE of the best checkpoint, which a sweeper can minimise; NaN without
-        validation rows.
 
     Raises:
         InputError: the config, the recording or a file is wrong, or another process trains in the
@@ -83,12 +79,12 @@ def run_experiment(
     with naming_lost_files(folder):
         folder.mkdir(parents=True, exist_ok=True)
         with run_status(folder, first), naming_lost_files(folder):
-            return _run(config, folder, first, resume, keep_config, verdict)
+            _run(config, folder, first, resume, keep_config, verdict)
 
 
 def _run(
     config: DictConfig, folder: Path, first: bool, resume: bool, keep_config: bool, verdict: bool
-) -> float:
+) -> None:
     started = time.perf_counter()
     code_fingerprint()  # before training: later edits of the files do not count
     console = Console(soft_wrap=True, quiet=not first)
@@ -134,7 +130,7 @@ def _run(
     with ending_together(trainer, folder, resume_command(folder)):
         _fit(trainer, module, data, resumed, folder)
     if not trainer.is_global_zero:
-        return float("nan")
+        return
 
     choice = choose_best(score, _monitor(trainer), folder, console)
     if (best := folder / "checkpoints" / "best.ckpt").is_file():
@@ -154,7 +150,6 @@ def _run(
     metrics, judged = write_metrics(folder, card, data, module, open_loop, more)
     print_conclusion(folder, metrics, judged if verdict else None, console)
     log_results(trainer, card["config"], metrics, folder, console)
-    return open_loop.figures.get("val", {}).get("mse", float("nan"))
 
 
 def print_start(
