@@ -268,11 +268,12 @@ def _placeholder(parameter: inspect.Parameter) -> str:
 
 
 def _is_option(argument: str) -> bool:
-    return argument.startswith("--") or ("=" in argument and not _exists(argument))
+    return argument.startswith("--") or ("=" in argument and not is_path(argument))
 
 
-def _exists(argument: str) -> bool:
+def is_path(argument: str) -> bool:
+    """Return whether an argument is an existing file or folder."""
     try:
-        return Path(argument).expanduser().exists()
+        return argument != "" and Path(argument).expanduser().exists()
     except (OSError, RuntimeError, ValueError):  # path too long, unknown user, null byte
         return False

@@ -8,6 +8,7 @@ from pathlib import Path
 from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException
 from omegaconf.errors import OmegaConfBaseException
 
+from zoo.base.command import is_path
 from zoo.base.errors import UsageError
 from zoo.base.nearest import hint
 from zoo.cli.conf_files import choices, conf_folder
@@ -80,17 +81,17 @@ def quote(value: str) -> str:
 
 
 def _quote_value(value: str, sweep: bool) -> str:
-    if _exists(value):
+    if is_path(value):
         return quote(escape_interpolation(value))
     for parent in map(str, Path(value).parents):  # the path itself does not exist yet
-        if "${" in parent and _exists(parent) and value.startswith(parent):
+        if "${" in parent and is_path(parent) and value.startswith(parent):
             return quote(escape_interpolation(parent) + value[len(parent) :])
     if value.lower() in NO_PATHS:
         return value
     if len(value) > 1 and value[0] == value[-1] and value[0] in "'\"":
         # Lightning quotes the run's folder for the ranks that it starts, without escaping it.
         inner = value[1:-1]
-        return quote(escape_interpolation(inner)) if _exists(inner) else value
+        return quote(escape_interpolation(inner)) if is_path(inner) else value
     if value[0] == "[" and value[-1] == "]":
         return f"[{','.join(_quote_value(one, False) for one in _paths_in(value[1:-1]))}]"
     if sweep and re.match(r"\w+\(", value):  # choice(...), glob(...)
@@ -98,13 +99,6 @@ def _quote_value(value: str, sweep: bool) -> str:
     if sweep and "," in value:
         return ",".join(_quote_value(one, sweep) for one in _paths_in(value))
     return quote(value)
-
-
-def _exists(value: str) -> bool:
-    try:
-        return value != "" and Path(value).expanduser().exists()
-    except (OSError, RuntimeError, ValueError):  # path too long, unknown user, null byte
-        return False
 
 
 def _paths_in(text: str) -> list[str]:
@@ -115,7 +109,7 @@ def _paths_in(text: str) -> list[str]:
         for count in range(len(parts), 1, -1):
             joined = ",".join(parts[:count]).strip()
             inside = joined[:1] + joined[-1:] in ("''", '""', "[]")
-            if _exists(joined) or (inside and joined[0] not in ",".join(parts[1:count])[:-1]):
+            if is_path(joined) or (inside and joined[0] not in ",".join(parts[1:count])[:-1]):
                 break
         else:
             count, joined = 1, parts[0].strip()
