@@ -10,7 +10,7 @@ from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
-from zoo.base.command_keys import constructed, typed
+from zoo.base.command_keys import constructed, typed_keys
 from zoo.base.errors import UsageError
 from zoo.base.parts import name_parts
 from zoo.base.run_command import expected_failure
@@ -215,16 +215,10 @@ def write_table(rows: Sequence[Mapping[str, Cell]], path: str | Path) -> Path:
     return write(Table.of_figures(rows), path)
 
 
-def overrides(keywords: Mapping[str, object], prefix: str = "") -> list[str]:
+def overrides(keywords: Mapping[str, object]) -> list[str]:
     """Return keywords as overrides of `drivezoo train`; the keys of a dict are joined by dots.
 
     >>> overrides({"model": "lenet", "data": {"root": "lake", "val_share": 0.2}, "quick": True})
     ['model=lenet', 'data.root=lake', 'data.val_share=0.2', 'quick=true']
     """
-    words: list[str] = []
-    for key, value in keywords.items():
-        if isinstance(value, Mapping):
-            words += overrides(value, f"{prefix}{key}.")
-        else:
-            words.append(f"{prefix}{key}={typed(value)}")
-    return words
+    return [f"{key}={text}" for key, text in typed_keys(keywords)]

@@ -138,6 +138,15 @@ def changed(options: object) -> list[str]:
     return [f"{key}={typed(value)}" for key, value in given if value != getattr(usual, key)]
 
 
+def typed_keys(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yield keys, those of an inner mapping after a dot, with their values as users type them."""
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from typed_keys(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", typed(value)
+
+
 def help_row(name: str, meaning: str, names: int = NAMES) -> str:
     """Return a name and its meaning in two columns; a long name has its own line.
 

@@ -112,13 +112,11 @@ def is_locked(path: Path) -> bool:
     """Return whether a process that is alive holds a lock file."""
     if path.is_symlink() or not path.is_file():
         return False
-    lock = FileLock(path)
     try:
-        lock.acquire(timeout=0)
+        with FileLock(path, timeout=0):
+            return False
     except (Timeout, OSError):
         return True
-    lock.release()
-    return False
 
 
 @contextmanager

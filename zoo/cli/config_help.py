@@ -4,9 +4,9 @@ Hydra's own help would also list groups of the driver and the simulator, which s
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
-from zoo.base.command_keys import help_row, typed
+from zoo.base.command_keys import help_row, typed_keys
 from zoo.cli.compose import choices, compose_with_choices, config_groups, quote_paths
 from zoo.cli.conf_files import choice_files, comments_of, conf_folder
 
@@ -43,6 +43,7 @@ def config_help(arguments: Sequence[str]) -> str:
     keys = [
         help_row(f"{key}={value}", meanings.get(key, ""), NAMES)
         for key, value in typed_keys(config)
+        if "._" not in key  # `_target_`, which the choices decide
     ]
     return "\n".join([ABOUT, "", "Choices, name=choice", *groups, "", "Keys, key=value", *keys])
 
@@ -64,14 +65,3 @@ def key_comments(chosen: Mapping[str, str | None]) -> dict[str, str]:
         prefix = f"{header['package'] if header else package}.".lstrip(".")
         found |= comments_of(text, prefix)
     return found
-
-
-def typed_keys(node: dict, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield each key and its value as users type them."""
-    for key, value in node.items():
-        if key.startswith("_"):  # `_target_`, which the choices decide
-            continue
-        if isinstance(value, dict):
-            yield from typed_keys(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", typed(value)

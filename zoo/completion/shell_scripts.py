@@ -9,13 +9,12 @@ from simulator.__main__ import COMMANDS as SIMULATOR
 from simulator.track_names import ALIASES as TRACKS
 from simulator.track_names import track_names
 from zoo.base.command import Command
-from zoo.base.command_keys import choices_of
+from zoo.base.command_keys import choices_of, typed_keys
 from zoo.base.parts import KEY
 from zoo.benchmark.baselines import BASELINES
 from zoo.checkpoints.checkpoint_path import LATEST, packaged_names
 from zoo.cli.compose import compose_config, config_groups
 from zoo.cli.conf_files import choices
-from zoo.cli.config_help import typed_keys
 from zoo.cli.console_script import ALIASES, GROUPS, LISTED, load, outside_commands
 from zoo.new.part_files import KINDS as PART_KINDS
 
@@ -137,7 +136,8 @@ def values_of(key: str, default: str) -> tuple[str, ...]:
 def _training_keys() -> dict[str, tuple[str, ...]]:
     groups = {name: tuple(choices(name)) for name in config_groups()}
     groups |= {name: tuple(f"[{one}]" for one in groups[name]) for name in LISTS if name in groups}
-    keys = {key: values_of(key, text) for key, text in typed_keys(compose_config([]))}
+    typed = [pair for pair in typed_keys(compose_config([])) if "._" not in pair[0]]
+    keys = {key: values_of(key, text) for key, text in typed}
     return {**groups, **keys, "resume": (), "trust": (), KEY: ()}
 
 
