@@ -10,10 +10,6 @@ from zoo.runs.table import Table, markdown_cell
 from zoo.runs.table import markdown_escape as plain
 
 
-class MissingError(Exception):
-    """A part of the report that cannot be created; the message is a sentence with the reason."""
-
-
 class Block:
     """A block of a section; `static/report.html` has its HTML."""
 

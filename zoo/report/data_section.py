@@ -4,11 +4,13 @@ import numpy as np
 
 from datamodules.driving_log import CAMERAS
 from datamodules.findings import report_lines
+from datamodules.image import read_image
 from datamodules.recording import Recording
 from datamodules.samples import make_samples
 from datamodules.stretches import LEAST_CHANGE, STRETCH_S, find_stretches, steering_returns
-from zoo.report.blocks import Block, Bullets, Heading, Images, MissingError, Rows, Text
-from zoo.report.report_images import labelled_frame, read_frame, signed, smaller
+from zoo.base.errors import InputError
+from zoo.report.blocks import Block, Bullets, Heading, Images, Rows, Text
+from zoo.report.report_images import labelled_frame, signed, smaller
 from zoo.report.reported_run import ReportedRun
 from zoo.runs.table import Table
 
@@ -71,7 +73,7 @@ def cameras(run: ReportedRun) -> list[Block]:
     recording, data = run.recording, run.config["data"]
     used = [camera for camera in CAMERAS if camera in data["cameras"]]
     if not used:
-        raise MissingError("data.cameras does not name a known camera.")
+        raise InputError("data.cameras does not name a known camera.")
     samples = make_samples(
         recording, np.arange(len(recording)), used, data["offset"], data.get("recover_s")
     )
@@ -85,7 +87,7 @@ def cameras(run: ReportedRun) -> list[Block]:
     images = [
         labelled_frame(
             f"camera_{camera}",
-            read_frame(recording.images[row, CAMERAS.index(camera)]),
+            read_image(recording.images[row, CAMERAS.index(camera)]),
             labels[camera],
             f"{camera}: label",
         )
@@ -110,7 +112,7 @@ def flipped(run: ReportedRun) -> list[Block]:
         return [Text("No sample was flipped (data.flip=0).")]
     steering = np.abs(recording.steering)
     row = int(np.argsort(steering, kind="stable")[int(0.9 * (len(steering) - 1))])
-    frame, label = read_frame(recording.images[row, 0]), float(recording.steering[row])
+    frame, label = read_image(recording.images[row, 0]), float(recording.steering[row])
     images = [
         labelled_frame("flip_before", frame, label, "recorded"),
         labelled_frame("flip_after", frame[:, ::-1].copy(), -label, "mirrored"),
@@ -126,7 +128,7 @@ def recovery(run: ReportedRun) -> list[Block]:
     rows = found[np.linspace(0, len(found) - 1, SHOWN).round().astype(int)]
     images = []
     for number, row in enumerate(rows, 1):
-        steering, frame = float(recording.steering[row]), read_frame(recording.images[row, 0])
+        steering, frame = float(recording.steering[row]), read_image(recording.images[row, 0])
         time = _number(recording.time_s[row] - recording.time_s[rows[0]])
         images.append(labelled_frame(f"recovery_{number}", frame, steering, f"{time} s"))
     return [
@@ -158,18 +160,18 @@ def find_recovery(recording: Recording) -> tuple[np.ndarray, str]:
     the mean of its last quarter.
 
     Raises:
-        MissingError: no stretch is long enough, or the steering hardly changes in all of them.
+        InputError: no stretch is long enough, or the steering hardly changes in all of them.
     """
     stretches = find_stretches(recording)
     if not len(stretches.first):
-        raise MissingError(f"No stretch of the recording lasts {STRETCH_S:g} s without a pause.")
+        raise InputError(f"No stretch of the recording lasts {STRETCH_S:g} s without a pause.")
     change = steering_returns(recording, stretches.first, stretches.length)
     after_pause = np.where(stretches.after_pause, change, 0.0)
     which, found = "that follow a pause in the recording", after_pause
     if after_pause.max() < LEAST_CHANGE:
         which, found = "of the recording (none follows a pause, so it may be a sharp bend)", change
     if found.max() < LEAST_CHANGE:
-        raise MissingError("The steering hardly changes anywhere in the recording.")
+        raise InputError("The steering hardly changes anywhere in the recording.")
     why = (
         f"Of the stretches of {STRETCH_S:g} s {which}: the steering returns most in this one, by "
         f"{found.max():.2f}. The log does not contain the cross-track error."

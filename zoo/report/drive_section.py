@@ -4,6 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from datamodules.image import read_image
+from zoo.base.errors import InputError
 from zoo.drives.drive_film import APART_S, FILM_NAME, MOMENTS
 from zoo.drives.intervals import ONE_TRACK
 from zoo.evaluate.drives_table import drives_table
@@ -15,11 +17,10 @@ from zoo.report.blocks import (
     Image,
     Images,
     Missing,
-    MissingError,
     Rows,
     Text,
 )
-from zoo.report.report_images import jpeg, read_frame
+from zoo.report.report_images import jpeg
 from zoo.report.reported_run import ReportedRun
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ PLOTS = {
 def scores(run: ReportedRun) -> list[Block]:
     """Return the figures of all drives."""
     if not run.tracks:
-        raise MissingError(
+        raise InputError(
             "The run was not driven (score=none): it has only open-loop figures. Drive its "
             "checkpoint with drivezoo evaluate."
         )
@@ -56,7 +57,7 @@ def tracks(run: ReportedRun) -> list[Block]:
     """Return each track's film, plots and worst moments."""
     blocks: list[Block] = [Missing(f"A drive cannot be read: {one}.") for one in run.damaged_drives]
     if run.tracks and not run.drives and not blocks:
-        raise MissingError("The run's folder no longer holds the drives.")
+        raise InputError("The run's folder no longer holds the drives.")
     left = FILMS_BYTES
     for track in dict.fromkeys(drive.track for drive in run.drives):
         drives = [drive for drive in run.drives if drive.track == track]
@@ -67,7 +68,7 @@ def tracks(run: ReportedRun) -> list[Block]:
             blocks.append(Fold(f"Drives with other start seeds: {len(drives) - 1}", others))
         try:
             blocks += _worst(run, track, drives)
-        except MissingError as missing:
+        except (InputError, OSError) as missing:
             blocks.append(Missing(str(missing)))
     return blocks
 
@@ -108,12 +109,12 @@ def _worst(run: ReportedRun, track: str, drives: "list[Drive]") -> list[Block]:
         for row in np.flatnonzero((drive.frame != "") & np.isfinite(drive.cross_track_m)).tolist()
     ]
     if not found:
-        raise MissingError("The drive saved no images of its worst moments.")
+        raise InputError("The drive saved no images of its worst moments.")
     found.sort(key=lambda one: _badness(*one), reverse=True)
     saliency = Saliency(CheckpointPolicy(run.checkpoint))
     images = []
     for number, (drive, row) in enumerate(found[:MOMENTS], 1):
-        frame = read_frame(drive.folder / str(drive.frame[row]))
+        frame = read_image(drive.folder / str(drive.frame[row]))
         where = saliency(frame, float(drive.speed_mph[row]))
         pair = np.hstack([frame, overlay(frame, where)])
         lost = "Intervention. " if drive.intervention[row] else ""

@@ -7,21 +7,11 @@ import cv2
 import numpy as np
 import PIL.Image
 
-from datamodules.image import read_image
-from zoo.report.blocks import Image, MissingError
+from zoo.report.blocks import Image
 
 SCALE = 2
 AMBER, DARK = (240, 173, 74), (20, 24, 28)
 QUALITY = 88
-
-
-def read_frame(path: Path | str) -> np.ndarray:
-    """Return a camera's image, uint8 [H, W, 3] RGB; raise MissingError if it cannot be read."""
-    try:
-        return read_image(path)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise MissingError(f"{path}: {reason}.") from None
 
 
 def labelled_frame(name: str, frame: np.ndarray, steering: float, caption: str) -> Image:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from zoo.base.errors import InputError
-from zoo.report.blocks import Image, MissingError
+from zoo.report.blocks import Image
 from zoo.runs.run import Run
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class ReportedRun(Run):
-    """A run with what its report shows; what is missing raises MissingError."""
+    """A run with what its report shows; what is missing raises InputError or OSError."""
 
     @classmethod
     def open(cls, folder: Path) -> "ReportedRun":
@@ -35,50 +35,36 @@ class ReportedRun(Run):
 
     @cached_property
     def checkpoint(self) -> "Checkpoint":
-        """Load the checkpoint; raise MissingError if it is missing or damaged."""
+        """Load the checkpoint; raise InputError if it is missing or damaged."""
         from zoo.checkpoints.checkpoint import load_checkpoint
 
         if self.checkpoint_path is None:
-            raise MissingError(
-                "The run has no checkpoint: it stopped before the end of its first epoch."
-            )
-        try:
-            return load_checkpoint(self.checkpoint_path)
-        except InputError as error:
-            raise MissingError(f"The checkpoint cannot be read: {error}.") from None
+            raise InputError("The run has no checkpoint: no epoch was trained.")
+        return load_checkpoint(self.checkpoint_path)
 
     @cached_property
     def config(self) -> dict:
         """Return the checkpoint's config, which names the recording in `data.root`, or Hydra's."""
         try:
             return self.checkpoint.config
-        except MissingError:
+        except InputError:
             return super().config
 
     @cached_property
     def recording(self) -> "Recording":
-        """Read the recording again; raise MissingError if it cannot be read."""
+        """Read the recording again; raise InputError or OSError if it cannot be read."""
         from datamodules.recording import read_recordings
 
         root, images = self.config["data"]["root"], self.config["data"].get("images")
         if root is None:
-            raise MissingError("The run stopped before it opened its recording.")
+            raise InputError("The run stopped before it opened its recording.")
         roots = [self._found(one) for one in ([root] if isinstance(root, str) else root)]
-        try:
-            return read_recordings(roots, self._found(images) if images else None, "skip")
-        except (InputError, OSError) as error:
-            raise MissingError(f"The recording cannot be read: {error}.") from None
+        return read_recordings(roots, self._found(images) if images else None, "skip")
 
     @property
     def drives(self) -> list["Drive"]:
         """Return the scored drives by track and start seed, without damaged ones."""
-        needed = ("track", "seed", "autonomy", "cte_max_m")
-        complete = (
-            drive
-            for drive in self._read_drives[0]
-            if len(drive) and all(drive.summary.get(key) is not None for key in needed)
-        )
-        return sorted(complete, key=lambda drive: (drive.track, drive.seed))
+        return self._read_drives[0]
 
     @property
     def damaged_drives(self) -> list[str]:
@@ -89,13 +75,16 @@ class ReportedRun(Run):
     def _read_drives(self) -> tuple[list["Drive"], list[str]]:
         from zoo.drives.drive_log import read_drive
 
-        found, damaged = [], []
+        drives, damaged = [], []
         for folder in self.drive_folders:
             try:
-                found.append(read_drive(folder))
+                drive = read_drive(folder)
             except InputError as error:
                 damaged.append(str(error))
-        return found, damaged
+                continue
+            if len(drive) and None not in map(drive.summary.get, ("track", "autonomy")):
+                drives.append(drive)
+        return sorted(drives, key=lambda drive: (drive.track, drive.seed)), damaged
 
     @property
     def ended_early(self) -> str:
@@ -103,23 +92,17 @@ class ReportedRun(Run):
         if self.state in ("failed", "pruned"):
             return f"The run {self.state}: {self.status.get('reason') or 'for an unknown reason'}."
         # The run itself may write this report before it ends.
-        return (
-            "" if self.metrics else f"The run has not finished ({self.state or 'unknown state'})."
-        )
+        return "" if self.metrics else f"The run has not finished ({self.state or 'unknown'})."
 
     def figures(self, key: str) -> Any:
-        """Return a value of `metrics.json`; raise MissingError if it is not there."""
-        if not self.metrics:
-            raise MissingError("metrics.json is missing: only a finished run has figures.")
+        """Return a value of `metrics.json`; raise InputError if it is not there."""
         if self.metrics.get(key) is None:
-            raise MissingError(f"metrics.json does not contain {key}.")
+            raise InputError(f"metrics.json has no {key}; only a finished run has figures.")
         return self.metrics[key]
 
     def plot(self, name: str, caption: str) -> Image:
-        """Return a plot of the run; raise MissingError if it is missing."""
+        """Return a plot of the run; raise OSError if it is missing."""
         path = self.folder / "plots" / f"{name}.png"
-        if not path.is_file():
-            raise MissingError(f"The run has no plots/{path.name}.")
         return Image(path.name, path.read_bytes(), caption, plot=True)
 
     def _found(self, place: str) -> str:

@@ -2,7 +2,8 @@
 
 from rich.console import Console
 
-from zoo.report.blocks import Block, Heading, Images, MissingError, Rows, Text
+from zoo.base.errors import InputError
+from zoo.report.blocks import Block, Heading, Images, Rows, Text
 from zoo.report.reported_run import ReportedRun
 from zoo.runs.table import Table
 
@@ -53,7 +54,7 @@ def scatter(run: ReportedRun) -> list[Block]:
         if part in figures
     ]
     if not images:
-        raise MissingError("The split has neither validation nor test rows.")
+        raise InputError("The split has neither validation nor test rows.")
     return [Heading("Predicted against recorded steering"), Images(images, columns=2)]
 
 

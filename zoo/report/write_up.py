@@ -13,7 +13,7 @@ from zoo.report import (
     network_section,
     training_section,
 )
-from zoo.report.blocks import Block, Missing, MissingError, Section, images_of, to_html, to_markdown
+from zoo.report.blocks import Block, Missing, Section, images_of, to_html, to_markdown
 from zoo.report.reported_run import ReportedRun
 
 FOLDER, PAGE, MARKDOWN = "report", "index.html", "report.md"
@@ -70,8 +70,8 @@ def _blocks(run: ReportedRun, parts: Sequence[Part]) -> list[Block]:
     for part in parts:
         try:
             blocks += part(run)
-        except MissingError as missing:
-            line = Missing(str(missing))
+        except (InputError, OSError) as error:
+            line = Missing(str(error))
             blocks += [] if line in blocks else [line]
         # A run of another version may hold anything; a report must not stop a training.
         except Exception as error:

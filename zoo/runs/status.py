@@ -59,7 +59,6 @@ def run_status(folder: Path, first: bool = True) -> Iterator[None]:
     claim_run(folder)
     for place in (folder, folder / "checkpoints", folder / "report"):
         remove_parts(place)
-    _note_loggers(folder)
     over = threading.Event()
     threading.Thread(target=_beat, args=(folder / NAME, over), daemon=True).start()
     status, reason = "finished", {}
@@ -73,7 +72,7 @@ def run_status(folder: Path, first: bool = True) -> Iterator[None]:
     finally:
         over.set()
         try:
-            _note_loggers(folder)
+            mark_run(folder)
             write_status(folder, status, **reason)
         except OSError:  # a full disk, or the folder was removed
             if status == "finished":
@@ -111,12 +110,8 @@ def claim_run(folder: Path, check: Callable[[Path], None] = lambda _: None) -> N
 def mark_run(folder: Path) -> None:
     """Mark a run's folder, and note the files that other programs write there."""
     mark_folder(folder, "runs")
-    note_files(*(folder / one for one in OTHER_FILES))
-
-
-def _note_loggers(folder: Path) -> None:
-    """Note the files of TensorBoard and the folder of Weights & Biases, whose names they choose."""
-    note_files(*folder.glob("events.out.tfevents.*"))
+    # TensorBoard and Weights & Biases choose their own names.
+    note_files(*(folder / one for one in OTHER_FILES), *folder.glob("events.out.tfevents.*"))
     note_files(*folder.glob("wandb/"), library=True)
 
 

@@ -8,7 +8,7 @@ import pytest
 from datamodules.recording import Recording
 from datamodules.stretches import STRETCH_S
 from tests.recordings import FPS, recording_in_memory
-from zoo.report.blocks import MissingError
+from zoo.base.errors import InputError
 from zoo.report.data_section import find_recovery
 
 LENGTH = round(STRETCH_S * FPS)
@@ -53,12 +53,12 @@ def test_a_stretch_never_crosses_a_pause_or_another_recording() -> None:
     [(20, 0.5, "No stretch of the recording lasts"), (200, 0.3, "hardly changes")],
 )
 def test_a_missing_recovery_has_a_reason(rows: int, steering: float, words: str) -> None:
-    with pytest.raises(MissingError, match=words):
+    with pytest.raises(InputError, match=words):
         find_recovery(recording_in_memory(np.full(rows, steering)))
 
 
 def test_standing_still_is_no_recovery() -> None:
     steering = np.zeros(200)
     steering[100:120] = 1.0
-    with pytest.raises(MissingError, match="No stretch"):
+    with pytest.raises(InputError, match="No stretch"):
         find_recovery(recording_in_memory(steering, speed_mph=0.0))
