@@ -68,12 +68,13 @@ def write_edited(
     with whole_folder(out, RECORDINGS) as part:
         places = [part] if len(parts) == 1 else [part / str(one + 1) for one in range(len(parts))]
         for place, (rows, mirrored) in zip(places, parts, strict=True):
-            before = done
-
-            def report(written: int, before: int = before) -> None:
-                progress((before + written) / total)
-
-            count, faults = _write_part(recording, place, rows, mirrored, report)
+            count, faults = _write_part(
+                recording,
+                place,
+                rows,
+                mirrored,
+                lambda written, start=done: progress((start + written) / total),
+            )
             if source := read_source(recording.names):
                 write_source(place, source)
             counts.append(count)

@@ -1,7 +1,7 @@
 """Figures of a recording, what is unusual about it, and what to do about that."""
 
 import filecmp
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,86 +36,80 @@ class Finding:
 
 def find_oddities(recording: Recording) -> list[Finding]:
     """Return what is unusual about a recording; several are judged as one."""
-    found = ((look.__name__.removeprefix("_"), look(recording)) for look in _LOOKS)
-    return [Finding(kind, text) for kind, text in found if text]
+    return [
+        Finding(look.__name__.removeprefix("_"), text)
+        for look in _LOOKS
+        for text in look(recording)
+    ]
 
 
-def _few_rows(recording: Recording) -> str | None:
-    rows = len(recording)
-    if rows >= FEW_ROWS:
-        return None
-    return (
-        f"only {rows:,} rows: validation and test cover one place each, and a network memorizes "
-        "the road; record two laps or more (about 2,700 rows), or try with quick=true"
-    )
+def _few_rows(recording: Recording) -> Iterator[str]:
+    if len(recording) < FEW_ROWS:
+        yield (
+            f"only {len(recording):,} rows: validation and test cover one place each, and a "
+            "network memorizes the road; record two laps or more (about 2,700 rows), or try with quick=true"
+        )
 
 
-def _keyboard(recording: Recording) -> str | None:
+def _keyboard(recording: Recording) -> Iterator[str]:
     steering = recording.steering
     turned = steering[steering != 0]
     share, values = 1 - len(turned) / len(steering), len(np.unique(turned))
-    if share <= ZERO_SHARE or 0 < DISTINCT_SHARE * len(turned) <= values:
-        return None
-    return (
-        f"{share:.0%} of steering is exactly 0 and the other {len(turned):,} rows share {values:,} "
-        f"values, as from a keyboard: a network learns to drive straight and to jerk; keep "
-        "data.straight_cap=0.5, or steer by mouse or gamepad (drivezoo simulator drive)"
-    )
+    if share > ZERO_SHARE and not 0 < DISTINCT_SHARE * len(turned) <= values:
+        yield (
+            f"{share:.0%} of steering is exactly 0 and the other {len(turned):,} rows share "
+            f"{values:,} values, as from a keyboard: a network learns to drive straight and to jerk; keep "
+            "data.straight_cap=0.5, or steer by mouse or gamepad (drivezoo simulator drive)"
+        )
 
 
-def _no_recoveries(recording: Recording) -> str | None:
+def _no_recoveries(recording: Recording) -> Iterator[str]:
     if not np.isfinite(recording.time_s).any():
-        return None  # without times no pause can be found
+        return  # without times no pause can be found
     stretches = find_stretches(recording)
-    if not len(stretches.first):
-        return None
     after_pause = stretches.first[stretches.after_pause]
     returns = steering_returns(recording, after_pause, stretches.length)
     count = int((returns >= LEAST_CHANGE).sum())
-    if count >= RECOVERIES_PER_ROW * len(recording):
-        return None
-    return (
-        f"{count} stretches follow a pause and steer back to the middle: a network learns to "
-        "return only from side cameras (data.offset) and augment=[shift]; record recoveries: "
-        "pause, drive off the middle, record while you return "
-        "(or drivezoo simulator record noise=1)"
-    )
+    if len(stretches.first) and count < RECOVERIES_PER_ROW * len(recording):
+        yield (
+            f"{count} stretches follow a pause and steer back to the middle: a network learns to "
+            "return only from side cameras (data.offset) and augment=[shift]; record recoveries: "
+            "pause, drive off the middle, record while you return "
+            "(or drivezoo simulator record noise=1)"
+        )
 
 
-def _centre_only(recording: Recording) -> str | None:
-    if any(image is not None for image in recording.images[:, 1:].flat):
-        return None
-    return (
-        "no side cameras: data.offset has no effect, and no image shows how to return to the "
-        "middle; set augment=[shift], or record with three cameras"
-    )
+def _centre_only(recording: Recording) -> Iterator[str]:
+    if all(image is None for image in recording.images[:, 1:].flat):
+        yield (
+            "no side cameras: data.offset has no effect, and no image shows how to return to the "
+            "middle; set augment=[shift], or record with three cameras"
+        )
 
 
-def _no_speed(recording: Recording) -> str | None:
-    if not recording.without_speed:
-        return None
-    return (
-        f"the speed is 0 mph in each row of {', '.join(recording.without_speed)}: "
-        "data.recover_s and networks that take or predict a speed cannot use it; replay it with "
-        "the speed that the car drove: drivezoo replay CKPT FOLDER speed=9"
-    )
+def _no_speed(recording: Recording) -> Iterator[str]:
+    if recording.without_speed:
+        yield (
+            f"the speed is 0 mph in each row of {', '.join(recording.without_speed)}: "
+            "data.recover_s and networks that take or predict a speed cannot use it; replay it "
+            "with the speed that the car drove: drivezoo replay CKPT FOLDER speed=9"
+        )
 
 
-def _two_speeds(recording: Recording) -> str | None:
+def _two_speeds(recording: Recording) -> Iterator[str]:
     speed = recording.speed_mph
     first = _usual_speed(speed)
     far = speed[np.abs(speed - first) >= SPEEDS_APART_MPH]
     if len(far) < SECOND_SPEED_SHARE * len(speed):
-        return None
+        return
     second = _usual_speed(far)
     shares = [np.mean(np.abs(speed - one) <= SPEED_WINDOW_MPH / 2) for one in (first, second)]
-    if shares[1] < SECOND_SPEED_SHARE or sum(shares) < SPEEDS_SHARE:
-        return None
-    return (
-        f"{shares[0]:.0%} of rows are driven at about {first:.0f} mph, {shares[1]:.0%} at about "
-        f"{second:.0f}: one data.offset fits only one speed; set data.recover_s=2, which uses "
-        "each row's speed, or record at one speed"
-    )
+    if shares[1] >= SECOND_SPEED_SHARE and sum(shares) >= SPEEDS_SHARE:
+        yield (
+            f"{shares[0]:.0%} of rows are driven at about {first:.0f} mph, {shares[1]:.0%} at "
+            f"about {second:.0f}: one data.offset fits only one speed; set data.recover_s=2, which uses "
+            "each row's speed, or record at one speed"
+        )
 
 
 def _usual_speed(speed: np.ndarray) -> float:
@@ -125,36 +119,36 @@ def _usual_speed(speed: np.ndarray) -> float:
     return float(np.median(speed[(speed >= least) & (speed < least + SPEED_WINDOW_MPH)]))
 
 
-def _one_direction(recording: Recording) -> str | None:
+def _one_direction(recording: Recording) -> Iterator[str]:
     total = np.abs(recording.steering).sum()
     if np.count_nonzero(recording.steering) < FEW_TURNS:
-        return None
+        return
     left = -recording.steering[recording.steering < 0].sum() / total
-    if max(left, 1 - left) < SIDE_SHARE:
-        return None
     side, share = ("left", left) if left > 0.5 else ("right", 1 - left)
-    return (
-        f"{share:.0%} of the steering is to the {side}: a network pulls to that side; keep "
-        "data.flip=0.5, which mirrors half of the samples, or also record in the other direction"
-    )
+    if share >= SIDE_SHARE:
+        yield (
+            f"{share:.0%} of the steering is to the {side}: a network pulls to that side; keep "
+            "data.flip=0.5, which mirrors half of the samples, or also record in the other "
+            "direction"
+        )
 
 
-def _duplicates(recording: Recording) -> str | None:
+def _duplicates(recording: Recording) -> Iterator[str]:
     named = [path for path in recording.images.flat if path is not None]
     repeated = len(named) - len(set(named))
     if repeated:
-        return (
+        yield (
             f"{repeated:,} of {len(named):,} images are named a second time: these rows count "
             "twice and can be in both training and validation; delete the repeated rows of the log"
         )
+        return
     centre, moving = recording.images[:, 0], recording.speed_mph[1:] > STANDSTILL_MPH
     same = sum(_is_copy(centre[row], centre[row + 1]) for row in np.flatnonzero(moving))
-    if same < IDENTICAL_SHARE * len(recording):
-        return None
-    return (
-        f"{same:,} of {len(recording):,} centre images repeat the row before's while the car "
-        "moves: these rows count twice; end other programs and record again"
-    )
+    if same >= IDENTICAL_SHARE * len(recording):
+        yield (
+            f"{same:,} of {len(recording):,} centre images repeat the row before's while the car "
+            "moves: these rows count twice; end other programs and record again"
+        )
 
 
 def _is_copy(path: str, other: str) -> bool:
@@ -165,7 +159,7 @@ def _is_copy(path: str, other: str) -> bool:
         return False
 
 
-_LOOKS: tuple[Callable[[Recording], str | None], ...] = (
+_LOOKS: tuple[Callable[[Recording], Iterator[str]], ...] = (
     _few_rows,
     _keyboard,
     _no_recoveries,

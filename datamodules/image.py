@@ -83,7 +83,7 @@ def checked_size(data: bytes) -> tuple[int, int]:
     Raises:
         ValueError: see `decode_pixels`.
     """
-    if fault := find_fault(data[:HEAD], data[-TAIL:]):
+    if fault := find_fault(data):
         raise ValueError(fault)
     width, height = jpeg_size(data) or image_size(io.BytesIO(data))
     if fault := find_size_fault(width, height) or find_scan_fault(data):
@@ -91,13 +91,13 @@ def checked_size(data: bytes) -> tuple[int, int]:
     return width, height
 
 
-def find_fault(head: bytes, tail: bytes) -> str | None:
+def find_fault(data: bytes) -> str | None:
     """Return what is wrong with an image by its first `HEAD` and last `TAIL` bytes, or None."""
-    if not head:
+    if not data:
         return "the file is empty"
     for start, end in _KINDS:
-        if head.startswith(start):
-            return None if end in tail else "the image is truncated"
+        if data.startswith(start):
+            return None if end in data[-TAIL:] else "the image is truncated"
     return NO_IMAGE
 
 
@@ -161,7 +161,7 @@ def find_file_fault(path: str) -> str | None:
         try:
             head = os.read(descriptor, HEAD)
             os.lseek(descriptor, max(size - TAIL, 0), os.SEEK_SET)
-            fault = find_fault(head, os.read(descriptor, TAIL))
+            fault = find_fault(head + os.read(descriptor, TAIL))
         finally:
             os.close(descriptor)
     except OSError as error:

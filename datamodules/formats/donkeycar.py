@@ -214,8 +214,17 @@ def export_tub(
             suffix = ".png" if path.lower().endswith(".png") else ".jpg"
             name = f"{row}_{IMAGE.replace('/', '_')}_{suffix}"
             link_or_copy(path, part / IMAGES / name)
-            record = _record_of(kept, row) | {
+            throttle, brake = float(kept.throttle[row]), float(kept.brake[row])
+            speed_mph = float(kept.speed_mph[row])
+            record = {
                 IMAGE: name,
+                ANGLE: float(kept.steering[row]),
+                THROTTLE: throttle - brake,
+                MODE: "user",
+                SPEED: speed_mph * MPS_PER_MPH,
+                EXACT["throttle"]: throttle,
+                EXACT["brake"]: brake,
+                EXACT["speed"]: speed_mph,
                 "_index": row,
                 "_session_id": sessions[drive[row]],
                 "_timestamp_ms": round(time_s[row] * 1000),
@@ -226,20 +235,6 @@ def export_tub(
     if any(path is not None for path in recording.images[:, 1:].flat):
         notes.append("a tub has one camera: the side cameras are left out")
     return Converted(out, len(kept), len(drives), tuple(notes))
-
-
-def _record_of(recording: Recording, row: int) -> dict:
-    throttle, brake = float(recording.throttle[row]), float(recording.brake[row])
-    speed_mph = float(recording.speed_mph[row])
-    return {
-        ANGLE: float(recording.steering[row]),
-        THROTTLE: throttle - brake,
-        MODE: "user",
-        SPEED: speed_mph * MPS_PER_MPH,
-        EXACT["throttle"]: throttle,
-        EXACT["brake"]: brake,
-        EXACT["speed"]: speed_mph,
-    }
 
 
 def _write_catalogs(folder: Path, lines: list[str], sessions: list[str], created_s: float) -> None:

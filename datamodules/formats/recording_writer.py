@@ -13,8 +13,6 @@ import numpy as np
 
 from datamodules.driving_log import CAMERAS, number_text
 from datamodules.image import (
-    HEAD,
-    TAIL,
     checked_size,
     decode_pixels,
     find_fault,
@@ -208,7 +206,7 @@ def _write_image(
     try:
         stored = recording.stored(row, camera)
         if fit == "keep" and isinstance(stored, bytes):
-            if fault := find_fault(stored[:HEAD], stored[-TAIL:]):
+            if fault := find_fault(stored):
                 raise ValueError(fault)
             path = f"{stem}{'.png' if stored.startswith(PNG) else '.jpg'}"
             if isinstance(image, str):

@@ -40,12 +40,8 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
     yield Finding(OK, what, f"{path}: {name}, {policy.parameters:,} parameters")
     height, width, _ = view.shape
     speed = " and the speed" if policy.takes_speed else ""
-    answers = "steering and throttle" if policy.outputs > 1 else "steering"
-    answers += " with its spread" if policy.predicts_spread else ""
     crop = f"without {view.crop[0]} rows at the top, {view.crop[1]} at the bottom"
-    found = f"{width} x {height} {view.colour}{speed}; {crop}; returns {answers}"
-    if policy.memory is not None:
-        found += f"; trained on {policy.window}"
+    found = f"{width} x {height} {view.colour}{speed}; {crop}"
     yield Finding(OK, "input", found)
     yield _trained_on(policy, recording)
 

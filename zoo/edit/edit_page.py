@@ -14,7 +14,7 @@ from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
 import numpy as np
 
-from datamodules.image import HEAD, MOST_IMAGE_BYTES, TAIL, find_fault
+from datamodules.image import MOST_IMAGE_BYTES, find_fault
 from datamodules.recording import file_name
 from datamodules.split import rows_per_second
 from datamodules.stretches import find_breaks
@@ -136,7 +136,7 @@ class EditPage:
             line = f"{path}: {error.strerror or error}"
             raise RequestError(HTTPStatus.NOT_FOUND, line) from None
         # A log may name any file of the user; only images leave the process.
-        if fault := find_fault(data[:HEAD], data[-TAIL:]):
+        if fault := find_fault(data):
             raise RequestError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"{path}: {fault}")
         return data, "image/png" if data.startswith(b"\x89PNG") else "image/jpeg"
 
