@@ -6,8 +6,6 @@ samples per second as with groups of 1 (median of five interleaved rounds on two
 3.5).
 """
 
-import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -15,7 +13,7 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
-from datamodules.balance import BalancedBatches, BatchKey
+from datamodules.balance import BatchKey
 from datamodules.recording import Recording
 from datamodules.row_views import RowViews
 from datamodules.samples import CENTER, LEFT, RIGHT, SINGLE_FRAMES, Samples, Windows
@@ -138,37 +136,3 @@ def make_batch(
 def make_targets(steering: np.ndarray, throttle: np.ndarray) -> np.ndarray:
     """Return targets, float32 [N, 2], of windows [N, sequence + ahead, 2], steering first."""
     return np.stack([steering, throttle], axis=-1).astype(np.float32)
-
-
-@dataclass(frozen=True)
-class BatchGroups(Dataset):
-    """Lists of batches by their keys.
-
-    Args:
-        batches: batches by key.
-    """
-
-    batches: Dataset[Batch]
-
-    def __getitem__(self, keys: tuple[BatchKey, ...]) -> list[Batch]:
-        return [self.batches[key] for key in keys]
-
-
-@dataclass(frozen=True)
-class KeyGroups:
-    """A sampler of tuples of up to `count` keys of batches."""
-
-    keys: BalancedBatches
-    count: int
-
-    def set_epoch(self, epoch: int) -> None:
-        """Set the epoch; Lightning calls this at the start of each."""
-        self.keys.set_epoch(epoch)
-
-    def __len__(self) -> int:
-        return -(-len(self.keys) // self.count)
-
-    def __iter__(self) -> Iterator[tuple[BatchKey, ...]]:
-        keys = iter(self.keys)
-        while group := tuple(itertools.islice(keys, self.count)):
-            yield group

@@ -11,17 +11,11 @@ import numpy as np
 import torch
 from pydantic import Field
 from rich.console import Console
-from torch.utils.data import DataLoader, Dataset
+from torch.utils.data import BatchSampler, DataLoader, Dataset
 
 from datamodules.augment import Augment
 from datamodules.balance import BalancedBatches
-from datamodules.batches import (
-    BatchGroups,
-    EvaluationBatches,
-    KeyGroups,
-    TrainingBatches,
-    unchanged,
-)
+from datamodules.batches import EvaluationBatches, TrainingBatches, unchanged
 from datamodules.device_batches import DeviceBatches
 from datamodules.driving_log import CAMERAS
 from datamodules.features import FeatureBatches
@@ -247,7 +241,7 @@ class DrivingData(lightning.LightningDataModule):
 
     def train_dataloader(self) -> DataLoader:
         """Return this rank's training batches."""
-        keys = self.sampler(*self._rank())
+        keys: Any = self.sampler(*self._rank())
         if self.trainer is not None:  # a resumed run's first batch comes before Lightning's epoch
             keys.set_epoch(self.trainer.current_epoch)
         training, workers = self.training_batches(), self.workers
@@ -256,14 +250,15 @@ class DrivingData(lightning.LightningDataModule):
             batches = FeatureBatches(training, self.features)
         elif self._batch_device is not None:
             batches, workers = DeviceBatches(training, self._batch_device), 0
-        grouped = self.batches_per_step > 1
+        sampling: dict[str, Any] = {"batch_size": None, "sampler": keys}
+        if self.batches_per_step > 1:
+            sampling = {"batch_sampler": BatchSampler(keys, self.batches_per_step, drop_last=False)}
         return DataLoader(
-            BatchGroups(batches) if grouped else batches,
-            batch_size=None,
-            sampler=KeyGroups(keys, self.batches_per_step) if grouped else keys,
+            batches,
             collate_fn=unchanged,
             num_workers=workers,
             persistent_workers=workers > 0,
+            **sampling,
         )
 
     def evaluation_batches(self, part: str) -> EvaluationBatches:

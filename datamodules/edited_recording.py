@@ -8,6 +8,7 @@ takes no space for images. Only a mirrored image is a new file.
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -65,16 +66,14 @@ def write_edited(
         raise InputError("all rows are dropped; restore some before you write")
     total = sum(len(rows) for rows, _ in parts)
     counts, left_out, done = [], [], 0
+
+    def report(before: int, written: int) -> None:
+        progress((before + written) / total)
+
     with whole_folder(out, RECORDINGS) as part:
         places = [part] if len(parts) == 1 else [part / str(one + 1) for one in range(len(parts))]
         for place, (rows, mirrored) in zip(places, parts, strict=True):
-            count, faults = _write_part(
-                recording,
-                place,
-                rows,
-                mirrored,
-                lambda written, start=done: progress((start + written) / total),
-            )
+            count, faults = _write_part(recording, place, rows, mirrored, partial(report, done))
             if source := read_source(recording.names):
                 write_source(place, source)
             counts.append(count)

@@ -47,7 +47,8 @@ def _few_rows(recording: Recording) -> Iterator[str]:
     if len(recording) < FEW_ROWS:
         yield (
             f"only {len(recording):,} rows: validation and test cover one place each, and a "
-            "network memorizes the road; record two laps or more (about 2,700 rows), or try with quick=true"
+            "network memorizes the road; record two laps or more (about 2,700 rows), or try with "
+            "quick=true"
         )
 
 
@@ -58,8 +59,9 @@ def _keyboard(recording: Recording) -> Iterator[str]:
     if share > ZERO_SHARE and not 0 < DISTINCT_SHARE * len(turned) <= values:
         yield (
             f"{share:.0%} of steering is exactly 0 and the other {len(turned):,} rows share "
-            f"{values:,} values, as from a keyboard: a network learns to drive straight and to jerk; keep "
-            "data.straight_cap=0.5, or steer by mouse or gamepad (drivezoo simulator drive)"
+            f"{values:,} values, as from a keyboard: a network learns to drive straight and to "
+            "jerk; keep data.straight_cap=0.5, or steer by mouse or gamepad (drivezoo simulator "
+            "drive)"
         )
 
 
@@ -107,8 +109,8 @@ def _two_speeds(recording: Recording) -> Iterator[str]:
     if shares[1] >= SECOND_SPEED_SHARE and sum(shares) >= SPEEDS_SHARE:
         yield (
             f"{shares[0]:.0%} of rows are driven at about {first:.0f} mph, {shares[1]:.0%} at "
-            f"about {second:.0f}: one data.offset fits only one speed; set data.recover_s=2, which uses "
-            "each row's speed, or record at one speed"
+            f"about {second:.0f}: one data.offset fits only one speed; set "
+            "data.recover_s=2, which uses each row's speed, or record at one speed"
         )
 
 

@@ -31,8 +31,9 @@ def number(found: dict, key: str, place: str, default: float | None = None) -> f
     Raises:
         InputError: there is no finite number.
     """
-    value = found.get(key, default)
-    if type(value) in (int, float) and -MOST < value < MOST:  # neither NaN nor infinity
+    value: Any = found.get(key, default)
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if is_number and -MOST < value < MOST:  # neither NaN nor infinity
         return float(value)
     raise InputError(f"{place}: {key} is {value!r:.40}, no number; correct or delete the row")
 
