@@ -27,7 +27,7 @@ from datamodules.samples import CENTER, Windows, camera_numbers, make_samples
 from datamodules.split import PARTS, Split, split_rows
 from datamodules.view import View
 from zoo.base.command_keys import convert
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, UsageError
 
 MOST_WINDOW = 256  # frames, rows or targets of a window
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -106,7 +106,10 @@ class DrivingData(lightning.LightningDataModule):
             raise InputError("data.root is not set: name your recording, data.root=FOLDER")
         kinds = get_type_hints(DrivingData.__init__, include_extras=True)
         for key in kinds.keys() - {"root", "view", "weights", "cameras", "augment", "return"}:
-            convert(f"data.{key}", kinds[key], given[key])
+            try:
+                convert(f"data.{key}", kinds[key], given[key])
+            except UsageError as error:  # exit status 1, as of any other value of the config
+                raise InputError(error) from None
         roots = 1 if isinstance(root, str) else len(root)
         if weights is not None and not _are_weights(weights, roots):
             raise InputError(
