@@ -84,11 +84,11 @@ class DrivingEnv(gymnasium.Env):
             raise InputError(f"render_mode={render_mode}: must be rgb_array, or None")
         if renderer == "none":
             raise InputError("renderer=none: observations need camera frames; use renderer=auto")
-        for name, value, least in (("laps", laps, 1), ("max_seconds", max_seconds, 0)):
+        limits = {"laps": laps, "max_seconds": max_seconds, "off_road_s": off_road_s}
+        for name, value in limits.items():
+            least = 1 if name == "laps" else 0
             if value is not None and not value >= least:
-                raise InputError(f"{name}={value}: must be {least} or more, or None")
-        if not off_road_s >= 0:
-            raise InputError(f"off_road_s={off_road_s}: must be 0 or more; inf for no limit")
+                raise InputError(f"{name}={value}: must be {least} or more; inf for no limit")
         self.metadata = {**self.metadata, "render_fps": frame_rate}
         self.weather, self.random_start = read_weather(weather), random_start
         self.render_mode, self.laps, self.off_road_s = render_mode, laps, off_road_s
@@ -125,10 +125,8 @@ class DrivingEnv(gymnasium.Env):
             raise InputError(f"reset: unknown option {unknown.pop()}; available: {known}")
         start = {}
         if self.random_start:
-            start = {
-                "distance": self.world.draw_distance(self.np_random),
-                "cte": self.np_random.uniform(-0.5, 0.5),
-            }
+            start["distance"] = self.world.draw_distance(self.np_random)
+            start["cte"] = self.np_random.uniform(-0.5, 0.5)
         world_seed = int(self.np_random.integers(2**31))
         begin = Start(**{**start, **options})
         if not 0 <= begin.speed_mph <= TOP_SPEED_MPH:

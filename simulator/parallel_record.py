@@ -8,8 +8,8 @@ byte as those of one process.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
-import numpy as np
 from rich.progress import Progress
 
 from simulator.recorder import Recorder, encode
@@ -123,29 +123,19 @@ class ParallelRecorder:
                     written += 1
 
 
-class Drawing:
-    """The renderer of the latest scene, in a process of the pool."""
-
-    def __init__(self) -> None:
-        self._scene: tuple[str, str, str] | None = None
-        self._weather: tuple[Weather, int] | None = None
-        self._renderer: Renderer | None = None
-
-    def frame(self, request: Request) -> np.ndarray:
-        """Return the requested frame, uint8 [160, 320, 3], RGB."""
-        if request.scene != self._scene:
-            if self._renderer is not None:
-                self._renderer.close()
-            track, renderer, quality = request.scene
-            self._renderer = open_renderer(read_track(track), renderer, quality)
-            self._scene, self._weather = request.scene, None
-        if request.weather != self._weather:
-            self._renderer.set_weather(*request.weather)
-            self._weather = request.weather
-        return self._renderer.frame(*request.frame)
+@lru_cache(maxsize=1)
+def _opened(scene: tuple[str, str, str]) -> Renderer:
+    """Return the renderer of a scene; the last one of a process stays open."""
+    track, renderer, quality = scene
+    return open_renderer(read_track(track), renderer, quality)
 
 
-_drawing = Drawing()
+@lru_cache(maxsize=1)
+def _lit(scene: tuple[str, str, str], weather: tuple[Weather, int]) -> Renderer:
+    """Return the renderer of a scene in a weather."""
+    renderer = _opened(scene)
+    renderer.set_weather(*weather)
+    return renderer
 
 
 def draw(
@@ -154,6 +144,7 @@ def draw(
     """Return the images of rows as JPEG, by camera; runs in a process of the pool."""
     drawn = []
     for row in rows:
-        drawn.append({camera: encode(_drawing.frame(one)) for camera, one in row.items()})
+        frames = {key: _lit(one.scene, one.weather).frame(*one.frame) for key, one in row.items()}
+        drawn.append({camera: encode(frame) for camera, frame in frames.items()})
         report(len(drawn) / len(rows))
     return drawn

@@ -156,12 +156,8 @@ def _barrier(foot: np.ndarray, right: np.ndarray, ahead: np.ndarray, half: float
     """Return a red and white barrier across the road: its front, top and back."""
     across = np.linspace(-half, half, 9)
     up = np.array([0.0, 0.0, 1.0])
-    corners = [
-        -0.3 * up,
-        BARRIER_M * up,
-        BARRIER_M * up + BARRIER_THICK_M * ahead,
-        BARRIER_THICK_M * ahead - 0.3 * up,
-    ]
+    profile = ((0, -0.3), (0, BARRIER_M), (BARRIER_THICK_M, BARRIER_M), (BARRIER_THICK_M, -0.3))
+    corners = [away * ahead + rise * up for away, rise in profile]
     sides = (("stripes", -ahead), ("concrete", up), ("stripes", ahead))
     meshes = []
     for (material, normal), low, high in zip(sides, corners, corners[1:], strict=False):

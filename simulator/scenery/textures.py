@@ -161,11 +161,10 @@ def _draw_object(tile: np.ndarray, kind: str) -> None:
     dark = (70, 72, 76, 255)
     if kind == "pylon":
         for height in range(0, 127, 9):
-            wide = 3 + 14 * height / 127
-            below = 3 + 14 * (height + 9) / 127
-            left, right = int(32 - wide), int(32 + wide)
-            cv2.line(tile, (left, height), (int(32 + below), height + 9), dark, 1)
-            cv2.line(tile, (right, height), (int(32 - below), height + 9), dark, 1)
+            wide, below = 3 + 14 * height / 127, 3 + 14 * (height + 9) / 127
+            for side in (-1, 1):
+                end = (int(32 - side * below), height + 9)
+                cv2.line(tile, (int(32 + side * wide), height), end, dark, 1)
         cv2.line(tile, (29, 0), (15, 127), dark, 1)
         cv2.line(tile, (35, 0), (49, 127), dark, 1)
         for height in (14, 34):
