@@ -21,15 +21,12 @@ SETTINGS = {
     "Conv2D": f"{CONVOLUTION} groups",
     "SeparableConv2D": f"{CONVOLUTION} depth_multiplier",
     "DepthwiseConv2D": "strides padding kernel_size dilation_rate use_bias depth_multiplier",
-    "Conv1D": "filters kernel_size strides dilation_rate padding use_bias",
     "Dense": "units use_bias",
     "Flatten": "",
     "Reshape": "target_shape",
     "Permute": "dims",
     "MaxPooling2D": POOL,
     "AveragePooling2D": POOL,
-    "MaxPooling1D": POOL,
-    "AveragePooling1D": POOL,
     "GlobalAveragePooling2D": "keepdims",
     "GlobalMaxPooling2D": "keepdims",
     "BatchNormalization": "axis epsilon momentum center scale",
@@ -37,25 +34,21 @@ SETTINGS = {
     "LeakyReLU": "alpha",
     "PReLU": "shared_axes",
     "ReLU": "max_value negative_slope threshold",
-    "ThresholdedReLU": "theta",
     "Cropping2D": "cropping",
     "ZeroPadding2D": "padding",
     "Rescaling": "scale offset",
     "Dropout": "rate",
     "SpatialDropout2D": "rate",
     "GaussianNoise": "stddev",
-    "GaussianDropout": "rate",
 }
 # The names of a setting in Keras 1 and 3.
 OTHER_NAMES = {
     "filters": ["nb_filter"],
-    "kernel_size": ["filter_length"],
-    "strides": ["subsample", "subsample_length", "stride"],
+    "strides": ["subsample"],
     "dilation_rate": ["atrous_rate"],
     "padding": ["border_mode"],
     "use_bias": ["bias"],
     "units": ["output_dim"],
-    "pool_size": ["pool_length"],
     "alpha": ["negative_slope"],
     "rate": ["p"],
     "stddev": ["sigma"],
@@ -63,18 +56,18 @@ OTHER_NAMES = {
 DEFAULTS = {"padding": "valid", "use_bias": True, "groups": 1, "keepdims": False, "center": True,
             "negative_slope": 0, "threshold": 0}  # fmt: skip
 PAIRS = ("kernel_size", "strides", "dilation_rate", "pool_size")  # of an image: rows and columns
-WITH_ACTIVATION = ("Conv2D", "SeparableConv2D", "DepthwiseConv2D", "Conv1D", "Dense")
+WITH_ACTIVATION = ("Conv2D", "SeparableConv2D", "DepthwiseConv2D", "Dense")
 # Parts of the names of classes in Keras 1 and of aliases.
 OLD_KINDS = {"Atrous": "", "Convolution": "Conv", "AvgPool": "AveragePool", "Pool2D": "Pooling2D",
-             "Pool1D": "Pooling1D", "NormalizationV1": "Normalization",
+             "NormalizationV1": "Normalization",
              "NormalizationV2": "Normalization"}  # fmt: skip
 
 
 def plain_kind(kind: str) -> str:
     """Return a class's name in Keras 2.
 
-    >>> plain_kind("AtrousConvolution2D"), plain_kind("MaxPool1D")
-    ('Conv2D', 'MaxPooling1D')
+    >>> plain_kind("AtrousConvolution2D"), plain_kind("MaxPool2D")
+    ('Conv2D', 'MaxPooling2D')
     """
     for old, new in OLD_KINDS.items():
         kind = kind.replace(old, new)

@@ -118,7 +118,7 @@ def _torch_kernel(
     name: str, array: np.ndarray, place: Tensor, kind: str, model: KerasModel, first: bool
 ) -> np.ndarray | None:
     """Return the kernel of a convolution; None if its number of axes is wrong."""
-    if name == "row kernel" or kind.endswith("1D"):
+    if name == "row kernel":
         array = _one_row(array, place)
     if array.ndim != 4:
         return None

@@ -190,15 +190,3 @@ class Permute(nn.Module):
     def forward(self, values: Tensor) -> Tensor:
         """Return the values with exchanged axes."""
         return values.permute(0, *self.axes)
-
-
-class OverRows(nn.Module):
-    """A layer for images, applied to sequences [N, steps, channels] as one row of pixels."""
-
-    def __init__(self, layer: nn.Module) -> None:
-        super().__init__()
-        self.layer = layer
-
-    def forward(self, values: Tensor) -> Tensor:
-        """Return the layer's output, [N, steps, channels]."""
-        return self.layer(values.transpose(1, 2)[:, :, None])[:, :, 0].transpose(1, 2)

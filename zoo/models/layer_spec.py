@@ -42,12 +42,6 @@ class LayerSpec:
             raise self.wrong(key, "is not two whole numbers")
         return found[0], found[1]
 
-    def window(self, key: str, default: Pair | None = None) -> Pair:
-        """Return rows and columns of a window; that of a layer in one dimension has one row."""
-        if self.layer.endswith("1D"):
-            return 1, self.whole(key, default and default[1], most=4096)
-        return self.pair(key, default)
-
     def edges(self, key: str) -> tuple[int, int, int, int]:
         """Return whole numbers of `[[top, bottom], [left, right]]`."""
         sides = [self._list(key, side, 2) for side in self._list(key, self._value(key, None), 2)]

@@ -16,7 +16,6 @@ from zoo.models.image_layers import (
     Gray,
     InKerasOrder,
     OnAxis,
-    OverRows,
     PaddedAvgPool2d,
     PaddedConv2d,
     PaddedMaxPool2d,
@@ -43,15 +42,12 @@ PADDINGS = ("valid", "same", "same_theano")
 
 
 def _image_of(spec: LayerSpec, shape: Shape, first: bool) -> tuple[int, int, int]:
-    """Return rows, columns and channels of the input; a sequence is one row."""
-    axes = 2 if spec.layer.endswith("1D") else 3
-    if len(shape) != axes:
-        wanted = "images" if axes == 3 else "steps x channels"
-        raise ValueError(f"{spec.label}: needs {wanted}, not values of shape {by(shape)}")
-    if axes == 2:
-        return 1, shape[0], shape[1]
-    own = spec.values.get("data_format", "channels_first" if first else "channels_last")
-    if own != ("channels_first" if first else "channels_last"):
+    """Return rows, columns and channels of the input."""
+    if len(shape) != 3:
+        raise ValueError(f"{spec.label}: needs images, not values of shape {by(shape)}")
+    order = "channels_first" if first else "channels_last"
+    own = spec.values.get("data_format", order)
+    if own != order:
         raise ValueError(f"{spec.label}: has data_format={own!r:.40}, unlike the other layers")
     return (shape[1], shape[2], shape[0]) if first else (shape[0], shape[1], shape[2])
 
@@ -92,8 +88,8 @@ def _window(
 
 def _convolution(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     rows, columns, channels = _image_of(spec, shape, first)
-    kernel, stride = spec.window("kernel_size"), spec.window("strides", (1, 1))
-    dilation, bias = spec.window("dilation_rate", (1, 1)), spec.flag("use_bias", True)
+    kernel, stride = spec.pair("kernel_size"), spec.pair("strides", (1, 1))
+    dilation, bias = spec.pair("dilation_rate", (1, 1)), spec.flag("use_bias", True)
     separable = spec.layer == "SeparableConv2D"
     if separable or spec.layer == "DepthwiseConv2D":
         groups, filters = channels, channels * spec.whole("depth_multiplier", 1)
@@ -113,15 +109,13 @@ def _convolution(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     if separable:
         inner, filters = filters, spec.whole("filters")
         module = nn.Sequential(module, nn.Conv2d(inner, filters, 1, bias=bias))
-    if spec.layer == "Conv1D":
-        return _activated(OverRows(module), spec), (out[1], filters)
     return _activated(module, spec), _shape_of(*out, filters, first)
 
 
 def _pool(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     rows, columns, channels = _image_of(spec, shape, first)
-    size = spec.window("pool_size", (2, 2))
-    stride = spec.window("strides", size)
+    size = spec.pair("pool_size", (2, 2))
+    stride = spec.pair("strides", size)
     pads, out = _window(spec, (rows, columns), size, stride)
     module: nn.Module
     if spec.layer.startswith("Max"):
@@ -133,8 +127,6 @@ def _pool(spec: LayerSpec, shape: Shape, first: bool) -> Built:
         module = PaddedAvgPool2d(size, stride, pads, (rows, columns))
     else:
         module = nn.AvgPool2d(size, stride)
-    if spec.layer.endswith("1D"):
-        return OverRows(module), (out[1], channels)
     return module, _shape_of(*out, channels, first)
 
 
@@ -266,13 +258,6 @@ def _dropout(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     return nn.Dropout2d(rate) if spatial else Dropout(rate), shape
 
 
-def _noise(spec: LayerSpec, shape: Shape, first: bool) -> Built:
-    if spec.layer == "GaussianNoise":
-        return GaussianNoise(spec.number("stddev"), multiplies=False), shape
-    rate = spec.share("rate")
-    return GaussianNoise(math.sqrt(rate / (1 - rate)), multiplies=True), shape
-
-
 def _elementwise(make: Callable[[LayerSpec], nn.Module]) -> Builder:
     return lambda spec, shape, _: (make(spec), shape)
 
@@ -281,15 +266,12 @@ BUILDERS: dict[str, Builder] = {
     "Conv2D": _convolution,
     "SeparableConv2D": _convolution,
     "DepthwiseConv2D": _convolution,
-    "Conv1D": _convolution,
     "Dense": _dense,
     "Flatten": _flatten,
     "Reshape": _reshape,
     "Permute": _permute,
     "MaxPooling2D": _pool,
     "AveragePooling2D": _pool,
-    "MaxPooling1D": _pool,
-    "AveragePooling1D": _pool,
     "GlobalAveragePooling2D": _global_pool,
     "GlobalMaxPooling2D": _global_pool,
     "BatchNormalization": _batch_norm,
@@ -298,7 +280,6 @@ BUILDERS: dict[str, Builder] = {
     ),
     "ELU": _elementwise(lambda spec: nn.ELU(spec.number("alpha", 1.0))),
     "LeakyReLU": _elementwise(lambda spec: nn.LeakyReLU(spec.number("alpha", 0.3))),
-    "ThresholdedReLU": _elementwise(lambda spec: nn.Threshold(spec.number("theta", 1.0), 0.0)),
     "PReLU": _prelu,
     "ReLU": _relu,
     "Cropping2D": _crop,
@@ -309,6 +290,5 @@ BUILDERS: dict[str, Builder] = {
     "Select": _select,
     "Dropout": _dropout,
     "SpatialDropout2D": _dropout,
-    "GaussianNoise": _noise,
-    "GaussianDropout": _noise,
+    "GaussianNoise": _elementwise(lambda spec: GaussianNoise(spec.number("stddev"))),
 }

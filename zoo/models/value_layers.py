@@ -97,18 +97,16 @@ class GeneralReLU(nn.Module):
 
 
 class GaussianNoise(nn.Module):
-    """A layer that adds noise, or multiplies by it, in training mode."""
+    """A layer that adds noise in training mode."""
 
-    def __init__(self, deviation: float, multiplies: bool) -> None:
+    def __init__(self, deviation: float) -> None:
         super().__init__()
-        self.deviation, self.multiplies = deviation, multiplies
+        self.deviation = deviation
 
     def forward(self, values: Tensor) -> Tensor:
         """Return the values with noise."""
-        if not self.training:
-            return values
-        noise = self.deviation * torch.randn_like(values)
-        return values * (1 + noise) if self.multiplies else values + noise
+        noise = self.deviation * torch.randn_like(values) if self.training else 0
+        return values + noise
 
 
 class Function(nn.Module):

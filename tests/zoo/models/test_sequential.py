@@ -70,7 +70,6 @@ CASES: dict[str, list[Layer]] = {
     "prelu shared": [CONV, ("PReLU", {"shared_axes": [1, 2]}, W((1, 1, 4)))],
     "prelu of features": [("Flatten", {}, []), ("PReLU", {}, W((663,)))],
     "relu": [CONV, ("ReLU", {"max_value": 0.5, "negative_slope": 0.1, "threshold": 0.2}, [])],
-    "thresholded": [CONV, ("ThresholdedReLU", {"theta": 0.3}, [])],
     "crop": [("Cropping2D", {"cropping": [[2, 1], [3, 0]]}, [])],
     "zero padding": [("ZeroPadding2D", {"padding": [[2, 1], [3, 0]]}, []), CONV],
     "reshape": [CONV, ("Reshape", {"target_shape": [11, 60]}, []),
@@ -79,7 +78,7 @@ CASES: dict[str, list[Layer]] = {
     "dense on pixels": [CONV, ("Dense", {"units": 2, "activation": "tanh"}, W((4, 2), (2,)))],
     "rescaling": [CONV, ("Rescaling", {"scale": [1.0, 2.0, 3.0, 4.0], "offset": 0.5}, [])],
     "noise": [("Dropout", {"rate": 0.5}, []), ("SpatialDropout2D", {"rate": 0.5}, []),
-              ("GaussianNoise", {"stddev": 0.5}, []), ("GaussianDropout", {"rate": 0.5}, [])],
+              ("GaussianNoise", {"stddev": 0.5}, [])],
 }  # fmt: skip
 
 
