@@ -15,8 +15,6 @@ from zoo.cli.console_progress import loading
 if TYPE_CHECKING:
     from zoo.benchmark.benchmarked import Benchmarked
 
-VERIFY = "verify"
-
 # Slow imports (torch, Panda3D) come late: --help and typos answer at once.
 
 
@@ -41,8 +39,14 @@ def benchmark(ckpt: str, *ckpts: str, options: BenchmarkOptions) -> "Benchmarked
             network steered NaN or a mark of the suite is missed.
     """
     console = Console(emoji=False)
-    if ckpt == VERIFY:
-        verify_result([*ckpts], options, console)
+    if ckpt == "verify":
+        if len(ckpts) != 1:
+            raise UsageError("verify: name one result.json: drivezoo benchmark verify RESULT")
+        if options.out or options.entry or options.table or options.plot:
+            raise UsageError("verify: writes nothing; leave out entry=, out=, table= and plot=")
+        from zoo.benchmark.verify import verify
+
+        verify(Path(ckpts[0]), options.suite, options.drives, options.workers, console)
         return None
     if not all(isinstance(name, str) for name in (ckpt, *ckpts)):
         raise UsageError("benchmark: name checkpoints or a baseline; a result holds their files")
@@ -51,22 +55,6 @@ def benchmark(ckpt: str, *ckpts: str, options: BenchmarkOptions) -> "Benchmarked
     with loading():
         from zoo.benchmark.benchmarked import score_entry
     return score_entry(names, options, console)
-
-
-def verify_result(names: list[str], options: BenchmarkOptions, console: Console) -> None:
-    """Repeat some drives of a result and compare them.
-
-    Raises:
-        UsageError: the names are not one result, or a key that writes is given.
-        InputError: see `zoo.benchmark.verify.verify`.
-    """
-    if len(names) != 1:
-        raise UsageError("verify: name one result.json: drivezoo benchmark verify RESULT")
-    if options.out or options.entry or options.table or options.plot:
-        raise UsageError("verify: writes nothing; leave out entry=, out=, table= and plot=")
-    from zoo.benchmark.verify import verify
-
-    verify(Path(names[0]), options.suite, options.drives, options.workers, console)
 
 
 if __name__ == "__main__":

@@ -50,36 +50,26 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
     recorded = [result.drives[number] for number in numbers]
     jobs = [(one.checkpoint, by_road[road_of(one)]) for one in recorded]
     driven = drive_suite(drivers, jobs, found.mean_steering, workers, console)
-    different = [
-        (old, new) for old, new in zip(recorded, driven, strict=True) if not is_same(old, new)
-    ]
-    for old, new in different:
-        console.print(difference_line(old, new), highlight=False, markup=False, soft_wrap=True)
     counted = f"{len(recorded)} of {len(result.drives)} drives repeated"
-    if different:
+    lines = list(filter(None, map(difference_line, recorded, driven)))
+    for line in lines or [f"{path}: {counted}: all digests are equal"]:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    if lines:
         raise InputError(
-            f"{path}: {counted}: {len(different)} with another digest or other figures; repeat "
-            f"it with the code that drove it ({code_name(result.code)}), on the same kind of "
-            "machine"
+            f"{path}: {counted}: {len(lines)} with another digest or other figures; repeat it with "
+            f"the code that drove it ({code_name(result.code)}), on the same kind of machine"
         )
-    line = f"{path}: {counted}: all digests are equal"
-    console.print(line, highlight=False, markup=False, soft_wrap=True)
-
-
-def is_same(old: DriveRecord, new: DriveRecord) -> bool:
-    """Return whether digest and figures of two drives are equal."""
-    return old.digest == new.digest and all(
-        is_close(old.figures[name], new.figures[name]) for name in NEEDED
-    )
 
 
 def difference_line(old: DriveRecord, new: DriveRecord) -> str:
-    """Return the figures of a drive that differ, as in the result and as repeated."""
+    """Return the figures of a drive that differ, as in the result and as repeated; or nothing."""
+    pairs = {name: (old.figures[name], new.figures[name]) for name in NEEDED}
+    if old.digest == new.digest and all(is_close(*pair) for pair in pairs.values()):
+        return ""
     figures = [
-        f"{name} {old.figures[name]:g} -> {new.figures[name]:g} "
-        f"(by {abs(new.figures[name] - old.figures[name]):.2g})"
-        for name in NEEDED
-        if old.figures[name] != new.figures[name]
+        f"{name} {first:g} -> {second:g} (by {abs(second - first):.2g})"
+        for name, (first, second) in pairs.items()
+        if first != second
     ]
     what = "; ".join(figures) or "the figures are equal, rows differ"
     return f"{old.group} {old.track}: digest {old.digest} -> {new.digest}; {what}"

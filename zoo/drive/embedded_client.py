@@ -39,12 +39,12 @@ class EmbeddedClient:
         """End the process if it runs; return its exit status, 0 if it was ended here."""
         if self._process is None:
             return 0
-        if self.ended:
-            return self._process.returncode
-        interrupt_module(self._process)  # the process then closes its film
-        try:
-            self._process.wait(_PATIENCE_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        return 0
+        if not self.ended:
+            interrupt_module(self._process)  # the process then closes its film
+            try:
+                self._process.wait(_PATIENCE_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+            return 0
+        return self._process.returncode

@@ -16,6 +16,7 @@ from simulator.track_names import file_name
 from simulator.weather import CLEAR
 from zoo.base.command_keys import check_keys, constructed, keys_of
 from zoo.base.errors import InputError
+from zoo.base.terminal import print_line
 from zoo.base.written_files import remove_written
 from zoo.checkpoints.command import Policy
 from zoo.cli.console_progress import working
@@ -236,14 +237,12 @@ def score_run(options: EvaluateOptions | None, folder: Path, console: Console) -
             options.played_at,
         )
     except InputError as error:  # a missing library must not fail a training of hours
-        console.print(f"not driven: {error}", highlight=False, markup=False)
+        print_line(console, f"not driven: {error}")
         return None
     for track, figures in found.tracks.items():
-        console.print(
-            f"drove {figures['laps'][0]:.2f} laps of the {track} at "
-            f"{figures['speed_mph'][0]:.1f} mph: {how_well(figures)}",
-            highlight=False,
-            markup=False,
+        driven = f"{figures['laps'][0]:.2f} laps of the {track}"
+        print_line(
+            console, f"drove {driven} at {figures['speed_mph'][0]:.1f} mph: {how_well(figures)}"
         )
     return {
         "speed_mph": None if options.throttle == "network" else options.speed,
