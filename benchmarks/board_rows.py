@@ -1,4 +1,4 @@
-"""Rows of the benchmark's board: what the suite says of an entry, trained here or submitted."""
+"""The benchmark's board: rows of entries trained here or submitted, and its page that sorts."""
 
 import itertools
 import re
@@ -7,13 +7,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+from benchmarks.study_csv import Rows, grouped
 from benchmarks.study_grid import Entry, Study, run_logged
+from benchmarks.study_tables import CELLS, headline, of_group
 from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config
 
 Row = dict[str, object]
 SUITE = "v1"  # of the board
 FIGURES = ("autonomy", "m_per_intervention", "without_intervention", "cte_mean_m", "steering_per_s")
+GROUPS = ("like", "sharp", "looks", "dynamics", "laps")  # of the board's roads
 
 
 def board_rows(study: Study, entry: Entry) -> list[Row]:
@@ -110,3 +113,45 @@ def submitted_rows(folder: Path) -> list[Row]:
         raise InputError(f"{folder}: not added, since the drives could not be verified")
     command = (folder / "command.txt").read_text().strip()
     return rows_of_result(folder, result.entry, "submitted", command)
+
+
+def board_page(rows: Rows, path: Path) -> None:
+    """Write the board as one self-contained HTML page whose columns sort."""
+    from zoo.leaderboard.ranking_page import PAGE
+
+    # Heading, cell, and its arguments.
+    cells = [(name, "text", f"{{{name}}}") for name in ("entry", "training", "network")]
+    cells += [
+        (name.replace("_", " "), "trained", name) for name in ("parameters", "training_seeds")
+    ]
+    cells += [(group, "percent", group, "autonomy") for group in ("headline", *GROUPS)]
+    for group in GROUPS:
+        for figure in FIGURES[1:]:
+            cell = "percent" if figure == "without_intervention" else "number"
+            cells.append((f"{group}: {figure}", cell, group, figure))
+    entries = sorted(grouped(rows, ["entry", "training"]), key=lambda rows: -headline(rows))
+    lines, scripted = [], []
+    for entry in entries:
+        line: list[tuple[str, float | None]] = []
+        for _, cell, *given in cells:
+            value = of_group(entry, *given)[0] if len(given) > 1 else entry[0].get(given[0])
+            line.append((CELLS[cell](entry, *given), float(value) if value else None))
+        lines.append(line)
+        name = f"{entry[0]['entry']} {entry[0]['training']}"
+        values = {row["group"]: float(row["autonomy"]) for row in entry if row["autonomy"]}
+        scripted.append({"name": name, "values": values, "runs": []})
+    axes = [
+        {"key": group, "heading": group, "kind": "figure", "less": False, "share": True}
+        for group in ("headline", *GROUPS)
+    ]
+    page = PAGE.render(
+        title="drivezoo-bench v1",
+        where="docs/benchmark.csv",
+        lead="Autonomy by group of roads, with 95 % intervals over roads and training seeds. "
+        "Click a heading to sort.",
+        heads=[(heading, cell == "text") for heading, cell, *_ in cells],
+        rows=lines,
+        data={"axes": axes, "entries": scripted, "curves": []},
+        unranked=[],
+    )
+    path.write_text(page)

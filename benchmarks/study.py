@@ -1,9 +1,9 @@
 """Run a study of the manual: `python benchmarks/study.py NAME [only=lenet] [seeds=3] [runs=false]`.
 
 A study is a grid of trainings and drives in `benchmarks/studies/NAME.yaml`. The command trains and
-drives what is missing, adds each measured entry to the study's CSV file, and writes its tables and
-plots; `runs=false` writes tables and plots alone. Runs are kept, so that an interrupted command
-resumes, and a failed entry does not stop the others. Without a name it lists the studies.
+drives what is missing, adds each measured entry to the study's CSV file, and writes its tables;
+`runs=false` writes tables alone. Runs are kept, so that an interrupted command resumes, and a
+failed entry does not stop the others. Without a name it lists the studies.
 """
 
 import sys
@@ -13,7 +13,6 @@ from pathlib import Path
 from benchmarks.measuring import print_table
 from benchmarks.study_csv import merge, read_csv, write_csv
 from benchmarks.study_grid import FOLDER, Entry, Study
-from benchmarks.study_plots import PLOTS
 from benchmarks.study_tables import packaged, write_tables
 from zoo.base.errors import InputError, UsageError
 
@@ -63,23 +62,25 @@ def make_runs(study: Study) -> list[str]:
 
 
 def write_results(study: Study) -> list[Path]:
-    """Write the study's tables and plots from its rows, and return the files.
+    """Write the study's pages from its rows, and return the files.
 
     A study without a table is printed.
     """
     config = study.config
     rows = READERS[config["read"]]() if "read" in config else read_csv(Path(config["csv"]))
     pages = write_tables(config.get("tables", []), rows)
-    plots = [Path(path) for path in config.get("plots", {})]
-    for path, name in zip(plots, config.get("plots", {}).values(), strict=True):
-        PLOTS[name](rows, path)
+    if "page" in config:
+        from benchmarks.board_rows import board_page
+
+        board_page(rows, Path(config["page"]))
+        pages.append(Path(config["page"]))
     if rows and not pages:
         print_table(list(rows[0]), [list(row.values()) for row in rows])
-    return [*map(Path, [config["csv"]] if "csv" in config else []), *pages, *plots]
+    return [*map(Path, [config["csv"]] if "csv" in config else []), *pages]
 
 
 def main(arguments: list[str]) -> None:
-    """Make the runs, then write tables and plots.
+    """Make the runs, then write the pages.
 
     Raises:
         InputError: an option is wrong, or an entry failed or could not be verified.
