@@ -120,17 +120,12 @@ def _interrupt_again(unraisable: "sys.UnraisableHookArgs") -> None:
 
 def version_line() -> str:
     """Return the package's version with those of Python and PyTorch, without importing it."""
+    from importlib.metadata import version  # slow import
+
+    from zoo import __version__
+
     python = sys.version.split()[0]
-    return f"drivezoo {_version('drivezoo')} (Python {python}, torch {_version('torch')})"
-
-
-def _version(package: str) -> str:
-    from importlib.metadata import PackageNotFoundError, version  # slow import
-
-    try:
-        return version(package)
-    except PackageNotFoundError:  # a checkout on the path, without an installation
-        return "not installed"
+    return f"drivezoo {__version__} (Python {python}, torch {version('torch')})"
 
 
 def was_stopped(error: BaseException | None) -> bool:
@@ -210,11 +205,6 @@ class ForgivingOutput:
         except OSError as error:
             self._failed(error)
         return len(text)
-
-    def writelines(self, lines: list[str]) -> None:
-        """Write each line."""
-        for line in lines:
-            self.write(line)
 
     def flush(self) -> None:
         """Flush the stream."""
