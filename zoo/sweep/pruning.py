@@ -19,8 +19,8 @@ class Pruning(lightning.Callback):
         study: name of the study.
         trial: number of the trial.
         watched: name of the figure, such as `drive/autonomy`.
-        pruner, startup_trials, warmup_epochs: settings of the pruner, see `SearchSettings`; the
-            database does not store them.
+        pruner, startup_trials, warmup_epochs: settings of the pruner, see
+            `conf/hydra/sweeper/optuna.yaml`; the database does not store them.
 
     Raises:
         PrunedError: the study prunes the trial after an epoch.
