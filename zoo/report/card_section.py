@@ -50,18 +50,8 @@ def settings(run: ReportedRun) -> list[Block]:
 
 
 def use(run: ReportedRun) -> list[Block]:
-    """Return the intended use, and what the network learnt from."""
-    data = run.config["data"]
-    return [
-        Heading("Intended use"),
-        Text(INTENDED_USE),
-        Heading("Data and training"),
-        Text(
-            f"Supervised learning from recorded steering. Cameras: {', '.join(data['cameras'])} "
-            f"(offset of side cameras: {data['offset']:g}). Augmentation: "
-            f"{', '.join(data.get('augment') or {}) or 'none'}. See Data and Settings."
-        ),
-    ]
+    """Return the intended use."""
+    return [Heading("Intended use"), Text(INTENDED_USE)]
 
 
 def limits(run: ReportedRun) -> list[Block]:

@@ -61,9 +61,8 @@ def balance(run: ReportedRun) -> list[Block]:
     """Return the histogram of the steering before and after balancing."""
     data = run.config["data"]
     caption = (
-        "Steering before and after balancing. Most of a batch with a |steering| below "
-        f"{data['straight_threshold']:g} (data.straight_cap): {data.get('straight_cap')}. Flipped "
-        f"(data.flip): {data['flip']}."
+        f"Steering before and after balancing (data.straight_cap={data.get('straight_cap')} "
+        f"data.flip={data['flip']})."
     )
     return [Heading("Balance"), Images([run.plot("steering_histogram", caption)])]
 

@@ -16,7 +16,9 @@ def title(run: ReportedRun) -> str:
 def headline(run: ReportedRun) -> list[Block]:
     """Return the verdict, a summary, and the figures of driving and of the open loop."""
     blocks = [] if run.ended_early else [_verdict(run)]
-    blocks.append(Text(_summary(run)))
+    trained_on = ", ".join(run.trained_on.roots) or "an unknown recording"
+    name = run.config["model"]["name"]
+    blocks.append(Text(f"{name} steers a car from camera images. Trained on: {trained_on}."))
     if run.ended_early:
         blocks.append(Missing(run.ended_early))
     tiles = main_figures(run)
@@ -29,20 +31,6 @@ def _verdict(run: ReportedRun) -> Block:
     lines = [*verdict.tracks, verdict.certainty]
     lines += ["Likely causes:"] if verdict.causes else []
     return Box(verdict.level, verdict.headline, lines, verdict.causes, verdict.commands)
-
-
-def _summary(run: ReportedRun) -> str:
-    metrics, roots = run.metrics, run.trained_on.roots
-    trained_on = ", ".join(roots) or "an unknown recording"
-    text = (
-        f"{run.config['model']['name']}: a network that steers a car from camera images. Recording "
-        f"of its training: {trained_on}."
-    )
-    if metrics:
-        rows = metrics["data"]["split"]["train"]
-        text += f" Parameters: {metrics['parameters']:,}; training rows: {rows:,}"
-        text += f"; epochs: {metrics['epochs']}."
-    return text
 
 
 def main_figures(run: ReportedRun) -> list[tuple[str, str, str]]:

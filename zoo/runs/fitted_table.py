@@ -33,8 +33,8 @@ def fitted_table(
         room -= _width(figure) + FRAME if fits else 0
     table = Table(title=Text(title, style="table.title"), title_justify="left")
     for column in names:  # the number of the row has no heading
-        justify = "left" if column.heading else "right"
-        table.add_column(Text(column.heading), justify=justify, overflow="fold")
+        heading = column.heading
+        table.add_column(Text(heading), justify="left" if heading else "right", overflow="fold")
     for column in shown:
         table.add_column(Text(column.heading), justify="right", no_wrap=True)
     for place, cells in enumerate(zip(*(one.cells for one in [*names, *shown]), strict=True)):
