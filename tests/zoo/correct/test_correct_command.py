@@ -13,7 +13,6 @@ from omegaconf import OmegaConf
 
 from datamodules.recording import read_recordings
 from tests.recordings import Written
-from tests.zoo.commands import only_line, run
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.cli.compose import compose_config
@@ -247,11 +246,8 @@ def test_a_persons_recording_gets_other_file_names(
     [
         ("track=nowhere", "nowhere"),
         ("rounds=0", "rounds=0: "),
-        ("beta=2", "beta=2: "),
-        ("off_m=-1", "off_m=-1: "),
         ("weather=hail", "weather=hail"),
         ("throttle=network", "throttle"),
-        ("throttle=none", "throttle=none: "),
         ("rouds=2", "did you mean rounds?"),
         ("data.rooot=x", "data.rooot: "),
         ("data.root=nowhere", "data.root=FOLDER"),
@@ -274,12 +270,6 @@ def test_a_network_of_another_format_cannot_be_trained_on(tmp_path: Path) -> Non
         correct.main([str(tmp_path / "model.onnx")])
 
 
-def test_a_missing_checkpoint_gets_one_line(tmp_path: Path) -> None:
-    line = only_line(run(tmp_path, "nowhere.ckpt", module="zoo.correct"))
-    assert "nowhere.ckpt: " in line
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_folder_that_holds_something_else_is_kept(checkpoint: str, tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(InputError, match=r"correct\.json.*out="):
@@ -298,10 +288,3 @@ def test_a_drive_without_takeovers_or_images_is_refused(checkpoint: str, tmp_pat
     writer.close()
     with pytest.raises(InputError, match=r"blind: .*record=FOLDER"):
         correct.main([checkpoint, f"drive={tmp_path / 'blind'}"])
-
-
-def test_help_lists_every_option(capsys: pytest.CaptureFixture) -> None:
-    correct.main(["--help"])
-    printed = capsys.readouterr().out
-    for key in ("track=lake", "rounds=3", "beta=0.0", "weight=4.0", "drive=null", "off_m=1.0"):
-        assert key in printed

@@ -100,9 +100,6 @@ def test_the_search_is_the_same_for_every_number_of_workers(
         ("weather=random", "weather=random", "vary"),
         ("weather={fgo: 1}", "fgo", "fog"),
         ("quality=best", "quality=best", "simple"),
-        ("delay_s=9", "delay_s=9", "0..2"),
-        ("sampler=grid", "sampler=grid", "archive, tpe"),
-        ("budget=0", "budget=0", "1 or more"),
     ],
 )
 def test_a_wrong_option_is_named_in_one_line(
