@@ -17,9 +17,8 @@ from zoo.base.errors import InputError
 from zoo.base.terminal import print_line
 from zoo.cli.closing_lines import print_written
 from zoo.drives import drive_log
-from zoo.drives.drive_film import MOMENTS
+from zoo.drives.drive_film import MOMENTS, draw_overlay
 from zoo.drives.drive_record import FALLBACK, PERSON
-from zoo.drives.film_overlay import draw_overlay
 from zoo.drives.tally import LONGEST_STEP_S, autonomy
 
 USUAL_FPS = 15.0  # the simulator's recorder; used if the images have no times

@@ -13,9 +13,9 @@ from rich.console import Console
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
 from zoo.base.errors import InputError
+from zoo.drives.drive_film import GREEN, RED, draw_overlay
 from zoo.drives.drive_log import DriveWriter
 from zoo.drives.drive_record import PERSON, DriveRow
-from zoo.drives.film_overlay import GREEN, RED, draw_overlay
 from zoo.evaluate.track_scores import KeptDrive
 from zoo.film import film as film_command
 from zoo.film import make_film, read_shots, real_fps

@@ -53,8 +53,8 @@ class DriveServer:
         self.driver, self.listener = driver, listener
         guard = OriginGuard(exposed, driver.notices)
         self.sio = SimulatorServer(_logger(driver.notices), guard.allows)
-        self.sio.on("connect", self._connect)
-        self.sio.on("disconnect", self._disconnect)
+        self.sio.on("connect", lambda sid, environ, auth=None: driver.connect(sid))
+        self.sio.on("disconnect", lambda sid, reason: driver.disconnect(sid))
         self.sio.on("telemetry", self._telemetry)
         # No keep-alive: the original client leaks each connection that is answered by an error, a
         # thousand of them in 2 s, and these must end at once.
@@ -153,12 +153,6 @@ class DriveServer:
         finally:
             self._connections.remove(eventlet.getcurrent())
             connection.close()
-
-    def _connect(self, sid: str, environ: dict, auth: object = None) -> None:
-        self.driver.connect(sid)
-
-    def _disconnect(self, sid: str, reason: str) -> None:
-        self.driver.disconnect(sid)
 
     def _telemetry(self, sid: str, *arguments: object) -> None:
         began_s = time.perf_counter()

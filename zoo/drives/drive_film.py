@@ -1,19 +1,35 @@
-"""Images kept from a scored drive: frames of its worst moments, and a film."""
+"""Films of drives: the state drawn on camera frames, and the frames kept from a scored drive."""
 
+import functools
+import importlib.util
+import math
 from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image, ImageDraw, ImageFont
 
 from datamodules.formats.recording_writer import write_frame
 from simulator.film import Film
-from zoo.drives.drive_record import DriveRow
-from zoo.drives.film_overlay import draw_overlay
+from zoo.base.rig import UDACITY
+from zoo.drives.drive_record import BAND, DriveRow
 from zoo.drives.tally import autonomy
 
 FILM_NAME = "film.mp4"
 FILM_SIZE = (640, 320)  # twice the camera's size; at 960 x 480 a lap takes twice the bytes
 MOMENTS, APART_S = 10, 2.0
+SCALE = 3  # 960 x 480
+WHEEL_RATIO = 6.0  # angle of the drawn steering wheel per angle of the front wheels
+WHITE, GREY, GREEN, RED, AMBER = (
+    (255, 255, 255),
+    (190, 196, 204),
+    (92, 214, 130),
+    (255, 92, 80),
+    (255, 184, 64),
+)
+PANEL = 104  # height in pixels of the darkened band for the instruments, over the car's bonnet
+Label = tuple[str, int, int, int, tuple[int, int, int], str]
+_SUBPIXEL = 4  # fractional bits of OpenCV's coordinates
 
 
 class WorstMoments:
@@ -95,3 +111,139 @@ class DriveFilm(Film):
             spread=row.spread,
         )
         self.add(cv2.resize(image, FILM_SIZE, interpolation=cv2.INTER_AREA))
+
+
+def draw_overlay(
+    frame: np.ndarray,
+    steering: float | None = None,
+    throttle: float | None = None,
+    speed_mph: float | None = None,
+    autonomy: float | None = None,
+    cte_m: float | None = None,
+    note: str | None = None,
+    spread: float | None = None,
+) -> np.ndarray:
+    """Return an enlarged camera frame with the drive's state drawn in.
+
+    A state that is None or NaN is not drawn.
+
+    Args:
+        frame: camera frame, uint8 [H, W, 3] RGB; 160 x 320 from the simulator.
+        steering: steering, -1..1, negative is left.
+        throttle: throttle, -1..1, negative brakes.
+        speed_mph: speed of the car.
+        autonomy: NVIDIA's autonomy so far, 0..1.
+        cte_m: cross-track error in metres, positive is right of the centreline.
+        note: short text, such as the name of the driver.
+        spread: standard deviation of the steering; a band shows where 95 % of a normal distribution
+            would be.
+
+    Returns:
+        uint8 [3 H, 3 W, 3], RGB.
+    """
+    steering, throttle, speed_mph, autonomy, cte_m, spread = (
+        value if value is not None and math.isfinite(value) else None
+        for value in (steering, throttle, speed_mph, autonomy, cte_m, spread)
+    )
+    height, width = frame.shape[0] * SCALE, frame.shape[1] * SCALE
+    image = cv2.resize(frame, (width, height), interpolation=cv2.INTER_CUBIC)
+    texts: list[Label] = []
+    if any(value is not None for value in (steering, throttle, speed_mph)):
+        # Fade to black, so that text is readable on any road.
+        light = 1 - 0.72 * np.linspace(0, 1, PANEL) ** 0.6
+        image[-PANEL:] = (image[-PANEL:] * light[:, None, None]).astype(np.uint8)
+    if steering is not None:
+        lock_deg = UDACITY.steering_deg
+        _draw_wheel(image, (70, height - 54), 40, steering * lock_deg * WHEEL_RATIO)
+        degrees = f"{steering * lock_deg + 0.0:+.1f}°".replace("-", "\N{MINUS SIGN}")
+        doubt = "" if spread is None else f" ±{BAND * spread * lock_deg:.1f}°"
+        texts += [
+            (degrees, 128, height - 57, 26, WHITE, "lm"),
+            (f"STEERING{doubt}", 128, height - 26, 13, GREY, "lm"),
+        ]
+        _draw_steering_bar(image, (width // 2, height - 40), 150, steering, spread or 0.0)
+    if speed_mph is not None:
+        texts += [
+            (f"{speed_mph:.1f}", width - 84, height - 50, 38, WHITE, "rm"),
+            ("mph", width - 76, height - 43, 17, GREY, "lm"),
+        ]
+    if throttle is not None:
+        _draw_pedals(image, (width - 208, height - 20), 184, throttle)
+    lines = []
+    if autonomy is not None:
+        colour = GREEN if autonomy >= 0.995 else AMBER if autonomy >= 0.9 else RED
+        lines.append(("AUTONOMY", f"{autonomy:.1%}", colour))
+    if cte_m is not None:
+        side = "right" if cte_m > 0 else "left"
+        lines.append(("OFF CENTRE", f"{abs(cte_m):.2f} m {side}", WHITE))
+    left, right = width - 288, width - 20
+    boxes = [(left, 18, right, 32 + 30 * len(lines))] if lines else []
+    for y, (label, text, colour) in zip(range(40, 100, 30), lines, strict=False):
+        texts.append((label, left + 14, y, 13, GREY, "lm"))
+        texts.append((text, right - 14, y, 20, colour, "rm"))
+    if note:
+        boxes.append((20, 18, 48 + int(_font(18).getlength(note)), 54))
+        texts.append((note, 34, 36, 18, WHITE, "lm"))
+    drawn = Image.fromarray(image)
+    blending, draw = ImageDraw.Draw(drawn, "RGBA"), ImageDraw.Draw(drawn)
+    for box in boxes:
+        blending.rounded_rectangle(box, 10, fill=(12, 16, 22, 140))
+    for text, x, y, size, colour, anchor in texts:
+        draw.text((x, y), text, fill=colour, font=_font(size), anchor=anchor)
+    return np.array(drawn)
+
+
+def _draw_wheel(image: np.ndarray, centre: tuple[int, int], radius: int, angle_deg: float) -> None:
+    cv2.circle(image, centre, radius, WHITE, 6, cv2.LINE_AA)
+    angle = np.radians(angle_deg)
+    for spoke in (np.pi, 0, np.pi / 2):  # left, right, down
+        way = np.array([np.cos(angle + spoke), np.sin(angle + spoke)])
+        _line(image, centre + 9 * way, centre + (radius - 2) * way, WHITE, 6)
+    cv2.circle(image, centre, 10, WHITE, -1, cv2.LINE_AA)
+    # A mark at the top, as on a racing wheel, makes the angle visible.
+    mark = np.degrees(angle) - 90
+    cv2.ellipse(image, centre, (radius, radius), mark, -11, 11, AMBER, 6, cv2.LINE_AA)
+
+
+def _draw_steering_bar(
+    image: np.ndarray, centre: tuple[int, int], half: int, steering: float, spread: float
+) -> None:
+    """Draw a bar from the middle to the steering, with its band; its ends are full lock."""
+    middle = np.array(centre, float)
+    if spread > 0:
+        first, last = np.clip((steering - BAND * spread, steering + BAND * spread), -1, 1)
+        left, right = round(centre[0] + half * first), round(centre[0] + half * last)
+        patch = image[centre[1] - 13 : centre[1] + 14, left : right + 1]
+        patch[:] = (0.6 * patch + 0.4 * np.array(AMBER)).astype(np.uint8)
+    _line(image, middle - (half, 0), middle + (half, 0), (110, 116, 124), 4)
+    if abs(steering) > 0.004:
+        _line(image, middle, middle + (half * float(np.clip(steering, -1, 1)), 0), AMBER, 8)
+    _line(image, middle - (0, 9), middle + (0, 9), WHITE, 2)
+
+
+def _draw_pedals(image: np.ndarray, start: tuple[int, int], length: int, throttle: float) -> None:
+    """Draw a bar: green for throttle, red for the brake."""
+    begin = np.array(start, float)
+    _line(image, begin, begin + (length, 0), (110, 116, 124), 6)
+    share = min(abs(throttle), 1.0)
+    if share > 0.005:
+        _line(image, begin, begin + (length * share, 0), GREEN if throttle > 0 else RED, 6)
+
+
+def _line(
+    image: np.ndarray, start: np.ndarray, end: np.ndarray, colour: tuple, thickness: int
+) -> None:
+    first, last = (np.round(np.array([start, end]) * (1 << _SUBPIXEL))).astype(int).tolist()
+    cv2.line(image, first, last, colour, thickness, cv2.LINE_AA, _SUBPIXEL)
+
+
+@functools.lru_cache(16)
+def _font(size: int) -> ImageFont.FreeTypeFont:
+    # matplotlib's own font makes films look the same on every machine. find_spec avoids importing
+    # matplotlib, which takes 0.5 s. The font's digits are equally wide.
+    spec = importlib.util.find_spec("matplotlib")
+    assert spec is not None
+    assert spec.origin is not None
+    package = Path(spec.origin).parent
+    name = "DejaVuSans-Bold.ttf" if size >= 20 else "DejaVuSans.ttf"
+    return ImageFont.truetype(str(package / "mpl-data" / "fonts" / "ttf" / name), size)
