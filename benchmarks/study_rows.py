@@ -5,7 +5,6 @@ returns the rows of one entry whose trainings have finished.
 """
 
 import csv
-import hashlib
 import itertools
 import os
 import shlex
@@ -21,6 +20,7 @@ from omegaconf import OmegaConf
 from rich.console import Console
 
 from benchmarks.board_rows import Row, board_rows
+from benchmarks.pretrained_rows import pretrained_rows
 from benchmarks.study_grid import Entry, Study, kept, run_logged
 from datamodules.image import read_image
 from datamodules.recording import Recording, read_recordings
@@ -28,7 +28,6 @@ from datamodules.split import Split, split_rows, write_split
 from simulator.hand_control import REACTION_S
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError
-from zoo.base.whole_file import json_text, write_whole
 from zoo.cli.compose import compose_config
 from zoo.drives.drive_log import summarize
 from zoo.drives.drive_record import Drive, DriveRow
@@ -282,66 +281,6 @@ def first_try_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
     lake = read_metrics_file(run)["drive"]["tracks"]["lake"]
     seconds = columns(read_json(run / "log_seconds.json"), "", ("wall_s", "cpu_s"), 0)
     yield seconds | columns(lake, "", ("autonomy", "interventions"))
-
-
-def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
-    """Write the checkpoint and the facts of a network, and drive it; the facts are its rows.
-
-    Raises:
-        InputError: the drives failed.
-    """
-    from zoo.benchmark.checked_result import read_result
-    from zoo.checkpoints.checkpoint import build_checkpoint, read_checkpoint_file
-    from zoo.checkpoints.checkpoint_path import PACKAGED, packaged_names
-    from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents
-
-    for run in entry.finished:
-        metrics, path = read_metrics_file(run), run / "checkpoints" / "best.ckpt"
-        contents = lean_contents(read_checkpoint_file(path))
-        # From `data.record`, a further training records what this one was trained on.
-        contents["drivezoo"]["config"]["data"]["root"] = None
-        checkpoint, data = build_checkpoint(contents, path), checkpoint_bytes(contents)
-        packaged = PACKAGED / f"{entry.name}.ckpt"
-        write_whole(packaged, data)
-        sha256, laps = hashlib.sha256(data).hexdigest(), study.config["laps"]
-        folder, workers = entry.folder / sha256[:8], f"workers={study.options.threads}"
-        evaluate = ["zoo.evaluate", str(packaged), "track=lake", f"seeds={laps}"]
-        benchmark = ["zoo.benchmark", str(packaged), "suite=quick", f"entry={entry.name}"]
-        for name, words in (("lake", evaluate), ("quick", benchmark)):
-            if not list((folder / name).glob("*.json")):
-                run_logged(folder / f"{name}.txt", [*words, workers, f"out={folder / name}"], 1)
-        figures = read_metrics_file(folder / "lake")["tracks"]["lake"]
-        result = read_result(folder / "quick")
-        facts = {
-            "network": type(checkpoint.network).__name__,
-            "parameters": metrics["parameters"],
-            "bytes": len(data),
-            "sha256": sha256,
-            "licence": "MIT",
-            "command": shlex.join(["drivezoo", "train", *study.command(entry)]),
-            "data": checkpoint.data,
-            "code": metrics["code"],
-            "versions": metrics["versions"],
-            "drives": {
-                "lake": {
-                    "command": f"drivezoo evaluate {entry.name} track=lake seeds={laps}",
-                    "drives": figures["drives"],
-                    "kept": figures["drives_without_intervention"],
-                    "autonomy": figures["autonomy"][0],
-                    "cte_mean_m": figures["cte_mean_m"][0],
-                },
-                "unseen": {
-                    "command": f"drivezoo benchmark {entry.name} suite=quick",
-                    "drives": len(result.drives),
-                    "kept": sum(not drive.figures["interventions"] for drive in result.drives),
-                    "headline": result.headline.model_dump(),
-                    "digest": result.digest,
-                },
-            },
-        }
-        write_whole(PACKAGED / f"{entry.name}.json", json_text(facts))
-        packaged_names.cache_clear()
-    return []
 
 
 PREPARE: dict[str, Callable[[Study], dict]] = {
