@@ -12,14 +12,12 @@ from tests.zoo.models.test_models_command import build
 from tests.zoo.written_checkpoints import write_pilotnet
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
 from zoo.checkpoints.command import Command, Policy, PolicyWrapper, as_policy
-from zoo.checkpoints.dropout_policy import DropoutPolicy
-from zoo.checkpoints.ensemble_policy import EnsemblePolicy
+from zoo.checkpoints.doubt_policy import DropoutPolicy, EnsemblePolicy
 from zoo.checkpoints.policy import CheckpointPolicy, load_policy
 from zoo.correct.collecting import LabellingPolicy
 from zoo.export.onnx_file import onnx_bytes
 from zoo.guard.guard_drives import Observer
-from zoo.monitor.guard_file import Guard
-from zoo.monitor.guarded_policy import GuardedPolicy
+from zoo.monitor.guarded_policy import Guard, GuardedPolicy
 from zoo.monitor.scores import make_score
 from zoo.worlds.embedded_world import open_embedded
 from zoo.worlds.scenario import Scenario

@@ -29,7 +29,7 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, load_plain
 from zoo.checkpoints.onnx_policy import open_session
 from zoo.checkpoints.policy import load_policy
-from zoo.monitor.guard_file import KEY, read_guard
+from zoo.monitor.guarded_policy import KEY, read_guard
 
 
 @pytest.fixture

@@ -40,7 +40,7 @@ from zoo.export.onnx_file import onnx_bytes
 from zoo.hub.card import described_hash
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert
-from zoo.monitor.guard_file import Guard, read_guard, write_guard
+from zoo.monitor.guarded_policy import Guard, read_guard, write_guard
 from zoo.monitor.scores import make_score
 
 FRAME = np.zeros((FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8)

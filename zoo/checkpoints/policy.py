@@ -17,8 +17,7 @@ from zoo.checkpoints.checkpoint import (
 )
 from zoo.checkpoints.command import Command, output_command
 from zoo.checkpoints.doubt_file import build_doubt
-from zoo.checkpoints.dropout_policy import DropoutPolicy
-from zoo.checkpoints.ensemble_policy import EnsemblePolicy
+from zoo.checkpoints.doubt_policy import DropoutPolicy, EnsemblePolicy
 from zoo.checkpoints.frame_memory import SessionPolicy
 from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
 from zoo.checkpoints.onnx_policy import OnnxPolicy, is_onnx

@@ -16,8 +16,7 @@ from zoo.runs.table import Column, Table
 from zoo.runs.table_files import TableFiles
 
 if TYPE_CHECKING:
-    from zoo.checkpoints.dropout_policy import DropoutPolicy
-    from zoo.checkpoints.ensemble_policy import EnsemblePolicy
+    from zoo.checkpoints.doubt_policy import DropoutPolicy, EnsemblePolicy
 
 TABLE_COLUMNS = ("checkpoint", "network", "parameters", "sees")
 

@@ -35,7 +35,7 @@ from zoo.guard.warning_figures import (
     warning_figures,
     window_scores,
 )
-from zoo.monitor.guard_file import Guard, write_guard
+from zoo.monitor.guarded_policy import Guard, write_guard
 from zoo.monitor.scores import METHODS, Score, fit_score, fit_threshold
 from zoo.monitor.signals import ENSEMBLE, signal_sources
 

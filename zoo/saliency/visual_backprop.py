@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from datamodules.batches import make_batch
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 from zoo.base.errors import InputError
-from zoo.checkpoints.ensemble_policy import EnsemblePolicy
+from zoo.checkpoints.doubt_policy import EnsemblePolicy
 from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy import CheckpointPolicy
 from zoo.models.image_layers import Crop

@@ -175,8 +175,7 @@ def _policy(driver: Driver, world: World, scenario: Scenario, own_speed: bool) -
         if own_speed:
             check_throttle(policy, scenario.throttle)
     if scenario.guard:
-        from zoo.monitor.guard_file import read_guard
-        from zoo.monitor.guarded_policy import GuardedPolicy
+        from zoo.monitor.guarded_policy import GuardedPolicy, read_guard
 
         policy = GuardedPolicy(policy, read_guard(scenario.guard))
     return policy

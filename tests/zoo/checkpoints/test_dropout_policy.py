@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
-from zoo.checkpoints.dropout_policy import DropoutPolicy, SampledNetwork
+from zoo.checkpoints.doubt_policy import DropoutPolicy, SampledNetwork
 from zoo.checkpoints.frozen_graph import network_inputs
 from zoo.models.lenet import LeNet
 from zoo.models.pilotnet import PilotNet

@@ -14,7 +14,7 @@ from tests.zoo.compositions import composed
 from tests.zoo.models.test_models_command import build
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.command import Command, Policy, as_policy
-from zoo.checkpoints.ensemble_policy import EnsemblePolicy
+from zoo.checkpoints.doubt_policy import EnsemblePolicy
 from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
 from zoo.checkpoints.policy import CheckpointPolicy
 from zoo.cli.compose import choices

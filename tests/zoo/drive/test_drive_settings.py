@@ -13,7 +13,7 @@ from zoo.checkpoints.command import Command
 from zoo.drive.__main__ import load_warm_policy
 from zoo.drive.drive_settings import CONTROLLERS, DriveSettings, check_settings
 from zoo.drives.speed_controller import PI
-from zoo.monitor.guard_file import Guard, write_guard
+from zoo.monitor.guarded_policy import Guard, write_guard
 from zoo.monitor.scores import make_score
 
 

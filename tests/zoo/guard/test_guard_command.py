@@ -13,7 +13,7 @@ from zoo.base.errors import InputError, UsageError
 from zoo.evaluate.__main__ import evaluate_or_replay as evaluate
 from zoo.guard.__main__ import guard
 from zoo.guard.conditions import Noisy
-from zoo.monitor.guard_file import read_guard
+from zoo.monitor.guarded_policy import read_guard
 from zoo.worlds.scenario import Scenario
 
 WORLD = ("quality=simple", "frame_rate=5", "speed=20", "margin=25", "workers=1")

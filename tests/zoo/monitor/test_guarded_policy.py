@@ -11,8 +11,7 @@ from zoo.base.errors import InputError
 from zoo.base.regular_file import hash_file
 from zoo.checkpoints.command import Command, Policy
 from zoo.checkpoints.policy import load_policy
-from zoo.monitor.guard_file import KEY, Guard, read_guard, write_guard
-from zoo.monitor.guarded_policy import GuardedPolicy, guarded
+from zoo.monitor.guarded_policy import KEY, Guard, GuardedPolicy, guarded, read_guard, write_guard
 from zoo.monitor.scores import fit_score, make_score
 
 DARK, BRIGHT = (np.full((160, 320, 3), grey, np.uint8) for grey in (20, 230))
