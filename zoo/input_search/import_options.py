@@ -10,6 +10,12 @@ from zoo.base.errors import UsageError
 from zoo.input_search.combinations import LEAST_ROWS
 
 Colour = Literal["rgb", "bgr", "yuv", "yuv_old", "hsv", "gray", "hsv_s"]
+# An example of each pair, and the form of its numbers.
+EXAMPLES = {
+    "crop": ("[60,25]", r"\d{1,4}"),
+    "size": ("[66,200]", r"\d{1,4}"),
+    "scale": ("[127.5,1], the divisor first and not 0", r"-?\d{1,6}(\.\d{1,9})?"),
+}
 Resize = Literal["area", "linear", "area_first", "linear_first"]
 
 
@@ -45,8 +51,8 @@ class ImportOptions:
     frames: Annotated[int, Field(ge=LEAST_ROWS, le=2000)] = 300
     out: str | None = None
 
-    def whole_pair(self, key: str) -> tuple[int, int] | None:
-        """Return `crop` or `size` as two whole numbers.
+    def pair(self, key: str) -> tuple[float, float] | None:
+        """Return `crop` or `size` as two whole numbers, or `scale` as divisor and subtracted one.
 
         Raises:
             UsageError: it is no such pair.
@@ -55,28 +61,15 @@ class ImportOptions:
         words = read_list(text)
         if words is None:
             return None
-        if len(words) != 2 or not all(re.fullmatch(r"\d{1,4}", one) for one in words):
-            example = "[60,25]" if key == "crop" else "[66,200]"
-            raise UsageError(f"{key}={text}: must be two whole numbers, as in {key}={example}")
-        return int(words[0]), int(words[1])
-
-    def scale_pair(self) -> tuple[float, float] | None:
-        """Return `scale` as divisor and subtracted number.
-
-        Raises:
-            UsageError: it is no such pair.
-        """
-        words = read_list(self.scale)
-        if words is None:
-            return None
-        number = r"-?\d{1,6}(\.\d{1,9})?"
-        good = len(words) == 2 and all(re.fullmatch(number, one) for one in words)
-        if not good or float(words[0]) == 0:
-            raise UsageError(
-                f"scale={self.scale}: must be two numbers, the divisor first and not 0, as in "
-                "scale=[127.5,1]"
-            )
-        return float(words[0]), float(words[1])
+        example, number = EXAMPLES[key]
+        if (
+            len(words) != 2
+            or not all(re.fullmatch(number, one) for one in words)
+            or (key == "scale" and float(words[0]) == 0)
+        ):
+            raise UsageError(f"{key}={text}: must be two numbers, as in {key}={example}")
+        one, other = map(float if key == "scale" else int, words)
+        return one, other
 
 
 def read_list(text: str | None) -> list[str] | None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 from rich.console import Console
 from torch import nn
@@ -31,20 +30,13 @@ from zoo.input_search.import_tables import (
     trials_table,
 )
 from zoo.input_search.judgement import judge
-from zoo.input_search.trials import Trials, try_inputs
+from zoo.input_search.trials import try_inputs
 from zoo.keras.keras_file import KerasModel, read_keras_apart
 from zoo.keras.keras_layers import ConvertedKeras, convert
 from zoo.models.make_network import make_network
 
 IMPORTED = "imported"  # key of a checkpoint that an import wrote; its value is the file's name
 FILE, KEY, SEARCH, GUESS = "the file", "your key", "trying on the recording", "a guess"
-
-
-class _Known(NamedTuple):
-    """A converted network, and facts about its input."""
-
-    converted: ConvertedKeras
-    input: KnownInput
 
 
 def import_network(file: str, options: ImportOptions, console: Console) -> Path:
@@ -60,18 +52,17 @@ def import_network(file: str, options: ImportOptions, console: Console) -> Path:
     out = checked_out(out, inputs)
     model = read_keras_apart(path, Path(options.weights).expanduser() if options.weights else None)
     recording = read_recordings(options.recording) if options.recording else None
-    known = _known(model, options, searches=recording is not None)
-    console.print(architecture_table(path.name, known.converted.notes, console.width))
+    converted, known = _known(model, options, searches=recording is not None)
+    console.print(architecture_table(path.name, converted.notes, console.width))
     if recording is None:
-        found = likeliest_combination(known.input)
-        rest = GUESS
+        found = likeliest_combination(known)
     else:
-        found = _search(known, recording, options.frames, console)
-        rest = SEARCH
+        found = _search(converted, known, recording, options.frames, console)
+    rest = GUESS if recording is None else SEARCH
     console.print(input_table(found, _sources(known, options, rest), console.width))
     for line in _guesses(path, known, found) if recording is None else []:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
-    _write(out, path, known.converted, found, recording)
+    _write(out, path, converted, found, recording)
     print_written([out], ["evaluate", out, "track=udacity_lake"], console)
     return out
 
@@ -95,9 +86,11 @@ def network_maker(converted: ConvertedKeras) -> Callable[[View, Scale], nn.Modul
     return make
 
 
-def _known(model: KerasModel, options: ImportOptions, searches: bool) -> _Known:
+def _known(
+    model: KerasModel, options: ImportOptions, searches: bool
+) -> tuple[ConvertedKeras, KnownInput]:
     """Convert the model, and return what its file and the user's keys tell of its input."""
-    scale, size = options.scale_pair(), options.whole_pair("size")
+    scale, size = options.pair("scale"), options.pair("size")
     lambdas, outputs = read_list(options.lambdas), read_list(options.outputs)
     try:
         converted = convert(model, scale, lambdas, outputs, size)
@@ -117,41 +110,46 @@ def _known(model: KerasModel, options: ImportOptions, searches: bool) -> _Known:
             f"{model.path}: does not tell how its pixels are scaled; set scale=[127.5,1] for "
             "x / 127.5 - 1, [255,0.5], [255,0] or [1,0], or recording=FOLDER to find it out"
         )
-    known = KnownInput(
+    return converted, KnownInput(
         shape=converted.input_shape,
         colour=options.colour,
-        crop=options.whole_pair("crop"),
+        crop=options.pair("crop"),
         resize=options.resize,
         scale=scale,
     )
-    return _Known(converted, known)
 
 
-def _search(known: _Known, recording: Recording, frames: int, console: Console) -> Combination:
+def _search(
+    converted: ConvertedKeras,
+    known: KnownInput,
+    recording: Recording,
+    frames: int,
+    console: Console,
+) -> Combination:
     """Try inputs on a recording, print the results, and return the best."""
     with progress_bar("trying colours and crops", console) as show:
         some = read_trial_frames(recording, frames, lambda share: show(0.1 * share))
-        make = network_maker(known.converted)
-        trials: Trials = try_inputs(make, known.input, some, lambda share: show(0.1 + 0.9 * share))
+        make = network_maker(converted)
+        trials = try_inputs(make, known, some, lambda share: show(0.1 + 0.9 * share))
         judged = judge(trials)
     console.print(trials_table(trials, judged, console.width))
     print_judgement(judged, console)
     return judged.best.combination
 
 
-def _sources(known: _Known, options: ImportOptions, rest: str) -> dict[str, str]:
+def _sources(known: KnownInput, options: ImportOptions, rest: str) -> dict[str, str]:
     """Return where each part of the input came from."""
     sources = {key: KEY if getattr(options, key) else rest for key in ("colour", "crop", "resize")}
     sources["size"] = KEY if options.size else FILE
-    found = FILE if known.input.scale else rest
+    found = FILE if known.scale else rest
     return sources | {"scale": KEY if options.scale else found}
 
 
-def _guesses(path: Path, known: _Known, found: Combination) -> list[str]:
+def _guesses(path: Path, known: KnownInput, found: Combination) -> list[str]:
     keys = {"colour": found.view.colour, "crop": str(list(found.view.crop)).replace(" ", "")}
-    if known.input.shape[:2] == (160, 320):
+    if known.shape[:2] == (160, 320):
         keys.pop("crop")  # the whole frame
-    guessed = [f"{key}={keys[key]}" for key in keys if getattr(known.input, key) is None]
+    guessed = [f"{key}={keys[key]}" for key in keys if getattr(known, key) is None]
     if not guessed:
         return []
     return [
