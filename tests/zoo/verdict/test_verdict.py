@@ -77,6 +77,13 @@ def test_the_next_command_names_a_track_as_the_user_typed_it() -> None:
     assert "=my_track.yaml" in judge([drive(0, "my_track")], known).commands[-1][1]
 
 
+def test_the_next_command_after_another_world_names_it() -> None:
+    verdict = judge([drive(0, "Lake-v0")], evidence(), ["Lake-v0"], "gymnasium")
+    command = verdict.commands[-1][1]
+    assert "evaluate" in command
+    assert "track=Lake-v0 world=gymnasium" in command
+
+
 def test_start_seeds_of_one_track_have_a_count_and_no_interval() -> None:
     verdict = judge([drive(seed=seed) for seed in range(3)], evidence())
     assert "3 of 3 (tracks: 1, start seeds: 3, trainings: 1)" in verdict.certainty
