@@ -1,18 +1,19 @@
 """comma.ai's steering network, 2016: https://github.com/commaai/research."""
 
-from torch import Tensor, nn
+from torch import nn
 
 from zoo.models.layers import (
     SCALE,
     Dropout,
     Normalize,
+    OneFrame,
     SameConv2d,
     activation_layer,
     feature_shape,
 )
 
 
-class CommaAi(nn.Module):
+class CommaAi(OneFrame):
     """comma.ai's network: 6,621,809 parameters at 3 x 160 x 320.
 
     The first dense layer holds nearly all of them.
@@ -24,9 +25,6 @@ class CommaAi(nn.Module):
         width: factor on the channels and units of every hidden layer.
         scale: divisor of the pixels, and the number subtracted afterwards.
     """
-
-    takes_speed = False
-    outputs = 1
 
     def __init__(
         self,
@@ -54,7 +52,3 @@ class CommaAi(nn.Module):
             activation_layer(activation),
             nn.Linear(f1, 1),
         )
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Return the steering [N, 1] for images [N, C, H, W]."""
-        return self.head(self.features(images).flatten(1))

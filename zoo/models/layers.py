@@ -59,6 +59,17 @@ def checked_scale(scale: object) -> tuple[float, float]:
     )
 
 
+class OneFrame(nn.Module):
+    """A network that steers by one frame: a subclass sets `features` and `head`."""
+
+    takes_speed = False
+    outputs = 1
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Return the steering [N, 1] for images [N, C, H, W]."""
+        return self.head(self.features(images).flatten(1))
+
+
 class SameConv2d(nn.Conv2d):
     """A convolution with TensorFlow's "same" padding: an odd padding adds more at the end."""
 

@@ -3,12 +3,12 @@
 Max pooling and ReLU, as in the course, and one output instead of ten.
 """
 
-from torch import Tensor, nn
+from torch import nn
 
-from zoo.models.layers import SCALE, Normalize, activation_layer, feature_shape
+from zoo.models.layers import SCALE, Normalize, OneFrame, activation_layer, feature_shape
 
 
-class LeNet(nn.Module):
+class LeNet(OneFrame):
     """LeNet-5 with one output: 137,741 parameters at 1 x 32 x 64.
 
     Args:
@@ -18,9 +18,6 @@ class LeNet(nn.Module):
         width: factor on the channels and units of every hidden layer.
         scale: divisor of the pixels, and the number subtracted afterwards.
     """
-
-    takes_speed = False
-    outputs = 1
 
     def __init__(
         self,
@@ -50,7 +47,3 @@ class LeNet(nn.Module):
             nn.Dropout(dropout),
             nn.Linear(f2, 1),
         )
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Return the steering [N, 1] for images [N, C, H, W]."""
-        return self.head(self.features(images).flatten(1))

@@ -3,12 +3,12 @@
 Both use only the saturation channel, which shows the road's edge clearly.
 """
 
-from torch import Tensor, nn
+from torch import nn
 
-from zoo.models.layers import SCALE, Normalize, activation_layer, feature_shape
+from zoo.models.layers import SCALE, Normalize, OneFrame, activation_layer, feature_shape
 
 
-class Tiny(nn.Module):
+class Tiny(OneFrame):
     """A one-dimensional convolution with rows as channels: 41 parameters at 1 x 11 x 32.
 
     Args:
@@ -18,9 +18,6 @@ class Tiny(nn.Module):
         width: factor on the two channels.
         scale: divisor of the pixels, and the number subtracted afterwards.
     """
-
-    takes_speed = False
-    outputs = 1
 
     def __init__(
         self,
@@ -51,12 +48,8 @@ class Tiny(nn.Module):
         )
         self.head = nn.Linear(channels * (columns // 4), 1)
 
-    def forward(self, images: Tensor) -> Tensor:
-        """Return the steering [N, 1] for images [N, C, H, W]."""
-        return self.head(self.features(images).flatten(1))
 
-
-class Tiny63(nn.Module):
+class Tiny63(OneFrame):
     """A convolution, a pooling and a dense layer: 63 parameters at 1 x 16 x 32.
 
     Args:
@@ -66,9 +59,6 @@ class Tiny63(nn.Module):
         width: factor on the two channels.
         scale: divisor of the pixels, and the number subtracted afterwards.
     """
-
-    takes_speed = False
-    outputs = 1
 
     def __init__(
         self,
@@ -87,7 +77,3 @@ class Tiny63(nn.Module):
             nn.Dropout(dropout),
         )
         self.head = nn.Linear(feature_shape(self.features, shape, "Tiny63").numel(), 1)
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Return the steering [N, 1] for images [N, C, H, W]."""
-        return self.head(self.features(images).flatten(1))
