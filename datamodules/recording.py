@@ -18,6 +18,7 @@ import numpy as np
 
 from datamodules.driving_log import CAMERAS, NUMBERS, RANGES, BadRows, degrees_hint, range_fault
 from datamodules.image import MOST_IMAGE_BYTES, decode_pixels
+from datamodules.steering_unit import SteeringUnit
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError
 from zoo.base.regular_file import read_regular
@@ -28,7 +29,21 @@ SOURCE_NAME = "source.json"  # beside the log of a converted recording
 GAP_S = 1.0  # a longer time between two rows is a gap in the recording
 LAST_S = 253_402_300_800.0  # 10000-01-01: image names have four digits for the year
 GROUP = "drivezoo.formats"  # entry points of installed packages
-OWN = {name: f"datamodules.formats.{name}" for name in ("udacity", "lerobot", "donkeycar")}
+OWN = {
+    name: f"datamodules.formats.{name}"
+    for name in (
+        "udacity",
+        "lerobot",
+        "donkeycar",
+        "challenge2",
+        "sullychen",
+        "deeppicar",
+        "named_images",
+        "comma2016",
+        "comma2k19",
+        "table",
+    )
+}
 
 Stored = np.ndarray | bytes  # pixels, uint8 [H, W, 3] RGB, or a JPEG or PNG
 
@@ -168,6 +183,8 @@ class ReadOptions:
         images: folder of the images, if not the usual one.
         on_bad_image: `fail`, or `skip` a row whose image is missing.
         on_bad_row: `fail`, or `skip` a row that cannot be read.
+        unit: what the steering's numbers mean; None takes what the format says.
+        columns: columns of a table by what they hold: image, steering, ...
         steering: number that steers, in the format's words; None finds it.
         camera: name of the centre camera; None finds it.
         speed_unit: `mph`, `mps` or `kmh`, for a speed whose unit is not stated.
@@ -176,6 +193,8 @@ class ReadOptions:
     images: str | None = None
     on_bad_image: str = "fail"
     on_bad_row: str = "fail"
+    unit: SteeringUnit | None = None
+    columns: Mapping[str, str] | None = None
     steering: str | None = None
     camera: str | None = None
     speed_unit: str = "mps"

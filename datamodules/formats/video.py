@@ -14,6 +14,7 @@ from zoo.base.regular_file import open_regular
 from zoo.base.video import VideoWriter
 
 MOST_VIDEO_BYTES = 64_000_000_000
+CONTAINERS = {".mp4": "mov", ".mov": "mov", ".avi": "avi", ".hevc": "hevc"}  # ffmpeg's names
 # As LeRobot's own writer: every second frame is a key frame, so that any frame is read quickly.
 KEY_FRAMES = 2
 # Without these, the conversion between RGB and YUV rounds down: frames get darker by 1 of 255.
@@ -37,8 +38,8 @@ def video_writer(path: Path, size: tuple[int, int], fps: int, crf: int) -> Video
 def read_frames(path: Path) -> Iterator[np.ndarray]:
     """Yield a video's frames in order, uint8 [H, W, 3] RGB.
 
-    Only the file itself is opened: ffmpeg takes it for nothing but MP4, follows no playlist in it
-    and opens no address.
+    Only the file itself is opened: ffmpeg takes it for nothing but the container of its suffix
+    (MP4 without one), follows no playlist in it and opens no address.
 
     Raises:
         InputError: the file is missing or damaged, or its frames are too large.
@@ -48,7 +49,8 @@ def read_frames(path: Path) -> Iterator[np.ndarray]:
         os.close(descriptor)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}; download the file again") from None
-    limits = ["-f", "mov", "-protocol_whitelist", "file", "-max_pixels", str(MOST_PIXELS)]
+    container = CONTAINERS.get(path.suffix.lower(), "mov")
+    limits = ["-f", container, "-protocol_whitelist", "file", "-max_pixels", str(MOST_PIXELS)]
     reader = imageio_ffmpeg.read_frames(
         f"file:{path.absolute()}",
         input_params=[*limits, "-err_detect", "explode", "-xerror"],
@@ -58,7 +60,7 @@ def read_frames(path: Path) -> Iterator[np.ndarray]:
         try:
             width, height = next(reader)["size"]
         except Exception:  # a damaged header can make its parser raise anything
-            raise InputError(f"{path}: no MP4 video, or damaged; download it again") from None
+            raise InputError(f"{path}: no {container} video, or damaged; copy it again") from None
         if width * height > MOST_PIXELS:
             raise InputError(
                 f"{path}: frames of {width} x {height} pixels, more than {MOST_PIXELS:,}; scale "

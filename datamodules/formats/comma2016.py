@@ -1,0 +1,104 @@
+"""comma.ai's dataset of 2016: `camera/NAME.h5` with images and `log/NAME.h5` with numbers.
+
+https://github.com/commaai/research, Logs.md: images uint8 [N, 3, 160, 320] at 20 Hz; a log of 100
+Hz with `steering_angle` (degrees of the wheel of an Acura ILX of 2016), `speed` (m/s) and
+`cam1_ptr`, the image of each row. The sign is not stated.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from datamodules.driving_log import BadRows
+from datamodules.formats.labels import labelled_recording
+from datamodules.recording import ForwardReader, ReadOptions, Recording, StoredImage
+from datamodules.steering_unit import SteeringUnit
+from zoo.base.errors import InputError
+from zoo.base.limits import MOST
+from zoo.base.regular_file import open_binary
+
+title = "recording of comma.ai (2016)"
+UNIT = SteeringUnit("deg", full=500.0, right="negative")
+MOST_BYTES = 64_000_000_000
+MOST_VALUES = 100 * MOST["rows"]
+SHAPE = (3, 160, 320)
+
+
+def detect(path: Path) -> bool:
+    """Return whether a folder holds a camera's file and its log."""
+    return any((path / "log" / camera.name).is_file() for camera in (path / "camera").glob("*.h5"))
+
+
+def read(path: Path, options: ReadOptions) -> Recording:
+    """Return a row for each image that the logs name.
+
+    Raises:
+        InputError: h5py is missing, a file is damaged, or the images do not settle the sign.
+    """
+    rows: dict[str, list] = {
+        name: [] for name in ("place", "center", "steering", "speed_mps", "time_s")
+    }
+    reader = ForwardReader(_images)
+    for camera in sorted((path / "camera").glob("*.h5")):
+        log = path / "log" / camera.name
+        pointer, degrees, speed, time_s = _log(log)
+        # The first row of the log in which an image is the last one.
+        images, first = np.unique(pointer, return_index=True)
+        known = images >= 0
+        for image, row in zip(images[known].tolist(), first[known].tolist(), strict=True):
+            rows["place"].append(f"{log}, row {row + 1}")
+            rows["center"].append(StoredImage(str(camera), image, reader))
+        for name, column in (("steering", degrees), ("speed_mps", speed), ("time_s", time_s)):
+            rows[name] += column[first[known]].tolist()
+    bad = BadRows(options.on_bad_row)
+    return labelled_recording(path, rows, UNIT, options, bad, is_stated=False)
+
+
+def _log(path: Path) -> tuple[np.ndarray, ...]:
+    """Return the columns of a log: image of each row, degrees, m/s, seconds."""
+    with _open(path) as file:
+        names = ("cam1_ptr", "steering_angle", "speed", "times")
+        pointer, *numbers = (_dataset(file, path, name, 1)[:] for name in names)
+    if len({len(column) for column in (pointer, *numbers)}) > 1:
+        raise InputError(f"{path}: its columns differ in length; download it again")
+    return np.nan_to_num(pointer, nan=-1).astype(np.int64), *numbers
+
+
+def _images(name: str) -> Iterator[np.ndarray]:
+    """Yield the images of a file, uint8 [H, W, 3] RGB."""
+    path = Path(name)
+    with _open(path) as file:
+        images = _dataset(file, path, "X", 4)
+        if images.dtype != np.uint8 or images.shape[1:] != SHAPE:
+            raise InputError(f"{path}: X is not uint8 [N, 3, 160, 320]; download it again")
+        for number in range(len(images)):
+            try:
+                yield np.ascontiguousarray(images[number].transpose(1, 2, 0))
+            except OSError as error:
+                raise ValueError(f"{path}: image {number + 1} is damaged ({error})") from None
+
+
+def _open(path: Path) -> Any:
+    try:
+        import h5py
+    except ImportError:
+        raise InputError(f"{path}: needs h5py; install drivezoo[keras]") from None
+    try:
+        return h5py.File(open_binary(path, MOST_BYTES), "r")
+    except OSError as error:
+        raise InputError(f"{path}: no whole HDF5 file ({error}); download it again") from None
+
+
+def _dataset(file: Any, path: Path, name: str, dimensions: int) -> Any:
+    """Return a dataset of numbers, which no link leads to another file for."""
+    import h5py
+
+    found = file[name] if isinstance(file.get(name, getlink=True), h5py.HardLink) else None
+    fits = (
+        isinstance(found, h5py.Dataset) and found.ndim == dimensions and found.dtype.kind in "uif"
+    )
+    if not fits or found.external or found.is_virtual or len(found) > MOST_VALUES:
+        raise InputError(f"{path}: {name} is no array of numbers in the file; download it again")
+    return found

@@ -1,0 +1,65 @@
+"""Segments of comma2k19: `processed_log/CAN/steering_angle/{t,value}` beside `video.hevc`.
+
+https://github.com/commaai/comma2k19: degrees of the wheel, m/s, seconds since the start of the
+phone; `global_pose/frame_times` has the time of each frame. The sign is not stated.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from datamodules.driving_log import BadRows
+from datamodules.formats.labels import labelled_recording, video_images
+from datamodules.recording import ReadOptions, Recording
+from datamodules.steering_unit import SteeringUnit
+from zoo.base.errors import InputError
+from zoo.base.limits import MOST
+from zoo.base.regular_file import open_binary
+
+title = "segment of comma2k19"
+UNIT = SteeringUnit("deg", full=500.0, right="negative")
+VIDEO, TIMES = "video.hevc", "global_pose/frame_times"
+STEERING, SPEED = "processed_log/CAN/steering_angle", "processed_log/CAN/speed"
+MOST_BYTES = 8 * 100 * MOST["rows"]
+
+
+def detect(path: Path) -> bool:
+    """Return whether a folder is a segment with its video."""
+    return (path / STEERING / "value").is_file() and (path / VIDEO).is_file()
+
+
+def read(path: Path, options: ReadOptions) -> Recording:
+    """Return a row for each frame, with the steering and the speed at its time.
+
+    Raises:
+        InputError: a file is damaged, or the images do not settle the sign.
+    """
+    times = _array(path / TIMES)
+    image = video_images(path / VIDEO)
+    rows = {
+        "place": [f"{path / VIDEO}, frame {number}" for number in range(1, len(times) + 1)],
+        "center": [image(number) for number in range(len(times))],
+        "time_s": times.tolist(),
+        "steering": _at(times, path / STEERING).tolist(),
+        "speed_mps": _at(times, path / SPEED).tolist(),
+    }
+    bad = BadRows(options.on_bad_row)
+    return labelled_recording(path, rows, UNIT, options, bad, is_stated=False)
+
+
+def _at(times: np.ndarray, folder: Path) -> np.ndarray:
+    """Return a signal at some times, linear between its samples."""
+    at, value = _array(folder / "t"), _array(folder / "value")
+    if len(at) != len(value) or not len(at) or (np.diff(at) < 0).any():
+        raise InputError(f"{folder}: t and value are no signal in time; download it again")
+    return np.interp(times, at, value)
+
+
+def _array(path: Path) -> np.ndarray:
+    """Return the numbers in a file of NumPy, float64 [N]."""
+    try:
+        with open_binary(path, MOST_BYTES) as file:
+            found = np.load(file, allow_pickle=False)
+        return found.astype(np.float64).reshape(len(found))
+    except (OSError, ValueError, TypeError, AttributeError, EOFError) as error:
+        raise InputError(f"{path}: no array of numbers ({error}); download it again") from None

@@ -1,0 +1,47 @@
+"""Recordings of a DeepPicar: `out-video.avi` and `out-key.csv`.
+
+https://github.com/mbechtel2/DeepPicar-v3, deeppicar.py: radians of the front wheels, 30 degrees at
+full lock, positive to the right; frames are counted from 1.
+"""
+
+import math
+from pathlib import Path
+from typing import Any
+
+from datamodules.driving_log import BadRows
+from datamodules.formats.labels import collect, decimal, labelled_recording, read_csv, video_images
+from datamodules.recording import ReadOptions, Recording
+from datamodules.steering_unit import SteeringUnit
+
+title = "DeepPicar recording"
+KEYS, VIDEO = "out-key.csv", "out-video.avi"
+UNIT = SteeringUnit("rad", full=math.radians(30))
+
+
+def detect(path: Path) -> bool:
+    """Return whether a folder holds the file of keys and the video."""
+    return (path / KEYS).is_file() and (path / VIDEO).is_file()
+
+
+def read(path: Path, options: ReadOptions) -> Recording:
+    """Return the rows of the file of keys, each with its frame of the video.
+
+    Raises:
+        InputError: a row is bad, or the steering is not in radians of the wheels.
+    """
+    image = video_images(path / VIDEO)
+
+    def parse(fields: dict[str, str]) -> dict[str, Any]:
+        frame = decimal(fields, "frame")
+        if frame < 1 or frame % 1:
+            raise ValueError(f"frame is {fields['frame']:.20}, not a number from 1")
+        time_s = decimal(fields, "ts_micro") / 1000  # it is in milliseconds, despite its name
+        return {
+            "steering": decimal(fields, "wheel"),
+            "time_s": time_s,
+            "center": image(int(frame) - 1),
+        }
+
+    bad = BadRows(options.on_bad_row)
+    rows = collect(read_csv(path / KEYS, ("ts_micro", "frame", "wheel"), bad), parse, bad)
+    return labelled_recording(path, rows, UNIT, options, bad)

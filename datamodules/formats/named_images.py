@@ -1,0 +1,47 @@
+"""Images whose names hold a point of the road ahead, as JetRacer and JetBot write them.
+
+https://github.com/NVIDIA-AI-IOT/jetracer, notebooks/xy_dataset.py: `<x>_<y>_<uuid>.jpg`, pixels;
+JetBot's road following: `xy_<x>_<y>_<uuid>.jpg`. The steering is the point's distance from the
+middle, in halves of the image's width, as both projects' networks learn it. There is no time.
+"""
+
+import re
+from pathlib import Path
+
+from datamodules.driving_log import BadRows
+from datamodules.formats.labels import labelled_recording
+from datamodules.image import MOST_IMAGE_BYTES, image_size
+from datamodules.recording import ReadOptions, Recording
+from datamodules.steering_unit import SteeringUnit
+from zoo.base.errors import InputError
+from zoo.base.regular_file import open_binary
+
+title = "folder of a JetRacer or JetBot"
+NOTE = "the steering is the way to a point of the road ahead; the images have no times"
+_NAME = re.compile(r"(?:xy_)?(\d{1,5})_(\d{1,5})_[0-9a-f]{8}[0-9a-f-]*\.jpe?g", re.IGNORECASE)
+
+
+def detect(path: Path) -> bool:
+    """Return whether a folder holds an image with such a name."""
+    return path.is_dir() and any(_NAME.fullmatch(image.name) for image in path.glob("*_*_*.jp*g"))
+
+
+def read(path: Path, options: ReadOptions) -> Recording:
+    """Return the images in the order of their names.
+
+    Raises:
+        InputError: the first image is damaged, or the points are beyond its width.
+    """
+    found = [(image, _NAME.fullmatch(image.name)) for image in sorted(path.iterdir())]
+    named = [(str(image), int(name[1])) for image, name in found if name]
+    first = named[0][0]
+    try:
+        with open_binary(first, MOST_IMAGE_BYTES) as file:
+            half = image_size(file)[0] / 2
+    except (OSError, ValueError) as error:
+        raise InputError(f"{first}: {error}; copy it again, or delete it") from None
+    images, points = map(list, zip(*named, strict=True))
+    rows = {"place": images, "center": images, "steering": points}
+    unit = SteeringUnit("px", full=half, zero=half)
+    bad = BadRows(options.on_bad_row)
+    return labelled_recording(path, rows, unit, options, bad, notes=(NOTE,))

@@ -1,0 +1,65 @@
+"""The layout of SullyChen's dataset: `data.txt` with an image and degrees of the wheel a line.
+
+https://github.com/SullyChen/driving-datasets: `0.jpg -1.23` or `0.jpg -1.23,2018-07-01
+17:09:44:912`. The wheel's degrees are those of a Honda Civic of 2014; toy cars use the same layout
+for a servo's numbers, which is why the images must agree.
+"""
+
+import re
+from collections.abc import Iterator
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from datamodules.driving_log import BadRows
+from datamodules.formats.labels import collect, inside, labelled_recording
+from datamodules.log_text import MOST_LOG_BYTES
+from datamodules.recording import ReadOptions, Recording
+from datamodules.steering_unit import SteeringUnit
+from zoo.base.regular_file import open_text
+
+title = "folder in SullyChen's layout"
+LOG = "data.txt"
+UNIT = SteeringUnit("deg", full=540.0)  # of the wheel; one and a half turns to full lock
+_ROW = re.compile(r"(\S+\.(?:jpe?g|png)) (-?[\d.]+(?:e-?\d+)?)(?:,(\S+ \S+))?", re.IGNORECASE)
+
+
+def detect(path: Path) -> bool:
+    """Return whether a folder holds a `data.txt` whose first row names an image."""
+    if not (path / LOG).is_file():
+        return False
+    with open_text(path / LOG, MOST_LOG_BYTES, errors="replace") as file:
+        return bool(_ROW.fullmatch(file.readline(1000).strip()))
+
+
+def read(path: Path, options: ReadOptions) -> Recording:
+    """Return the rows of `data.txt`.
+
+    Raises:
+        InputError: a row or an image is bad, or the images do not agree with the steering.
+    """
+
+    def parse(text: str) -> dict[str, Any]:
+        row = _ROW.fullmatch(text)
+        if row is None:
+            raise ValueError(f"{text!r:.80} is not IMAGE DEGREES[,DATE TIME]")
+        image, degrees, moment = row.groups()
+        return {"center": inside(path, image), "steering": float(degrees), "time_s": _time(moment)}
+
+    bad = BadRows(options.on_bad_row)
+    rows = collect(_lines(path / LOG), parse, bad)
+    return labelled_recording(path, rows, UNIT, options, bad, is_stated=False)
+
+
+def _lines(log: Path) -> Iterator[tuple[str, str]]:
+    with open_text(log, MOST_LOG_BYTES, errors="replace") as file:
+        for line, text in enumerate(file, 1):
+            if text.strip() and text.endswith("\n"):  # the last may be half written
+                yield f"{log}, row {line}", text.strip()
+
+
+def _time(text: str | None) -> float:
+    if text is None:
+        return float("nan")
+    moment = datetime.strptime(text, "%Y-%m-%d %H:%M:%S:%f")
+    return moment.replace(tzinfo=timezone.utc).timestamp()
