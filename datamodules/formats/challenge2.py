@@ -5,6 +5,7 @@ of a Lincoln MKZ, positive to the left; 20 frames a second, m/s. The wheel turns
 as the front wheels. https://github.com/rwightman/udacity-driving-reader writes the training layout.
 """
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,19 @@ from datamodules.formats.labels import (
 )
 from datamodules.recording import ReadOptions, Recording
 from datamodules.steering_unit import SteeringUnit
+from zoo.base.rig import Camera, single_camera_rig
 
 title = "recording of Udacity's Challenge 2"
 TRAINING, TEST = "interpolated.csv", "CH2_final_evaluation.csv"
 UNIT = SteeringUnit("rad", full=8.2, right="negative")  # 470 degrees of the wheel
+# The wheel's ratio: shared by the challenge's teams. The wheelbase: Lincoln's data of 2016.
+RIG = single_camera_rig(
+    "Lincoln MKZ of Challenge 2",
+    Camera(0.0, 1.4, 0.4, size=(640, 480), vertical_fov_deg=45.0),
+    wheelbase_m=2.85,
+    steering_deg=math.degrees(UNIT.full) / 14.8,
+    guesses=("camera", "full"),
+)
 SAME_MOMENT_S = 0.05  # the cameras are not triggered together
 
 
@@ -41,7 +51,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
     """
     bad = BadRows(options.on_bad_row)
     rows = _training(path, bad) if (path / TRAINING).is_file() else _test(path, bad)
-    return labelled_recording(path, rows, UNIT, options, bad)
+    return labelled_recording(path, rows, UNIT, options, bad, rig=RIG)
 
 
 def _test(path: Path, bad: BadRows) -> Rows:

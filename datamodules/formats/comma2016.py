@@ -18,9 +18,18 @@ from datamodules.steering_unit import SteeringUnit
 from zoo.base.errors import InputError
 from zoo.base.limits import MOST
 from zoo.base.regular_file import open_binary
+from zoo.base.rig import Camera, single_camera_rig
 
 title = "recording of comma.ai (2016)"
 UNIT = SteeringUnit("deg", full=500.0, right="negative")
+# Wheelbase and ratio: openpilot's values of the Acura ILX (18.61).
+RIG = single_camera_rig(
+    "Acura ILX of 2016",
+    Camera(0.0, 1.3, 0.4, size=(320, 160), vertical_fov_deg=45.0),
+    wheelbase_m=2.67,
+    steering_deg=UNIT.full / 18.61,
+    guesses=("camera", "full"),
+)
 MOST_BYTES = 64_000_000_000
 MOST_VALUES = 100 * MOST["rows"]
 SHAPE = (3, 160, 320)
@@ -53,7 +62,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
         for name, column in (("steering", degrees), ("speed_mps", speed), ("time_s", time_s)):
             rows[name] += column[first[known]].tolist()
     bad = BadRows(options.on_bad_row)
-    return labelled_recording(path, rows, UNIT, options, bad, is_stated=False)
+    return labelled_recording(path, rows, UNIT, options, bad, is_stated=False, rig=RIG)
 
 
 def _log(path: Path) -> tuple[np.ndarray, ...]:

@@ -15,9 +15,18 @@ from datamodules.steering_unit import SteeringUnit
 from zoo.base.errors import InputError
 from zoo.base.limits import MOST
 from zoo.base.regular_file import open_binary
+from zoo.base.rig import Camera, single_camera_rig
 
 title = "segment of comma2k19"
 UNIT = SteeringUnit("deg", full=500.0, right="negative")
+# One of two cars, a Toyota RAV4 and a Honda Civic; the numbers are openpilot's of the RAV4.
+RIG = single_camera_rig(
+    "car of comma2k19",
+    Camera(0.0, 1.2, 0.4, size=(1164, 874), vertical_fov_deg=51.3),
+    wheelbase_m=2.65,
+    steering_deg=UNIT.full / 16.88,
+    guesses=("which of two cars", "place of the camera", "full"),
+)
 VIDEO, TIMES = "video.hevc", "global_pose/frame_times"
 STEERING, SPEED = "processed_log/CAN/steering_angle", "processed_log/CAN/speed"
 MOST_BYTES = 8 * 100 * MOST["rows"]
@@ -44,7 +53,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
         "speed_mps": _at(times, path / SPEED).tolist(),
     }
     bad = BadRows(options.on_bad_row)
-    return labelled_recording(path, rows, UNIT, options, bad, is_stated=False)
+    return labelled_recording(path, rows, UNIT, options, bad, is_stated=False, rig=RIG)
 
 
 def _at(times: np.ndarray, folder: Path) -> np.ndarray:

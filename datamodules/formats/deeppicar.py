@@ -12,10 +12,19 @@ from datamodules.driving_log import BadRows
 from datamodules.formats.labels import collect, decimal, labelled_recording, read_csv, video_images
 from datamodules.recording import ReadOptions, Recording
 from datamodules.steering_unit import SteeringUnit
+from zoo.base.rig import Camera, single_camera_rig
 
 title = "DeepPicar recording"
 KEYS, VIDEO = "out-key.csv", "out-video.avi"
 UNIT = SteeringUnit("rad", full=math.radians(30))
+
+RIG = single_camera_rig(
+    "DeepPicar",
+    Camera(0.0, 0.15, 0.1, size=(320, 240), vertical_fov_deg=45.0),
+    wheelbase_m=0.14,
+    steering_deg=30.0,
+    guesses=("camera", "wheelbase"),
+)
 
 
 def detect(path: Path) -> bool:
@@ -44,4 +53,4 @@ def read(path: Path, options: ReadOptions) -> Recording:
 
     bad = BadRows(options.on_bad_row)
     rows = collect(read_csv(path / KEYS, ("ts_micro", "frame", "wheel"), bad), parse, bad)
-    return labelled_recording(path, rows, UNIT, options, bad)
+    return labelled_recording(path, rows, UNIT, options, bad, rig=RIG)

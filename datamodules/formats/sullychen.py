@@ -17,10 +17,18 @@ from datamodules.log_text import MOST_LOG_BYTES
 from datamodules.recording import ReadOptions, Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.regular_file import open_text
+from zoo.base.rig import Camera, single_camera_rig
 
 title = "folder in SullyChen's layout"
 LOG = "data.txt"
 UNIT = SteeringUnit("deg", full=540.0)  # of the wheel; one and a half turns to full lock
+RIG = single_camera_rig(
+    "Honda Civic of 2014",
+    Camera(0.0, 1.3, 0.4, size=(455, 256), vertical_fov_deg=45.0),
+    wheelbase_m=2.67,
+    steering_deg=UNIT.full / 16,
+    guesses=("camera", "full", "ratio of the steering wheel"),
+)
 _ROW = re.compile(r"(\S+\.(?:jpe?g|png)) (-?[\d.]+(?:e-?\d+)?)(?:,(\S+ \S+))?", re.IGNORECASE)
 
 
@@ -48,7 +56,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
 
     bad = BadRows(options.on_bad_row)
     rows = collect(_lines(path / LOG), parse, bad)
-    return labelled_recording(path, rows, UNIT, options, bad, is_stated=False)
+    return labelled_recording(path, rows, UNIT, options, bad, is_stated=False, rig=RIG)
 
 
 def _lines(log: Path) -> Iterator[tuple[str, str]]:

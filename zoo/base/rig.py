@@ -43,6 +43,7 @@ class Rig:
         steering_deg: angle of the front wheels at a steering of 1.
         right_positive: whether a positive steering turns right in the source of a recording;
             in a `Recording` it always does.
+        guesses: names of numbers that no source states.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Rig:
     rear_axle_m: float
     steering_deg: float
     right_positive: bool = True
+    guesses: tuple[str, ...] = ()
 
     @property
     def wheelbase_m(self) -> float:
@@ -74,3 +76,15 @@ UDACITY = Rig(
     rear_axle_m=1.60,
     steering_deg=25.0,
 )
+
+
+def single_camera_rig(
+    name: str,
+    camera: Camera,
+    wheelbase_m: float,
+    steering_deg: float,
+    guesses: tuple[str, ...] = (),
+) -> Rig:
+    """Return the rig of a car whose origin is midway between its axles."""
+    half = wheelbase_m / 2
+    return Rig(name, {"center": camera}, half, half, steering_deg, guesses=guesses)

@@ -1,0 +1,67 @@
+"""A car's rig in a file: `rig.yaml` beside a recording, or the file that `data.rig=` names."""
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from zoo.base.bounded_files import read_yaml
+from zoo.base.errors import InputError
+from zoo.base.rig import Camera, Rig, single_camera_rig
+
+RIG_NAME = "rig.yaml"
+
+Pixels = Annotated[int, Field(ge=8, le=8192)]
+Angle = Annotated[float, Field(ge=-90, le=90)]
+
+
+class _Fields(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class CameraFields(_Fields):
+    """The camera that looks ahead; see `zoo.base.rig.Camera`."""
+
+    size: Annotated[list[Pixels], Field(min_length=2, max_length=2)]
+    vertical_fov_deg: Annotated[float, Field(gt=1, lt=170)]
+    up_m: Annotated[float, Field(gt=0, le=5)]
+    ahead_m: Annotated[float, Field(ge=-10, le=10)] = 0.0
+    right_m: Annotated[float, Field(ge=-5, le=5)] = 0.0
+    pitch_down_deg: Angle = 0.0
+    yaw_right_deg: Angle = 0.0
+    roll_deg: Angle = 0.0
+
+
+class RigFields(_Fields):
+    """A car; `steering_deg` is the angle of the front wheels at a steering of 1."""
+
+    name: Annotated[str, Field(max_length=80)] = "rig.yaml"
+    camera: CameraFields
+    wheelbase_m: Annotated[float, Field(gt=0, le=20)]
+    steering_deg: Annotated[float, Field(gt=0, lt=90)]
+    guesses: Annotated[list[str], Field(max_length=20)] = []
+
+
+def read_rig(path: Path) -> Rig:
+    """Return the rig in a file.
+
+    Raises:
+        InputError: the file is missing or damaged, or a number is impossible for a car.
+    """
+    try:
+        fields = RigFields.model_validate(read_yaml(path))
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"])) or "the file"
+        raise InputError(f"{path}: {place}: {first['msg'].lower()}; correct it") from None
+    width, height = fields.camera.size
+    camera = Camera(**{**fields.camera.model_dump(), "size": (width, height)})
+    return single_camera_rig(
+        fields.name, camera, fields.wheelbase_m, fields.steering_deg, tuple(fields.guesses)
+    )
+
+
+def find_rig(folder: Path) -> Rig | None:
+    """Return the rig of the file beside a recording, or None without one."""
+    path = folder / RIG_NAME
+    return read_rig(path) if path.exists() else None

@@ -1,0 +1,44 @@
+"""Rigs in files."""
+
+from pathlib import Path
+
+import pytest
+
+from datamodules.rig_file import find_rig, read_rig
+from zoo.base.errors import InputError
+
+TEXT = """\
+name: my car
+camera: {size: [640, 480], vertical_fov_deg: 40, up_m: 1.3, pitch_down_deg: 3}
+wheelbase_m: 2.85
+steering_deg: 31.7
+guesses: [pitch]
+"""
+
+
+def test_a_rig_is_read(tmp_path: Path) -> None:
+    assert find_rig(tmp_path) is None
+    (tmp_path / "rig.yaml").write_text(TEXT)
+    rig = find_rig(tmp_path)
+    assert rig is not None
+    assert (rig.name, rig.wheelbase_m, rig.steering_deg) == ("my car", 2.85, 31.7)
+    assert rig.cameras["center"].size == (640, 480)
+    assert rig.cameras["center"].focal_px == pytest.approx(659.4, abs=0.1)
+    assert rig.guesses == ("pitch",)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ("[640, 480]", "[640, 0]", "camera.size.1"),
+        ("vertical_fov_deg: 40", "fov: 40", "camera.vertical_fov_deg"),
+        ("2.85", "-1", "wheelbase_m"),
+        ("31.7", ".nan", "steering_deg"),
+        ("name", "cars", "cars"),
+    ],
+)
+def test_an_impossible_number_is_named(old: str, new: str, place: str, tmp_path: Path) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text(TEXT.replace(old, new, 1))
+    with pytest.raises(InputError, match=rf"rig\.yaml: {place}: .*; correct it"):
+        read_rig(path)
