@@ -1,4 +1,4 @@
-"""The format LeRobotDataset v3, of drivezoo or of another program."""
+"""The format LeRobotDataset 2.0, 2.1 and 3, of drivezoo or of another program."""
 
 from functools import partial
 from pathlib import Path
@@ -13,6 +13,8 @@ from datamodules.formats.lerobot_features import (
     DATA_PATH,
     EPISODES,
     INFO,
+    OLD_DATA_PATH,
+    OLD_VIDEO_PATH,
     TIME,
     VERSION,
     VIDEO_PATH,
@@ -37,7 +39,7 @@ from zoo.base.errors import InputError
 from zoo.base.limits import MOST, check_most
 from zoo.base.rig import UDACITY
 
-title = "LeRobotDataset v3"
+title = "LeRobotDataset"
 MOST_NUMBER = 999_999  # of a chunk or a file
 
 
@@ -60,9 +62,11 @@ def read(path: Path, options: ReadOptions) -> Recording:
     info = _read_info(path)
     features, place = info["features"], str(path / INFO)
     meaning = find_meaning(features, place, options.steering, options.camera, options.speed_unit)
-    files = sorted((path / DATA).glob("chunk-*/file-*.parquet"))
+    is_old = str(info["codebase_version"]).startswith("v2.")
+    first = "episode_000000" if is_old else "file-000"
+    files = sorted((path / DATA).glob(f"chunk-*/{first.rstrip('0')}*.parquet"))
     if not files:
-        raise InputError(f"{path / DATA}: holds no chunk-000/file-000.parquet; {REMEDY}")
+        raise InputError(f"{path / DATA}: holds no chunk-000/{first}.parquet; {REMEDY}")
     times = [TIME] if TIME in features else []
     keys = ["episode_index", "timestamp", *times, *(one.key for one in meaning.roles.values())]
     tables = [read_table(file, [*dict.fromkeys(keys)], pyarrow) for file in files]
@@ -95,7 +99,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
         if key is None:
             continue
         if features[key].get("dtype") == "video":
-            videos = _video_starts(path, key, pyarrow)
+            videos = _old_videos(path, key) if is_old else _video_starts(path, key, pyarrow)
             frames = ForwardReader(read_frames)
             for row, at_row in enumerate(good.tolist()):
                 index, time_s, place = episode[at_row], timestamp[at_row], recording.place(row)
@@ -133,13 +137,16 @@ def _read_info(folder: Path) -> dict[str, Any]:
     """Return what `info.json` says, with checked `fps` and `features`."""
     place = folder / INFO
     info: dict[str, Any] = parse(read_text(place, MOST_JSON_BYTES), str(place), dict)
-    if not str(info.get("codebase_version")).startswith("v3."):
+    version = str(info.get("codebase_version"))
+    if not version.startswith(("v2.", "v3.")):
         raise InputError(
-            f"{place}: codebase_version is {info.get('codebase_version')!r:.20}, expected "
-            f"{VERSION}; convert the dataset with LeRobot's convert_dataset_v21_to_v30"
+            f"{place}: codebase_version is {version!r:.20}, expected v2.0, v2.1 or {VERSION}; "
+            "convert the dataset with LeRobot"
         )
+    is_old = version.startswith("v2.")
+    patterns = (OLD_DATA_PATH, OLD_VIDEO_PATH) if is_old else (DATA_PATH, VIDEO_PATH)
     # Other patterns are refused: a pattern of somebody else could lead anywhere.
-    for key, pattern in (("data_path", DATA_PATH), ("video_path", VIDEO_PATH)):
+    for key, pattern in zip(("data_path", "video_path"), patterns, strict=True):
         if info.get(key) not in (pattern, None):
             raise InputError(f"{place}: {key} is {info[key]!r:.80}, expected {pattern}; correct it")
     features = info.get("features")
@@ -153,6 +160,13 @@ def _read_info(folder: Path) -> dict[str, Any]:
 
 def _component(table: np.ndarray, position: int) -> np.ndarray:
     return table if table.ndim == 1 else table[:, min(position, table.shape[1] - 1)]
+
+
+def _old_videos(folder: Path, key: str) -> dict[int, tuple[Path, float]]:
+    """Return each episode's own video of versions 2, and 0, its first frame's time in it."""
+    paths = (folder / "videos").glob(f"chunk-*/{key}/episode_*.mp4")
+    numbers = ((path, path.stem.removeprefix("episode_")) for path in sorted(paths))
+    return {int(number): (path, 0.0) for path, number in numbers if number.isdigit()}
 
 
 def _video_starts(folder: Path, key: str, pyarrow: Any) -> dict[int, tuple[Path, float]]:

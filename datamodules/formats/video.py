@@ -15,6 +15,7 @@ from zoo.base.video import VideoWriter
 
 MOST_VIDEO_BYTES = 64_000_000_000
 CONTAINERS = {".mp4": "mov", ".mov": "mov", ".avi": "avi", ".hevc": "hevc"}  # ffmpeg's names
+KINDS = {"mov": "MP4", "avi": "AVI", "hevc": "HEVC"}
 # As LeRobot's own writer: every second frame is a key frame, so that any frame is read quickly.
 KEY_FRAMES = 2
 # Without these, the conversion between RGB and YUV rounds down: frames get darker by 1 of 255.
@@ -60,7 +61,9 @@ def read_frames(path: Path) -> Iterator[np.ndarray]:
         try:
             width, height = next(reader)["size"]
         except Exception:  # a damaged header can make its parser raise anything
-            raise InputError(f"{path}: no {container} video, or damaged; copy it again") from None
+            raise InputError(
+                f"{path}: no {KINDS[container]} video, or damaged; copy it again"
+            ) from None
         if width * height > MOST_PIXELS:
             raise InputError(
                 f"{path}: frames of {width} x {height} pixels, more than {MOST_PIXELS:,}; scale "

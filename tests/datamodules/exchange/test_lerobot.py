@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from datamodules.formats.lerobot import read
 from datamodules.formats.lerobot_export import export_lerobot
 from datamodules.formats.parquet_columns import encoded_images
 from datamodules.formats.recording_writer import convert_to_recording
@@ -170,6 +171,38 @@ def test_a_foreign_dataset_is_understood_by_its_names(png: bool, tmp_path: Path)
     assert ("observation.images.front_left" in notes) is False
 
 
+def as_version_2(folder: Path) -> Path:
+    """Rewrite a dataset of `write_foreign` as versions 2.0 and 2.1 do: files by episode."""
+    whole = pq.read_table(folder / DATA)
+    for episode, (first, count) in enumerate([(0, 6), (6, 4)]):
+        name = f"data/chunk-000/episode_{episode:06d}.parquet"
+        pq.write_table(whole.slice(first, count), folder / name)
+        for key in [path.name for path in (folder / "videos").iterdir() if "obs" in path.name]:
+            frames = list(read_frames(folder / "videos" / key / "chunk-000" / "file-000.mp4"))
+            video = folder / "videos" / "chunk-000" / key / f"episode_{episode:06d}.mp4"
+            video.parent.mkdir(parents=True, exist_ok=True)
+            with video_writer(video, (96, 64), 10, 18) as writer:
+                for frame in frames[first : first + count]:
+                    writer.add(frame)
+    (folder / DATA).unlink()
+    shutil.rmtree(folder / EPISODES.partition("/chunk")[0])
+    paths = {
+        "data_path": "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
+        "video_path": "videos/chunk-{episode_chunk:03d}/{video_key}/"
+        "episode_{episode_index:06d}.mp4",
+    }
+    _info(folder, codebase_version="v2.1", **paths)
+    return folder
+
+
+def test_version_2_has_a_file_for_each_episode(tmp_path: Path) -> None:
+    recording = read(as_version_2(write_foreign(tmp_path / "old")), ReadOptions())
+    assert recording.steering.tolist() == [float(np.float32(number / 10)) for number in range(10)]
+    assert np.flatnonzero(find_breaks(recording)).tolist() == [5]
+    seen = [recording.image(row).mean() for row in range(10)]
+    assert seen == pytest.approx([20 * number for number in range(10)], abs=4)
+
+
 def test_what_no_name_tells_is_asked_for(tmp_path: Path) -> None:
     foreign = write_foreign(tmp_path / "foreign", steering="joint_2")
     with pytest.raises(InputError, match=r"steering=.*action:1"):
@@ -220,7 +253,7 @@ def _playlist(dataset: Path) -> None:
 @pytest.mark.parametrize(
     ("damage", "named"),
     [
-        (lambda one: _info(one, codebase_version="v2.1"), "info.json: codebase_version is 'v2.1'"),
+        (lambda one: _info(one, codebase_version="v1.6"), "info.json: codebase_version is 'v1.6'"),
         (lambda one: _info(one, data_path="../{chunk_index}"), "info.json: data_path"),
         (lambda one: _info(one, video_path="{video_key.__class__}"), "info.json: video_path"),
         (lambda one: _info(one, fps="many"), "info.json: fps"),
