@@ -159,7 +159,7 @@ def result_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
 def recoveries() -> tuple[np.ndarray, np.ndarray, list[list[np.ndarray]]]:
     """Return steering and speed of every third row of the recoveries, and frames by camera."""
     recorded({"data": {"root": None, "record": RECOVERIES}})
-    recording = read_recordings(RECOVERIES["out"], None, "fail")
+    recording = read_recordings(RECOVERIES["out"])
     rows = np.arange(0, len(recording), 3)  # neighbours are alike
     frames = [[read_image(path) for path in paths] for paths in recording.images[rows].T]
     return recording.steering[rows], recording.speed_mph[rows], frames

@@ -5,18 +5,26 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
-from typing import Literal
+from dataclasses import asdict, replace
+from typing import Any
 
 from rich.console import Console
 from rich.progress import Progress
 
 from datamodules.findings import find_oddities, report_lines
-from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, MOST_IMAGE_BYTES, checked_size
+from datamodules.image import (
+    FRAME_HEIGHT,
+    FRAME_WIDTH,
+    AnyImage,
+    checked_size,
+    read_stored,
+    reading_threads,
+)
+from datamodules.read_options import ReadOptions
 from datamodules.recording import read_recordings
+from datamodules.sign_evidence import sign_lines
 from zoo.base.command import command, is_help
-from zoo.base.command_keys import read_texts
-from zoo.base.regular_file import read_regular
+from zoo.base.command_keys import read_texts, typed
 from zoo.base.run_command import run_command
 from zoo.base.terminal import command_line, printable
 
@@ -28,8 +36,7 @@ SHOWN = 20  # bad rows and images that are listed; the others are counted
 def check(
     folder: str,
     *folders: str,
-    images: str | None = None,
-    on_bad_row: Literal["fail", "skip"] = "fail",
+    read: ReadOptions,
 ) -> bool:
     """Check recordings before training: rows, images, and what is unusual.
 
@@ -37,10 +44,9 @@ def check(
     seconds. Exits with 1 if an image is bad.
 
     Args:
-        folder: folder of a driving_log.csv; several are checked as one recording.
+        folder: folder of a recording; several are checked as one recording.
         *folders: further folders.
-        images: folder of the images, if not IMG.
-        on_bad_row: skip leaves bad rows out; fail does not.
+        read: see `ReadOptions`.
 
     Returns:
         Whether all images are whole.
@@ -49,8 +55,10 @@ def check(
         InputError: a folder, a log or a row cannot be read, or there is no image.
     """
     roots, console = [folder, *folders], Console(soft_wrap=True)
-    recording = read_recordings(roots, images, on_bad_image="skip", on_bad_row=on_bad_row)
+    recording = read_recordings(roots, **{**asdict(read), "on_bad_image": "skip"})
     for line in report_lines(replace(recording, bad_images=(), bad_rows=())):
+        _print(console, line)
+    for line in sign_lines(recording):
         _print(console, line)
     if recording.bad_rows:
         _print(console, f"skipped {len(recording.bad_rows):,} bad rows:")
@@ -58,9 +66,10 @@ def check(
     sizes: Counter[tuple[int, int]] = Counter()
     bad = list(recording.bad_images)
     named = [(row, path) for row, paths in enumerate(recording.images) for path in paths if path]
-    pool = ThreadPoolExecutor(os.cpu_count())
+    paths = [path for _, path in named]
+    pool = ThreadPoolExecutor(reading_threads(paths, os.cpu_count() or 1))
     try:
-        found = pool.map(look_at_image, [path for _, path in named])
+        found = pool.map(look_at_image, paths)
         with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
             looked_at = progress.track(found, total=len(named), description="checking images")
             for (row, path), size in zip(named, looked_at, strict=True):
@@ -84,8 +93,8 @@ def check(
         _print(console, "before you train:")
     for oddity in oddities:
         _print(console, f"- {oddity.text}")
-    skipped = {"data.on_bad_image": bool(bad), "data.on_bad_row": bool(recording.bad_rows)}
-    for line in _next_commands(roots, images, [key for key in skipped if skipped[key]]):
+    keys = read.given() | ({"on_bad_image": "skip"} if bad else {})
+    for line in _next_commands(roots, keys):
         _print(console, line)
     return not bad
 
@@ -101,21 +110,23 @@ def _print_first(console: Console, lines: Sequence[str]) -> None:
         _print(console, f"and {len(lines) - SHOWN:,} more")
 
 
-def _next_commands(roots: list[str], images: str | None, skipped: list[str]) -> Iterator[str]:
+def _next_commands(roots: list[str], given: dict[str, Any]) -> Iterator[str]:
     """Yield a line for each next command, quoted for a shell and for Hydra."""
     quoted = [text.replace("\\", "\\\\").replace("'", "\\'") for text in roots]
     joined = ",".join(f"'{text}'" for text in quoted)  # a list in Hydra's grammar
     keys = [f"data.root={roots[0] if len(roots) == 1 else f'[{joined}]'}"]
-    keys += [f"data.images={images}"] if images else []
-    keys += [f"{key}=skip" for key in skipped]
+    keys += [f"data.{key}={typed(value)}" for key, value in given.items()]
     yield f"show the network's input: {command_line(['drivezoo', 'preview', *keys])}"
     yield f"next: {command_line(['drivezoo', 'train', FIRST_TRY, *keys])}"
 
 
-def look_at_image(path: str) -> tuple[int, int] | str:
+def look_at_image(image: AnyImage) -> tuple[int, int] | str:
     """Return a JPEG's or PNG's `(width, height)` by its header, or what is wrong with the file."""
     try:
-        return checked_size(read_regular(path, MOST_IMAGE_BYTES))
+        stored = read_stored(image)
+        if isinstance(stored, bytes):
+            return checked_size(stored)
+        return stored.shape[1], stored.shape[0]
     except (OSError, ValueError) as error:
         return getattr(error, "strerror", None) or str(error)
 

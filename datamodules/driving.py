@@ -21,6 +21,7 @@ from datamodules.driving_log import CAMERAS
 from datamodules.features import FeatureBatches
 from datamodules.findings import report_lines
 from datamodules.leak import Leak, measure_leak, thumbnail
+from datamodules.read_options import said_in
 from datamodules.recording import Recording, read_recordings
 from datamodules.row_views import RowViews, load_row_views
 from datamodules.samples import CENTER, Windows, camera_numbers, make_samples
@@ -30,6 +31,8 @@ from zoo.base.command_keys import convert
 from zoo.base.errors import InputError, UsageError
 
 MOST_WINDOW = 256  # frames, rows or targets of a window
+# Arguments that are checked elsewhere.
+UNTYPED = {"root", "view", "weights", "cameras", "augment", "columns", "steering", "return"}
 Share = Annotated[float, Field(ge=0, le=1)]
 Least0 = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(ge=1)]
@@ -58,6 +61,7 @@ class DrivingData(lightning.LightningDataModule):
             augments them; `auto` is `device` if that is no CPU and has all of `augment`.
         on_bad_image: `fail`, or `skip` the row.
         on_bad_row: `fail`, or `skip` a row that cannot be read.
+        format, columns, steering, camera, speed_unit, rig: see `ReadOptions`.
         cache: folder of decoded views; None keeps them in memory.
         workers: processes that prepare batches; 0 leaves the cores to the network.
         seed: random seed of order, draws, flips and augmentation.
@@ -93,6 +97,12 @@ class DrivingData(lightning.LightningDataModule):
         augment_on: Literal["auto", "cpu", "device"] = "auto",
         on_bad_image: Literal["fail", "skip"] = "fail",
         on_bad_row: Literal["fail", "skip"] = "fail",
+        format: str | None = None,
+        columns: dict | str | None = None,
+        steering: dict | str | None = None,
+        camera: str | None = None,
+        speed_unit: Literal["mph", "mps", "kmh"] = "mps",
+        rig: str | None = None,
         cache: str | None = "outputs/cache",
         workers: Annotated[int, Field(ge=0)] = 0,
         seed: int = 1,
@@ -105,7 +115,7 @@ class DrivingData(lightning.LightningDataModule):
         if root is None:
             raise InputError("data.root is not set: name your recording, data.root=FOLDER")
         kinds = get_type_hints(DrivingData.__init__, include_extras=True)
-        for key in kinds.keys() - {"root", "view", "weights", "cameras", "augment", "return"}:
+        for key in kinds.keys() - UNTYPED:
             try:
                 convert(f"data.{key}", kinds[key], given[key])
             except UsageError as error:  # exit status 1, as of any other value of the config
@@ -118,7 +128,8 @@ class DrivingData(lightning.LightningDataModule):
             )
         camera_numbers(cameras)
         self.windows = Windows(sequence or 1, stride or 1, ahead or 0)
-        self.root, self.images, self.view = root, images, view
+        self.root, self.view = root, view
+        self.said = said_in(given)
         self.weights = None if weights is None else np.array(weights, float)
         self.cameras, self.offset, self.recover_s = list(cameras), offset, recover_s
         self.flip, self.batch_size, self.workers, self.seed = flip, batch_size, workers, seed
@@ -141,7 +152,7 @@ class DrivingData(lightning.LightningDataModule):
                 transform.crop = view.crop
         self.augment = Augment(transforms, view.colour)
         self.augment_on = augment_on
-        self.on_bad_image, self.on_bad_row = on_bad_image, on_bad_row
+        self.on_bad_image = on_bad_image
         self.cache = Path(cache).expanduser() if cache else None
         self._batch_device: torch.device | None = None
         self.batches_per_step = 1
@@ -149,7 +160,7 @@ class DrivingData(lightning.LightningDataModule):
 
     def load(self, console: Console) -> None:
         """Read the recordings, decode images that are not cached, and split the rows."""
-        recording = read_recordings(self.root, self.images, self.on_bad_image, self.on_bad_row)
+        recording = read_recordings(self.root, **self.said)
         # Validation and test always use the centre camera.
         views, faults = load_row_views(
             recording, [*self.cameras, "center"], self.view, self.cache, console

@@ -15,7 +15,13 @@ import numpy as np
 
 from datamodules.driving_log import CAMERAS
 from datamodules.formats.recording_writer import write_frame, write_log
-from datamodules.image import find_file_fault, link_or_copy, read_image
+from datamodules.image import (
+    AnyImage,
+    decode_pixels,
+    find_file_fault,
+    link_or_copy,
+    read_stored,
+)
 from datamodules.recording import IMAGE_FOLDER, Recording, file_name, read_source, write_source
 from datamodules.recording_edits import Edits, edit_options
 from zoo.base.errors import InputError
@@ -110,7 +116,9 @@ def _write_part(
         if number % REPORT_ROWS == 0:
             report(number)
         paths = recording.images[row].tolist()
-        if fault := next(filter(None, (find_file_fault(path) for path in paths if path)), None):
+        if fault := next(
+            filter(None, (find_file_fault(path) for path in paths if isinstance(path, str))), None
+        ):
             left_out.append(f"{recording.place(row)}: {fault}")
             continue
         # Where rows are missing and no time shows it, an empty line does: no window reaches over.
@@ -122,11 +130,13 @@ def _write_part(
             paths = [paths[0], paths[2], paths[1]]  # the left camera sees what the right one saw
         for camera, path in zip(CAMERAS, paths, strict=True):
             if path and (path, turned) not in names:
-                name = f"{camera}_mirrored_{file_name(path)}" if turned else file_name(path)
+                stored = not isinstance(path, str)
+                name = f"{path.number + 1}.jpg" if stored else file_name(path)
+                name = f"{camera}_mirrored_{name}" if turned else name
                 target = free_name(folder / IMAGE_FOLDER / name)
                 names[path, turned] = f"{IMAGE_FOLDER}/{target.name}"
-                if turned:
-                    _mirror_image(path, target, recording.place(row))
+                if turned or stored:
+                    _write_image(path, target, recording.place(row), turned)
                 else:
                     link_or_copy(path, target)
         steering = -recording.steering[row] + 0.0 if turned else recording.steering[row]
@@ -146,8 +156,10 @@ def free_name(path: Path) -> Path:
     return found
 
 
-def _mirror_image(path: str, target: Path, place: str) -> None:
+def _write_image(image: AnyImage, target: Path, place: str, mirrored: bool) -> None:
     try:
-        write_frame(read_image(path)[:, ::-1], target)
+        stored = read_stored(image)
+        pixels = decode_pixels(stored) if isinstance(stored, bytes) else stored
     except ValueError as error:
-        raise InputError(f"{place}: {path}: {error}; drop the row") from None
+        raise InputError(f"{place}: {image}: {error}; drop the row") from None
+    write_frame(pixels[:, ::-1] if mirrored else pixels, target)

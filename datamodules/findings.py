@@ -153,8 +153,10 @@ def _duplicates(recording: Recording) -> Iterator[str]:
         )
 
 
-def _is_copy(path: str, other: str) -> bool:
+def _is_copy(path: object, other: object) -> bool:
     """Return whether two files have the same contents; only files of equal size are read."""
+    if not (isinstance(path, str) and isinstance(other, str)):
+        return False  # a video's frames are not compared
     try:
         return filecmp.cmp(path, other, shallow=False)
     except OSError:
@@ -235,7 +237,7 @@ def report_lines(recording: Recording) -> list[str]:
             f"{report.name}: {report.rows:,} rows, {sides}, {timing}, "
             f"{report.zero_share:.0%} of steering exactly 0, mean {report.mean_speed_mph:.1f} mph"
         )
-    return lines + skipped_lines(recording)
+    return [*lines, *recording.notes, *skipped_lines(recording)]
 
 
 def skipped_lines(recording: Recording) -> list[str]:

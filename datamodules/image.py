@@ -4,6 +4,8 @@ import errno
 import io
 import os
 import struct
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -34,14 +36,63 @@ NO_IMAGE = "the file is no JPEG or PNG"
 _NO_LINK = {errno.EXDEV, errno.EPERM, errno.EACCES, errno.EMLINK, errno.ENOTSUP, errno.ENOSYS}
 
 
-def read_image(path: str | Path) -> np.ndarray:
-    """Return the image in a regular file, see `decode_image`.
+Stored = np.ndarray | bytes  # pixels, uint8 [H, W, 3] RGB, or a JPEG or PNG
+
+
+@dataclass(frozen=True)
+class StoredImage:
+    """An image inside of a larger file, such as a video or a table.
+
+    Attributes:
+        file: path of the file.
+        number: position in it; images of a file are read fastest in the order of their numbers.
+        reader: function from file and number to pixels, uint8 [H, W, 3] RGB, or to the bytes of a
+            JPEG or PNG; it raises ValueError for an image that it cannot read.
+    """
+
+    file: str
+    number: int
+    reader: Callable[[str, int], Stored]
+
+    def __str__(self) -> str:
+        return f"{self.file}#{self.number + 1}"
+
+
+AnyImage = str | Path | StoredImage
+
+
+def read_stored(image: AnyImage) -> Stored:
+    """Return an image as it is stored: bytes of a JPEG or PNG, or pixels of a video.
 
     Raises:
         OSError: the file cannot be read, is no regular one or too large.
-        ValueError: see `decode_image`.
+        ValueError: a larger file has no such image.
     """
-    return decode_image(read_regular(path, MOST_IMAGE_BYTES))
+    if isinstance(image, StoredImage):
+        return image.reader(image.file, image.number)
+    return read_regular(image, MOST_IMAGE_BYTES)
+
+
+def read_image(image: AnyImage) -> np.ndarray:
+    """Return an image, uint8 [160, 320, 3] RGB, resized if needed.
+
+    Raises:
+        OSError, ValueError: see `read_stored` and `decode_pixels`.
+    """
+    stored = read_stored(image)
+    return as_frame(decode_pixels(stored) if isinstance(stored, bytes) else stored)
+
+
+def encode_image(image: np.ndarray, suffix: str = ".jpg", quality: int = 95) -> bytes:
+    """Return an image, uint8 [H, W, 3] RGB, as a PNG, or as a JPEG of this quality, 1..100."""
+    bgr = np.ascontiguousarray(image[:, :, ::-1])
+    kind = ".png" if suffix.lower() == ".png" else ".jpg"
+    return cv2.imencode(kind, bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
+
+
+def reading_threads(images: Iterable[object], threads: int) -> int:
+    """Return how many threads may read images: one, where some can only be read in order."""
+    return 1 if any(isinstance(image, StoredImage) for image in images) else threads
 
 
 def decode_image(data: bytes) -> np.ndarray:
@@ -50,10 +101,14 @@ def decode_image(data: bytes) -> np.ndarray:
     Raises:
         ValueError: see `decode_pixels`.
     """
-    image = decode_pixels(data)
-    if image.shape[:2] != (FRAME_HEIGHT, FRAME_WIDTH):
-        image = cv2.resize(image, (FRAME_WIDTH, FRAME_HEIGHT), interpolation=cv2.INTER_AREA)
-    return image
+    return as_frame(decode_pixels(data))
+
+
+def as_frame(image: np.ndarray) -> np.ndarray:
+    """Return an image, uint8 [H, W, 3], in the size of a frame, [160, 320, 3]."""
+    if image.shape[:2] == (FRAME_HEIGHT, FRAME_WIDTH):
+        return image
+    return cv2.resize(image, (FRAME_WIDTH, FRAME_HEIGHT), interpolation=cv2.INTER_AREA)
 
 
 def decode_pixels(data: bytes, flags: int = cv2.IMREAD_COLOR_RGB) -> np.ndarray:

@@ -6,11 +6,10 @@ import cv2
 import numpy as np
 from scipy.ndimage import median_filter
 
-from datamodules.image import MOST_IMAGE_BYTES, decode_pixels
+from datamodules.image import AnyImage, decode_pixels, read_stored
 from datamodules.recording import Recording
 from datamodules.split import rows_per_second
 from datamodules.stretches import find_breaks, true_runs
-from zoo.base.regular_file import read_regular
 
 MOST_ROWS = 40  # rows of each kind
 APART_S = 2.0  # least time between two rows of a kind
@@ -87,15 +86,18 @@ def largest_errors(recording: Recording, predicted: np.ndarray) -> list[NotableR
     return _strongest(recording, np.abs(error), LEAST_STEERING, error)
 
 
-def thumbnail(path: str) -> np.ndarray:
+def thumbnail(image: AnyImage) -> np.ndarray:
     """Return a small grey image, uint8 [20, 40]: decoding to it takes half of the usual time.
 
     Raises:
         OSError: the file cannot be read.
         ValueError: it is no whole JPEG or PNG.
     """
-    data = read_regular(path, MOST_IMAGE_BYTES)
-    small = decode_pixels(data, cv2.IMREAD_REDUCED_GRAYSCALE_8)
+    stored = read_stored(image)
+    if isinstance(stored, bytes):
+        small = decode_pixels(stored, cv2.IMREAD_REDUCED_GRAYSCALE_8)
+    else:
+        small = cv2.cvtColor(stored, cv2.COLOR_RGB2GRAY)
     return cv2.resize(small, THUMBNAIL, interpolation=cv2.INTER_AREA)
 
 

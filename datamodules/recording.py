@@ -6,9 +6,9 @@ A format is a module with `title`, `detect` and `read` (see `Format`). drivezoo'
 
 import hashlib
 import importlib
+import itertools
 import os
 import re
-import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,11 +17,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, NUMBERS, RANGES, BadRows, degrees_hint, range_fault
-from datamodules.image import MOST_IMAGE_BYTES, decode_pixels
-from datamodules.steering_unit import SteeringUnit
+from datamodules.image import Stored, decode_pixels, read_stored
+from datamodules.read_options import ReadOptions
+from datamodules.rig_file import find_rig, read_rig
 from zoo.base.bounded_files import read_json
-from zoo.base.errors import InputError
-from zoo.base.regular_file import read_regular
+from zoo.base.errors import InputError, UsageError
+from zoo.base.nearest import hint
 from zoo.base.rig import UDACITY, Rig
 
 LOG_NAME, IMAGE_FOLDER = "driving_log.csv", "IMG"
@@ -44,24 +45,6 @@ OWN = {
         "table",
     )
 }
-
-Stored = np.ndarray | bytes  # pixels, uint8 [H, W, 3] RGB, or a JPEG or PNG
-
-
-@dataclass(frozen=True)
-class StoredImage:
-    """An image inside of a larger file, such as a video or a table.
-
-    Attributes:
-        file: path of the file.
-        number: position in it; images of a file are read fastest in the order of their numbers.
-        reader: function from file and number to pixels, uint8 [H, W, 3] RGB, or to the bytes of a
-            JPEG or PNG; it raises ValueError for an image that it cannot read.
-    """
-
-    file: str
-    number: int
-    reader: Callable[[str, int], Stored]
 
 
 class ForwardReader:
@@ -148,10 +131,7 @@ class Recording:
         Raises:
             OSError, ValueError: the image cannot be read.
         """
-        image = self.images[row, camera]
-        if isinstance(image, str):
-            return read_regular(image, MOST_IMAGE_BYTES)
-        return image.reader(image.file, image.number)
+        return read_stored(self.images[row, camera])
 
     def image(self, row: int, camera: int = 0) -> np.ndarray:
         """Return an image in its own size, uint8 [H, W, 3] RGB; see `stored`."""
@@ -170,34 +150,9 @@ class Recording:
         digest = hashlib.sha256()
         for name in ("steering", "throttle", "brake", "speed_mph", "recording"):
             digest.update(np.ascontiguousarray(getattr(self, name)).tobytes())
-        names = (os.path.basename(path) if path else "" for path in self.images.flat)  # noqa: PTH119
+        names = (os.path.basename(str(path)) if path else "" for path in self.images.flat)  # noqa: PTH119
         digest.update("\n".join(names).encode())
         return digest.hexdigest()[:16]
-
-
-@dataclass(frozen=True)
-class ReadOptions:
-    """What a user says about a recording; a format uses what concerns it.
-
-    Attributes:
-        images: folder of the images, if not the usual one.
-        on_bad_image: `fail`, or `skip` a row whose image is missing.
-        on_bad_row: `fail`, or `skip` a row that cannot be read.
-        unit: what the steering's numbers mean; None takes what the format says.
-        columns: columns of a table by what they hold: image, steering, ...
-        steering: number that steers, in the format's words; None finds it.
-        camera: name of the centre camera; None finds it.
-        speed_unit: `mph`, `mps` or `kmh`, for a speed whose unit is not stated.
-    """
-
-    images: str | None = None
-    on_bad_image: str = "fail"
-    on_bad_row: str = "fail"
-    unit: SteeringUnit | None = None
-    columns: Mapping[str, str] | None = None
-    steering: str | None = None
-    camera: str | None = None
-    speed_unit: str = "mps"
 
 
 class Format(Protocol):
@@ -238,54 +193,87 @@ def formats() -> Iterator[tuple[str, Format]]:
             ) from None
 
 
-def find_format(path: Path) -> tuple[str, Format]:
+def known_format(path: Path, name: str | None = None) -> tuple[str, Format] | None:
+    """Return the format of a folder or file and its name, None if it has none of them.
+
+    Args:
+        path: folder or file.
+        name: name of the format; None finds it.
+
+    Raises:
+        InputError: it has several formats.
+        UsageError: there is no format of this name.
+    """
+    known = formats()
+    if name is not None:
+        named = dict(known)
+        if name not in named:
+            raise UsageError(f"format={name}: no such format; {hint(name, named)}")
+        return name, named[name]
+    fitting = [pair for pair in itertools.islice(known, len(OWN)) if pair[1].detect(path)]
+    # A package that cannot be imported does not matter to our own formats.
+    fitting = fitting or [pair for pair in known if pair[1].detect(path)]
+    if len(fitting) > 1:
+        titles = ", ".join(f"{one} ({fits.title})" for one, fits in fitting)
+        raise InputError(f"{path}: has the files of several formats, {titles}; name one: format=")
+    return fitting[0] if fitting else None
+
+
+def find_format(path: Path, name: str | None = None) -> tuple[str, Format]:
     """Return the format of the recording in a folder or file, and its name.
 
     Raises:
-        InputError: there is no such folder, or it has none of the formats.
+        InputError: there is no such folder, or it has none of the formats, or several.
+        UsageError: there is no format of this name.
     """
-    for named in formats():
-        if named[1].detect(path):
-            return named
-    if not path.is_dir():
-        raise InputError(f"{path}: no such folder; name the folder of a recording")
-    raise InputError(
-        f"{path}: holds no {LOG_NAME}, no meta/info.json (LeRobot) and no manifest.json "
-        "(Donkeycar); name the folder that has one"
-    )
+    if named := known_format(path, name):
+        return named
+    raise InputError(importlib.import_module(OWN["udacity"]).missing(path))
 
 
-def read_recordings(
-    roots: str | list[str],
-    images: str | None = None,
-    on_bad_image: str = "fail",
-    on_bad_row: str = "fail",
-) -> Recording:
-    """Read one folder, or several as one `Recording`.
+def read_recording(path: Path, options: ReadOptions) -> tuple[str, Recording]:
+    """Return the format of a recording and its rows, with the car's rig of the user's file.
+
+    Raises:
+        InputError, UsageError: see `find_format` and `Format.read`; or the rig's file is wrong.
+    """
+    name, source = find_format(path, options.format)
+    recording = source.read(path, options)
+    folder = path.parent if path.is_file() else path
+    rig = read_rig(Path(options.rig).expanduser()) if options.rig else find_rig(folder)
+    return name, replace(recording, rig=rig) if rig else recording
+
+
+def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
+    """Read one folder, or several as one `Recording`, in any of the formats.
 
     Args:
-        roots: folders of a `driving_log.csv` each, or paths of such files.
-        images: folder of the images, if not `IMG` next to the log.
-        on_bad_image: `fail`, or `skip` a row whose image is missing.
-        on_bad_row: `fail`, or `skip` a row that cannot be read.
+        roots: folders or files of recordings.
+        **said: fields of `ReadOptions`.
 
     Raises:
         InputError: a folder, log, row or image is missing or wrong.
+        UsageError: a format or what the user says of it does not exist.
     """
     roots = [roots] if isinstance(roots, str) else list(roots)
     if not roots:
-        raise InputError("data.root is an empty list: name a folder with a driving_log.csv")
-    options = ReadOptions(images, on_bad_image, on_bad_row)
-    parts = [_read_log_of(Path(root).expanduser(), options) for root in roots]
+        raise InputError("data.root is an empty list: name the folder of a recording")
+    options = ReadOptions(**said)
+    parts = [_read_readable(Path(root).expanduser(), options) for root in roots]
+    if any(part.places is not None for part in parts) and len(parts) > 1:
+        parts = [replace(part, places=_places(part)) for part in parts]
     columns = [name for name, one in vars(parts[0]).items() if _is_column(one)]
     joined: dict[str, Any] = {
         name: np.concatenate([getattr(part, name) for part in parts]) for name in columns
     }
     joined["recording"] = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    rigs = [part.rig for part in parts]
     whole = Recording(
         names=tuple(part.names[0] for part in parts),
         bad_images=tuple(line for part in parts for line in part.bad_images),
         bad_rows=tuple(line for part in parts for line in part.bad_rows),
+        rig=rigs[0] if rigs.count(rigs[0]) == len(rigs) else None,
+        notes=tuple(f"{part.names[0]}: {note}" for part in parts for note in part.notes),
         **joined,
     )
     if not len(whole):
@@ -296,13 +284,13 @@ def read_recordings(
     return whole
 
 
-def _read_log_of(root: Path, options: ReadOptions) -> Recording:
+def _places(recording: Recording) -> np.ndarray:
+    return np.array([recording.place(row) for row in range(len(recording))], object)
+
+
+def _read_readable(root: Path, options: ReadOptions) -> Recording:
     try:
-        name, found = next((one for one in formats() if one[1].detect(root)), next(formats()))
-        if name != "udacity":
-            convert = shlex.join(["drivezoo", "convert", str(root)])
-            raise InputError(f"{root}: holds no {LOG_NAME}; it is a {found.title}: {convert}")
-        return found.read(root, options)
+        return read_recording(root, options)[1]
     except OSError as error:
         raise InputError(
             f"{error.filename or root}: {error.strerror}; allow your user to read it, or name "

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from datamodules.recording import GAP_S, Recording
+from zoo.base.rig import UDACITY
 
 PAIRS = 400  # of neighbouring images that are compared, at most
 FORWARD_ROWS = 2_000  # first rows from which they come where images can only be read in order
@@ -67,6 +68,22 @@ def find_sign_evidence(recording: Recording) -> SignEvidence:
     shifted = np.abs(correlations[margin : len(first) - margin])
     chance = (1 + np.sum(shifted >= abs(correlations[0]))) / (1 + len(shifted))
     return SignEvidence(float(correlations[0]), float(chance), len(turns))
+
+
+def sign_lines(recording: Recording) -> list[str]:
+    """Return a line for each recording on whether its images agree with its steering's sign."""
+    lines: list[str] = []
+    if recording.rig == UDACITY:  # its sign is certain
+        return lines
+    for number, name in enumerate(recording.names):
+        evidence = find_sign_evidence(recording.keep(recording.recording == number))
+        agreement = "left and right fit the images"
+        if not evidence.is_clear:
+            agreement = "the images do not settle left and right"
+        elif evidence.correlation < 0:
+            agreement = "LEFT AND RIGHT SEEM EXCHANGED: name the sign with data.steering="
+        lines.append(f"{name}: {agreement}; {evidence.words()}")
+    return lines
 
 
 def _pairs(recording: Recording) -> np.ndarray:

@@ -100,7 +100,7 @@ def write_split(path: Path, recording: Recording, split: Split) -> None:
     writer.writerow(["image", "part"])
     for name in PARTS:
         writer.writerows(
-            [file_name(recording.images[row, 0]), name] for row in getattr(split, name)
+            [file_name(str(recording.images[row, 0])), name] for row in getattr(split, name)
         )
     write_whole(path, text.getvalue().encode(errors="surrogateescape"))
 
@@ -196,7 +196,7 @@ def _read_split(recording: Recording, path: Path) -> np.ndarray:
             raise InputError(
                 f"{path}, row {reader.line_num + 1}: cannot be read ({error}); correct the row"
             ) from None
-    names = [file_name(image) for image in recording.images[:, 0]]
+    names = [file_name(str(image)) for image in recording.images[:, 0]]
     part = np.array([parts.get(name, -1) for name in names])
     if (part < 0).all():
         raise InputError(

@@ -1,9 +1,18 @@
 """The meaning of a recording's steering numbers: unit, full lock and sign."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-import numpy as np
+from pydantic import Field, TypeAdapter, ValidationError
+
+from zoo.base.errors import UsageError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+EXAMPLE = "unit: deg, full: 540, right: positive"
 
 
 @dataclass(frozen=True)
@@ -19,11 +28,11 @@ class SteeringUnit:
     """
 
     unit: Literal["share", "deg", "rad", "servo", "px"] = "share"
-    full: float = 1.0
+    full: Annotated[float, Field(gt=0, le=1e6)] = 1.0
     right: Literal["positive", "negative"] = "positive"
-    zero: float = 0.0
+    zero: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.0
 
-    def steering(self, values: np.ndarray) -> np.ndarray:
+    def steering(self, values: "np.ndarray") -> "np.ndarray":
         """Return the steering, float64 [N], right positive, 1 at full lock, of values."""
         sign = 1.0 if self.right == "positive" else -1.0
         return (values - self.zero) * (sign / self.full)
@@ -37,3 +46,40 @@ class SteeringUnit:
         """Return the meaning in words, such as `deg, 540 at full lock, right positive`."""
         zero = f", {self.zero:g} straight ahead" if self.zero else ""
         return f"{self.unit}, {self.full:g} at full lock{zero}, right {self.right}"
+
+
+def keys_and_values(key: str, given: str | Mapping | None) -> Mapping | None:
+    """Return the keys and values of a mapping or of its text in braces; None for all else.
+
+    >>> keys_and_values("steering", "{unit: deg, full: 540}"), keys_and_values("steering", "wheel")
+    ({'unit': 'deg', 'full': 540}, None)
+
+    Raises:
+        UsageError: the text in braces is not YAML.
+    """
+    if not isinstance(given, str) or not given.startswith("{"):
+        return given if isinstance(given, Mapping) else None
+    from zoo.base.bounded_files import parse_yaml  # slow import: YAML
+
+    try:
+        found = parse_yaml(given)
+    except ValueError as error:
+        raise UsageError(f"{key}={given}: {error}; expected {{NAME: VALUE, NAME: VALUE}}") from None
+    assert isinstance(found, Mapping)
+    return found
+
+
+def read_unit(given: Mapping) -> SteeringUnit:
+    """Return a unit from its keys and values.
+
+    Raises:
+        UsageError: there is no such unit, or a value is impossible.
+    """
+    try:
+        return TypeAdapter(SteeringUnit).validate_python(dict(given))
+    except ValidationError as error:
+        first = error.errors()[0]
+        name = ".".join(map(str, first["loc"]))
+        raise UsageError(
+            f"steering: {name}: {first['msg'].lower()}; for example steering={{{EXAMPLE}}}"
+        ) from None

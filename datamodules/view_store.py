@@ -10,7 +10,7 @@ import json
 import os
 import sys
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 from filelock import FileLock, Timeout
 
-from datamodules.image import read_image
+from datamodules.image import AnyImage, StoredImage, read_image, reading_threads
 from datamodules.view import View
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError
@@ -47,7 +47,7 @@ class ViewFile:
 
 
 def load_views(
-    paths: list[str],
+    images: Sequence[AnyImage],
     view: View,
     folder: Path | None,
     progress: Progress | None = None,
@@ -58,7 +58,7 @@ def load_views(
     Without a folder the views are kept in memory.
 
     Args:
-        paths: image files.
+        images: image files, or images in larger files.
         view: what a network sees.
         folder: cache's folder; None keeps the views in memory.
         progress: function called with (done, total) as images are decoded.
@@ -67,10 +67,10 @@ def load_views(
         InputError: the disk is full or cannot be written to.
     """
     return load_file(
-        folder and folder / f"{cache_key(paths, view)}.npy",
-        (len(paths), *view.shape),
+        folder and folder / f"{cache_key(images, view)}.npy",
+        (len(images), *view.shape),
         np.uint8,
-        lambda keep: decode_all(paths, view, keep, progress),
+        lambda keep: decode_all(images, view, keep, progress),
         "view cache",
     )
 
@@ -130,52 +130,62 @@ def is_stored(target: Path | None) -> bool:
     return target is not None and target.exists() and _faults_path(target).exists()
 
 
-def cache_key(paths: list[str], view: View) -> str:
-    """Return the fingerprint of files (name, size, time of change) and view."""
+def cache_key(images: Sequence[AnyImage], view: View) -> str:
+    """Return the fingerprint of files (name, size, time of change), numbers in them, and view."""
     digest = hashlib.sha256(json.dumps([VERSION, view.to_dict()]).encode())
-    for path in paths:
-        try:
-            status = os.stat(path)  # noqa: PTH116 - Path.stat costs three times as much
-            name = os.path.basename(path)  # noqa: PTH119 - a moved folder keeps its views
-            digest.update(f"{name}|{status.st_size}|{status.st_mtime_ns}\n".encode())
-        except OSError:
-            digest.update(f"{path}|missing\n".encode())
+    file, known = None, b""
+    for image in images:
+        path, number = image, ""
+        if isinstance(image, StoredImage):
+            path, number = image.file, f"{image.number}|"
+        if path != file:
+            file, known = path, _file_key(path)
+        digest.update(number.encode() + known)
     return digest.hexdigest()[:24]
 
 
+def _file_key(path: str | Path) -> bytes:
+    try:
+        status = os.stat(path)  # noqa: PTH116 - Path.stat costs three times as much
+    except OSError:
+        return f"{path}|missing\n".encode()
+    name = os.path.basename(path)  # noqa: PTH119 - a moved folder keeps its views
+    return f"{name}|{status.st_size}|{status.st_mtime_ns}\n".encode()
+
+
 def decode_all(
-    paths: list[str], view: View, keep: Keep, progress: Progress | None = None
+    images: Sequence[AnyImage], view: View, keep: Keep, progress: Progress | None = None
 ) -> dict[int, str]:
     """Decode images on all cores; return the faults by position, whose views are zeros.
 
     Args:
-        paths: image files.
+        images: image files, or images in larger files.
         view: what a network sees.
-        keep: function that takes views, uint8 [n, H, W, C], in the order of the paths.
+        keep: function that takes views, uint8 [n, H, W, C], in the order of the images.
         progress: function called with (done, total).
     """
 
     def decode(start: int) -> tuple[np.ndarray, dict[int, str]]:
-        some = paths[start : start + CHUNK]
+        some = images[start : start + CHUNK]
         chunk, faults = np.zeros((len(some), *view.shape), np.uint8), {}
-        for offset, path in enumerate(some):
+        for offset, image in enumerate(some):
             try:
-                view(read_image(path), out=chunk[offset])
+                view(read_image(image), out=chunk[offset])
             except OSError as error:
-                faults[start + offset] = f"{path}: {error.strerror}"
+                faults[start + offset] = f"{image}: {error.strerror}"
             except ValueError as error:
-                faults[start + offset] = f"{path}: {error}"
+                faults[start + offset] = f"{image}: {error}"
         return chunk, faults
 
     all_faults: dict[int, str] = {}
     done = 0
-    threads = usable_cores()
+    threads = reading_threads(images, usable_cores())
     # OpenCV releases Python's lock while it decodes, so threads are enough. Its own threads are
     # off: they would share the work on each image.
     pool, its_own = ThreadPoolExecutor(threads), cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        starts = iter(range(0, len(paths), CHUNK))
+        starts = iter(range(0, len(images), CHUNK))
         # Submit a few chunks ahead, not all: an error ends the work early, and memory is bounded.
         ahead = deque(pool.submit(decode, start) for start in islice(starts, 2 * threads))
         while ahead:
@@ -185,7 +195,7 @@ def decode_all(
             done += len(chunk)
             all_faults |= faults
             if progress:
-                progress(done, len(paths))
+                progress(done, len(images))
     finally:
         pool.shutdown(cancel_futures=True)
         cv2.setNumThreads(its_own)

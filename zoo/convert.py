@@ -1,11 +1,12 @@
-"""`drivezoo convert`: exchange recordings with LeRobot and Donkeycar."""
+"""`drivezoo convert`: exchange recordings with LeRobot, Donkeycar and others."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
 
+from datamodules.read_options import ReadOptions
 from zoo.base.command import command
 from zoo.base.errors import UsageError
 from zoo.base.terminal import command_line, printable
@@ -18,40 +19,31 @@ def convert(
     *,
     to: Literal["udacity", "lerobot", "donkeycar"] | None = None,
     out: Path | None = None,
-    images: str | None = None,
     fps: Annotated[int, Field(ge=1, le=1000)] | None = None,
     crf: Annotated[int, Field(ge=1, le=51)] = 18,
     task: str = "follow the road",
-    steering: str | None = None,
-    camera: str | None = None,
-    speed_unit: Literal["mph", "mps", "kmh"] = "mps",
     fit: Literal["keep", "pad"] = "keep",
-    on_bad_row: Literal["fail", "skip"] = "fail",
     quality: Annotated[int, Field(ge=1, le=100)] = 95,
+    read: ReadOptions,
 ) -> Path:
-    """Exchange recordings with LeRobot and Donkeycar.
+    """Write a recording of any format as Udacity's log, a LeRobot dataset or a Donkeycar tub.
 
-    Finds out what SOURCE is: a recording, a LeRobotDataset v3 or a Donkeycar tub. Writes a
-    recording as a dataset or a tub, and a dataset or a tub as a recording that every command takes.
+    Finds out by its files what SOURCE is.
 
       drivezoo convert FOLDER to=lerobot out=NEW
       drivezoo convert TUB out=NEW
 
     Args:
-        source: folder of a recording, a LeRobot dataset or a tub.
+        source: folder or file of a recording.
         to: new format; null: udacity (driving_log.csv), for a folder of another format.
         out: new folder to write; null: SOURCE's name with the format, with a number if that exists.
-        images: folder of a recording's images, if not IMG/.
         fps: LeRobot: frames per second to write; null: the recording's mean.
         crf: LeRobot: quality of the videos, of which 1 is the best and the largest.
         task: LeRobot: the task in words.
-        steering: LeRobot: number that steers, as action:0; null: found by its name.
-        camera: LeRobot: key of the camera that looks ahead; null: found by its name.
-        speed_unit: LeRobot: unit of a speed whose name has none.
         fit: keep: images of other sizes as they are, which all commands stretch to 320 x 160; pad:
             with black bars, in their shape.
-        on_bad_row: skip: leave out rows that cannot be read; each is counted.
         quality: quality of JPEGs written from videos or padded.
+        read: see `ReadOptions`.
 
     Raises:
         InputError: the source cannot be read, or the new folder cannot be written.
@@ -59,23 +51,18 @@ def convert(
     """
     from rich.console import Console
 
-    from datamodules.recording import ReadOptions, find_format, formats
+    from datamodules.recording import find_format, formats
     from zoo.base.new_folder import free_folder, refuse_existing
     from zoo.cli.console_progress import progress_bar
 
     place = Path(source).expanduser()
-    found, _ = find_format(place)
+    found, _ = find_format(place, read.format)
     titles = {name: known.title for name, known in formats()}
     to = to or "udacity"
     if to == found:
         raise UsageError(
             f"to={to}: {source} is a {titles[to]} already; name another format: to=udacity, "
             "to=lerobot or to=donkeycar"
-        )
-    if "udacity" not in (to, found):
-        raise UsageError(
-            f"to={to}: a {titles[found]} becomes a recording first: leave out to=, then convert "
-            "the new folder"
         )
     # Without SOURCE's own name, `.` has none to add the format to.
     whole = (place.parent if place.is_file() else place).absolute()
@@ -85,7 +72,6 @@ def convert(
         if to == "udacity":
             from datamodules.formats.recording_writer import convert_to_recording
 
-            read = ReadOptions(images, "fail", on_bad_row, steering, camera, speed_unit)
             result = convert_to_recording(
                 place, out, read, fit=fit, quality=quality, progress=report
             )
@@ -94,9 +80,7 @@ def convert(
             from datamodules.findings import skipped_lines
             from datamodules.recording import read_recordings
 
-            recording = read_recordings(
-                str(place), images, on_bad_image="skip", on_bad_row=on_bad_row
-            )
+            recording = read_recordings(str(place), **{**asdict(read), "on_bad_image": "skip"})
             if to == "donkeycar":
                 from datamodules.formats.donkeycar import export_tub
 

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from datamodules.formats.udacity import times_from_names
-from datamodules.image import read_image
+from datamodules.image import AnyImage, read_image
 from datamodules.recording import LOG_NAME, read_recordings
 from zoo.base.command import command
 from zoo.base.errors import InputError
@@ -30,7 +30,7 @@ SUFFIXES = (".jpg", ".jpeg", ".png")
 class Shot:
     """A frame of a film: its image, and the arguments of `draw_overlay` at that time."""
 
-    path: Path
+    path: AnyImage
     time_s: float
     values: dict[str, Any] = field(default_factory=dict)
 
@@ -149,7 +149,7 @@ def _shots_of_recording(folder: Path) -> list[Shot]:
     values = zip(log.steering, log.throttle - log.brake, log.speed_mph, strict=True)
     rows = zip(log.images[:, 0], log.time_s, values, strict=True)
     return [
-        Shot(Path(image), float(time_s), dict(zip(names, map(float, row), strict=True)))
+        Shot(image, float(time_s), dict(zip(names, map(float, row), strict=True)))
         for image, time_s, row in rows
     ]
 

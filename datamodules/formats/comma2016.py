@@ -13,7 +13,8 @@ import numpy as np
 
 from datamodules.driving_log import BadRows
 from datamodules.formats.labels import labelled_recording
-from datamodules.recording import ForwardReader, ReadOptions, Recording, StoredImage
+from datamodules.image import StoredImage
+from datamodules.recording import ForwardReader, ReadOptions, Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.errors import InputError
 from zoo.base.limits import MOST

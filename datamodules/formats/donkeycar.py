@@ -97,6 +97,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
         raise InputError(f"{path}: no record is left: {reason}; name another tub")
     columns = {name: [record[name] for record in records] for name in (records or [{}])[0]}
     numbers = {name: np.array(columns.get(name, ()), float) for name in NUMBERS}
+    if options.unit:
+        numbers["steering"] = options.unit.steering(numbers["steering"])
     if np.isnan(numbers["time_s"]).any():
         sessions = {one: index for index, one in enumerate(dict.fromkeys(columns["session"]))}
         drive = np.array([sessions[one] for one in columns["session"]])

@@ -10,26 +10,24 @@ from typing import Any
 
 import numpy as np
 
-from datamodules.driving_log import CAMERAS, BadRows
+from datamodules.driving_log import CAMERAS, BadRows, read_fields, replace_undecoded
 from datamodules.formats.video import read_frames
-from datamodules.log_text import read_fields, replace_undecoded
+from datamodules.image import StoredImage
 from datamodules.recording import (
     ForwardReader,
     ReadOptions,
     Recording,
-    StoredImage,
     keep_valid,
     make_recording,
 )
 from datamodules.sign_evidence import find_sign_evidence
-from datamodules.steering_unit import SteeringUnit
+from datamodules.steering_unit import EXAMPLE, SteeringUnit
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most
 from zoo.base.rig import MPS_PER_MPH, Rig
 
 MOST_ASIDE = 0.5  # middle of the steering numbers, as a share of full lock
 NUMBERS = ("time_s", "speed_mps", "throttle", "brake")
-KEY_HINT = "unit: deg, full: 540, right: positive"
 
 Rows = dict[str, list]  # columns by name
 
@@ -133,7 +131,7 @@ def _check_range(
         f"{folder}: the steering numbers are {known.min():g}..{known.max():g}, mostly about "
         f"{np.median(known):g}: not {unit.words()}; name what they are, for a servo "
         "data.steering={unit: servo, zero: 90, full: 45, right: positive}, for a steering wheel "
-        f"data.steering={{{KEY_HINT}}}"
+        f"data.steering={{{EXAMPLE}}}"
     )
 
 

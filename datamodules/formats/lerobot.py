@@ -25,11 +25,11 @@ from datamodules.formats.lerobot_features import (
 )
 from datamodules.formats.parquet_columns import REMEDY, encoded_images, read_table
 from datamodules.formats.video import read_frames
+from datamodules.image import StoredImage
 from datamodules.recording import (
     ForwardReader,
     ReadOptions,
     Recording,
-    StoredImage,
     keep_valid,
     make_recording,
 )
@@ -61,7 +61,9 @@ def read(path: Path, options: ReadOptions) -> Recording:
     pyarrow = load_pyarrow()
     info = _read_info(path)
     features, place = info["features"], str(path / INFO)
-    meaning = find_meaning(features, place, options.steering, options.camera, options.speed_unit)
+    meaning = find_meaning(
+        features, place, options.steering_name, options.camera, options.speed_unit
+    )
     is_old = str(info["codebase_version"]).startswith("v2.")
     first = "episode_000000" if is_old else "file-000"
     files = sorted((path / DATA).glob(f"chunk-*/{first.rstrip('0')}*.parquet"))
@@ -80,6 +82,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
 
     episode, timestamp = column("episode_index").astype(np.int64), column("timestamp")
     numbers = {role: column(one.key, one.position) for role, one in meaning.roles.items()}
+    if options.unit:
+        numbers["steering"] = options.unit.steering(numbers["steering"])
     if "speed" in numbers:
         numbers["speed_mph"] = np.abs(numbers.pop("speed")) * meaning.mph
     numbers["time_s"] = column(TIME) if times else times_of_drives(episode, timestamp)

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, number_text
 from datamodules.image import (
     checked_size,
     decode_pixels,
+    encode_image,
     find_fault,
     find_file_fault,
     link_or_copy,
@@ -24,7 +24,7 @@ from datamodules.recording import (
     LOG_NAME,
     ReadOptions,
     Recording,
-    find_format,
+    read_recording,
     write_source,
 )
 from datamodules.stretches import complete_times, find_breaks
@@ -132,8 +132,8 @@ def convert_to_recording(
     source: Path, out: Path, options: ReadOptions | None = None, **how: Any
 ) -> Converted:
     """Read a folder of any format and write it as a log; `how` as in `write_recording`."""
-    name, source_format = find_format(source)
-    return write_recording(source_format.read(source, options or ReadOptions()), out, name, **how)
+    name, recording = read_recording(source, options or ReadOptions())
+    return write_recording(recording, out, name, **how)
 
 
 def image_stems(time_s: np.ndarray) -> list[str]:
@@ -168,10 +168,7 @@ def write_frame(image: np.ndarray, target: Path, quality: int = 95, fit: Fit = "
     OpenCV's own writer ends the process for a path that is not UTF-8.
     """
     image = pad_to_two_by_one(image) if fit == "pad" else image
-    bgr = np.ascontiguousarray(image[:, :, ::-1])
-    kind = ".png" if target.suffix.lower() == ".png" else ".jpg"
-    data = cv2.imencode(kind, bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
-    write_new(target, data.tobytes())
+    write_new(target, encode_image(image, target.suffix, quality))
 
 
 def pad_to_two_by_one(image: np.ndarray) -> np.ndarray:

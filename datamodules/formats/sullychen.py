@@ -11,9 +11,8 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from datamodules.driving_log import BadRows
+from datamodules.driving_log import MOST_LOG_BYTES, BadRows
 from datamodules.formats.labels import collect, inside, labelled_recording
-from datamodules.log_text import MOST_LOG_BYTES
 from datamodules.recording import ReadOptions, Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.regular_file import open_text

@@ -4,6 +4,7 @@ It is read where `data.format=table` asks for it, with `data.columns={image: NAM
 """
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,8 @@ from datamodules.driving_log import BadRows
 from datamodules.formats.labels import collect, decimal, inside, labelled_recording, read_csv
 from datamodules.formats.lerobot_features import load_pyarrow
 from datamodules.formats.parquet_columns import encoded_images, open_parquet
-from datamodules.recording import ForwardReader, ReadOptions, Recording, StoredImage
+from datamodules.image import StoredImage
+from datamodules.recording import ForwardReader, ReadOptions, Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.errors import InputError, UsageError
 
@@ -45,7 +47,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
             what the user says.
         UsageError: the columns are not named.
     """
-    table, columns = _find_table(path), options.columns or {}
+    table, columns = _find_table(path), options.named_columns
     known = {**IMAGES, **NUMBERS}
     if not {"steering"} <= set(columns) <= set(known) or not {"image", "center"} & set(columns):
         raise UsageError(
@@ -120,4 +122,4 @@ def _parquet_rows(
 
 
 def _bytes_of(name: str, pyarrow: Any) -> Any:
-    return lambda file: encoded_images([Path(file)], name, pyarrow)
+    return partial(encoded_images, key=name, pyarrow=pyarrow)

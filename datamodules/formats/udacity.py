@@ -30,8 +30,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
     """
     log = path if path.suffix == ".csv" else path / LOG_NAME
     if not log.exists():
-        what = f"holds no {LOG_NAME}" if path.exists() else "no such folder"
-        raise InputError(f"{path}: {what}; {_suggest(path)}")
+        raise InputError(missing(path))
     finder, bad_rows = ImageFinder(log, options.images), BadRows(options.on_bad_row)
     rows = list(read_log(log, bad_rows))
     images = {
@@ -57,16 +56,17 @@ def read(path: Path, options: ReadOptions) -> Recording:
     return recording.keep(good, tuple(bad[index] for index in sorted(bad)))
 
 
-def _suggest(root: Path) -> str:
-    """Return what to name instead: recordings in a folder or around it, or with a near name."""
+def missing(root: Path) -> str:
+    """Return what a path lacks, and what to name: recordings in it or around it, or a near name."""
     found = [path.parent for path in sorted(root.glob(f"*/{LOG_NAME}"))]
     if not root.exists():
         near = {path.parent.name: path.parent for path in root.parent.glob(f"*/{LOG_NAME}")}
         found = [near[name] for name in difflib.get_close_matches(root.name, list(near), n=1)]
     elif not found and (root.parent / LOG_NAME).is_file():  # its IMG folder was named
         found = [root.parent]
-    named = ", or ".join(map(str, found[:SUGGESTED]))
-    return f"name {named}" if found else f"name the folder of a {LOG_NAME}"
+    what = f"holds no {LOG_NAME}, and is of no other format" if root.exists() else "no such folder"
+    named = ", or ".join(map(str, found[:SUGGESTED])) or f"the folder of a {LOG_NAME}"
+    return f"{root}: {what}; name {named}"
 
 
 def _missing_images(

@@ -166,12 +166,3 @@ def test_bad_rows_are_refused_or_skipped_and_named(written):
         after = skipped.stdout.splitlines().index("skipped 1 bad rows:")
         assert "row 4: 1 columns" in skipped.stdout.splitlines()[after + 1]
         assert skipped.stdout.splitlines()[-1].endswith(" data.on_bad_row=skip")
-
-
-@pytest.mark.parametrize("file", ["meta/info.json", "manifest.json", "record_1.json"])
-def test_a_recording_of_another_format_is_answered_with_convert(tmp_path, file):
-    (tmp_path / "there" / file).parent.mkdir(parents=True)
-    (tmp_path / "there" / file).write_text("{}")
-    done = run_check(tmp_path / "there")
-    assert done.returncode == 1
-    assert f"drivezoo convert {tmp_path / 'there'}" in done.stderr

@@ -2,12 +2,15 @@
 
 import contextlib
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
+from datamodules.read_options import ReadOptions
 from zoo.base.command import command
+from zoo.base.command_keys import typed
 from zoo.base.terminal import command_line, printable
 from zoo.cli.closing_lines import print_next, print_written
 
@@ -21,7 +24,6 @@ def edit(
     folder: str,
     *folders: str,
     ckpt: str | None = None,
-    images: str | None = None,
     drop: str | None = None,
     keep: str | None = None,
     mirror: str | None = None,
@@ -29,6 +31,7 @@ def edit(
     out: Path | None = None,
     page: bool = True,
     port: Annotated[int, Field(ge=0, le=65535)] = 4570,
+    read: ReadOptions,
 ) -> None:
     """Look at a recording and clean it on a page.
 
@@ -42,7 +45,6 @@ def edit(
         folder: recording's folder; several become one recording.
         *folders: further folders.
         ckpt: checkpoint whose steering is drawn next to the recorded one.
-        images: folder of the images, if not IMG/.
         drop: rows to leave out, from 1: 120-180,2600-.
         keep: rows to keep; all others are dropped.
         mirror: rows to mirror from left to right.
@@ -50,6 +52,7 @@ def edit(
         out: new folder to write; null: FOLDER_edited, with a number if that exists.
         page: false: write at once, without a page.
         port: TCP port of the page on this machine; 0: a free one.
+        read: see `ReadOptions`.
 
     Raises:
         InputError: a recording, checkpoint, edit or output folder is wrong.
@@ -66,7 +69,7 @@ def edit(
 
     if out:
         refuse_existing(out.expanduser())
-    recording = read_recordings(all_folders, images, on_bad_image="skip")
+    recording = read_recordings(all_folders, **{**asdict(read), "on_bad_image": "skip"})
     edits = typed_edits(len(recording), drop, keep, mirror, split)
     for line in report_lines(recording):
         print(printable(line))
@@ -77,8 +80,8 @@ def edit(
         return
     serve_page(session, ckpt, port)
     if session.unsaved:
-        given = {"ckpt": ckpt, "images": images, "out": None if session.written else out}
-        keys = [f"{key}={value}" for key, value in given.items() if value]
+        given = {"ckpt": ckpt, "out": None if session.written else out, **read.given()}
+        keys = [f"{key}={typed(value)}" for key, value in given.items() if value]
         print("the edits are not written; to resume with them:")
         print_next(command_line(["drivezoo", "edit", *all_folders, *session.options(), *keys]))
 

@@ -14,12 +14,11 @@ from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
 import numpy as np
 
-from datamodules.image import MOST_IMAGE_BYTES, find_fault
+from datamodules.image import encode_image, find_fault, read_stored
 from datamodules.recording import file_name
 from datamodules.split import rows_per_second
 from datamodules.stretches import find_breaks
 from zoo.base.errors import InputError
-from zoo.base.regular_file import read_regular
 from zoo.drive.notices import Notices
 from zoo.drive.origin import OriginGuard
 from zoo.drive.page_requests import Answer, RequestError, json_answer, read_command, respond, route
@@ -120,7 +119,7 @@ class EditPage:
         return {
             "row": row,
             "place": one.place(row),
-            "image": file_name(one.images[row, 0]),
+            "image": file_name(str(one.images[row, 0])),
             "throttle": float(one.throttle[row]),
             "brake": float(one.brake[row]),
         }
@@ -131,10 +130,12 @@ class EditPage:
         if path is None:
             raise RequestError(HTTPStatus.NOT_FOUND, "this camera has no image in this row")
         try:
-            data = read_regular(path, MOST_IMAGE_BYTES)
-        except OSError as error:
-            line = f"{path}: {error.strerror or error}"
+            data = read_stored(path)
+        except (OSError, ValueError) as error:
+            line = f"{path}: {getattr(error, 'strerror', None) or error}"
             raise RequestError(HTTPStatus.NOT_FOUND, line) from None
+        if not isinstance(data, bytes):
+            return encode_image(data), "image/jpeg"
         # A log may name any file of the user; only images leave the process.
         if fault := find_fault(data):
             raise RequestError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"{path}: {fault}")

@@ -3,7 +3,6 @@
 import statistics
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -128,11 +127,11 @@ def _first_steps(policy: CheckpointPolicy, images: np.ndarray) -> np.ndarray:
 
 
 def _frames_of(folder: str | list[str], images: str | None = None) -> Frames:
-    recording = read_recordings(folder, images, on_bad_image="skip")
+    recording = read_recordings(folder, images=images, on_bad_image="skip")
     rows = np.unique(np.linspace(0, len(recording) - 1, FRAMES).round().astype(int))
     frames = []
     for row in rows:
-        path = Path(recording.images[row, 0])
+        path = recording.images[row, 0]
         try:
             frames.append(read_image(path))
         except (OSError, ValueError) as error:

@@ -53,13 +53,16 @@ class ReportedRun(Run):
     @cached_property
     def recording(self) -> "Recording":
         """Read the recording again; raise InputError or OSError if it cannot be read."""
+        from datamodules.read_options import said_in
         from datamodules.recording import read_recordings
 
-        root, images = self.config["data"]["root"], self.config["data"].get("images")
+        data = self.config["data"]
+        root, images = data["root"], data.get("images")
         if root is None:
             raise InputError("The run stopped before it opened its recording.")
         roots = [self._found(one) for one in ([root] if isinstance(root, str) else root)]
-        return read_recordings(roots, self._found(images) if images else None, "skip")
+        said = said_in(data) | {"on_bad_image": "skip"}
+        return read_recordings(roots, **said | {"images": self._found(images) if images else None})
 
     @property
     def drives(self) -> list["Drive"]:

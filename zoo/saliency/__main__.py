@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from datamodules.image import read_image
+from datamodules.image import AnyImage, read_image
 from datamodules.recording import read_recordings
 from zoo.base.command import command
 from zoo.base.errors import InputError
@@ -62,10 +62,10 @@ def _frames(source: Path) -> list[tuple[np.ndarray, float]]:
         return [(_read_frame(source), 0.0)]
     recording = read_recordings(str(source), on_bad_image="skip")
     rows = np.unique(np.linspace(0, len(recording) - 1, SHOWN).round().astype(int))
-    return [(_read_frame(Path(recording.images[r, 0])), recording.speed_mph[r]) for r in rows]
+    return [(_read_frame(recording.images[r, 0]), recording.speed_mph[r]) for r in rows]
 
 
-def _read_frame(path: Path) -> np.ndarray:
+def _read_frame(path: AnyImage) -> np.ndarray:
     try:
         return read_image(path)
     except (OSError, ValueError) as error:

@@ -11,13 +11,11 @@ import pytest
 
 from datamodules.recording import ReadOptions, Recording, find_format
 from datamodules.sign_evidence import find_sign_evidence
-from datamodules.steering_unit import SteeringUnit
 from zoo.base.errors import InputError
 
 ROWS = 60
 STEERING = np.sin(np.arange(ROWS) / 5) / 2  # share of full lock, right positive
 NS = 1_479_425_441_182_877_835  # a time of the challenge
-WHEEL = SteeringUnit("deg", full=540.0)
 
 
 def write_frames(folder: Path, names: Sequence[str], right: float = 1.0) -> None:
@@ -201,16 +199,16 @@ def test_images_that_deny_the_sign_stop_and_name_the_key(tmp_path: Path) -> None
     folder = sullychen(tmp_path / "recording", right=-1.0)
     with pytest.raises(InputError, match=r"images deny .*data\.steering=\{unit: deg, full: 540"):
         read(folder)
-    unit = SteeringUnit("deg", full=540.0, right="negative")
-    assert read(folder, unit=unit).steering == pytest.approx(-STEERING, abs=1e-6)
+    unit = "{unit: deg, full: 540, right: negative}"
+    assert read(folder, steering=unit).steering == pytest.approx(-STEERING, abs=1e-6)
 
 
 def test_a_servo_in_the_layout_of_degrees_stops_and_names_the_key(tmp_path: Path) -> None:
     folder = sullychen(tmp_path / "recording", full=45.0, zero=90.0)
     with pytest.raises(InputError, match=r"mostly about .*\{unit: servo, zero: 90, full: 45"):
         read(folder)
-    unit = SteeringUnit("servo", full=45.0, zero=90.0)
-    assert read(folder, unit=unit).steering == pytest.approx(STEERING, abs=1e-6)
+    unit = {"unit": "servo", "full": 45, "zero": 90}
+    assert read(folder, steering=unit).steering == pytest.approx(STEERING, abs=1e-6)
 
 
 def test_degrees_under_a_name_of_radians_stop(tmp_path: Path) -> None:

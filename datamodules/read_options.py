@@ -1,0 +1,61 @@
+"""What a user says about a recording: keys that commands and trainings share."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Literal
+
+from datamodules.steering_unit import SteeringUnit, keys_and_values, read_unit
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadOptions:
+    """What a user says about a recording; a format uses what concerns it.
+
+    Args:
+        images: folder of the images, if not the usual one.
+        on_bad_image: skip: leave out rows whose image is missing.
+        on_bad_row: skip: leave out rows that cannot be read; each is counted.
+        format: name of the format, such as table; null: found by the names of the files.
+        columns: columns of a table, {image: NAME, steering: NAME}.
+        steering: what the numbers mean, {unit: deg, full: 540, right: positive}, or the name of the
+            number that steers, as LeRobot's action:0; null: as the format says.
+        camera: name of the camera that looks ahead, in a LeRobot dataset; null: found by its name.
+        speed_unit: unit of a speed whose name has none.
+        rig: file of the car's rig; null: rig.yaml beside the recording, or as the format says.
+    """
+
+    images: str | None = None
+    on_bad_image: Literal["fail", "skip"] = "fail"
+    on_bad_row: Literal["fail", "skip"] = "fail"
+    format: str | None = None
+    columns: str | Mapping[str, str] | None = None
+    steering: str | Mapping[str, Any] | None = None
+    camera: str | None = None
+    speed_unit: Literal["mph", "mps", "kmh"] = "mps"
+    rig: str | None = None
+
+    def given(self) -> dict[str, Any]:
+        """Return the values that differ from the defaults, by key."""
+        plain = ReadOptions()
+        return {key: value for key, value in vars(self).items() if value != getattr(plain, key)}
+
+    @property
+    def unit(self) -> SteeringUnit | None:
+        """Return what the user says that the steering's numbers mean."""
+        plain = keys_and_values("steering", self.steering)
+        return None if plain is None else read_unit(plain)
+
+    @property
+    def steering_name(self) -> str | None:
+        """Return the name that the user gives of the number that steers."""
+        return self.steering if isinstance(self.steering, str) and self.unit is None else None
+
+    @property
+    def named_columns(self) -> Mapping[str, Any]:
+        """Return the columns that the user names."""
+        return keys_and_values("columns", self.columns) or {}
+
+
+def said_in(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a config's `data` says about its recording."""
+    return {field.name: data[field.name] for field in fields(ReadOptions) if field.name in data}
