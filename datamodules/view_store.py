@@ -133,14 +133,15 @@ def is_stored(target: Path | None) -> bool:
 def cache_key(images: Sequence[AnyImage], view: View) -> str:
     """Return the fingerprint of files (name, size, time of change), numbers in them, and view."""
     digest = hashlib.sha256(json.dumps([VERSION, view.to_dict()]).encode())
-    file, known = None, b""
+    file: str | Path | None = None
+    known = b""
     for image in images:
-        path, number = image, ""
-        if isinstance(image, StoredImage):
-            path, number = image.file, f"{image.number}|"
+        path = image.file if isinstance(image, StoredImage) else image
         if path != file:
             file, known = path, _file_key(path)
-        digest.update(number.encode() + known)
+        digest.update(known)
+        if isinstance(image, StoredImage):
+            digest.update(f"{image.number}|".encode())
     return digest.hexdigest()[:24]
 
 

@@ -96,4 +96,6 @@ def _nearest(moments: np.ndarray, times: np.ndarray, images: np.ndarray) -> np.n
     after = np.searchsorted(times[order], moments)
     pair = order[np.clip(np.stack([after - 1, after]), 0, len(times) - 1)]
     nearest = pair[np.abs(times[pair] - moments).argmin(0), np.arange(len(moments))]
-    return np.where(np.abs(times[nearest] - moments) <= SAME_MOMENT_S, images[nearest], None)
+    found = images[nearest]
+    found[np.abs(times[nearest] - moments) > SAME_MOMENT_S] = None
+    return found

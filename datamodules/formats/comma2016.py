@@ -76,9 +76,8 @@ def _log(path: Path) -> tuple[np.ndarray, ...]:
     return np.nan_to_num(pointer, nan=-1).astype(np.int64), *numbers
 
 
-def _images(name: str) -> Iterator[np.ndarray]:
+def _images(path: Path) -> Iterator[np.ndarray]:
     """Yield the images of a file, uint8 [H, W, 3] RGB."""
-    path = Path(name)
     with _open(path) as file:
         images = _dataset(file, path, "X", 4)
         if images.dtype != np.uint8 or images.shape[1:] != SHAPE:
@@ -105,7 +104,8 @@ def _dataset(file: Any, path: Path, name: str, dimensions: int) -> Any:
     """Return a dataset of numbers, which no link leads to another file for."""
     import h5py
 
-    found = file[name] if isinstance(file.get(name, getlink=True), h5py.HardLink) else None
+    is_here = isinstance(file.get(name, getlink=True), h5py.HardLink)
+    found: Any = file[name] if is_here else None
     fits = (
         isinstance(found, h5py.Dataset) and found.ndim == dimensions and found.dtype.kind in "uif"
     )

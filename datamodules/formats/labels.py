@@ -162,7 +162,8 @@ def _with_images(recording: Recording, options: ReadOptions) -> Recording:
 
     found = np.frompyfunc(exists, 1, 1)(recording.images).astype(bool)
     recording.images[~found] = None
-    missing = [f"{recording.place(row)}: no centre image" for row in np.flatnonzero(~found[:, 0])]
+    rows = np.flatnonzero(~found[:, 0]).tolist()
+    missing = [f"{recording.place(row)}: no centre image" for row in rows]
     if missing and (options.on_bad_image == "fail" or len(missing) == len(recording)):
         raise InputError(
             f"{missing[0]} ({len(missing):,} of {len(recording):,} rows lack one); copy the images "

@@ -101,14 +101,9 @@ def _parquet_rows(
 ) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Yield each row's place and fields; an image that stands in the table is a `StoredImage`."""
     pyarrow = load_pyarrow()
-    file = open_parquet(table, pyarrow)
-    names = file.schema_arrow.names
-    if missing := [name for name in columns.values() if name not in names]:
-        raise InputError(
-            f"{table}: has no column {', '.join(missing)}; it has {', '.join(names):.300}"
-        )
+    file = open_parquet(table, list(columns.values()), pyarrow)
     stored = {
-        name: ForwardReader(_bytes_of(name, pyarrow))
+        name: ForwardReader(partial(encoded_images, key=name, pyarrow=pyarrow))
         for key, name in columns.items()
         if key in IMAGES and not pyarrow.types.is_string(file.schema_arrow.field(name).type)
     }
@@ -119,7 +114,3 @@ def _parquet_rows(
             images = {name: StoredImage(str(table), number, one) for name, one in stored.items()}
             number += 1
             yield f"{table}, row {number}", fields | images
-
-
-def _bytes_of(name: str, pyarrow: Any) -> Any:
-    return partial(encoded_images, key=name, pyarrow=pyarrow)

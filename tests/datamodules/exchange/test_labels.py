@@ -195,6 +195,24 @@ def test_a_table_has_the_columns_that_the_user_names(tmp_path: Path) -> None:
         reader.read(folder, ReadOptions())
 
 
+@pytest.mark.parametrize("stored", [False, True])
+def test_a_parquet_table_names_or_holds_its_images(stored: bool, tmp_path: Path) -> None:
+    pa = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    folder = table(tmp_path / "recording")
+    names = [f"pics/{row}.png" for row in range(ROWS)]
+    data = [{"bytes": (folder / name).read_bytes(), "path": "x"} for name in names]
+    columns = {"turn": STEERING, "view": data if stored else names, "s": np.arange(ROWS) / 20}
+    parquet.write_table(pa.table(columns), folder / "rows.parquet")
+    said = {"columns": "{image: view, steering: turn, time: s}"}
+    recording = read(folder / "rows.parquet", **said)
+    assert recording.steering == pytest.approx(STEERING)
+    last = cv2.imread(str(folder / names[-1]))[:, :, ::-1]
+    np.testing.assert_array_equal(recording.image(ROWS - 1), last)
+    with pytest.raises(InputError, match="no column other"):
+        read(folder / "rows.parquet", columns={"image": "view", "steering": "other"})
+
+
 def test_images_that_deny_the_sign_stop_and_name_the_key(tmp_path: Path) -> None:
     folder = sullychen(tmp_path / "recording", right=-1.0)
     with pytest.raises(InputError, match=r"images deny .*data\.steering=\{unit: deg, full: 540"):
