@@ -365,6 +365,19 @@ def read_source(folders: Iterable[str | Path]) -> str | None:
     return None
 
 
+def other_car(recording: Recording) -> str | None:
+    """Return the name of the car or format of a recording; None if it is Udacity's car.
+
+    Raises:
+        InputError: see `read_source`.
+    """
+    if source := read_source(recording.names):
+        return source
+    if recording.rig == UDACITY:
+        return None
+    return recording.rig.name if recording.rig else "a car of unknown make"
+
+
 def file_name(written: str) -> str:
     r"""Return the last part of a path of any system.
 

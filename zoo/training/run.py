@@ -12,7 +12,7 @@ from torch import nn
 
 from datamodules.driving import DrivingData
 from datamodules.leak import Leak
-from datamodules.recording import read_source
+from datamodules.recording import other_car
 from datamodules.split import PARTS, rows_per_second, write_split
 from zoo.base.terminal import print_line
 from zoo.base.whole_file import refuse_links_out
@@ -103,7 +103,7 @@ def _run(
         "rows_per_s": rows_per_second(data.recording),
         "speed_mph": float(np.median(data.recording.speed_mph)),
     }
-    if source := read_source(data.recording.names):
+    if source := other_car(data.recording):
         recorded["source"] = source
         if score is not None:
             print_line(console, no_verdict(source))
