@@ -25,7 +25,7 @@ from datamodules.recording import read_recordings
 from datamodules.sign_evidence import sign_lines
 from zoo.base.command import command, is_help
 from zoo.base.command_keys import read_texts, typed
-from zoo.base.run_command import run_command
+from zoo.base.run_command import exit_after
 from zoo.base.terminal import command_line, printable
 
 FIRST_TRY = "experiment=first_try"  # docs/recipes.md, "A first try that drives"
@@ -143,4 +143,4 @@ def main(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("drivezoo check", main, sys.argv[1:]))
+    exit_after("drivezoo check", main)

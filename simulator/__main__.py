@@ -1,6 +1,5 @@
 """`drivezoo simulator record|drive|client [key=value...]`: record, drive, or obey."""
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -8,7 +7,7 @@ from simulator.command_options import ClientOptions, DriveOptions, RecordOptions
 from zoo.base.command import command, is_help
 from zoo.base.errors import UsageError
 from zoo.base.nearest import hint
-from zoo.base.run_command import run_command
+from zoo.base.run_command import exit_after
 
 # Slow imports come late: --help and typos answer at once.
 
@@ -82,4 +81,4 @@ def simulator(arguments: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("drivezoo simulator", simulator, sys.argv[1:]))
+    exit_after("drivezoo simulator", simulator)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from zoo.base.command import is_help
 from zoo.base.errors import InputError, StoppedError, UsageError
-from zoo.base.run_command import run_command
+from zoo.base.run_command import exit_after
 from zoo.checkpoints.checkpoint_path import find_run, name_latest
 from zoo.cli.console_progress import loading
 from zoo.training.host_settings import limit_spinning
@@ -124,4 +124,4 @@ def is_sweep(arguments: list[str]) -> bool:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("drivezoo train", train_or_sweep, sys.argv[1:]))
+    exit_after("drivezoo train", train_or_sweep)

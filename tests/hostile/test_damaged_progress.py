@@ -47,7 +47,7 @@ CORRECT = ANY | {
     "text for figure": (field(*TRACKS, "autonomy", value="x"), "rounds.0.tracks.lake.autonomy"),
     "NaN for figure": (
         field(*TRACKS, "cte_mean_m", value=[float("nan"), 0]),
-        "rounds.0.tracks.lake.cte_mean_m: ",
+        "rounds.0.tracks.lake.cte_mean_m",
     ),
     "figure missing": (field(*TRACKS, value={}), "rounds.0.tracks.lake.autonomy: "),
     "null for identity": (field("identity", value=None), "identity: "),
@@ -84,12 +84,14 @@ def test_a_damaged_correction_is_named_and_not_changed(
     assert sorted(tmp_path.rglob("*")) == before
 
 
+OTHER = "other options"
 RECIPES = ANY | {
-    "text for passes": (field("passes", value="x"), "data.record.passes"),
-    "NaN for laps": (field("passes", value=[{"laps": float("nan")}]), "data.record.passes"),
-    "400 digits": (field("passes", value=[{"laps": 10**400}]), "data.record.passes"),
-    "another key": (field("other", value=1), "data.record.other"),
-    "no passes": (text("{}"), "data.record.passes"),
+    "list": (text("[]"), OTHER),
+    "text for passes": (field("passes", value="x"), OTHER),
+    "NaN for laps": (field("passes", value=[{"laps": float("nan")}]), OTHER),
+    "400 digits": (field("passes", value=[{"laps": 10**400}]), OTHER),
+    "another key": (field("other", value=1), OTHER),
+    "no passes": (text("{}"), OTHER),
 }
 
 

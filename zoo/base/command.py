@@ -21,7 +21,6 @@ from __future__ import annotations
 import functools
 import inspect
 import os
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Generic, TypeVar, overload
@@ -40,7 +39,7 @@ from zoo.base.command_keys import (
 from zoo.base.errors import InputError, UsageError
 from zoo.base.nearest import hint
 from zoo.base.parts import MEANING as PARTS
-from zoo.base.run_command import run_command
+from zoo.base.run_command import exit_after
 
 Made = TypeVar("Made")
 
@@ -110,7 +109,7 @@ class Command(Generic[Made]):
 
     def run(self) -> None:
         """Run the command with the arguments of this process, and exit with its status."""
-        sys.exit(run_command(f"drivezoo {self.name}", self.main, sys.argv[1:]))
+        exit_after(f"drivezoo {self.name}", self.main)
 
     @property
     def doc(self) -> str:

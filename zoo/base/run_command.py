@@ -9,7 +9,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
-from typing import TextIO
+from typing import NoReturn, TextIO
 
 from zoo.base.errors import InputError, StoppedError, UsageError
 from zoo.base.parts import part_failure, take_parts
@@ -85,6 +85,17 @@ def expected_failure(error: BaseException) -> Exception | None:
     if isinstance(error, OSError) and error.strerror is not None:
         return InputError(f"{error.filename or 'a file'}: {error.strerror}")
     return None
+
+
+def exit_after(name: str, command: Callable[[list[str]], object]) -> NoReturn:
+    """Run a command with the arguments of this process, and exit with its status."""
+    # An interrupt after the command's last line would print a traceback.
+    try:
+        status = run_command(name, command, sys.argv[1:])
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    except KeyboardInterrupt:
+        status = FAILED
+    sys.exit(status)
 
 
 def raise_interrupts() -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from zoo.base.command import command, is_help
 from zoo.base.command_keys import check_keys, read_texts
 from zoo.base.errors import UsageError
-from zoo.base.run_command import run_command
+from zoo.base.run_command import exit_after
 from zoo.base.terminal import command_line, printable
 from zoo.checkpoints.checkpoint_path import FOLDER, LATEST, find_checkpoint, packaged_file
 from zoo.cli.closing_lines import print_next
@@ -137,4 +137,4 @@ def next_step(checkpoint: str | None, recording: str | None) -> tuple[str, str]:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("drivezoo doctor", main, sys.argv[1:]))
+    exit_after("drivezoo doctor", main)

@@ -1,13 +1,12 @@
 """`drivezoo evaluate`: score a checkpoint by driving."""
 
-import sys
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 
 from zoo.base.command import command, is_help
 from zoo.base.errors import UsageError
-from zoo.base.run_command import run_command
+from zoo.base.run_command import exit_after
 from zoo.checkpoints.checkpoint_path import find_driver
 from zoo.cli.console_progress import loading
 from zoo.evaluate.evaluate_options import EvaluateOptions, ReplayOptions
@@ -81,4 +80,4 @@ def evaluate_or_replay(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("drivezoo evaluate", evaluate_or_replay, sys.argv[1:]))
+    exit_after("drivezoo evaluate", evaluate_or_replay)

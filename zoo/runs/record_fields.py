@@ -46,9 +46,10 @@ def _texts(value: object) -> object:
     return value
 
 
+MOST_WHOLE = 2**53  # above it, a number in a table would no longer be exact
 Number = float
-Whole = int
-Count = Annotated[int, Field(ge=0)]
+Whole = Annotated[int, Field(ge=-MOST_WHOLE, le=MOST_WHOLE)]
+Count = Annotated[int, Field(ge=0, le=MOST_WHOLE)]
 # Mean over drives, and deviation or null; strict types would refuse a list.
 Pair = Annotated[tuple[Number, Number | None], Strict(False)]
 

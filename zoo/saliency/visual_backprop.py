@@ -63,8 +63,9 @@ class Saliency:
 
     def __init__(self, policy: CheckpointPolicy, published: bool = False) -> None:
         if isinstance(policy, OnnxPolicy | EnsemblePolicy):
+            name = policy.path if isinstance(policy, OnnxPolicy) else policy.name
             raise InputError(
-                f"{policy.name}: an ONNX file or an ensemble has no gradients for the saliency; "
+                f"{name}: an ONNX file or an ensemble has no gradients for the saliency; "
                 "name the checkpoint that it was written from"
             )
         self.view, self.published = policy.view, published

@@ -237,16 +237,14 @@ def test_odd_names_are_trained_in_and_resumed(
     )
 
 
-@pytest.mark.parametrize(
-    ("typed", "name", "writer"),
-    [("a\\${b}", "a${b}", "Hydra"), ("a\udcff", "a\\udcff", "TensorBoard")],
-)
+@pytest.mark.parametrize(("typed", "name"), [("a\\${b}", "a${b}"), ("a\udcff", "a\\udcff")])
 def test_a_name_that_no_run_can_have_is_refused(
-    zoo: Zoo, typed: str, name: str, writer: str, tmp_path: Path, capsys: pytest.CaptureFixture
+    zoo: Zoo, typed: str, name: str, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
     assert zoo(f"hydra.run.dir={typed}") == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
-    assert f"{tmp_path / name}: {writer} cannot write" in line
+    assert f"{tmp_path / name}: " in line
+    assert "cannot write" in line
     assert "hydra.run.dir=FOLDER" in line
     assert list(tmp_path.iterdir()) == []
 
