@@ -89,12 +89,13 @@ def expected_failure(error: BaseException) -> Exception | None:
 
 def exit_after(name: str, command: Callable[[list[str]], object]) -> NoReturn:
     """Run a command with the arguments of this process, and exit with its status."""
-    # An interrupt after the command's last line would print a traceback.
+    # An interrupt before the command begins, or after its last line, would print a traceback.
     try:
         status = run_command(name, command, sys.argv[1:])
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     except KeyboardInterrupt:
-        status = FAILED
+        print(f"{name}: stopped", file=sys.stderr)
+        status = STOPPED
     sys.exit(status)
 
 
