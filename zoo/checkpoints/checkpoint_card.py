@@ -39,7 +39,7 @@ class Data(Fields):
     rows: Whole | None = None
     rows_per_s: Number | None = None
     speed_mph: Number | None = None
-    source: str | None = None  # format that it was converted from; None for Udacity's rig
+    source: str | None = None  # its other car or format; None for Udacity's rig
 
 
 class PartCard(Fields):

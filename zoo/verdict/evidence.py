@@ -21,7 +21,7 @@ class Evidence:
             without a checkpoint.
         config: config of the experiment from the checkpoint; another program's may hold anything.
         metrics: content of the run's `metrics.json`; empty without one.
-        source: format that its recording was converted from; None for Udacity's rig.
+        source: other car or format of its recording; None for Udacity's rig.
         overrides: arguments of `drivezoo train` that started the run; None if unknown.
     """
 
@@ -82,7 +82,7 @@ def evidence_of_run(folder: Path, config: Mapping, metrics: Mapping) -> Evidence
 
 
 def source_of(data: object) -> str | None:
-    """Return the format that a recording was converted from, by a checkpoint's facts on it."""
+    """Return the other car or format of a recording, by a checkpoint's facts on it."""
     source = data.get("source") if isinstance(data, Mapping) else None
     return source if isinstance(source, str) else None
 
@@ -90,9 +90,9 @@ def source_of(data: object) -> str | None:
 def no_verdict(source: str) -> str:
     """Return why drives on the embedded tracks give no verdict, and what does instead."""
     return (
-        f"no verdict by driving: its recording was converted ({source}), with another camera and "
-        "another car than those of the embedded tracks; score it on drives that it was not "
-        "trained on: drivezoo replay CKPT FOLDER"
+        f"no verdict by driving: its recording ({source}) has another camera and another car than "
+        "the embedded tracks; score it on drives that it was not trained on: drivezoo replay CKPT "
+        "FOLDER"
     )
 
 
