@@ -134,7 +134,7 @@ def version_line() -> str:
     """Return the package's version with those of Python and PyTorch, without importing it."""
     from importlib.metadata import version  # slow import
 
-    from zoo import __version__
+    from zoo.base import __version__
 
     python = sys.version.split()[0]
     return f"drivezoo {__version__} (Python {python}, torch {version('torch')})"
