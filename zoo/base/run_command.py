@@ -1,5 +1,6 @@
 """Run of a command: Ctrl-C, standard output, one-line errors and exit statuses."""
 
+import atexit
 import os
 import re
 import signal
@@ -89,10 +90,10 @@ def expected_failure(error: BaseException) -> Exception | None:
 
 def exit_after(name: str, command: Callable[[list[str]], object]) -> NoReturn:
     """Run a command with the arguments of this process, and exit with its status."""
-    # An interrupt before the command begins, or after its last line, would print a traceback.
+    # An interrupt before the command begins, or while Python ends, would print a traceback.
+    atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     try:
         status = run_command(name, command, sys.argv[1:])
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
     except KeyboardInterrupt:
         print(f"{name}: stopped", file=sys.stderr)
         status = STOPPED
