@@ -17,7 +17,7 @@ from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.command import Command, Policy, mixture, output_command
-from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
+from zoo.checkpoints.frozen_graph import NetworkPolicy, network_inputs, quick_forward
 
 
 class EnsemblePolicy(Policy):
@@ -88,7 +88,7 @@ class EnsemblePolicy(Policy):
 LAYERS = (nn.Dropout, nn.Dropout1d, nn.Dropout2d, nn.Dropout3d)
 
 
-class DropoutPolicy(Policy):
+class DropoutPolicy(NetworkPolicy):
     """A policy that runs a network under several dropout masks, and returns mean and spread.
 
     The masks are drawn once, from the seed, and stay the same for every frame. New masks for each
@@ -107,17 +107,12 @@ class DropoutPolicy(Policy):
         InputError: the network has no dropout, or remembers frames.
     """
 
-    predicts_spread = True
-
     def __init__(self, checkpoint: Checkpoint, samples: int, seed: int) -> None:
-        self.network, self.view = checkpoint.network, checkpoint.view
-        self.data = checkpoint.data
-        self.name = f"{type(self.network).__name__} with {samples} dropout samples"
-        model = checkpoint.config.get("model", {}) | {"name": self.name}
+        super().__init__(checkpoint)
+        self.predicts_spread = True
+        self.name = f"{self.name} with {samples} dropout samples"
+        model = {**checkpoint.config.get("model", {}), "name": self.name}
         self.config = checkpoint.config | {"model": model}
-        self.parameters = sum(one.numel() for one in self.network.parameters())
-        facts: Any = self.network
-        self.takes_speed, self.outputs = facts.takes_speed, facts.outputs
         self.forward = quick_forward(
             SampledNetwork(self.network, self.view, samples, seed), self.view
         )

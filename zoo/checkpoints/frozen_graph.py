@@ -1,4 +1,4 @@
-"""A network's forward pass on one frame, as fast as torch can compute the same output."""
+"""A checkpoint's network in a policy: its facts, and a fast forward pass of the same output."""
 
 import warnings
 from collections.abc import Callable, Iterator
@@ -10,6 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from datamodules.view import View
+from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.command import Policy
 from zoo.models.memory import Memory, Step
 
 
@@ -92,3 +94,23 @@ def _trials(
 
 def _tensors(outputs: Tensor | tuple[Tensor, ...]) -> tuple[Tensor, ...]:
     return (outputs,) if isinstance(outputs, Tensor) else outputs
+
+
+class NetworkPolicy(Policy):
+    """A policy with the network of a checkpoint and its facts, as in `OnnxPolicy`.
+
+    Args:
+        checkpoint: checkpoint with the network.
+
+    Attributes:
+        network: network in evaluation mode, on the CPU; must not be changed.
+    """
+
+    def __init__(self, checkpoint: Checkpoint) -> None:
+        self.network, self.view = checkpoint.network, checkpoint.view
+        self.config, self.data = checkpoint.config, checkpoint.data
+        self.name = type(self.network).__name__
+        self.parameters = sum(one.numel() for one in self.network.parameters())
+        facts: Any = self.network
+        self.takes_speed, self.outputs = facts.takes_speed, facts.outputs
+        self.predicts_spread = getattr(self.network, "predicts_spread", False)

@@ -1,7 +1,6 @@
 """The policy of a checkpoint, and the loader for checkpoints and ONNX files."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -19,12 +18,12 @@ from zoo.checkpoints.command import Command, output_command
 from zoo.checkpoints.doubt_file import build_doubt
 from zoo.checkpoints.doubt_policy import DropoutPolicy, EnsemblePolicy
 from zoo.checkpoints.frame_memory import SessionPolicy
-from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
+from zoo.checkpoints.frozen_graph import NetworkPolicy, network_inputs, quick_forward
 from zoo.checkpoints.onnx_policy import OnnxPolicy, is_onnx
 from zoo.models.memory import Memory
 
 
-class CheckpointPolicy(SessionPolicy):
+class CheckpointPolicy(NetworkPolicy, SessionPolicy):
     """A policy with the view and the network of a checkpoint.
 
     >>> policy = load_policy("outputs/.../checkpoints/best.ckpt")  # doctest: +SKIP
@@ -40,13 +39,7 @@ class CheckpointPolicy(SessionPolicy):
     """
 
     def __init__(self, checkpoint: Checkpoint) -> None:
-        self.network, self.view = checkpoint.network, checkpoint.view
-        self.config, self.data = checkpoint.config, checkpoint.data
-        self.name = type(self.network).__name__
-        self.parameters = sum(one.numel() for one in self.network.parameters())
-        facts: Any = self.network
-        self.takes_speed, self.outputs = facts.takes_speed, facts.outputs
-        self.predicts_spread = getattr(self.network, "predicts_spread", False)
+        super().__init__(checkpoint)
         self.forward = quick_forward(self.network, self.view)
         if isinstance(self.network, Memory):
             self.keep_memory(self.network.first_state(), self.network.window, self.data)
