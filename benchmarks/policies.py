@@ -9,7 +9,7 @@ from scipy.stats import spearmanr
 
 from benchmarks.measuring import print_table, run_named
 from datamodules.image import read_image
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.policy import load_policy
 from zoo.worlds.run_drives import all_drives

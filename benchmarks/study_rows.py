@@ -23,7 +23,8 @@ from benchmarks.board_rows import Row, board_rows
 from benchmarks.pretrained_rows import pretrained_rows
 from benchmarks.study_grid import Entry, Study, kept, run_logged
 from datamodules.image import read_image
-from datamodules.recording import Recording, read_recordings
+from datamodules.recording import Recording
+from datamodules.recording_format import read_recordings
 from datamodules.split import Split, split_rows, write_split
 from simulator.hand_control import REACTION_S
 from zoo.base.bounded_files import read_json

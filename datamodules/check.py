@@ -21,7 +21,7 @@ from datamodules.image import (
     reading_threads,
 )
 from datamodules.read_options import ReadOptions
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from datamodules.sign_evidence import sign_lines
 from zoo.base.command import command, is_help
 from zoo.base.command_keys import read_texts, typed

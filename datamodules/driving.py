@@ -22,7 +22,8 @@ from datamodules.features import FeatureBatches
 from datamodules.findings import report_lines
 from datamodules.leak import Leak, measure_leak, thumbnail
 from datamodules.read_options import said_in
-from datamodules.recording import Recording, read_recordings
+from datamodules.recording import Recording
+from datamodules.recording_format import read_recordings
 from datamodules.row_views import RowViews, load_row_views
 from datamodules.samples import CENTER, Windows, camera_numbers, make_samples
 from datamodules.split import PARTS, Split, split_rows

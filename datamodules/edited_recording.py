@@ -22,8 +22,9 @@ from datamodules.image import (
     link_or_copy,
     read_stored,
 )
-from datamodules.recording import IMAGE_FOLDER, Recording, file_name, read_source, write_source
+from datamodules.recording import IMAGE_FOLDER, Recording, file_name
 from datamodules.recording_edits import Edits, edit_options
+from datamodules.recording_format import read_source, write_source
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
 

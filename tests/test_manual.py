@@ -18,7 +18,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo import commands

@@ -51,7 +51,7 @@ def convert(
     """
     from rich.console import Console
 
-    from datamodules.recording import find_format, formats
+    from datamodules.recording_format import find_format, formats
     from zoo.base.new_folder import free_folder, refuse_existing
     from zoo.cli.console_progress import progress_bar
 
@@ -78,7 +78,7 @@ def convert(
             words, purpose = ["drivezoo", "check", str(result.folder)], ""
         else:
             from datamodules.findings import skipped_lines
-            from datamodules.recording import read_recordings
+            from datamodules.recording_format import read_recordings
 
             recording = read_recordings(str(place), **{**asdict(read), "on_bad_image": "skip"})
             if to == "donkeycar":

@@ -11,7 +11,8 @@ from rich.progress import Progress
 
 from datamodules.formats.udacity import times_from_names
 from datamodules.image import AnyImage, read_image
-from datamodules.recording import LOG_NAME, read_recordings
+from datamodules.recording import LOG_NAME
+from datamodules.recording_format import read_recordings
 from zoo.base.command import command
 from zoo.base.errors import InputError
 from zoo.base.terminal import print_line

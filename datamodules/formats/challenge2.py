@@ -20,7 +20,8 @@ from datamodules.formats.labels import (
     labelled_recording,
     read_csv,
 )
-from datamodules.recording import ReadOptions, Recording
+from datamodules.read_options import ReadOptions
+from datamodules.recording import Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.rig import Camera, single_camera_rig
 

@@ -14,7 +14,8 @@ import numpy as np
 from datamodules.driving_log import BadRows
 from datamodules.formats.labels import labelled_recording
 from datamodules.image import StoredImage
-from datamodules.recording import ForwardReader, ReadOptions, Recording
+from datamodules.read_options import ReadOptions
+from datamodules.recording import ForwardReader, Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.errors import InputError
 from zoo.base.limits import MOST

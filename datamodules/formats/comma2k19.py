@@ -10,7 +10,8 @@ import numpy as np
 
 from datamodules.driving_log import BadRows
 from datamodules.formats.labels import labelled_recording, video_images
-from datamodules.recording import ReadOptions, Recording
+from datamodules.read_options import ReadOptions
+from datamodules.recording import Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.errors import InputError
 from zoo.base.limits import MOST

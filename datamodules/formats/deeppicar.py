@@ -10,7 +10,8 @@ from typing import Any
 
 from datamodules.driving_log import BadRows
 from datamodules.formats.labels import collect, decimal, labelled_recording, read_csv, video_images
-from datamodules.recording import ReadOptions, Recording
+from datamodules.read_options import ReadOptions
+from datamodules.recording import Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.rig import Camera, single_camera_rig
 

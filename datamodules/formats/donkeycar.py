@@ -18,7 +18,8 @@ from datamodules.driving_log import BadRows
 from datamodules.formats.json_fields import number, parse, plain_name
 from datamodules.formats.recording_writer import Converted, left_out_note, whole_rows
 from datamodules.image import find_file_fault, link_or_copy
-from datamodules.recording import ReadOptions, Recording, keep_valid, make_recording
+from datamodules.read_options import ReadOptions
+from datamodules.recording import Recording, keep_valid, make_recording
 from datamodules.stretches import complete_times, continuous_drives, times_of_drives
 from zoo.base.bounded_files import MOST_JSON_BYTES, read_text
 from zoo.base.errors import InputError

@@ -13,13 +13,8 @@ import numpy as np
 from datamodules.driving_log import CAMERAS, BadRows, read_fields, replace_undecoded
 from datamodules.formats.video import read_frames
 from datamodules.image import StoredImage
-from datamodules.recording import (
-    ForwardReader,
-    ReadOptions,
-    Recording,
-    keep_valid,
-    make_recording,
-)
+from datamodules.read_options import ReadOptions
+from datamodules.recording import ForwardReader, Recording, keep_valid, make_recording
 from datamodules.sign_evidence import find_sign_evidence
 from datamodules.steering_unit import EXAMPLE, SteeringUnit
 from zoo.base.errors import InputError

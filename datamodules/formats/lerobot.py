@@ -26,13 +26,8 @@ from datamodules.formats.lerobot_features import (
 from datamodules.formats.parquet_columns import REMEDY, encoded_images, read_table
 from datamodules.formats.video import read_frames
 from datamodules.image import StoredImage
-from datamodules.recording import (
-    ForwardReader,
-    ReadOptions,
-    Recording,
-    keep_valid,
-    make_recording,
-)
+from datamodules.read_options import ReadOptions
+from datamodules.recording import ForwardReader, Recording, keep_valid, make_recording
 from datamodules.stretches import times_of_drives
 from zoo.base.bounded_files import MOST_JSON_BYTES, read_text
 from zoo.base.errors import InputError

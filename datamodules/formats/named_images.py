@@ -11,7 +11,8 @@ from pathlib import Path
 from datamodules.driving_log import BadRows
 from datamodules.formats.labels import labelled_recording
 from datamodules.image import MOST_IMAGE_BYTES, image_size
-from datamodules.recording import ReadOptions, Recording
+from datamodules.read_options import ReadOptions
+from datamodules.recording import Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.errors import InputError
 from zoo.base.regular_file import open_binary

@@ -19,14 +19,9 @@ from datamodules.image import (
     find_file_fault,
     link_or_copy,
 )
-from datamodules.recording import (
-    IMAGE_FOLDER,
-    LOG_NAME,
-    ReadOptions,
-    Recording,
-    read_recording,
-    write_source,
-)
+from datamodules.read_options import ReadOptions
+from datamodules.recording import IMAGE_FOLDER, LOG_NAME, Recording
+from datamodules.recording_format import read_recording, write_source
 from datamodules.stretches import complete_times, find_breaks
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder

@@ -13,7 +13,8 @@ from typing import Any
 
 from datamodules.driving_log import MOST_LOG_BYTES, BadRows
 from datamodules.formats.labels import collect, inside, labelled_recording
-from datamodules.recording import ReadOptions, Recording
+from datamodules.read_options import ReadOptions
+from datamodules.recording import Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.regular_file import open_text
 from zoo.base.rig import Camera, single_camera_rig

@@ -13,7 +13,8 @@ from datamodules.formats.labels import collect, decimal, inside, labelled_record
 from datamodules.formats.lerobot_features import load_pyarrow
 from datamodules.formats.parquet_columns import encoded_images, open_parquet
 from datamodules.image import StoredImage
-from datamodules.recording import ForwardReader, ReadOptions, Recording
+from datamodules.read_options import ReadOptions
+from datamodules.recording import ForwardReader, Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.errors import InputError, UsageError
 

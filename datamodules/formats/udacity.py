@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, BadRows, LogRow, read_log
-from datamodules.recording import LOG_NAME, ReadOptions, Recording, file_name, make_recording
+from datamodules.read_options import ReadOptions
+from datamodules.recording import LOG_NAME, Recording, file_name, make_recording
 from zoo.base.errors import InputError
 
 title = "recording"

@@ -10,7 +10,9 @@ import pytest
 from datamodules.formats.donkeycar import export_tub
 from datamodules.formats.lerobot_export import export_lerobot
 from datamodules.formats.recording_writer import convert_to_recording
-from datamodules.recording import ReadOptions, Recording, find_format, formats, read_recordings
+from datamodules.read_options import ReadOptions
+from datamodules.recording import Recording
+from datamodules.recording_format import find_format, formats, read_recordings
 from tests.recordings import write_recording
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY

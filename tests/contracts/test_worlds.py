@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from tests.contracts.outside_package import installed
 from tests.recordings import write_recording
 from tests.zoo.commands import ROOT

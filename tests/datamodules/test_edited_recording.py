@@ -9,7 +9,7 @@ import pytest
 
 from datamodules.edited_recording import write_edited
 from datamodules.image import read_image
-from datamodules.recording import Recording, read_recordings
+from datamodules.recording import Recording
 from datamodules.recording_edits import (
     Edits,
     drop,
@@ -22,6 +22,7 @@ from datamodules.recording_edits import (
     trim,
     typed_edits,
 )
+from datamodules.recording_format import read_recordings
 from datamodules.stretches import find_breaks
 from tests.recordings import Written, write_recording
 from zoo.base.errors import InputError, UsageError

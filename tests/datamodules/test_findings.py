@@ -18,7 +18,8 @@ from datamodules.notable_rows import (
     steering_jumps,
     thumbnail,
 )
-from datamodules.recording import Recording, read_recordings
+from datamodules.recording import Recording
+from datamodules.recording_format import read_recordings
 from simulator.record import RecordOptions, record_laps
 from tests.recordings import Written, recording_in_memory, write_recording
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from datamodules.formats.udacity import times_from_names
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from tests.recordings import FOLDERS, write_recording
 from zoo.base.errors import InputError
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from datamodules.findings import report_lines, report_recordings
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from tests.recordings import Written, write_recording
 
 

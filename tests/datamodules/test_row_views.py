@@ -7,7 +7,7 @@ from rich.console import Console
 
 from datamodules import row_views
 from datamodules.image import decode_image
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from datamodules.row_views import load_row_views
 from datamodules.view import View
 from tests.recordings import write_recording

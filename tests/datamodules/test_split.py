@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from datamodules.image import decode_image
 from datamodules.leak import measure_leak, thumbnail
-from datamodules.recording import Recording, read_recordings
+from datamodules.recording import Recording
+from datamodules.recording_format import read_recordings
 from datamodules.split import PARTS, Split, rows_per_second, split_rows, write_split
 from tests.recordings import recording_in_memory, write_recording
 from zoo.base.errors import InputError

@@ -21,7 +21,7 @@ from datamodules.image import (
     find_size_fault,
     read_image,
 )
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from datamodules.split import split_rows
 from datamodules.view import View
 from datamodules.view_store import decode_all

@@ -11,7 +11,7 @@ import yaml
 from hypothesis import strategies as st
 
 from datamodules.formats.recording_writer import convert_to_recording
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from simulator.road_family import draw_road, find_family
 from simulator.track_file import read_track
 from simulator.track_names import track_folder

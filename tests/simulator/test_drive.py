@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from simulator.__main__ import simulator
 from simulator.recorder import LOG_NAME
 from simulator.window import PIPES, Viewer

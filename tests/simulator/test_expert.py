@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from simulator.expert import Expert, ExpertSettings, speed_limits
 from simulator.hand_control import REACTION_S, HumanControl
 from simulator.record import RecordOptions, record, record_laps

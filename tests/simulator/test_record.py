@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rich.progress import Progress
 
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from simulator.__main__ import simulator
 from simulator.expert import Expert, ExpertSettings
 from simulator.parallel_record import ParallelRecorder, Requests

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from simulator.recorder import Recorder, split_pedals
 from simulator.rig import CAMERAS
 from tests.zoo.commands import environment

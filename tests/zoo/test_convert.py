@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
 from zoo.base.errors import InputError, UsageError

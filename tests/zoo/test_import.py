@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from datamodules.image import read_image
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from tests.recordings import Written, write_recording
 from tests.zoo.commands import only_line, run

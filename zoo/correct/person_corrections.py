@@ -17,7 +17,8 @@ import numpy as np
 from datamodules.driving_log import CAMERAS
 from datamodules.formats.recording_writer import write_log
 from datamodules.image import link_or_copy, read_image
-from datamodules.recording import IMAGE_FOLDER, read_recordings
+from datamodules.recording import IMAGE_FOLDER
+from datamodules.recording_format import read_recordings
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.whole_file import write_whole

@@ -61,7 +61,7 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
 
 
 def _trained_on(policy: object, recording: str | None) -> Finding:
-    from datamodules.recording import read_recordings
+    from datamodules.recording_format import read_recordings
     from zoo.base.errors import InputError
 
     data = policy.data
@@ -82,7 +82,7 @@ def check_recording(folder: str) -> Iterator[Finding]:
     import numpy as np
 
     from datamodules.image import read_image
-    from datamodules.recording import read_recordings
+    from datamodules.recording_format import read_recordings
     from zoo.base.errors import InputError
 
     what = "recording"

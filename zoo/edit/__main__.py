@@ -61,8 +61,8 @@ def edit(
     from rich.console import Console
 
     from datamodules.findings import report_lines
-    from datamodules.recording import read_recordings
     from datamodules.recording_edits import typed_edits
+    from datamodules.recording_format import read_recordings
     from zoo.base.new_folder import refuse_existing
     from zoo.cli.console_progress import progress_bar
     from zoo.edit.edit_session import EditSession

@@ -8,7 +8,8 @@ from rich.console import Console
 
 from datamodules.findings import KEYBOARD_SHARE, report_recordings
 from datamodules.formats.recording_writer import write_frame
-from datamodules.recording import Recording, read_recordings
+from datamodules.recording import Recording
+from datamodules.recording_format import read_recordings
 from zoo.base.new_folder import command_folder
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.checkpoints.policy import load_policy

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from datamodules.image import read_image
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from zoo.base.errors import InputError
 from zoo.checkpoints.command import Command
 from zoo.checkpoints.onnx_policy import OnnxPolicy

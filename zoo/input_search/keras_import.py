@@ -6,7 +6,8 @@ from pathlib import Path
 from rich.console import Console
 from torch import nn
 
-from datamodules.recording import Recording, read_recordings
+from datamodules.recording import Recording
+from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import PREFIX, make_card

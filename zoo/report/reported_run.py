@@ -54,7 +54,7 @@ class ReportedRun(Run):
     def recording(self) -> "Recording":
         """Read the recording again; raise InputError or OSError if it cannot be read."""
         from datamodules.read_options import said_in
-        from datamodules.recording import read_recordings
+        from datamodules.recording_format import read_recordings
 
         data = self.config["data"]
         root, images = data["root"], data.get("images")

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from datamodules.image import AnyImage, read_image
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from zoo.base.command import command
 from zoo.base.errors import InputError
 from zoo.base.whole_file import write_output

@@ -12,7 +12,7 @@ from torch import nn
 
 from datamodules.driving import DrivingData
 from datamodules.leak import Leak
-from datamodules.recording import other_car
+from datamodules.recording_format import other_car
 from datamodules.split import PARTS, rows_per_second, write_split
 from zoo.base.terminal import print_line
 from zoo.base.whole_file import refuse_links_out

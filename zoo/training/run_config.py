@@ -12,7 +12,7 @@ from filelock import FileLock
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from zoo.base.bounded_files import read_json
 from zoo.base.cores import usable_cores

@@ -16,7 +16,7 @@ def _embedded(scenario: Scenario, renderer: str) -> World:
 
 
 def _replay(scenario: Scenario, renderer: str) -> World:
-    from datamodules.recording import read_recordings
+    from datamodules.recording_format import read_recordings
     from zoo.worlds.replay_world import ReplayWorld
 
     return ReplayWorld(read_recordings(scenario.track))

@@ -9,7 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from datamodules.recording import ReadOptions, Recording, find_format
+from datamodules.read_options import ReadOptions
+from datamodules.recording import Recording
+from datamodules.recording_format import find_format
 from datamodules.sign_evidence import find_sign_evidence
 from zoo.base.errors import InputError
 

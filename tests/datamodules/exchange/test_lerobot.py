@@ -15,7 +15,9 @@ from datamodules.formats.parquet_columns import encoded_images
 from datamodules.formats.recording_writer import convert_to_recording
 from datamodules.formats.video import read_frames, video_writer
 from datamodules.image import read_image
-from datamodules.recording import ReadOptions, Recording, read_recordings
+from datamodules.read_options import ReadOptions
+from datamodules.recording import Recording
+from datamodules.recording_format import read_recordings
 from datamodules.stretches import find_breaks
 from tests.recordings import Written, write_recording
 from zoo.base.errors import InputError, UsageError

@@ -13,7 +13,9 @@ from datamodules.findings import report_recordings
 from datamodules.formats.donkeycar import export_tub
 from datamodules.formats.recording_writer import convert_to_recording
 from datamodules.image import read_image
-from datamodules.recording import ReadOptions, Recording, read_recordings, read_source
+from datamodules.read_options import ReadOptions
+from datamodules.recording import Recording
+from datamodules.recording_format import read_recordings, read_source
 from datamodules.stretches import find_breaks
 from tests.recordings import Written
 from zoo.base.errors import InputError

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from simulator.recorder import JPEG_QUALITY
 from simulator.weather import CLEAR
 from simulator.world import World

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from tests.recordings import Written
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file

@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from datamodules.image import decode_image
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
 from tests.zoo.drive.old_client import OldClient

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from datamodules.recording import read_recordings
 from datamodules.recording_edits import Edits
+from datamodules.recording_format import read_recordings
 from tests.recordings import Written
 from zoo.checkpoints.command import as_policy
 from zoo.edit.edit_page import EditPage, PageServer

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from tests.recordings import Written
 from tests.zoo.commands import command, environment, only_line, run
 from zoo.base.errors import InputError

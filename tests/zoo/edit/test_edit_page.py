@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from tests.recordings import Written
 from tests.zoo.drive.browser import CHROMIUM, Browser
 from tests.zoo.edit.conftest import ServedPage

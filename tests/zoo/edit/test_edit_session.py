@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from datamodules.recording import read_recordings
 from datamodules.recording_edits import Edits
+from datamodules.recording_format import read_recordings
 from tests.recordings import Written
 from zoo.edit.edit_session import EditSession
 

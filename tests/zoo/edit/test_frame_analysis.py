@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from tests.recordings import Written
 from zoo.checkpoints.command import Command, Policy
 from zoo.edit.frame_analysis import FrameAnalysis

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datamodules.recording import Recording, read_recordings
+from datamodules.recording import Recording
+from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from tests.recordings import recording_in_memory, write_recording
 from tests.zoo.keras_networks import write_steering_h5

@@ -11,7 +11,7 @@ import torch
 from omegaconf import DictConfig, OmegaConf, open_dict
 from rich.console import Console
 
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from simulator.record import RecordOptions, next_command
 from tests.recordings import Written

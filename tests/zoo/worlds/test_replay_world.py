@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from datamodules.recording import read_recordings
+from datamodules.recording_format import read_recordings
 from tests.recordings import write_recording
 from tests.zoo.commands import only_line, run
 from zoo.base.errors import InputError

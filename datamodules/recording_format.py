@@ -1,0 +1,218 @@
+"""The formats of recordings, and the one door to recordings in any of them.
+
+A format is a module with `title`, `detect` and `read` (see `Format`). drivezoo's own are in
+`datamodules.formats`; an installed package names others by the entry point `drivezoo.formats`.
+"""
+
+import importlib
+import itertools
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from datamodules.read_options import ReadOptions
+from datamodules.recording import Recording
+from datamodules.rig_file import find_rig, read_rig
+from zoo.base.bounded_files import read_json
+from zoo.base.errors import InputError, UsageError
+from zoo.base.nearest import hint
+from zoo.base.rig import UDACITY
+
+SOURCE_NAME = "source.json"  # beside the log of a converted recording
+GROUP = "drivezoo.formats"  # entry points of installed packages
+OWN = {
+    name: f"datamodules.formats.{name}"
+    for name in (
+        "udacity",
+        "lerobot",
+        "donkeycar",
+        "challenge2",
+        "sullychen",
+        "deeppicar",
+        "named_images",
+        "comma2016",
+        "comma2k19",
+        "table",
+    )
+}
+
+
+class Format(Protocol):
+    """One way to store recordings: a module, or an object, with these names.
+
+    Attributes:
+        title: the format in words, such as `Donkeycar tub`.
+    """
+
+    title: str
+
+    def detect(self, path: Path) -> bool:
+        """Return whether a folder or file has this format, by the names of its files."""
+
+    def read(self, path: Path, options: ReadOptions) -> Recording:
+        """Return the recording in a folder or file.
+
+        Raises:
+            InputError: a file is missing or damaged, or no row is left.
+        """
+
+
+def formats() -> Iterator[tuple[str, Format]]:
+    """Yield the name and the reader of each format, those of installed packages last."""
+    for name, module in OWN.items():
+        yield name, importlib.import_module(module)
+    from importlib.metadata import entry_points  # slow import
+
+    for point in entry_points(group=GROUP):
+        if point.name in OWN:
+            continue
+        try:
+            yield point.name, point.load()
+        except Exception as error:
+            raise InputError(
+                f"{point.value}: the format {point.name} cannot be imported ({error}); install "
+                "its package again"
+            ) from None
+
+
+def known_format(path: Path, name: str | None = None) -> tuple[str, Format] | None:
+    """Return the format of a folder or file and its name, None if it has none of them.
+
+    Args:
+        path: folder or file.
+        name: name of the format; None finds it.
+
+    Raises:
+        InputError: it has several formats.
+        UsageError: there is no format of this name.
+    """
+    known = formats()
+    if name is not None:
+        named = dict(known)
+        if name not in named:
+            raise UsageError(f"format={name}: no such format; {hint(name, named)}")
+        return name, named[name]
+    fitting = [pair for pair in itertools.islice(known, len(OWN)) if pair[1].detect(path)]
+    # A package that cannot be imported does not matter to our own formats.
+    fitting = fitting or [pair for pair in known if pair[1].detect(path)]
+    if len(fitting) > 1:
+        titles = ", ".join(f"{one} ({fits.title})" for one, fits in fitting)
+        raise InputError(f"{path}: has the files of several formats, {titles}; name one: format=")
+    return fitting[0] if fitting else None
+
+
+def find_format(path: Path, name: str | None = None) -> tuple[str, Format]:
+    """Return the format of the recording in a folder or file, and its name.
+
+    Raises:
+        InputError: there is no such folder, or it has none of the formats, or several.
+        UsageError: there is no format of this name.
+    """
+    if named := known_format(path, name):
+        return named
+    raise InputError(importlib.import_module(OWN["udacity"]).missing(path))
+
+
+def read_recording(path: Path, options: ReadOptions) -> tuple[str, Recording]:
+    """Return the format of a recording and its rows, with the car's rig of the user's file.
+
+    Raises:
+        InputError, UsageError: see `find_format` and `Format.read`; or the rig's file is wrong.
+    """
+    name, source = find_format(path, options.format)
+    recording = source.read(path, options)
+    folder = path.parent if path.is_file() else path
+    rig = read_rig(Path(options.rig).expanduser()) if options.rig else find_rig(folder)
+    return name, replace(recording, rig=rig) if rig else recording
+
+
+def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
+    """Read one folder, or several as one `Recording`, in any of the formats.
+
+    Args:
+        roots: folders or files of recordings.
+        **said: fields of `ReadOptions`.
+
+    Raises:
+        InputError: a folder, log, row or image is missing or wrong.
+        UsageError: a format or what the user says of it does not exist.
+    """
+    roots = [roots] if isinstance(roots, str) else list(roots)
+    if not roots:
+        raise InputError("data.root is an empty list: name the folder of a recording")
+    options = ReadOptions(**said)
+    parts = [_read_readable(Path(root).expanduser(), options) for root in roots]
+    if any(part.places is not None for part in parts) and len(parts) > 1:
+        parts = [replace(part, places=_places(part)) for part in parts]
+    joined: dict[str, Any] = {
+        name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns
+    }
+    joined["recording"] = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    rigs = [part.rig for part in parts]
+    whole = Recording(
+        names=tuple(part.names[0] for part in parts),
+        bad_images=tuple(line for part in parts for line in part.bad_images),
+        bad_rows=tuple(line for part in parts for line in part.bad_rows),
+        rig=rigs[0] if rigs.count(rigs[0]) == len(rigs) else None,
+        notes=tuple(f"{part.names[0]}: {note}" for part in parts for note in part.notes),
+        **joined,
+    )
+    if not len(whole):
+        raise InputError(
+            f"{', '.join(whole.names)}: no rows left, all {len(whole.bad_images)} have a bad image "
+            f"({whole.bad_images[0]}); copy the images, or set data.images=FOLDER"
+        )
+    return whole
+
+
+def _places(recording: Recording) -> np.ndarray:
+    return np.array([recording.place(row) for row in range(len(recording))], object)
+
+
+def _read_readable(root: Path, options: ReadOptions) -> Recording:
+    try:
+        return read_recording(root, options)[1]
+    except OSError as error:
+        raise InputError(
+            f"{error.filename or root}: {error.strerror}; allow your user to read it, or name "
+            "another folder"
+        ) from None
+
+
+def write_source(folder: Path, source: str) -> None:
+    """Write which format a recording was converted from: its cameras and car are of that rig."""
+    (folder / SOURCE_NAME).write_text(f'{{"version": 1, "format": "{source}"}}\n', encoding="utf-8")
+
+
+def read_source(folders: Iterable[str | Path]) -> str | None:
+    """Return the format that one of the recordings was converted from; None for Udacity's rig.
+
+    Raises:
+        InputError: the file that names the format is damaged.
+    """
+    for folder in folders:
+        path = Path(folder) / SOURCE_NAME
+        if path.is_file():
+            found = read_json(path)
+            source = found.get("format") if isinstance(found, dict) else None
+            if not isinstance(source, str) or not re.fullmatch(r"[\w.-]{1,80}", source):
+                raise InputError(f"{path}: format: must be the name of a format, such as lerobot")
+            return source
+    return None
+
+
+def other_car(recording: Recording) -> str | None:
+    """Return the name of the car or format of a recording; None if it is Udacity's car.
+
+    Raises:
+        InputError: see `read_source`.
+    """
+    if source := read_source(recording.names):
+        return source
+    if recording.rig == UDACITY:
+        return None
+    return recording.rig.name if recording.rig else "a car of unknown make"
