@@ -41,7 +41,7 @@ def added_steering(curvature: np.ndarray | float, begin: np.ndarray | float) -> 
     """Return the steering that a bend adds, by its curvature and its start ahead of the car."""
     # A command arrives a frame later, and the car needs some metres to turn.
     due = np.interp(begin, [1.0, 3.0], [1.0, 0.0])
-    return due * np.degrees(np.arctan(UDACITY.wheelbase_m * curvature)) / UDACITY.steering_deg
+    return due * UDACITY.steering_of(curvature)
 
 
 class Bend(Change):

@@ -278,8 +278,7 @@ def recovery_steering(
     """
     distance = np.maximum(np.asarray(speed_mph) * MPS_PER_MPH * recover_s, MIN_RECOVERY_M)
     curvature = -2 * offset_m / (distance**2 + offset_m**2)
-    steering_deg = np.degrees(np.arctan(UDACITY.wheelbase_m * curvature))
-    return np.clip(steering_deg / UDACITY.steering_deg, -1, 1)
+    return np.clip(UDACITY.steering_of(curvature), -1, 1)
 
 
 def recovery_course(
@@ -304,7 +303,7 @@ def recovery_course(
     >>> recovery_course(-0.806, np.array([0.275]), np.array([15.0]), np.array([0, 0.4])).round(2)
     array([[0.28, 0.09]])
     """
-    curvature = np.abs(np.tan(np.radians(steering * UDACITY.steering_deg))) / UDACITY.wheelbase_m
+    curvature = np.abs(UDACITY.curvature(steering))
     straight = curvature == 0
     squared = 2 * abs(offset_m) / np.where(straight, 1, curvature) - offset_m**2
     distance = np.sqrt(np.maximum(squared, offset_m**2))

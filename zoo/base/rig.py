@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 MPS_PER_MPH = 0.44704
 
@@ -58,6 +59,29 @@ class Rig:
     def wheelbase_m(self) -> float:
         """Return the distance between the axles."""
         return self.front_axle_m + self.rear_axle_m
+
+    def curvature(self, steering: Any) -> Any:
+        """Return the curvature of the rear axle's path by the bicycle model, 1/m, right positive.
+
+        Args:
+            steering: steering -1..1, right positive; a float or an array.
+
+        >>> round(float(1 / UDACITY.curvature(1.0)), 2)
+        6.15
+        """
+        import numpy as np  # slow import
+
+        return np.tan(np.radians(steering * self.steering_deg)) / self.wheelbase_m
+
+    def steering_of(self, curvature: Any) -> Any:
+        """Return the steering of a curvature, the inverse of `curvature`; beyond -1..1 unclipped.
+
+        >>> float(UDACITY.steering_of(UDACITY.curvature(0.5)).round(9))
+        0.5
+        """
+        import numpy as np  # slow import
+
+        return np.degrees(np.arctan(self.wheelbase_m * curvature)) / self.steering_deg
 
 
 def _udacity_camera(right_m: float, ahead_m: float) -> Camera:

@@ -150,18 +150,14 @@ def returning(predicted: np.ndarray, sent: np.ndarray, way_m: float, steps: floa
         return 0.0
     parts = (np.arange(len(sent)) + 0.5) / len(sent)
     course = np.interp(parts * steps, np.arange(len(predicted)), predicted)
-    bends = _curvature(sent) - _curvature(course)
+    bends = UDACITY.curvature(sent) - UDACITY.curvature(course)
     part_m = way_m / len(sent)
     turned = np.cumsum(bends) * part_m
     right_m = float(np.sum(turned - bends * part_m / 2)) * part_m
     back = -2 * (right_m + RETURN_M * float(turned[-1])) / RETURN_M**2
-    return float(np.degrees(np.arctan(UDACITY.wheelbase_m * back))) / UDACITY.steering_deg
+    return float(UDACITY.steering_of(back))
 
 
 def distance_m(speed_mph: float, seconds: float) -> float:
     """Return the distance in metres that a car drives."""
     return max(speed_mph, 0.0) * MPS_PER_MPH * seconds
-
-
-def _curvature(steering: np.ndarray) -> np.ndarray:
-    return np.tan(np.radians(steering * UDACITY.steering_deg)) / UDACITY.wheelbase_m
