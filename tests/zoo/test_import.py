@@ -12,6 +12,8 @@ from datamodules.view import View
 from tests.recordings import Written, write_recording
 from tests.zoo.commands import only_line, run
 from tests.zoo.keras.keras_files import lambda_config, write_h5
+from tests.zoo.keras.test_donkeycar import BINS, donkeycar_layers
+from tests.zoo.keras.test_donkeycar import write as write_donkeycar
 from tests.zoo.keras_networks import SCALED, dense_layer, pilotnet_layers, write_steering_h5
 from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import load_checkpoint
@@ -122,6 +124,19 @@ def test_keys_are_taken_as_given(keras_file: Path, tmp_path: Path) -> None:
     checkpoint = load_checkpoint(tmp_path / "old.ckpt")
     assert checkpoint.view == View((50, 20), "bgr", (12, 40), "linear")
     assert checkpoint.config["model"]["scale"] == [255.0, 0.5]
+
+
+def test_a_network_of_donkeycar_needs_no_key_and_drives_with_its_throttle(tmp_path: Path) -> None:
+    write_donkeycar(tmp_path, donkeycar_layers(BINS, (15, 20), "softmax"))
+    result = import_file(tmp_path, "pilot.h5", "throttle_range=0.5")
+    assert result.returncode == 0, result.stderr
+    assert "guess" not in result.stdout
+    assert load_checkpoint(tmp_path / "pilot.ckpt").view == View((0, 0), "rgb", (12, 16))
+    policy = load_policy(tmp_path / "pilot.ckpt")
+    frames = np.random.default_rng(0).integers(0, 256, (40, 1, 1, 3), np.uint8)
+    commands = [policy(np.tile(one, (160, 320, 1)), 9.0) for one in frames]
+    assert {round(one.throttle / (0.5 / 20), 4) % 1 for one in commands} == {0}
+    assert len({one.steering for one in commands}) > 1
 
 
 def test_a_pilotnet_of_keras_steers_as_ours(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from zoo.base.errors import UsageError
 from zoo.input_search.combinations import LEAST_ROWS
+from zoo.keras.keras_model import THROTTLE_RANGE
 
 Colour = Literal["rgb", "bgr", "yuv", "yuv_old", "hsv", "gray", "hsv_s"]
 # An example of each pair, and the form of its numbers.
@@ -34,6 +35,7 @@ class ImportOptions:
         lambdas: [WORD,...]: what each unclear Lambda computes, in order.
         outputs: [steering,ignored]: name of each output (steering, throttle, ignored), if there are
             several.
+        throttle_range: MODEL_CATEGORICAL_MAX_THROTTLE_RANGE of a categorical network of Donkeycar.
         weights: .h5 file with the weights of a .json; null: the one in its folder.
         frames: number of frames to try each input on.
         out: checkpoint to write; null: FILE's name with .ckpt, in the current folder.
@@ -47,6 +49,7 @@ class ImportOptions:
     scale: str | None = None
     lambdas: str | None = None
     outputs: str | None = None
+    throttle_range: Annotated[float, Field(gt=0, le=1)] = THROTTLE_RANGE
     weights: str | None = None
     frames: Annotated[int, Field(ge=LEAST_ROWS, le=2000)] = 300
     out: str | None = None

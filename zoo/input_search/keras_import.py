@@ -1,6 +1,7 @@
 """Import of a Keras network: convert it, find out its input, and write a checkpoint."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -17,6 +18,7 @@ from zoo.cli.compose import compose_config
 from zoo.cli.console_progress import progress_bar
 from zoo.input_search.combinations import (
     SCALES,
+    USUAL_RESIZE,
     Combination,
     KnownInput,
     Scale,
@@ -94,13 +96,13 @@ def _known(
     scale, size = options.pair("scale"), options.pair("size")
     lambdas, outputs = read_list(options.lambdas), read_list(options.outputs)
     try:
-        converted = convert(model, scale, lambdas, outputs, size)
+        converted = convert(model, scale, lambdas, outputs, size, options.throttle_range)
         scale = converted.scale
     except InputError:
         if not searches or scale or lambdas:
             raise
         # An unclear Lambda may be the scale, which is then searched.
-        converted = convert(model, SCALES[0], lambdas, outputs, size)
+        converted = convert(model, SCALES[0], lambdas, outputs, size, options.throttle_range)
     if size not in (None, converted.input_shape[:2]):
         height, width, _ = converted.input_shape
         raise InputError(
@@ -111,13 +113,22 @@ def _known(
             f"{model.path}: does not tell how its pixels are scaled; set scale=[127.5,1] for "
             "x / 127.5 - 1, [255,0.5], [255,0] or [1,0], or recording=FOLDER to find it out"
         )
-    return converted, KnownInput(
+    known = KnownInput(
         shape=converted.input_shape,
         colour=options.colour,
         crop=options.pair("crop"),
         resize=options.resize,
         scale=scale,
     )
+    return converted, _as_donkeycar(known) if model.is_donkeycar else known
+
+
+def _as_donkeycar(known: KnownInput) -> KnownInput:
+    """Return the input of a network of Donkeycar: the frame as it is, whose sides are 4 to 3."""
+    rows, columns, channels = known.shape
+    crop = known.crop or ((0, 0) if 4 * rows == 3 * columns else None)
+    colour = known.colour or ("rgb" if channels == 3 else "gray")
+    return replace(known, colour=colour, crop=crop, resize=known.resize or USUAL_RESIZE)
 
 
 def _search(
@@ -140,10 +151,9 @@ def _search(
 
 def _sources(known: KnownInput, options: ImportOptions, rest: str) -> dict[str, str]:
     """Return where each part of the input came from."""
-    sources = {key: KEY if getattr(options, key) else rest for key in ("colour", "crop", "resize")}
-    sources["size"] = KEY if options.size else FILE
-    found = FILE if known.scale else rest
-    return sources | {"scale": KEY if options.scale else found}
+    keys = ("colour", "crop", "resize", "scale")
+    found = {key: FILE if getattr(known, key) else rest for key in keys} | {"size": FILE}
+    return {key: KEY if getattr(options, key) else source for key, source in found.items()}
 
 
 def _guesses(path: Path, known: KnownInput, found: Combination) -> list[str]:

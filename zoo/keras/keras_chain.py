@@ -16,6 +16,7 @@ Scale = tuple[float, float]
 # A scale before these layers is the same as one at the network's input.
 LEAST_PIXELS = 5  # mean of pixels 0..255 that is none of scaled pixels
 BEFORE_SCALE = ("Cropping2D", "Resize")
+DONKEYCAR_SCALE = (255.0, 0.0)  # outside of its networks: `normalize_image` in donkeycar/utils.py
 
 
 class Chain:
@@ -34,7 +35,9 @@ class Chain:
         self.model = model
         self.scale = (float(scale[0]), float(scale[1])) if scale is not None else None
         self._given = self.scale is not None
-        self._scaled = False  # whether a layer of the file was taken as the scale
+        # Whether a scale is known without the user, which a layer of the file may change.
+        self._scaled = model.is_donkeycar and not self._given
+        self.scale = DONKEYCAR_SCALE if self._scaled else self.scale
         self._words = list(lambdas or [])
         self.specs: list[Spec] = []
         self.owners: list[int] = []
@@ -44,7 +47,7 @@ class Chain:
             self.specs += found
             self.owners += [index] * len(found)
             self.understood.append(understood)
-        if self.scale is None and self._normalizes_pixels():
+        if self.scale in (None, DONKEYCAR_SCALE) and self._normalizes_pixels():
             self.scale = (1.0, 0.0)
         if self._words:
             raise InputError(

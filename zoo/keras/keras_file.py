@@ -21,7 +21,7 @@ from zoo.base.limits import open_archive
 from zoo.base.process_pool import LOOK_S, KilledProcessError, ProcessPool
 from zoo.base.regular_file import open_binary
 from zoo.keras.keras_arrays import WeightsFile
-from zoo.keras.keras_model import KerasLayer, read_architecture
+from zoo.keras.keras_model import KerasLayer, joined_outputs, read_architecture
 from zoo.keras.keras_model import KerasModel as KerasModel
 
 MOST_BYTES = 4_000_000_000
@@ -125,6 +125,7 @@ def _model(
     json: Path | None = None,
 ) -> KerasModel:
     facts = config or {}
+    outputs: dict[str, int] = {}
     version = weights.attribute("keras_version") or facts.get("keras_version")
     version = re.match(r"\d", str(version or ("1" if weights.is_legacy else "3")))
     backend = weights.attribute("backend") or facts.get("backend")
@@ -132,6 +133,7 @@ def _model(
         root = read_architecture(config, json or path, as_chain)
         arrays = weights.arrays_of(root)
         layers = [replace(leaf, arrays=arrays.get(id(leaf), [])) for leaf in root.leaves()]
+        layers, outputs = joined_outputs(layers, json or path)
     elif weights.is_legacy:
         groups = weights.named_arrays()
         layers = [KerasLayer(name, "", {}, [one for _, one in group]) for name, group in groups]
@@ -141,7 +143,8 @@ def _model(
             "model with model.save('model.h5')"
         )
     backend = backend if isinstance(backend, str) else ""
-    return KerasModel(path, int(version[0]) if version else 1, backend, layers, config is not None)
+    number = int(version[0]) if version else 1
+    return KerasModel(path, number, backend, layers, config is not None, outputs)
 
 
 def _json_model(path: Path) -> dict:

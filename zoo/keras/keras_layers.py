@@ -9,7 +9,7 @@ from torch import Tensor
 
 from zoo.base.errors import InputError
 from zoo.keras.keras_chain import Chain, Scale
-from zoo.keras.keras_model import KerasModel
+from zoo.keras.keras_model import THROTTLE_RANGE, KerasModel
 from zoo.keras.keras_specs import Spec, plain_kind
 from zoo.keras.keras_weights import MisfitError, copy_arrays
 from zoo.models.layer_spec import by
@@ -67,6 +67,7 @@ def convert(
     lambdas: Sequence[str] | None = None,
     outputs: Sequence[str] | None = None,
     size: Sequence[int] | None = None,
+    throttle_range: float = THROTTLE_RANGE,
 ) -> ConvertedKeras:
     """Return a Keras model's layers and weights for `Sequential`.
 
@@ -77,6 +78,7 @@ def convert(
         lambdas: a word for each unclear Lambda in order; see `keras_lambda.WORDS`.
         outputs: name of each output, `steering`, `throttle` or `ignored`, if there are several.
         size: rows and columns of the images, if the file does not have them.
+        throttle_range: throttle at the end of Donkeycar's bins.
 
     Raises:
         InputError: a layer is unknown or unclear, or does not fit the one before; names its
@@ -109,7 +111,8 @@ def convert(
                 fix = f"the images of its training were not {size_text}: set size=[rows,columns]"
             raise InputError(f"{model.path}: {chain.label(owner)}: {error}; {fix}") from None
     notes = _notes(model, chain, shapes, shape)
-    specs = [*specs, *_output_specs(model, shapes[-1] if shapes else shape, outputs)]
+    last = shapes[-1] if shapes else shape
+    specs = [*specs, *(_bins(model, throttle_range) or _output_specs(model, last, outputs))]
     channels, rows, columns = shape if first else (shape[2], *shape[:2])
     network = Sequential((channels, rows, columns), specs, chain.scale)
     for index, module in enumerate(modules):
@@ -185,6 +188,18 @@ def _kernel_channels(model: KerasModel) -> int | None:
     return int(layer.arrays[0].shape[2])
 
 
+def _bins(model: KerasModel, throttle_range: float) -> list[Spec]:
+    """Return the spec that reads Donkeycar's bins of angle and throttle; none without bins.
+
+    Source: `linear_unbin` in donkeycar/utils.py, as `KerasCategorical` calls it.
+    """
+    bins = list(model.outputs.values())
+    if not model.is_donkeycar or bins in ([], [1, 1]):
+        return []
+    steps = [2 / (15 - 1), throttle_range / bins[1]]
+    return [{"layer": "Unbin", "bins": bins, "lows": [-1.0, 0.0], "steps": steps}]
+
+
 def _output_specs(
     model: KerasModel, shape: tuple[int, ...], outputs: Sequence[str] | None
 ) -> list[Spec]:
@@ -198,7 +213,7 @@ def _output_specs(
             f"{model.path}: has {count} outputs, so it is a network of another task; name one that "
             "returns the steering"
         )
-    names = list(outputs or [])
+    names = list(outputs or (("steering", "throttle") if model.is_donkeycar else ()))
     known = ("steering", "throttle", "ignored")
     if len(names) != count or names.count("steering") != 1 or names.count("throttle") > 1:
         raise InputError(

@@ -5,7 +5,7 @@ type is an error.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,10 @@ from zoo.base.limits import is_ordinary
 
 GRAPHS = ("Model", "Functional")  # classes of a model whose layers name their inputs
 MOST_LAYERS = 1000
+# The outputs of Donkeycar's networks of one image: linear and inferred, and in bins, or linear
+# before version 2.2 (`donkeycar/parts/keras.py`).
+DONKEYCAR = (["n_outputs0", "n_outputs1"], ["n_outputs0"], ["angle_out", "throttle_out"])
+THROTTLE_RANGE = 0.8  # MODEL_CATEGORICAL_MAX_THROTTLE_RANGE in Donkeycar's `cfg_complete.py`
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,7 @@ class KerasLayer:
         constants: numbers that an operator of a functional model was called with, such as
             `127.5` of `x / 127.5`.
         children: layers of a nested model; empty for a plain layer.
+        output: position among the model's outputs, if it has several.
     """
 
     name: str
@@ -37,6 +42,7 @@ class KerasLayer:
     arrays: Sequence[np.ndarray] = ()
     constants: tuple[float, ...] = ()
     children: tuple["KerasLayer", ...] = ()
+    output: int | None = None
 
     def leaves(self) -> Iterator["KerasLayer"]:
         """Yield the plain layers, nested models' layers in their place."""
@@ -54,8 +60,10 @@ class KerasModel:
         path: file that the user named.
         version: Keras' major version; 1 if the file does not name it, as in Keras itself.
         backend: `tensorflow`, `theano` ...; empty before Keras 1.2, which did not save it.
-        layers: layers; without an architecture those with weights.
+        layers: layers; without an architecture those with weights. Several outputs are one dense
+            layer.
         has_architecture: whether the layers' classes and configs are known.
+        outputs: name and number of units of each output, if there are several.
     """
 
     path: Path
@@ -63,6 +71,12 @@ class KerasModel:
     backend: str
     layers: list[KerasLayer]
     has_architecture: bool
+    outputs: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def is_donkeycar(self) -> bool:
+        """Return whether it is a network of Donkeycar, which sees pixels / 255 of RGB frames."""
+        return list(self.outputs or (self.layers[-1].name,)) in DONKEYCAR
 
 
 def read_architecture(model: object, source: object, as_chain: bool = True) -> KerasLayer:
@@ -114,16 +128,21 @@ def _layer(entry: object, source: object, as_chain: bool, depth: int) -> KerasLa
 def _chain(
     layers: list[KerasLayer], entries: list[dict], config: dict, source: object
 ) -> list[KerasLayer]:
-    """Return a functional model's layers in the order of the data."""
-    only = "only a chain of layers, with one input and one output, can be converted"
-    for key in ("input_layers", "output_layers"):
-        ends = sorted(_sources(config.get(key)))
-        if len(ends) > 1:
-            what = f"{len(ends)} {key.removesuffix('_layers')}s ({', '.join(ends)!s:.200})"
-            raise InputError(f"{source}: the model has {what}; {only}")
+    """Return a functional model's layers in the order of the data, several outputs at the end."""
+    only = "only a chain of layers, with one input, and dense outputs at its end, can be converted"
+    inputs, outputs = (_sources(config.get(f"{key}_layers")) for key in ("input", "output"))
+    if len(inputs) > 1:
+        names = ", ".join(sorted(inputs))
+        raise InputError(f"{source}: the model has {len(inputs)} inputs ({names:.200}); {only}")
     after: dict[str, KerasLayer] = {}
+    ends: list[KerasLayer] = []
+    starts = set()  # layers whose outputs the several outputs take
     for layer, entry in zip(layers, entries, strict=True):
         inputs = _sources(entry.get("inbound_nodes")) or [""]
+        if len(outputs) > 1 and layer.name in outputs and layer.kind == "Dense":
+            ends.append(replace(layer, output=outputs.index(layer.name)))
+            starts |= set(inputs)
+            continue
         if len(inputs) > 1 or inputs[0] in after:
             other = f", as does {after[inputs[0]].name}" if inputs[0] in after else ""
             raise InputError(
@@ -137,7 +156,40 @@ def _chain(
     if after:
         names = ", ".join(one.name for one in after.values())
         raise InputError(f"{source}: the input does not lead to {names:.200}; {only}")
-    return chain
+    if len(ends) != (len(outputs) > 1) * len(outputs) or starts - {chain[-1].name}:
+        names = ", ".join(sorted(outputs))
+        raise InputError(f"{source}: the model has {len(outputs)} outputs ({names:.200}); {only}")
+    return [*chain, *ends]
+
+
+def joined_outputs(
+    layers: list[KerasLayer], source: object
+) -> tuple[list[KerasLayer], dict[str, int]]:
+    """Return layers with several outputs as one dense layer, and each output's number of units.
+
+    A softmax is left out: the bin of the largest value is the same without it.
+
+    Raises:
+        InputError: the outputs differ in their activation, or their weights are not dense layers'.
+    """
+    placed = {one.output: one for one in layers if one.output is not None}
+    if not placed:
+        return layers, {}
+    ends = [placed[place] for place in sorted(placed)]
+    names = ", ".join(one.name for one in ends)
+    activations = [str(one.config.get("activation")) for one in ends]
+    binned = [one.name for one in ends] == DONKEYCAR[-1] and set(activations) == {"softmax"}
+    same = len(set(activations)) == 1 and (binned or "softmax" not in activations)
+    if not same or any([one.ndim for one in end.arrays] != [2, 1] for end in ends):
+        raise InputError(
+            f"{source}: its outputs {names:.200} cannot be converted: each needs a kernel, a bias "
+            f"and the same activation, not {', '.join(activations):.200}"
+        )
+    arrays = [np.concatenate([end.arrays[part] for end in ends], axis=-1) for part in (0, 1)]
+    config = {"units": arrays[1].size, "activation": "linear" if binned else activations[0]}
+    one = KerasLayer(names, "Dense", config, arrays)
+    units = {end.name: end.arrays[1].size for end in ends}
+    return [*(layer for layer in layers if layer.output is None), one], units
 
 
 def _sources(node: object, depth: int = 0) -> list[str]:

@@ -33,6 +33,7 @@ from zoo.models.value_layers import (
     PReLU,
     Rescaling,
     Select,
+    Unbin,
 )
 
 Built = tuple[nn.Module, Shape]
@@ -252,6 +253,13 @@ def _select(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     return Select(columns), (len(columns),)
 
 
+def _unbin(spec: LayerSpec, shape: Shape, first: bool) -> Built:
+    bins, lows, steps = spec.wholes("bins"), spec.numbers("lows"), spec.numbers("steps")
+    if shape != (sum(bins),) or not len(bins) == len(lows) == len(steps):
+        raise spec.wrong("bins", f"with lows and steps are not groups of {by(shape)}")
+    return Unbin(bins, lows, steps), (len(bins),)
+
+
 def _dropout(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     rate = spec.share("rate")
     spatial = spec.layer.startswith("Spatial") and len(shape) == 3
@@ -288,6 +296,7 @@ BUILDERS: dict[str, Builder] = {
     "Rescaling": _rescaling,
     "Gray": _gray,
     "Select": _select,
+    "Unbin": _unbin,
     "Dropout": _dropout,
     "SpatialDropout2D": _dropout,
     "GaussianNoise": _elementwise(lambda spec: GaussianNoise(spec.number("stddev"))),

@@ -22,6 +22,37 @@ class Select(nn.Module):
         return torch.stack([values[:, column] for column in self.columns], dim=1)
 
 
+class Unbin(nn.Module):
+    """A layer that returns a number for each group of bins: that of the bin of the largest value.
+
+    In training, its gradient is that of the mean of all bins' numbers, weighed by their softmax
+    (straight-through estimator: Bengio et al., 2013, arXiv:1308.3432).
+
+    Args:
+        bins: number of bins of each group.
+        lows: number of each group's first bin.
+        steps: difference between two bins of each group.
+    """
+
+    def __init__(self, bins: list[int], lows: list[float], steps: list[float]) -> None:
+        super().__init__()
+        self.groups = list(zip(bins, lows, steps, strict=True))
+
+    def forward(self, values: Tensor) -> Tensor:
+        """Return the numbers, [N, groups], for values [N, bins of all groups]."""
+        numbers = []
+        for group, (bins, low, step) in zip(
+            values.split([one[0] for one in self.groups], dim=1), self.groups, strict=True
+        ):
+            number = group.argmax(1).to(values.dtype)
+            if self.training:
+                places = torch.arange(bins, dtype=values.dtype, device=values.device)
+                mean = group.softmax(1) @ places
+                number = number + mean - mean.detach()
+            numbers.append(low + step * number)
+        return torch.stack(numbers, dim=1)
+
+
 class Rescaling(nn.Module):
     """A layer that multiplies each channel by a factor and adds an offset."""
 

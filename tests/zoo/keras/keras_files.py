@@ -35,12 +35,13 @@ def random_weights(*shapes: tuple[int, ...], seed: int = 0) -> list[np.ndarray]:
 
 
 def named(layers: list[Layer]) -> list[tuple[str, str, dict, list]]:
-    """Return layers with names as Keras gives them: `conv2d_1`, `conv2d_2` ..."""
+    """Return layers with their own names, or as Keras gives them: `conv2d_1`, `conv2d_2` ..."""
     counts: dict[str, int] = {}
     found = []
     for kind, config, weights in layers:
         counts[kind] = counts.get(kind, 0) + 1
-        found.append((f"{kind.lower()}_{counts[kind]}", kind, config, weights))
+        name = config.get("name", f"{kind.lower()}_{counts[kind]}")
+        found.append((name, kind, config, weights))
     return found
 
 
@@ -59,6 +60,38 @@ def model_config(layers: list[Layer], shape: tuple | None = INPUT, version: int 
         "class_name": "Sequential",
         "config": entries if version == 1 else {"name": "sequential_1", "layers": entries},
     }
+
+
+def functional(
+    layers: list[Layer], version: int = 2, ends: int = 1, shape: tuple[int, ...] = INPUT
+) -> dict:
+    """Return the config of a functional model whose layers are not in the order of the data.
+
+    Args:
+        layers: layers in the order of the data.
+        version: Keras' major version.
+        ends: number of the last layers that all take the output of the layer before them.
+        shape: shape of the images.
+    """
+    config = model_config(layers, shape, version)
+    entries = config["config"]["layers"]
+    if version == 2:
+        del entries[0]["config"]["batch_input_shape"]
+        start = {"name": "input_1", "batch_input_shape": [None, *shape]}
+        entries.insert(0, {"class_name": "InputLayer", "config": start})
+    names = [entry["config"]["name"] for entry in entries]
+    for number, entry in enumerate(entries):
+        entry["name"] = names[number]
+        before = names[min(number, len(names) - ends) - 1]
+        history = {"class_name": "__keras_tensor__", "config": {"keras_history": [before, 0, 0]}}
+        old, new = [[[before, 0, 0, {}]]], [{"args": [history], "kwargs": {}}]
+        entry["inbound_nodes"] = [] if number == 0 else old if version == 2 else new
+    config["class_name"] = "Model" if version == 2 else "Functional"
+    start, *last = ([name, 0, 0] for name in (names[0], *names[-ends:]))
+    config["config"]["input_layers"] = [start] if version == 2 else start
+    config["config"]["output_layers"] = last if version == 2 or ends > 1 else last[0]
+    entries.reverse()
+    return config
 
 
 def write_groups(group: h5py.Group, layers: list[Layer], version: int, backend: str) -> None:
@@ -126,11 +159,14 @@ def keras_3_weights(layers: list[Layer]) -> bytes:
     return buffer.getvalue()
 
 
-def write_keras(path: Path, layers: list[Layer], shape: tuple | None = INPUT) -> Path:
+def write_keras(
+    path: Path, layers: list[Layer], shape: tuple | None = INPUT, config: dict | None = None
+) -> Path:
     """Write a `.keras` file of Keras 3."""
+    config = config or model_config(layers, shape, 3)
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("metadata.json", json.dumps({"keras_version": "3.5.0"}))
-        archive.writestr("config.json", json.dumps(model_config(layers, shape, 3)))
+        archive.writestr("config.json", json.dumps(config))
         archive.writestr("model.weights.h5", keras_3_weights(layers))
     return path
 

@@ -16,8 +16,8 @@ import pytest
 from tests.hostile.mutations import check_reading
 from tests.zoo.bomb import Bomb
 from tests.zoo.keras.keras_files import (
-    INPUT,
     Layer,
+    functional,
     keras_3_weights,
     lambda_config,
     model_config,
@@ -153,29 +153,6 @@ def nested(folder: Path, in_one_group: bool) -> Path:
 @pytest.mark.parametrize("in_one_group", [True, False], ids=["Keras 2", "Keras 1"])
 def test_a_nested_model_is_flattened(in_one_group: bool, tmp_path: Path) -> None:
     check_layers(nested(tmp_path, in_one_group))
-
-
-def functional(layers: list[Layer], version: int = 2) -> dict:
-    """Return the config of a functional model whose layers are not in the order of the data."""
-    config = model_config(layers, version=version)
-    entries = config["config"]["layers"]
-    if version == 2:
-        del entries[0]["config"]["batch_input_shape"]
-        start = {"name": "input_1", "batch_input_shape": [None, *INPUT]}
-        entries.insert(0, {"class_name": "InputLayer", "config": start})
-    names = [entry["config"]["name"] for entry in entries]
-    for number, entry in enumerate(entries):
-        entry["name"] = names[number]
-        before = names[number - 1]
-        history = {"class_name": "__keras_tensor__", "config": {"keras_history": [before, 0, 0]}}
-        old, new = [[[before, 0, 0, {}]]], [{"args": [history], "kwargs": {}}]
-        entry["inbound_nodes"] = [] if number == 0 else old if version == 2 else new
-    config["class_name"] = "Model" if version == 2 else "Functional"
-    ends = ([names[0], 0, 0], [names[-1], 0, 0])
-    config["config"]["input_layers"] = [ends[0]] if version == 2 else ends[0]
-    config["config"]["output_layers"] = [ends[1]] if version == 2 else ends[1]
-    entries.reverse()
-    return config
 
 
 @pytest.mark.parametrize("version", [2, 3])
