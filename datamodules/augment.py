@@ -19,8 +19,7 @@ import torch
 from torch import Tensor
 
 from datamodules.device_augment import darkened, from_rgb, lit, moved, to_rgb
-from datamodules.image import FRAME_WIDTH
-from datamodules.view import CODES
+from datamodules.view import CODES, FRAME
 
 Place = tuple[int, int]  # first index of a shard in its batch, and the batch's size
 
@@ -131,9 +130,9 @@ class Shift(Change):
     behavior", 2016.
 
     Args:
-        pixels: largest shift to either side, in columns of the recording's 320.
+        pixels: largest shift to either side, in 320ths of a frame's width.
         rows: largest shift up or down, in rows of the view.
-        steering_per_pixel: steering added per column of shift.
+        steering_per_pixel: steering added for each 320th of a shift.
         p: probability that a sample is changed, 0..1.
     """
 
@@ -160,12 +159,12 @@ class Shift(Change):
         """Shift an image in place; its edges are repeated."""
         height, width = image.shape[:2]
         # The result is within a grey level of warpAffine's, in half the time.
-        center = (width - 1) / 2 - drawn[0] * width / FRAME_WIDTH, (height - 1) / 2 - drawn[1]
+        center = (width - 1) / 2 - drawn[0] * width / FRAME[1], (height - 1) / 2 - drawn[1]
         image[:] = cv2.getRectSubPix(image, (width, height), center).reshape(image.shape)
 
     def change_all(self, images: Tensor, drawn: Tensor) -> Tensor:
         """Return shifted images."""
-        return moved(images, drawn[:, :1] * (images.shape[3] / FRAME_WIDTH), drawn[:, 1])
+        return moved(images, drawn[:, :1] * (images.shape[3] / FRAME[1]), drawn[:, 1])
 
     def steer(self, steering: np.ndarray, drawn: np.ndarray) -> np.ndarray:
         """Return the steering corrected by the columns of the shift."""

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from datamodules.augment import Change
 from datamodules.device_augment import moved
-from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
+from datamodules.view import FRAME
 from zoo.base.rig import UDACITY
 
 CAMERA = UDACITY.cameras["center"]
@@ -23,7 +23,7 @@ def metres_ahead(rows: np.ndarray) -> np.ndarray:
 
     Rows are of the recording's 160. The distance is at most 60 m, also above the horizon.
     """
-    below = np.arctan((rows - (FRAME_HEIGHT - 1) / 2) / CAMERA.focal_px)
+    below = np.arctan((rows - (FRAME[0] - 1) / 2) / CAMERA.focal_px)
     below = below + np.radians(CAMERA.pitch_down_deg)
     return CAMERA.up_m / np.tan(np.maximum(below, np.arctan(CAMERA.up_m / FARTHEST_M)))
 
@@ -87,7 +87,7 @@ class Bend(Change):
         begin = np.where(rng.random(count) < self.begun, -UDACITY.rear_axle_m, ahead)
         aside = self.columns_aside(shape[1], curvature, begin, length)
         added = added_steering(curvature, begin)
-        return np.column_stack([added, aside * shape[2] / FRAME_WIDTH])
+        return np.column_stack([added, aside * shape[2] / FRAME[1]])
 
     def columns_aside(
         self, height: int, curvature: np.ndarray, begin: np.ndarray, length: np.ndarray
@@ -97,14 +97,12 @@ class Bend(Change):
         The unit is a column of the recording's 320.
         """
         top, bottom = self.crop
-        rows = top + (np.arange(height) + 0.5) * (FRAME_HEIGHT - top - bottom) / height - 0.5
+        rows = top + (np.arange(height) + 0.5) * (FRAME[0] - top - bottom) / height - 0.5
         ahead = metres_ahead(rows)  # rows above the horizon move with the farthest ground
         along = np.maximum(ahead + CAMERA.ahead_m - begin[:, None], 0)
         bent = np.minimum(along, length[:, None])
         metres = curvature[:, None] * (bent**2 / 2 + bent * (along - bent))
-        return np.clip(
-            CAMERA.focal_px * metres / depth_of(ahead), -FRAME_WIDTH / 2, FRAME_WIDTH / 2
-        )
+        return np.clip(CAMERA.focal_px * metres / depth_of(ahead), -FRAME[1] / 2, FRAME[1] / 2)
 
     def change_one(self, image: np.ndarray, drawn: np.ndarray) -> None:
         """Bend an image in place."""

@@ -13,8 +13,6 @@ from rich.progress import Progress
 
 from datamodules.findings import find_oddities, report_lines
 from datamodules.image import (
-    FRAME_HEIGHT,
-    FRAME_WIDTH,
     AnyImage,
     checked_size,
     read_stored,
@@ -80,9 +78,7 @@ def check(
     finally:
         pool.shutdown(cancel_futures=True)  # on Ctrl-C, do not wait for the other images
     for (width, height), count in sizes.most_common():
-        usual = (width, height) == (FRAME_WIDTH, FRAME_HEIGHT)
-        note = "" if usual else f" (will be resized to {FRAME_WIDTH} x {FRAME_HEIGHT})"
-        _print(console, f"{count:,} images of {width} x {height}{note}")
+        _print(console, f"{count:,} images of {width} x {height}")
     _print_first(console, bad)
     verdict = (
         f"{len(bad):,} bad images; copy or record them again, or train with data.on_bad_image=skip"

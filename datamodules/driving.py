@@ -3,6 +3,7 @@
 import copy
 import functools
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
@@ -162,6 +163,8 @@ class DrivingData(lightning.LightningDataModule):
     def load(self, console: Console) -> None:
         """Read the recordings, decode images that are not cached, and split the rows."""
         recording = read_recordings(self.root, **self.said)
+        if size := recording.frame_size():
+            self.view = replace(self.view, frame=size)
         # Validation and test always use the centre camera.
         views, faults = load_row_views(
             recording, [*self.cameras, "center"], self.view, self.cache, console

@@ -17,10 +17,9 @@ from datamodules.driving_log import CAMERAS
 from datamodules.formats.recording_writer import write_frame, write_log
 from datamodules.image import (
     AnyImage,
-    decode_pixels,
     find_file_fault,
     link_or_copy,
-    read_stored,
+    read_image,
 )
 from datamodules.recording import IMAGE_FOLDER, Recording, file_name
 from datamodules.recording_edits import Edits, edit_options
@@ -159,8 +158,7 @@ def free_name(path: Path) -> Path:
 
 def _write_image(image: AnyImage, target: Path, place: str, mirrored: bool) -> None:
     try:
-        stored = read_stored(image)
-        pixels = decode_pixels(stored) if isinstance(stored, bytes) else stored
+        pixels = read_image(image)
     except ValueError as error:
         raise InputError(f"{place}: {image}: {error}; drop the row") from None
     write_frame(pixels[:, ::-1] if mirrored else pixels, target)

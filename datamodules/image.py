@@ -15,9 +15,6 @@ from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
 
 from zoo.base.regular_file import open_regular, read_regular
-from zoo.base.rig import UDACITY
-
-FRAME_WIDTH, FRAME_HEIGHT = UDACITY.cameras["center"].size  # that every image is resized to
 
 # Limits before an image is read and before it is decoded: a few kB can hold gigabytes of pixels.
 MOST_IMAGE_BYTES = 32_000_000
@@ -74,13 +71,13 @@ def read_stored(image: AnyImage) -> Stored:
 
 
 def read_image(image: AnyImage) -> np.ndarray:
-    """Return an image, uint8 [160, 320, 3] RGB, resized if needed.
+    """Return an image in its own size, uint8 [H, W, 3] RGB.
 
     Raises:
-        OSError, ValueError: see `read_stored` and `decode_pixels`.
+        OSError, ValueError: see `read_stored` and `decode_image`.
     """
     stored = read_stored(image)
-    return as_frame(decode_pixels(stored) if isinstance(stored, bytes) else stored)
+    return decode_image(stored) if isinstance(stored, bytes) else stored
 
 
 def encode_image(image: np.ndarray, suffix: str = ".jpg", quality: int = 95) -> bytes:
@@ -95,23 +92,7 @@ def reading_threads(images: Iterable[object], threads: int) -> int:
     return 1 if any(isinstance(image, StoredImage) for image in images) else threads
 
 
-def decode_image(data: bytes) -> np.ndarray:
-    """Return the image in JPEG or PNG bytes, uint8 [160, 320, 3] RGB, resized if needed.
-
-    Raises:
-        ValueError: see `decode_pixels`.
-    """
-    return as_frame(decode_pixels(data))
-
-
-def as_frame(image: np.ndarray) -> np.ndarray:
-    """Return an image, uint8 [H, W, 3], in the size of a frame, [160, 320, 3]."""
-    if image.shape[:2] == (FRAME_HEIGHT, FRAME_WIDTH):
-        return image
-    return cv2.resize(image, (FRAME_WIDTH, FRAME_HEIGHT), interpolation=cv2.INTER_AREA)
-
-
-def decode_pixels(data: bytes, flags: int = cv2.IMREAD_COLOR_RGB) -> np.ndarray:
+def decode_image(data: bytes, flags: int = cv2.IMREAD_COLOR_RGB) -> np.ndarray:
     """Return the image in JPEG or PNG bytes in its own size, uint8 [H, W, 3] RGB.
 
     Args:
@@ -136,7 +117,7 @@ def checked_size(data: bytes) -> tuple[int, int]:
     """Return the width and height in a whole JPEG's or PNG's header.
 
     Raises:
-        ValueError: see `decode_pixels`.
+        ValueError: see `decode_image`.
     """
     if fault := find_fault(data):
         raise ValueError(fault)

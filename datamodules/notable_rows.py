@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import median_filter
 
-from datamodules.image import AnyImage, decode_pixels, read_stored
+from datamodules.image import AnyImage, decode_image, read_stored
 from datamodules.recording import Recording
 from datamodules.split import rows_per_second
 from datamodules.stretches import find_breaks, true_runs
@@ -95,7 +95,7 @@ def thumbnail(image: AnyImage) -> np.ndarray:
     """
     stored = read_stored(image)
     if isinstance(stored, bytes):
-        small = decode_pixels(stored, cv2.IMREAD_REDUCED_GRAYSCALE_8)
+        small = decode_image(stored, cv2.IMREAD_REDUCED_GRAYSCALE_8)
     else:
         small = cv2.cvtColor(stored, cv2.COLOR_RGB2GRAY)
     return cv2.resize(small, THUMBNAIL, interpolation=cv2.INTER_AREA)

@@ -3,6 +3,7 @@
 import hashlib
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, NUMBERS, RANGES, BadRows, degrees_hint, range_fault
-from datamodules.image import Stored, decode_pixels, read_stored
+from datamodules.image import Stored, read_image, read_stored
 from zoo.base.rig import UDACITY, Rig
 
 LOG_NAME, IMAGE_FOLDER = "driving_log.csv", "IMG"
@@ -111,8 +112,15 @@ class Recording:
 
     def image(self, row: int, camera: int = 0) -> np.ndarray:
         """Return an image in its own size, uint8 [H, W, 3] RGB; see `stored`."""
-        stored = self.stored(row, camera)
-        return decode_pixels(stored) if isinstance(stored, bytes) else stored
+        return read_image(self.images[row, camera])
+
+    def frame_size(self) -> tuple[int, int] | None:
+        """Return height and width of the first centre image that can be read; None without one."""
+        for image in filter(None, self.images[:, 0]):
+            with suppress(OSError, ValueError):
+                height, width, _ = read_image(image).shape
+                return height, width
+        return None
 
     def place(self, row: int) -> str:
         """Return a row's place, for messages: `FOLDER/driving_log.csv, row 7`."""

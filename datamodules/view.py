@@ -8,10 +8,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 from zoo.base.errors import InputError
 
-FRAME_SHAPE = (FRAME_HEIGHT, FRAME_WIDTH, 3)
+FRAME = (160, 320)  # height and width of a frame where no recording tells; a crop counts its rows
 # OpenCV's codes of colours with three channels: from RGB, and back.
 CODES = {
     "bgr": (cv2.COLOR_RGB2BGR, cv2.COLOR_BGR2RGB),
@@ -39,25 +38,29 @@ RESIZES = {
 class View:
     """A function from a frame to a network's input, uint8 to uint8: crop, then colour, then size.
 
+    A frame may have any size: the same shares of it are cropped, and it is resized at most once.
+
     Attributes:
-        crop: rows removed from the top and the bottom of the 160.
+        crop: rows removed from the top and the bottom, in 160ths of a frame's height.
         colour: `rgb`, `bgr`, `yuv`, `yuv_old` (YUV of OpenCV before 3.2), `hsv` (OpenCV's, hue
             0..179), `gray` or `hsv_s` (the saturation of HSV).
-        size: `(height, width)` after resizing; None to keep the cropped size.
+        size: `(height, width)` after resizing; None to keep the cropped size of `frame`.
         resize: `area`, or `linear` without smoothing; `area_first` and `linear_first` resize
             before the colour conversion.
+        frame: `(height, width)` of the training's frames.
     """
 
     crop: tuple[int, int]
     colour: str
     size: tuple[int, int] | None
     resize: str = "area"
+    frame: tuple[int, int] = FRAME
 
     def __post_init__(self) -> None:
         _check_pair("data.crop", self.crop, least=0)
-        if sum(self.crop) >= FRAME_HEIGHT:
+        if sum(self.crop) >= FRAME[0]:
             raise InputError(
-                f"data.crop={list(self.crop)} leaves nothing of {FRAME_HEIGHT} rows; crop less"
+                f"data.crop={list(self.crop)} leaves nothing of {FRAME[0]} rows; crop less"
             )
         if self.colour not in CONVERSIONS:
             raise InputError(f"model.colour={self.colour} is not one of {', '.join(CONVERSIONS)}")
@@ -67,26 +70,48 @@ class View:
         if self.size is not None:
             _check_pair("model.size", self.size, least=1)
             object.__setattr__(self, "size", tuple(self.size))
+        _check_pair("frame", self.frame, least=1)
+        object.__setattr__(self, "frame", tuple(self.frame))
 
     @property
     def shape(self) -> tuple[int, int, int]:
         """Return the output's `(height, width, channels)`."""
-        size = self.size or (FRAME_HEIGHT - sum(self.crop), FRAME_WIDTH)
+        height, width = self.frame
+        size = self.size or (height - sum(self.rows_cropped(height)), width)
         return (*size, 1 if self.colour in ("gray", "hsv_s") else 3)
 
+    def rows_cropped(self, height: int) -> tuple[int, int]:
+        """Return the rows to remove from the top and the bottom of a frame of this height.
+
+        They are rounded down, which leaves a row of any frame.
+
+        >>> View((60, 25), "rgb", None).rows_cropped(480)
+        (180, 75)
+        """
+        top, bottom = self.crop
+        return top * height // FRAME[0], bottom * height // FRAME[0]
+
+    @property
+    def crop_text(self) -> str:
+        """Describe the rows that it removes from the training's frames."""
+        height, width = self.frame
+        top, bottom = self.rows_cropped(height)
+        frame = f"a frame of {height} x {width} pixels"
+        return f"{top} rows at the top and {bottom} at the bottom of {frame}"
+
     def __call__(self, frame: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """Return the view of a frame uint8 [160, 320, 3] RGB, written to `out` if given.
+        """Return the view of a frame uint8 [H, W, 3] RGB, written to `out` if given.
 
         Raises:
             InputError: the frame has another shape or type.
         """
-        if frame.shape != FRAME_SHAPE or frame.dtype != np.uint8:
+        if frame.ndim != 3 or frame.shape[2] != 3 or not frame.size or frame.dtype != np.uint8:
             raise InputError(
                 f"frame: is {frame.dtype} {list(frame.shape)}; a network takes the camera's image, "
-                f"uint8 {list(FRAME_SHAPE)} RGB: resize or convert it"
+                "uint8 [height, width, 3] RGB: convert it"
             )
-        top, bottom = self.crop
-        image, convert = frame[top : FRAME_HEIGHT - bottom], CONVERSIONS[self.colour]
+        top, bottom = self.rows_cropped(len(frame))
+        image, convert = frame[top : len(frame) - bottom], CONVERSIONS[self.colour]
         if self.resize.endswith("_first"):
             image = convert(self._resized(image))
         else:
@@ -99,15 +124,16 @@ class View:
         return out
 
     def _resized(self, image: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        if self.size is None:
+        height, width, _ = self.shape
+        if image.shape[:2] == (height, width):
             return image
-        height, width = self.size
         return cv2.resize(image, (width, height), dst=out, interpolation=RESIZES[self.resize])
 
     def to_dict(self) -> dict:
         """Return plain containers, for a checkpoint; `View.from_dict` reads them."""
         plain = asdict(self)
-        return plain | {"crop": list(self.crop), "size": list(self.size) if self.size else None}
+        pairs = ("crop", "size", "frame")
+        return plain | {name: list(plain[name]) if plain[name] else None for name in pairs}
 
     @classmethod
     def from_dict(cls, plain: dict) -> "View":

@@ -31,7 +31,7 @@ from zoo.base.whole_file import whole_path, write_whole
 from zoo.base.written_files import mark_folder, note_files
 
 # Raise it when the output of `decode_image` or `View` changes: old files are then not read again.
-VERSION = 2
+VERSION = 3
 CACHE = "cache"  # kind of folder
 CHUNK = 32  # images that a thread decodes at a time
 SYNC_EVERY_S = 0.02  # time between two syncs of a file that is being written
@@ -134,7 +134,8 @@ def is_stored(target: Path | None) -> bool:
 
 def cache_key(images: Sequence[AnyImage], view: View) -> str:
     """Return the fingerprint of files (name, size, time of change), numbers in them, and view."""
-    digest = hashlib.sha256(json.dumps([VERSION, view.to_dict()]).encode())
+    seen = view.to_dict() | {"size": view.shape[:2], "frame": None}  # whatever they follow from
+    digest = hashlib.sha256(json.dumps([VERSION, seen]).encode())
     file: str | Path | None = None
     known = b""
     for image in images:

@@ -2,7 +2,8 @@
 
 import datetime
 import functools
-from dataclasses import dataclass
+import shutil
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -124,6 +125,15 @@ def write_recording(
         time_s=np.array([one.replace(tzinfo=utc).timestamp() for one in moments]),
         **{name: np.array([float(text) for text in column]) for name, column in texts.items()},
     )
+
+
+def write_resized(source: Written, folder: Path, width: int, height: int) -> Written:
+    """Copy a recording to a folder, with images of another size."""
+    shutil.copytree(source.folder, folder)
+    for path in folder.glob("IMG/*.jpg"):
+        image = cv2.imread(str(path))
+        cv2.imwrite(str(path), cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA))
+    return replace(source, folder=folder)
 
 
 def format_number(value: float) -> str:

@@ -40,8 +40,8 @@ def convert(
         fps: LeRobot: frames per second to write; null: the recording's mean.
         crf: LeRobot: quality of the videos, of which 1 is the best and the largest.
         task: LeRobot: the task in words.
-        fit: keep: images of other sizes as they are, which all commands stretch to 320 x 160; pad:
-            with black bars, in their shape.
+        fit: keep: images as they are; pad: with black bars, twice as wide as high, as the
+            simulator's frames are.
         quality: quality of JPEGs written from videos or padded.
         read: see `ReadOptions`.
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
+import cv2
 import numpy as np
 from pydantic import Field
 from rich.console import Console
@@ -89,6 +90,7 @@ def make_film(
     shots = read_shots(folder)
     rate = real_fps(shots) if fps is None else fps
     faults: list[str] = []
+    size: tuple[int, int] | None = None  # of the first frame, in which all are filmed
     show = Progress(console=console, transient=True, disable=not console.is_terminal)
     try:
         with Film(out, rate) as film, show:
@@ -98,7 +100,9 @@ def make_film(
                 except (OSError, ValueError) as error:
                     faults.append(f"{shot.path}: {getattr(error, 'strerror', None) or error}")
                 else:
-                    film.add(draw_overlay(frame, **shot.values))
+                    image = draw_overlay(frame, **shot.values)
+                    size = size or image.shape[1::-1]
+                    film.add(cv2.resize(image, size))
     except InputError as error:
         raise InputError(f"{error}; or name another file with out=") from None
     drawn = len(shots) - len(faults)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from datamodules.driving_log import CAMERAS
@@ -25,7 +26,7 @@ from datamodules.formats.lerobot_features import (
 )
 from datamodules.formats.recording_writer import Converted, left_out_note, whole_rows
 from datamodules.formats.video import video_writer
-from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, read_image
+from datamodules.image import read_image
 from datamodules.recording import Recording
 from datamodules.stretches import continuous_drives, mean_rate
 from zoo.base.errors import InputError
@@ -63,7 +64,7 @@ def export_lerobot(
     """Write a recording's rows as a dataset; each continuous drive is an episode.
 
     Args:
-        recording: recording to write; its images are written as 320 x 160.
+        recording: recording to write; its images are written in the size of the first.
         out: new folder.
         fps: constant frames per second of the dataset, 1..1000; None for the recording's mean.
         crf: quality of the H.264 videos, 1 (best) to 51.
@@ -79,6 +80,8 @@ def export_lerobot(
         kept, left_out = whole_rows(recording)
         known = {camera: list(kept.images[:, at]) for at, camera in enumerate(CAMERAS)}
         cameras = [camera for camera, paths in known.items() if None not in paths]
+        height, width = kept.frame_size() or (0, 0)
+        size = width // 2 * 2, height // 2 * 2  # H.264 in yuv420p needs even numbers
         episodes = continuous_drives(kept, most=MOST_S * rate)
         columns = _columns(kept, episodes, rate)
         counts: dict[str, list[np.ndarray]] = {camera: [] for camera in cameras}
@@ -86,7 +89,7 @@ def export_lerobot(
             for camera in cameras:
                 path = part / video_file(CAMERA_PREFIX + camera, *divmod(number, CHUNK))
                 path.parent.mkdir(parents=True, exist_ok=True)
-                counts[camera].append(_write_video(path, kept, camera, rows, rate, crf))
+                counts[camera].append(_write_video(path, kept, camera, rows, size, rate, crf))
                 progress(rows.stop / len(kept))
         about = [
             _about_episode(number, rows, columns, counts, rate, task)
@@ -102,7 +105,7 @@ def export_lerobot(
             with (part / name).open("xb") as file:
                 pyarrow.parquet.write_table(table, file, compression="snappy")
         stats = _stats(columns, range(len(kept)), counts, range(len(episodes)))
-        info = _info(columns, cameras, len(episodes), rate)
+        info = _info(columns, cameras, size, len(episodes), rate)
         for name, contents in ((STATS, stats), (INFO, info)):
             text = json.dumps(contents, indent=4) + "\n"
             (part / name).write_text(text, encoding="utf-8")
@@ -141,15 +144,21 @@ def _columns(recording: Recording, episodes: list[range], rate: int) -> dict[str
 
 
 def _write_video(
-    path: Path, recording: Recording, camera: str, rows: range, rate: int, crf: int
+    path: Path,
+    recording: Recording,
+    camera: str,
+    rows: range,
+    size: tuple[int, int],
+    rate: int,
+    crf: int,
 ) -> np.ndarray:
     """Write a video; return counts of the sampled frames' levels, int64 [3, 256], RGB."""
     counts = np.zeros((3, 256), np.int64)
-    with video_writer(path, (FRAME_WIDTH, FRAME_HEIGHT), rate, crf) as video:
+    with video_writer(path, size, rate, crf) as video:
         for frame, row in enumerate(rows):
             image_path = recording.images[row, CAMERAS.index(camera)]
             try:
-                image = read_image(image_path)
+                image = cv2.resize(read_image(image_path), size, interpolation=cv2.INTER_AREA)
             except ValueError as error:
                 raise InputError(
                     f"{recording.place(row)}: {image_path}: {error}; drop the row: drivezoo edit"
@@ -199,9 +208,11 @@ def _stats(
     stats = {
         name: _column_stats(column[rows.start : rows.stop]) for name, column in columns.items()
     }
+    frames = columns["frame_index"][rows.start : rows.stop]
+    sampled = {"count": [int((frames % SAMPLED_FRAMES == 0).sum())]}
     for camera, of_episodes in counts.items():
         chosen = of_episodes[episodes.start : episodes.stop]
-        stats[CAMERA_PREFIX + camera] = _pixel_stats(np.sum(chosen, 0))
+        stats[CAMERA_PREFIX + camera] = _pixel_stats(np.sum(chosen, 0)) | sampled
     return stats
 
 
@@ -231,9 +242,7 @@ def _pixel_stats(counts: np.ndarray) -> dict[str, list]:
     }
     for name, share in QUANTILES.items():
         found[name] = levels[(counts.cumsum(1) >= share * total[:, None]).argmax(1)]
-    shaped = {name: one.reshape(3, 1, 1).tolist() for name, one in found.items()}
-    frame = (FRAME_HEIGHT // SAMPLED_PIXELS) * (FRAME_WIDTH // SAMPLED_PIXELS)
-    return shaped | {"count": [int(total[0]) // frame]}
+    return {name: one.reshape(3, 1, 1).tolist() for name, one in found.items()}
 
 
 def _data_table(columns: dict[str, np.ndarray], pyarrow: Any) -> Any:
@@ -262,16 +271,23 @@ def _task_table(task: str, pyarrow: Any) -> Any:
     return table.replace_schema_metadata({"pandas": json.dumps(pandas)})
 
 
-def _info(columns: dict[str, np.ndarray], cameras: list[str], episodes: int, rate: int) -> dict:
-    """Return the contents of `info.json`."""
+def _info(
+    columns: dict[str, np.ndarray],
+    cameras: list[str],
+    size: tuple[int, int],
+    episodes: int,
+    rate: int,
+) -> dict:
+    """Return the contents of `info.json`; `size` is the images' width and height."""
+    width, height = size
     names = {ACTION: list(ACTIONS), STATE: list(STATES)}
     features: dict[str, dict] = {}
     for name, column in columns.items():
         shape = list(column.shape[1:]) or [1]
         features[name] = {"dtype": str(column.dtype), "shape": shape, "names": names.get(name)}
     video = {
-        "video.height": FRAME_HEIGHT,
-        "video.width": FRAME_WIDTH,
+        "video.height": height,
+        "video.width": width,
         "video.codec": "h264",
         "video.pix_fmt": "yuv420p",
         "video.is_depth_map": False,
@@ -282,7 +298,7 @@ def _info(columns: dict[str, np.ndarray], cameras: list[str], episodes: int, rat
     for camera in cameras:
         features[CAMERA_PREFIX + camera] = {
             "dtype": "video",
-            "shape": [FRAME_HEIGHT, FRAME_WIDTH, 3],
+            "shape": [height, width, 3],
             "names": ["height", "width", "channels"],
             "info": video,
         }

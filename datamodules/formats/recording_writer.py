@@ -3,7 +3,6 @@
 import csv
 from collections import Counter
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -12,8 +11,7 @@ import numpy as np
 
 from datamodules.driving_log import CAMERAS, number_text
 from datamodules.image import (
-    checked_size,
-    decode_pixels,
+    decode_image,
     encode_image,
     find_fault,
     find_file_fault,
@@ -108,7 +106,6 @@ def write_recording(
                 progress(count / len(order))
             stem = f"{IMAGE_FOLDER}/{CAMERAS[camera]}_{stems[row]}"
             written[row, camera] = _write_image(recording, row, camera, part, stem, fit, quality)
-        size_note = [] if fit == "pad" else _size_note(part / written[0, 0])
         columns = (recording.steering, recording.throttle, recording.brake, recording.speed_mph)
         write_log(part, zip(written.tolist(), np.stack(columns, 1).tolist(), strict=True))
         if recording.rig != UDACITY:
@@ -117,7 +114,6 @@ def write_recording(
         *left_out_note(recording.bad_rows, "they cannot be read"),
         *left_out_note(recording.bad_images, "their image is damaged or missing"),
         *recording.notes,
-        *size_note,
     ]
     drives = 1 + int(find_breaks(recording).sum())
     return Converted(out, len(recording), drives, tuple(notes))
@@ -206,22 +202,10 @@ def _write_image(
             else:
                 write_new(folder / path, stored)
             return path
-        pixels = decode_pixels(stored) if isinstance(stored, bytes) else stored
+        pixels = decode_image(stored) if isinstance(stored, bytes) else stored
     except ValueError as error:
         name = image if isinstance(image, str) else image.file
         place = recording.place(row)
         raise InputError(f"{place}: {name}: {error}; delete the row") from None
     write_frame(pixels, folder / f"{stem}.jpg", quality, fit)
     return f"{stem}.jpg"
-
-
-def _size_note(path: Path) -> list[str]:
-    """Return a note on images that every command will stretch, or none."""
-    with suppress(ValueError):  # its reader will report it
-        width, height = checked_size(path.read_bytes())
-        if width != 2 * height:
-            return [
-                f"images are {width} x {height}: every command stretches them to 320 x 160; "
-                "fit=pad keeps their shape"
-            ]
-    return []

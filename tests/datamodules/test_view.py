@@ -171,3 +171,33 @@ def test_out_takes_the_same_and_nothing_beside_it(
     assert view(frame, out=several[1]).base is several
     assert np.array_equal(several[1], view(frame))
     assert (several[[0, 2]] == 7).all()
+
+
+@pytest.mark.parametrize("size", [(480, 640), (120, 160), (256, 455), (66, 200)])
+@pytest.mark.parametrize(("crop", "rows"), [((60, 25), (0.375, 0.15625)), ((0, 0), (0, 0))])
+def test_a_frame_of_any_size_is_cropped_in_shares_and_resized_once(size, crop, rows):
+    frame = np.random.default_rng(1).integers(0, 256, (*size, 3), np.uint8)
+    top, bottom = (int(share * size[0]) for share in rows)
+    wanted = cv2.resize(frame[top : size[0] - bottom], (200, 66), interpolation=cv2.INTER_AREA)
+    np.testing.assert_array_equal(View(crop, "rgb", (66, 200))(frame), wanted)
+    np.testing.assert_array_equal(
+        View(crop, "rgb", None, frame=size)(frame), frame[top : size[0] - bottom]
+    )
+
+
+@pytest.mark.parametrize("height", range(1, 20))
+def test_a_crop_leaves_a_row_of_any_frame(height):
+    view = View((100, 59), "rgb", (4, 8))
+    assert view(np.full((height, 5, 3), 7, np.uint8)).tolist() == np.full((4, 8, 3), 7).tolist()
+
+
+def test_without_a_size_another_frame_is_resized_to_that_of_the_training():
+    view = View((40, 20), "gray", None, frame=(120, 160))
+    assert view.shape == (75, 160, 1)
+    for size in ((120, 160), (160, 320), (480, 640)):
+        assert view(np.full((*size, 3), 9, np.uint8)).shape == (75, 160, 1)
+
+
+def test_a_view_of_a_checkpoint_without_a_frame_is_of_the_simulators():
+    plain = {"crop": [60, 25], "colour": "rgb", "size": None, "resize": "area"}
+    assert View.from_dict(plain).frame == (160, 320)

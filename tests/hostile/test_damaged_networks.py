@@ -11,7 +11,6 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 from tests.hostile.mutations import (
     FEW_AND_MANY,
     ODD_VALUES,
@@ -43,7 +42,7 @@ from zoo.keras.keras_layers import convert
 from zoo.monitor.guarded_policy import Guard, read_guard, write_guard
 from zoo.monitor.scores import make_score
 
-FRAME = np.zeros((FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8)
+FRAME = np.zeros((160, 320, 3), np.uint8)
 KERAS: list[Layer] = [
     ("Lambda", lambda_config(lambda x: x / 127.5 - 1.0), []),
     ("Conv2D", {"filters": 2, "kernel_size": [3, 3]}, random_weights((3, 3, 3, 2), (2,))),

@@ -30,6 +30,7 @@ class View(Fields):
     colour: str
     size: list[Whole] | None
     resize: str
+    frame: list[Whole] | None = None
 
 
 class Data(Fields):

@@ -29,6 +29,7 @@ from zoo.drives.drive_record import PERSON, POLICY, Drive
 LABELS, LABELS_IMAGE = "labels.csv", "labels.png"
 COLUMNS = ("override", "image", "seconds_before", "sent", "steering")
 TEXT = cv2.FONT_HERSHEY_SIMPLEX
+WIDTH = 320  # of a frame in the image of the labels
 LABEL_EVERY_S = 0.5  # the steering is interpolated between labels
 
 
@@ -151,9 +152,10 @@ def _write_labels(drive: Drive, found: list[Override], folder: Path) -> None:
             lines.append([one.number, drive.frame[row], f"{before_s:.2f}", f"{sent:.3f}", ""])
             path = drive.folder / drive.frame[row]
             try:
-                frame = cv2.resize(read_image(path), (320, 160))
+                image = read_image(path)
             except (OSError, ValueError) as error:
                 raise InputError(f"{path}: {error}; name another drive") from None
+            frame = cv2.resize(image, (WIDTH, WIDTH * len(image) // image.shape[1]))
             text = f"override {one.number}, {before_s:.1f} s before, sent {sent:+.2f}"
             frames.append(cv2.putText(frame, text, (4, 12), TEXT, 0.4, (255, 255, 255)))
     sheet = cv2.imencode(Path(LABELS_IMAGE).suffix, np.vstack(frames)[..., ::-1])[1]

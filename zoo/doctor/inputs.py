@@ -25,7 +25,6 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
     """Check that a checkpoint loads; report its input and its time for a frame."""
     import numpy as np
 
-    from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
     from zoo.base.errors import InputError
     from zoo.checkpoints.policy import load_policy
 
@@ -40,12 +39,11 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
     yield Finding(OK, what, f"{path}: {name}, {policy.parameters:,} parameters")
     height, width, _ = view.shape
     speed = " and the speed" if policy.takes_speed else ""
-    crop = f"without {view.crop[0]} rows at the top, {view.crop[1]} at the bottom"
-    found = f"{width} x {height} {view.colour}{speed}; {crop}"
+    found = f"{width} x {height} {view.colour}{speed}; without {view.crop_text}"
     yield Finding(OK, "input", found)
     yield _trained_on(policy, recording)
 
-    frame = np.full((FRAME_HEIGHT, FRAME_WIDTH, 3), 128, np.uint8)
+    frame = np.full((*view.frame, 3), 128, np.uint8)
     times_ms = []
     for _ in range(TRIALS):
         began = time.perf_counter()
@@ -149,11 +147,11 @@ def _drive(url: str) -> tuple[list[float], float]:
     """
     import numpy as np
 
+    from datamodules.view import FRAME
     from simulator.legacy_socket import LegacySocket
-    from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH
     from simulator.telemetry import make_telemetry, read_steer
 
-    frame = np.full((FRAME_HEIGHT, FRAME_WIDTH, 3), 128, np.uint8)
+    frame = np.full((*FRAME, 3), 128, np.uint8)
     client = LegacySocket(url)
     times_ms, steering = [], 0.0
     try:

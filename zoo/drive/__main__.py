@@ -179,7 +179,7 @@ def load_warm_policy(
     import numpy as np
     import torch
 
-    from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
+    from datamodules.view import FRAME
     from zoo.checkpoints.policy import load_policy
     from zoo.monitor.guarded_policy import guarded
 
@@ -189,7 +189,7 @@ def load_warm_policy(
     policy = load_policy(path, threads)
     watched = policy if guard is None else guarded(policy, path, guard)
     for _ in range(3):
-        answer = watched(np.zeros((FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8), 0.0)
+        answer = watched(np.zeros((*FRAME, 3), np.uint8), 0.0)
     if needs_spread and answer.spread is None:
         raise InputError(
             f"speed=doubt: {path} predicts no spread of its steering; drive a checkpoint of "

@@ -159,9 +159,18 @@ class Driver:
             self.notices.print_some(lost, line)
         return lost
 
+    def _check_shape(self, height: int, width: int) -> None:
+        """Report frames that are wider or narrower than the training's: the view stretches them."""
+        view = self.policy.members[0].view
+        if view is not None and height * view.frame[1] != width * view.frame[0]:
+            trained = "{1} x {0}".format(*view.frame)
+            detail = f"{width} x {height}, the training's are {trained}; the view is stretched"
+            self.notices.report("frames of another shape than the training's", detail)
+
     def _drive(
         self, session: Session, telemetry: Telemetry, now_s: float, lost: str | None
     ) -> Reply:
+        self._check_shape(*telemetry.frame.shape[:2])
         command = session.predict(self.policy, telemetry, now_s)
         if not math.isfinite(command.steering) or not math.isfinite(command.throttle or 0.0):
             raise ValueError(f"its steering is {command.steering}, its throttle {command.throttle}")

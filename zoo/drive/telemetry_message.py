@@ -11,13 +11,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from datamodules.image import (
-    FRAME_HEIGHT,
-    FRAME_WIDTH,
-    decode_image,
-    find_scan_fault,
-    jpeg_size,
-)
+from datamodules.image import decode_image, find_scan_fault, jpeg_size
 from zoo.base.rig import UDACITY
 from zoo.drives.drive_record import DriveRow
 
@@ -51,7 +45,7 @@ class Telemetry:
     """A telemetry message.
 
     Attributes:
-        frame: uint8 [160, 320, 3] RGB, decoded as in training.
+        frame: uint8 [H, W, 3] RGB, decoded as in training.
         image: bytes of the frame as sent, JPEG or PNG.
         speed_mph: speed of the car, 0 or more; None if it cannot be read.
         steering: steering of the wheels, -1..1; None if it cannot be read.
@@ -100,14 +94,11 @@ def read_telemetry(data: object) -> Telemetry:
         raise TelemetryError("telemetry is no object", f"{data!r:.60}")
     image = _image(data.get("image"))
     try:
-        width, height = _affordable_size(image)
+        _check_affordable(image)
         frame = decode_image(image)
     except (ValueError, cv2.error) as error:
         raise TelemetryError("image cannot be read", str(error)) from None
     oddities = []
-    if (width, height) != (FRAME_WIDTH, FRAME_HEIGHT):
-        detail = f"{width} x {height}, resized to {FRAME_WIDTH} x {FRAME_HEIGHT}"
-        oddities.append(("image of another size", detail))
     speed = parse_number(data.get("speed"))
     if speed is None:
         text = f"{data.get('speed')!r:.40}"
@@ -160,8 +151,8 @@ def _image(image: object) -> bytes:
         raise TelemetryError("image is no base64", str(error)) from None
 
 
-def _affordable_size(image: bytes) -> tuple[int, int]:
-    """Return the width and height of an image that is fast to decode, from its header.
+def _check_affordable(image: bytes) -> None:
+    """Check by its header that an image is fast to decode.
 
     Raises:
         ValueError: the image exceeds a limit, or is no image.
@@ -180,7 +171,6 @@ def _affordable_size(image: bytes) -> tuple[int, int]:
         raise ValueError(f"the image is {width} x {height}, the limit is {MAX_PIXELS:,} pixels")
     if fault := find_scan_fault(image, MAX_SCANS):
         raise ValueError(fault)
-    return width, height
 
 
 @dataclass(frozen=True)

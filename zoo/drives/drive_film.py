@@ -16,9 +16,9 @@ from zoo.drives.drive_record import BAND, DriveRow
 from zoo.drives.tally import autonomy
 
 FILM_NAME = "film.mp4"
-FILM_SIZE = (640, 320)  # twice the camera's size; at 960 x 480 a lap takes twice the bytes
+FILM_WIDTH = 640  # at 960 a lap takes twice the bytes
 MOMENTS, APART_S = 10, 2.0
-SCALE = 3  # 960 x 480
+WIDTH = 960  # of a drawn frame
 WHEEL_RATIO = 6.0  # angle of the drawn steering wheel per angle of the front wheels
 WHITE, GREY, GREEN, RED, AMBER = (
     (255, 255, 255),
@@ -95,7 +95,7 @@ class DriveFilm(Film):
         super().__init__(folder / FILM_NAME, frame_rate * speed / self.every)
 
     def __call__(self, frame: np.ndarray, row: DriveRow) -> None:
-        """Take the next frame, uint8 [160, 320, 3] RGB, and its row."""
+        """Take the next frame, uint8 [H, W, 3] RGB, and its row."""
         self.interventions += row.intervention
         self.number += 1
         if (self.number - 1) % self.every:
@@ -110,7 +110,8 @@ class DriveFilm(Film):
             row.cross_track_m,
             spread=row.spread,
         )
-        self.add(cv2.resize(image, FILM_SIZE, interpolation=cv2.INTER_AREA))
+        size = FILM_WIDTH, len(image) * FILM_WIDTH // WIDTH
+        self.add(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
 def draw_overlay(
@@ -128,7 +129,7 @@ def draw_overlay(
     A state that is None or NaN is not drawn.
 
     Args:
-        frame: camera frame, uint8 [H, W, 3] RGB; 160 x 320 from the simulator.
+        frame: camera frame, uint8 [H, W, 3] RGB.
         steering: steering, -1..1, negative is left.
         throttle: throttle, -1..1, negative brakes.
         speed_mph: speed of the car.
@@ -139,13 +140,13 @@ def draw_overlay(
             would be.
 
     Returns:
-        uint8 [3 H, 3 W, 3], RGB.
+        uint8 [960 H / W, 960, 3], RGB.
     """
     steering, throttle, speed_mph, autonomy, cte_m, spread = (
         value if value is not None and math.isfinite(value) else None
         for value in (steering, throttle, speed_mph, autonomy, cte_m, spread)
     )
-    height, width = frame.shape[0] * SCALE, frame.shape[1] * SCALE
+    width, height = WIDTH, WIDTH * len(frame) // frame.shape[1]
     image = cv2.resize(frame, (width, height), interpolation=cv2.INTER_CUBIC)
     texts: list[Label] = []
     if any(value is not None for value in (steering, throttle, speed_mph)):

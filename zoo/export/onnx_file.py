@@ -151,8 +151,8 @@ def _how_to_feed(checkpoint: "Checkpoint") -> str:
     spread = ", and the logarithm of the steering's standard deviation"
     spread = spread if getattr(network, "predicts_spread", False) else ""
     return (
-        f"{IMAGES}: uint8 [batch, {channels}, {height}, {width}], a frame of 320 x 160 less "
-        f"{view.crop[0]} rows at the top and {view.crop[1]} at the bottom, {', then '.join(steps)}"
+        f"{IMAGES}: uint8 [batch, {channels}, {height}, {width}], less "
+        f"{view.crop_text}, {', then '.join(steps)}"
         f"{speed}{state * memory} -> {CONTROLS}: steering{throttle}{rows}, float32, to be "
         f"clipped to -1..1{spread}"
     )

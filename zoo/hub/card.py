@@ -155,12 +155,10 @@ def _what(of: Described) -> list[Block]:
     network, view = of.checkpoint.network, of.checkpoint.view
     parameters = sum(one.numel() for one in network.parameters())
     height, width, _ = view.shape
-    top, bottom = view.crop
     points = [
         f"Network: {type(network).__name__}, {parameters:,} parameters. It steers a car from the "
         "images of one camera.",
-        f"View: {top} rows cropped at the top and {bottom} at the bottom of 160 x 320 pixels, "
-        f"colour {view.colour}, resized to {height} x {width}.",
+        f"View: without {view.crop_text}, colour {view.colour}, resized to {height} x {width}.",
         f"File: {of.file}, {len(of.data):,} bytes, SHA-256 {of.sha256}. It holds weights and "
         "settings, and no code.",
     ]

@@ -3,11 +3,12 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
-from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, read_image
+from datamodules.image import read_image
 from datamodules.recording import Recording
-from datamodules.view import CONVERSIONS, RESIZES, View
+from datamodules.view import CONVERSIONS, FRAME, RESIZES, View
 from zoo.base.errors import InputError
 
 Scale = tuple[float, float]
@@ -122,9 +123,9 @@ def with_each_resize(found: Combination, known: KnownInput) -> list[Combination]
 def _views(known: KnownInput) -> Iterator[View]:
     for colour in [known.colour] if known.colour else CONVERSIONS:
         for crop in _crops(known):
-            cropped = (FRAME_HEIGHT - sum(crop), FRAME_WIDTH)
-            size = None if known.shape[:2] == cropped else known.shape[:2]
-            view = View(crop, colour, size, known.resize or USUAL_RESIZE)
+            view = View(crop, colour, None, known.resize or USUAL_RESIZE)
+            if view.shape[:2] != known.shape[:2]:
+                view = replace(view, size=known.shape[:2])
             if view.shape == known.shape:
                 yield view
 
@@ -132,7 +133,7 @@ def _views(known: KnownInput) -> Iterator[View]:
 def _crops(known: KnownInput) -> Sequence[Pair]:
     if known.crop is not None:
         return [known.crop]
-    return CROPS[:1] if known.shape[:2] == (FRAME_HEIGHT, FRAME_WIDTH) else CROPS
+    return CROPS[:1] if known.shape[:2] == FRAME else CROPS
 
 
 def _pair(pair: Sequence[float]) -> str:
@@ -144,8 +145,8 @@ class TrialFrames:
     """Frames with their recorded steering, in the order of driving.
 
     Attributes:
-        center: frames uint8 [N, 160, 320, 3] RGB.
-        left, right: frames of the side cameras at the same rows; [0, 160, 320, 3] without them.
+        center: frames uint8 [N, H, W, 3] RGB.
+        left, right: frames of the side cameras at the same rows; [0, H, W, 3] without them.
         steering: recorded steering, -1..1, float64 [N].
     """
 
@@ -198,12 +199,13 @@ def read_trial_frames(
     """
     rows = choose_rows(recording, count)
     has_sides = all(path is not None for path in recording.images[rows].flat)
-    frames = np.empty((3 if has_sides else 1, len(rows), FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8)
+    height, width = recording.frame_size() or FRAME
+    frames = np.empty((3 if has_sides else 1, len(rows), height, width, 3), np.uint8)
     for place, row in enumerate(rows):
         for camera, images in enumerate(frames):
             path = recording.images[row, camera]
             try:
-                images[place] = read_image(path)
+                images[place] = cv2.resize(read_image(path), (width, height))
             except (OSError, ValueError) as error:
                 raise InputError(
                     f"{recording.place(row)}: {path}: {error}; copy the image again, or name "

@@ -9,7 +9,7 @@ from torch import nn
 
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
-from datamodules.view import View
+from datamodules.view import FRAME, View
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import PREFIX, make_card
 from zoo.checkpoints.new_checkpoint import SUFFIX, checked_out, write_checkpoint
@@ -158,7 +158,7 @@ def _sources(known: KnownInput, options: ImportOptions, rest: str) -> dict[str, 
 
 def _guesses(path: Path, known: KnownInput, found: Combination) -> list[str]:
     keys = {"colour": found.view.colour, "crop": str(list(found.view.crop)).replace(" ", "")}
-    if known.shape[:2] == (160, 320):
+    if known.shape[:2] == FRAME:
         keys.pop("crop")  # the whole frame
     guessed = [f"{key}={keys[key]}" for key in keys if getattr(known, key) is None]
     if not guessed:

@@ -217,7 +217,7 @@ def try_one(network: Network, combination: Combination, frames: TrialFrames) -> 
 
 
 def _steering(module: nn.Module, view: View, frames: np.ndarray) -> np.ndarray:
-    """Return the network's steering for frames uint8 [N, 160, 320, 3] RGB, float64 [N]."""
+    """Return the network's steering for frames uint8 [N, H, W, 3] RGB, float64 [N]."""
     steering = []
     for start in range(0, len(frames), BATCH):
         images = np.stack([view(frame) for frame in frames[start : start + BATCH]])

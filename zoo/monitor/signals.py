@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from datamodules.view import FRAME
 from zoo.base.errors import InputError
 from zoo.checkpoints.command import Command, Policy
 from zoo.checkpoints.frozen_graph import network_inputs
@@ -64,7 +65,7 @@ def signal_sources(
 
 
 def small_image(frame: np.ndarray) -> np.ndarray:
-    """Return a camera frame, uint8 [160, 320, 3], at 40 x 80 pixels."""
+    """Return a camera frame, uint8 [H, W, 3], at 40 x 80 pixels."""
     return cv2.resize(frame, IMAGE_SIZE, interpolation=cv2.INTER_AREA)
 
 
@@ -84,7 +85,7 @@ class AttentionMap:
 
     def __call__(self, frame: np.ndarray, mph: float, command: Command) -> np.ndarray:
         """Return the map of a frame."""
-        top, bottom = self._saliency.view.crop
+        top, bottom = self._saliency.view.rows_cropped(len(frame))
         seen = self._saliency(frame, mph)[top : len(frame) - bottom]
         small = cv2.resize(seen, MAP_SIZE, interpolation=cv2.INTER_AREA)
         return (255 * small).round().astype(np.uint8)[..., None]
@@ -143,6 +144,6 @@ def command_spread(policy: Policy) -> Source:
     Raises:
         InputError: the policy returns none.
     """
-    if policy(np.zeros((160, 320, 3), np.uint8), 0.0).spread is None:
+    if policy(np.zeros((*FRAME, 3), np.uint8), 0.0).spread is None:
         raise InputError("the policy returns none; drivezoo doubt writes one that does")
     return lambda frame, mph, command: float(command.spread or 0.0)

@@ -86,7 +86,6 @@ def layers_table(run: ReportedRun) -> list[Block]:
     outputs = "steering and throttle" if network.outputs == 2 else "steering"
     outputs += " with its spread" if getattr(network, "predicts_spread", False) else ""
     window = f" It was trained on {network.window}." if isinstance(network, Memory) else ""
-    top, bottom = view.crop
     return [
         Text(
             f"{run.config['model']['name']}: {paper(network)}. Input: {inputs}. Output: {outputs}."
@@ -94,10 +93,9 @@ def layers_table(run: ReportedRun) -> list[Block]:
             f"{multiply_adds(network, (channels, height, width)):,} multiply-adds per frame."
         ),
         Text(
-            f"The view crops {top} rows at the top and {bottom} at the bottom of a frame of "
-            f"160 x 320 pixels. Its colour is {view.colour}, its size {height} x {width} (resize: "
-            f"{view.resize}). The checkpoint stores the view, so driving uses the same. The "
-            "network itself scales the pixels."
+            f"The view crops {view.crop_text}. Its colour is {view.colour}, its size {height} x "
+            f"{width} (resize: {view.resize}). The checkpoint stores the view, so driving uses "
+            "the same. The network itself scales the pixels."
         ),
         Rows(
             Table.of(["layer", "type", "output", "parameters"], rows),

@@ -9,18 +9,18 @@ import PIL.Image
 
 from zoo.report.blocks import Image
 
-SCALE = 2
+WIDTH = 640  # of a frame
 AMBER, DARK = (240, 173, 74), (20, 24, 28)
 QUALITY = 88
 
 
 def labelled_frame(name: str, frame: np.ndarray, steering: float, caption: str) -> Image:
-    """Return a frame, twice as large, with an arrow for the steering (-1..1), its last word.
+    """Return an enlarged frame with an arrow for the steering (-1..1), its last word.
 
     Full lock is 45 degrees, as in the plot of the network's input.
     """
-    large = cv2.resize(frame, None, fx=SCALE, fy=SCALE, interpolation=cv2.INTER_CUBIC)
-    height, width = large.shape[:2]
+    width, height = WIDTH, WIDTH * len(frame) // frame.shape[1]
+    large = cv2.resize(frame, (width, height), interpolation=cv2.INTER_CUBIC)
     length, angle = 0.5 * height, steering * np.pi / 4
     foot = (width // 2, height - 1)
     tip = round(width / 2 + length * np.sin(angle)), round(foot[1] - length * np.cos(angle))

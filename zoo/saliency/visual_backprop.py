@@ -10,7 +10,6 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from datamodules.batches import make_batch
-from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 from zoo.base.errors import InputError
 from zoo.checkpoints.doubt_policy import EnsemblePolicy
 from zoo.checkpoints.onnx_policy import OnnxPolicy
@@ -78,17 +77,18 @@ class Saliency:
             layer.register_forward_hook(self._note)
 
     def __call__(self, frame: np.ndarray, speed_mph: float) -> np.ndarray:
-        """Return the saliency of each pixel, float32 [160, 320] in 0..1; 0 where the view crops.
+        """Return the saliency of each pixel, float32 [H, W] in 0..1; 0 where the view crops.
 
         Args:
-            frame: camera frame, uint8 [160, 320, 3] RGB.
+            frame: camera frame, uint8 [H, W, 3] RGB.
             speed_mph: speed of the car.
         """
         nothing = np.zeros(1)
         batch = make_batch(self.view(frame)[None], nothing, nothing, np.array([speed_mph]))
         find = self._visual_back_prop if self.has_maps else self._smooth_gradient
         with torch.enable_grad():
-            return self._in_frame(find(batch["images"].float(), batch["speed"]))
+            where = find(batch["images"].float(), batch["speed"])
+            return self._in_frame(where, *frame.shape[:2])
 
     def _visual_back_prop(self, images: Tensor, speed: Tensor) -> Tensor:
         self.stages.clear()
@@ -123,12 +123,12 @@ class Saliency:
     def _note(self, layer: nn.Module, inputs: tuple[Tensor], output: Tensor) -> None:
         self.stages.append(Stage(layer, tuple(inputs[0].shape[2:]), output))
 
-    def _in_frame(self, where: Tensor) -> np.ndarray:
-        top, bottom = self.view.crop
-        whole = np.zeros((FRAME_HEIGHT, FRAME_WIDTH), np.float32)
-        seen = cv2.resize(where.float().numpy(), (FRAME_WIDTH, FRAME_HEIGHT - top - bottom))
+    def _in_frame(self, where: Tensor, height: int, width: int) -> np.ndarray:
+        top, bottom = self.view.rows_cropped(height)
+        whole = np.zeros((height, width), np.float32)
+        seen = cv2.resize(where.float().numpy(), (width, height - top - bottom))
         seen -= seen.min()
-        whole[top : FRAME_HEIGHT - bottom] = seen / max(float(seen.max()), 1e-30)
+        whole[top : height - bottom] = seen / max(float(seen.max()), 1e-30)
         return whole
 
 
@@ -178,8 +178,8 @@ def overlay(frame: np.ndarray, where: np.ndarray) -> np.ndarray:
     """Return a frame with its saliency in green.
 
     Args:
-        frame: camera frame, uint8 [160, 320, 3] RGB.
-        where: saliency, float [160, 320] in 0..1.
+        frame: camera frame, uint8 [H, W, 3] RGB.
+        where: saliency, float [H, W] in 0..1.
     """
     share = 0.9 * where.clip(0, 1)[..., None] ** 2  # the square hides many small values
     return (frame * (1 - share) + np.array(GREEN) * share).astype(np.uint8)

@@ -163,7 +163,7 @@ def _of_checkpoint(path: Path, view: View, scale: list | None) -> tuple[list, li
             f"{path}: is a checkpoint of {model.get('name')!s:.60}, without model.layers; set "
             "model to its name"
         )
-    if own != view:
+    if replace(own, frame=view.frame) != view:  # the recording has not been read yet
         size = "null" if own.size is None else f"[{own.size[0]},{own.size[1]}]"
         raise InputError(
             f"{path}: was trained on another view; set data.crop=[{own.crop[0]},{own.crop[1]}] "

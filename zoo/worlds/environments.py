@@ -5,10 +5,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 
-from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH
 from zoo.base.errors import InputError
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.drives.speed_controller import SpeedController
@@ -49,13 +47,10 @@ class EnvironmentWorld(World):
         return self._state(info)
 
     def frame(self, camera: str = "center") -> np.ndarray:
-        """Return the observed image at the size of the camera's frames."""
+        """Return the observed image, uint8 [H, W, 3] RGB."""
         image = self.observation
         if isinstance(image, dict):
             image = image["image" if camera == "center" else camera]
-        if image.shape[:2] != (FRAME_HEIGHT, FRAME_WIDTH):
-            size = FRAME_WIDTH, FRAME_HEIGHT
-            image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         return image
 
     def step(self, steering: float, throttle: float) -> State:
@@ -132,10 +127,10 @@ class EnvironmentPolicy:
         """Return the action for an observation: steering and throttle, float32 [2] in -1..1.
 
         Args:
-            observation: `image`, uint8 [160, 320, 3] RGB, and `speed`, float [1] in mph.
+            observation: `image`, uint8 [H, W, 3] RGB, and `speed`, float [1] in mph.
 
         Raises:
-            InputError: the image has another size or type.
+            InputError: the image has another shape or type.
         """
         mph = float(np.asarray(observation["speed"]).item())
         command = self.policy(observation["image"], mph)

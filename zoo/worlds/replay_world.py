@@ -24,12 +24,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from datamodules.driving_log import CAMERAS
 from datamodules.image import read_image
 from datamodules.recording import GAP_S, Recording
-from simulator.rig import MAX_STEERING_DEG, REAR_AXLE_M, WHEELBASE_M
+from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH, MAX_STEERING_DEG, REAR_AXLE_M, WHEELBASE_M
 from zoo.base.errors import InputError
 from zoo.base.rig import MPS_PER_MPH
 from zoo.drives.drive_record import REPLAY
@@ -160,7 +161,8 @@ class ReplayWorld(World):
         @cache
         def recorded(camera: str) -> np.ndarray:
             try:
-                return read_image(paths[camera])
+                image, size = read_image(paths[camera]), (FRAME_WIDTH, FRAME_HEIGHT)
+                return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
             except (OSError, ValueError) as error:
                 place = self.recording.place(self.row)
                 raise InputError(f"{place}: {paths[camera]}: {error}") from None

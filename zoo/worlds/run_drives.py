@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from rich.console import Console
 
+from datamodules.view import FRAME
 from zoo.base.errors import InputError
 from zoo.base.process_pool import Pool, ThisProcess, opened_pool, run_jobs
 from zoo.checkpoints.command import Policy
@@ -124,7 +125,7 @@ def check_throttle(policy: Policy, throttle: str) -> None:
     Raises:
         InputError: `throttle` is `network`, and the network predicts none.
     """
-    frame = np.zeros((160, 320, 3), np.uint8)
+    frame = np.zeros((*FRAME, 3), np.uint8)
     if throttle == "network" and policy(frame, 0.0).throttle is None:
         raise InputError(
             "throttle=network: this network predicts no throttle; train model=nvidia_speed, or use "

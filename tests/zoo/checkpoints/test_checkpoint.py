@@ -15,7 +15,7 @@ from rich.console import Console
 
 from datamodules.balance import BatchKey
 from datamodules.view import CONVERSIONS, View
-from tests.recordings import Written
+from tests.recordings import Written, write_resized
 from tests.zoo.bomb import Bomb
 from tests.zoo.commands import run
 from tests.zoo.drive.old_client import telemetry
@@ -37,7 +37,7 @@ def test_a_checkpoint_holds_plain_containers_its_view_and_its_data(best: Path) -
     contents = torch.load(best, weights_only=True)
     card = contents["drivezoo"]
     view = {"crop": [40, 20], "colour": "rgb", "size": [66, 200], "resize": "area"}
-    assert card["view"] == view
+    assert card["view"] == view | {"frame": [160, 320]}
     assert card["config"]["model"]["name"] == "nvidia"
     assert card["data"]["rows"] == 120
     assert len(card["data"]["fingerprint"]) == 16
@@ -58,19 +58,29 @@ def test_a_checkpoint_needs_nothing_but_its_path(best: Path, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("colour", "resize"),
+    ("colour", "resize", "width", "height"),
     [
-        *((colour, "area") for colour in CONVERSIONS),
-        ("rgb", "linear"),
-        ("yuv", "area_first"),
-        ("yuv_old", "linear_first"),
-        ("hsv_s", "linear_first"),
+        *((colour, "area", 320, 160) for colour in CONVERSIONS),
+        ("rgb", "linear", 320, 160),
+        ("yuv", "area_first", 320, 160),
+        ("yuv_old", "linear_first", 320, 160),
+        ("hsv_s", "linear_first", 320, 160),
+        ("rgb", "area", 640, 480),
+        ("yuv", "linear_first", 160, 120),
     ],
 )
 def test_training_validation_driving_and_export_see_the_same_bits(
-    colour: str, resize: str, recorded: Written, tmp_path: Path, console: Console
+    colour: str,
+    resize: str,
+    width: int,
+    height: int,
+    recorded: Written,
+    tmp_path: Path,
+    console: Console,
 ) -> None:
     """One JPEG through the cache, both kinds of batches, the driver, a checkpoint and ONNX."""
+    if (width, height) != (320, 160):
+        recorded = write_resized(recorded, tmp_path / "resized", width, height)
     config = view_config(recorded, tmp_path, colour, resize)
     data = build_data(config)
     data.load(console)
@@ -83,9 +93,11 @@ def test_training_validation_driving_and_export_see_the_same_bits(
     (tmp_path / "x.onnx").write_bytes(onnx_bytes(load_checkpoint(checkpoint)))
     exported = load_policy(tmp_path / "x.onnx")
     assert exported.view == policy.view == data.view
+    assert data.view.frame == (height, width)
     for image, row, camera in zip(fed, rows, cameras, strict=True):
         jpeg = Path(data.recording.images[row, camera]).read_bytes()
         driven = read_telemetry(telemetry(jpeg=jpeg)).frame
+        assert driven.shape == (height, width, 3)
         for view in (policy.view, exported.view):
             assert np.array_equal(view(driven), image.permute(1, 2, 0).numpy())
         with torch.inference_mode():

@@ -11,7 +11,7 @@ from PIL import Image
 from rich.console import Console
 
 from zoo.base.errors import InputError
-from zoo.drives.drive_film import FILM_SIZE, WorstMoments, badness
+from zoo.drives.drive_film import WorstMoments, badness
 from zoo.drives.drive_log import read_drive
 from zoo.drives.drive_record import DriveRow
 from zoo.evaluate.__main__ import evaluate_or_replay as command
@@ -64,7 +64,7 @@ def test_a_scored_drive_is_filmed_on_request(
     assert frames == -(-len(filmed) // 3)
     assert seconds == pytest.approx(frames / 15, abs=0.1)
     about = next(imageio_ffmpeg.read_frames(str(filmed.folder / "film.mp4")))
-    assert about["source_size"] == FILM_SIZE
+    assert about["source_size"] == (640, 320)
 
     names = [name for name in plain.frame if name]
     assert 1 <= len(names) <= 10
