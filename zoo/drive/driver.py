@@ -289,7 +289,7 @@ class Driver:
         Raises:
             InputError: see `zoo.checkpoints.policy.load_policy`.
         """
-        policy = self.load(Path(path))
+        policy = as_policy(self.load(Path(path)))
         self.policy, self.checkpoint = policy, str(path)
 
     def latest(self) -> SimpleNamespace:
