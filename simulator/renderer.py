@@ -13,17 +13,7 @@ from itertools import zip_longest
 import numpy as np
 from panda3d import core
 
-from simulator.rig import (
-    CAMERA_POSITIONS,
-    FRAME_HEIGHT,
-    FRAME_WIDTH,
-    NEAR_M,
-    PITCH_DOWN_DEG,
-    ROLL_DEG,
-    VERTICAL_FOV_DEG,
-    YAW_RIGHT_DEG,
-    camera_matrix,
-)
+from simulator.rig import CENTER, NEAR_M, camera_matrix
 from simulator.scenery.edges import bridge_meshes, edge_meshes
 from simulator.scenery.frame_effects import Air
 from simulator.scenery.ground import Ground
@@ -36,6 +26,7 @@ from simulator.track import Track
 from simulator.weather import CLEAR, Weather, lit_by
 from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError
+from zoo.base.rig import UDACITY, Camera, Rig
 
 SETTINGS = "audio-library-name null\nnotify-level fatal\ntextures-power-2 down"
 FAR_M = 1500.0
@@ -55,18 +46,24 @@ class Renderer:
         track: track to draw.
         renderer: auto, software or opengl.
         quality: full, or simple (fewer plants, no shadows, faster).
+        rig: cameras, all of the first one's size and field of view. Only Udacity's car has a
+            bonnet in its frames.
 
     Raises:
         InputError: the renderer does not open on this machine.
     """
 
-    def __init__(self, track: Track, renderer: str = "auto", quality: str = "full") -> None:
-        self.track = track
-        self.engine, self.buffer, self.name = open_buffer(renderer, FRAME_WIDTH, FRAME_HEIGHT)
+    def __init__(
+        self, track: Track, renderer: str = "auto", quality: str = "full", rig: Rig = UDACITY
+    ) -> None:
+        self.track, self.rig = track, rig
+        first = next(iter(rig.cameras.values()))
+        self.size = first.size
+        self.engine, self.buffer, self.name = open_buffer(renderer, *first.size)
         self.texture = core.Texture()
         self.buffer.addRenderTexture(self.texture, core.GraphicsOutput.RTMCopyRam)
         self.root = core.NodePath("world")
-        self.camera = self.root.attachNewNode(core.Camera("camera", camera_lens()))
+        self.camera = self.root.attachNewNode(core.Camera("camera", camera_lens(first)))
         self.buffer.makeDisplayRegion().setCamera(self.camera)
         self.textures = {name: core.Texture(name) for name in ORDER}
         meshes, self.shadows = landscape(track, quality)
@@ -86,16 +83,16 @@ class Renderer:
         shadows = self.shadows(weather) if self.shadows and weather.shadows else []
         for piece, shade in zip_longest(self.pieces, shadows):
             _set_colours(piece, lit_colours(piece[0], weather, shade))
-        self.weather, self.air = weather, Air(weather, seed)
+        self.weather, self.air = weather, Air(weather, seed, self.rig)
 
     def frame(
         self, pose: tuple[float, float, float, float, float], camera: str, tick: int
     ) -> np.ndarray:
-        """Return a camera's frame: uint8 [160, 320, 3], RGB.
+        """Return a camera's frame: uint8 [H, W, 3], RGB; 160 x 320 from Udacity's rig.
 
         Args:
             pose: x, y, z of the car in metres, heading and upward pitch in radians.
-            camera: center, left or right.
+            camera: name of a camera of the rig.
             tick: number of the frame, which seeds its rain and noise.
         """
         self.place_camera(self.camera, pose, camera)
@@ -103,22 +100,22 @@ class Renderer:
         return self.air(self.read_frame(), camera, tick)
 
     def read_frame(self) -> np.ndarray:
-        """Return what was rendered last, without the weather's effects: uint8 [160, 320, 3]."""
+        """Return what was rendered last, without the weather's effects: uint8 [H, W, 3]."""
         pixels = np.frombuffer(self.texture.getRamImageAs("RGB"), np.uint8)
-        return pixels.reshape(FRAME_HEIGHT, FRAME_WIDTH, 3)[::-1].copy()
+        return pixels.reshape(*self.size[::-1], 3)[::-1].copy()
 
     def place_camera(
         self, node: core.NodePath, pose: tuple[float, float, float, float, float], camera: str
     ) -> None:
         """Move a Panda3D camera to the car's camera, and the sky around it."""
         x, y, z, heading, pitch = pose
-        offset = self.weather.camera
-        place = np.array(CAMERA_POSITIONS[camera]) + (offset.right_m, offset.up_m, 0.0)
+        offset, own = self.weather.camera, self.rig.cameras[camera]
+        place = np.array([own.right_m + offset.right_m, own.up_m + offset.up_m, own.ahead_m])
         car = _car_axes(heading, pitch)
         looks = car @ camera_matrix(
-            PITCH_DOWN_DEG - offset.pitch_deg,
-            YAW_RIGHT_DEG + offset.yaw_deg,
-            ROLL_DEG + offset.roll_deg,
+            own.pitch_down_deg - offset.pitch_deg,
+            own.yaw_right_deg + offset.yaw_deg,
+            own.roll_deg + offset.roll_deg,
         )
         at = (np.array([x, y, z]) + car @ place).tolist()
         right, up, ahead = looks.T.tolist()
@@ -232,24 +229,28 @@ def make_output(
     return engine, engine.makeOutput(pipe, title, 0, wanted, asked, flags)
 
 
-def open_renderer(track: Track, renderer: str = "auto", quality: str = "full") -> Renderer:
+def open_renderer(
+    track: Track, renderer: str = "auto", quality: str = "full", rig: Rig = UDACITY
+) -> Renderer:
     """Open the renderer of a track; raise InputError for a wrong renderer or quality."""
     WorldSettings(quality=quality).check()
-    return Renderer(track, renderer, quality)
+    return Renderer(track, renderer, quality, rig)
 
 
-def camera_lens() -> core.PerspectiveLens:
-    """Return the lens of the cameras, for frames that are twice as wide as high."""
+def camera_lens(camera: Camera = CENTER) -> core.PerspectiveLens:
+    """Return the lens of a camera."""
     lens = core.PerspectiveLens()
-    set_aspect(lens, FRAME_WIDTH / FRAME_HEIGHT)
+    set_aspect(lens, camera.size[0] / camera.size[1], camera.vertical_fov_deg)
     lens.setNearFar(NEAR_M, FAR_M)
     return lens
 
 
-def set_aspect(lens: core.PerspectiveLens, aspect: float) -> None:
-    """Set the ratio of a view's width and height; its height keeps the cameras' field of view."""
-    wide = 2 * np.degrees(np.arctan(np.tan(np.radians(VERTICAL_FOV_DEG / 2)) * aspect))
-    lens.setFov(float(wide), VERTICAL_FOV_DEG)
+def set_aspect(
+    lens: core.PerspectiveLens, aspect: float, vertical_fov_deg: float = CENTER.vertical_fov_deg
+) -> None:
+    """Set the ratio of a view's width and height; its height keeps the field of view."""
+    wide = 2 * np.degrees(np.arctan(np.tan(np.radians(vertical_fov_deg / 2)) * aspect))
+    lens.setFov(float(wide), vertical_fov_deg)
 
 
 def _car_axes(heading: float, pitch: float) -> np.ndarray:

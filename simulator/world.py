@@ -13,6 +13,7 @@ from simulator.track_file import read_track
 from simulator.weather import CLEAR, Weather, random_weather
 from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError
+from zoo.base.rig import UDACITY, Rig
 
 if TYPE_CHECKING:
     from simulator.renderer import Renderer
@@ -178,7 +179,7 @@ class World:
         }
 
     def frame(self, camera: str = "center") -> np.ndarray:
-        """Return a camera's frame: uint8 [160, 320, 3], RGB."""
+        """Return a camera's frame: uint8 [H, W, 3], RGB; 160 x 320 from Udacity's rig."""
         if self.renderer is None:
             raise InputError("this world has no renderer; open it with renderer=auto")
         return self.renderer.frame(self.pose(), camera, self.frames)
@@ -223,8 +224,11 @@ def open_world(
     direction: int | str = 1,
     seed: int = 0,
     reverses: bool = True,
+    rig: Rig = UDACITY,
 ) -> World:
     """Open a world of a track, or of its name or file; `renderer="none"` gives no frames.
+
+    The frames are those of the rig's cameras; the car is always Udacity's.
 
     Raises:
         InputError: there is no such track or renderer, or a value is not allowed.
@@ -234,7 +238,7 @@ def open_world(
     if isinstance(renderer, str) and renderer != "none":
         from simulator.renderer import open_renderer  # slow import: a training only checks worlds
 
-        opened = open_renderer(course, renderer, quality)
+        opened = open_renderer(course, renderer, quality, rig)
     world = World(course, opened, frame_rate, delay_s, direction, reverses)
     world.reset(seed)
     return world

@@ -6,18 +6,9 @@ The bonnet's outlines were measured in pixels on the median of 80 of the origina
 import cv2
 import numpy as np
 
-from simulator.rig import (
-    CAMERA_POSITIONS,
-    CAMERAS,
-    FOCAL_PX,
-    FRAME_HEIGHT,
-    FRAME_WIDTH,
-    PITCH_DOWN_DEG,
-    ROLL_DEG,
-    YAW_RIGHT_DEG,
-    camera_matrix,
-)
+from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH, camera_matrix
 from simulator.weather import Weather
+from zoo.base.rig import UDACITY, Camera, Rig
 
 FINE = 4
 
@@ -101,7 +92,7 @@ def bonnet_image(camera: str, scale: int = 1) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Air:
-    """Effects of a weather on frames, uint8 [160, 320, 3], RGB; deterministic for a seed.
+    """Effects of a weather on frames, uint8 [H, W, 3], RGB; deterministic for a seed.
 
     The software renderer gives no depth. Therefore fog uses each pixel's distance to a level plain,
     and a near tree fades as much as the mountain behind it.
@@ -109,26 +100,31 @@ class Air:
     Args:
         weather: weather whose effects to apply.
         seed: random seed of rain and noise.
+        rig: cameras; only Udacity's have a bonnet in their frames.
     """
 
-    def __init__(self, weather: Weather, seed: int) -> None:
+    def __init__(self, weather: Weather, seed: int, rig: Rig) -> None:
         self.weather, self.seed = weather, seed
-        self.bonnets = {camera: _bonnet_rows(camera) for camera in CAMERAS}
+        self.cameras = tuple(rig.cameras)
+        has_bonnet = rig == UDACITY
+        self.bonnets = {camera: _bonnet_rows(camera) for camera in self.cameras if has_bonnet}
         gain = np.arange(256) * weather.brightness
         self.exposure = np.clip(gain, 0, 255).astype(np.uint8)
-        self.fog = _fog_share(weather.fog) if weather.fog else None
+        first = next(iter(rig.cameras.values()))
+        self.fog = _fog_share(weather.fog, first) if weather.fog else None
 
     def __call__(self, frame: np.ndarray, camera: str, tick: int) -> np.ndarray:
         """Return a camera's frame number `tick` with the effects; may change `frame`."""
         weather = self.weather
         if self.fog is not None:
             frame = (frame + (FOG_RGB - frame) * self.fog).astype(np.uint8)
-        first, colour, keep = self.bonnets[camera]
-        frame[first:] = frame[first:] * keep + colour
+        if camera in self.bonnets:
+            first, colour, keep = self.bonnets[camera]
+            frame[first:] = frame[first:] * keep + colour
         if weather.brightness != 1:
             frame = cv2.LUT(frame, self.exposure)
         if weather.rain or weather.noise:  # a generator costs as much as the bonnet
-            rng = np.random.default_rng((self.seed, tick, CAMERAS.index(camera)))
+            rng = np.random.default_rng((self.seed, tick, self.cameras.index(camera)))
         if weather.rain:
             frame = _add_rain(frame, rng, weather.rain)
         # Blur comes before noise, because light passes the lens before the sensor.
@@ -147,16 +143,14 @@ def _bonnet_rows(camera: str) -> tuple[int, np.ndarray, np.ndarray]:
     return first, (colour * cover)[first:], (1 - cover)[first:]
 
 
-def _fog_share(fog: float) -> np.ndarray:
-    """Return the share of fog in each pixel, float32 [160, 320, 1] (Beer-Lambert law)."""
-    v, u = np.mgrid[0:FRAME_HEIGHT, 0:FRAME_WIDTH] + 0.5
-    rays = np.stack(
-        [(u - FRAME_WIDTH / 2) / FOCAL_PX, (FRAME_HEIGHT / 2 - v) / FOCAL_PX, np.ones_like(u)], -1
-    )
-    rays = rays @ camera_matrix(PITCH_DOWN_DEG, YAW_RIGHT_DEG, ROLL_DEG).T
+def _fog_share(fog: float, camera: Camera) -> np.ndarray:
+    """Return the share of fog in each pixel, float32 [H, W, 1] (Beer-Lambert law)."""
+    (width, height), focal = camera.size, camera.focal_px
+    v, u = np.mgrid[0:height, 0:width] + 0.5
+    rays = np.stack([(u - width / 2) / focal, (height / 2 - v) / focal, np.ones_like(u)], -1)
+    rays = rays @ camera_matrix(camera.pitch_down_deg, camera.yaw_right_deg, camera.roll_deg).T
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    height = CAMERA_POSITIONS["center"][1]
-    away = np.minimum(height / np.maximum(-rays[..., 1], 1e-6), HORIZON_M)
+    away = np.minimum(camera.up_m / np.maximum(-rays[..., 1], 1e-6), HORIZON_M)
     # Fog is a layer, so it gets thinner towards the zenith.
     away = np.where(rays[..., 1] > 0, HORIZON_M * np.exp(-4 * rays[..., 1]), away)
     return (1 - np.exp(-away * fog**2 * 0.06)).astype(np.float32)[..., None]
@@ -164,9 +158,10 @@ def _fog_share(fog: float) -> np.ndarray:
 
 def _add_rain(frame: np.ndarray, rng: np.random.Generator, rain: float) -> np.ndarray:
     """Add pale, slanted streaks."""
-    streaks = np.zeros(frame.shape[:2], np.uint8)
+    height, width = frame.shape[:2]
+    streaks = np.zeros((height, width), np.uint8)
     for _ in range(int(rain * 160)):
-        x, y = int(rng.integers(0, FRAME_WIDTH)), int(rng.integers(0, FRAME_HEIGHT))
+        x, y = int(rng.integers(0, width)), int(rng.integers(0, height))
         length = int(rng.integers(3, 12))
         cv2.line(streaks, (x, y), (x + length // 4, y + length), 70, 1)
     return cv2.add(frame, cv2.merge([streaks] * 3))
