@@ -1,9 +1,9 @@
-"""`drivezoo simulator record|drive|client [key=value...]`: record, drive, or obey."""
+"""`drivezoo simulator record|drive|client|serve [key=value...]`: record, drive, or obey."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
-from simulator.command_options import ClientOptions, DriveOptions, RecordOptions
+from simulator.command_options import ClientOptions, DriveOptions, RecordOptions, ServeOptions
 from zoo.base.command import command, is_help
 from zoo.base.errors import UsageError
 from zoo.base.nearest import hint
@@ -63,11 +63,25 @@ def client(*, options: ClientOptions) -> None:
     run_client(options, Console())
 
 
-COMMANDS = {"record": record, "drive": drive, "client": client}
+@command(name="simulator serve", parts=False)
+def serve(*, options: ServeOptions) -> None:
+    """Serve the embedded world to Donkeycar clients, such as gym-donkeycar.
+
+    It listens as the Donkeycar simulator does, without a display or a GPU; Ctrl-C ends it.
+
+    Args:
+        options: see `ServeOptions`.
+    """
+    from simulator.donkey_server import serve
+
+    serve(options)
+
+
+COMMANDS = {"record": record, "drive": drive, "client": client, "serve": serve}
 
 
 def simulator(arguments: Sequence[str]) -> None:
-    """Record laps, drive in a window, or connect to a driver."""
+    """Record laps, drive in a window, connect to a driver, or serve a world."""
     name, *rest = arguments or ["--help"]
     if name in COMMANDS:
         COMMANDS[name].main(rest)

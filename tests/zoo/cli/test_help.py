@@ -15,7 +15,7 @@ from zoo.cli.console_script import commands
 
 GUARD = '\nif __name__ == "__main__":'
 PROBE = "zoo.doctor.renderer"  # only the doctor runs it, as a subprocess
-SIMULATOR = ("record", "drive", "client")
+SIMULATOR = ("record", "drive", "client", "serve")
 # Texts that each help must contain: options, or files that the command writes; the contract of
 # commands (tests/contracts/test_commands.py) checks a row for each key.
 NAMED = {

@@ -1,0 +1,283 @@
+"""The Donkeycar simulator's protocol: a session's answers, and clients over real sockets."""
+
+import base64
+import json
+import math
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+import pytest
+
+from simulator.donkey_server import MOST_BYTES, MessageStream
+from simulator.donkey_session import NODE_M, SCENES, DonkeySession
+from zoo.base.errors import InputError
+
+# As gym-donkeycar sends it: each value is a text, and 0 keeps the default.
+NO_CAMERA = {
+    key: "0"
+    for key in ("img_w", "img_h", "img_d", "img_enc", "fov", "fish_eye_x", "fish_eye_y")
+    + tuple(f"{kind}_{axis}" for kind in ("offset", "rot") for axis in "xyz")
+}
+
+
+@pytest.fixture
+def notes() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def session(notes: list[str]) -> Iterator[DonkeySession]:
+    opened = DonkeySession("generated_road", 20.0, True, "software", notes.append)
+    yield opened
+    opened.close()
+
+
+def control(steering: object = 0, throttle: object = 0, brake: object = 0) -> dict:
+    values = {"steering": steering, "throttle": throttle, "brake": brake}
+    return {"msg_type": "control"} | {key: str(value) for key, value in values.items()}
+
+
+def say(session: DonkeySession, kind: str, **values: object) -> list[dict]:
+    texts = {key: str(value) for key, value in values.items()}
+    return list(session.answer({"msg_type": kind, **texts}))
+
+
+def drive(session: DonkeySession, steps: int, **values: float) -> dict:
+    """Send a control for each frame; return the last telemetry."""
+    for _ in range(steps):
+        *_, telemetry = session.answer(control(**values))
+    return telemetry
+
+
+def image_of(telemetry: dict, key: str = "image") -> np.ndarray:
+    data = np.frombuffer(base64.b64decode(telemetry[key]), np.uint8)
+    return cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+
+
+def test_a_client_chooses_a_scene(notes: list[str]) -> None:
+    session = DonkeySession(None, 20.0, False, "software", notes.append)
+    assert session.greeting["msg_type"] == "scene_selection_ready"
+    assert say(session, "get_protocol_version") == [
+        {"msg_type": "protocol_version", "version": "2"}
+    ]
+    ((names),) = (one["scene_names"] for one in say(session, "get_scene_names"))
+    assert {*SCENES, "lake", "udacity_lake", "lakeside"} <= {*names}
+    assert say(session, "load_scene", scene_name="mini_monaco") == [{"msg_type": "car_loaded"}]
+    assert say(session, "exit_scene")[0]["msg_type"] == "scene_selection_ready"
+    assert session.world is None
+    with pytest.raises(InputError, match=r"load_scene.*'moon'.*get_scene_names"):
+        say(session, "load_scene", scene_name="moon")
+
+
+def test_telemetry_has_what_the_clients_read(session: DonkeySession) -> None:
+    telemetry = drive(session, 30, steering=0.2, throttle=0.5)
+    axes = {f"{name}_{axis}" for name in ("pos", "vel", "accel", "gyro") for axis in "xyz"}
+    plain = {"steering_angle", "throttle", "speed", "time", "hit", "pitch", "yaw", "roll", "cte"}
+    assert axes | plain | {"image", "activeNode", "totalNodes"} <= telemetry.keys()
+    assert image_of(telemetry).shape == (120, 160, 3)
+    assert telemetry["time"] == pytest.approx(1.5)
+    assert telemetry["steering_angle"] == pytest.approx(0.2)
+    assert telemetry["hit"] == "none"
+    # A client's forward speed is the velocity along the heading that `yaw` gives.
+    yaw = math.radians(telemetry["yaw"])
+    ahead = telemetry["vel_x"] * math.sin(yaw) + telemetry["vel_z"] * math.cos(yaw)
+    assert ahead == pytest.approx(telemetry["speed"], rel=0.02)
+    assert telemetry["gyro_y"] > 0, "it turns right, clockwise seen from above"
+
+
+def test_a_steering_of_1_turns_the_wheels_16_degrees(session: DonkeySession) -> None:
+    drive(session, 1, steering=1)
+    assert session.world is not None
+    assert session.world.car.steering * 25 == pytest.approx(16)
+
+
+def test_a_brake_stops_and_a_throttle_below_0_reverses(session: DonkeySession) -> None:
+    drive(session, 20, throttle=1)
+    stopped = drive(session, 60, brake=1)
+    assert stopped["speed"] == 0
+    before = stopped["pos_x"], stopped["pos_z"]
+    assert drive(session, 20, brake=1)["pos_x"] == before[0]
+    back = drive(session, 20, throttle=-1)
+    yaw = math.radians(back["yaw"])
+    moved = back["pos_x"] - before[0], back["pos_z"] - before[1]
+    assert moved[0] * math.sin(yaw) + moved[1] * math.cos(yaw) < -0.1
+
+
+def test_the_same_controls_give_the_same_frames(notes: list[str]) -> None:
+    seen = []
+    for _ in range(2):
+        session = DonkeySession("lake", 20.0, True, "software", notes.append)
+        say(session, "step_mode", step_mode="synchronous", time_step="0.1")
+        seen.append([drive(session, 1, steering=0.1, throttle=0.4) for _ in range(5)])
+        session.close()
+    assert seen[0] == seen[1]
+    assert [round(one["time"], 6) for one in seen[0]] == [0.1, 0.2, 0.3, 0.4, 0.5]
+
+
+def test_reset_puts_the_car_at_the_start(session: DonkeySession) -> None:
+    first = drive(session, 1)
+    drive(session, 40, steering=0.5, throttle=1)
+    assert say(session, "reset_car") == []
+    assert drive(session, 1) == first
+
+
+def test_cameras_have_the_size_that_a_client_asks_for(
+    session: DonkeySession, notes: list[str]
+) -> None:
+    usual = image_of(drive(session, 1))
+    camera = NO_CAMERA | {"img_w": "200", "img_h": "66", "img_enc": "PNG", "fov": "90"}
+    assert say(session, "cam_config", **camera) == []
+    wide = drive(session, 1)
+    assert image_of(wide).shape == (66, 200, 3)
+    say(session, "cam_config_b", **(NO_CAMERA | {"offset_x": "-0.8", "offset_y": "1.2"}))
+    both = drive(session, 1)
+    assert image_of(both, "image_b").shape == (66, 200, 3)
+    assert both["image_b"] == both["imageb"] != both["image"]
+    grey = NO_CAMERA | {"img_w": "160", "img_h": "120", "img_d": "1"}
+    say(session, "cam_config", **grey)
+    assert image_of(drive(session, 1)).shape == usual.shape[:2]
+    assert notes == []
+
+
+def test_what_is_not_there_is_named(session: DonkeySession, notes: list[str]) -> None:
+    say(session, "cam_config", **(NO_CAMERA | {"fish_eye_x": "0.4", "img_enc": "TGA"}))
+    say(session, "lidar_config", maxRange="50.0")
+    say(session, "dance")
+    assert [re.search("fish_eye|TGA|lidar|dance", note)[0] for note in notes] == [
+        "fish_eye",
+        "TGA",
+        "lidar",
+        "dance",
+    ]
+
+
+def test_a_road_is_drawn_from_a_seed(session: DonkeySession, notes: list[str]) -> None:
+    lengths = []
+    for seed in (1, 2, 1):
+        say(session, "regen_road", road_style="0", rand_seed=str(seed), turn_increment="0.0")
+        assert session.world is not None
+        lengths.append(session.world.track.length)
+    assert lengths[0] == lengths[2] != lengths[1]
+    say(session, "load_scene", scene_name="lake")
+    say(session, "regen_road", road_style="0", rand_seed="1")
+    assert "generated_road" in notes[-1]
+
+
+def test_a_node_is_a_place_to_put_the_car(session: DonkeySession) -> None:
+    (node,) = say(session, "node_position", index="40")
+    place = {key: node[key] for key in ("pos_x", "pos_y", "pos_z", "Qx", "Qy", "Qz", "Qw")}
+    say(session, "set_position", **place)
+    telemetry = drive(session, 1)
+    assert telemetry["activeNode"] == 40
+    assert telemetry["cte"] == pytest.approx(0, abs=0.05)
+    assert session.world is not None
+    assert session.world.place.distance == pytest.approx(40 * NODE_M, abs=0.1)
+    assert abs(session.world.heading_error) < 0.01
+
+
+def test_crossings_of_the_starting_line_count_laps(session: DonkeySession) -> None:
+    kinds = [one["msg_type"] for _ in range(40) for one in session.answer(control(throttle=1))]
+    assert kinds.count("collision_with_starting_line") == 1
+    world = session.world
+    assert world is not None
+    world.travelled += world.track.length
+    assert next(session.advance())["msg_type"] == "collision_with_starting_line"
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "fast", ""])
+def test_a_number_that_is_none_is_named(session: DonkeySession, text: str) -> None:
+    with pytest.raises(InputError, match=r"control: steering=.*must be a number"):
+        list(session.answer(control(steering=text)))
+    assert drive(session, 1, steering="0,5")["steering_angle"] == pytest.approx(0.5)
+
+
+def test_objects_come_in_pieces_and_together() -> None:
+    stream = MessageStream()
+    data = json.dumps(control()).encode() * 3
+    found = [
+        one for place in range(0, len(data), 7) for one in stream.split(data[place : place + 7])
+    ]
+    assert found == [control()] * 3
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"GET /socket.io/?EIO=4 HTTP/1.1\r\n", "no Donkeycar client"),
+        (b'{"msg_type": }', "not JSON"),
+        (b'{"a": "' + b"x" * MOST_BYTES, "more than"),
+    ],
+)
+def test_what_is_no_message_is_refused(data: bytes, reason: str) -> None:
+    with pytest.raises(InputError, match=reason):
+        list(MessageStream().split(data))
+
+
+class Client:
+    """A small Donkeycar client: messages without a separator out, lines in."""
+
+    def __init__(self, port: int) -> None:
+        self.socket = socket.create_connection(("127.0.0.1", port), timeout=60)
+        self.lines = self.socket.makefile("r", encoding="utf-8", newline="\n")
+
+    def send(self, kind: str, **values: object) -> None:
+        self.socket.sendall(json.dumps({"msg_type": kind, **values}).encode())
+
+    def wait_for(self, kind: str) -> dict:
+        while line := self.lines.readline():
+            if (message := json.loads(line))["msg_type"] == kind:
+                return message
+        raise ConnectionError("the server has closed the connection")
+
+    def load(self, scene: str) -> None:
+        self.wait_for("scene_selection_ready")
+        self.send("get_scene_names")
+        self.wait_for("scene_names")
+        self.send("load_scene", scene_name=scene)
+        self.wait_for("car_loaded")
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[tuple[int, subprocess.Popen]]:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "simulator", "serve", "port=0", "clients=2"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    yield int(re.search(r":(\d+) ", line)[1]), process
+    process.send_signal(signal.SIGINT)
+    process.wait(30)
+
+
+def test_cars_drive_in_worlds_of_their_own(server: tuple[int, subprocess.Popen]) -> None:
+    port, process = server
+    first, second = Client(port), Client(port)
+    first.load("generated_track")
+    second.load("mountain_track")
+    refused = Client(port)
+    assert refused.lines.readline() == ""
+    first.send("control", steering="0.0", throttle="1.0", brake="0.0")
+    while first.wait_for("telemetry")["speed"] < 2:
+        pass
+    assert second.wait_for("telemetry")["speed"] < 0.5
+    # One leaves in the middle of a message, and the other drives on.
+    first.socket.sendall(b'{"msg_type": "con')
+    first.socket.close()
+    first.lines.close()
+    times = [second.wait_for("telemetry")["time"] for _ in range(20)]
+    assert times == sorted(times)
+    second.send("quit_app")
+    with pytest.raises(ConnectionError):
+        second.wait_for("never")
+    assert process.stdout is not None
+    lines = [process.stdout.readline() for _ in range(3)]
+    assert any("refused, 2 drive already" in line for line in lines), lines
