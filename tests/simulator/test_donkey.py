@@ -4,10 +4,8 @@ import base64
 import json
 import math
 import re
-import signal
 import socket
 import subprocess
-import sys
 from collections.abc import Iterator
 
 import cv2
@@ -16,6 +14,7 @@ import pytest
 
 from simulator.donkey_server import MOST_BYTES, MessageStream
 from simulator.donkey_session import NODE_M, SCENES, DonkeySession
+from tests.simulator.donkey_process import donkey_simulator
 from zoo.base.errors import InputError
 
 # As gym-donkeycar sends it: each value is a text, and 0 keeps the default.
@@ -245,17 +244,8 @@ class Client:
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[tuple[int, subprocess.Popen]]:
-    process = subprocess.Popen(
-        [sys.executable, "-m", "simulator", "serve", "port=0", "clients=2"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    assert process.stdout is not None
-    line = process.stdout.readline()
-    yield int(re.search(r":(\d+) ", line)[1]), process
-    process.send_signal(signal.SIGINT)
-    process.wait(30)
+    with donkey_simulator("clients=2") as started:
+        yield started
 
 
 def test_cars_drive_in_worlds_of_their_own(server: tuple[int, subprocess.Popen]) -> None:

@@ -8,6 +8,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from simulator.track import Track
+from zoo.base.rig import MPS_PER_MPH
 from zoo.drives.drive_record import Drive
 from zoo.runs.plots import BLUE, GREY, ORANGE, NotebookFigure
 
@@ -45,7 +46,11 @@ def error_over_distance(drive: Drive, title: str) -> Figure:
     """Draw the cross-track error along the drive, positive right, with the limits of the lane."""
     figure = NotebookFigure(figsize=(8, 3), layout="constrained")
     axis = figure.subplots()
-    step = np.diff(drive.distance_m, prepend=drive.distance_m[0])
+    if drive.distance_m is None:  # a world that does not know it
+        seconds = np.diff(drive.time_s, prepend=drive.time_s[0])
+        step = seconds * drive.speed_mph * MPS_PER_MPH
+    else:
+        step = np.diff(drive.distance_m, prepend=drive.distance_m[0])
     if math.isfinite(drive.length_m):  # a lap begins at 0 again
         step = (step + drive.length_m / 2) % drive.length_m - drive.length_m / 2
     driven = np.cumsum(np.abs(step))

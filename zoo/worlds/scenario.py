@@ -38,7 +38,8 @@ class Scenario(WorldSettings):
         start: metres along the road at which the drive starts; null: drawn from the seed.
         guard: guard file of drivezoo guard, which slows the car down.
         world: embedded, replay (of the recording that track= names), gymnasium (the environment
-            that track= names), or a world of an installed package.
+            that track= names), donkey (a Donkeycar simulator; track= is HOST:PORT/SCENE), or a
+            world of an installed package.
         road: content of the YAML file of a track, in place of `track`.
     """
 

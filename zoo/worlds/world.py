@@ -65,7 +65,7 @@ class World(ABC):
 
     @abstractmethod
     def frame(self, camera: str = "center") -> np.ndarray | None:
-        """Return a camera's frame, uint8 [160, 320, 3] RGB; None without a renderer."""
+        """Return a camera's frame, uint8 [H, W, 3] RGB; None without a renderer."""
 
     @abstractmethod
     def step(self, steering: float, throttle: float) -> State:

@@ -1,0 +1,187 @@
+"""A Donkeycar simulator as a world: the Unity program, or `drivezoo simulator serve`.
+
+The protocol is that of `gym-donkeycar` (github.com/tawnkramer/gym-donkeycar). A step sends a
+control and waits for the next telemetry, so that a drive passes in the simulator's own time.
+"""
+
+import base64
+import json
+import math
+import re
+import socket
+import time
+from typing import Any
+
+import numpy as np
+
+from datamodules.image import decode_image
+from zoo.base.errors import InputError
+from zoo.base.rig import MPS_PER_MPH
+from zoo.worlds.scenario import Scenario
+from zoo.worlds.world import State, World
+
+ADDRESS = re.compile(r"(?:(?P<host>[\w.-]+)(?::(?P<port>\d{1,5}))?/)?(?P<scene>\w+(?::\d{1,10})?)")
+HOST, PORT = "127.0.0.1", 9091
+START = "start it, or: drivezoo simulator serve"
+SILENT_S = 20.0  # for a simulator to answer; it loads a scene in seconds
+MOST_LINE = 16_000_000  # bytes of a message
+LONGEST_LAP_S = 300.0
+
+Message = dict[str, Any]
+
+
+class DonkeyWorld(World):
+    """A car in a Donkeycar simulator.
+
+    The simulator gives no road width, and its cross-track error is that of its own middle line.
+    After an intervention the car stands on the nearest node of the road.
+
+    Args:
+        address: `HOST:PORT/SCENE`, `HOST/SCENE` or `SCENE`.
+
+    Raises:
+        InputError: no simulator answers there, or it has no such scene.
+    """
+
+    def __init__(self, address: str) -> None:
+        parts = ADDRESS.fullmatch(address)
+        if parts is None:
+            raise InputError(f"track={address}: write HOST:PORT/SCENE, such as generated_track")
+        self.address = address
+        place = parts["host"] or HOST, int(parts["port"] or PORT)
+        try:
+            self._socket = socket.create_connection(place, SILENT_S)
+        except (OSError, UnicodeError) as error:
+            reason = getattr(error, "strerror", None) or "no answer"
+            where = "{}:{}".format(*place)
+            raise InputError(
+                f"track={address}: no simulator at {where} ({reason}); {START}"
+            ) from None
+        self._lines = self._socket.makefile("rb")
+        self._load(parts["scene"])
+
+    def reset(self, scenario: Scenario) -> State:
+        """Put the car at the start of the scene."""
+        self._laps, self._crossings = scenario.laps, 0
+        self._shape: tuple[int, ...] | None = None
+        self._send("reset_car")
+        self._send("get_protocol_version")
+        self._wait_for("protocol_version")  # telemetry before it is of the drive before
+        self._stand()
+        self._began_s = self._number("time")
+        return self._state()
+
+    def frame(self, camera: str = "center") -> np.ndarray:
+        """Return the camera's frame, uint8 [H, W, 3] RGB."""
+        return self._frame
+
+    def step(self, steering: float, throttle: float) -> State:
+        """Send a control, and wait for the next telemetry."""
+        self._send("control", steering=steering, throttle=throttle, brake=0)
+        self._take_telemetry()
+        return self._state()
+
+    def put_back(self, speed_mph: float) -> State:
+        """Put the car on the nearest node of the road, at a standstill."""
+        index = int(self._number("activeNode"))
+        self._send("node_position", index=index)
+        node = self._wait_for("node_position")
+        keys = ("pos_x", "pos_y", "pos_z", "Qx", "Qy", "Qz", "Qw")
+        self._send("set_position", **{key: _number(node, key) for key in keys})
+        self._stand()
+        return self._state()
+
+    def close(self) -> None:
+        """Leave the simulator."""
+        self._lines.close()
+        self._socket.close()
+
+    def facts(self, scenario: Scenario) -> dict[str, Any]:
+        """Return the source and the scene."""
+        return super().facts(scenario) | {"source": "donkey", "track": scenario.track}
+
+    def _load(self, scene: str) -> None:
+        first = self._wait_for("scene_selection_ready", "car_loaded")
+        if first["msg_type"] == "car_loaded":
+            self._send("exit_scene")
+            self._wait_for("scene_selection_ready")
+        self._send("get_scene_names")
+        names = self._wait_for("scene_names").get("scene_names")
+        known = [str(name) for name in names] if isinstance(names, list) else []
+        if scene not in known:
+            raise InputError(f"track={self.address}: no such scene; it has {', '.join(known)}")
+        self._send("load_scene", scene_name=scene)
+        self._wait_for("car_loaded")
+
+    def _send(self, kind: str, **values: object) -> None:
+        # The Unity program takes texts only.
+        message = {"msg_type": kind} | {key: str(value) for key, value in values.items()}
+        try:
+            self._socket.sendall(json.dumps(message).encode())
+        except OSError as error:
+            raise self._lost(error.strerror) from None
+
+    def _wait_for(self, *kinds: str) -> Message:
+        last_s = time.monotonic() + SILENT_S
+        while time.monotonic() < last_s:
+            try:
+                line = self._lines.readline(MOST_LINE)
+                message = json.loads(line) if line.endswith(b"\n") else None
+            except (OSError, ValueError) as error:
+                raise self._lost(error) from None
+            if not isinstance(message, dict):
+                raise self._lost("it closed the connection")
+            if message.get("msg_type") == "collision_with_starting_line":
+                self._crossings += 1
+            if message.get("msg_type") in kinds:
+                return message
+        raise self._lost(f"it sent no {' or '.join(kinds)} in {SILENT_S:.0f} s")
+
+    def _stand(self) -> None:
+        """Take the telemetry of a car that stands where it was put, from the next step on."""
+        for _ in range(2):
+            self._send("control", steering=0, throttle=0, brake=1)
+            self._take_telemetry()
+
+    def _take_telemetry(self) -> None:
+        self._telemetry = self._wait_for("telemetry")
+        try:
+            frame = decode_image(base64.b64decode(str(self._telemetry.get("image"))))
+        except ValueError as error:
+            raise self._lost(f"image: {error}") from None
+        if self._shape not in (None, frame.shape):
+            raise self._lost(f"its frames changed from {self._shape} to {frame.shape}")
+        self._frame, self._shape = frame, frame.shape
+
+    def _state(self) -> State:
+        time_s = self._number("time") - self._began_s
+        has_place = "pos_x" in self._telemetry
+        lap = max(self._crossings - 1, 0)
+        return State(
+            time_s=time_s,
+            speed_mph=self._number("speed") / MPS_PER_MPH,
+            steering=self._number("steering_angle"),
+            cross_track_m=self._number("cte") if "cte" in self._telemetry else None,
+            lap=lap,
+            contact=self._telemetry.get("hit", "none") != "none",
+            xy=(self._number("pos_x"), self._number("pos_z")) if has_place else None,
+            share=min(lap / self._laps, 1.0),
+            done=lap >= self._laps or time_s >= self._laps * LONGEST_LAP_S,
+        )
+
+    def _number(self, key: str) -> float:
+        try:
+            return _number(self._telemetry, key)
+        except ValueError:
+            raise self._lost(f"{key} is {self._telemetry.get(key)!r:.40}, no number") from None
+
+    def _lost(self, reason: object) -> InputError:
+        return InputError(f"track={self.address}: the simulator failed: {reason}; start it again")
+
+
+def _number(message: Message, key: str) -> float:
+    """Return a finite number of a message; some simulators write a decimal comma."""
+    value = float(str(message.get(key)).replace(",", "."))
+    if not math.isfinite(value):
+        raise ValueError(key)
+    return value
