@@ -35,7 +35,7 @@ class Command:
         return (self.steering, self.throttle)[number]
 
 
-# Function of a frame, uint8 [160, 320, 3] RGB (None in a world without a renderer), and mph. A
+# Function of a frame, uint8 [H, W, 3] RGB (None in a world without a renderer), and mph. A
 # plain function may return a pair of steering and throttle; `as_policy` makes a policy of it.
 PolicyFunction = Callable[[Any, float], Command | tuple[float, float | None]]
 
@@ -75,7 +75,7 @@ class Policy:
         """Return the command for a frame.
 
         Args:
-            frame: RGB image of the centre camera, uint8 [160, 320, 3].
+            frame: RGB image of the centre camera, uint8 [H, W, 3].
             speed_mph: the car's speed in mph.
         """
         raise NotImplementedError

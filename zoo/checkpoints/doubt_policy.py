@@ -122,7 +122,7 @@ class DropoutPolicy(NetworkPolicy):
         """Return the mean command of the samples for a frame; its spread is theirs.
 
         Args:
-            frame: RGB image of the centre camera, uint8 [160, 320, 3].
+            frame: RGB image of the centre camera, uint8 [H, W, 3].
             speed_mph: the car's speed in mph.
         """
         inputs = network_inputs(self.view(frame), speed_mph if self.takes_speed else None)

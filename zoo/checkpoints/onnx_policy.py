@@ -70,7 +70,7 @@ class OnnxPolicy(SessionPolicy):
         """Return the command for a frame.
 
         Args:
-            frame: RGB image of the centre camera, uint8 [160, 320, 3].
+            frame: RGB image of the centre camera, uint8 [H, W, 3].
             speed_mph: the car's speed in mph.
         """
         inputs = self._inputs(self.view(frame)[None], np.array([speed_mph]))

@@ -49,7 +49,7 @@ class CheckpointPolicy(NetworkPolicy, SessionPolicy):
         """Return the command for a frame.
 
         Args:
-            frame: RGB image of the centre camera, uint8 [160, 320, 3].
+            frame: RGB image of the centre camera, uint8 [H, W, 3].
             speed_mph: the car's speed in mph.
         """
         inputs = network_inputs(self.view(frame), speed_mph if self.takes_speed else None)

@@ -295,7 +295,7 @@ class Driver:
     def latest(self) -> SimpleNamespace:
         """Return the present state of the drive for the live page; None for unknown values.
 
-        `frame` is the latest frame, uint8 [160, 320, 3] RGB, which must not be changed; `lost` is
+        `frame` is the latest frame, uint8 [H, W, 3] RGB, which must not be changed; `lost` is
         `off_road` or `standstill` while the car is in that state.
         """
         row, tally, lead = self._row, self.tally, self._lead

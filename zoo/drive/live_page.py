@@ -85,7 +85,7 @@ class LiveSaliency:
         self._turn = eventlet.Semaphore()
 
     def image(self) -> bytes:
-        """Return a JPEG of 320 x 160 pixels, `SALIENCY_S` old or less; empty without a frame.
+        """Return a JPEG in the frame's size, `SALIENCY_S` old or less; empty without a frame.
 
         Raises:
             Exception: the saliency of this network cannot be computed.

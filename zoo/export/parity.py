@@ -24,7 +24,7 @@ class Frames:
     """The inputs on which two policies are compared.
 
     Attributes:
-        frames: camera frames, each uint8 [160, 320, 3] RGB.
+        frames: camera frames, each uint8 [H, W, 3] RGB.
         speeds_mph: speed at each frame.
         source: origin of the frames, as in "64 frames of FOLDER".
     """

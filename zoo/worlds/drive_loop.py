@@ -46,7 +46,7 @@ def drive(
             ahead, its `latency_s` is measured.
         world: world to drive in.
         scenario: what to drive.
-        show: function called with every frame, uint8 [160, 320, 3] RGB, and its row; the drive
+        show: function called with every frame, uint8 [H, W, 3] RGB, and its row; the drive
             ends when it returns True.
         report: function called at every frame with the share of the drive that is done, 0..1.
         first_only: end the drive at its first intervention.

@@ -45,7 +45,7 @@ class Keep:
         pass
 
     def show(self, frame: np.ndarray | None, row: DriveRow) -> bool | None:
-        """Take the next frame, uint8 [160, 320, 3] RGB, and its row; True ends the drive."""
+        """Take the next frame, uint8 [H, W, 3] RGB, and its row; True ends the drive."""
         return None
 
     def result(self, drive: Drive, policy: Policy, world: World) -> Any:
