@@ -20,6 +20,7 @@ from torch import Tensor
 
 from datamodules.device_augment import darkened, from_rgb, lit, moved, to_rgb
 from datamodules.view import CODES, FRAME
+from zoo.base.rig import Rig
 
 Place = tuple[int, int]  # first index of a shard in its batch, and the batch's size
 
@@ -34,6 +35,9 @@ class Change:
 
     p: float
     lighting = False
+
+    def fit(self, crop: tuple[int, int], rig: Rig | None) -> None:
+        """Take a view's crop and a recording's rig; most changes depend on neither."""
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
         """Return random values, float64 [n, K], of the images of a batch of `shape`."""

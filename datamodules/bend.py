@@ -12,36 +12,38 @@ from torch import Tensor
 from datamodules.augment import Change
 from datamodules.device_augment import moved
 from datamodules.view import FRAME
-from zoo.base.rig import UDACITY
+from zoo.base.errors import InputError
+from zoo.base.rig import UDACITY, Camera, Rig
 
-CAMERA = UDACITY.cameras["center"]
 FARTHEST_M = 60.0
 
 
-def metres_ahead(rows: np.ndarray) -> np.ndarray:
+def metres_ahead(rows: np.ndarray, camera: Camera) -> np.ndarray:
     """Return the distance from the camera to the ground that rows show, metres, float64.
 
-    Rows are of the recording's 160. The distance is at most 60 m, also above the horizon.
+    Rows are of the camera's frame. The distance is at most 60 m, also above the horizon.
     """
-    below = np.arctan((rows - (FRAME[0] - 1) / 2) / CAMERA.focal_px)
-    below = below + np.radians(CAMERA.pitch_down_deg)
-    return CAMERA.up_m / np.tan(np.maximum(below, np.arctan(CAMERA.up_m / FARTHEST_M)))
+    below = np.arctan((rows - (camera.size[1] - 1) / 2) / camera.focal_px)
+    below = below + np.radians(camera.pitch_down_deg)
+    return camera.up_m / np.tan(np.maximum(below, np.arctan(camera.up_m / FARTHEST_M)))
 
 
-def depth_of(ahead_m: np.ndarray) -> np.ndarray:
+def depth_of(ahead_m: np.ndarray, camera: Camera) -> np.ndarray:
     """Return the depth of ground along the lens's axis, metres.
 
-    A metre to the side is `focal_px / depth` columns of the recording's 320.
+    A metre to the side is `focal_px / depth` columns of the camera's frame.
     """
-    pitch = np.radians(CAMERA.pitch_down_deg)
-    return ahead_m * np.cos(pitch) + CAMERA.up_m * np.sin(pitch)
+    pitch = np.radians(camera.pitch_down_deg)
+    return ahead_m * np.cos(pitch) + camera.up_m * np.sin(pitch)
 
 
-def added_steering(curvature: np.ndarray | float, begin: np.ndarray | float) -> np.ndarray:
+def added_steering(
+    curvature: np.ndarray | float, begin: np.ndarray | float, rig: Rig
+) -> np.ndarray:
     """Return the steering that a bend adds, by its curvature and its start ahead of the car."""
     # A command arrives a frame later, and the car needs some metres to turn.
     due = np.interp(begin, [1.0, 3.0], [1.0, 0.0])
-    return due * UDACITY.steering_of(curvature)
+    return due * rig.steering_of(curvature)
 
 
 class Bend(Change):
@@ -62,7 +64,8 @@ class Bend(Change):
         p: probability that a sample is changed, 0..1.
 
     Attributes:
-        crop: rows off the top and the bottom of the recording's 160; set by `DrivingData`.
+        crop: the view's; set by `fit`.
+        rig: car whose centre camera sees the road; set by `fit`.
     """
 
     def __init__(
@@ -75,7 +78,20 @@ class Bend(Change):
     ) -> None:
         self.curvature, self.length_m, self.ahead_m = curvature, tuple(length_m), ahead_m
         self.begun, self.p = begun, p
-        self.crop = (0, 0)
+        self.crop, self.rig = (0, 0), UDACITY
+
+    def fit(self, crop: tuple[int, int], rig: Rig | None) -> None:
+        """Take a view's crop and a recording's rig.
+
+        Raises:
+            InputError: the rig is unknown.
+        """
+        if rig is None:
+            raise InputError(
+                "augment: bend depends on the car's camera and wheelbase; name them with "
+                "data.rig=FILE, or leave bend out"
+            )
+        self.crop, self.rig = crop, rig
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
         """Return the added steering, and each row's move to the right in columns of the view."""
@@ -83,26 +99,28 @@ class Bend(Change):
         curvature = rng.uniform(-self.curvature, self.curvature, count)
         shortest, longest = self.length_m
         length = rng.uniform(shortest, longest, count)
-        ahead = rng.uniform(-UDACITY.rear_axle_m, self.ahead_m, count)
-        begin = np.where(rng.random(count) < self.begun, -UDACITY.rear_axle_m, ahead)
+        ahead = rng.uniform(-self.rig.rear_axle_m, self.ahead_m, count)
+        begin = np.where(rng.random(count) < self.begun, -self.rig.rear_axle_m, ahead)
         aside = self.columns_aside(shape[1], curvature, begin, length)
-        added = added_steering(curvature, begin)
-        return np.column_stack([added, aside * shape[2] / FRAME[1]])
+        added = added_steering(curvature, begin, self.rig)
+        return np.column_stack([added, aside * shape[2] / self.rig.cameras["center"].size[0]])
 
     def columns_aside(
         self, height: int, curvature: np.ndarray, begin: np.ndarray, length: np.ndarray
     ) -> np.ndarray:
         """Return how far each of a view's rows moves to the right in bends, float64 [n, height].
 
-        The unit is a column of the recording's 320.
+        The unit is a column of the camera's frame.
         """
-        top, bottom = self.crop
-        rows = top + (np.arange(height) + 0.5) * (FRAME[0] - top - bottom) / height - 0.5
-        ahead = metres_ahead(rows)  # rows above the horizon move with the farthest ground
-        along = np.maximum(ahead + CAMERA.ahead_m - begin[:, None], 0)
+        camera, (top, bottom) = self.rig.cameras["center"], self.crop
+        rows = top + (np.arange(height) + 0.5) * (FRAME[0] - top - bottom) / height
+        rows = rows * (camera.size[1] / FRAME[0]) - 0.5
+        ahead = metres_ahead(rows, camera)  # rows above the horizon move with the farthest ground
+        along = np.maximum(ahead + camera.ahead_m - begin[:, None], 0)
         bent = np.minimum(along, length[:, None])
         metres = curvature[:, None] * (bent**2 / 2 + bent * (along - bent))
-        return np.clip(CAMERA.focal_px * metres / depth_of(ahead), -FRAME[1] / 2, FRAME[1] / 2)
+        most = camera.size[0] / 2
+        return np.clip(camera.focal_px * metres / depth_of(ahead, camera), -most, most)
 
     def change_one(self, image: np.ndarray, drawn: np.ndarray) -> None:
         """Bend an image in place."""

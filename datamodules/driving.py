@@ -14,7 +14,7 @@ from pydantic import Field
 from rich.console import Console
 from torch.utils.data import BatchSampler, DataLoader, Dataset
 
-from datamodules.augment import Augment
+from datamodules.augment import Augment, Change
 from datamodules.balance import BalancedBatches
 from datamodules.batches import EvaluationBatches, TrainingBatches, unchanged
 from datamodules.device_batches import DeviceBatches
@@ -149,9 +149,6 @@ class DrivingData(lightning.LightningDataModule):
             "seed": split_seed,
         }
         transforms = [transform for transform in (augment or {}).values() if transform]
-        for transform in transforms:
-            if hasattr(transform, "crop"):  # its change depends on the rows that the view keeps
-                transform.crop = view.crop
         self.augment = Augment(transforms, view.colour)
         self.augment_on = augment_on
         self.on_bad_image = on_bad_image
@@ -178,6 +175,9 @@ class DrivingData(lightning.LightningDataModule):
                     "record or copy it again, or set data.on_bad_image=skip"
                 )
             recording, views = recording.keep(good, lines), views.keep(good)
+        for transform in self.augment.transforms:
+            if isinstance(transform, Change):
+                transform.fit(self.view.crop, recording.rig)
         self.recording: Recording = recording
         self.views: RowViews = views
         for line in report_lines(recording):

@@ -1,6 +1,7 @@
 """Augmentations of images and of the steering."""
 
 import colorsys
+from dataclasses import replace
 from pathlib import Path
 
 import albumentations
@@ -12,10 +13,12 @@ from omegaconf import OmegaConf
 from scipy import stats
 
 from datamodules.augment import Augment, Brightness, Shadow, Shift
-from datamodules.bend import CAMERA, Bend, added_steering, depth_of
+from datamodules.bend import Bend, added_steering, depth_of
 from datamodules.image import decode_image
 from datamodules.view import CONVERSIONS, View
 from simulator import rig
+from zoo.base.errors import InputError
+from zoo.base.rig import UDACITY
 
 CONF = sorted((Path(__file__).parents[2] / "conf" / "augment").glob("*.yaml"))
 
@@ -244,6 +247,7 @@ def test_a_shadow_is_as_dark_as_that_of_albumentations(images):
         assert np.abs(image.astype(int) - wanted).max() <= 1
 
 
+CAMERA = UDACITY.cameras["center"]
 BEGUN = -rig.REAR_AXLE_M
 
 
@@ -260,7 +264,7 @@ def test_a_straight_line_becomes_the_circle_that_the_camera_would_see(curvature:
         sideways = (1 - np.sqrt(1 - (curvature * along) ** 2)) / curvature
         below = np.arctan(CAMERA.up_m / ahead) - np.radians(CAMERA.pitch_down_deg)
         row = 79.5 + CAMERA.focal_px * np.tan(below)  # of 160
-        depth = depth_of(ahead)
+        depth = depth_of(ahead, CAMERA)
         assert np.interp(row, np.arange(160), moved) == pytest.approx(
             rig.FOCAL_PX * sideways / depth, rel=0.1
         )
@@ -269,7 +273,7 @@ def test_a_straight_line_becomes_the_circle_that_the_camera_would_see(curvature:
 def test_a_bend_that_has_begun_steers_by_its_radius_and_a_later_one_not_yet() -> None:
     angle = np.degrees(np.arctan(rig.WHEELBASE_M * 0.05)) / rig.MAX_STEERING_DEG
     curvature, begin = np.array([0.05, -0.05, 0.05, 0.05]), np.array([BEGUN, BEGUN, 2.0, 4.0])
-    added = added_steering(curvature, begin)
+    added = added_steering(curvature, begin, UDACITY)
     assert added == pytest.approx([angle, -angle, angle / 2, 0])
     assert Bend().steer(np.float32([[0.99]]), np.array([[0.1]])) == 1.0
 
@@ -283,17 +287,31 @@ def test_near_rows_stay_until_the_bend_begins_and_far_ones_move_most() -> None:
 
 def test_a_cropped_and_resized_view_moves_like_the_rows_it_shows() -> None:
     whole, cropped = Bend(), Bend()
-    cropped.crop = (40, 20)
+    cropped.fit((40, 20), UDACITY)
     of_view = aside(cropped, 50, 0.04, BEGUN, 20.0)  # two rows of the recording each
     of_frame = aside(whole, 160, 0.04, BEGUN, 20.0)
     assert of_view == pytest.approx(of_frame[40:140].reshape(50, 2).mean(1), abs=0.7)
+
+
+def test_a_rig_of_twice_the_pixels_moves_the_same_shares_of_a_view() -> None:
+    large = replace(CAMERA, size=(640, 320))
+    shape, bends = (9, 50, 100, 3), [Bend(), Bend()]
+    bends[1].fit((40, 20), replace(UDACITY, cameras={"center": large}))
+    bends[0].fit((40, 20), UDACITY)
+    usual, doubled = (one.draw(shape, np.random.default_rng(2)) for one in bends)
+    assert doubled == pytest.approx(usual, abs=0.2)
+
+
+def test_a_car_of_unknown_make_cannot_be_bent_for() -> None:
+    with pytest.raises(InputError, match=r"bend.*data\.rig="):
+        Bend().fit((40, 20), None)
 
 
 def test_it_moves_the_image_to_the_side_it_steers_to() -> None:
     image = np.zeros((1, 66, 200, 3), np.uint8)
     image[:, :, 98:102] = 255  # a line straight ahead
     augment = Augment([bend := Bend(p=1.0, begun=1.0)], "rgb")
-    bend.crop = (40, 20)
+    bend.fit((40, 20), UDACITY)
     for seed in range(20):
         changed, steering = augment(image, np.zeros(1, np.float32), seed)
         column = changed[0, 30].mean(-1).argmax()

@@ -19,6 +19,7 @@ from datamodules.image import decode_image
 from datamodules.view import View, view_to_rgb
 from tests.recordings import write_recording
 from zoo.base.errors import InputError
+from zoo.base.rig import UDACITY
 
 CPU = torch.device("cpu")
 VIEWS = {
@@ -40,8 +41,7 @@ TRANSFORMS = {
 
 def make(kind: type) -> Change:
     transform = kind(**TRANSFORMS[kind])
-    if hasattr(transform, "crop"):
-        transform.crop = (40, 20)
+    transform.fit((40, 20), UDACITY)
     return transform
 
 
