@@ -9,7 +9,7 @@ from zoo.base.command import command
 
 @command
 def export(ckpt: str, *, out: str = "model.onnx", frames: str | None = None) -> Path:
-    """Write a checkpoint as an ONNX file.
+    """Write a checkpoint as an ONNX file, or for Donkeycar.
 
     Every command that drives takes the file in place of the checkpoint; its metadata has view and
     config. If its steering (-1..1) differs from the checkpoint's by more than 0.0001, writes
@@ -17,7 +17,8 @@ def export(ckpt: str, *, out: str = "model.onnx", frames: str | None = None) -> 
 
     Args:
         ckpt: checkpoint: a .ckpt file, a run's folder, or latest.
-        out: ONNX file to write; an existing one is replaced only after the comparison.
+        out: file to write: .onnx, or .h5 for Donkeycar's manage.py drive --model; an existing one
+            is replaced only after the comparison.
         frames: recording whose frames are compared; null: the training's recording, else the
             embedded lake's, else new frames of the embedded lake.
 

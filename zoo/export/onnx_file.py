@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
+from datamodules.view import FRAME_SHAPE
 from zoo.base.errors import InputError
 from zoo.base.whole_file import output_path
 from zoo.base.written_files import check_output
@@ -40,6 +41,9 @@ OPSET = 17
 CONTROLS = "controls"
 # Largest difference of steering and throttle (-1..1): the last digit sent to a simulator.
 TOLERANCE = 1e-4
+# The same where Keras computes the view, which is not rounded to whole numbers.
+ROUNDED_TOLERANCE = 0.02
+DONKEYCAR_SUFFIX = ".h5"
 
 # The view's words for other programs: colours by OpenCV's conversion, and ways to resize.
 COLOURS = {
@@ -74,28 +78,43 @@ def export_checkpoint(
     with loading():
         from zoo.checkpoints.checkpoint import load_checkpoint
         from zoo.checkpoints.policy import CheckpointPolicy
+        from zoo.export.donkeycar_file import donkeycar_bytes, donkeycar_policy
         from zoo.export.parity import compare, take_frames
 
         checkpoint = load_checkpoint(path)
         frames = take_frames(recording, checkpoint.config)
-        contents = onnx_bytes(checkpoint)
+        of_donkeycar = out.suffix == DONKEYCAR_SUFFIX
+        written = donkeycar_bytes(checkpoint) if of_donkeycar else (onnx_bytes(checkpoint), "")
+    contents, model_type = written
+    exact = not (of_donkeycar and (checkpoint.view.size or checkpoint.view.colour != "rgb"))
+    allowed = TOLERANCE if exact else ROUNDED_TOLERANCE
     with output_path(out, inputs=[path]) as part:
         part.write_bytes(contents)
-        exported = OnnxPolicy(part)
+        exported = donkeycar_policy(checkpoint, part) if of_donkeycar else OnnxPolicy(part)
         parity = compare(CheckpointPolicy(checkpoint), exported, frames)
-        _check_parity(path, parity)
+        _check_parity(path, parity, allowed)
     height, width, _ = checkpoint.view.shape
+    kind = "Keras 2" if of_donkeycar else f"opset {OPSET}"
     lines = [
         f"{out}: {exported.name} of {exported.parameters:,} parameters, sees {width} x {height} "
-        f"{checkpoint.view.colour}, {len(contents) / 1e3:,.0f} kB, opset {OPSET}",
-        f"largest difference from the checkpoint {parity.difference:.1e} ({TOLERANCE:g} allowed), "
+        f"{checkpoint.view.colour}, {len(contents) / 1e3:,.0f} kB, {kind}",
+        f"largest difference from the checkpoint {parity.difference:.1e} ({allowed:g} allowed), "
         f"over {len(frames.frames)} frames {frames.source}",
-        f"a frame takes {parity.checkpoint_ms:.2f} ms with PyTorch, {parity.onnx_ms:.2f} ms with "
-        "onnxruntime, on one thread (median)",
     ]
+    if of_donkeycar:
+        rows, columns, _ = FRAME_SHAPE
+        lines.append(
+            f"in Donkeycar: IMAGE_W = {columns} and IMAGE_H = {rows} in myconfig.py; python "
+            f"manage.py drive --model {out} --type {model_type}"
+        )
+    else:
+        lines.append(
+            f"a frame takes {parity.checkpoint_ms:.2f} ms with PyTorch, {parity.onnx_ms:.2f} ms "
+            "with onnxruntime, on one thread (median)"
+        )
     for line in lines:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
-    print_written([out], ["drive", out], console)
+    print_written([out], [] if of_donkeycar else ["drive", out], console)
     return out
 
 
@@ -196,25 +215,31 @@ def _checked_out(path: Path, name: str) -> Path:
     out = Path(name).expanduser()
     if is_onnx(path):
         raise InputError(f"{path}: is ONNX already; name the checkpoint")
-    if not is_onnx(out):
-        raise InputError(f"out={out}: must end in {SUFFIX}; name such a file")
+    if not is_onnx(out) and out.suffix != DONKEYCAR_SUFFIX:
+        raise InputError(
+            f"out={out}: must end in {SUFFIX}, or in {DONKEYCAR_SUFFIX} for Donkeycar; name such "
+            "a file"
+        )
     if not out.parent.is_dir():
         raise InputError(f"out={out}: there is no folder {out.parent}; name another file")
     check_output(out, inputs=[path])
-    missing = [one for one in ("onnx", "onnxruntime") if importlib.util.find_spec(one) is None]
+    needed, install = ["onnx", "onnxruntime"], INSTALL
+    if out.suffix == DONKEYCAR_SUFFIX:
+        needed, install = ["h5py"], "pip install h5py"
+    missing = [one for one in needed if importlib.util.find_spec(one) is None]
     if missing:
-        raise InputError(f"exporting needs {' and '.join(missing)}: {INSTALL}")
+        raise InputError(f"exporting needs {' and '.join(missing)}: {install}")
     return out
 
 
-def _check_parity(path: Path, parity: "Parity") -> None:
+def _check_parity(path: Path, parity: "Parity", allowed: float) -> None:
     if not math.isfinite(parity.difference):
         raise InputError(
             f"{path}: steers NaN because its training diverged; nothing was written: train again "
             "with a smaller optim.lr"
         )
-    if parity.difference > TOLERANCE:
+    if parity.difference > allowed:
         raise InputError(
-            f"{path}: the ONNX file differs by {parity.difference:.2g} from the checkpoint, more "
-            f"than {TOLERANCE:g}; nothing was written: try another version of onnxruntime"
+            f"{path}: the file differs by {parity.difference:.2g} from the checkpoint, more "
+            f"than {allowed:g}; nothing was written: try another version of onnxruntime"
         )

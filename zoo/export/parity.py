@@ -70,11 +70,13 @@ def take_frames(recording: str | None, config: dict) -> Frames:
     return _rendered_frames()
 
 
-def compare(policy: CheckpointPolicy, exported: OnnxPolicy, frames: Frames) -> Parity:
+def compare(
+    policy: CheckpointPolicy, exported: OnnxPolicy | CheckpointPolicy, frames: Frames
+) -> Parity:
     """Compare two policies on each frame, and time them on one thread.
 
     Policies with memory get the frames as one drive, and those that predict ahead are asked for
-    another time at each frame. The exported network also runs on all frames as one batch, since it
+    another time at each frame. An ONNX file's network also runs on all frames as one batch, since it
     accepts any batch size.
     """
     policies, times_ms, answers = (policy, exported), ([], []), ([], [])
@@ -98,14 +100,15 @@ def compare(policy: CheckpointPolicy, exported: OnnxPolicy, frames: Frames) -> P
                 answers[which].append(_outputs(command))
     finally:
         torch.set_num_threads(threads)
-    images = np.stack([exported.view(frame) for frame in frames.frames])
-    batched = exported.predict(images, np.array(frames.speeds_mph))
     expected, found = (np.array(one, dtype=float) for one in answers)
-    in_batch = expected if policy.memory is None else _first_steps(policy, images)
+    differences = [np.abs(found - expected).max()]
+    if isinstance(exported, OnnxPolicy):
+        images = np.stack([exported.view(frame) for frame in frames.frames])
+        batched = exported.predict(images, np.array(frames.speeds_mph))
+        in_batch = expected if policy.memory is None else _first_steps(policy, images)
+        differences.append(np.abs(batched - in_batch).max())
     return Parity(
-        difference=float(
-            np.max([np.abs(found - expected).max(), np.abs(batched - in_batch).max()])
-        ),
+        difference=float(np.max(differences)),
         checkpoint_ms=statistics.median(times_ms[0]),
         onnx_ms=statistics.median(times_ms[1]),
     )

@@ -223,4 +223,6 @@ def _output_specs(
     if set(names) - set(known):
         raise InputError(f"{model.path}: outputs={names!s:.100}: known are {', '.join(known)}")
     columns = [names.index(one) for one in known[:2] if one in names]
+    if columns == list(range(count)):
+        return flat
     return [*flat, {"layer": "Select", "columns": columns}]

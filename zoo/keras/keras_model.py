@@ -177,7 +177,7 @@ def joined_outputs(
         return layers, {}
     ends = [placed[place] for place in sorted(placed)]
     names = ", ".join(one.name for one in ends)
-    activations = [str(one.config.get("activation")) for one in ends]
+    activations = [str(one.config.get("activation") or "linear") for one in ends]
     binned = [one.name for one in ends] == DONKEYCAR[-1] and set(activations) == {"softmax"}
     same = len(set(activations)) == 1 and (binned or "softmax" not in activations)
     if not same or any([one.ndim for one in end.arrays] != [2, 1] for end in ends):

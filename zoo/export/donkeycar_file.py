@@ -1,0 +1,190 @@
+"""A checkpoint as a Keras 2 file that Donkeycar's `manage.py drive --model` loads.
+
+The file has the architecture of a functional model and its weights in the layout of Keras' legacy
+HDF5 format (`saving/legacy/hdf5_format.py`). Crop, colour and size of the view are layers of it.
+"""
+
+import io
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from torch import nn
+
+from datamodules.view import FRAME_SHAPE, View
+from zoo.base.errors import InputError
+from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.policy import CheckpointPolicy
+from zoo.keras.keras_file import read_keras
+from zoo.keras.keras_layers import convert
+from zoo.keras.keras_model import DONKEYCAR
+from zoo.models.image_layers import Crop, InKerasOrder
+from zoo.models.layers import Normalize
+from zoo.models.memory import Memory
+from zoo.models.sequential import Sequential
+from zoo.models.value_layers import Unbin
+
+Layer = tuple[str, dict[str, Any], list[np.ndarray]]  # class, config, kernel and bias
+WAYS = {"linear": "bilinear", "area": "area"}
+ACTIVATIONS = {nn.ReLU: "relu", nn.ELU: "elu", nn.Tanh: "tanh", nn.Sigmoid: "sigmoid"}
+IGNORED = (nn.Flatten, nn.Identity, nn.Dropout)  # flattening has its place before a dense layer
+# OpenCV's RGB to YUV of values 0..1: a row for each channel, and what is added to it.
+YUV = np.array([[0.299, 0.587, 0.114], [-0.147, -0.289, 0.436], [0.615, -0.515, -0.1]])
+YUV_OFFSET = np.array([0.0, 128 / 255, 128 / 255])
+COLOURS = {
+    "bgr": (np.eye(3)[::-1], np.zeros(3)),
+    "gray": (YUV[:1], np.zeros(1)),
+    "yuv": (YUV, YUV_OFFSET),
+    "yuv_old": (YUV[:, ::-1], YUV_OFFSET),
+}
+
+
+def donkeycar_bytes(checkpoint: Checkpoint) -> tuple[bytes, str]:
+    """Return a checkpoint as a `.h5` file of Keras 2, and Donkeycar's type of the model.
+
+    The type is `linear` for steering and throttle, `categorical` for both in bins, and `inferred`
+    for the steering alone, from which Donkeycar computes the throttle.
+
+    Raises:
+        InputError: the network takes more than an image, or a layer or the view has no counterpart
+            in Keras.
+    """
+    network = checkpoint.network
+    name = type(network).__name__
+    if isinstance(network, Memory) or network.takes_speed:
+        raise InputError(f"{name} takes more than an image, which Donkeycar does not pass to it")
+    layers = [*_view_layers(checkpoint.view), *_network_layers(network)]
+    kind, config, weights = layers.pop()
+    units = [1] * network.outputs
+    bins = [one for one in network.modules() if isinstance(one, Unbin)]
+    if bins:
+        units = [one[0] for one in bins[0].groups]
+        config["activation"] = "softmax"
+    if kind != "Dense" or config["units"] != sum(units):
+        raise InputError(f"{name}: its last layer is not one dense layer of its outputs")
+    names = DONKEYCAR[2] if bins else DONKEYCAR[0]
+    parts = zip(*(np.split(one, np.cumsum(units)[:-1], axis=-1) for one in weights), strict=True)
+    layers += [
+        (kind, config | {"name": name, "units": count}, list(part))
+        for name, count, part in zip(names, units, parts, strict=False)
+    ]
+    model_type = "categorical" if bins else ("inferred", "linear")[len(units) - 1]
+    return _file_bytes(layers, len(units)), model_type
+
+
+def donkeycar_policy(checkpoint: Checkpoint, path: Path) -> CheckpointPolicy:
+    """Return the policy of a written file, as `drivezoo import` reads it."""
+    read = convert(read_keras(path))
+    height, width, channels = FRAME_SHAPE
+    network = Sequential((channels, height, width), read.layers, read.scale).eval()
+    network.load_state_dict(read.state)
+    return CheckpointPolicy(replace(checkpoint, network=network, view=View((0, 0), "rgb", None)))
+
+
+def _view_layers(view: View) -> list[Layer]:
+    """Return the layers that compute a view of a frame, without rounding to whole numbers."""
+    layers: list[Layer] = []
+    if view.colour in COLOURS:
+        matrix, offset = COLOURS[view.colour]
+        config = {"filters": len(matrix), "kernel_size": [1, 1]}
+        layers.append(("Conv2D", config, [matrix.T[None, None], offset]))
+    elif view.colour != "rgb":
+        raise InputError(f"colour={view.colour}: Keras has no layer for it; train with rgb or yuv")
+    if view.size:
+        config = dict(zip(("height", "width"), view.size, strict=True))
+        way = WAYS[view.resize.removesuffix("_first")]
+        layers.append(("Resizing", config | {"interpolation": way}, []))
+    if view.resize.endswith("_first"):
+        layers.reverse()
+    return [("Cropping2D", {"cropping": [list(view.crop), [0, 0]]}, []), *layers]
+
+
+def _network_layers(network: nn.Module) -> list[Layer]:
+    """Return the layers of a network whose modules are called in their order.
+
+    Raises:
+        InputError: a module has no counterpart; names its class.
+    """
+    layers: list[Layer] = []
+    channels, is_image = 1, True
+    for module in _leaves(network):
+        if isinstance(module, nn.Linear):
+            kernel = _array(module.weight)
+            if is_image:  # torch flattens to (channels, pixels), Keras to (pixels, channels)
+                layers.append(("Flatten", {}, []))
+                kernel = kernel.reshape(len(kernel), channels, -1).transpose(0, 2, 1)
+                kernel, is_image = kernel.reshape(len(kernel), -1), False
+            bias = _array(module.bias) if module.bias is not None else np.zeros(len(kernel))
+            layers.append(("Dense", {"units": len(kernel)}, [kernel.T, bias]))
+        elif isinstance(module, InKerasOrder) and isinstance(module.layer, nn.Flatten):
+            layers.append(("Flatten", {}, []))
+            is_image = False
+        elif type(module) is nn.Conv2d and module.groups == 1 and module.padding == (0, 0):
+            channels = module.out_channels
+            bias = _array(module.bias) if module.bias is not None else np.zeros(channels)
+            config = {"filters": channels, "kernel_size": list(module.kernel_size)}
+            config |= {"strides": list(module.stride), "dilation_rate": list(module.dilation)}
+            layers.append(("Conv2D", config, [_array(module.weight).transpose(2, 3, 1, 0), bias]))
+        elif type(module) in ACTIVATIONS and layers[-1][2]:
+            layers[-1][1]["activation"] = ACTIVATIONS[type(module)]
+        elif isinstance(module, Normalize):  # of pixels; Donkeycar divides them by 255
+            config = {"scale": 255 / module.divisor, "offset": -module.shift}
+            layers.append(("Rescaling", config, []))
+        elif type(module) is nn.MaxPool2d and not module.padding:
+            config = {"pool_size": module.kernel_size, "strides": module.stride}
+            layers.append(("MaxPooling2D", config, []))
+        elif isinstance(module, Crop):
+            edges = [[module.top, module.bottom], [module.left, module.right]]
+            layers.append(("Cropping2D", {"cropping": edges}, []))
+        elif not isinstance(module, (*IGNORED, Unbin)):
+            raise InputError(
+                f"{type(network).__name__}: its layer {type(module).__name__} cannot be written for "
+                "Donkeycar; train model=lenet, nvidia or tiny63, or a network of Donkeycar"
+            )
+    return layers
+
+
+def _leaves(module: nn.Module) -> Iterator[nn.Module]:
+    """Yield the modules without parts in their order; `InKerasOrder` counts as one."""
+    if isinstance(module, InKerasOrder) or not list(module.children()):
+        yield module
+        return
+    for child in module.children():
+        yield from _leaves(child)
+
+
+def _array(tensor: Any) -> np.ndarray:
+    return tensor.detach().numpy()
+
+
+def _file_bytes(layers: list[Layer], ends: int) -> bytes:
+    """Return a `.h5` file whose last `ends` layers all take the output of the layer before them."""
+    import h5py  # optional, checked before
+
+    start = {"name": "img_in", "batch_input_shape": [None, *FRAME_SHAPE], "dtype": "float32"}
+    entries = [{"class_name": "InputLayer", "name": "img_in", "config": start, "inbound_nodes": []}]
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        group = file.create_group("model_weights")
+        for number, (kind, config, weights) in enumerate(layers):
+            name = config.get("name", f"{kind.lower()}_{number}")
+            before = entries[min(number, len(layers) - ends)]["name"]
+            entry = {"class_name": kind, "name": name, "config": {"name": name} | config}
+            entries.append(entry | {"inbound_nodes": [[[before, 0, 0, {}]]]})
+            paths = [f"{name}/{end}:0" for end in ("kernel", "bias")][: len(weights)]
+            own = group.create_group(name)
+            own.attrs["weight_names"] = [one.encode() for one in paths]
+            for path, array in zip(paths, weights, strict=True):
+                own.create_dataset(path, data=array.astype(np.float32))
+        names = [entry["name"] for entry in entries]
+        model = {"name": "drivezoo", "layers": entries, "input_layers": [["img_in", 0, 0]]}
+        model["output_layers"] = [[name, 0, 0] for name in names[-ends:]]
+        group.create_group("img_in").attrs["weight_names"] = np.array([], "S")
+        group.attrs["layer_names"] = [name.encode() for name in names]
+        for attributes in (file.attrs, group.attrs):
+            attributes["keras_version"], attributes["backend"] = b"2.15.0", b"tensorflow"
+        file.attrs["model_config"] = json.dumps({"class_name": "Functional", "config": model})
+    return buffer.getvalue()
