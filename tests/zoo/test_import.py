@@ -131,7 +131,9 @@ def test_a_network_of_donkeycar_needs_no_key_and_drives_with_its_throttle(tmp_pa
     result = import_file(tmp_path, "pilot.h5", "throttle_range=0.5")
     assert result.returncode == 0, result.stderr
     assert "guess" not in result.stdout
-    assert load_checkpoint(tmp_path / "pilot.ckpt").view == View((0, 0), "rgb", (12, 16))
+    assert load_checkpoint(tmp_path / "pilot.ckpt").view == View(
+        (0, 0), "rgb", None, frame=(12, 16)
+    )
     policy = load_policy(tmp_path / "pilot.ckpt")
     frames = np.random.default_rng(0).integers(0, 256, (40, 1, 1, 3), np.uint8)
     commands = [policy(np.tile(one, (160, 320, 1)), 9.0) for one in frames]

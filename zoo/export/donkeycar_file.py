@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from torch import nn
 
-from datamodules.view import FRAME_SHAPE, View
+from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.policy import CheckpointPolicy
@@ -72,16 +72,21 @@ def donkeycar_bytes(checkpoint: Checkpoint) -> tuple[bytes, str]:
         for name, count, part in zip(names, units, parts, strict=False)
     ]
     model_type = "categorical" if bins else ("inferred", "linear")[len(units) - 1]
-    return _file_bytes(layers, len(units)), model_type
+    return _file_bytes(layers, len(units), (*checkpoint.view.frame, 3)), model_type
+
+
+def whole_view(view: View) -> View:
+    """Return the view of Donkeycar's frames, without crop and colour; a view's frames have it."""
+    return View((0, 0), "rgb", None, frame=view.frame)
 
 
 def donkeycar_policy(checkpoint: Checkpoint, path: Path) -> CheckpointPolicy:
     """Return the policy of a written file, as `drivezoo import` reads it."""
     read = convert(read_keras(path))
-    height, width, channels = FRAME_SHAPE
-    network = Sequential((channels, height, width), read.layers, read.scale).eval()
+    view = whole_view(checkpoint.view)
+    network = Sequential((3, *view.frame), read.layers, read.scale).eval()
     network.load_state_dict(read.state)
-    return CheckpointPolicy(replace(checkpoint, network=network, view=View((0, 0), "rgb", None)))
+    return CheckpointPolicy(replace(checkpoint, network=network, view=view))
 
 
 def _view_layers(view: View) -> list[Layer]:
@@ -99,7 +104,8 @@ def _view_layers(view: View) -> list[Layer]:
         layers.append(("Resizing", config | {"interpolation": way}, []))
     if view.resize.endswith("_first"):
         layers.reverse()
-    return [("Cropping2D", {"cropping": [list(view.crop), [0, 0]]}, []), *layers]
+    rows = list(view.rows_cropped(view.frame[0]))
+    return [("Cropping2D", {"cropping": [rows, [0, 0]]}, []), *layers]
 
 
 def _network_layers(network: nn.Module) -> list[Layer]:
@@ -141,8 +147,8 @@ def _network_layers(network: nn.Module) -> list[Layer]:
             layers.append(("Cropping2D", {"cropping": edges}, []))
         elif not isinstance(module, (*IGNORED, Unbin)):
             raise InputError(
-                f"{type(network).__name__}: its layer {type(module).__name__} cannot be written for "
-                "Donkeycar; train model=lenet, nvidia or tiny63, or a network of Donkeycar"
+                f"{type(network).__name__}: its layer {type(module).__name__} cannot be written "
+                "for Donkeycar; train model=lenet, nvidia or tiny63, or a network of Donkeycar"
             )
     return layers
 
@@ -160,11 +166,11 @@ def _array(tensor: Any) -> np.ndarray:
     return tensor.detach().numpy()
 
 
-def _file_bytes(layers: list[Layer], ends: int) -> bytes:
+def _file_bytes(layers: list[Layer], ends: int, shape: tuple[int, ...]) -> bytes:
     """Return a `.h5` file whose last `ends` layers all take the output of the layer before them."""
     import h5py  # optional, checked before
 
-    start = {"name": "img_in", "batch_input_shape": [None, *FRAME_SHAPE], "dtype": "float32"}
+    start = {"name": "img_in", "batch_input_shape": [None, *shape], "dtype": "float32"}
     entries = [{"class_name": "InputLayer", "name": "img_in", "config": start, "inbound_nodes": []}]
     buffer = io.BytesIO()
     with h5py.File(buffer, "w") as file:

@@ -5,12 +5,12 @@ import io
 import json
 import math
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from datamodules.view import FRAME_SHAPE
 from zoo.base.errors import InputError
 from zoo.base.whole_file import output_path
 from zoo.base.written_files import check_output
@@ -78,14 +78,19 @@ def export_checkpoint(
     with loading():
         from zoo.checkpoints.checkpoint import load_checkpoint
         from zoo.checkpoints.policy import CheckpointPolicy
-        from zoo.export.donkeycar_file import donkeycar_bytes, donkeycar_policy
+        from zoo.export.donkeycar_file import donkeycar_bytes, donkeycar_policy, whole_view
         from zoo.export.parity import compare, take_frames
 
         checkpoint = load_checkpoint(path)
         frames = take_frames(recording, checkpoint.config)
         of_donkeycar = out.suffix == DONKEYCAR_SUFFIX
-        written = donkeycar_bytes(checkpoint) if of_donkeycar else (onnx_bytes(checkpoint), "")
-    contents, model_type = written
+        contents, model_type = b"", ""
+        if of_donkeycar:
+            contents, model_type = donkeycar_bytes(checkpoint)
+            whole = whole_view(checkpoint.view)
+            frames = replace(frames, frames=[whole(frame) for frame in frames.frames])
+        else:
+            contents = onnx_bytes(checkpoint)
     exact = not (of_donkeycar and (checkpoint.view.size or checkpoint.view.colour != "rgb"))
     allowed = TOLERANCE if exact else ROUNDED_TOLERANCE
     with output_path(out, inputs=[path]) as part:
@@ -102,7 +107,7 @@ def export_checkpoint(
         f"over {len(frames.frames)} frames {frames.source}",
     ]
     if of_donkeycar:
-        rows, columns, _ = FRAME_SHAPE
+        rows, columns = checkpoint.view.frame
         lines.append(
             f"in Donkeycar: IMAGE_W = {columns} and IMAGE_H = {rows} in myconfig.py; python "
             f"manage.py drive --model {out} --type {model_type}"

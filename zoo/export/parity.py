@@ -76,8 +76,8 @@ def compare(
     """Compare two policies on each frame, and time them on one thread.
 
     Policies with memory get the frames as one drive, and those that predict ahead are asked for
-    another time at each frame. An ONNX file's network also runs on all frames as one batch, since it
-    accepts any batch size.
+    another time at each frame. The network of an ONNX file also runs on all frames as one batch,
+    since it accepts any batch size.
     """
     policies, times_ms, answers = (policy, exported), ([], []), ([], [])
     threads = torch.get_num_threads()

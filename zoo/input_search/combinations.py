@@ -68,6 +68,7 @@ class KnownInput:
         shape: input's `(height, width, channels)`.
         colour, crop, resize: as in `View`.
         scale: as in `Combination`.
+        frame: height and width of the training's frames.
     """
 
     shape: tuple[int, int, int]
@@ -75,6 +76,7 @@ class KnownInput:
     crop: Pair | None = None
     resize: str | None = None
     scale: Scale | None = None
+    frame: Pair = FRAME
 
 
 def combinations(known: KnownInput) -> list[Combination]:
@@ -123,7 +125,7 @@ def with_each_resize(found: Combination, known: KnownInput) -> list[Combination]
 def _views(known: KnownInput) -> Iterator[View]:
     for colour in [known.colour] if known.colour else CONVERSIONS:
         for crop in _crops(known):
-            view = View(crop, colour, None, known.resize or USUAL_RESIZE)
+            view = View(crop, colour, None, known.resize or USUAL_RESIZE, known.frame)
             if view.shape[:2] != known.shape[:2]:
                 view = replace(view, size=known.shape[:2])
             if view.shape == known.shape:

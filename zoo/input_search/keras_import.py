@@ -126,9 +126,14 @@ def _known(
 def _as_donkeycar(known: KnownInput) -> KnownInput:
     """Return the input of a network of Donkeycar: the frame as it is, whose sides are 4 to 3."""
     rows, columns, channels = known.shape
-    crop = known.crop or ((0, 0) if 4 * rows == 3 * columns else None)
-    colour = known.colour or ("rgb" if channels == 3 else "gray")
-    return replace(known, colour=colour, crop=crop, resize=known.resize or USUAL_RESIZE)
+    frame = (3 * columns // 4, columns)
+    return replace(
+        known,
+        colour=known.colour or ("rgb" if channels == 3 else "gray"),
+        crop=known.crop or ((0, 0) if rows == frame[0] else None),
+        resize=known.resize or USUAL_RESIZE,
+        frame=frame,
+    )
 
 
 def _search(
