@@ -27,6 +27,7 @@ class Chain:
         owners: index of the layer in the model of each spec.
         scale: scale at the network's input; None if it is not known.
         understood: text on each layer of the model.
+        assumed: label of the unclear Lambda that was taken as the scale; empty without one.
     """
 
     def __init__(
@@ -38,6 +39,7 @@ class Chain:
         # Whether a scale is known without the user, which a layer of the file may change.
         self._scaled = model.is_donkeycar and not self._given
         self.scale = DONKEYCAR_SCALE if self._scaled else self.scale
+        self.assumed = ""  # label of an unclear Lambda that was taken as the scale
         self._words = list(lambdas or [])
         self.specs: list[Spec] = []
         self.owners: list[int] = []
@@ -49,6 +51,8 @@ class Chain:
             self.understood.append(understood)
         if self.scale in (None, DONKEYCAR_SCALE) and self._normalizes_pixels():
             self.scale = (1.0, 0.0)
+        elif not self._given and self.scale and self.scale[0] == 1 and 0 < self.scale[1] <= 1:
+            self.scale = None  # x - 0.5 follows an x / 255 outside the file
         if self._words:
             raise InputError(
                 f"{model.path}: lambdas={','.join(map(str, lambdas or []))!s:.100} has more words "
@@ -78,8 +82,13 @@ class Chain:
             found = [_normalization(layer, label)]
         else:
             found = self._translated(layer, label)
-        if found and found[0]["layer"] == "Rescaling" and self._takes_scale(found[0], label):
-            return [], self._scale_text()
+        kept: list[Spec] = []
+        for spec in found:
+            if spec["layer"] != "Rescaling" or not self._takes_scale(spec, kept, label):
+                kept.append(spec)
+        if len(kept) < len(found):
+            text = ", ".join([*([_described(kept)] if kept else []), self._scale_text()])
+        found = kept
         is_same = bool(found) and found[0].get("padding") == "same"
         if is_same and found[0]["layer"] == "Conv2D" and self.model.backend == "theano":
             found[0]["padding"] = "same_theano"
@@ -104,8 +113,9 @@ class Chain:
         word, holds = describe_lambda(layer.config)
         if word is None and self._words:
             word = str(self._words.pop(0))
-        elif word is None and self._given and not self._scaled and self._is_at_input():
+        elif word is None and self._given and not self._scaled and self._is_at_input(()):
             self._scaled = True
+            self.assumed = label
             return [], f"taken as {self._scale_text()}; holds {holds}"
         if word is None:
             raise InputError(
@@ -118,22 +128,27 @@ class Chain:
             raise InputError(f"{label}: lambdas={word!s:.60}: is none of {WORDS}; correct it")
         return found, word
 
-    def _is_at_input(self) -> bool:
-        return all(one["layer"] in BEFORE_SCALE for one in self.specs)
+    def _is_at_input(self, before: Sequence[Spec]) -> bool:
+        return all(one["layer"] in BEFORE_SCALE for one in [*self.specs, *before])
 
     def _scale_text(self) -> str:
         divisor, less = self.scale or (1.0, 0.0)
         return f"scale=[{divisor:g},{less:g}]: pixel / {divisor:g} - {less:g}"
 
-    def _takes_scale(self, spec: Spec, label: str) -> bool:
+    def _takes_scale(self, spec: Spec, before: Sequence[Spec], label: str) -> bool:
         """Take a rescaling as the network's scale; return False if its place forbids it.
+
+        Args:
+            spec: spec of the rescaling.
+            before: specs of the same layer before it.
+            label: layer, for messages.
 
         Raises:
             InputError: a number in it is not finite, or not of ordinary size.
         """
         factor, offset = spec.get("scale"), spec.get("offset", 0.0)
         plain = all(type(one) in (int, float) for one in (factor, offset))
-        if not plain or not factor or not self._is_at_input():
+        if not plain or not factor or not self._is_at_input(before):
             return False
         divisor, less = self.scale if self.scale and self._scaled else (1.0, 0.0)
         usual = is_ordinary(factor, LEAST) and is_ordinary(offset)

@@ -10,7 +10,7 @@ import sys
 import time
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -30,6 +30,8 @@ READ_S, BYTES_PER_S = 30.0, 10e6
 FREE_BYTES, COPIES = 1_000_000_000, 4
 H5_SUFFIXES = (".h5", ".hdf5")
 SUFFIXES = (*H5_SUFFIXES, ".keras", ".json")
+TORCH_SUFFIXES = (".pth", ".pt")
+LFS = b"version https://git-lfs"
 CONFIG, METADATA, WEIGHTS = "config.json", "metadata.json", "model.weights.h5"  # of `.keras`
 
 
@@ -49,6 +51,11 @@ def read_keras(
             or the model is not a chain of layers.
     """
     path = Path(path)
+    if path.suffix.lower() in TORCH_SUFFIXES:
+        raise InputError(
+            f"{path}: is a file of PyTorch, which has weights and no layers; name a network of "
+            f"Keras ({', '.join(SUFFIXES)}), or train further from it with model.weights={path}"
+        )
     if path.suffix.lower() == ".json":
         found = Path(weights) if weights is not None else _weights_of(path)
         return replace(_read_h5(found, path, as_chain), path=path)
@@ -152,15 +159,16 @@ def _json_model(path: Path) -> dict:
         return _checked_model(read_text(path, MOST_JSON_BYTES), path)
     except ValueError as error:
         reason = " ".join(str(error).split())[:200]
-        raise InputError(
-            f"{path}: is no model of Keras ({reason}); write it with model.to_json()"
-        ) from None
+        text = f"is no model of Keras ({reason}); write it with model.to_json()"
+        raise _unreadable(path, text) from None
 
 
 def _checked_model(contents: str, path: Path) -> dict:
     if len(contents) > MOST_JSON_BYTES:
         raise InputError(f"{path}: its architecture has {len(contents):,} characters; too many")
     found = parse_json(contents)
+    if isinstance(found, str):  # json.dump(model.to_json(), file), a frequent mistake
+        found = parse_json(found)
     check_text(_without_code(found))
     if not isinstance(found, dict):
         raise ValueError("its architecture is not a model")
@@ -235,6 +243,13 @@ def _naming_damage(path: Path, kind: str) -> Iterator[None]:
         raise
     except Exception as error:  # h5py, zipfile and json raise any error on damaged bytes
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())[:200]
-        raise InputError(
-            f"{path}: is not a complete {kind} file of Keras ({reason}); copy it again"
-        ) from None
+        text = f"is not a complete {kind} file of Keras ({reason}); copy it again"
+        raise _unreadable(path, text) from None
+
+
+def _unreadable(path: Path, text: str) -> InputError:
+    """Return the error about a file that is missing, a pointer of Git LFS, or else `text`."""
+    with suppress(OSError), open_binary(path, MOST_BYTES) as file:
+        if file.read(len(LFS)) == LFS:
+            text = "is a pointer of Git LFS, not the file itself; fetch it with git lfs pull"
+    return InputError(f"{path}: {text if path.exists() else 'no such file; correct the path'}")

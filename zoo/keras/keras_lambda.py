@@ -8,6 +8,7 @@ by a word, which is also what a user sets for an unclear one: see `WORDS`.
 import base64
 import re
 import struct
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,26 +18,45 @@ from zoo.models.value_layers import ACTIVATIONS
 
 WORDS = (
     "identity, scale:DIVISOR:SUBTRACTED, atan, atan:FACTOR, resize:ROWS:COLUMNS, "
-    "crop:TOP:BOTTOM, gray, tanh or another activation"
+    "crop:TOP:BOTTOM, gray, tanh or another activation; with + between them, such as "
+    "resize:66:200+scale:255:0.5, if it does several"
 )
 LEAST = 1e-9  # of a divisor or factor
 GRAY = [0.2989, 0.5870, 0.1140]  # of tf.image.rgb_to_grayscale
-MOST_BYTES, MOST_OBJECTS, MOST_LEVELS, MOST_STEPS = 100_000, 1_000, 20, 100
+MOST_BYTES, MOST_OBJECTS, MOST_LEVELS, MOST_STEPS = 100_000, 1_000, 20, 400
 # Whole numbers before a code's eight objects, and objects after its first line, in Python 3.11,
 # 3.8, 3.0 and 2.7.
 LAYOUTS = ((5, 2), (6, 1), (5, 1), (4, 1))
 SINGLE = {"N": None, "T": True, "F": False, ".": ...}
-# Instructions as letters, before Python 3.13 and in 3.13: x is the argument, c a constant, b an
-# operator by its argument, n a minus, f a call, t a tuple; others only bring names.
+# Instructions as letters, of Python to 3.10, 3.11, 3.12 and 3.13 (CPython's `opcode`): x and s load
+# and store a variable, c loads a constant, g and G a global name, . and A an attribute (G and A
+# with a flag in the lowest bit of the argument), i and I import, f and k call, K names a call's
+# keywords, t builds a tuple, : a slice, [ is an index, b an operator by its argument, n a minus, p
+# drops a value, r returns.
+_COMMON = {124: "x", 125: "s", 100: "c", 101: "g", 108: "i", 109: "I", 1: "p", 102: "t", 103: "t",
+           133: ":", 25: "[", 11: "n", 83: "r", 9: ""}  # fmt: skip
+_3_11 = _COMMON | {116: "G", 106: ".", 160: ".", 122: "b", 171: "f", 172: "K"}
+_3_11 |= dict.fromkeys((0, 2, 149, 151, 166), "")
 LETTERS = (
     {
-        **{124: "x", 100: "c", 122: "b", 23: "+", 24: "-", 20: "*", 21: "/", 27: "/", 11: "n"},
-        **{131: "f", 161: "f", 171: "f", 102: "t", 103: "t", 83: "r"},
-        **dict.fromkeys((0, 2, 106, 116, 151, 160, 166), ""),
+        **_COMMON,
+        **{116: "g", 106: ".", 160: ".", 131: "f", 161: "f", 141: "k"},
+        **{23: "+", 55: "+", 24: "-", 56: "-", 20: "*", 57: "*"},
+        **{21: "/", 27: "/", 29: "/", 58: "/"},
     },
-    {85: "x", 83: "c", 45: "b", 36: "r", 0: "", 149: ""},
+    _3_11,
+    _3_11 | {106: "A"},
+    {
+        **{85: "x", 110: "s", 83: "c", 92: "g", 91: "G", 82: "A", 75: "i", 74: "I", 53: "f"},
+        **{57: "k", 52: "t", 47: "t", 50: ":", 5: "[", 45: "b", 42: "n", 32: "p", 36: "r"},
+        **{88: "xx", 111: "sx", 112: "ss", **dict.fromkeys((0, 30, 34, 149), "")},
+    },
 )
 OPERATORS = {0: "+", 10: "-", 5: "*", 11: "/", 13: "+", 23: "-", 18: "*", 24: "/"}
+FUNCTIONS = {
+    "multiply": "*", "mul": "*", "divide": "/", "div": "/", "truediv": "/", "add": "+",
+    "subtract": "-", "sub": "-",
+}  # fmt: skip
 MODULES = (
     "tf", "tensorflow", "K", "keras", "backend", "math", "image", "nn", "activations", "ktf", "np",
     "compat", "v1", "python", "ops",
@@ -80,7 +100,10 @@ def describe_lambda(config: dict) -> tuple[str | None, str]:
     if code is None:
         return None, "code of an unknown version of Python"
     shown = [f"{one:g}" for one in code.constants if type(one) in (int, float)]
-    return _word(code), ", ".join([*shown, *code.names])[:100] or "nothing"
+    shape = config.get("batch_input_shape")
+    rows = shape[1] if isinstance(shape, list) and len(shape) == 4 else None
+    rows = rows if isinstance(rows, int) else None
+    return _word(code, rows), ", ".join([*shown, *code.names])[:100] or "nothing"
 
 
 def read_code(data: bytes) -> Code | None:
@@ -161,91 +184,183 @@ class _Reader:
         return struct.unpack("<i", self._take(4))[0]
 
 
-def _word(code: Code) -> str | None:
-    """Return the word for code of a known form, in the instructions of any version of Python."""
+@dataclass(frozen=True)
+class _Value:
+    """A number, or x after some steps and then `x * factor + offset`; a number's factor is 0."""
+
+    factor: float
+    offset: float
+    steps: tuple[str, ...] = ()
+
+    def after(self, step: str = "") -> tuple[str, ...]:
+        """Return the words of all steps, the scale in its place, and one more."""
+        if not is_ordinary(self.factor, least=LEAST) or not is_ordinary(self.offset):
+            raise ValueError("no scale")
+        steps = self.steps
+        if steps[-1:] == ("atan",) and self.factor != 1 and not self.offset:
+            steps = (*steps[:-1], f"atan:{_short(self.factor)}")
+        elif (self.factor, self.offset) != (1, 0):
+            steps = (*steps, f"scale:{_short(1 / self.factor)}:{_short(-self.offset)}")
+        return (*steps, step) if step else steps
+
+
+def _word(code: Code, rows: int | None) -> str | None:
+    """Return the word for code of a known form, in the instructions of any version of Python.
+
+    Args:
+        code: function's code.
+        rows: rows of its input, if they are known.
+    """
     for wide in (False, True):
-        for letters in LETTERS:
-            form, constants = _form(code, wide, letters)
-            values = [one for many in constants for one in _values(many)]
-            if not code.is_closed or not form.endswith("r") or not all(map(is_ordinary, values)):
-                continue
-            word = _called(code.names, form, values) if code.names else _line(form[:-1], values)
-            if word:
-                return word
+        for letters in LETTERS if code.is_closed else ():
+            # Bytes of another version, or of no code, lead to any of these.
+            with suppress(ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
+                return "+".join(_steps(code, wide, letters, rows)) or "identity"
     return None
 
 
-def _form(code: Code, wide: bool, letters: dict[int, str]) -> tuple[str, list]:
-    """Return the instructions as letters, and the constants that they use; "?" is another.
+def _steps(code: Code, wide: bool, letters: dict[int, str], rows: int | None) -> tuple[str, ...]:
+    """Return the words of what straight code computes; raise an error if it is another.
+
+    Nothing is run: the few instructions of `LETTERS` are followed with `_Value`s.
 
     Args:
         code: function's code.
         wide: whether an instruction takes one or three bytes, as before Python 3.6, not two.
         letters: table of `LETTERS`.
+        rows: rows of the function's input, if they are known.
     """
-    form, constants, at, data = "", [], 0, code.instructions
-    while at < len(data) and len(form) < MOST_STEPS:
-        operation, argument = data[at], int.from_bytes(data[at + 1 : at + 2 + wide], "little")
+    stack: list[Any] = []
+    variables: dict[int, Any] = {0: _Value(1.0, 0.0)}
+    keywords: tuple = ()
+    at, data = 0, code.instructions
+    for _ in range(MOST_STEPS):
+        operation, whole = data[at], int.from_bytes(data[at + 1 : at + 2 + wide], "little")
         at += (3 if operation >= 90 else 1) if wide else 2
-        letter = letters.get(operation, "?")
-        if letter == "b":
-            letter = OPERATORS.get(argument, "?")
-        if letter == "c" and argument < len(code.constants):
-            constants.append(code.constants[argument])
-        elif letter == "c" or (letter == "x" and argument):
-            letter = "?"
-        form += letter
-    return form, constants
+        pair = letters[operation]
+        numbers = (whole >> 4, whole & 15) if pair[1:] else (whole,)
+        for letter, number in zip(pair, numbers, strict=False):
+            match OPERATORS[number] if letter == "b" else letter:
+                case "x":
+                    stack.append(variables[number])
+                case "s":
+                    variables[number] = stack.pop()
+                case "c":
+                    stack.append(_constant(code.constants[number]))
+                case "g" | "G":
+                    stack.append(code.names[number >> (letter == "G")])
+                case "." | "A":
+                    stack.append(f"{stack.pop()}.{code.names[number >> (letter == 'A')]}")
+                case "i":
+                    stack[-2:] = [code.names[number]]
+                case "I":
+                    stack.append(f"{stack[-1]}.{code.names[number]}")
+                case "p":
+                    stack.pop()
+                case "t":
+                    stack.append(_taken(stack, number))
+                case ":":
+                    stack.append(slice(*_taken(stack, number)))
+                case "[":
+                    value, index = _taken(stack, 2)
+                    stack.append(_cropped(value, index, rows))
+                case "K":
+                    keywords = code.constants[number]
+                case "f" | "k":
+                    keywords = stack.pop() if letter == "k" else keywords
+                    pairs = _taken(stack, 2 * (number >> 8))  # of Python before 3.6
+                    values = _taken(stack, number & 255)
+                    count = len(values) - len(keywords)
+                    named = dict(zip(keywords, values[count:], strict=True))
+                    named |= dict(zip(pairs[::2], pairs[1::2], strict=True))
+                    stack.append(_called(stack.pop(), values[:count], named))
+                    keywords = ()
+                case "n":
+                    stack.append(_operated("-", _Value(0.0, 0.0), stack.pop()))
+                case "r":
+                    return stack.pop().after()
+                case sign:
+                    stack.append(_operated(sign, *_taken(stack, 2)))
+    raise ValueError("too many instructions")
 
 
-def _values(constant: object) -> tuple:
-    return constant if isinstance(constant, tuple) else (constant,)
+def _taken(stack: list[Any], count: int) -> tuple:
+    """Remove the last values of a stack, and return them."""
+    place = len(stack) - count
+    if place < 0:
+        raise ValueError("too few values")
+    taken = tuple(stack[place:])
+    del stack[place:]
+    return taken
 
 
-def _line(form: str, constants: list[float]) -> str | None:
-    """Return the word for a * x + b, from pairs (a, b) in place of the values of a stack."""
-    left = iter(constants)
-    stack: list[tuple[float, float]] = []
-    try:
-        for letter in form:
-            if letter in "xc":
-                stack.append((1.0, 0.0) if letter == "x" else (0.0, float(next(left))))
-                continue
-            c, d = stack.pop()
-            a, b = (0.0, 0.0) if letter == "n" else stack.pop()
-            if letter in "+-n":
-                sign = 1 if letter == "+" else -1
-                stack.append((a + sign * c, b + sign * d))
-            elif letter == "*" and not (a and c):
-                stack.append((a * d + c * b, b * d))
-            elif letter == "/" and not c:
-                stack.append((a / d, b / d))
-            else:
-                return None
-        ((factor, offset),) = stack
-    except (IndexError, ValueError, ZeroDivisionError):
-        return None
-    if not is_ordinary(factor, least=LEAST) or not is_ordinary(offset):
-        return None
-    return "identity" if stack == [(1, 0)] else f"scale:{_short(1 / factor)}:{_short(-offset)}"
+def _constant(constant: object, is_inner: bool = False) -> Any:
+    """Return a constant: numbers as `_Value`, None and texts (bytes) as they are."""
+    if isinstance(constant, tuple) and not is_inner:  # deeper ones may share 2^40 parts
+        return tuple(_constant(one, True) for one in constant)
+    if constant is None or isinstance(constant, bytes | bool):
+        return constant
+    if not is_ordinary(constant):
+        raise ValueError("no ordinary number")
+    return _Value(0.0, float(constant))
 
 
-def _called(names: list[str], form: str, numbers: list[float]) -> str | None:
-    """Return the word for code that does nothing but call a function on x."""
-    called = [one for one in names if one not in MODULES]
-    form = form.replace("t", "")
-    if len(called) == 2 and called[0] in ("mul", "multiply") and form in ("xfcfr", "cxffr"):
-        called, form = called[1:], "xfc*r"
-    if form in ("xfc*r", "cxf*r") and called in (["atan"], ["arctan"]):
-        return f"atan:{_short(numbers[0])}"
-    if form == "xfr" and len(called) == 1:
-        return "gray" if called == ["rgb_to_grayscale"] else _known_name(called[0])
-    sizes = [f"{one:g}" for one in numbers if one == int(one) and 1 < one <= 4096]
-    is_resize = called in (["resize"], ["resize_images"], ["resize_bilinear"]) and "image" in names
-    if is_resize and form in ("xcfr", "xccfr") and len(sizes) == len(numbers) == 2:
-        is_old = called != ["resize"] or "v1" in names
-        return f"resize:{':'.join(sizes)}:{'linear_tf1' if is_old else 'linear'}"
-    return None
+def _operated(sign: str, left: _Value, right: _Value) -> _Value:
+    """Return the sum, difference, product or quotient; raise ValueError if it is no line."""
+    a, b, c, d = left.factor, left.offset, right.factor, right.offset
+    steps = left.steps if a else right.steps
+    if a and c and (left.steps != right.steps or sign in "*/"):
+        raise ValueError("no line")
+    if sign in "+-":
+        direction = 1 if sign == "+" else -1
+        return _Value(a + direction * c, b + direction * d, steps)
+    if sign == "*":
+        return _Value(a * d + c * b, b * d, steps)
+    if c:
+        raise ValueError("no line")
+    return _Value(a / d, b / d, steps)
+
+
+def _called(path: str, values: tuple, named: dict) -> _Value:
+    """Return the value of a call of a known function of a known module."""
+    *modules, name = path.split(".")
+    if name in FUNCTIONS and not named:
+        return _operated(FUNCTIONS[name], *values)
+    value, *rest = values
+    if b"size" in named:
+        rest.append(named.pop(b"size"))
+    is_aligned = named.pop(b"align_corners", False)
+    if named or not value.factor or not set(modules) <= set(MODULES):
+        raise ValueError("unknown call")
+    word = "gray" if name == "rgb_to_grayscale" else _known_name(name)
+    if rest:
+        sides = [one.offset for one in (rest[0] if len(rest) == 1 else rest) if not one.factor]
+        is_size = len(sides) == 2 and all(one == int(one) and 1 < one <= 4096 for one in sides)
+        is_known = name in ("resize", "resize_images", "resize_bilinear") and "image" in modules
+        method = "linear" if name == "resize" and "v1" not in modules else "linear_tf1"
+        method = "linear_corners" if is_aligned else method
+        word = f"resize:{sides[0]:g}:{sides[1]:g}:{method}" if is_size and is_known else None
+    if word is None:
+        raise ValueError("unknown call")
+    return _Value(1.0, 0.0, value.after(word))
+
+
+def _cropped(value: _Value, index: tuple, rows: int | None) -> _Value:
+    """Return an image without some rows at its top and bottom, and with all columns."""
+    images, kept, *others = [
+        [bound and int(bound.offset) for bound in (one.start, one.stop, one.step)] for one in index
+    ]
+    top, stop = kept[0] or 0, kept[1] or 0
+    if stop > 0:
+        stop -= rows if rows is not None else -1  # unknown rows leave it above 0
+    # A stop past the last column or channel keeps all.
+    keeps_all = all(
+        not first and (last is None or last >= most)
+        for (first, last, _), most in zip(others, (320, 3), strict=False)
+    )
+    if any(images) or kept[2] or top < 0 or stop > 0 or len(others) > 2 or not keeps_all:
+        raise ValueError("no crop of rows")
+    return _Value(1.0, 0.0, value.after(f"crop:{top}:{-stop}"))
 
 
 def _known_name(name: str) -> str | None:
@@ -268,6 +383,9 @@ def specs_of_word(word: str) -> list[dict] | None:
     >>> specs_of_word("crop:60:25")
     [{'layer': 'Cropping2D', 'cropping': [[60, 25], [0, 0]]}]
     """
+    if "+" in word:
+        parts = [specs_of_word(one) for one in word.split("+")]
+        return None if None in parts else [spec for one in parts for spec in one or ()]
     name, *rest = word.split(":")
     method = rest.pop() if name == "resize" and rest and rest[-1] in RESIZE_METHODS else "linear"
     try:

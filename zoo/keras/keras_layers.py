@@ -9,6 +9,7 @@ from torch import Tensor
 
 from zoo.base.errors import InputError
 from zoo.keras.keras_chain import Chain, Scale
+from zoo.keras.keras_lambda import WORDS
 from zoo.keras.keras_model import THROTTLE_RANGE, KerasModel
 from zoo.keras.keras_specs import Spec, plain_kind
 from zoo.keras.keras_weights import MisfitError, copy_arrays
@@ -109,6 +110,11 @@ def convert(
             if error.follows_input:
                 size_text = by(shape[1:] if first else shape[:2])
                 fix = f"the images of its training were not {size_text}: set size=[rows,columns]"
+            if error.follows_input and chain.assumed:
+                fix = (
+                    "an unclear Lambda was taken as the scale, and may do more: set lambdas=[WORD] "
+                    f"for {chain.assumed.rpartition(': ')[2]}, with one of {WORDS}"
+                )
             raise InputError(f"{model.path}: {chain.label(owner)}: {error}; {fix}") from None
     notes = _notes(model, chain, shapes, shape)
     last = shapes[-1] if shapes else shape

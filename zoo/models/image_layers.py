@@ -88,7 +88,8 @@ class Resize(nn.Module):
         shape: rows and columns of the input.
         size: rows and columns of the output.
         method: `linear` (TensorFlow 2), `linear_tf1` (TensorFlow 1, whose samples are half a
-            pixel aside), `nearest`, `nearest_tf1` or `area`.
+            pixel aside), `linear_corners` (TensorFlow 1's `align_corners=True`), `nearest`,
+            `nearest_tf1` or `area`.
     """
 
     def __init__(self, shape: tuple[int, int], size: tuple[int, int], method: str) -> None:
@@ -107,7 +108,7 @@ class Resize(nn.Module):
         return f"{self.size[0]}, {self.size[1]}, {self.method}"
 
 
-RESIZE_METHODS = ("linear", "linear_tf1", "nearest", "nearest_tf1", "area")
+RESIZE_METHODS = ("linear", "linear_tf1", "linear_corners", "nearest", "nearest_tf1", "area")
 
 
 def resize_matrix(length: int, size: int, method: str) -> Tensor:
@@ -115,6 +116,8 @@ def resize_matrix(length: int, size: int, method: str) -> Tensor:
 
     >>> resize_matrix(4, 2, "area").tolist()
     [[0.5, 0.5, 0.0, 0.0], [0.0, 0.0, 0.5, 0.5]]
+    >>> resize_matrix(3, 2, "linear_corners").tolist()
+    [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     """
     matrix = torch.empty(size, length).zero_()  # `make_network` counts what `empty` allocates
     step, at = length / size, torch.arange(size, dtype=torch.float64)
@@ -124,7 +127,9 @@ def resize_matrix(length: int, size: int, method: str) -> Tensor:
             covered = (edges + 1).clamp(max=(row + 1) * step) - edges.clamp(min=row * step)
             matrix[row] = (covered.clamp(min=0) / step).float()
         return matrix
-    old = method.endswith("_tf1")
+    old = method.endswith(("_tf1", "_corners"))
+    if method == "linear_corners":
+        step = (length - 1) / max(size - 1, 1)
     if method.startswith("nearest"):
         source = (at * step if old else (at + 0.5) * step).floor().clamp(max=length - 1)
         matrix[torch.arange(size), source.long()] = 1

@@ -93,6 +93,33 @@ def test_weights_alone_find_their_json(tmp_path: Path) -> None:
     assert not read_keras(tmp_path / "model.h5").has_architecture
 
 
+def test_json_within_json_is_read(tmp_path: Path) -> None:
+    """`json.dump(model.to_json(), file)` writes a text of JSON."""
+    path = write_json(tmp_path / "m.json", LAYERS)
+    path.write_text(json.dumps(path.read_text()))
+    check_layers(path)
+    check_layers(tmp_path / "m.h5")
+    path.write_text(json.dumps(path.read_text()))
+    with pytest.raises(InputError, match=r"m\.json: is no model"):
+        read_keras(path)
+
+
+@pytest.mark.parametrize("name", ["m.h5", "m.keras", "m.json"])
+def test_a_pointer_of_git_lfs_is_named(name: str, tmp_path: Path) -> None:
+    write_json(tmp_path / "m.json", LAYERS)
+    (tmp_path / name).write_text("version https://git-lfs.github.com/spec/v1\noid sha256:12\n")
+    with pytest.raises(InputError, match=rf"{name}: .*Git LFS.*git lfs pull"):
+        read_keras(tmp_path / name)
+
+
+def test_a_missing_file_and_pytorchs_are_named(tmp_path: Path) -> None:
+    for name in ("m.h5", "m.keras"):
+        with pytest.raises(InputError, match=rf"{name}: no such file"):
+            read_keras(tmp_path / name)
+    with pytest.raises(InputError, match=r"m\.pth: .*PyTorch.*model\.weights="):
+        read_keras(tmp_path / "m.pth")
+
+
 def test_keras_3s_weights_stand_beside_a_json(tmp_path: Path) -> None:
     (tmp_path / "m.json").write_text(json.dumps(model_config(LAYERS, version=3)))
     (tmp_path / "m.weights.h5").write_bytes(keras_3_weights(LAYERS))

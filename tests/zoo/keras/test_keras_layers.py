@@ -39,7 +39,7 @@ REST: list[Layer] = [
     ("Dense", {"units": 1}, W((504, 1), (1,), seed=3)),
 ]
 IMAGES = np.random.default_rng(0).integers(0, 256, (3, *INPUT), dtype=np.uint8)
-tf = K = None  # names in Lambdas, which are never called
+tf = K = my_module = None  # names in Lambdas, which are never called
 
 
 def predict(found: ConvertedKeras, images: np.ndarray = IMAGES) -> np.ndarray:
@@ -179,6 +179,28 @@ def test_code_of_other_pythons_is_read(code: bytes) -> None:
         assert describe_lambda({"function": [text, None, None]})[0] == "scale:127.5:1"
 
 
+# Functions as in old solutions; they are never called.
+def resized_within(x):
+    import tensorflow as ktf
+
+    return ktf.image.resize_images(x, (64, 64))
+
+
+def resized_and_scaled(x):
+    from keras.backend import tf
+
+    y = tf.image.resize(x, (66, 200))
+    return y / 255.0 - 0.5
+
+
+def scaled_by_local_variables(x):
+    a = -0.1
+    b = 0.1
+    x_min = 0
+    x_max = 255
+    return a + (x - x_min) * (b - a) / (x_max - x_min)
+
+
 @pytest.mark.parametrize(
     ("function", "word"),
     [
@@ -190,19 +212,34 @@ def test_code_of_other_pythons_is_read(code: bytes) -> None:
         (lambda x: K.tanh(x), "tanh"),
         (lambda x: 2 * tf.atan(x), "atan:2"),
         (lambda x: tf.compat.v1.image.resize(x, (66, 200)), "resize:66:200:linear_tf1"),
-        (lambda x: tf.atan(x / 2), None),
-        (lambda x: tf.atan(x) / 2, None),
-        (lambda x: tf.atan(tf.multiply(x, 2)), None),
-        (lambda x: -tf.atan(x), None),
-        (lambda x: tf.tanh(tf.tanh(x)), None),
+        (lambda x: tf.atan(x / 2), "scale:2:-0+atan"),
+        (lambda x: tf.atan(x) / 2, "atan:0.5"),
+        (lambda x: tf.atan(tf.multiply(x, 2)), "scale:0.5:-0+atan"),
+        (lambda x: -tf.atan(x), "atan:-1"),
+        (lambda x: tf.tanh(tf.tanh(x)), "tanh+tanh"),
+        (
+            lambda x: tf.image.resize_images(x, [66, 200], align_corners=True),
+            "resize:66:200:linear_corners",
+        ),
+        (resized_within, "resize:64:64:linear_tf1"),
+        (resized_and_scaled, "resize:66:200:linear+scale:255:0.5"),
+        (scaled_by_local_variables, "scale:1275:0.1"),
+        (lambda x: x[:, 60:-25, :, :], "crop:60:25"),
+        (lambda x: x[:, 60:-25, 0:320] / 255.0, "crop:60:25+scale:255:-0"),
+        (lambda x: x[:, 60:135, 0:320, :], None),
+        (lambda x: x[:, 60:-25, 100:200], None),
+        (lambda x: x[:, ::2], None),
+        (lambda x: x[0, 60:-25], None),
+        (lambda x: my_module.tanh(x), None),
+        (lambda x, y=2: x / y, None),
         (lambda x: tf.tanh(x) + x, None),
-        (lambda x: tf.tanh(x + x), None),
+        (lambda x: tf.tanh(x + x), "scale:0.5:-0+tanh"),
         (lambda x: K.resize_images(x, 2, 2), None),
         (lambda x: tf.image.resize(x, (66, 200), method="nearest"), None),
         (lambda x: x * x, None),
-        (lambda x: x[:, 60:], None),
+        (lambda x: x[:, 60:], "crop:60:0"),
         (lambda x: 1 / x, None),
-        (lambda x: tf.image.resize(x, (66, 200)) / 255.0, None),
+        (lambda x: tf.image.resize(x, size=(66, 200)) / 255.0, "resize:66:200:linear+scale:255:-0"),
         (lambda x: [y / 255.0 for y in x], None),
     ],
 )
@@ -303,6 +340,33 @@ def test_two_scales_are_one(tmp_path: Path) -> None:
     layers = [("Lambda", lambda_config(lambda x: x / 255.0), []),
               ("Lambda", lambda_config(lambda x: x - 0.5), [])]  # fmt: skip
     assert convert(read(tmp_path, [*layers, *REST])).scale == (255, 0.5)
+
+
+def test_half_of_a_scale_leaves_the_scale_unknown(tmp_path: Path) -> None:
+    """The other half, x / 255, stands in the user's program."""
+    layers = [("Lambda", lambda_config(lambda x: x - 0.5), []), *REST]
+    assert convert(read(tmp_path, layers)).scale is None
+    assert convert(read(tmp_path, layers), scale=[255, 0.5]).scale == (255, 0.5)
+
+
+def test_a_lambda_that_resizes_and_scales_does_both(tmp_path: Path) -> None:
+    layers = [("Lambda", lambda_config(lambda x: tf.image.resize(x, (20, 30)) / 255.0), []), *REST]
+    found = convert(read(tmp_path, layers, shape=(40, 60, 3)))
+    assert found.scale == (255, 0)
+    assert found.input_shape == (40, 60, 3)
+    assert found.layers[0] == {"layer": "Resize", "size": [20, 30], "method": "linear"}
+
+
+def test_rows_of_an_index_are_a_crop_of_the_input(tmp_path: Path) -> None:
+    layers = [("Lambda", lambda_config(lambda x: x[:, 10:30, :, :]), []), *REST]
+    found = convert(read(tmp_path, layers, shape=(40, 30, 3)))
+    assert found.layers[0] == {"layer": "Cropping2D", "cropping": [[10, 10], [0, 0]]}
+
+
+def test_an_unclear_lambda_that_does_more_than_scale_is_named(tmp_path: Path) -> None:
+    model = read(tmp_path, [UNCLEAR, *REST], shape=(40, 60, 3))
+    with pytest.raises(InputError, match=r"Lambda.*lambdas=\[WORD\] for layer 1 of 5, lambda_1"):
+        convert(model, scale=[255, 0.5])
 
 
 def test_without_a_scale_it_is_unknown(tmp_path: Path) -> None:
