@@ -31,6 +31,7 @@ RESIZES = {
     "linear": cv2.INTER_LINEAR,
     "area_first": cv2.INTER_AREA,
     "linear_first": cv2.INTER_LINEAR,
+    "blur_linear": cv2.INTER_LINEAR,
 }
 
 
@@ -46,7 +47,7 @@ class View:
             0..179), `gray` or `hsv_s` (the saturation of HSV).
         size: `(height, width)` after resizing; None to keep the cropped size of `frame`.
         resize: `area`, or `linear` without smoothing; `area_first` and `linear_first` resize
-            before the colour conversion.
+            before the colour conversion; `blur_linear` blurs by 3 x 3 pixels before it.
         frame: `(height, width)` of the training's frames.
     """
 
@@ -127,6 +128,8 @@ class View:
         height, width, _ = self.shape
         if image.shape[:2] == (height, width):
             return image
+        if self.resize == "blur_linear":
+            image = cv2.GaussianBlur(image, (3, 3), 0)
         return cv2.resize(image, (width, height), dst=out, interpolation=RESIZES[self.resize])
 
     def to_dict(self) -> dict:

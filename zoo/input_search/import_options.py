@@ -17,7 +17,7 @@ EXAMPLES = {
     "size": ("[66,200]", r"\d{1,4}"),
     "scale": ("[127.5,1], the divisor first and not 0", r"-?\d{1,6}(\.\d{1,9})?"),
 }
-Resize = Literal["area", "linear", "area_first", "linear_first"]
+Resize = Literal["area", "linear", "area_first", "linear_first", "blur_linear"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +30,8 @@ class ImportOptions:
         colour: rgb, bgr, yuv, yuv_old (OpenCV before 3.2), hsv, gray or hsv_s; null: unknown.
         crop: [60,25]: rows cut off at the top and the bottom of 160; null: unknown.
         size: [66,200]: rows and columns of the network's input; null: read from the file.
-        resize: area, linear, area_first or linear_first (before the colour); null: unknown.
+        resize: area, linear, area_first or linear_first (before the colour), or blur_linear (3 x 3
+            pixels); null: unknown.
         scale: [127.5,1]: the network computes pixel / 127.5 - 1; null: read from the file.
         lambdas: [WORD,...]: what each unclear Lambda computes, in order.
         outputs: [steering,ignored]: name of each output (steering, throttle, ignored), if there are
@@ -38,6 +39,7 @@ class ImportOptions:
         throttle_range: MODEL_CATEGORICAL_MAX_THROTTLE_RANGE of a categorical network of Donkeycar.
         weights: .h5 file with the weights of a .json; null: the one in its folder.
         frames: number of frames to try each input on.
+        drive: false: do not drive the inputs that are too near to tell apart on udacity_lake.
         out: checkpoint to write; null: FILE's name with .ckpt, in the current folder.
     """
 
@@ -52,6 +54,7 @@ class ImportOptions:
     throttle_range: Annotated[float, Field(gt=0, le=1)] = THROTTLE_RANGE
     weights: str | None = None
     frames: Annotated[int, Field(ge=LEAST_ROWS, le=2000)] = 300
+    drive: bool = True
     out: str | None = None
 
     def pair(self, key: str) -> tuple[float, float] | None:

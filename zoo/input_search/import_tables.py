@@ -59,7 +59,7 @@ def trials_table(trials: Trials, judged: Judgement, width: int) -> Table:
             "{},{}".format(*one.combination.view.crop),
             _resize(one),
             "{:g},{:g}".format(*one.combination.scale),
-            *map(_figure, (one.score, one.correlation, one.recovery)),
+            *map(_figure, (one.agreement, one.correlation, one.recovery)),
         )
         for one in shown
     ]
@@ -87,10 +87,16 @@ def print_judgement(judged: Judgement, console: Console) -> None:
             f"by chance, the best of all inputs reaches {judged.chance:.2f} (99 %)"
         ]
     if judged.next:
-        margin = best.score - judged.next.score
+        margin, what = best.score - judged.next.score, "agreement"
+        what = "correlation of all cameras" if best.free_scale else what
         lines.append(
             f"the next input that is worse for certain: {_difference(best, judged.next)}, "
-            f"agreement lower by {margin:.3f}"
+            f"{what} lower by {margin:.3f}"
+        )
+    for one in judged.driven:
+        lines.append(
+            f"drove 285 m of udacity_lake at 10 mph: {one.trial.combination.text()}: "
+            f"interventions: {one.interventions}, {one.cte_mean_m:.2f} m from the centreline"
         )
     if judged.alike:
         alike = "; ".join(_difference(best, one) for one in judged.alike)

@@ -26,16 +26,27 @@ SAME_STEERING = 0.02  # mean difference of two outputs that makes no difference 
 
 
 @dataclass(frozen=True)
+class Driven:
+    """A trial's input that drove a stretch of `udacity_lake`: how often it left the lane."""
+
+    trial: Trial
+    interventions: int
+    cte_mean_m: float
+
+
+@dataclass(frozen=True)
 class Judgement:
     """A judgement of the best trial.
 
     Attributes:
-        best: trial with the highest score; of those that steer like it, the most usual one.
+        best: trial that drove best, or the one with the highest score; of those that steer like
+            it, the most usual one.
         doubts: reasons why the best combination is not convincing; empty if it is.
         chance: correlation that steering which is rolled along the recording exceeds in 1 %.
         alike: other finalists that steer the same as the best.
         tied: finalists that steer differently, but whose score may be as high as the best's.
         next: best finalist that is certainly different in score; None without one.
+        driven: how well the best and the tied ones drove, the best first; empty if they did not.
     """
 
     best: Trial
@@ -44,12 +55,13 @@ class Judgement:
     alike: tuple[Trial, ...]
     tied: tuple[Trial, ...]
     next: Trial | None
+    driven: tuple[Driven, ...] = ()
 
 
-def judge(trials: Trials) -> Judgement:
-    """Return the judgement of a search."""
+def judge(trials: Trials, driven: tuple[Driven, ...] = ()) -> Judgement:
+    """Return the judgement of a search, and of its drives, the best first."""
     chance = chance_correlation(trials)
-    first = trials.finalists[0]
+    first = driven[0].trial if driven else trials.finalists[0]
     alike = [one for one in trials.finalists if _steer_alike(first, one)]
     best = min((one for one in alike if _crops_alike(first, one)), key=_rarity)
     different = [one for one in trials.finalists if one not in alike]
@@ -58,11 +70,12 @@ def judge(trials: Trials) -> Judgement:
     tied = [one for one in different if _low(scores - _scores(one, samples)) <= 0]
     return Judgement(
         best,
-        tuple(_doubts(best, chance, samples)),
+        tuple(_doubts(best, chance, samples, driven)),
         chance,
         tuple(one for one in alike if one is not best),
         tuple(tied),
         next((one for one in different if one not in tied), None),
+        driven,
     )
 
 
@@ -76,23 +89,30 @@ def chance_correlation(trials: Trials) -> float:
     return float(np.quantile(highest, NULL_SHARE))
 
 
-def _doubts(best: Trial, chance: float, samples: list[np.ndarray]) -> list[str]:
+def _doubts(
+    best: Trial, chance: float, samples: list[np.ndarray], driven: tuple[Driven, ...]
+) -> list[str]:
     doubts = []
+    if driven and driven[0].interventions:
+        doubts.append(f"its drive had interventions: {driven[0].interventions}")
     if best.correlation <= chance:
         doubts.append(
             f"its correlation with the recorded steering, {best.correlation:.2f}, is not above "
             f"{chance:.2f}, which one of {len(best.steering):,} frames can reach by chance"
         )
+    elif driven and not driven[0].interventions:
+        return []  # a drive without an intervention is the strongest evidence
     elif best.correlation < LEAST_CORRELATION:
         doubts.append(
             f"its correlation with the recorded steering, {best.correlation:.2f}, is below "
             f"{LEAST_CORRELATION:g}; it is also so low with a wrong colour or crop"
         )
-    if best.score < LEAST_AGREEMENT:
+    if best.agreement < LEAST_AGREEMENT:
         spread = best.center.std() / best.steering.std()
         doubts.append(
-            f"its agreement with the steering that the images call for, {best.score:.2f}, is below "
-            f"{LEAST_AGREEMENT:g}; its steering spreads over {spread:.2g} times the recorded one"
+            f"its agreement with the steering that the images call for, {best.agreement:.2f}, is "
+            f"below {LEAST_AGREEMENT:g}; its steering spreads over {spread:.2g} times the recorded "
+            "one"
         )
     if len(best.left) and _low(np.array([best.rows(rows).recovery for rows in samples])) <= 0:
         doubts.append(f"its recovery response, {best.recovery:+.3f}, is not surely above 0")

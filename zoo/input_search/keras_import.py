@@ -11,6 +11,7 @@ from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.view import FRAME, View
 from zoo.base.errors import InputError
+from zoo.base.rig import UDACITY
 from zoo.checkpoints.checkpoint import PREFIX, make_card
 from zoo.checkpoints.new_checkpoint import SUFFIX, checked_out, write_checkpoint
 from zoo.cli.closing_lines import print_written
@@ -33,7 +34,8 @@ from zoo.input_search.import_tables import (
     trials_table,
 )
 from zoo.input_search.judgement import judge
-from zoo.input_search.trials import try_inputs
+from zoo.input_search.tied_drives import drive_tied
+from zoo.input_search.trials import Trial, try_inputs
 from zoo.keras.keras_file import KerasModel, read_keras_apart
 from zoo.keras.keras_layers import ConvertedKeras, convert
 from zoo.models.make_network import make_network
@@ -60,7 +62,7 @@ def import_network(file: str, options: ImportOptions, console: Console) -> Path:
     if recording is None:
         found = likeliest_combination(known)
     else:
-        found = _search(converted, known, recording, options.frames, console)
+        found = _search(path, converted, known, recording, options, console)
     rest = GUESS if recording is None else SEARCH
     console.print(input_table(found, _sources(known, options, rest), console.width))
     for line in _guesses(path, known, found) if recording is None else []:
@@ -137,18 +139,29 @@ def _as_donkeycar(known: KnownInput) -> KnownInput:
 
 
 def _search(
+    path: Path,
     converted: ConvertedKeras,
     known: KnownInput,
     recording: Recording,
-    frames: int,
+    options: ImportOptions,
     console: Console,
 ) -> Combination:
-    """Try inputs on a recording, print the results, and return the best."""
+    """Try inputs on a recording, drive those that are tied, print both, and return the best."""
+
+    def show_best(trial: Trial) -> None:
+        text = f"best so far: {trial.combination.text()}, correlation {trial.correlation:.2f}"
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+    def write(trial: Trial, out: Path) -> None:
+        _write(out, path, converted, trial.combination, recording)
+
     with progress_bar("trying colours and crops", console) as show:
-        some = read_trial_frames(recording, frames, lambda share: show(0.1 * share))
+        some = read_trial_frames(recording, options.frames, lambda share: show(0.1 * share))
         make = network_maker(converted)
-        trials = try_inputs(make, known, some, lambda share: show(0.1 + 0.9 * share))
+        trials = try_inputs(make, known, some, lambda share: show(0.1 + 0.9 * share), show_best)
         judged = judge(trials)
+    if options.drive and recording.rig == UDACITY:
+        judged = judge(trials, drive_tied(judged, write, console))
     console.print(trials_table(trials, judged, console.width))
     print_judgement(judged, console)
     return judged.best.combination

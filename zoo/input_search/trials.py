@@ -1,15 +1,15 @@
 """Trials of combinations on frames, from coarse to fine.
 
-1. Every colour and crop, on every third frame of the centre camera. If the scale is not known, it
-   is tried as -1..1 and as 0..255 only.
-2. The best of these and the best of each colour, with every scale, on all frames of all cameras.
+1. Every colour and crop, on every third frame of the centre camera. If the scale is not known,
+   every scale on every ninth frame before, and only the better third on more.
+2. The best of these and the best of each colour, on all frames of all cameras.
 3. The neighbouring crops of the best of these, as long as one of them is better.
 4. The best with each way of resizing, which changes the outputs least.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -30,10 +30,11 @@ from zoo.input_search.combinations import (
 from zoo.training.open_loop import side_response
 
 SIDE_OFFSET = 0.25  # steering that solutions of the course add for the left camera: 0.2 to 0.3
+SPREAD_WEIGHT = 1 / 8  # of the spread and the mean beside the correlation, if the scale is free
 COARSE_STEP = 3
-COARSE_SCALES = (SCALES[0], SCALES[-1])
+COARSE_SCALES = [one for one in SCALES if one != (128.0, 1.0)]  # it is near (127.5, 1)
 FINALISTS = 6
-SCALED = 3  # combinations that are tried with every scale
+HOPELESS = 0.5  # of the best agreement in the first stage; another colour below it is left out
 NEAR_ROWS = 5  # difference of neighbouring crops, at the top and at the bottom
 BATCH = 64
 Network = Callable[[View, Scale], nn.Module]
@@ -48,6 +49,7 @@ class Trial:
         center, left, right: steering that the network returns for each camera's frames, float64
             [N]; the side cameras' are empty without their images.
         steering: recorded steering, float64 [N].
+        free_scale: whether the scale is searched, too.
     """
 
     combination: Combination
@@ -55,6 +57,7 @@ class Trial:
     left: np.ndarray
     right: np.ndarray
     steering: np.ndarray
+    free_scale: bool = False
 
     @cached_property
     def correlation(self) -> float:
@@ -67,16 +70,31 @@ class Trial:
         return side_response(self.left, self.right)
 
     @cached_property
-    def score(self) -> float:
+    def agreement(self) -> float:
         """Return the agreement with the steering that each image calls for, see `concordance`.
 
         It is the recorded steering for the centre, and `SIDE_OFFSET` more or less for the side
-        cameras. So the score has the correlation and the recovery response in it.
+        cameras. So the agreement has the correlation and the recovery response in it.
         """
+        return concordance(self.outputs, self.wanted)
+
+    @cached_property
+    def score(self) -> float:
+        """Return what ranks the trial: the agreement, or mostly the correlation for a free scale.
+
+        A wrong scale amplifies the output, and the agreement of a weak network rises with it. The
+        correlation alone is the same for all scales of a linear network. Both are of all cameras.
+        """
+        correlation = float(correlations(self.outputs[None], self.wanted)[0])
+        if not self.free_scale or correlation <= 0:
+            return self.agreement
+        return correlation * (self.agreement / correlation) ** SPREAD_WEIGHT
+
+    @property
+    def wanted(self) -> np.ndarray:
+        """Return the steering that each image of `outputs` calls for, float64."""
         called = [self.steering, self.steering + SIDE_OFFSET, self.steering - SIDE_OFFSET]
-        has_sides = len(self.left) > 0
-        wanted = np.concatenate(called) if has_sides else self.steering
-        return concordance(self.outputs, wanted)
+        return np.concatenate(called) if len(self.left) else self.steering
 
     @property
     def outputs(self) -> np.ndarray:
@@ -86,7 +104,8 @@ class Trial:
     def rows(self, rows: np.ndarray) -> "Trial":
         """Return the trial of some rows only, such as a bootstrap's."""
         sides = [one[rows] if len(one) else one for one in (self.left, self.right)]
-        return Trial(self.combination, self.center[rows], *sides, self.steering[rows])
+        found = (self.combination, self.center[rows], *sides, self.steering[rows])
+        return Trial(*found, self.free_scale)
 
 
 @dataclass(frozen=True)
@@ -134,6 +153,7 @@ def try_inputs(
     known: KnownInput,
     frames: TrialFrames,
     show: Callable[[float], None] = lambda share: None,
+    show_best: Callable[[Trial], None] = lambda trial: None,
 ) -> Trials:
     """Try the combinations that fit what is known, and return the trials.
 
@@ -143,22 +163,36 @@ def try_inputs(
         known: facts about the input.
         frames: frames to try on.
         show: function called with the finished share of the work, 0..1.
+        show_best: function called with the best trial of each stage.
 
     Raises:
         InputError: no combination fits.
     """
+    free = known.scale is None
+
+    def stage(chosen: Sequence[Combination], some: TrialFrames, *shares: float) -> list[Trial]:
+        """Return the trials, the best first, and show the work from one share to another."""
+        first, last = shares
+        found = _try_all(
+            network, chosen, some, free, lambda share: show(first + (last - first) * share)
+        )
+        found.sort(key=_score, reverse=True)
+        if found:
+            show_best(found[0])
+        return found
+
     possible = combinations(known)
-    if known.scale is None:
-        possible = [one for one in possible if one.scale in COARSE_SCALES]
     some = frames.every(COARSE_STEP).center_only()
-    coarse = _try_all(network, possible, some, lambda share: show(0.4 * share))
-    chosen = _finalists(coarse, known)
-    finalists = _try_all(network, chosen, frames, lambda share: show(0.4 + 0.5 * share))
+    if free:
+        possible = [one for one in possible if one.scale in COARSE_SCALES]
+        ranked = stage(possible, some.every(COARSE_STEP), 0.0, 0.25)
+        possible = [one.combination for one in ranked[: -(-len(ranked) // 3)]]
+    coarse = stage(possible, some, 0.25 if free else 0.0, 0.5)
+    finalists = stage(_finalists(coarse), frames, 0.5, 0.8)
     while more := _neighbours(finalists, combinations(known)):
-        finalists += _try_all(network, more, frames)
+        finalists += stage(more, frames, 0.8, 0.8)
     best = max(finalists, key=_score).combination
-    finalists += _try_all(network, with_each_resize(best, known)[1:], frames)
-    show(1.0)
+    finalists += stage(with_each_resize(best, known)[1:], frames, 0.8, 1.0)
     return Trials(tuple(sorted(finalists, key=_score, reverse=True)), tuple(coarse))
 
 
@@ -186,7 +220,8 @@ def _try_all(
     network: Network,
     chosen: Sequence[Combination],
     frames: TrialFrames,
-    show: Callable[[float], None] = lambda share: None,
+    free_scale: bool,
+    show: Callable[[float], None],
 ) -> list[Trial]:
     """Return the trial of each combination; each core tries another one.
 
@@ -197,7 +232,7 @@ def _try_all(
     torch.set_num_threads(1)
     try:
         with ThreadPoolExecutor(min(threads, usable_cores())) as pool:
-            for one in pool.map(lambda one: try_one(network, one, frames), chosen):
+            for one in pool.map(lambda one: try_one(network, one, frames, free_scale), chosen):
                 trials.append(one)
                 show(len(trials) / len(chosen))
     finally:
@@ -206,14 +241,16 @@ def _try_all(
 
 
 @torch.inference_mode()
-def try_one(network: Network, combination: Combination, frames: TrialFrames) -> Trial:
+def try_one(
+    network: Network, combination: Combination, frames: TrialFrames, free_scale: bool = False
+) -> Trial:
     """Return the trial of a combination."""
     module = network(combination.view, combination.scale)
     outputs = [
         _steering(module, combination.view, one)
         for one in (frames.center, frames.left, frames.right)
     ]
-    return Trial(combination, *outputs, frames.steering)
+    return Trial(combination, *outputs, frames.steering, free_scale)
 
 
 def _steering(module: nn.Module, view: View, frames: np.ndarray) -> np.ndarray:
@@ -225,11 +262,12 @@ def _steering(module: nn.Module, view: View, frames: np.ndarray) -> np.ndarray:
     return np.concatenate(steering).astype(np.float64) if steering else np.empty(0)
 
 
-def _finalists(coarse: Iterable[Trial], known: KnownInput) -> list[Combination]:
-    """Return the best combinations, with each scale if it is not known, and each colour's best."""
-    ranked = [one.combination for one in sorted(coarse, key=_score, reverse=True)]
-    colours = {one.view.colour: one for one in reversed(ranked)}
-    best = ranked[:FINALISTS]
-    if known.scale is None:
-        best = [replace(one, scale=scale) for one in ranked[:SCALED] for scale in SCALES]
-    return list(dict.fromkeys([*best, *colours.values()]))
+def _finalists(coarse: Sequence[Trial]) -> list[Combination]:
+    """Return the best combinations, and each colour's best that is not hopeless.
+
+    Args:
+        coarse: trials of the first stage, the best first.
+    """
+    near = [one for one in coarse if one.score >= HOPELESS * coarse[0].score]
+    colours = {one.combination.view.colour: one for one in reversed(near)}
+    return list(dict.fromkeys(one.combination for one in [*coarse[:FINALISTS], *colours.values()]))

@@ -1,5 +1,6 @@
 """Search of a network's input: what is tried, how it is judged, and what is found."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from zoo.input_search.combinations import (
     read_trial_frames,
     with_each_resize,
 )
-from zoo.input_search.judgement import judge
+from zoo.input_search.judgement import Driven, judge
 from zoo.input_search.keras_import import network_maker
 from zoo.input_search.trials import Trial, Trials, concordance, try_inputs
 from zoo.keras.keras_file import read_keras
@@ -62,8 +63,11 @@ def test_an_unknown_scale_is_found(recording: Recording, tmp_path: Path) -> None
     converted = convert(read_keras(write_steering_h5(tmp_path / "m.h5", recording, view)))
     assert converted.scale is None
     known = KnownInput(shape=(*SIZE, 3), colour="rgb", crop=(60, 25))
-    trials = try_inputs(network_maker(converted), known, read_trial_frames(recording, 120))
+    shown: list[Trial] = []
+    frames = read_trial_frames(recording, 120)
+    trials = try_inputs(network_maker(converted), known, frames, show_best=shown.append)
     assert judge(trials).best.combination.scale in ((127.5, 1.0), (128.0, 1.0))
+    assert trials.finalists[0] in shown
 
 
 def test_frames_lie_in_bends_all_over_the_recording() -> None:
@@ -138,7 +142,11 @@ def test_resizing_before_the_colour_is_tried_where_it_differs() -> None:
     ways = [
         [one.view.resize for one in with_each_resize(one, PILOTNET)] for one in (yuv, rgb, whole)
     ]
-    assert ways == [["area", "linear", "area_first", "linear_first"], ["area", "linear"], ["area"]]
+    assert ways == [
+        ["area", "linear", "area_first", "linear_first", "blur_linear"],
+        ["area", "linear", "blur_linear"],
+        ["area"],
+    ]
 
 
 ROWS = 240
@@ -161,9 +169,9 @@ def trial(
     return Trial(combination, center, center + side, center - side, STEERING)
 
 
-def judged(*trials: Trial):
+def judged(*trials: Trial, driven: tuple[Driven, ...] = ()):
     ranked = sorted(trials, key=lambda one: -one.score)
-    return judge(Trials(tuple(ranked), tuple(ranked)))
+    return judge(Trials(tuple(ranked), tuple(ranked)), driven)
 
 
 def test_a_network_that_steers_as_recorded_is_convincing() -> None:
@@ -187,6 +195,25 @@ def test_a_doubt_names_its_reason(doubtful: dict, reason: str) -> None:
     others = [trial(colour, gain=0, noise=1, side=0, seed=1) for colour in ("yuv", "bgr")]
     found = judge(Trials((trial(**doubtful), *others), (trial(**doubtful), *others)))
     assert any(reason in one for one in found.doubts)
+
+
+def test_a_free_scale_is_ranked_by_correlation() -> None:
+    """A wrong scale amplifies the steering, which raises the agreement of a weak network."""
+    weak, amplified = trial(gain=0.3, side=0.07), trial("yuv", noise=0.35, seed=1)
+    assert amplified.agreement > weak.agreement
+    free = [replace(one, free_scale=True) for one in (weak, amplified)]
+    assert free[0].score > free[1].score
+
+
+def test_the_input_that_drives_is_taken() -> None:
+    amplified, weak = trial(noise=0.3), trial("yuv", gain=0.2, side=0.05, noise=0.06, seed=1)
+    drives = (Driven(weak, 0, 0.3), Driven(amplified, 2, 1.5))
+    found = judged(amplified, weak, driven=drives)
+    assert judged(amplified, weak).best is amplified
+    assert found.best is weak
+    assert found.doubts == ()
+    lost = judged(amplified, weak, driven=(Driven(amplified, 2, 1.5), Driven(weak, 3, 1.0)))
+    assert any("interventions: 2" in one for one in lost.doubts)
 
 
 def test_chance_counts_all_inputs_that_were_tried() -> None:
