@@ -91,7 +91,10 @@ def test_resize_is_opencvs_before_or_after_the_colour(recorded, colour, resize):
     way = cv2.INTER_AREA if resize.startswith("area") else cv2.INTER_LINEAR
     cropped, convert = frame[60:135], CONVERSIONS[colour]
     first = convert(cv2.resize(cropped, (200, 66), interpolation=way))
-    after = cv2.resize(convert(cropped), (200, 66), interpolation=way)
+    after = convert(cropped)
+    if resize.startswith("blur"):
+        after = cv2.GaussianBlur(after, (3, 3), 0)
+    after = cv2.resize(after, (200, 66), interpolation=way)
     wanted = first if resize.endswith("_first") else after
     ours = View((60, 25), colour, (66, 200), resize)(frame)
     np.testing.assert_array_equal(ours, wanted.reshape(ours.shape))
@@ -103,7 +106,7 @@ def test_each_resize_gives_another_image_of_an_edge():
     frame[:, :161] = (255, 0, 0)
     frame[:, 161:] = (0, 0, 255)
     images = [View((0, 0), "yuv", (66, 200), resize)(frame) for resize in RESIZES]
-    assert len({image.tobytes() for image in images}) == 4
+    assert len({image.tobytes() for image in images}) == len(RESIZES)
 
 
 def test_frame_is_left_as_it_was(frame):
