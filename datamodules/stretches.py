@@ -93,6 +93,19 @@ def continuous_drives(recording: Recording, most: int | None = None) -> list[ran
     ]
 
 
+def long_stretches(recording: Recording, rows: np.ndarray) -> list[np.ndarray]:
+    """Return the stretches of `STRETCH_S` or more of neighbouring rows without a pause.
+
+    Args:
+        recording: recording of the rows.
+        rows: numbers of rows, ascending, int64 [N].
+    """
+    ends = (np.diff(rows) != 1) | find_breaks(recording)[rows[:-1]]
+    stretches = np.split(rows, np.flatnonzero(ends) + 1)
+    least = STRETCH_S * mean_rate(recording)
+    return [one for one in stretches if len(one) >= least]
+
+
 def mean_rate(recording: Recording) -> float:
     """Return rows per second without pauses; without times as `rows_per_second`.
 

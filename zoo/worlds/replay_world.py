@@ -19,27 +19,26 @@ of the replay's interventions with those of the same lap driven is 0.93 at 30 mp
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from datamodules.driving_log import CAMERAS
 from datamodules.image import read_image
 from datamodules.recording import GAP_S, Recording
-from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH, MAX_STEERING_DEG, REAR_AXLE_M, WHEELBASE_M
 from zoo.base.errors import InputError
-from zoo.base.rig import MPS_PER_MPH
+from zoo.base.rig import MPS_PER_MPH, UDACITY, Rig
 from zoo.drives.drive_record import REPLAY
 from zoo.drives.interventions import INTERVENTION_S
 from zoo.worlds.camera_warp import Warp
 from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import State, World
 
-MARGIN_M = 1.0  # NVIDIA's margin
+MARGIN_M = 1.0  # NVIDIA's margin; on a car with a lower camera, such as a toy, the camera's height
 GREATEST_MARGIN_M = 2.0  # farther off the path, a warped frame differs much from a real one
 LOST_RAD = math.radians(45)  # heading error of an intervention
 STEP_S = 0.02  # longest step of the car's motion
@@ -53,15 +52,17 @@ class VirtualCar:
     Attributes:
         right_m: distance right of the recorded path at the rear axle, in metres.
         heading_rad: angle to the right of the recorded car's heading, in radians.
+        rig: axles and steering of both cars.
     """
 
     right_m: float = 0.0
     heading_rad: float = 0.0
+    rig: Rig = UDACITY
 
     @property
     def cte_m(self) -> float:
         """Return the metres right of the recorded car's origin, which is between the axles."""
-        return self.right_m + REAR_AXLE_M * math.sin(self.heading_rad)
+        return self.right_m + self.rig.rear_axle_m * math.sin(self.heading_rad)
 
     @property
     def lost(self) -> bool:
@@ -80,7 +81,7 @@ class VirtualCar:
             metres: distance that the recorded car drives.
             steps: number of integration steps.
         """
-        own, path = curvature(steering), curvature(recorded_steering)
+        own, path = self.rig.curvature(steering), self.rig.curvature(recorded_steering)
         part = metres / steps
         for _ in range(steps):
             right, heading = self._change(self.right_m, self.heading_rad, own, path)
@@ -98,15 +99,6 @@ class VirtualCar:
         return inside * math.tan(heading), own * inside / math.cos(heading) - path
 
 
-def curvature(steering: float) -> float:
-    """Return the curvature of the rear axle's path in 1/m, positive to the right.
-
-    >>> round(1 / curvature(1.0), 2)
-    6.15
-    """
-    return math.tan(math.radians(MAX_STEERING_DEG) * steering) / WHEELBASE_M
-
-
 class ReplayWorld(World):
     """A virtual car next to a recorded one, at the recorded speed.
 
@@ -114,12 +106,13 @@ class ReplayWorld(World):
     do not count as time.
 
     Args:
-        recording: recording in the order in which it was driven.
+        recording: recording in the order in which it was driven, with its rig.
         frame_rate: rows per second, for a recording whose image names hold no time.
         speed_mph: speed of every row, for a recording that holds none.
+        stretches: numbers of the rows to drive, int64 [N] for each stretch; None for all rows.
 
     Raises:
-        InputError: the recording has no times or no speed, or is too short.
+        InputError: the recording has no rig, no times or no speed, or is too short.
     """
 
     def __init__(
@@ -127,19 +120,50 @@ class ReplayWorld(World):
         recording: Recording,
         frame_rate: float | None = None,
         speed_mph: float | None = None,
+        stretches: Sequence[np.ndarray] | None = None,
     ) -> None:
+        names = ", ".join(recording.names)
+        if recording.rig is None:
+            raise InputError(
+                f"{names}: its car's camera and steering are unknown, so that it cannot be "
+                "replayed; describe them in rig.yaml beside the recording, or in a file that "
+                "rig=FILE names (data.rig=FILE in a training)"
+            )
+        self.rig, self.stretches = recording.rig, stretches
         self.recording = with_speed(recording, speed_mph)
         self.elapsed_s = seconds_of_rows(self.recording, frame_rate)
+        if stretches is not None:
+            self.elapsed_s[[rows[-1] for rows in stretches]] = np.nan
+            kept = np.isin(np.arange(len(recording)), np.concatenate(stretches))
+            self.recording, self.elapsed_s = self.recording.keep(kept), self.elapsed_s[kept]
         driven_s = self.elapsed_s[~np.isnan(self.elapsed_s)]
         self.driven_s = float(driven_s.cumsum()[-1]) if len(driven_s) else 0.0
         if self.driven_s < SHORTEST_S:
             raise InputError(
-                f"{', '.join(recording.names)}: holds {self.driven_s:.1f} s of driving; name a "
+                f"{names}: holds {self.driven_s:.1f} s of driving to replay; name a "
                 f"recording of {SHORTEST_S:g} s or more, since each intervention counts as "
                 f"{INTERVENTION_S:g} s"
             )
         self._speed_mps = self.recording.speed_mph * MPS_PER_MPH
-        self._warp = Warp()
+        self._warp = cache(partial(Warp, self.rig))
+
+    @property
+    def name(self) -> str:
+        """Return the name of the replay among tracks."""
+        if self.stretches is None:
+            return ", ".join(self.recording.names)
+        folders = ", ".join(Path(one).name or one for one in self.recording.names)
+        return f"replay of {folders}"
+
+    @property
+    def words(self) -> str:
+        """Return what is replayed, and with which rig, in words."""
+        what = ", ".join(self.recording.names)
+        if self.stretches is not None:
+            count = len(self.stretches)
+            what = f"{count} held-out stretch{'' if count == 1 else 'es'} of {what}"
+        guesses = f", of which {', '.join(self.rig.guesses)}: a guess" if self.rig.guesses else ""
+        return f"replay of {what}, {self.driven_s:.0f} s, with the rig {self.rig.name}{guesses}"
 
     def reset(self, scenario: Scenario) -> State:
         """Begin at the first row."""
@@ -147,7 +171,7 @@ class ReplayWorld(World):
         if margin_m is not None and not 0 < margin_m <= GREATEST_MARGIN_M:
             raise InputError(f"margin={margin_m:g}: must be above 0, up to {GREATEST_MARGIN_M:g} m")
         self.row, self.now_s = 0, 0.0
-        self.car, self.metres = VirtualCar(), 0.0
+        self.car, self.metres = VirtualCar(rig=self.rig), 0.0
         return self._state()
 
     def frame(self, camera: str = "center") -> np.ndarray:
@@ -161,14 +185,14 @@ class ReplayWorld(World):
         @cache
         def recorded(camera: str) -> np.ndarray:
             try:
-                image, size = read_image(paths[camera]), (FRAME_WIDTH, FRAME_HEIGHT)
-                return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+                return read_image(paths[camera])
             except (OSError, ValueError) as error:
                 place = self.recording.place(self.row)
                 raise InputError(f"{place}: {paths[camera]}: {error}") from None
 
-        cameras = [camera for camera, path in paths.items() if path]
-        return self._warp(recorded, cameras, self.car.cte_m, self.car.heading_rad)
+        cameras = [camera for camera, path in paths.items() if path and camera in self.rig.cameras]
+        warp = self._warp(recorded("center").shape[:2])
+        return warp(recorded, cameras, self.car.cte_m, self.car.heading_rad)
 
     def step(self, steering: float, throttle: float) -> State:
         """Steer the virtual car to the next row."""
@@ -176,7 +200,7 @@ class ReplayWorld(World):
 
     def put_back(self, speed_mph: float) -> State:
         """Put the virtual car on the path, at the next row."""
-        self.car = VirtualCar()
+        self.car = VirtualCar(rig=self.rig)
         return self._advance(None)
 
     def facts(self, scenario: Scenario) -> dict[str, Any]:
@@ -184,8 +208,8 @@ class ReplayWorld(World):
         change = float(np.abs(np.diff(self.recording.steering)).sum())
         return {
             "source": REPLAY,
-            "track": ", ".join(self.recording.names),
-            "lane_m": MARGIN_M,
+            "track": self.name,
+            "lane_m": min(MARGIN_M, self.rig.cameras["center"].up_m),
             "expert_steering_per_s": change / self.driven_s,
         }
 
@@ -194,7 +218,7 @@ class ReplayWorld(World):
         row, seconds = self.row, float(self.elapsed_s[self.row])
         self.row += 1
         if math.isnan(seconds):
-            self.car = VirtualCar()
+            self.car = VirtualCar(rig=self.rig)
             return self._state(moved=True)
         recorded = float(self.recording.steering[row])
         metres = float(self._speed_mps[row] + self._speed_mps[row + 1]) / 2 * seconds

@@ -15,9 +15,10 @@ from simulator.rig import (
     camera_matrix,
 )
 from simulator.world import Start, open_world
-from zoo.worlds.camera_warp import Warp, camera_place
+from zoo.base.rig import UDACITY, Camera, single_camera_rig
+from zoo.worlds.camera_warp import Warp
 
-WARP = Warp()
+WARP = Warp(UDACITY, (160, 320))
 RNG = np.random.default_rng(0)
 FRAMES = {camera: RNG.integers(0, 256, (160, 320, 3), np.uint8) for camera in CAMERAS}
 
@@ -56,8 +57,8 @@ def test_where_a_side_camera_was_its_own_frame_is_seen():
 def test_a_point_on_the_ground_is_looked_up_where_the_camera_saw_it(
     right_m, heading_rad, ahead, aside, camera
 ):
-    seen_from = camera_place(right_m, heading_rad)
     turn = camera_matrix(0, np.degrees(heading_rad), 0)
+    seen_from = turn @ CAMERA_POSITIONS["center"] + (right_m, 0, 0)
     point = seen_from * (1, 0, 1) + turn @ (aside * ahead, 0, ahead)
     u, v = project(point, seen_from, heading_rad)
     truth = project(point, np.array(CAMERA_POSITIONS[camera]), 0.0)
@@ -110,6 +111,21 @@ def test_no_other_bonnet_is_smeared_over_the_road():
     warped = WARP(frames.__getitem__, list(CAMERAS), 0.6, 0.0)
 
     assert warped.max() == 90
+
+
+@pytest.mark.parametrize("stretched", [(480, 640), (240, 640)])
+def test_the_ground_moves_by_the_rigs_own_camera(stretched):
+    """A point that a camera 1.4 m above it sees 10 m ahead moves by f / 10 for a metre aside."""
+    camera = Camera(0.0, 1.4, 0.4, size=(640, 480), vertical_fov_deg=45.0)
+    warp = Warp(single_camera_rig("car", camera, 2.85, 30.0), stretched)
+    height, width = stretched
+    row = round(height / 2 + camera.focal_px * 1.4 / 10 * height / 480 - 0.5)
+
+    x, y = (one.reshape(height, width) for one in warp.maps("center", 1.0, 0.0))
+
+    assert x[row, width // 2] - width // 2 == pytest.approx(camera.focal_px / 10, abs=0.5)
+    assert y[row, width // 2] == pytest.approx(row, abs=0.01)
+    assert x[0, width // 2] == pytest.approx(width // 2)
 
 
 @pytest.mark.parametrize("pose", [(0.5, 0.0), (0.5, 3.0), (-0.7, -4.0)])

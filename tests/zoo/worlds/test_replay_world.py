@@ -14,14 +14,14 @@ from datamodules.recording_format import read_recordings
 from tests.recordings import write_recording
 from tests.zoo.commands import only_line, run
 from zoo.base.errors import InputError
-from zoo.base.rig import MPS_PER_MPH
+from zoo.base.rig import MPS_PER_MPH, UDACITY
 from zoo.drives.drive_log import read_drive
 from zoo.drives.drive_record import Drive
 from zoo.drives.metrics import measure
 from zoo.evaluate.__main__ import replay as replay_command
 from zoo.evaluate.replay_score import keyboard_lines
 from zoo.worlds.drive_loop import drive
-from zoo.worlds.replay_world import ReplayWorld, VirtualCar, curvature, seconds_of_rows
+from zoo.worlds.replay_world import ReplayWorld, VirtualCar, seconds_of_rows
 from zoo.worlds.scenario import Scenario
 
 ROWS = 250  # 16.6 s
@@ -110,7 +110,7 @@ def test_a_recording_of_the_centre_camera_alone_will_do(tmp_path):
 @given(besides=st.floats(-0.3, 0.3), metres=st.floats(0.1, 6))
 def test_on_a_straight_path_the_car_drives_the_circle_of_its_steering(besides, metres):
     car = VirtualCar()
-    radius = 1 / curvature(besides) if abs(besides) > 1e-6 else math.inf
+    radius = 1 / UDACITY.curvature(besides) if abs(besides) > 1e-6 else math.inf
     car.step(besides, 0.0, metres, 200)
     if math.isinf(radius):
         assert car.right_m == pytest.approx(0, abs=1e-4)
@@ -123,7 +123,7 @@ def test_on_a_straight_path_the_car_drives_the_circle_of_its_steering(besides, m
 
 def test_a_car_outside_of_a_bend_with_its_radius_stays_beside_the_path():
     recorded = 0.2
-    radius = 1 / curvature(recorded)
+    radius = 1 / UDACITY.curvature(recorded)
     own = math.degrees(math.atan(2.87 / (radius + 0.5))) / 25  # half a metre farther outside
     car = VirtualCar(right_m=-0.5)
 
