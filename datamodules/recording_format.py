@@ -127,6 +127,8 @@ def read_recording(path: Path, options: ReadOptions) -> tuple[str, Recording]:
     recording = source.read(path, options)
     folder = path.parent if path.is_file() else path
     rig = read_rig(Path(options.rig).expanduser()) if options.rig else find_rig(folder)
+    if rig is None and read_source(recording.names):
+        return name, replace(recording, rig=None)  # converted: the log's format is not the car's
     return name, replace(recording, rig=rig) if rig else recording
 
 

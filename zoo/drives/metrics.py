@@ -58,9 +58,9 @@ def autonomy(drive: Drive) -> float:
 def interventions(drive: Drive) -> int:
     """Count of the times that the car left the lane, was held by a wall, or stood still.
 
-    Left the lane: `|e[i]|` exceeds half the width of the road (in a replay: 1 m), or the `margin`
-    that the user sets. Stood still: `v[i]` stays below 1 mph for more than 5 s. On a socket, each
-    takeover by a person counts, too.
+    Left the lane: `|e[i]|` exceeds half the width of the road (in a replay: 1 m, or the height of a
+    camera that is lower), or the `margin` that the user sets. Stood still: `v[i]` stays below 1 mph
+    for more than 5 s. On a socket, each takeover by a person counts, too.
 
     After each intervention the car is put back on the centre. A simulator on a socket that cannot
     put it back costs another intervention for every further 6 s off the road, or 5 s of standing

@@ -9,10 +9,11 @@ from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError, UsageError
 from zoo.runs.table_files import ResultFiles, TableFiles
 from zoo.worlds.cluster_pool import Executor
-from zoo.worlds.scenario import Scenario, SpeedMph
+from zoo.worlds.scenario import Scenario
 
 Count = Annotated[int, Field(ge=1)]
 Workers = Annotated[int, Field(ge=0)]
+ReplayMph = Annotated[float, Field(gt=0, le=200)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,16 +69,19 @@ class ReplayOptions(TableFiles):
     """Keys of a replay.
 
     Args:
-        margin: distance off the recorded path that counts as an intervention, m.
+        margin: distance off the recorded path that counts as an intervention, m; null: 1 m, as
+            NVIDIA's, or the height of the camera where that is less, as on a toy car.
         frame_rate: rows per second, for image names without a time; null: read from the names.
         speed: mph in each row, for a recording without speed; null: as recorded.
+        rig: file of the car's rig; null: rig.yaml beside the recording, or as the format says.
         frames: true: keep the frames that the network saw, for drivezoo film.
         out: output folder; null: named by date and time.
     """
 
-    margin: Annotated[float, Field(gt=0, le=2)] = 1.0
+    margin: Annotated[float, Field(gt=0, le=2)] | None = None
     frame_rate: float | None = None
-    speed: SpeedMph | None = None
+    speed: ReplayMph | None = None
+    rig: str | None = None
     frames: bool = False
     out: str | None = None
 

@@ -2,14 +2,16 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
 
 from datamodules.findings import KEYBOARD_SHARE, report_recordings
 from datamodules.formats.recording_writer import write_frame
+from datamodules.read_options import said_in
 from datamodules.recording import Recording
-from datamodules.recording_format import read_recordings
+from datamodules.recording_format import other_car, read_recordings
 from zoo.base.new_folder import command_folder
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.checkpoints.policy import load_policy
@@ -39,7 +41,8 @@ class Replay(Result):
     Attributes:
         folder: folder with `metrics.json`, the drive and a plot.
         figures: figures of the drive by name.
-        keyboard: a warning for each recording that was driven with a keyboard.
+        notes: what was replayed and with which rig, if it is not Udacity's; and a warning for each
+            recording that was driven with a keyboard.
         checkpoint: path of the checkpoint, or the policy's name.
         problem: what makes the figures invalid, such as steering NaN; empty if nothing does.
         written: further files that the user asked for.
@@ -47,7 +50,7 @@ class Replay(Result):
 
     folder: Path
     figures: dict[str, float | None]
-    keyboard: list[str]
+    notes: list[str]
     checkpoint: str
     problem: str = ""
     written: list[Path] = field(default_factory=list)
@@ -60,7 +63,7 @@ class Replay(Result):
         """Print the figures, the warnings and what was written."""
         console = Console(emoji=False)
         print_drives({"replay": mean_and_spread([self.figures])}, console, REPLAYS)
-        for line in self.keyboard:
+        for line in self.notes:
             console.print(line, highlight=False, markup=False, soft_wrap=True)
         has_frames = (self.folder / FRAMES).is_dir()
         following = ["film", self.folder] if has_frames else ["evaluate", self.checkpoint]
@@ -97,16 +100,18 @@ def replay_recording(
     options.check_files(METRICS)
     policy = load_policy(driver) if isinstance(driver, str) else as_policy(driver)
     name = driver if isinstance(driver, str) else policy.name
-    recording = read_recordings(recording_folder)
+    recording = read_recordings(
+        recording_folder, **read_as_trained(policy, recording_folder, options)
+    )
     world = ReplayWorld(recording, options.frame_rate, options.speed)
     with command_folder(options.out, "replays") as folder:
         keep = ReplayFrames(folder if options.frames else None)
         scenario, what = Scenario(margin=options.margin), "replaying"
         (drive,) = all_drives(policy, [scenario], keep, what=what, console=console, world=world)
         figures = {key: known(value) for key, value in measure(drive).items()}
-        about = {"checkpoint": name, "recording": list(recording.names)}
+        about = {"checkpoint": name, "recording": list(recording.names), "judged": world.words}
         write_drive(folder, drive, **about)
-        write_metrics_file(folder, about | {"margin_m": options.margin, "replay": figures})
+        write_metrics_file(folder, about | {"margin_m": drive.lane_m, "replay": figures})
         title = (
             f"replay of {Path(recording.names[0]).name}: autonomy {figures['autonomy']:.1%}, "
             f"{figures['interventions']} interventions"
@@ -114,9 +119,20 @@ def replay_recording(
         save_figure(error_over_distance(drive, title), folder / "error.png")
         nan = nan_line([{"track": "replay", "seed": drive.seed, "nan_frames": drive.nan_frames}])
         problem = f"{name}: {nan}" if nan else ""
-        result = Replay(folder, figures, keyboard_lines(recording), name, problem)
+        notes = [world.words] * (other_car(recording) is not None) + keyboard_lines(recording)
+        result = Replay(folder, figures, notes, name, problem)
         result.written.extend(options.write_files(result))
         return result
+
+
+def read_as_trained(policy: Policy, folder: str, options: ReplayOptions) -> dict[str, Any]:
+    """Return what the training said of a recording, if it trained on it, and the user's rig."""
+    data = policy.config.get("data")
+    root = data.get("root") if isinstance(data, dict) else None
+    said: dict[str, Any] = {}
+    if isinstance(root, str) and Path(root).expanduser().resolve() == Path(folder).resolve():
+        said = said_in(data)
+    return said | ({"rig": options.rig} if options.rig else {})
 
 
 def keyboard_lines(recording: Recording) -> list[str]:

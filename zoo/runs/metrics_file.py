@@ -33,7 +33,7 @@ class Metrics(Fields):
     """The contents of `metrics.json`.
 
     An evaluation has `checkpoint`, `drives`, `tracks`, `perturbed` and `verdict`; a replay has
-    `checkpoint`, `recording`, `margin_m` and `replay`.
+    `checkpoint`, `recording`, `judged`, `margin_m` and `replay`.
     """
 
     version: Whole
@@ -65,6 +65,7 @@ class Metrics(Fields):
     tracks: dict[str, Figures | None] | None = None
     perturbed: dict[str, list[dict]] | None = None
     recording: list[str] | None = None
+    judged: str | None = None
     margin_m: Number | None = None
     replay: dict | None = None
 

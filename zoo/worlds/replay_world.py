@@ -125,11 +125,11 @@ class ReplayWorld(World):
         names = ", ".join(recording.names)
         if recording.rig is None:
             raise InputError(
-                f"{names}: its car's camera and steering are unknown, so that it cannot be "
-                "replayed; describe them in rig.yaml beside the recording, or in a file that "
+                f"{names}: its car's camera and steering are unknown or differ, so that it cannot "
+                "be replayed; describe them in rig.yaml beside the recording, or in a file that "
                 "rig=FILE names (data.rig=FILE in a training)"
             )
-        self.rig, self.stretches = recording.rig, stretches
+        self.rig, self.stretches, self.speed_mph = recording.rig, stretches, speed_mph
         self.recording = with_speed(recording, speed_mph)
         self.elapsed_s = seconds_of_rows(self.recording, frame_rate)
         if stretches is not None:
@@ -162,8 +162,9 @@ class ReplayWorld(World):
         if self.stretches is not None:
             count = len(self.stretches)
             what = f"{count} held-out stretch{'' if count == 1 else 'es'} of {what}"
-        guesses = f", of which {', '.join(self.rig.guesses)}: a guess" if self.rig.guesses else ""
-        return f"replay of {what}, {self.driven_s:.0f} s, with the rig {self.rig.name}{guesses}"
+        speed = f", at an assumed {self.speed_mph:g} mph" if self.speed_mph else ""
+        guesses = f" (guessed: {', '.join(self.rig.guesses)})" if self.rig.guesses else ""
+        return f"replay of {what}, {self.driven_s:.0f} s{speed}; rig: {self.rig.name}{guesses}"
 
     def reset(self, scenario: Scenario) -> State:
         """Begin at the first row."""
@@ -256,7 +257,7 @@ def with_speed(recording: Recording, speed_mph: float | None = None) -> Recordin
     if still := recording.without_speed:
         raise InputError(
             f"{still[0]}: its speed is 0 mph in each row, so that nothing would be driven; add "
-            "speed=9 if the car drove at 9 mph"
+            "speed=9 (score.replay_speed=9 in a training) if the car drove at 9 mph"
         )
     return recording
 
