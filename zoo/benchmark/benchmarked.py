@@ -13,6 +13,7 @@ from zoo.base.errors import StoppedError
 from zoo.base.new_folder import command_folder
 from zoo.base.terminal import printable
 from zoo.base.whole_file import write_whole
+from zoo.benchmark.baselines import BASELINES
 from zoo.benchmark.benchmark_options import BenchmarkOptions
 from zoo.benchmark.checked_result import read_result
 from zoo.benchmark.drivers import find_drivers
@@ -42,6 +43,8 @@ from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.page import Page
 from zoo.runs.table import Column, Table, interval_column, with_interval
 from zoo.runs.table_files import Result
+from zoo.verdict.evidence import other_car_line
+from zoo.worlds.run_drives import load_kept
 
 PAGE = "benchmark.html"
 SHORT = ("autonomy", "m_per_intervention", "cte_mean_m")
@@ -131,6 +134,9 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
     options.check_files(("group", "drives", *FIGURES, *own))
     suite = read_suite(options.suite, options.split)
     drivers = find_drivers(names, suite)
+    data = {} if drivers[0].file in BASELINES else load_kept(drivers[0].file).data
+    if line := other_car_line(data, f"the suite {suite.name}"):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
     with command_folder(options.out, "benchmarks", resumed_by=UNFINISHED) as folder:
         code = code_fingerprint()  # files that are edited during the drives are not in it
         finished = FinishedDrives(folder, drivers, suite)

@@ -10,6 +10,7 @@ import numpy as np
 from rich.console import Console
 from torch import nn
 
+from datamodules.recording_format import other_car
 from datamodules.view import View
 from zoo.base.errors import InputError
 
@@ -70,7 +71,10 @@ class ClosedLoop(lightning.Callback):
 
     def on_fit_start(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
         """Open the world; report where that fails."""
-        problem = self._open() if trainer.is_global_zero else None
+        source = other_car(trainer.datamodule.recording)
+        problem = source and f"the {self.track} shows another car than the recording ({source})"
+        if trainer.is_global_zero and problem is None:
+            problem = self._open()
         problem = trainer.strategy.broadcast(problem)
         if problem is None:
             return

@@ -62,6 +62,7 @@ def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
     from zoo.drive.embedded_client import EmbeddedClient
     from zoo.drive.notices import Notices
     from zoo.drive.server import DriveServer
+    from zoo.verdict.evidence import other_car_line
 
     began, notices, stop = datetime.now(), Notices(), StopOnSignal()
     folder = settings.record or Path("outputs/drives") / began.strftime("%Y-%m-%d/%H-%M-%S-%f")
@@ -104,6 +105,8 @@ def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
                 "the page's buttons need the token in the address below"
             )
         notices.print(f"{checkpoint}: {view_line(policy)}")
+        if line := other_car_line(policy.data, settings.sim or "the simulator"):
+            notices.print(line)
         waits = "a simulator; Ctrl-C ends the drive"
         notices.print(f"listening on {url} for {settings.sim or waits}")
         page = f"{url}/?token={token}" if token else url

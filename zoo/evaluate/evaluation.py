@@ -26,7 +26,7 @@ from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.plots import save_figure
 from zoo.runs.table import Column, Table, with_interval
 from zoo.runs.table_files import Result
-from zoo.verdict.evidence import Evidence, read_evidence
+from zoo.verdict.evidence import Evidence, other_car_line, read_evidence
 from zoo.verdict.judgement import Verdict, judge, print_verdict
 from zoo.worlds.run_drives import check_throttle
 from zoo.worlds.scenario import Scenario
@@ -122,6 +122,8 @@ def score_driver(
         raise UsageError(f"guard={options.guard}: belongs to a checkpoint; name its path")
     if options.guard:
         guarded(policy, driver, options.guard)
+    if options.world == "embedded" and (line := other_car_line(policy.data, options.track)):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
     names = perturbations_named(options.perturb, options.throttle)
     scenarios = options.scenarios
     usual = scenarios[0]
@@ -157,7 +159,8 @@ def score_driver(
         evidence = Evidence(None, policy.config)
         if is_file:
             evidence = read_evidence(driver, policy.config, policy.data)
-        verdict = judge(scores.drives, evidence, options.tracks, options.world)
+        replayed = f"replay of {options.track}" if options.world == "replay" else None
+        verdict = judge(scores.drives, evidence, options.tracks, options.world, replayed)
         metrics["verdict"] = verdict.plain()
         write_metrics_file(folder, metrics)
         nan = nan_line(list(scores.by_scenario.values()))

@@ -12,6 +12,9 @@ from datamodules.formats.recording_writer import write_frame
 from datamodules.read_options import said_in
 from datamodules.recording import Recording
 from datamodules.recording_format import other_car, read_recordings
+from datamodules.split import Split
+from datamodules.stretches import STRETCH_S, long_stretches
+from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.checkpoints.policy import load_policy
@@ -26,6 +29,7 @@ from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.plots import save_figure
 from zoo.runs.table import Table, known
 from zoo.runs.table_files import Result
+from zoo.verdict.evidence import other_car_line
 from zoo.worlds.replay_world import ReplayWorld
 from zoo.worlds.run_drives import Keep, all_drives
 from zoo.worlds.scenario import Scenario
@@ -45,6 +49,8 @@ class Replay(Result):
             recording that was driven with a keyboard.
         checkpoint: path of the checkpoint, or the policy's name.
         problem: what makes the figures invalid, such as steering NaN; empty if nothing does.
+        recording: recording's folder.
+        source: other car of the recording; None for Udacity's.
         written: further files that the user asked for.
     """
 
@@ -53,6 +59,8 @@ class Replay(Result):
     notes: list[str]
     checkpoint: str
     problem: str = ""
+    recording: str = ""
+    source: str | None = None
     written: list[Path] = field(default_factory=list)
 
     def __repr__(self) -> str:
@@ -66,7 +74,11 @@ class Replay(Result):
         for line in self.notes:
             console.print(line, highlight=False, markup=False, soft_wrap=True)
         has_frames = (self.folder / FRAMES).is_dir()
-        following = ["film", self.folder] if has_frames else ["evaluate", self.checkpoint]
+        following = ["evaluate", self.checkpoint]
+        if has_frames:
+            following = ["film", self.folder]
+        elif self.source is not None:
+            following = ["replay", self.checkpoint, self.recording, "frames=true"]
         print_written([self.folder, *self.written], following, console)
 
     def result_table(self) -> Table:
@@ -104,12 +116,15 @@ def replay_recording(
         recording_folder, **read_as_trained(policy, recording_folder, options)
     )
     world = ReplayWorld(recording, options.frame_rate, options.speed)
+    source = other_car(recording)
+    if line := other_car_line(policy.data, f"a replay of {recording_folder}", source):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
     with command_folder(options.out, "replays") as folder:
         keep = ReplayFrames(folder if options.frames else None)
         scenario, what = Scenario(margin=options.margin), "replaying"
         (drive,) = all_drives(policy, [scenario], keep, what=what, console=console, world=world)
         figures = {key: known(value) for key, value in measure(drive).items()}
-        about = {"checkpoint": name, "recording": list(recording.names), "judged": world.words}
+        about = {"checkpoint": name, "recording": list(recording.names), "replayed": world.words}
         write_drive(folder, drive, **about)
         write_metrics_file(folder, about | {"margin_m": drive.lane_m, "replay": figures})
         title = (
@@ -119,10 +134,30 @@ def replay_recording(
         save_figure(error_over_distance(drive, title), folder / "error.png")
         nan = nan_line([{"track": "replay", "seed": drive.seed, "nan_frames": drive.nan_frames}])
         problem = f"{name}: {nan}" if nan else ""
-        notes = [world.words] * (other_car(recording) is not None) + keyboard_lines(recording)
-        result = Replay(folder, figures, notes, name, problem)
+        notes = [world.words] * (source is not None) + keyboard_lines(recording, source)
+        result = Replay(folder, figures, notes, name, problem, recording_folder, source)
         result.written.extend(options.write_files(result))
         return result
+
+
+def held_out_replay(recording: Recording, split: Split, speed_mph: float | None) -> ReplayWorld:
+    """Return the replay of the rows that are not trained on, in stretches that are long enough.
+
+    Args:
+        recording: recording of a training.
+        split: its split; the rows of `val` and `test` are held out.
+        speed_mph: speed of every row, for a recording that holds none.
+
+    Raises:
+        InputError: no stretch is long enough, or see `ReplayWorld`.
+    """
+    stretches = long_stretches(recording, np.union1d(split.val, split.test))
+    if not stretches and recording.rig is not None:
+        raise InputError(
+            f"{', '.join(recording.names)}: no held-out rows follow each other for "
+            f"{STRETCH_S:g} s; data.split=blocks data.block_s=10 holds out blocks of 10 s"
+        )
+    return ReplayWorld(recording, speed_mph=speed_mph, stretches=stretches)
 
 
 def read_as_trained(policy: Policy, folder: str, options: ReplayOptions) -> dict[str, Any]:
@@ -135,12 +170,20 @@ def read_as_trained(policy: Policy, folder: str, options: ReplayOptions) -> dict
     return said | ({"rig": options.rig} if options.rig else {})
 
 
-def keyboard_lines(recording: Recording) -> list[str]:
-    """Return a warning for each recording that was driven with a keyboard."""
+def keyboard_lines(recording: Recording, source: str | None = None) -> list[str]:
+    """Return a warning for each recording that was driven with a keyboard.
+
+    Args:
+        recording: recording that was replayed.
+        source: its other car, whose network no track scores; None for Udacity's.
+    """
+    remedy = "score it on a track: drivezoo evaluate CKPT track=lake"
+    if source is not None:
+        remedy = "record with a joystick to score it"
     return [
         f"{one.name}: {one.zero_share:.0%} of the steering is exactly 0, as with a keyboard. Such "
         "a path weaves around the lane's centre, so these figures say little about the network; "
-        "score it on a track: drivezoo evaluate CKPT track=lake"
+        f"{remedy}"
         for one in report_recordings(recording)
         if one.zero_share > KEYBOARD_SHARE
     ]

@@ -26,12 +26,13 @@ from zoo.drives.drive_record import Drive, DriveRow
 from zoo.drives.metrics import steering_per_s
 from zoo.evaluate.drive_plots import birds_eye, error_over_distance
 from zoo.evaluate.drives_table import mean_and_spread, nan_line, with_deviation
-from zoo.evaluate.evaluate_options import EvaluateOptions, check_world
+from zoo.evaluate.evaluate_options import EvaluateOptions, ReplayMph, check_world
 from zoo.runs.plots import save_figure
 from zoo.runs.table import known
 from zoo.worlds.baseline import Baseline
 from zoo.worlds.cluster_pool import Executor
 from zoo.worlds.embedded_world import EmbeddedWorld
+from zoo.worlds.replay_world import ReplayWorld
 from zoo.worlds.run_drives import Keep, all_drives
 from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import World
@@ -130,6 +131,7 @@ def score_on_tracks(
     film_speed: float = 0.0,
     more: Sequence[Scenario] = (),
     executor: Executor = "processes",
+    world: World | None = None,
 ) -> TrackScores:
     """Drive a checkpoint or a policy on every track with every seed.
 
@@ -143,6 +145,7 @@ def score_on_tracks(
         film_speed: playing speed of the films; 0 for no film.
         more: further scenarios to drive, whose figures alone are kept.
         executor: see `run_drives`.
+        world: open world to drive in, see `run_drives`.
 
     Raises:
         InputError: the simulator cannot be opened, or a process was killed.
@@ -156,7 +159,9 @@ def score_on_tracks(
     keeps += [KeptDrive()] * len(more)
     driven = [*scenarios, *more]
     what = driving_line(driven)
-    figures = all_drives(driver, driven, keeps, workers, what, console, executor=executor)
+    figures = all_drives(
+        driver, driven, keeps, workers, what, console, executor=executor, world=world
+    )
     by_scenario = dict(zip(driven, figures, strict=True))
     if warning := nan_line(figures):
         console.print(f"warning: {warning}", style="red", highlight=False, markup=False)
@@ -186,8 +191,10 @@ class RunScore(EvaluateOptions):
 
     Args:
         candidate_laps: laps driven with each candidate for `best.ckpt`; 0 drives none.
+        replay_speed: mph in each row in the replay of another car's recording without speed.
     """
 
+    replay_speed: ReplayMph | None = None
     candidate_laps: Annotated[float, Field(ge=0, le=1000)] = 1.0
 
 
@@ -209,7 +216,12 @@ def run_options(score: DictConfig | None) -> RunScore | None:
     return options
 
 
-def score_run(options: EvaluateOptions | None, folder: Path, console: Console) -> dict | None:
+def score_run(
+    options: EvaluateOptions | None,
+    folder: Path,
+    console: Console,
+    replayed: ReplayWorld | None = None,
+) -> dict | None:
     """Drive a run's best checkpoint, or its last one, and return the figures for `metrics.json`.
 
     The drives are written to `folder/drives`.
@@ -218,6 +230,7 @@ def score_run(options: EvaluateOptions | None, folder: Path, console: Console) -
         options: options of the drives; None drives nothing.
         folder: folder of the run.
         console: console for progress, figures and the reason why nothing was driven.
+        replayed: replay of held-out drives, to drive instead of the tracks of `options`.
 
     Returns:
         The figures; None if nothing was driven.
@@ -225,25 +238,38 @@ def score_run(options: EvaluateOptions | None, folder: Path, console: Console) -
     if options is None:
         return None
     best, last = (folder / "checkpoints" / f"{name}.ckpt" for name in ("best", "last"))
-    drives = folder / "drives"
+    drives, scenarios = folder / "drives", options.scenarios
+    if replayed is not None:
+        scenarios = [Scenario("held_out", world="replay", margin=options.margin)]
     remove_written(drives)  # from before the run was resumed
     try:
         found = score_on_tracks(
             str(best if best.is_file() else last),
-            options.scenarios,
+            scenarios,
             drives,
             console,
             options.workers,
             options.played_at,
+            world=replayed,
         )
     except InputError as error:  # a missing library must not fail a training of hours
         print_line(console, f"not driven: {error}")
         return None
     for track, figures in found.tracks.items():
+        if replayed is not None:
+            print_line(console, f"{replayed.words}: {how_well(figures)}")
+            continue
         driven = f"{figures['laps'][0]:.2f} laps of the {track}"
         print_line(
             console, f"drove {driven} at {figures['speed_mph'][0]:.1f} mph: {how_well(figures)}"
         )
+    if replayed is not None:
+        return {
+            "replayed": replayed.words,
+            "seeds": 1,
+            "tracks": found.tracks,
+            "drives": found.drives,
+        }
     return {
         "speed_mph": None if options.throttle == "network" else options.speed,
         "throttle": options.throttle,

@@ -27,7 +27,8 @@ def headline(run: ReportedRun) -> list[Block]:
 
 def _verdict(run: ReportedRun) -> Block:
     evidence = evidence_of_run(run.folder, run.config, run.metrics)
-    verdict = judge([drive.summary for drive in run.drives], evidence)
+    replayed = (run.metrics.get("drive") or {}).get("replayed")
+    verdict = judge([drive.summary for drive in run.drives], evidence, replayed=replayed)
     lines = [*verdict.tracks, verdict.certainty]
     lines += ["Likely causes:"] if verdict.causes else []
     return Box(verdict.level, verdict.headline, lines, verdict.causes, verdict.commands)
@@ -38,9 +39,9 @@ def main_figures(run: ReportedRun) -> list[tuple[str, str, str]]:
     first, second = [], []
     for track, figures in run.tracks.items():
         drives, clean = figures.get("drives"), figures.get("drives_without_intervention")
-        details = (
-            f"interventions: {figures['interventions'][0]:.3g} in {figures['laps'][0]:.2f} laps"
-        )
+        laps, driven_s = figures.get("laps"), figures.get("driven_s")
+        how_far = f"{laps[0]:.2f} laps" if laps else f"{driven_s[0]:.0f} s" if driven_s else "?"
+        details = f"interventions: {figures['interventions'][0]:.3g} in {how_far}"
         if drives and clean is not None:
             details += f" (means); drives without intervention: {clean} of {drives}"
         autonomy = with_deviation(figures["autonomy"], "{:.1%}", drives)

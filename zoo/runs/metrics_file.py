@@ -19,6 +19,7 @@ class Driving(Fields):
     speed_mph: Number | None = None
     laps: Number | None = None
     drives: list[dict] | None = None
+    replayed: str | None = None
 
 
 class Data(Fields):
@@ -33,7 +34,7 @@ class Metrics(Fields):
     """The contents of `metrics.json`.
 
     An evaluation has `checkpoint`, `drives`, `tracks`, `perturbed` and `verdict`; a replay has
-    `checkpoint`, `recording`, `judged`, `margin_m` and `replay`.
+    `checkpoint`, `recording`, `replayed`, `margin_m` and `replay`.
     """
 
     version: Whole
@@ -43,6 +44,7 @@ class Metrics(Fields):
     side_response: dict[str, Number | None] | None = None
     baselines: dict[str, dict[str, Scores]] | None = None
     drive: Driving | None = None
+    not_replayed: str | None = None
     closed_loop: dict | None = None
     leak: dict | None = None
     epochs: Whole | None = None
@@ -65,7 +67,7 @@ class Metrics(Fields):
     tracks: dict[str, Figures | None] | None = None
     perturbed: dict[str, list[dict]] | None = None
     recording: list[str] | None = None
-    judged: str | None = None
+    replayed: str | None = None
     margin_m: Number | None = None
     replay: dict | None = None
 

@@ -28,7 +28,11 @@ SOURCES = {BEST: "", DRIVEN: "best drive while training", "last.ckpt": "last epo
 
 
 def choose_best(
-    score: RunScore | None, monitor: str | None, folder: Path, console: Console
+    score: RunScore | None,
+    monitor: str | None,
+    folder: Path,
+    console: Console,
+    source: str | None = None,
 ) -> dict | None:
     """Save the candidate that drives best as `best.ckpt`; print which one and why.
 
@@ -41,6 +45,8 @@ def choose_best(
         monitor: name of the figure that chose `best.ckpt` during training, such as `val/mse`.
         folder: run's folder.
         console: console for the choice.
+        source: other car of the recording, with which no candidate is driven on a track; None for
+            Udacity's.
 
     Returns:
         `choice` of `metrics.json`: `epoch` of `best.ckpt`, counted from 1; `why`, a sentence; and
@@ -55,6 +61,10 @@ def choose_best(
     why = best["what"]
     if len(candidates) == 1:
         why += "; no other candidate"
+    elif source is not None:
+        why += (
+            f"; no candidate was driven: the tracks show another car than its recording ({source})"
+        )
     elif score is None or not score.candidate_laps:
         key = "score=none" if score is None else "score.candidate_laps=0"
         why += f"; no candidate was driven ({key}), and this figure hardly predicts driving"

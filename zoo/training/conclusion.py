@@ -147,7 +147,8 @@ def write_metrics(
     }
     drive = metrics["drive"]
     evidence = evidence_of_run(folder, card["config"], metrics)
-    verdict = judge(drive["drives"] if drive else [], evidence)
+    replayed = drive.get("replayed") if drive else None
+    verdict = judge(drive["drives"] if drive else [], evidence, replayed=replayed)
     metrics["verdict"] = verdict.plain()
     write_metrics_file(folder, metrics)
     return metrics, verdict

@@ -14,12 +14,14 @@ from datamodules.driving import DrivingData
 from datamodules.leak import Leak
 from datamodules.recording_format import other_car
 from datamodules.split import PARTS, rows_per_second, write_split
+from zoo.base.errors import InputError
 from zoo.base.terminal import print_line
 from zoo.base.whole_file import refuse_links_out
 from zoo.callbacks.closed_loop import best_drive
 from zoo.checkpoints.checkpoint import make_card, read_checkpoint_file
 from zoo.cli.console_progress import working
 from zoo.cli.process_ranks import is_first_process, needs_processes
+from zoo.evaluate.replay_score import held_out_replay
 from zoo.evaluate.track_scores import run_options, score_run
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.status import run_status
@@ -52,7 +54,6 @@ from zoo.training.plan import make_plan
 from zoo.training.run_config import settle_config, with_layers
 from zoo.training.run_loggers import log_config, log_results
 from zoo.training.steering_module import SteeringModule
-from zoo.verdict.evidence import no_verdict
 
 
 def run_experiment(
@@ -103,11 +104,16 @@ def _run(
         "rows_per_s": rows_per_second(data.recording),
         "speed_mph": float(np.median(data.recording.speed_mph)),
     }
+    replayed, not_replayed = None, None
     if source := other_car(data.recording):
         recorded["source"] = source
-        if score is not None:
-            print_line(console, no_verdict(source))
-        score = None  # the embedded tracks show another camera and another car
+        if score is not None:  # the embedded tracks show another camera and another car
+            try:
+                replayed = held_out_replay(data.recording, data.split, score.replay_speed)
+                print_line(console, f"scored by {replayed.words}")
+            except InputError as error:
+                score, not_replayed = None, str(error)
+                print_line(console, f"no score by driving: {error}")
     card = make_card(OmegaConf.to_container(config, resolve=True), data.view, recorded)
     resumed = find_resume_point(folder, card, console) if resume else None
 
@@ -132,7 +138,7 @@ def _run(
     if not trainer.is_global_zero:
         return
 
-    choice = choose_best(score, _monitor(trainer), folder, console)
+    choice = choose_best(score, _monitor(trainer), folder, console, source)
     if (best := folder / "checkpoints" / "best.ckpt").is_file():
         module.load_state_dict(read_checkpoint_file(best)["state_dict"])
     open_loop = evaluate_rows(module, data, console)
@@ -140,7 +146,8 @@ def _run(
     print_open_loop(open_loop, card["config"]["model"]["name"], console)
     more = {
         "closed_loop": best_drive(trainer, module, data.view),
-        "drive": score_run(score, folder, console),
+        "drive": score_run(score, folder, console, replayed),
+        "not_replayed": not_replayed,
         "leak": {part: vars(leak) for part, leak in leaks.items()},
         "choice": choice,
         "device": str(plan.device),

@@ -96,6 +96,23 @@ def no_verdict(source: str) -> str:
     )
 
 
+def other_car_line(data: object, place: str, source: str | None = None) -> str | None:
+    """Return a warning if a network drives a car that is not that of its recording.
+
+    Args:
+        data: facts on the network's recording from the checkpoint.
+        place: where it drives, in words.
+        source: other car or format of that place; None for Udacity's rig.
+    """
+    if not isinstance(data, Mapping) or source_of(data) == source:
+        return None
+    own, there = (one or "Udacity's simulator" for one in (source_of(data), source))
+    return (
+        f"another car's network drives {place}: its recording is of {own}, and the camera and the "
+        f"car there are of {there}; the figures say nothing about how it drives its own"
+    )
+
+
 def training_command(overrides: Sequence[str], changed: Mapping[str, str | None]) -> str:
     """Return `drivezoo train ...` for the shell, with keys changed, or removed by None.
 

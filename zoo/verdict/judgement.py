@@ -9,7 +9,9 @@ from rich.text import Text
 
 from zoo.base.terminal import command_line
 from zoo.cli.closing_lines import print_next
+from zoo.drives.bootstrap import poisson_rate
 from zoo.drives.intervals import ONE_TRACK
+from zoo.runs.table import with_interval
 from zoo.verdict.causes import likely_causes, train_again
 from zoo.verdict.evidence import Evidence, no_verdict
 
@@ -19,6 +21,7 @@ WORST_FIRST = tuple(WORDS)
 UNKNOWN_HEADLINE = "Unknown whether it drives."
 COLOURS = {FAILS: "red", ALMOST: "yellow", UNKNOWN: "yellow", DRIVES: "green"}
 NEARLY = 0.9  # least autonomy of a network that nearly drives
+WHOLE_S = 60.0  # seconds of a replay in which one intervention leaves an autonomy of 90 %
 WHOLE_LAP = 0.95  # laps; a drive may end just before the end of its last lap
 
 
@@ -52,6 +55,7 @@ def judge(
     evidence: Evidence,
     tracks: Sequence[str] | None = None,
     world: str = "embedded",
+    replayed: str | None = None,
 ) -> Verdict:
     """Judge a network by its drives.
 
@@ -61,19 +65,21 @@ def judge(
         tracks: tracks as the user typed them, such as `my_track.yaml`, whose recorded name is
             `my_track`; None for those of the run's `score`.
         world: world that was driven in.
+        replayed: what was replayed, in words; None for drives in another world. A network of
+            another car than Udacity's gets a verdict by a replay only.
     """
     by_track: dict[str, list[Mapping]] = {}
     for one in drives:
         by_track.setdefault(str(one["track"]), []).append(one)
-    if evidence.source is not None:
+    if evidence.source is not None and replayed is None:
         return _without_verdict(by_track, evidence, evidence.source)
-    levels = {track: _level(own) for track, own in by_track.items()}
+    levels = {track: _level(own, replayed is not None) for track, own in by_track.items()}
     names = sorted(
         levels, key=lambda name: (WORST_FIRST.index(levels[name]), _autonomy(by_track[name]))
     )
     level = levels[names[0]] if names else UNKNOWN
     lost = [track for track in names if levels[track] in (FAILS, ALMOST)]
-    causes = likely_causes(evidence, lost) if lost else []
+    causes = likely_causes(evidence, [] if replayed else lost) if lost else []
     again = train_again(evidence, causes)
     typed = _typed_tracks(evidence.at("score.track") if tracks is None else tracks)
     worst = typed.get(names[0], names[0]) if names else "lake"
@@ -81,9 +87,9 @@ def judge(
         level,
         UNKNOWN_HEADLINE if level == UNKNOWN else f"It {WORDS[level]} the {names[0]}.",
         tuple(_track_line(track, levels[track], by_track[track]) for track in names),
-        _certainty(by_track),
+        _certainty(by_track, replayed),
         tuple(cause.text for cause in causes),
-        tuple(_commands(level, evidence, again, worst, world)),
+        tuple(_commands(level, evidence, again, worst, world, replayed)),
     )
 
 
@@ -114,12 +120,14 @@ def _typed_tracks(tracks: object) -> dict[str, str]:
     return {recorded_name(short_name(one)): one for one in names if isinstance(one, str)}
 
 
-def _level(drives: Sequence[Mapping]) -> str:
-    """Return the level of one track's drives."""
+def _level(drives: Sequence[Mapping], is_replay: bool) -> str:
+    """Return the level of one track's drives, or of a replay."""
     if any(one.get("autonomy") is None for one in drives):
         return UNKNOWN  # nothing was driven
     if not any(one["interventions"] for one in drives):
-        return DRIVES if sum(one["laps"] or 0 for one in drives) >= WHOLE_LAP else UNKNOWN
+        laps = sum(one.get("laps") or 0 for one in drives)
+        is_enough = _replayed_s(drives) >= WHOLE_S if is_replay else laps >= WHOLE_LAP
+        return DRIVES if is_enough else UNKNOWN
     return ALMOST if _autonomy(drives) >= NEARLY else FAILS
 
 
@@ -127,11 +135,17 @@ def _autonomy(drives: Sequence[Mapping]) -> float:
     return sum(one.get("autonomy") or 0 for one in drives) / len(drives)
 
 
+def _replayed_s(drives: Sequence[Mapping]) -> float:
+    """Return the seconds of drives that are replays, which alone know no laps."""
+    return sum(one.get("driven_s") or 0.0 for one in drives if one.get("laps") is None)
+
+
 def _track_line(track: str, level: str, drives: Sequence[Mapping]) -> str:
-    laps = sum(one["laps"] or 0 for one in drives)
+    laps, replayed_s = sum(one.get("laps") or 0 for one in drives), _replayed_s(drives)
     lost = sum(int(one["interventions"]) for one in drives)
     autonomy = f"autonomy {_autonomy(drives):.1%}, " if lost else ""
-    return f"{track}: {WORDS[level]}, {autonomy}interventions: {lost} in {laps:.2f} laps"
+    how_far = f"{replayed_s:.0f} s" if replayed_s else f"{laps:.2f} laps"
+    return f"{track}: {WORDS[level]}, {autonomy}interventions: {lost} in {how_far}"
 
 
 def _without_verdict(
@@ -139,15 +153,32 @@ def _without_verdict(
 ) -> Verdict:
     """Return the figures of a network of another car, and why they are no verdict on it."""
     lines = tuple(_track_line(track, UNKNOWN, own) for track, own in by_track.items())
-    root = evidence.at("data.root")
-    folder = root if isinstance(root, str) else "FOLDER"
-    words = ["drivezoo", "replay", evidence.checkpoint or "CKPT", folder]
-    command = ("score it on a recording of its own car", command_line(words))
-    return Verdict(UNKNOWN, UNKNOWN_HEADLINE, lines, f"{no_verdict(source)}.", (), (command,))
+    reason = evidence.metrics.get("not_replayed")
+    certainty = f"{no_verdict(source)}." + (f" Its held-out drives: {reason}." if reason else "")
+    command = ("score it on a recording of its own car", _replay_command(evidence))
+    return Verdict(UNKNOWN, UNKNOWN_HEADLINE, lines, certainty, (), (command,))
 
 
-def _certainty(by_track: Mapping[str, Sequence[Mapping]]) -> str:
+def _replay_command(evidence: Evidence) -> str:
+    root, rig = evidence.at("data.root"), evidence.at("data.rig")
+    speed = evidence.at("score.replay_speed")
+    words = ["drivezoo", "replay", evidence.checkpoint or "CKPT"]
+    words.append(root if isinstance(root, str) else "FOLDER")
+    return command_line(
+        [*words, *(f"{key}={v}" for key, v in (("rig", rig), ("speed", speed)) if v is not None)]
+    )
+
+
+def _certainty(by_track: Mapping[str, Sequence[Mapping]], replayed: str | None) -> str:
     drives = [one for own in by_track.values() for one in own]
+    if drives and replayed:
+        lost, driven_s = int(drives[0]["interventions"]), _replayed_s(drives)
+        rate = poisson_rate(lost, driven_s / 60)
+        return (
+            f"Judged: {replayed}. Interventions a minute: {with_interval(rate, '{:.1f}')} (95 %, "
+            "if their places do not repeat; trainings: 1). A replay sees no other path than the "
+            "recorded one, from at most the margin aside."
+        )
     if not drives:
         return "It was not driven: open-loop figures do not show whether a car stays on the road."
     clean = sum(one["interventions"] == 0 for one in drives)
@@ -159,12 +190,19 @@ def _certainty(by_track: Mapping[str, Sequence[Mapping]]) -> str:
 
 
 def _commands(
-    level: str, evidence: Evidence, again: str | None, track: str, world: str
+    level: str,
+    evidence: Evidence,
+    again: str | None,
+    track: str,
+    world: str,
+    replayed: str | None,
 ) -> list[tuple[str, str]]:
     """Return pairs of a purpose and a command; the first is the one to try first."""
     found = [("train again", again)] if again else []
     if evidence.checkpoint is None:
         return found
+    if replayed is not None:  # of any car: nothing here drives it on a track
+        return [*found, ("replay a whole recording of its car", _replay_command(evidence))]
     on_track = [evidence.checkpoint, f"track={track}"]
     if world != "embedded":  # the only world that `correct` and `drive` have
         words = ["evaluate", *on_track, f"world={world}", "seeds=3"]
