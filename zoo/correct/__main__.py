@@ -40,6 +40,7 @@ def correct(ckpt: str, *overrides: str, options: CorrectOptions) -> None:
     from rich.console import Console
 
     from zoo.correct.correct_rounds import NAME, best_round, rounds_table
+    from zoo.verdict.evidence import source_of
 
     console = Console(soft_wrap=True)
     folder = Path(options.out or dated_folder("corrections")).expanduser().absolute()
@@ -65,6 +66,8 @@ def correct(ckpt: str, *overrides: str, options: CorrectOptions) -> None:
     else:
         console.print(f"best checkpoint: round {best['number']}", highlight=False)
         following = ["benchmark", best["checkpoint"], "suite=quick"]
+        if source_of(correction.checkpoint.data):
+            following = ["replay", best["checkpoint"], "FOLDER"]
         print_written([best["checkpoint"]], following, console)
 
 

@@ -55,6 +55,7 @@ def doubt(
         from zoo.checkpoints.doubt_file import doubt_contents
         from zoo.checkpoints.new_checkpoint import checked_out, write_checkpoint
         from zoo.checkpoints.policy import doubt_policy
+        from zoo.verdict.evidence import source_of
 
         written = [checked_out(Path(out).expanduser(), paths)]
         contents = doubt_contents(paths, samples, seed)
@@ -68,7 +69,10 @@ def doubt(
     title = Text(f"{policy.name}: {policy.parameters:,} parameters")
     Console(emoji=False).print(table.printed(title=title, title_justify="left"))
     written += tables.write_files(table)
-    print_written(written, ["evaluate", written[0], "track=lake"])
+    following = ["evaluate", written[0], "track=lake"]
+    print_written(
+        written, ["replay", written[0], "FOLDER"] if source_of(policy.data) else following
+    )
     return written[0]
 
 

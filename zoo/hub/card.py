@@ -82,7 +82,7 @@ def shared_files(path: Path, repo: str | None, license_name: str | None) -> dict
         data=checkpoint_bytes(lean),
         checkpoint=checkpoint,
         card=lean["drivezoo"],
-        evidence=read_evidence(path, checkpoint.config),
+        evidence=read_evidence(path, checkpoint.config, checkpoint.data),
         repo=repo,
         license=license_name,
     )
@@ -173,14 +173,18 @@ def _what(of: Described) -> list[Block]:
 def _drive(of: Described) -> list[Block]:
     fetch = f"pip install 'drivezoo[hub]'\ndrivezoo hub pull {of.repo}\n" if of.repo else ""
     folder = f"outputs/hub/{of.repo}/" if of.repo else ""
-    return [Code(f"{fetch}drivezoo drive {folder}{of.file} sim=lake laps=1")]
+    command = f"drivezoo drive {folder}{of.file} sim=lake laps=1"
+    if of.evidence.source is not None:  # another car than the embedded tracks show
+        command = f"drivezoo replay {folder}{of.file} FOLDER"
+    return [Code(f"{fetch}{command}")]
 
 
 def _scores(of: Described) -> list[Block]:
     if not of.tracks:
         return [Text("Its run has no drives: nothing here shows that it stays on a road.")]
-    speed = (of.evidence.metrics.get("drive") or {}).get("speed_mph")
-    where = "Drives of its run in drivezoo's embedded simulator"
+    scored = of.evidence.metrics.get("drive") or {}
+    speed = scored.get("speed_mph")
+    where = scored.get("replayed") or "Drives of its run in drivezoo's embedded simulator"
     text = f"{where}, at {speed:g} mph." if speed else f"{where}."
     return [Text(text), Rows(drives_table(dict(of.tracks)))]
 

@@ -11,7 +11,7 @@ import numpy as np
 from zoo.base.errors import InputError
 from zoo.benchmark.result import NAME as RESULT_NAME
 from zoo.drives.drive_log import LOG_NAME, SUMMARY_NAME, read_drive, read_summary
-from zoo.drives.drive_record import EMBEDDED
+from zoo.drives.drive_record import EMBEDDED, REPLAY
 from zoo.drives.metrics import leaderboard_metrics, measure
 from zoo.runs.metrics_file import NAME as METRICS_NAME
 from zoo.runs.metrics_file import read_metrics_file
@@ -174,7 +174,7 @@ def load_run(folder: Path) -> Scored | None:
         folder=folder,
         name=run.choices["experiment"] or metrics.get("model") or "?",
         settings=_settings(run),
-        source=EMBEDDED if run.tracks else "",
+        source=(REPLAY if metrics["drive"].get("replayed") else EMBEDDED) if run.tracks else "",
         **_of_tracks(run.tracks),
         overrides=_typed(run),
         seed=metrics.get("seed"),

@@ -44,7 +44,8 @@ def saliency(
         from zoo.checkpoints.policy import load_policy
         from zoo.saliency.visual_backprop import Saliency, overlay
 
-        look = Saliency(load_policy(checkpoint), published)
+        policy = load_policy(checkpoint)
+        look = Saliency(policy, published)
         pairs = [
             np.hstack([frame, overlay(frame, look(frame, speed))])
             for frame, speed in _frames(source)
@@ -53,7 +54,9 @@ def saliency(
     pairs += [np.zeros_like(pairs[0])] * (-len(pairs) % columns)
     rows = [np.hstack(pairs[start : start + columns]) for start in range(0, len(pairs), columns)]
     write_output(image, cv2.imencode(".png", np.vstack(rows)[:, :, ::-1])[1].tobytes())
-    print_written([image], ["drive", short_name(checkpoint), "sim=lake"])
+    # The embedded tracks show another car than a recording whose facts name a source.
+    following = [] if policy.data.get("source") else ["drive", short_name(checkpoint), "sim=lake"]
+    print_written([image], following)
 
 
 def _frames(source: Path) -> list[tuple[np.ndarray, float]]:

@@ -84,7 +84,7 @@ def test_a_run_says_how_fast_it_was_driven(
     figures = dict.fromkeys(keys, (1.0, None)) | {"speed_mph": (14.5, None)}
     figures |= {"drives": 1, "drives_without_intervention": 0}
     scores = track_scores.TrackScores([], {"lake": figures}, {})
-    monkeypatch.setattr(track_scores, "score_on_tracks", lambda *_: scores)
+    monkeypatch.setattr(track_scores, "score_on_tracks", lambda *_, **__: scores)
     options = read_options(EvaluateOptions, [f"throttle={throttle}", "speed=20"])
     found = track_scores.score_run(options, tmp_path, console)
     assert " at 14.5 mph: " in console.file.getvalue()

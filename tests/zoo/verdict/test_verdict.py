@@ -69,6 +69,27 @@ def test_a_network_of_another_car_gets_no_verdict_by_driving() -> None:
     assert "my laps" in verdict.commands[0][1]
 
 
+@pytest.mark.parametrize(
+    ("interventions", "driven_s", "level"),
+    [(0, 60.0, "drives"), (0, 20.0, "unknown"), (1, 90.0, "almost"), (9, 60.0, "fails")],
+)
+def test_a_replay_is_judged_by_its_seconds(interventions: int, driven_s: float, level: str) -> None:
+    autonomy = max(0.0, 1 - 6 * interventions / driven_s)
+    replay = {"track": "replay of tub", "autonomy": autonomy, "interventions": interventions}
+    known = replace(
+        evidence({"data": {"root": "my laps"}, "quick": True}, side_response={"test": 0.01}),
+        source="donkeycar",
+    )
+    verdict = judge(
+        [replay | {"laps": None, "driven_s": driven_s}], known, replayed="replay of 3 stretches"
+    )
+    assert verdict.level == level
+    assert "replay of 3 stretches" in verdict.certainty
+    assert f"{driven_s:.0f} s" in verdict.tracks[0]
+    assert "side cameras" not in " ".join(verdict.causes)
+    assert shlex.split(verdict.commands[-1][1])[1:] == ["replay", known.checkpoint, "my laps"]
+
+
 def test_the_next_command_names_a_track_as_the_user_typed_it() -> None:
     for lost in (0, 20):
         verdict = judge([drive(lost, "own")], evidence(), ["lake", "my roads/own.yaml"])

@@ -1,0 +1,113 @@
+"""Trainings on a recording of another car: what they are judged by."""
+
+import json
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datamodules.recording_format import read_recordings
+from datamodules.split import split_rows
+from tests.recordings import Written, write_recording
+from tests.zoo.commands import only_line, run
+from tests.zoo.written_checkpoints import write_constant
+from zoo.base.errors import InputError
+from zoo.evaluate.replay_score import held_out_replay
+
+RIG = """name: my car
+camera: {size: [640, 480], vertical_fov_deg: 45, up_m: 1.4, ahead_m: 0.4}
+wheelbase_m: 2.85
+steering_deg: 31.7
+guesses: [camera]
+"""
+SMALL = ("model=tiny", "trainer.max_epochs=1", "augment=[]", "callbacks.fed_batch=null")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Written:
+    written = write_recording(tmp_path_factory.mktemp("car") / "drives", rows=1200)
+    (written.folder / "rig.yaml").write_text(RIG)
+    return written
+
+
+@pytest.fixture(scope="module")
+def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    cwd = tmp_path_factory.mktemp("trained")
+    result = run(cwd, *SMALL, f"data.root={recorded.folder}", "hydra.run.dir=run")
+    assert result.returncode == 0, result.stderr
+    (cwd / "run" / "stdout.txt").write_text(result.stdout)
+    return cwd / "run"
+
+
+def test_it_is_judged_by_a_replay_of_its_held_out_drives(trained: Path) -> None:
+    metrics = json.loads((trained / "metrics.json").read_text())
+
+    (drive,) = metrics["drive"]["drives"]
+    assert drive["laps"] is None
+    assert 12 <= drive["driven_s"] <= 20  # a fifth of 80 s, without gaps
+    assert list(metrics["drive"]["tracks"]) == ["replay of drives"]
+    for words in ("held-out stretch", "drives", "my car", "guessed: camera"):
+        assert words in metrics["drive"]["replayed"]
+        assert words in metrics["verdict"]["certainty"]
+    assert "replay of drives" in metrics["verdict"]["tracks"][0]
+    commands = [shlex.split(command) for _, command in metrics["verdict"]["commands"]]
+    assert [one[1] for one in commands][-1] == "replay"
+    assert not any("lake" in word for command in commands for word in command)
+
+
+def test_its_output_and_report_say_what_was_judged(trained: Path) -> None:
+    replayed = json.loads((trained / "metrics.json").read_text())["drive"]["replayed"]
+    for file in ("stdout.txt", "report/index.html", "report/report.md"):
+        text = (trained / file).read_text()
+        assert replayed in text
+        assert "Driven in the embedded" not in text
+        assert "laps" not in text.partition("Intended use")[0].partition("Complete config")[0]
+
+
+def test_on_a_track_it_is_another_cars_network(trained: Path) -> None:
+    checkpoint = str(trained / "checkpoints" / "best.ckpt")
+    result = run(trained, checkpoint, "laps=0.01", "out=out", module="zoo.evaluate")
+
+    assert result.returncode == 0, result.stderr
+    assert "another car's network drives lake" in result.stdout
+    assert "my car" in result.stdout
+    verdict = json.loads((trained / "out" / "metrics.json").read_text())["verdict"]
+    assert (verdict["level"], verdict["causes"]) == ("unknown", [])
+
+
+def test_a_replay_of_another_cars_drives_says_so(recorded: Written, tmp_path: Path) -> None:
+    foreign = write_constant(tmp_path / "checkpoints" / "best.ckpt", steering=0.0)
+    result = run(tmp_path, str(foreign), str(recorded.folder), "out=out", module="zoo.replay")
+
+    assert result.returncode == 0, result.stderr
+    assert "another car's network drives a replay" in result.stdout
+    assert "guessed: camera" in result.stdout
+    assert "next: drivezoo replay" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("split", "rig", "remedy"),
+    [("random", True, "data.split=blocks"), ("blocks", False, "rig.yaml")],
+)
+def test_what_cannot_be_replayed_names_the_remedy(
+    recorded: Written, split: str, rig: bool, remedy: str
+) -> None:
+    recording = read_recordings(str(recorded.folder))
+    parts = split_rows(recording, split)
+    with pytest.raises(InputError, match=remedy):
+        held_out_replay(recording if rig else replace(recording, rig=None), parts, None)
+
+
+def test_a_step_between_two_stretches_is_not_driven(recorded: Written) -> None:
+    recording = read_recordings(str(recorded.folder))
+    split = replace(split_rows(recording), val=np.arange(100, 300), test=np.arange(305, 400))
+    world = held_out_replay(recording, split, None)
+    assert np.flatnonzero(np.isnan(world.elapsed_s)).tolist() == [199, 294]
+
+
+def test_no_track_chooses_its_checkpoint(recorded: Written, tmp_path: Path) -> None:
+    monitored = ("callbacks=closed_loop", "callbacks.best.monitor=drive/autonomy")
+    keys = (*SMALL, *monitored, f"data.root={recorded.folder}", "hydra.run.dir=run")
+    assert "another car than the recording (my car)" in only_line(run(tmp_path, *keys))
