@@ -3,7 +3,7 @@
 import time
 
 from benchmarks.timing import Row, medians, run_part, take_turns
-from simulator.rig import CAMERAS
+from datamodules.driving_log import CAMERAS
 from simulator.world import Start, World, open_world
 
 FRAMES, RATE = 150, 15  # the simulator sends 15 frames per second

@@ -8,8 +8,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from rich.console import Console
 
+from datamodules.driving_log import CAMERAS
 from simulator.recorder import IMAGE_FOLDER, LOG_NAME, Recorder, split_pedals
-from simulator.rig import CAMERAS
 from simulator.weather import read_weather
 from simulator.world import World
 from zoo.base.new_folder import RECORDINGS, whole_folder

@@ -158,7 +158,7 @@ def score_on_tracks(
     ]
     keeps += [KeptDrive()] * len(more)
     driven = [*scenarios, *more]
-    what = driving_line(driven)
+    what = driving_line(driven) if world is None else "replaying"
     figures = all_drives(
         driver, driven, keeps, workers, what, console, executor=executor, world=world
     )
