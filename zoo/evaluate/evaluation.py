@@ -159,8 +159,7 @@ def score_driver(
         evidence = Evidence(None, policy.config)
         if is_file:
             evidence = read_evidence(driver, policy.config, policy.data)
-        replayed = f"replay of {options.track}" if options.world == "replay" else None
-        verdict = judge(scores.drives, evidence, options.tracks, options.world, replayed)
+        verdict = judge(scores.drives, evidence, options.tracks, options.world)
         metrics["verdict"] = verdict.plain()
         write_metrics_file(folder, metrics)
         nan = nan_line(list(scores.by_scenario.values()))

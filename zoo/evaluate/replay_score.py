@@ -49,8 +49,7 @@ class Replay(Result):
             recording that was driven with a keyboard.
         checkpoint: path of the checkpoint, or the policy's name.
         problem: what makes the figures invalid, such as steering NaN; empty if nothing does.
-        recording: recording's folder.
-        source: other car of the recording; None for Udacity's.
+        following: words of the next command.
         written: further files that the user asked for.
     """
 
@@ -59,8 +58,7 @@ class Replay(Result):
     notes: list[str]
     checkpoint: str
     problem: str = ""
-    recording: str = ""
-    source: str | None = None
+    following: list[object] = field(default_factory=list)
     written: list[Path] = field(default_factory=list)
 
     def __repr__(self) -> str:
@@ -73,13 +71,7 @@ class Replay(Result):
         print_drives({"replay": mean_and_spread([self.figures])}, console, REPLAYS)
         for line in self.notes:
             console.print(line, highlight=False, markup=False, soft_wrap=True)
-        has_frames = (self.folder / FRAMES).is_dir()
-        following = ["evaluate", self.checkpoint]
-        if has_frames:
-            following = ["film", self.folder]
-        elif self.source is not None:
-            following = ["replay", self.checkpoint, self.recording, "frames=true"]
-        print_written([self.folder, *self.written], following, console)
+        print_written([self.folder, *self.written], self.following, console)
 
     def result_table(self) -> Table:
         """Return one row with all figures."""
@@ -135,7 +127,10 @@ def replay_recording(
         nan = nan_line([{"track": "replay", "seed": drive.seed, "nan_frames": drive.nan_frames}])
         problem = f"{name}: {nan}" if nan else ""
         notes = [world.words] * (source is not None) + keyboard_lines(recording, source)
-        result = Replay(folder, figures, notes, name, problem, recording_folder, source)
+        following = ["film", folder] if options.frames else ["evaluate", name]
+        if source is not None and not options.frames:  # no track shows its car
+            following = ["replay", name, recording_folder, "frames=true"]
+        result = Replay(folder, figures, notes, name, problem, following)
         result.written.extend(options.write_files(result))
         return result
 
@@ -177,9 +172,8 @@ def keyboard_lines(recording: Recording, source: str | None = None) -> list[str]
         recording: recording that was replayed.
         source: its other car, whose network no track scores; None for Udacity's.
     """
-    remedy = "score it on a track: drivezoo evaluate CKPT track=lake"
-    if source is not None:
-        remedy = "record with a joystick to score it"
+    on_track = "score it on a track: drivezoo evaluate CKPT track=lake"
+    remedy = on_track if source is None else "record with a joystick to score it"
     return [
         f"{one.name}: {one.zero_share:.0%} of the steering is exactly 0, as with a keyboard. Such "
         "a path weaves around the lane's centre, so these figures say little about the network; "

@@ -255,29 +255,21 @@ def score_run(
     except InputError as error:  # a missing library must not fail a training of hours
         print_line(console, f"not driven: {error}")
         return None
+    driven = "" if replayed is None else replayed.words
     for track, figures in found.tracks.items():
-        if replayed is not None:
-            print_line(console, f"{replayed.words}: {how_well(figures)}")
-            continue
-        driven = f"{figures['laps'][0]:.2f} laps of the {track}"
-        print_line(
-            console, f"drove {driven} at {figures['speed_mph'][0]:.1f} mph: {how_well(figures)}"
-        )
-    if replayed is not None:
-        return {
-            "replayed": replayed.words,
-            "seeds": 1,
-            "tracks": found.tracks,
-            "drives": found.drives,
-        }
-    return {
+        if replayed is None:
+            laps, mph = figures["laps"][0], figures["speed_mph"][0]
+            driven = f"drove {laps:.2f} laps of the {track} at {mph:.1f} mph"
+        print_line(console, f"{driven}: {how_well(figures)}")
+    how: dict[str, Any] = {
         "speed_mph": None if options.throttle == "network" else options.speed,
         "throttle": options.throttle,
         "laps": options.laps,
         "seeds": options.seeds,
-        "tracks": found.tracks,
-        "drives": found.drives,
     }
+    if replayed is not None:
+        how = {"replayed": replayed.words}
+    return how | {"tracks": found.tracks, "drives": found.drives}
 
 
 def how_well(figures: dict) -> str:

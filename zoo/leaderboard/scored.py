@@ -174,7 +174,7 @@ def load_run(folder: Path) -> Scored | None:
         folder=folder,
         name=run.choices["experiment"] or metrics.get("model") or "?",
         settings=_settings(run),
-        source=(REPLAY if metrics["drive"].get("replayed") else EMBEDDED) if run.tracks else "",
+        source=(REPLAY if run.replayed else EMBEDDED) if run.tracks else "",
         **_of_tracks(run.tracks),
         overrides=_typed(run),
         seed=metrics.get("seed"),

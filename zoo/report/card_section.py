@@ -57,8 +57,8 @@ def use(run: ReportedRun) -> list[Block]:
 def limits(run: ReportedRun) -> list[Block]:
     """Return what the run does not show, and the licence."""
     points = ["It has not been driven: nothing here shows that it stays on a road."]
-    if replayed := (run.metrics.get("drive") or {}).get("replayed"):
-        points = [f"Not driven on a road: its score is a {replayed}."]
+    if run.replayed:
+        points = [f"Not driven on a road: its score is a {run.replayed}."]
     elif run.tracks:
         points = [
             f"Driven only on the {' and '.join(run.tracks)}, in clear weather unless the settings "

@@ -43,19 +43,14 @@ def scores(run: ReportedRun) -> list[Block]:
     scored = run.metrics.get("drive") or {}
     keys = [f"{key}={scored[key]:g}" for key in ("speed_mph", "laps", "seeds") if scored.get(key)]
     where = f"Driven in the embedded simulator, in simulated time: {', '.join(keys)}."
-    how = (
-        "An intervention puts a car that left its lane or stands still back on the centreline. ± "
-        f"is the sample standard deviation over start seeds, not over trainings. {ONE_TRACK}"
-    )
-    if scored.get("replayed"):
-        where = f"Judged by NVIDIA's method: {scored['replayed']}."
-        how = (
-            "Each frame is warped to where the network has steered the car. An intervention puts a "
-            "car that left the recorded path back on it."
-        )
+    if run.replayed:
+        where = f"Judged by NVIDIA's method: {run.replayed}, each frame warped to the steered car."
     return [
         Text(
-            f"{where} Autonomy is NVIDIA's measure: 1 - 6 s x interventions / driving time. {how}"
+            f"{where} Autonomy is NVIDIA's measure: 1 - 6 s x interventions / driving time. An "
+            "intervention puts a car that left its lane (in a replay, the recorded path) or stands "
+            "still back on the centreline. ± is the sample standard deviation over start seeds, "
+            f"not over trainings. {ONE_TRACK}"
         ),
         Rows(drives_table(run.tracks), bold=frozenset({0})),
     ]

@@ -27,8 +27,7 @@ def headline(run: ReportedRun) -> list[Block]:
 
 def _verdict(run: ReportedRun) -> Block:
     evidence = evidence_of_run(run.folder, run.config, run.metrics)
-    replayed = (run.metrics.get("drive") or {}).get("replayed")
-    verdict = judge([drive.summary for drive in run.drives], evidence, replayed=replayed)
+    verdict = judge([drive.summary for drive in run.drives], evidence, replayed=run.replayed)
     lines = [*verdict.tracks, verdict.certainty]
     lines += ["Likely causes:"] if verdict.causes else []
     return Box(verdict.level, verdict.headline, lines, verdict.causes, verdict.commands)

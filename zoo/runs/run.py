@@ -190,6 +190,11 @@ class Run:
         return {name: figures for name, figures in tracks.items() if figures}
 
     @property
+    def replayed(self) -> str | None:
+        """Return which held-out drives of another car's recording were replayed, in words."""
+        return (self.metrics.get("drive") or {}).get("replayed")
+
+    @property
     def trained_on(self) -> TrainedOn:
         """Return the recordings of the training."""
         data = self.config.get("data") or {}

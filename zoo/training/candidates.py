@@ -62,9 +62,7 @@ def choose_best(
     if len(candidates) == 1:
         why += "; no other candidate"
     elif source is not None:
-        why += (
-            f"; no candidate was driven: the tracks show another car than its recording ({source})"
-        )
+        why += f"; none was driven: the tracks show another car than its recording ({source})"
     elif score is None or not score.candidate_laps:
         key = "score=none" if score is None else "score.candidate_laps=0"
         why += f"; no candidate was driven ({key}), and this figure hardly predicts driving"

@@ -65,21 +65,22 @@ def judge(
         tracks: tracks as the user typed them, such as `my_track.yaml`, whose recorded name is
             `my_track`; None for those of the run's `score`.
         world: world that was driven in.
-        replayed: what was replayed, in words; None for drives in another world. A network of
-            another car than Udacity's gets a verdict by a replay only.
+        replayed: what was replayed, in words; None if `world` says it. A network of another car
+            than Udacity's gets a verdict by a replay only.
     """
+    world = "replay" if replayed else world
     by_track: dict[str, list[Mapping]] = {}
     for one in drives:
         by_track.setdefault(str(one["track"]), []).append(one)
-    if evidence.source is not None and replayed is None:
+    if evidence.source is not None and world != "replay":
         return _without_verdict(by_track, evidence, evidence.source)
-    levels = {track: _level(own, replayed is not None) for track, own in by_track.items()}
+    levels = {track: _level(own, world) for track, own in by_track.items()}
     names = sorted(
         levels, key=lambda name: (WORST_FIRST.index(levels[name]), _autonomy(by_track[name]))
     )
     level = levels[names[0]] if names else UNKNOWN
     lost = [track for track in names if levels[track] in (FAILS, ALMOST)]
-    causes = likely_causes(evidence, [] if replayed else lost) if lost else []
+    causes = likely_causes(evidence, [] if world == "replay" else lost) if lost else []
     again = train_again(evidence, causes)
     typed = _typed_tracks(evidence.at("score.track") if tracks is None else tracks)
     worst = typed.get(names[0], names[0]) if names else "lake"
@@ -87,9 +88,9 @@ def judge(
         level,
         UNKNOWN_HEADLINE if level == UNKNOWN else f"It {WORDS[level]} the {names[0]}.",
         tuple(_track_line(track, levels[track], by_track[track]) for track in names),
-        _certainty(by_track, replayed),
+        _certainty(by_track, replayed or "replay" if world == "replay" else None),
         tuple(cause.text for cause in causes),
-        tuple(_commands(level, evidence, again, worst, world, replayed)),
+        tuple(_commands(level, evidence, again, worst, world)),
     )
 
 
@@ -120,14 +121,14 @@ def _typed_tracks(tracks: object) -> dict[str, str]:
     return {recorded_name(short_name(one)): one for one in names if isinstance(one, str)}
 
 
-def _level(drives: Sequence[Mapping], is_replay: bool) -> str:
+def _level(drives: Sequence[Mapping], world: str) -> str:
     """Return the level of one track's drives, or of a replay."""
     if any(one.get("autonomy") is None for one in drives):
         return UNKNOWN  # nothing was driven
     if not any(one["interventions"] for one in drives):
-        laps = sum(one.get("laps") or 0 for one in drives)
-        is_enough = _replayed_s(drives) >= WHOLE_S if is_replay else laps >= WHOLE_LAP
-        return DRIVES if is_enough else UNKNOWN
+        if world == "replay":
+            return DRIVES if _replayed_s(drives) >= WHOLE_S else UNKNOWN
+        return DRIVES if sum(one["laps"] or 0 for one in drives) >= WHOLE_LAP else UNKNOWN
     return ALMOST if _autonomy(drives) >= NEARLY else FAILS
 
 
@@ -160,24 +161,20 @@ def _without_verdict(
 
 
 def _replay_command(evidence: Evidence) -> str:
-    root, rig = evidence.at("data.root"), evidence.at("data.rig")
-    speed = evidence.at("score.replay_speed")
+    root, speed = evidence.at("data.root"), evidence.at("score.replay_speed")
     words = ["drivezoo", "replay", evidence.checkpoint or "CKPT"]
-    words.append(root if isinstance(root, str) else "FOLDER")
-    return command_line(
-        [*words, *(f"{key}={v}" for key, v in (("rig", rig), ("speed", speed)) if v is not None)]
-    )
+    words += [root if isinstance(root, str) else "FOLDER", *([f"speed={speed}"] if speed else [])]
+    return command_line(words)
 
 
 def _certainty(by_track: Mapping[str, Sequence[Mapping]], replayed: str | None) -> str:
     drives = [one for own in by_track.values() for one in own]
     if drives and replayed:
-        lost, driven_s = int(drives[0]["interventions"]), _replayed_s(drives)
-        rate = poisson_rate(lost, driven_s / 60)
+        lost = sum(int(one["interventions"]) for one in drives)
+        a_minute = with_interval(poisson_rate(lost, _replayed_s(drives) / 60), "{:.1f}")
         return (
-            f"Judged: {replayed}. Interventions a minute: {with_interval(rate, '{:.1f}')} (95 %, "
-            "if their places do not repeat; trainings: 1). A replay sees no other path than the "
-            "recorded one, from at most the margin aside."
+            f"Judged: {replayed}. Interventions a minute: {a_minute} (95 %, if their places do not "
+            "repeat; trainings: 1)."
         )
     if not drives:
         return "It was not driven: open-loop figures do not show whether a car stays on the road."
@@ -190,18 +187,13 @@ def _certainty(by_track: Mapping[str, Sequence[Mapping]], replayed: str | None) 
 
 
 def _commands(
-    level: str,
-    evidence: Evidence,
-    again: str | None,
-    track: str,
-    world: str,
-    replayed: str | None,
+    level: str, evidence: Evidence, again: str | None, track: str, world: str
 ) -> list[tuple[str, str]]:
     """Return pairs of a purpose and a command; the first is the one to try first."""
     found = [("train again", again)] if again else []
     if evidence.checkpoint is None:
         return found
-    if replayed is not None:  # of any car: nothing here drives it on a track
+    if world == "replay":  # of any car: nothing here drives it on a track
         return [*found, ("replay a whole recording of its car", _replay_command(evidence))]
     on_track = [evidence.checkpoint, f"track={track}"]
     if world != "embedded":  # the only world that `correct` and `drive` have

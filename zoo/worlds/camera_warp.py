@@ -43,11 +43,7 @@ class Warp:
         below = np.minimum(_matrix(rig.cameras["center"])[1] @ rays, 0)
         # Ray of each pixel, and its part below the horizon, which no turn of the car changes.
         self._rays = np.concatenate([rays, below[None]]).astype(np.float32)
-        around = np.ones((BONNET_EDGE_PX, BONNET_EDGE_PX), np.uint8)
-        self._hidden = {
-            camera: cv2.dilate(cover, around).ravel() > 0
-            for camera, cover in bonnets(rig, size).items()
-        }
+        self._hidden = {camera: _own_car(rig, camera, size).ravel() for camera in rig.cameras}
         self._bonnet = np.flatnonzero(self._hidden["center"])
         # Only the ground is filled in from other cameras: above the horizon all see the same.
         self._is_ground = (below < 0) & ~self._hidden["center"]
@@ -157,13 +153,9 @@ def _matrix(camera: Camera) -> np.ndarray:
     return camera_matrix(camera.pitch_down_deg, camera.yaw_right_deg, camera.roll_deg)
 
 
-def bonnets(rig: Rig, size: tuple[int, int]) -> dict[str, np.ndarray]:
-    """Return where each camera sees its own car, uint8 [H, W], above 0; known for Udacity's."""
+def _own_car(rig: Rig, camera: str, size: tuple[int, int]) -> np.ndarray:
+    """Return where a camera sees its own car, bool [H, W]; known for Udacity's only."""
     if rig != UDACITY:
-        return {camera: np.zeros(size, np.uint8) for camera in rig.cameras}
-    height, width = size
-    covers = {camera: np.uint8(bonnet_image(camera)[1][..., 0] > 0) for camera in rig.cameras}
-    return {
-        camera: cv2.resize(cover, (width, height), interpolation=cv2.INTER_NEAREST)
-        for camera, cover in covers.items()
-    }
+        return np.zeros(size, bool)
+    cover = cv2.resize(bonnet_image(camera)[1], size[::-1], interpolation=cv2.INTER_NEAREST)
+    return cv2.dilate(np.uint8(cover > 0), np.ones((BONNET_EDGE_PX, BONNET_EDGE_PX), np.uint8)) > 0

@@ -125,9 +125,8 @@ class ReplayWorld(World):
         names = ", ".join(recording.names)
         if recording.rig is None:
             raise InputError(
-                f"{names}: its car's camera and steering are unknown or differ, so that it cannot "
-                "be replayed; describe them in rig.yaml beside the recording, or in a file that "
-                "rig=FILE names (data.rig=FILE in a training)"
+                f"{names}: the rig is unknown, so that it cannot be replayed; describe camera and "
+                "car in rig.yaml beside it, or in rig=FILE (data.rig=FILE in a training)"
             )
         self.rig, self.stretches, self.speed_mph = recording.rig, stretches, speed_mph
         self.recording = with_speed(recording, speed_mph)
@@ -160,8 +159,7 @@ class ReplayWorld(World):
         """Return what is replayed, and with which rig, in words."""
         what = ", ".join(self.recording.names)
         if self.stretches is not None:
-            count = len(self.stretches)
-            what = f"{count} held-out stretch{'' if count == 1 else 'es'} of {what}"
+            what = f"{len(self.stretches)} held-out stretches of {what}"
         speed = f", at an assumed {self.speed_mph:g} mph" if self.speed_mph else ""
         guesses = f" (guessed: {', '.join(self.rig.guesses)})" if self.rig.guesses else ""
         return f"replay of {what}, {self.driven_s:.0f} s{speed}; rig: {self.rig.name}{guesses}"
