@@ -1,6 +1,7 @@
 """The datamodule as training uses it: from a folder to batches."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import PIL.Image
@@ -15,7 +16,7 @@ from datamodules.driving import DrivingData
 from datamodules.image import decode_image
 from datamodules.samples import LEFT
 from datamodules.view import View
-from tests.recordings import write_recording
+from tests.recordings import write_recording, write_resized
 from zoo.base.errors import InputError
 
 VIEW = View((60, 25), "yuv", (66, 200))
@@ -32,6 +33,18 @@ def load(recorded, console):
         return data
 
     return make
+
+
+@pytest.mark.parametrize("size", [(66, 200), None])
+def test_recordings_of_several_sizes_crop_the_same_shares(recorded, tmp_path, console, size):
+    large = write_resized(recorded, tmp_path / "large", 640, 480)
+    view, folders = View((60, 25), "gray", size), [str(large.folder), str(recorded.folder)]
+    data = DrivingData(folders, view, cache=None)
+    data.load(console)
+    assert data.view == replace(view, frame=(480, 640)), "of the first image"
+    for row in (0, len(data.recording) - 1):
+        image = data.views.take(np.array([row]), 0)[0]
+        np.testing.assert_array_equal(image, data.view(data.recording.image(row)))
 
 
 def assert_same(one: dict, other: dict) -> None:

@@ -200,6 +200,8 @@ def test_the_overlay_draws_only_known_values() -> None:
     assert bare.shape == (480, 960, 3)
     assert bare.dtype == np.uint8
     assert (bare == 90).all()
+    road = draw_overlay(np.full((480, 640, 3), 90, np.uint8))
+    assert road.shape == (720, 960, 3), "a frame keeps its shape"
     whole = draw_overlay(GREY, -0.2, 0.5, 9.0, 0.97, 0.3, "nvidia")
     assert (whole[18:92, 700:940] != 90).any(), "autonomy and distance are at the top right"
     assert (draw_overlay(GREY, 0.0, 0.0, 9.0)[18:92] == 90).all()

@@ -19,7 +19,7 @@ from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.stretches import find_breaks
-from tests.recordings import Written, write_recording
+from tests.recordings import Written, write_recording, write_resized
 from zoo.base.errors import InputError, UsageError
 
 pa = pytest.importorskip("pyarrow")
@@ -65,6 +65,16 @@ def test_a_recording_comes_back(source: Recording, dataset: Path, tmp_path: Path
         assert np.abs(after - before).mean() < 3, "the tolerance in docs/exchange.md"
     assert np.flatnonzero(find_breaks(again)).tolist() == [19]
     assert (result.rows, result.drives, result.notes) == (40, 2, ())
+
+
+def test_images_keep_their_size_but_for_an_odd_column(recorded: Written, tmp_path: Path) -> None:
+    odd = write_resized(recorded, tmp_path / "odd", 455, 256)
+    export_lerobot(read_recordings(str(odd.folder)), tmp_path / "dataset")
+    info = json.loads((tmp_path / "dataset/meta/info.json").read_text())
+    assert info["features"]["observation.images.center"]["shape"] == [256, 454, 3]
+    convert_to_recording(tmp_path / "dataset", tmp_path / "again")
+    again = read_recordings(str(tmp_path / "again"))
+    assert again.frame_size() == (256, 454)
 
 
 def test_the_tables_are_lerobots(source: Recording, dataset: Path) -> None:

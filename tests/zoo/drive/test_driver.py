@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from datamodules.view import View
 from tests.zoo.drive.old_client import telemetry
 from tests.zoo.drive.serve import picture, red_policy
 from zoo.base.errors import InputError
@@ -14,6 +15,7 @@ from zoo.drive.drive_writer import BackgroundWriter
 from zoo.drive.driver import Driver
 from zoo.drive.notices import Notices
 from zoo.drive.session import Session
+from zoo.drives.drive_record import FALLBACK
 from zoo.drives.speed_controller import PI, Constant, SpeedController, SteeringFilter
 
 
@@ -54,6 +56,19 @@ def make(tmp_path: Path) -> Callable[..., Driver]:
         )
 
     return make_driver
+
+
+@pytest.mark.parametrize(("shape", "reported"), [((320, 640), 0), ((120, 160), 1)])
+def test_frames_of_another_shape_than_the_trainings_are_reported(
+    shape: tuple[int, int], reported: int, make: Callable[..., Driver]
+) -> None:
+    driver = make()
+    driver.policy = Counting()
+    driver.policy.view = View((40, 20), "rgb", (66, 200), frame=shape)
+    reply = driver.answer(driver.connect("a"), MOVING)
+    assert reply.row.driver != FALLBACK
+    kinds = [kind for kind in driver.notices.counts if "shape" in kind]
+    assert [driver.notices.counts[kind] for kind in kinds] == [1] * reported
 
 
 def test_pause_brakes_and_steers_on(make: Callable[..., Driver]) -> None:

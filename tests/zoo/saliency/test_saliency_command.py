@@ -64,6 +64,18 @@ def test_what_alone_stands_out_lights_up(name: str) -> None:
     assert 205 <= column < 265
 
 
+@pytest.mark.parametrize("size", [(480, 640), (120, 160)])
+def test_a_map_has_the_size_of_its_frame(size: tuple[int, int]) -> None:
+    policy = policy_of("nvidia")
+    frame = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
+    where = Saliency(policy)(frame, 9.0)
+    assert where.shape == size
+    top, bottom = policy.view.rows_cropped(size[0])
+    assert not where[:top].any()
+    assert where[top : size[0] - bottom].any()
+    assert not where[size[0] - bottom :].any()
+
+
 def test_a_map_is_spread_by_the_layers_kernel_and_stride() -> None:
     layer = torch.nn.Conv2d(1, 1, 5, 2)
     where = torch.zeros(1, 1, 3, 4)
