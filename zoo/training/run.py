@@ -168,12 +168,12 @@ def print_start(
     console: Console,
 ) -> None:
     """Print the network, the split, and train/validation similarity."""
-    height, width, _ = data.view.shape
+    (height, width, _), frame = data.view.shape, data.view.frame
     model, parameters = card["config"]["model"], sum(p.numel() for p in network.parameters())
     split = ", ".join(f"{len(getattr(data.split, part)):,} {part}" for part in PARTS)
     lines = [
         f"{model['name']}: {parameters:,} parameters, sees {width} x {height} "
-        f"{data.view.colour}, on {device}",
+        f"{data.view.colour} of frames of {frame[1]} x {frame[0]}, on {device}",
         f"split by {card['config']['data']['split']}: {split} rows; {len(data.samples):,} "
         "training samples",
     ]
