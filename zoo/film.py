@@ -13,7 +13,7 @@ from rich.progress import Progress
 from datamodules.formats.udacity import times_from_names
 from datamodules.image import AnyImage, read_image
 from datamodules.recording import LOG_NAME
-from datamodules.recording_format import read_recordings
+from datamodules.recording_format import known_format, read_recordings
 from zoo.base.command import command
 from zoo.base.errors import InputError
 from zoo.base.terminal import print_line
@@ -45,12 +45,13 @@ def read_shots(folder: Path) -> list[Shot]:
     """
     if folder.exists() and folder.name in (LOG_NAME, drive_log.LOG_NAME):
         folder = folder.parent
-    if not folder.is_dir():
+    is_recording = folder.exists() and known_format(folder) is not None
+    if not folder.is_dir() and not is_recording:
         raise InputError(f"{folder}: no such folder; usage: {film.usage}")
     # A log that is not a regular file, such as a pipe, is reported when it is opened.
     if (folder / drive_log.LOG_NAME).exists():
         shots = _shots_of_drive(folder)
-    elif (folder / LOG_NAME).exists():
+    elif is_recording:
         shots = _shots_of_recording(folder)
     else:
         shots = _shots_of_images(folder)
@@ -150,12 +151,19 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
 
 def _shots_of_recording(folder: Path) -> list[Shot]:
     log = read_recordings(str(folder), on_bad_image="skip")
-    names = ("steering", "throttle", "speed_mph")
-    values = zip(log.steering, log.throttle - log.brake, log.speed_mph, strict=True)
-    rows = zip(log.images[:, 0], log.time_s, values, strict=True)
+    speed_mph = np.full(len(log), np.nan) if log.without_speed else log.speed_mph
     return [
-        Shot(image, float(time_s), dict(zip(names, map(float, row), strict=True)))
-        for image, time_s, row in rows
+        Shot(
+            log.images[row, 0],
+            float(log.time_s[row]),
+            {
+                "steering": float(log.steering[row]),
+                "throttle": float(log.throttle[row] - log.brake[row]),
+                "speed_mph": float(speed_mph[row]),
+                "rig": log.rig,
+            },
+        )
+        for row in range(len(log))
     ]
 
 

@@ -1,5 +1,6 @@
 """Films of recordings, drives and folders of images, checked by decoding them."""
 
+import io
 import re
 import shutil
 import subprocess
@@ -10,9 +11,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from tests.datamodules.exchange.test_tub import record, write_tub
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
 from zoo.base.errors import InputError
+from zoo.base.rig import UDACITY
 from zoo.drives.drive_film import GREEN, RED, draw_overlay
 from zoo.drives.drive_log import DriveWriter
 from zoo.drives.drive_record import PERSON, DriveRow
@@ -224,3 +227,17 @@ def test_steering_turns_the_wheel_and_pedals_have_their_colours() -> None:
     for image, colour, other in ((throttle, GREEN, RED), (brake, RED, GREEN)):
         assert (image[440:] == colour).all(2).sum() > 300
         assert not (image[440:] == other).all(2).any()
+
+
+def test_a_recording_of_any_format_is_filmed(tmp_path: Path) -> None:
+    tub = write_tub(tmp_path / "tub", [record(index) for index in range(5)])
+    shots = read_shots(tub)
+    assert len(shots) == 5
+    assert {shot.values["rig"] for shot in shots} == {None}, "its car is unknown"
+    out = make_film(tub, tmp_path / "tub.mp4", None, Console(file=io.StringIO()))
+    assert out.stat().st_size > 0
+
+
+def test_the_steering_of_an_unknown_car_is_no_angle() -> None:
+    known, unknown = (draw_overlay(GREY, 0.4, rig=rig) for rig in (UDACITY, None))
+    assert not np.array_equal(known, unknown)

@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from datamodules.formats.recording_writer import write_frame
 from simulator.film import Film
-from zoo.base.rig import UDACITY
+from zoo.base.rig import UDACITY, Rig
 from zoo.drives.drive_record import BAND, DriveRow
 from zoo.drives.tally import autonomy
 
@@ -123,6 +123,7 @@ def draw_overlay(
     cte_m: float | None = None,
     note: str | None = None,
     spread: float | None = None,
+    rig: Rig | None = UDACITY,
 ) -> np.ndarray:
     """Return an enlarged camera frame with the drive's state drawn in.
 
@@ -138,6 +139,7 @@ def draw_overlay(
         note: short text, such as the name of the driver.
         spread: standard deviation of the steering; a band shows where 95 % of a normal distribution
             would be.
+        rig: car whose wheels' angle is shown; None shows the steering itself.
 
     Returns:
         uint8 [960 H / W, 960, 3], RGB.
@@ -154,12 +156,14 @@ def draw_overlay(
         light = 1 - 0.72 * np.linspace(0, 1, PANEL) ** 0.6
         image[-PANEL:] = (image[-PANEL:] * light[:, None, None]).astype(np.uint8)
     if steering is not None:
-        lock_deg = UDACITY.steering_deg
+        lock_deg = UDACITY.steering_deg if rig is None else rig.steering_deg
         _draw_wheel(image, (70, height - 54), 40, steering * lock_deg * WHEEL_RATIO)
-        degrees = f"{steering * lock_deg + 0.0:+.1f}°".replace("-", "\N{MINUS SIGN}")
-        doubt = "" if spread is None else f" ±{BAND * spread * lock_deg:.1f}°"
+        factor, form = (1.0, "{:+.2f}") if rig is None else (rig.steering_deg, "{:+.1f}°")
+        angle = form.format(steering * factor + 0.0).replace("-", "\N{MINUS SIGN}")
+        band = form.format(BAND * (spread or 0.0) * factor).replace("+", " ±")
+        doubt = "" if spread is None else band
         texts += [
-            (degrees, 128, height - 57, 26, WHITE, "lm"),
+            (angle, 128, height - 57, 26, WHITE, "lm"),
             (f"STEERING{doubt}", 128, height - 26, 13, GREY, "lm"),
         ]
         _draw_steering_bar(image, (width // 2, height - 40), 150, steering, spread or 0.0)
