@@ -180,7 +180,8 @@ def joined_outputs(
     activations = [str(one.config.get("activation") or "linear") for one in ends]
     binned = [one.name for one in ends] == DONKEYCAR[-1] and set(activations) == {"softmax"}
     same = len(set(activations)) == 1 and (binned or "softmax" not in activations)
-    if not same or any([one.ndim for one in end.arrays] != [2, 1] for end in ends):
+    dense = all([one.ndim for one in end.arrays] == [2, 1] and end.arrays[1].size for end in ends)
+    if not same or not dense:
         raise InputError(
             f"{source}: its outputs {names:.200} cannot be converted: each needs a kernel, a bias "
             f"and the same activation, not {', '.join(activations):.200}"

@@ -121,6 +121,14 @@ def test_outputs_of_unlike_activation_are_refused(tmp_path: Path) -> None:
         read_keras(write(tmp_path, layers))
 
 
+@pytest.mark.parametrize("arrays", [[], [np.zeros((HIDDEN, 0)), np.zeros(0)], [np.zeros(1)] * 2])
+def test_outputs_without_weights_are_refused(arrays: list[np.ndarray], tmp_path: Path) -> None:
+    layers = donkeycar_layers(BINS, (15, 20), "softmax")
+    layers[-1] = (*layers[-1][:2], arrays)
+    with pytest.raises(InputError, match=r"pilot\.h5: .*throttle_out"):
+        read_keras(write(tmp_path, layers))
+
+
 def test_other_networks_of_two_outputs_are_named_by_the_user(tmp_path: Path) -> None:
     model = read_keras(write(tmp_path, donkeycar_layers(("speed", "turn"), (1, 1), "linear")))
     with pytest.raises(InputError, match="outputs="):
