@@ -1,6 +1,6 @@
 """Samplers of batches in which at most a set share of samples is nearly straight."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,6 +60,9 @@ def epoch_batches(
     straight_cap: float | None = 0.5,
     straight_threshold: float = 0.1,
     weights: np.ndarray | None = None,
+    shard: np.ndarray | None = None,
+    window_shards: int = 64,
+    world: int = 1,
 ) -> list[np.ndarray]:
     """Return the batches of an epoch, each int64 [batch_size] (the last may be shorter).
 
@@ -71,6 +74,10 @@ def epoch_batches(
     With `weights`, float64 [samples] above 0, a sample occurs that many times instead of once; with
     2.5, two or three times. Random draws, also those for the cap, are by weight.
 
+    With `shard`, int64 [samples], the order walks over windows of `window_shards` random shards,
+    and the cap draws from the window of the replaced sample, unless that has no curve. Each of
+    `world` processes walks over windows of its own.
+
     Raises:
         InputError: the cap cannot be kept because every sample is nearly straight.
     """
@@ -81,6 +88,11 @@ def epoch_batches(
         order = _repeat_by_weight(weights, rng)
     else:
         order = rng.permutation(len(samples))
+    window = np.zeros(len(samples), np.int64)
+    if shard is not None:
+        window = shard_windows(shard, window_shards, seed, epoch)
+        walked = order[np.argsort(window[order], kind="stable")]
+        order[np.argsort(_ranks(len(order), batch_size, world), kind="stable")] = walked
     batches = [order[start : start + batch_size] for start in range(0, len(order), batch_size)]
     if straight_cap is None:
         return batches
@@ -92,14 +104,38 @@ def epoch_batches(
             f"data.straight_cap={straight_cap} cannot be held: no sample has |steering| >= "
             f"data.straight_threshold={straight_threshold}; set data.straight_cap=null"
         )
-    chances = None if weights is None else _chances(weights[curved])
+    by_window = curved[np.argsort(window[curved], kind="stable")]
+    found, first = np.unique(window[by_window], return_index=True)
+    pools = dict(zip(found.tolist(), np.split(by_window, first[1:]), strict=True))
     for batch in batches:
         positions = np.flatnonzero(straight[batch])
         excess = len(positions) - int(straight_cap * len(batch))
         if excess > 0:
             replaced = rng.choice(positions, excess, replace=False)
-            batch[replaced] = rng.choice(curved, excess, p=chances)
+            windows = window[batch[replaced]]
+            for number in np.unique(windows).tolist():
+                at, pool = replaced[windows == number], pools.get(number, curved)
+                chances = None if weights is None else _chances(weights[pool])
+                batch[at] = rng.choice(pool, len(at), p=chances)
     return batches
+
+
+def shard_windows(shard: np.ndarray, window_shards: int, seed: int, epoch: int) -> np.ndarray:
+    """Return the window of each sample in an epoch, int64 [samples], by its shard."""
+    shards, index = np.unique(shard, return_inverse=True)
+    place = np.random.default_rng([seed, epoch, len(shards)]).permutation(len(shards))
+    return place[index] // window_shards
+
+
+def _ranks(count: int, batch_size: int, world: int) -> np.ndarray:
+    """Return the rank whose shard of a batch each position of an order is in, see `share_of`.
+
+    >>> _ranks(10, 7, 3)
+    array([0, 0, 1, 1, 2, 2, 2, 0, 1, 2])
+    """
+    start = np.arange(count) // batch_size * batch_size
+    size = np.minimum(batch_size, count - start)
+    return ((np.arange(count) - start + 1) * world - 1) // size
 
 
 def _draw_rows_then_cameras(
@@ -148,7 +184,16 @@ class BalancedBatches:
         rank: rank of this process.
         world: number of processes.
         balance: other arguments of `epoch_batches`.
+
+    Attributes:
+        start: batches that are skipped once, of an epoch that is resumed.
+        fetch_ahead: function from shards to nothing, which starts to fetch them; or None.
+        windows_ahead: windows that are fetched while one is trained on.
     """
+
+    start = 0
+    fetch_ahead: Callable[[np.ndarray], None] | None = None
+    windows_ahead = 1
 
     def __init__(
         self,
@@ -174,8 +219,18 @@ class BalancedBatches:
         return -(-count // self.batch_size)
 
     def __iter__(self) -> Iterator[BatchKey]:
-        batches = epoch_batches(
-            self.samples, self.batch_size, self.epoch, self.seed, **self.balance
-        )
-        for number, samples in enumerate(batches):
-            yield BatchKey(self.epoch, number, samples, self.rank, self.world)
+        balance, shard, reached = self.balance, self.balance.get("shard"), -1
+        if shard is not None:
+            balance = {**balance, "world": self.world}
+            window = shard_windows(shard, balance["window_shards"], self.seed, self.epoch)
+        batches = epoch_batches(self.samples, self.batch_size, self.epoch, self.seed, **balance)
+        start, self.start = self.start, 0
+        for number, samples in enumerate(batches[start:], start):
+            key = BatchKey(self.epoch, number, samples, self.rank, self.world)
+            if self.fetch_ahead and shard is not None and len(key.own):
+                newest = int(np.median(window[key.own]))  # the cap can draw from elsewhere
+                if newest > reached:
+                    reached = newest
+                    for one in range(newest, newest + self.windows_ahead + 1):
+                        self.fetch_ahead(np.unique(shard[window == one]))
+            yield key

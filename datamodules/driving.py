@@ -64,7 +64,9 @@ class DrivingData(lightning.LightningDataModule):
         on_bad_image: `fail`, or `skip` the row.
         on_bad_row: `fail`, or `skip` a row that cannot be read.
         format, columns, steering, camera, speed_unit, rig: see `ReadOptions`.
-        cache: folder of decoded views; None keeps them in memory.
+        cache: folder of decoded views, and of shards from an address; None keeps views in memory.
+        cache_gb: most GB of shards in it.
+        window_shards: shards whose images are mixed with each other.
         workers: processes that prepare batches; 0 leaves the cores to the network.
         seed: random seed of order, draws, flips and augmentation.
         sequence: number of frames in a sample's window (see `Windows`); None for 1.
@@ -106,6 +108,8 @@ class DrivingData(lightning.LightningDataModule):
         speed_unit: Literal["mph", "mps", "kmh"] = "mps",
         rig: str | None = None,
         cache: str | None = "outputs/cache",
+        cache_gb: Annotated[float, Field(gt=0)] = 20.0,
+        window_shards: Count = 64,
         workers: Annotated[int, Field(ge=0)] = 0,
         seed: int = 1,
         sequence: Annotated[int, Field(ge=1, le=MOST_WINDOW)] | None = None,
@@ -153,6 +157,7 @@ class DrivingData(lightning.LightningDataModule):
         self.augment_on = augment_on
         self.on_bad_image = on_bad_image
         self.cache = Path(cache).expanduser() if cache else None
+        self.cache_gb, self.window_shards = cache_gb, window_shards
         self._batch_device: torch.device | None = None
         self.batches_per_step = 1
         self.features: RowViews | None = None
@@ -197,6 +202,9 @@ class DrivingData(lightning.LightningDataModule):
         if self.weights is not None:
             number = recording.recording[self.samples.row]
             self.balance["weights"] = self.weights[number]
+        if views.shards:
+            shard = views.file[self.samples.row, self.samples.camera]
+            self.balance |= {"shard": shard, "window_shards": self.window_shards}
         count = self.balance["samples_per_epoch"] or len(self.samples)
         if self.batch_size > count:
             raise InputError(
@@ -206,10 +214,25 @@ class DrivingData(lightning.LightningDataModule):
         next(iter(self.sampler()))  # to report a wrong straight_cap now
 
     def sampler(self, rank: int = 0, world: int = 1) -> BalancedBatches:
-        """Return the sampler of an epoch's batch keys, of one rank."""
-        return BalancedBatches(
+        """Return the sampler of an epoch's batch keys, of one rank.
+
+        Raises:
+            InputError: the cache does not hold the windows that are used at a time.
+        """
+        keys = BalancedBatches(
             self.samples, self.batch_size, self.seed, rank, world, **self.balance
         )
+        remote = [one for one in self.views.shards if one.reader.is_remote]
+        largest = max((max(one.reader.bytes.values()) for one in remote), default=0)
+        window_gb = world * min(self.window_shards, len(remote)) * largest / 1e9
+        if window_gb > self.cache_gb:
+            raise InputError(
+                f"data.cache_gb={self.cache_gb:g}: the windows of data.window_shards="
+                f"{self.window_shards} shards of {world} processes take {window_gb:.3g} GB; set "
+                f"data.cache_gb={window_gb * 1.01:.3g} or a smaller data.window_shards"
+            )
+        keys.windows_ahead = int(2 * window_gb <= self.cache_gb)
+        return keys
 
     def training_batches(self) -> TrainingBatches:
         """Return training batches by `BatchKey`, flipped and augmented."""
@@ -262,6 +285,10 @@ class DrivingData(lightning.LightningDataModule):
         keys: Any = self.sampler(*self._rank())
         if self.trainer is not None:  # a resumed run's first batch comes before Lightning's epoch
             keys.set_epoch(self.trainer.current_epoch)
+            steps = self.trainer.fit_loop.epoch_loop.batch_progress.current.ready
+            done = steps * self.batches_per_step
+            keys.start = done if done < len(keys) else 0
+            keys.fetch_ahead = self.views.fetch_ahead if self.views.shards else None
         training, workers = self.training_batches(), self.workers
         batches: Dataset = training
         if self.features is not None:
@@ -301,7 +328,9 @@ class DrivingData(lightning.LightningDataModule):
         return (self.trainer.global_rank, self.trainer.world_size) if self.trainer else (0, 1)
 
     def leaks(self) -> dict[str, Leak]:
-        """Return the train/validation similarity of `val` and `test`."""
+        """Return the train/validation similarity of `val` and `test`; none of shards."""
+        if self.views.shards:  # it would read most of them
+            return {}
 
         @functools.cache  # both parts are compared with mostly the same training rows
         def thumbnail_of(row: int) -> np.ndarray:

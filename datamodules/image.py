@@ -36,7 +36,7 @@ _NO_LINK = {errno.EXDEV, errno.EPERM, errno.EACCES, errno.EMLINK, errno.ENOTSUP,
 Stored = np.ndarray | bytes  # pixels, uint8 [H, W, 3] RGB, or a JPEG or PNG
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class StoredImage:
     """An image inside of a larger file, such as a video or a table.
 

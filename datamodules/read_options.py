@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
 
 from datamodules.steering_unit import SteeringUnit, keys_and_values, read_unit
 
@@ -22,6 +24,8 @@ class ReadOptions:
         camera: name of the camera that looks ahead, in a LeRobot dataset; null: found by its name.
         speed_unit: unit of a speed whose name has none.
         rig: file of the car's rig; null: rig.yaml beside the recording, or as the format says.
+        cache: folder in which shards from an address are kept.
+        cache_gb: most GB of shards in it; those used longest ago are deleted.
     """
 
     images: str | None = None
@@ -33,6 +37,8 @@ class ReadOptions:
     camera: str | None = None
     speed_unit: Literal["mph", "mps", "kmh"] = "mps"
     rig: str | None = None
+    cache: str | None = "outputs/cache"
+    cache_gb: Annotated[float, Field(gt=0)] = 20.0
 
     def given(self) -> dict[str, Any]:
         """Return the values that differ from the defaults, by key."""

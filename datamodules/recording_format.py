@@ -37,6 +37,7 @@ OWN = {
         "comma2016",
         "comma2k19",
         "table",
+        "shards",
     )
 }
 

@@ -1,11 +1,13 @@
 """The views of a recording's rows and cameras, in memory or in mapped files."""
 
 import math
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,10 +15,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from datamodules.driving_log import CAMERAS
-from datamodules.recording import Recording
+from datamodules.image import StoredImage, read_image
+from datamodules.recording import Recording, file_name
 from datamodules.samples import camera_numbers
+from datamodules.shard_store import REMEDY, ShardStore, shard_of
 from datamodules.view import View
 from datamodules.view_store import load_views
+from zoo.base.errors import InputError
 
 # Views up to this total size are joined in memory, where one call takes a batch. Larger ones stay
 # mapped, so that memory does not grow with the rows.
@@ -27,20 +32,66 @@ ShowDone = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
+class ShardViews:
+    """The views of a shard's images, decoded at each reading.
+
+    Attributes:
+        file: shard's place, as in `StoredImage`.
+        reader: store of the shard.
+        view: what a network sees.
+    """
+
+    file: str
+    reader: ShardStore
+    view: View
+    dtype = np.dtype(np.uint8)
+    nbytes = sys.maxsize  # never copied whole to memory or to a device
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Return the number of images, and a view's height, width and channels."""
+        return (self.reader.images[file_name(self.file)], *self.view.shape)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, number: Any) -> np.ndarray:
+        """Return the view of an image, uint8 [H, W, C]; take no slices."""
+        image = StoredImage(self.file, number, self.reader)
+        try:
+            return self.view(read_image(image))
+        except (OSError, ValueError) as error:
+            fault = getattr(error, "strerror", None) or error
+            raise InputError(f"{image}: {fault}; {REMEDY}") from None
+
+
+@dataclass(frozen=True)
 class RowViews:
     """Images by row and camera.
 
     There is a file per recording and camera: adding a recording or a camera decodes nothing again.
+    Of shards, each is a file.
 
     Attributes:
-        files: images uint8, or features float16, [n, H, W, C] each, in memory or mapped.
+        files: images uint8, or features float16, [n, H, W, C] each, in memory, mapped or in shards.
         file: index in `files` for each row and camera, int64 [N, 3]; -1 without an image.
         position: index in that file, int64 [N, 3].
     """
 
-    files: list[np.ndarray]
+    files: Sequence[np.ndarray | ShardViews]
     file: np.ndarray
     position: np.ndarray
+
+    @property
+    def shards(self) -> list[ShardViews]:
+        """Return the shards; none if the views are decoded already."""
+        return [one for one in self.files if isinstance(one, ShardViews)]
+
+    def fetch_ahead(self, files: np.ndarray) -> None:
+        """Start to fetch shards, by index in `files`, that the next batches need."""
+        for store in {shard.reader for shard in self.shards}:
+            wanted = [self.shards[one] for one in files]
+            store.fetch_ahead([file_name(one.file) for one in wanted if one.reader is store])
 
     def keep(self, mask: np.ndarray) -> "RowViews":
         """Return the views of the rows in `mask`, as `Recording.keep`."""
@@ -58,8 +109,9 @@ class RowViews:
         """
         positions = self.position[rows, cameras]
         turned = np.zeros(len(rows), bool) if mirrored is None else mirrored
-        if len(self.files) == 1 and self.files[0][0].nbytes < SMALL_BYTES:
-            out = self.files[0][positions]
+        only = self.files[0]
+        if len(self.files) == 1 and isinstance(only, np.ndarray) and only[0].nbytes < SMALL_BYTES:
+            out = only[positions]
             out[turned] = out[turned][..., ::-1, :]
             return out
         shape, sequence = self.files[0].shape[1:], math.prod(rows.shape[1:])
@@ -80,7 +132,9 @@ class RowViews:
         """Return the same views with all files in one array in memory."""
         starts = np.cumsum([0, *map(len, self.files)])[:-1]
         position = np.where(self.file >= 0, self.position + starts[self.file], -1)
-        return RowViews([np.concatenate(self.files)], np.minimum(self.file, 0), position)
+        return RowViews(
+            [np.concatenate(list(map(np.asarray, self.files)))], np.minimum(self.file, 0), position
+        )
 
 
 @contextmanager
@@ -104,8 +158,16 @@ def load_row_views(
     """Return the views of all rows, from the cache or decoded now, and faults by row.
 
     Raises:
-        InputError: the cache cannot be written.
+        InputError: the cache cannot be written, or shards are joined with another format.
     """
+    in_shards = [shard_of(image) for image in recording.images.flat if image is not None]
+    if any(in_shards):
+        if not all(in_shards):
+            raise InputError(
+                "data.root: shards cannot be trained on together with another format; convert the "
+                "others: drivezoo convert FOLDER to=shards out=NEW"
+            )
+        return _shard_views(recording, camera_numbers(cameras), view), {}
     file = np.full((len(recording), len(CAMERAS)), -1)
     position = file.copy()
     files: list[np.ndarray] = []
@@ -130,3 +192,16 @@ def load_row_views(
     views = RowViews(files, file, position)
     small = files and sum(one.nbytes for one in files) <= RESIDENT_BYTES
     return views.resident() if small else views, faults
+
+
+def _shard_views(recording: Recording, cameras: list[int], view: View) -> RowViews:
+    """Return views that are decoded when they are taken."""
+    file = np.full((len(recording), len(CAMERAS)), -1)
+    position = file.copy()
+    numbers: dict[tuple[str, ShardStore], int] = {}
+    for camera in cameras:
+        for row, image in enumerate(recording.images[:, camera]):
+            if place := shard_of(image):
+                file[row, camera] = numbers.setdefault(place, len(numbers))
+                position[row, camera] = image.number
+    return RowViews([ShardViews(*place, view) for place in numbers], file, position)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.recording import LOG_NAME, Recording, file_name
+from datamodules.shard_store import shard_of
 from zoo.base.errors import InputError
 from zoo.base.regular_file import open_text
 from zoo.base.whole_file import write_whole
@@ -17,6 +18,7 @@ MOST_SPLIT_BYTES = 500_000_000
 PARTS = ("train", "val", "test")
 KINDS = ("blocks", "random", "recording")
 REDEALS = 100
+LEAST_SHARDS = 20  # with more, a shard is a block
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,10 @@ def _split_blocks(
     length = int(np.clip(block_s * rate, 1, max(len(recording) // 20, 1)))
     gap = min(round(gap_s * rate), length)
     borders = np.flatnonzero(np.diff(recording.recording)) + 1
+    shards = [shard_of(image) for image in recording.images[:, 0]]
+    changes = [row for row in range(1, len(shards)) if shards[row] != shards[row - 1]]
+    if shards[0] and len(changes) > LEAST_SHARDS:  # so that validation reads few shards
+        borders, length = np.array(changes), len(recording)
     edges = [0, *borders.tolist(), len(recording)]
     bounds = [
         (start, min(start + length, stop))

@@ -16,25 +16,27 @@ from zoo.cli.closing_lines import print_next, print_written
 @command
 def convert(
     source: str,
-    *,
-    to: Literal["udacity", "lerobot", "donkeycar"] | None = None,
+    *sources: str,
+    to: Literal["udacity", "lerobot", "donkeycar", "shards"] | None = None,
     out: Path | None = None,
     fps: Annotated[int, Field(ge=1, le=1000)] | None = None,
     crf: Annotated[int, Field(ge=1, le=51)] = 18,
     task: str = "follow the road",
     fit: Literal["keep", "pad"] = "keep",
     quality: Annotated[int, Field(ge=1, le=100)] = 95,
+    shard_mb: Annotated[float, Field(gt=0, le=4000)] = 128,
     read: ReadOptions,
 ) -> Path:
-    """Write a recording of any format as Udacity's log, a LeRobot dataset or a Donkeycar tub.
+    """Write a recording as Udacity's log, a LeRobot dataset, a Donkeycar tub, or shards.
 
-    Finds out by its files what SOURCE is.
+    Finds out by its files what SOURCE is. Several become one dataset, tub, or folder of shards.
 
       drivezoo convert FOLDER to=lerobot out=NEW
       drivezoo convert TUB out=NEW
 
     Args:
-        source: folder or file of a recording.
+        source: folder or file of a recording, or address of shards.
+        *sources: further ones.
         to: new format; null: udacity (driving_log.csv), for a folder of another format.
         out: new folder to write; null: SOURCE's name with the format, with a number if that exists.
         fps: LeRobot: frames per second to write; null: the recording's mean.
@@ -43,6 +45,7 @@ def convert(
         fit: keep: images as they are; pad: with black bars, twice as wide as high, as the
             simulator's frames are.
         quality: quality of JPEGs written from videos or padded.
+        shard_mb: shards: MB of each.
         read: see `ReadOptions`.
 
     Raises:
@@ -62,8 +65,10 @@ def convert(
     if to == found:
         raise UsageError(
             f"to={to}: {source} is a {titles[to]} already; name another format: to=udacity, "
-            "to=lerobot or to=donkeycar"
+            "to=lerobot, to=donkeycar or to=shards"
         )
+    if to == "udacity" and sources:
+        raise UsageError("to=udacity: takes one recording; convert each, and name all in data.root")
     # Without SOURCE's own name, `.` has none to add the format to.
     whole = (place.parent if place.is_file() else place).absolute()
     out = out or free_folder(whole.with_name(f"{whole.name}_{to}"))
@@ -80,8 +85,14 @@ def convert(
             from datamodules.findings import skipped_lines
             from datamodules.recording_format import read_recordings
 
-            recording = read_recordings(str(place), **{**asdict(read), "on_bad_image": "skip"})
-            if to == "donkeycar":
+            roots = [source, *sources]
+            recording = read_recordings(roots, **{**asdict(read), "on_bad_image": "skip"})
+            if to == "shards":
+                from datamodules.formats.shards import export_shards
+
+                result = export_shards(recording, out, shard_mb, quality, report)
+                words, purpose = ["drivezoo", "train", f"data.root={result.folder}"], ""
+            elif to == "donkeycar":
                 from datamodules.formats.donkeycar import export_tub
 
                 result = export_tub(recording, out, report)

@@ -85,6 +85,8 @@ def _refusal(config: DictConfig, data: DrivingData, frozen: nn.Module | None) ->
     changes = [name for name, settings in (config.data.augment or {}).items() if settings]
     if changes:
         return f"augment=[{','.join(changes)}] changes every image; set augment=[]"
+    if data.views.shards:
+        return "shards may be larger than the disk; train on a log"
     if data.windows.is_windowed:
         return (
             f"data.sequence={data.windows.sequence} data.ahead={data.windows.ahead} make windows, "

@@ -13,10 +13,12 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
+from datamodules.balance import BalancedBatches, BatchKey
 from tests.recordings import Written
 from tests.zoo.commands import command, environment, run
 from tests.zoo.sweeps import change_status
 from tests.zoo.trainings import SMALL, data_of, zoo_here
+from zoo.base.errors import InputError
 from zoo.leaderboard.scored import read_scored
 from zoo.runs.status import read_status, write_status
 
@@ -164,6 +166,32 @@ def test_a_moved_run_ends_with_the_best_checkpoint_of_an_unbroken_one(
         ours, theirs = weights(tmp_path / "new", name), weights(tmp_path / "whole", name)
         assert all(torch.equal(ours[key], theirs[key]) for key in theirs)
     assert not (tmp_path / "old").exists()
+
+
+def test_a_run_that_fails_inside_an_epoch_resumes_inside_it(
+    zoo: Zoo, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = ("callbacks=inside_epoch", "callbacks.inside.every_n_train_steps=3")
+    overrides = (*SMALL, *data_of(recorded), *own, "trainer.max_epochs=3")
+    assert zoo(*overrides, "hydra.run.dir=whole") == 0
+    batches, fed = BalancedBatches.__iter__, list[tuple[int, int]]()
+
+    def failing(sampler: BalancedBatches) -> Iterator[BatchKey]:
+        for key in batches(sampler):
+            fed.append((key.epoch, key.number))
+            if len(fed) > 1 and fed[-1] == (1, 8) and fed[0] == (0, 0):
+                raise InputError("the server is away")
+            yield key
+
+    monkeypatch.setattr(BalancedBatches, "__iter__", failing)
+    assert zoo(*overrides, "hydra.run.dir=failed") == 1
+    fed.clear()
+    assert zoo("resume=failed") == 0
+    assert next(one for one in fed if one[0] == 1) in ((1, 6), (1, 5)), "after the last checkpoint"
+    assert next(one for one in fed if one[0] == 2) == (2, 0), "a later epoch is whole"
+    for name in ("best", "last"):
+        ours, theirs = weights(tmp_path / "failed", name), weights(tmp_path / "whole", name)
+        assert all(torch.equal(ours[key], theirs[key]) for key in theirs)
 
 
 @pytest.mark.parametrize("trace", [".hydra", "status.json", "checkpoints"])

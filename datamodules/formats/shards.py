@@ -1,0 +1,138 @@
+"""Shards of images that LitData writes, and a Parquet file of labels, in a folder or at an address.
+
+A shard holds the images of neighbouring rows, those of all cameras.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from datamodules.driving_log import CAMERAS, BadRows
+from datamodules.formats.lerobot_features import load_pyarrow
+from datamodules.formats.parquet_columns import read_table
+from datamodules.formats.recording_writer import Converted, left_out_note
+from datamodules.image import Stored, StoredImage, encode_image, find_fault
+from datamodules.read_options import ReadOptions
+from datamodules.recording import Recording, keep_valid, make_recording
+from datamodules.shard_store import EXTRA, INDEX, REMEDY, ShardStore, is_address
+from datamodules.stretches import complete_times, find_breaks
+from zoo.base.errors import InputError
+from zoo.base.new_folder import RECORDINGS, whole_folder
+from zoo.base.rig import UDACITY
+
+title = "shards"
+LABELS = "labels.parquet"
+NUMBERS = ("steering", "throttle", "brake", "speed_mph", "time_s")
+REPORT_ROWS = 50  # rows between two calls of `progress`
+RIG = "udacity_rig"  # 1 in rows of Udacity's cameras and car, else 0
+
+
+def detect(path: Path) -> bool:
+    """Return whether a path is an address, or a folder with shards and labels."""
+    return is_address(path) or ((path / INDEX).exists() and (path / LABELS).exists())
+
+
+def read(path: Path, options: ReadOptions) -> Recording:
+    """Return the rows; the images stay in their shards until they are needed.
+
+    Raises:
+        InputError: a file is missing or damaged, or a server does not answer.
+    """
+    cache = Path(options.cache).expanduser() if options.cache else None
+    store = ShardStore(path, cache, int(options.cache_gb * 1e9))
+    labels, pyarrow = store.fetch(LABELS), load_pyarrow()
+    columns = [*NUMBERS, *CAMERAS, RIG]
+    table = read_table(labels, columns, pyarrow)
+    counts = np.array(list(store.images.values()))
+    files = [f"{store.place}/{name}" for name in store.images]
+    ends = np.cumsum(counts)
+    images = {}
+    for camera in CAMERAS:
+        number = np.nan_to_num(table[camera], nan=-1).astype(np.int64)
+        if number.max(initial=-1) >= ends[-1]:
+            raise InputError(f"{store.place}/{LABELS}: names images that no shard has; {REMEDY}")
+        shard = np.searchsorted(ends, number, side="right")
+        at = number - (ends - counts)[shard]
+        images[camera] = [
+            StoredImage(files[one], position, store) if known else None
+            for one, position, known in zip(
+                shard.tolist(), at.tolist(), (number >= 0).tolist(), strict=True
+            )
+        ]
+    place = f"{store.place}/{LABELS}"
+    recording = make_recording(
+        path,
+        {name: table[name] for name in NUMBERS},
+        images,
+        places=np.array([f"{place}, row {row + 1}" for row in range(len(table[RIG]))], object),
+        rig=UDACITY if (table[RIG] == 1).all() else None,
+    )
+    recording = replace(recording, names=(store.place,))
+    return keep_valid(recording, BadRows(options.on_bad_row))
+
+
+def export_shards(
+    recording: Recording,
+    out: Path,
+    shard_mb: float = 128,
+    quality: int = 95,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Converted:
+    """Write images as they are stored, in shards, and the labels, to the bit.
+
+    Args:
+        recording: recording to write.
+        out: new folder.
+        shard_mb: size of a shard, MB.
+        quality: quality of the JPEGs of a video's frames, 1..100.
+        progress: function called with the finished share, 0..1.
+
+    Raises:
+        InputError: LitData or pyarrow is missing, no image is whole, `out` exists, or the disk is
+            full.
+    """
+    pyarrow = load_pyarrow()
+    try:
+        from litdata.streaming.writer import BinaryWriter
+    except ImportError:
+        raise InputError(f"to=shards: needs LitData; {EXTRA}") from None
+    item, count = np.full(recording.images.shape, -1), 0
+    left_out = []
+    with whole_folder(out, RECORDINGS) as part:
+        writer = BinaryWriter(str(part), chunk_bytes=int(shard_mb * 1e6))
+        for row in range(len(recording)):
+            if row % REPORT_ROWS == 0:
+                progress(row / len(recording))
+            cameras = np.flatnonzero(recording.images[row]).tolist()
+            try:
+                stored = [_encoded(recording.stored(row, one), quality) for one in cameras]
+            except (OSError, ValueError) as error:
+                left_out.append(f"{recording.place(row)}: {error}")
+                continue
+            for camera, data in zip(cameras, stored, strict=True):
+                writer.add_item(count, data)
+                item[row, camera], count = count, count + 1
+        if not count:
+            raise InputError(f"no row has whole images: {left_out[0]}; copy the images again")
+        writer.done()
+        writer.merge()
+        times = complete_times(recording)
+        good = np.any(item >= 0, axis=1)
+        kept = recording.keep(good)
+        columns = {name: getattr(kept, name) for name in NUMBERS} | {"time_s": times[good]}
+        columns |= {camera: item[good, number] for number, camera in enumerate(CAMERAS)}
+        columns[RIG] = np.full(len(kept), int(recording.rig == UDACITY))
+        pyarrow.parquet.write_table(pyarrow.table(columns), part / LABELS)
+    notes = left_out_note(left_out, "their image is damaged")
+    if recording.rig != UDACITY:
+        notes.append("the shards do not hold the car's rig; name it in training: data.rig=FILE")
+    return Converted(out, len(kept), 1 + int(find_breaks(kept).sum()), tuple(notes))
+
+
+def _encoded(stored: Stored, quality: int) -> bytes:
+    data = stored if isinstance(stored, bytes) else encode_image(stored, quality=quality)
+    if fault := find_fault(data):
+        raise ValueError(fault)
+    return data
