@@ -99,6 +99,10 @@ class SteeringModule(lightning.LightningModule):
         """Return the targets of the loss, [rows, columns of the network in training]."""
         return network_targets(self.network, batch)
 
+    def on_train_start(self) -> None:
+        """Start the clock: an epoch that is resumed inside has no start."""
+        self._clock = time.perf_counter()
+
     def on_train_epoch_start(self) -> None:
         """Start counting samples and loss of the epoch."""
         self._samples_before = self.train_samples

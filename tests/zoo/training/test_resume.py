@@ -172,22 +172,26 @@ def test_a_run_that_fails_inside_an_epoch_resumes_inside_it(
     zoo: Zoo, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     own = ("callbacks=inside_epoch", "callbacks.inside.every_n_train_steps=3")
-    overrides = (*SMALL, *data_of(recorded), *own, "trainer.max_epochs=3")
+    # LeNet has no dropout, whose random numbers begin with an epoch.
+    overrides = (*SMALL, *data_of(recorded), *own, "model=lenet", "trainer.max_epochs=3")
     assert zoo(*overrides, "hydra.run.dir=whole") == 0
     batches, fed = BalancedBatches.__iter__, list[tuple[int, int]]()
+    away = [True]
 
     def failing(sampler: BalancedBatches) -> Iterator[BatchKey]:
         for key in batches(sampler):
             fed.append((key.epoch, key.number))
-            if len(fed) > 1 and fed[-1] == (1, 8) and fed[0] == (0, 0):
+            if away and fed[-1] == (1, 8):
                 raise InputError("the server is away")
             yield key
 
     monkeypatch.setattr(BalancedBatches, "__iter__", failing)
     assert zoo(*overrides, "hydra.run.dir=failed") == 1
     fed.clear()
+    away.clear()
     assert zoo("resume=failed") == 0
-    assert next(one for one in fed if one[0] == 1) in ((1, 6), (1, 5)), "after the last checkpoint"
+    # 17 batches an epoch: the last checkpoint follows step 24, the seventh of epoch 1.
+    assert next(one for one in fed if one[0] == 1) == (1, 7)
     assert next(one for one in fed if one[0] == 2) == (2, 0), "a later epoch is whole"
     for name in ("best", "last"):
         ours, theirs = weights(tmp_path / "failed", name), weights(tmp_path / "whole", name)
