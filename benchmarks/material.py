@@ -10,6 +10,7 @@ from rich.console import Console
 
 from datamodules.driving import DrivingData
 from datamodules.view import View
+from simulator.recorder import image_name
 from zoo.checkpoints.policy import CheckpointPolicy
 from zoo.cli.compose import compose_config
 
@@ -43,17 +44,16 @@ def linked_recording(rows: int, cameras: tuple[str, ...] = ("center", "left", "r
     lines = []
     for row in range(rows):
         moment = start + datetime.timedelta(milliseconds=67 * row)
-        stem = f"{moment:%Y_%m_%d_%H_%M_%S}_{moment.microsecond // 1000:03d}.jpg"
         names = []
         for camera in there:
             if camera not in cameras:
                 names.append("")
                 continue
-            link = folder / "IMG" / f"{camera}_{stem}"
+            link = folder / "IMG" / image_name(camera, moment)
             link.unlink(missing_ok=True)
             # Hard links cost what a recording's own files cost; a symbolic link is followed first.
             link.hardlink_to(there[camera][row % len(there[camera])])
-            names.append(f"IMG/{camera}_{stem}")
+            names.append(f"IMG/{link.name}")
         steering = ((row * 37) % 101 - 50) / 100
         lines.append(",".join([*names, f"{steering:.2f}", "0.5", "0", "20.0"]))
     log.write_text("\n".join(lines) + "\n")

@@ -1,9 +1,6 @@
 """A recorder in the original simulator's format: `driving_log.csv` and `IMG/`."""
 
-import csv
 import datetime
-import io
-import os
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -13,8 +10,8 @@ import numpy as np
 from simulator.rig import CAMERAS
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, written_folder
-from zoo.base.whole_file import write_new
-from zoo.base.written_files import marked_folder, note_files
+from zoo.base.whole_file import AppendedFile, write_new
+from zoo.base.written_files import marked_folder
 
 LOG_NAME, IMAGE_FOLDER = "driving_log.csv", "IMG"
 COLUMNS = (*CAMERAS, "steering", "throttle", "brake", "speed")
@@ -56,10 +53,9 @@ class Recorder:
             if marked_folder(self.log) is None:  # the folder is no part of a command's
                 self._held.enter_context(written_folder(self.folder, RECORDINGS))
             self.images.mkdir(parents=True, exist_ok=True)
-            self._file = self.log.open("xb", buffering=0)
-            note_files(self.log)
+            self._file = AppendedFile(self.log)
             if header:
-                self._append(",".join(COLUMNS) + "\n")
+                self._file.append([COLUMNS])
         except OSError as error:
             self._held.close()
             raise InputError(f"{self.folder}: cannot record there: {error.strerror}") from None
@@ -106,15 +102,15 @@ class Recorder:
         if seconds <= self._last_s:
             raise ValueError(f"time={time}: not after the last row; call begin_pass() first")
         moment = FIRST_MOMENT + datetime.timedelta(seconds=seconds)
-        stamp = moment.strftime("%Y_%m_%d_%H_%M_%S_") + f"{moment.microsecond // 1000:03d}"
-        paths = [self.images / f"{camera}_{stamp}.jpg" for camera in CAMERAS]
+        paths = [self.images / image_name(camera, moment) for camera in CAMERAS]
         written: list[Path] = []
         try:
             for camera, path in zip(CAMERAS, paths, strict=True):
                 frame = frames[camera]
                 write_new(path, frame if isinstance(frame, bytes) else encode(frame))
                 written.append(path)
-            self._append(self._line(paths, (steering, throttle, brake, speed_mph)))
+            numbers = map(number_text, (steering, throttle, brake, speed_mph))
+            self._file.append([[*self._names(paths), *numbers]])
         except OSError as error:
             for path in written:
                 path.unlink(missing_ok=True)
@@ -124,26 +120,20 @@ class Recorder:
             ) from None
         self.rows, self._last_s = self.rows + 1, seconds
 
-    def _line(self, paths: list[Path], numbers: tuple[float, ...]) -> str:
-        fields = [str(path) for path in paths]
-        if self.relative:
-            names = [f"{IMAGE_FOLDER}/{path.name}" for path in paths]
-            fields = [names[0], *(f" {name}" for name in names[1:])]
-        line = io.StringIO()
-        # A comma in the folder's name needs quotes, which the original omits.
-        csv.writer(line, lineterminator="\n").writerow([*fields, *map(number_text, numbers)])
-        return line.getvalue()
+    def _names(self, paths: list[Path]) -> list[str]:
+        if not self.relative:
+            return [str(path) for path in paths]
+        first, *others = [f"{IMAGE_FOLDER}/{path.name}" for path in paths]
+        return [first, *(f" {name}" for name in others)]
 
-    def _append(self, line: str) -> None:
-        """Write a whole line, or nothing if that fails."""
-        size, text = os.fstat(self._file.fileno()).st_size, line.encode(errors="surrogateescape")
-        try:
-            written = 0
-            while written < len(text):  # a nearly full disk may write only the beginning
-                written += self._file.write(text[written:])
-        except OSError:
-            self._file.truncate(size)
-            raise
+
+def image_name(camera: str, moment: datetime.datetime) -> str:
+    """Return the name of an image's file, with the time as the original writes it.
+
+    >>> image_name("left", datetime.datetime(2020, 1, 1, 12, 0, 9, 66_000))
+    'left_2020_01_01_12_00_09_066.jpg'
+    """
+    return f"{camera}_{moment:%Y_%m_%d_%H_%M_%S}_{moment.microsecond // 1000:03d}.jpg"
 
 
 def number_text(value: float) -> str:

@@ -1,12 +1,14 @@
 """Replace files in one step, so that they are complete even if the process is killed."""
 
+import csv
+import io
 import json
 import math
 import os
 import re
 import secrets
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -126,6 +128,36 @@ def write_new(path: Path, data: bytes | memoryview) -> None:
         except BaseException:
             path.unlink(missing_ok=True)
             raise
+
+
+class AppendedFile:
+    """A CSV file that is readable at any time, also after a kill or on a full disk."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("xb", buffering=0)
+        note_files(path)
+
+    def append(self, rows: Iterable[Iterable[object]]) -> None:
+        """Append rows, all or none.
+
+        Raises:
+            OSError: the disk is full; none of the rows is written.
+        """
+        lines = io.StringIO()
+        csv.writer(lines, lineterminator="\n").writerows(rows)
+        text, written = lines.getvalue().encode(errors="surrogateescape"), 0
+        size = os.fstat(self._file.fileno()).st_size
+        try:
+            while written < len(text):  # a nearly full disk accepts only the beginning
+                written += self._file.write(text[written:])
+        except OSError:
+            self._file.truncate(size)
+            self._file.seek(size)
+            raise
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
 
 
 def remove_parts(folder: Path) -> None:

@@ -19,6 +19,7 @@ from datamodules.formats.recording_writer import write_log
 from datamodules.image import link_or_copy, read_image
 from datamodules.recording import IMAGE_FOLDER
 from datamodules.recording_format import read_recordings
+from simulator.recorder import split_pedals
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.whole_file import write_whole
@@ -185,8 +186,7 @@ def _labelled(options: CorrectOptions, out: Path) -> list[tuple]:
         values = [labels[drive.frame[row]] for row in known]
         for row in one.rows[(one.rows >= known[0]) & (one.rows <= known[-1])]:
             steering = float(np.interp(drive.time_s[row], drive.time_s[known], values))
-            throttle = drive.throttle[row]
-            pedals = max(throttle, 0.0), max(-throttle, 0.0)
+            pedals = split_pedals(drive.throttle[row])
             image = str(drive.folder / drive.frame[row])
             rows.append(((image, None, None), (steering, *pedals, drive.speed_mph[row])))
     if not rows:

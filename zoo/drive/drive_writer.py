@@ -8,21 +8,16 @@ import threading
 from dataclasses import replace
 from pathlib import Path
 
+from simulator.recorder import IMAGE_FOLDER, image_name, number_text, split_pedals
+from simulator.recorder import LOG_NAME as RECORDING_LOG
 from zoo.base.errors import InputError
 from zoo.base.new_folder import written_folder
-from zoo.base.whole_file import write_new
+from zoo.base.whole_file import AppendedFile, write_new
 from zoo.drive.notices import Notices
-from zoo.drives.drive_log import (
-    LOG_NAME,
-    AppendedFile,
-    DriveWriter,
-    read_drive,
-    write_summary,
-)
+from zoo.drives.drive_log import LOG_NAME, DriveWriter, read_drive, write_summary
 from zoo.drives.drive_record import SOCKET, DriveRow
 from zoo.drives.metrics import measure
 
-RECORDING_LOG, IMAGE_FOLDER = "driving_log.csv", "IMG"
 MEASURED_BYTES = 10_000_000  # of a drive.csv, 3 h; readers compute the metrics of a longer one
 WAITING = 512  # rows in the queue, 8 MB with images; further rows are dropped on a slow disk
 
@@ -150,10 +145,9 @@ class BackgroundWriter:
                 self._open_folder()
                 (self.folder / IMAGE_FOLDER).mkdir(exist_ok=True)
                 self._recording = AppendedFile(self.folder / RECORDING_LOG)
-            path = self.folder / IMAGE_FOLDER / f"center_{self._stamp()}.jpg"
+            path = self.folder / IMAGE_FOLDER / image_name("center", self._moment())
             write_new(path, image)
-            brake = max(-row.throttle, 0.0)
-            numbers = (row.steering, max(row.throttle, 0.0), brake, row.speed_mph)
+            numbers = (row.steering, *split_pedals(row.throttle), row.speed_mph)
             # There is one camera, so that the columns of the side cameras stay empty.
             self._recording.append([[path, "", "", *map(number_text, numbers)]])
         except (OSError, InputError) as error:
@@ -163,18 +157,12 @@ class BackgroundWriter:
         self._last_image, self._last_frame = image, f"{IMAGE_FOLDER}/{path.name}"
         return replace(row, frame=self._last_frame)
 
-    def _stamp(self) -> str:
-        """Return the time in the original's format of file names; each call returns a later one."""
+    def _moment(self) -> datetime.datetime:
+        """Return the time of an image; each call returns a later one, by a millisecond or more."""
         step = datetime.timedelta(milliseconds=1)
         self._last_moment = max(datetime.datetime.now(), self._last_moment + step)
-        moment = self._last_moment
-        return f"{moment:%Y_%m_%d_%H_%M_%S}_{moment.microsecond // 1000:03d}"
+        return self._last_moment
 
     def _failed(self, error: Exception) -> None:
         reason = getattr(error, "strerror", None) or str(error)
         self.notices.report(f"{self.folder}: cannot be written to; driving continues", reason)
-
-
-def number_text(value: float) -> str:
-    """Return a number as C# writes a float: seven digits without trailing zeros."""
-    return f"{value + 0.0:.7g}".upper()

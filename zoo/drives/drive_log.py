@@ -7,9 +7,7 @@ and percentiles of latency.
 """
 
 import csv
-import io
 import math
-import os
 from collections.abc import Iterable
 from dataclasses import fields
 from functools import lru_cache
@@ -23,8 +21,7 @@ from datamodules.driving_log import replace_undecoded
 from zoo.base.bounded_files import check_version, read_json
 from zoo.base.errors import InputError
 from zoo.base.regular_file import open_text
-from zoo.base.whole_file import json_text, write_whole
-from zoo.base.written_files import note_files
+from zoo.base.whole_file import AppendedFile, json_text, write_whole
 from zoo.drives.drive_record import Drive, DriveRow
 from zoo.drives.metrics import METRICS, measure
 from zoo.runs.record_fields import Fields, Number, Whole, check_fields, plain
@@ -58,36 +55,6 @@ def summary_fields(metrics: tuple[str, ...]) -> type[Known]:
         name: ((Whole if METRICS[name].whole else Number) | None, None) for name in metrics
     }
     return create_model("Summary", __base__=Known, **figures)
-
-
-class AppendedFile:
-    """A CSV file that is readable at any time, also after a kill or on a full disk."""
-
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("xb", buffering=0)
-        note_files(path)
-
-    def append(self, rows: Iterable[Iterable[object]]) -> None:
-        """Append rows, all or none.
-
-        Raises:
-            OSError: the disk is full; none of the rows is written.
-        """
-        lines = io.StringIO()
-        csv.writer(lines, lineterminator="\n").writerows(rows)
-        text, written = lines.getvalue().encode(), 0
-        size = os.fstat(self._file.fileno()).st_size
-        try:
-            while written < len(text):  # a nearly full disk accepts only the beginning
-                written += self._file.write(text[written:])
-        except OSError:
-            self._file.truncate(size)
-            self._file.seek(size)
-            raise
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
 
 
 class DriveWriter(AppendedFile):
