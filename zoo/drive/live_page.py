@@ -14,12 +14,11 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar
 from urllib.parse import parse_qs
 
-import cv2
 import eventlet
-import numpy as np
 import torch
 from pydantic import Field, StringConstraints, TypeAdapter, ValidationError
 
+from datamodules.image import encode_image
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.drive.driver import Driver
@@ -32,6 +31,7 @@ MOST_POLLS = 50  # per second, of all pages; 300 doubled the 99th percentile of 
 SALIENCY_S = 0.5  # least time between two drawings of the saliency
 FRAME_S = 0.1  # least time between two encodings of a frame, which all pages share
 MOST_LISTED = 50  # checkpoints in the list
+QUALITY = 88  # of the JPEG images
 STATIC = Path(__file__).parent / "static"
 FILES = {
     "/": ("index.html", "text/html; charset=utf-8"),
@@ -103,7 +103,8 @@ class LiveSaliency:
             return b""
         if policy is not self._policy:
             self._saliency, self._policy = Saliency(policy), policy
-        return jpeg(overlay(state.frame, self._saliency(state.frame, state.speed_mph)))
+        shown = overlay(state.frame, self._saliency(state.frame, state.speed_mph))
+        return encode_image(shown, quality=QUALITY)
 
 
 class LivePage:
@@ -168,7 +169,8 @@ class LivePage:
         now_s = time.monotonic()
         if now_s - self._encoded_s >= FRAME_S:
             frame = self.driver.latest().frame
-            self._jpeg, self._encoded_s = b"" if frame is None else jpeg(frame), now_s
+            self._jpeg = b"" if frame is None else encode_image(frame, quality=QUALITY)
+            self._encoded_s = now_s
         return _image(self._jpeg)
 
     def _saliency(self) -> bytes:
@@ -235,12 +237,6 @@ def _image(image: bytes) -> bytes:
     if not image:
         raise RequestError(HTTPStatus.NOT_FOUND, "no frame received yet; connect a simulator")
     return image
-
-
-def jpeg(frame: np.ndarray) -> bytes:
-    """Encode an image, uint8 [H, W, 3] RGB, as JPEG."""
-    quality = (cv2.IMWRITE_JPEG_QUALITY, 88)
-    return cv2.imencode(".jpg", np.ascontiguousarray(frame[..., ::-1]), quality)[1].tobytes()
 
 
 def call_in_thread(function: Callable[..., Result], *arguments: object) -> Result:

@@ -5,9 +5,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
+from datamodules.image import encode_image
 from zoo.runs.page import Page
 from zoo.runs.table import Table, markdown_cell
 from zoo.runs.table import markdown_escape as plain
+
+QUALITY = 88  # of JPEG images
 
 
 class Block:
@@ -110,6 +115,11 @@ class Image:
     data: bytes
     caption: str
     plot: bool = False
+
+    @classmethod
+    def jpeg(cls, name: str, pixels: np.ndarray, caption: str) -> "Image":
+        """Return pixels, uint8 [H, W, 3] RGB, as a JPEG."""
+        return cls(name, encode_image(pixels, quality=QUALITY), caption)
 
     @property
     def kind(self) -> str:

@@ -1,20 +1,24 @@
 """The section on the training data."""
 
+from pathlib import Path
+
+import cv2
 import numpy as np
 
 from datamodules.driving_log import CAMERAS
 from datamodules.findings import report_lines
-from datamodules.image import read_image
+from datamodules.image import decode_pixels, read_image
 from datamodules.recording import Recording
 from datamodules.samples import make_samples
 from datamodules.stretches import LEAST_CHANGE, STRETCH_S, find_stretches, steering_returns
 from zoo.base.errors import InputError
-from zoo.report.blocks import Block, Bullets, Heading, Images, Rows, Text
-from zoo.report.report_images import labelled_frame, signed, smaller
+from zoo.report.blocks import Block, Bullets, Heading, Image, Images, Rows, Text
 from zoo.report.reported_run import ReportedRun
 from zoo.runs.table import Table
 
 SHOWN = 6  # number of frames of the recovery
+WIDTH = 640  # of a frame
+AMBER, DARK = (240, 173, 74), (20, 24, 28)
 SIMILARITY = (
     "Similarity of held-out and training frames (medians): the time to the nearest training frame, "
     "and the difference to the most similar one, as a share of that between any two frames. Near "
@@ -177,3 +181,29 @@ def find_recovery(recording: Recording) -> tuple[np.ndarray, str]:
     )
     first = int(stretches.first[found.argmax()])
     return np.arange(first, first + stretches.length), why
+
+
+def labelled_frame(name: str, frame: np.ndarray, steering: float, caption: str) -> Image:
+    """Return an enlarged frame with an arrow for the steering (-1..1), its last word.
+
+    Full lock is 45 degrees, as in the plot of the network's input.
+    """
+    width, height = WIDTH, WIDTH * len(frame) // frame.shape[1]
+    large = cv2.resize(frame, (width, height), interpolation=cv2.INTER_CUBIC)
+    length, angle = 0.5 * height, steering * np.pi / 4
+    foot = (width // 2, height - 1)
+    tip = round(width / 2 + length * np.sin(angle)), round(foot[1] - length * np.cos(angle))
+    for colour, thickness in ((DARK, 9), (AMBER, 5)):  # visible on light and dark roads
+        cv2.arrowedLine(large, foot, tip, colour, thickness, cv2.LINE_AA, tipLength=0.12)
+    return Image.jpeg(f"{name}.jpg", large, f"{caption} {signed(steering)}")
+
+
+def signed(steering: float) -> str:
+    """Return a steering as text, with its sign."""
+    return f"{steering + 0.0:+.3f}"
+
+
+def smaller(image: Image) -> Image:
+    """Return a plot with many photographs as JPEG, a fifth of the PNG's size."""
+    pixels = decode_pixels(image.data)
+    return Image.jpeg(f"{Path(image.name).stem}.jpg", pixels, image.caption)

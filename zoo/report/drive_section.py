@@ -20,7 +20,6 @@ from zoo.report.blocks import (
     Rows,
     Text,
 )
-from zoo.report.report_images import jpeg
 from zoo.report.reported_run import ReportedRun
 
 if TYPE_CHECKING:
@@ -126,7 +125,7 @@ def _worst(run: ReportedRun, track: str, drives: "list[Drive]") -> list[Block]:
             f"cross-track error {drive.cross_track_m[row]:+.2f} m, steering "
             f"{drive.steering[row] + 0.0:+.2f}, {drive.speed_mph[row]:.0f} mph"
         )
-        images.append(jpeg(_name(drives[0], f"worst_{number}.jpg"), pair, caption))
+        images.append(Image.jpeg(_name(drives[0], f"worst_{number}.jpg"), pair, caption))
     return [
         Heading(f"Worst moments on the {track}"),
         Text(
