@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from benchmarks.study_csv import Rows, grouped
+from benchmarks.measuring import Rows, grouped
 from benchmarks.study_grid import Entry, Study, run_logged
 from benchmarks.study_tables import CELLS, headline, of_group
 from zoo.base.errors import InputError

@@ -5,8 +5,7 @@ import math
 import numpy as np
 from scipy.stats import spearmanr
 
-from benchmarks.measuring import markdown_table
-from benchmarks.study_csv import Row, Rows, grouped
+from benchmarks.measuring import Row, Rows, grouped, markdown_table
 
 # Metrics on a network's own test rows and on the recording of recoveries, and the sign with which a
 # larger value is worse.

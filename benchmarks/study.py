@@ -10,8 +10,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from benchmarks.measuring import print_table
-from benchmarks.study_csv import merge, read_csv, write_csv
+from benchmarks.measuring import merge, print_table, read_csv, write_csv
 from benchmarks.study_grid import FOLDER, Entry, Study
 from benchmarks.study_tables import packaged, write_tables
 from zoo.base.errors import InputError, UsageError

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.measuring import markdown_table, write_between
+from benchmarks.measuring import Rows, grouped, markdown_table, write_between
 from benchmarks.rank_correlations import recoveries, test_rows
-from benchmarks.study_csv import Rows, grouped
 from zoo.drives.bootstrap import mean_over_seeds
 from zoo.drives.intervals import count_with_interval
 

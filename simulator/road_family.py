@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from simulator.closing import closing_segments
+from simulator.centreline import closing_segments
 from simulator.track import GroundKind, Track, VergeKind
 from simulator.track_content import MOST_POINTS, make_track
 from simulator.track_names import DRAWN, road_folder

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks import board_rows, study, study_grid, study_rows
-from benchmarks.study_csv import merge, read_csv, write_csv
+from benchmarks.measuring import merge, read_csv, write_csv
 from benchmarks.study_grid import FOLDER, Entry, Study
 from datamodules.recording_format import read_recordings
 from datamodules.split import split_rows

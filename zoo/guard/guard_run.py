@@ -25,9 +25,8 @@ from zoo.guard.guard_drives import (
     of_group,
     score_drive,
 )
-from zoo.guard.guard_files import print_result, write_files
+from zoo.guard.guard_files import TABLE_COLUMNS, print_result, warnings_table, write_files
 from zoo.guard.guard_options import GuardOptions
-from zoo.guard.guard_tables import TABLE_COLUMNS, warnings_table
 from zoo.guard.warning_figures import (
     LEADS_S,
     WINDOW_S,
