@@ -38,6 +38,17 @@ def interrupt_module(process: subprocess.Popen) -> None:
         process.send_signal(signal.SIGINT)
 
 
+def end_module(process: subprocess.Popen) -> None:
+    """End a child process, after some seconds also one that does not react to Ctrl-C."""
+    if process.poll() is None:
+        interrupt_module(process)
+    try:
+        process.wait(GRACE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
 def end_with_parent() -> None:
     """End this process when the process ends that started it with `child_environment`."""
     parent = os.environ.pop(PARENT, "")  # not for this process's own children

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from itertools import compress
 
-from zoo.base.child_process import interrupt_module, start_module
+from zoo.base.child_process import end_module, start_module
 from zoo.doctor.machine import FAULT, OK, WARNING, Finding, from_error
 
 SLOW_MS = 1000 / 60  # the original simulator sends up to 60 images per second
@@ -135,7 +135,7 @@ def check_round_trip(checkpoint: str) -> Iterator[Finding]:
         except (OSError, ValueError, TimeoutError) as error:
             yield Finding(FAULT, what, f"the driver does not answer: {error}", fix)
         finally:
-            _end(process)
+            end_module(process)
 
 
 def _drive(url: str) -> tuple[list[float], float]:
@@ -187,13 +187,3 @@ def _wait_for_url(process: subprocess.Popen) -> tuple[str | None, str]:
     finally:
         timer.cancel()
     return None, last
-
-
-def _end(process: subprocess.Popen) -> None:
-    if process.poll() is None:
-        interrupt_module(process)
-    try:
-        process.wait(5)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()

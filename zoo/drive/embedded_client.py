@@ -2,9 +2,7 @@
 
 import subprocess
 
-from zoo.base.child_process import interrupt_module, start_module
-
-_PATIENCE_S = 5.0
+from zoo.base.child_process import end_module, start_module
 
 
 class EmbeddedClient:
@@ -39,12 +37,7 @@ class EmbeddedClient:
         """End the process if it runs; return its exit status, 0 if it was ended here."""
         if self._process is None:
             return 0
-        if not self.ended:
-            interrupt_module(self._process)  # the process then closes its film
-            try:
-                self._process.wait(_PATIENCE_S)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
-            return 0
-        return self._process.returncode
+        if self.ended:
+            return self._process.returncode
+        end_module(self._process)  # the process closes its film
+        return 0

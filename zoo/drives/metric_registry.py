@@ -9,7 +9,8 @@ from zoo.cli.registry import Registry
 from zoo.drives.drive_record import Drive
 
 HIGHER, LOWER, NEITHER = "higher is better", "lower is better", "neither"
-SHARE, COUNT = "share", "count"  # units that headings of tables leave out
+SHARE, COUNT, NUMBER = "share", "count", "1"
+WITHOUT_UNIT = SHARE, COUNT, NUMBER  # units that headings of tables leave out
 DRIVES, REPLAYS = "drives", "replays"  # tables: drives on a track, and a replay
 
 Function = Callable[[Drive], float | None]
@@ -75,7 +76,7 @@ class Metric:
 
     def row(self, table: str) -> tuple[str, str]:
         """Return heading and format in a table, DRIVES or REPLAYS."""
-        named = self.label if self.unit in (SHARE, COUNT) else f"{self.label}, {self.unit}"
+        named = self.label if self.unit in WITHOUT_UNIT else f"{self.label}, {self.unit}"
         if table == DRIVES:
             return self.heading or named, self.form
         # A replay is one drive, so that its counts are integers.
@@ -84,7 +85,7 @@ class Metric:
 
     def column_heading(self, track: str) -> str:
         """Return the heading of a track's column in the leaderboard."""
-        unit = "" if self.unit in (SHARE, COUNT) else f" ({self.unit})"
+        unit = "" if self.unit in WITHOUT_UNIT else f" ({self.unit})"
         return f"{self.column_label or self.label}, {track}{unit}"
 
 

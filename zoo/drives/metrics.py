@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from zoo.base.rig import MPS_PER_MPH
 from zoo.drives import tally
 from zoo.drives.drive_record import BAND, PERSON, POLICY, SOCKET
 from zoo.drives.drive_record import Drive as Drive
@@ -23,6 +24,7 @@ from zoo.drives.metric_registry import HIGHER as HIGHER
 from zoo.drives.metric_registry import LOWER as LOWER
 from zoo.drives.metric_registry import METRICS as METRICS
 from zoo.drives.metric_registry import NEITHER as NEITHER
+from zoo.drives.metric_registry import NUMBER as NUMBER
 from zoo.drives.metric_registry import REPLAYS as REPLAYS
 from zoo.drives.metric_registry import SHARE as SHARE
 from zoo.drives.metric_registry import leaderboard_metrics as leaderboard_metrics
@@ -33,7 +35,6 @@ from zoo.drives.tally import LONGEST_STEP_S
 
 NVIDIA = "Bojarski et al. 2016, End to End Learning for Self-Driving Cars, arXiv:1604.07316"
 OURS = "drivezoo"
-MPS_PER_MPH = 0.44704
 
 
 @metric("autonomy", SHARE, HIGHER, f"{NVIDIA}, section 7.1", column=1)
@@ -238,14 +239,7 @@ def latency_ms(drive: Drive) -> float:
     return float(np.median(known)) if len(known) else math.nan
 
 
-@metric(
-    "spread of the steering, mean",
-    "1",
-    NEITHER,
-    OURS,
-    decimals=3,
-    heading="spread of the steering, mean",
-)
+@metric("spread of the steering, mean", NUMBER, NEITHER, OURS, decimals=3)
 def spread_mean(drive: Drive) -> float | None:
     """Mean of the standard deviation `d[i]` that the policy predicts for its steering.
 
@@ -268,14 +262,7 @@ def spread_coverage(drive: Drive) -> float | None:
     return _mean(gap[known] <= BAND * drive.spread[known]) if known.any() else None
 
 
-@metric(
-    "rank correlation, spread and error",
-    "1",
-    HIGHER,
-    OURS,
-    bounds="-1 to 1",
-    heading="rank correlation, spread and error",
-)
+@metric("rank correlation, spread and error", NUMBER, HIGHER, OURS, bounds="-1 to 1")
 def spread_rank_cte(drive: Drive) -> float | None:
     """Spearman's rank correlation of the spread `d[i]` and `|e[i]|`.
 

@@ -51,26 +51,21 @@ class Vgg16(Transfer):
     ) -> None:
         check_trainable_blocks(trainable_blocks, len(BLOCKS))
         layers: list[nn.Module] = []
-        first_trainable = 0
-        channels = 3
-        for number, block in enumerate(BLOCKS):
-            if number == len(BLOCKS) - trainable_blocks:
-                first_trainable = len(layers)
+        begins, channels = [], 3  # the first layer of each block
+        for block in BLOCKS:
+            begins.append(len(layers))
             for out in block:
                 layers += [nn.Conv2d(channels, out, 3, padding=1), nn.ReLU()]
                 channels = out
             layers += [nn.MaxPool2d(2)]
-        if trainable_blocks == 0:
-            first_trainable = len(layers)
         for layer in layers:
             if isinstance(layer, nn.Conv2d):
                 # With PyTorch's default weights the signal vanishes over thirteen layers.
                 nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")
                 nn.init.zeros_(layer.bias)
+        frozen = [*begins, len(layers)][len(BLOCKS) - trainable_blocks]
         features = nn.Sequential(*layers)
-        super().__init__(
-            shape, ImageNetNormalize(), features, first_trainable, activation, dropout, units
-        )
+        super().__init__(shape, ImageNetNormalize(), features, frozen, activation, dropout, units)
 
     @staticmethod
     def public_state(state: dict[str, Tensor]) -> dict[str, Tensor]:

@@ -19,20 +19,23 @@ NORM = BoundaryNorm([0, 0.001, 0.2, 0.4, 0.6, 0.8, 1.001], SHARES.N)
 Cell = tuple[int, int]
 
 
-@dataclass(frozen=True)
-class Grid:
-    """A grid of cells over two features.
+@dataclass
+class Archive:
+    """A grid of cells over two features, with the counts of drives and failures in each cell.
 
     Attributes:
         x, y: names of the features.
         scales: the two features' ranges, by their names.
         cells: number of cells along each feature; the outer cells have what lies beyond the range.
+        driven, failed: number of drives and of failures in each cell that was driven.
     """
 
     x: str
     y: str
     scales: Mapping[str, Feature]
     cells: int
+    driven: Counter[Cell] = field(default_factory=Counter)
+    failed: Counter[Cell] = field(default_factory=Counter)
 
     def cell(self, features: Mapping[str, float]) -> Cell:
         """Return the cell that a road's features lie in."""
@@ -47,18 +50,9 @@ class Grid:
         scale = self.scales[name].scale
         return np.array([scale.at(number / self.cells) for number in range(self.cells + 1)])
 
-
-@dataclass
-class Archive:
-    """Counts of drives and failures in each cell of a grid."""
-
-    grid: Grid
-    driven: Counter[Cell] = field(default_factory=Counter)
-    failed: Counter[Cell] = field(default_factory=Counter)
-
     def add(self, features: Mapping[str, float], failed: bool) -> None:
         """Count a drive."""
-        cell = self.grid.cell(features)
+        cell = self.cell(features)
         self.driven[cell] += 1
         if failed:
             self.failed[cell] += 1
@@ -78,21 +72,21 @@ def failure_map(
         mildest: features of the mildest failing road; None without a failure.
         title: title of the plot.
     """
-    grid = archive.grid
     figure = Figure(figsize=(7.6, 5.4), layout="constrained")
     axis = figure.subplots()
-    edges = {name: grid.edges(name) for name in (grid.x, grid.y)}
-    shares = np.full((grid.cells, grid.cells), np.nan)
+    edges = {name: archive.edges(name) for name in (archive.x, archive.y)}
+    is_log = archive.scales[archive.x].scale.log
+    shares = np.full((archive.cells, archive.cells), np.nan)
     for (column, row), driven in archive.driven.items():
         failed = archive.failed[column, row]
         shares[row, column] = failed / driven
-        left, right = edges[grid.x][column : column + 2]
-        low, high = edges[grid.y][row : row + 2]
-        middle = np.sqrt(left * right) if grid.scales[grid.x].scale.log else (left + right) / 2
+        left, right = edges[archive.x][column : column + 2]
+        low, high = edges[archive.y][row : row + 2]
+        middle = np.sqrt(left * right) if is_log else (left + right) / 2
         ink = "white" if failed > driven / 2 else "black"
         text = {"ha": "center", "va": "center", "fontsize": 7, "zorder": 4, "color": ink}
         axis.text(middle, high - 0.2 * (high - low), f"{failed}/{driven}", **text)
-    mesh = axis.pcolormesh(edges[grid.x], edges[grid.y], shares, cmap=SHARES, norm=NORM)
+    mesh = axis.pcolormesh(edges[archive.x], edges[archive.y], shares, cmap=SHARES, norm=NORM)
     stars = [] if mildest is None else [mildest]
     star = {"s": 130, "color": YELLOW, "marker": "*", "ec": "black", "zorder": 5}
     passed = {"s": 8, "color": BLUE, "marker": "o", "alpha": 0.8, "lw": 1.0, "zorder": 3}
@@ -103,13 +97,13 @@ def failure_map(
         ("mildest intervention", stars, star),
     ):
         if places or look is not star:
-            across, up = ([one[name] for one in places] for name in (grid.x, grid.y))
+            across, up = ([one[name] for one in places] for name in (archive.x, archive.y))
             axis.scatter(across, up, label=label, **look)
-    for name, side, ticks in ((grid.x, "x", axis.xaxis), (grid.y, "y", axis.yaxis)):
-        borders, scale = edges[name], grid.scales[name].scale
+    for name, side, ticks in ((archive.x, "x", axis.xaxis), (archive.y, "y", axis.yaxis)):
+        borders, scale = edges[name], archive.scales[name].scale
         own = [one[name] for one, _ in drives]
         limits = min([borders[0], *own]), max([borders[-1], *own])
-        axis.set(**{f"{side}lim": limits, f"{side}label": grid.scales[name].label})
+        axis.set(**{f"{side}lim": limits, f"{side}label": archive.scales[name].label})
         if scale.log:
             axis.set(**{f"{side}scale": "log"})
         shown = borders[:: max(1, len(borders) // 6)]

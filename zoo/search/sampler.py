@@ -43,7 +43,7 @@ class Sampler:
             draw = self._choose()
             for left in reversed(range(self.proposals)):
                 candidate = self._road(draw)
-                cell = self.archive.grid.cell(candidate.features)
+                cell = self.archive.cell(candidate.features)
                 if cell not in taken or not left:
                     break
                 self._abandon()

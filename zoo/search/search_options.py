@@ -14,7 +14,7 @@ from zoo.runs.table_files import TableFiles
 from zoo.worlds.scenario import SpeedMph
 
 if TYPE_CHECKING:
-    from zoo.search.failure_map import Grid
+    from zoo.search.failure_map import Archive
     from zoo.search.search_space import SearchSpace
 
 VARY = "vary"
@@ -78,20 +78,20 @@ class SearchOptions(TableFiles):
         except InputError as error:
             raise UsageError(str(error)) from None
 
-    def grid(self, space: "SearchSpace") -> "Grid":
-        """Return the cells of the map.
+    def archive(self, space: "SearchSpace") -> "Archive":
+        """Return the cells of the map, without a drive.
 
         Raises:
             UsageError: there is no such feature, or both are the same.
         """
-        from zoo.search.failure_map import Grid  # slow import
+        from zoo.search.failure_map import Archive  # slow import
 
         for key, name in (("x", self.x), ("y", self.y)):
             if name not in space.features:
                 raise UsageError(f"{key}={name}: no such feature; {hint(name, space.features)}")
         if self.x == self.y:
             raise UsageError(f"y={self.y}: is the same feature as x; name another")
-        return Grid(self.x, self.y, space.features, self.cells)
+        return Archive(self.x, self.y, space.features, self.cells)
 
     def _day(self) -> Weather | None:
         if self.weather == VARY:

@@ -96,7 +96,7 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
     """
     options.check_files(TABLE_COLUMNS)
     space = options.space()
-    archive = Archive(options.grid(space))
+    archive = options.archive(space)
     load_policy(checkpoint)  # reports a wrong file before processes start
     with command_folder(options.out, "searches") as folder:
         digest = sha256(Path(checkpoint).read_bytes()).hexdigest()
@@ -118,7 +118,7 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
         if mildest is not None:
             written.append(_write_mildest(report, mildest))
         console.print(table.printed())
-        cells, drives = archive.grid.cells**2, len(report.drives)
+        cells, drives = archive.cells**2, len(report.drives)
         console.print(
             f"{drives} drives, {len(report.failed)} with an intervention; cells: "
             f"{len(archive.driven)} of {cells} driven, {len(archive.failed)} with an intervention",
@@ -151,7 +151,7 @@ def result_of(report: Report) -> dict:
             for key, one in report.space.features.items()
         },
         "cells": {
-            "all": archive.grid.cells**2,
+            "all": archive.cells**2,
             "driven": len(archive.driven),
             "failed": len(archive.failed),
             "counts": [
@@ -180,7 +180,7 @@ def draw_map(report: Report) -> Figure:
     archive, options, mildest = report.archive, report.options, report.mildest
     title = (
         f"{Path(report.checkpoint).name} on {report.space.family.name}, sampler={options.sampler}: "
-        f"{len(archive.failed)} of {archive.grid.cells**2} cells with an intervention, "
+        f"{len(archive.failed)} of {archive.cells**2} cells with an intervention, "
         f"{len(report.drives)} drives"
     )
     points = [(one.candidate.features, one.outcome.failed) for one in report.drives]

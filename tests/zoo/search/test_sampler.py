@@ -31,7 +31,7 @@ def narrow_fails(chosen: list[Candidate]) -> list[Outcome]:
 
 def searched(options: SearchOptions) -> tuple[list[Driven], Archive]:
     space = options.space()
-    archive = Archive(options.grid(space))
+    archive = options.archive(space)
     batches: list[int] = []
     found = search(options, space, archive, narrow_fails, lambda d: batches.append(len(d)))
     assert batches == [*range(8, options.budget, 8), options.budget]

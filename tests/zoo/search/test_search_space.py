@@ -5,7 +5,7 @@ import pytest
 
 from simulator.road_family import find_family
 from simulator.weather import CLEAR, Weather, read_weather
-from zoo.search.failure_map import Archive, Grid
+from zoo.search.failure_map import Archive
 from zoo.search.search_run import distance_to_usual, usual_features
 from zoo.search.search_space import DAYS, SearchSpace, weather_text
 
@@ -50,7 +50,7 @@ def test_a_fixed_day_is_no_feature() -> None:
 
 def test_values_beyond_a_range_are_in_the_outer_cells() -> None:
     features = SearchSpace(ALPINE, 100.0, None).features
-    grid = Grid("bend", "width", features, 4)
+    grid = Archive("bend", "width", features, 4)
     assert grid.cell({"bend": 1.0, "width": 99.0}) == (0, 3)
     bends, widths = grid.edges("bend"), grid.edges("width")
     assert bends[[0, -1]] == pytest.approx(ALPINE.radius)
@@ -60,12 +60,12 @@ def test_values_beyond_a_range_are_in_the_outer_cells() -> None:
 
 
 def test_an_archive_counts_cells() -> None:
-    archive = Archive(Grid("bend", "width", SearchSpace(ALPINE, 100.0, None).features, 4))
+    archive = Archive("bend", "width", SearchSpace(ALPINE, 100.0, None).features, 4)
     for failed in (True, False, True):
         archive.add({"bend": 8.0, "width": 5.0}, failed)
     archive.add({"bend": 50.0, "width": 5.0}, False)
     assert (len(archive.driven), len(archive.failed)) == (2, 1)
-    assert archive.failed[archive.grid.cell({"bend": 8.0, "width": 5.0})] == 2
+    assert archive.failed[archive.cell({"bend": 8.0, "width": 5.0})] == 2
 
 
 def test_the_usual_road_is_the_mildest() -> None:
