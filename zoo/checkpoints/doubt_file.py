@@ -6,7 +6,6 @@ several as an ensemble.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -27,30 +26,13 @@ from zoo.checkpoints.checkpoint import (
 from zoo.runs.record_fields import Fields, check_fields
 
 MOST_SAMPLES, MOST_MEMBERS = 100, 100
-Samples = Annotated[int, Field(ge=2, le=MOST_SAMPLES)]
-Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 
 class DoubtSettings(Fields):
     """The settings of a file; an ensemble does not use them."""
 
-    samples: Samples
-    seed: Seed
-
-
-@dataclass(frozen=True)
-class Doubt:
-    """The contents of a file.
-
-    Attributes:
-        members: checkpoints; one drives with dropout, several as an ensemble.
-        samples: number of dropout masks.
-        seed: random seed of the masks.
-    """
-
-    members: tuple[Checkpoint, ...]
-    samples: int
-    seed: int
+    samples: Annotated[int, Field(ge=2, le=MOST_SAMPLES)]
+    seed: Annotated[int, Field(ge=0, lt=2**63)]
 
 
 def doubt_contents(paths: Sequence[Path], samples: int, seed: int) -> dict:
@@ -68,7 +50,7 @@ def doubt_contents(paths: Sequence[Path], samples: int, seed: int) -> dict:
     return {"drivezoo": card, "members": members}
 
 
-def build_doubt(contents: dict, path: Path) -> Doubt:
+def build_doubt(contents: dict, path: Path) -> tuple[list[Checkpoint], DoubtSettings]:
     """Return a file's checkpoints and settings.
 
     Args:
@@ -100,4 +82,4 @@ def build_doubt(contents: dict, path: Path) -> Doubt:
             )
         seen |= weights
         checkpoints.append(build_checkpoint(checked, place))
-    return Doubt(tuple(checkpoints), settings.samples, settings.seed)
+    return checkpoints, settings

@@ -87,10 +87,10 @@ def doubt_policy(contents: dict, path: Path) -> DropoutPolicy | EnsemblePolicy:
     Raises:
         InputError: see `build_doubt` and `DropoutPolicy`.
     """
-    doubt = build_doubt(contents, path)
-    if len(doubt.members) > 1:
-        return EnsemblePolicy([CheckpointPolicy(one) for one in doubt.members])
+    members, settings = build_doubt(contents, path)
+    if len(members) > 1:
+        return EnsemblePolicy([CheckpointPolicy(one) for one in members])
     try:
-        return DropoutPolicy(doubt.members[0], doubt.samples, doubt.seed)
+        return DropoutPolicy(members[0], settings.samples, settings.seed)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None

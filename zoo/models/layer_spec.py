@@ -1,11 +1,15 @@
 """Read specs of layers: plain values from an untrusted file, each checked when it is read."""
 
 from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal
 
-from zoo.base.limits import is_ordinary
+from pydantic import Field, StrictBool, TypeAdapter, ValidationError
 
 MOST_TEXT = 40  # characters of a value in a message
-MOST_NUMBER = 1e6
+MOST_NUMBER, MOST_SIDE = 1e6, 4096
+NUMBER = f"a number in {-MOST_NUMBER:g}..{MOST_NUMBER:g}"
+Number = Annotated[float, Field(strict=True, ge=-MOST_NUMBER, le=MOST_NUMBER)]
+Numbers = Annotated[list[Number], Field(max_length=4096)]
 Shape = tuple[int, ...]
 Pair = tuple[int, int]
 
@@ -26,40 +30,35 @@ class LayerSpec:
         self, key: str, default: int | None = None, least: int = 1, most: int = 65_536
     ) -> int:
         """Return a whole number."""
-        return self._whole(key, self._value(key, default), least, most)
+        return self._checked(key, default, _whole(least, most), f"whole, in {least}..{most}")
 
     def wholes(
         self, key: str, default: list[int] | None = None, least: int = 1, most: int = 65_536
     ) -> list[int]:
         """Return a list of up to 8 whole numbers."""
-        value = self._list(key, self._value(key, default), 8)
-        return [self._whole(key, number, least, most) for number in value]
+        kind = Annotated[list[_whole(least, most)], Field(max_length=8)]
+        return self._checked(key, default, kind, f"a list of up to 8 numbers in {least}..{most}")
 
-    def pair(self, key: str, default: Pair | None = None, least: int = 1) -> Pair:
+    def pair(self, key: str, default: Pair | None = None) -> Pair:
         """Return two whole numbers, of rows and columns."""
-        found = self.wholes(key, default and list(default), least, 4096)
-        if len(found) != 2:
-            raise self.wrong(key, "is not two whole numbers")
-        return found[0], found[1]
+        side = _whole(1, MOST_SIDE)
+        return self._checked(key, default, tuple[side, side], "a list of two whole numbers")
 
     def edges(self, key: str) -> tuple[int, int, int, int]:
         """Return whole numbers of `[[top, bottom], [left, right]]`."""
-        sides = [self._list(key, side, 2) for side in self._list(key, self._value(key, None), 2)]
-        if [len(side) for side in sides] != [2, 2]:
-            raise self.wrong(key, "is not [[top, bottom], [left, right]]")
-        (top, bottom), (left, right) = sides
-        whole = [self._whole(key, edge, 0, 4096) for edge in (top, bottom, left, right)]
-        return whole[0], whole[1], whole[2], whole[3]
+        edge = _whole(0, MOST_SIDE)
+        kind = tuple[tuple[edge, edge], tuple[edge, edge]]
+        vertical, horizontal = self._checked(key, None, kind, "[[top, bottom], [left, right]]")
+        return *vertical, *horizontal
 
     def number(self, key: str, default: float | None = None) -> float:
         """Return a finite number."""
-        return self._number(key, self._value(key, default))
+        return self._checked(key, default, Number, NUMBER)
 
     def numbers(self, key: str, default: float | None = None) -> list[float]:
         """Return a list of numbers; a single number is a list of one."""
-        value = self._value(key, default)
-        many = self._list(key, value, 4096) if isinstance(value, list | tuple) else [value]
-        return [self._number(key, number) for number in many]
+        found = self._checked(key, default, Numbers | Number, NUMBER)
+        return found if isinstance(found, list) else [found]
 
     def share(self, key: str) -> float:
         """Return a rate of 0 or more, below 1."""
@@ -70,17 +69,11 @@ class LayerSpec:
 
     def flag(self, key: str, default: bool) -> bool:
         """Return true or false."""
-        value = self._value(key, default)
-        if not isinstance(value, bool):
-            raise self.wrong(key, "is not true or false")
-        return value
+        return self._checked(key, default, StrictBool, "true or false")
 
     def word(self, key: str, known: Sequence[str], default: str | None = None) -> str:
         """Return one of the known words."""
-        value = self._value(key, default)
-        if not isinstance(value, str) or value not in known:
-            raise self.wrong(key, f"is not one of {', '.join(known)}")
-        return value
+        return self._checked(key, default, Literal[tuple(known)], f"one of {', '.join(known)}")
 
     def check_all_read(self) -> None:
         """Raise ValueError for a key that the layer does not have."""
@@ -92,27 +85,20 @@ class LayerSpec:
         """Return an error about a key's value."""
         return ValueError(f"{self.label}: {key}={self.values.get(key)!r:.{MOST_TEXT}} {reason}")
 
-    def _value(self, key: str, default: object) -> object:
+    def _checked(self, key: str, default: object, kind: Any, what: str) -> Any:
+        """Return a value of a type; raise ValueError for a missing one, or one that is not that."""
         self._read.add(key)
         value = self.values.get(key, default)
         if value is None:
             raise ValueError(f"{self.label}: lacks {key}; set it")
-        return value
+        try:
+            return TypeAdapter(kind).validate_python(value)
+        except ValidationError:
+            raise self.wrong(key, f"is not {what}") from None
 
-    def _list(self, key: str, value: object, most: int) -> list:
-        if not isinstance(value, list | tuple) or not len(value) <= most:
-            raise self.wrong(key, f"is not a list of up to {most} values")
-        return list(value)
 
-    def _whole(self, key: str, value: object, least: int, most: int) -> int:
-        if type(value) is not int or not least <= value <= most:
-            raise self.wrong(key, f"is not whole, in {least}..{most}")
-        return value
-
-    def _number(self, key: str, value: object) -> float:
-        if not is_ordinary(value, most=MOST_NUMBER):
-            raise self.wrong(key, f"is not a number in {-MOST_NUMBER:g}..{MOST_NUMBER:g}")
-        return float(value)
+def _whole(least: int, most: int) -> Any:
+    return Annotated[int, Field(strict=True, ge=least, le=most)]
 
 
 def by(shape: Sequence[int]) -> str:
