@@ -1,7 +1,7 @@
 """The memory of `drivezoo drive`: `python benchmarks/driver_memory.py NAME ...`, a function each.
 
 `traffic` is that of the original's client. `attack` sends what a hostile client may, over
-connections that it leaves open. The network has random weights.
+connections that it leaves open. The network is one that comes with drivezoo, of NVIDIA.
 """
 
 import contextlib
@@ -18,7 +18,6 @@ import time
 import urllib.request
 from collections import deque
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import psutil
 import websocket
@@ -36,6 +35,7 @@ POST = (
     b"POST /socket.io/?EIO=4&transport=polling&sid=%s HTTP/1.1\r\nHost: 127.0.0.1\r\n"
     b"Content-Length: %d\r\n\r\n"
 )
+NETWORK = "pilotnet"
 LARGE = 2 << 20  # bytes; the longest message that the driver reads
 
 
@@ -108,26 +108,12 @@ def megabytes(process: psutil.Process) -> float:
     return process.memory_info().rss / 1e6
 
 
-def random_checkpoint(folder: Path) -> str:
-    """Write a checkpoint of nvidia with random weights; return its path."""
-    import torch
-
-    from benchmarks.material import random_network
-    from zoo.checkpoints.checkpoint import PREFIX, make_card
-
-    network, view, config = random_network("nvidia")
-    weights = {f"{PREFIX}{key}": value for key, value in network.state_dict().items()}
-    card = make_card(config, view, {"fingerprint": "0" * 16, "rows": 10})
-    torch.save({"state_dict": weights, "drivezoo": card, "epoch": 0}, folder / "random.ckpt")
-    return str(folder / "random.ckpt")
-
-
 @contextlib.contextmanager
 def started_driver() -> Iterator[tuple[psutil.Process, int]]:
     """Start a process of `zoo.drive`; yield it and its port."""
     environ = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1"}
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "zoo.drive", random_checkpoint(Path(folder)), "port=0"]
+        command = [sys.executable, "-m", "zoo.drive", NETWORK, "port=0"]
         with subprocess.Popen(
             command, stdout=subprocess.PIPE, text=True, cwd=folder, env=environ
         ) as process:

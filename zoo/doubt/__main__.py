@@ -52,9 +52,8 @@ def doubt(
     tables.check_files(TABLE_COLUMNS)
     paths = [find_checkpoint(name) for name in (ckpt, *ckpts)]
     with loading():
-        from zoo.checkpoints.doubt_file import doubt_contents
         from zoo.checkpoints.new_checkpoint import checked_out, write_checkpoint
-        from zoo.checkpoints.policy import doubt_policy
+        from zoo.checkpoints.policy import doubt_contents, doubt_policy
         from zoo.verdict.evidence import source_of
 
         written = [checked_out(Path(out).expanduser(), paths)]

@@ -24,6 +24,15 @@ DAYS = {
     "wet": (-1.0, 1.0),
     "noise": (-20.0, 20.0),
 }
+# By feature: the attribute of a weather, its label, and the range that the map covers.
+DAY_FEATURES = {
+    "sun": ("sun_elevation_deg", "sun's elevation, deg", (5.0, 90.0)),
+    "brightness": ("brightness", "brightness, factor", (0.5, 1.5)),
+    "fog": ("fog", "fog, 0..1", (0.0, DAYS["fog"][1])),
+    "rain": ("rain", "rain, 0..1", (0.0, DAYS["rain"][1])),
+    "wet": ("wet", "wetness, 0..1", (0.0, DAYS["wet"][1])),
+    "noise": ("noise", "noise, sigma of 255", (0.0, DAYS["noise"][1])),
+}
 
 
 @dataclass(frozen=True)
@@ -116,12 +125,8 @@ class SearchSpace:
         if weather is None:
             self.parameters |= {key: Parameter(*DAYS[key]) for key in DAYS}
             self.features |= {
-                "sun": Feature("sun's elevation, deg", Parameter(5.0, 90.0)),
-                "brightness": Feature("brightness, factor", Parameter(0.5, 1.5)),
-                "fog": Feature("fog, 0..1", Parameter(0.0, DAYS["fog"][1])),
-                "rain": Feature("rain, 0..1", Parameter(0.0, DAYS["rain"][1])),
-                "wet": Feature("wetness, 0..1", Parameter(0.0, DAYS["wet"][1])),
-                "noise": Feature("noise, sigma of 255", Parameter(0.0, DAYS["noise"][1])),
+                name: Feature(label, Parameter(*ends))
+                for name, (_, label, ends) in DAY_FEATURES.items()
             }
 
     def draw(self, rng: np.random.Generator, parameters: dict[str, float]) -> Candidate | None:
@@ -166,13 +171,8 @@ class SearchSpace:
             "bend": 1 / max(float(np.abs(track.curvature).max()), 1e-6),
             "width": float(track.widths.min()),
             "grade": 100 * float(np.abs(track.grade).max()),
-            "sun": lit.sun_elevation_deg,
-            "brightness": lit.brightness,
-            "fog": lit.fog,
-            "rain": lit.rain,
-            "wet": lit.wet,
-            "noise": lit.noise,
         }
+        found |= {name: getattr(lit, key) for name, (key, *_) in DAY_FEATURES.items()}
         return {key: round(found[key], 4) for key in self.features}
 
 

@@ -19,7 +19,7 @@ from tests.zoo.commands import only_line, run
 from tests.zoo.drive.old_client import OldClient
 from tests.zoo.drive.serve import served
 from zoo.checkpoints.policy import load_policy
-from zoo.drive.embedded_client import EmbeddedClient
+from zoo.drive.__main__ import EmbeddedClient
 from zoo.drives.drive_log import read_drive
 from zoo.drives.metrics import measure
 from zoo.worlds.run_drives import all_drives
@@ -216,7 +216,7 @@ def test_a_car_that_is_not_put_back_costs_ever_more_interventions(
 
 
 def test_a_simulator_that_fails_is_noticed() -> None:
-    client = EmbeddedClient("nowhere", "http://127.0.0.1:1")
+    client = EmbeddedClient("nowhere", "http://127.0.0.1:1", None, put_back=True)
     client.start()
     deadline_s = time.monotonic() + 20
     while not client.ended and time.monotonic() < deadline_s:
