@@ -7,7 +7,7 @@ import numpy as np
 
 from datamodules.driving_log import CAMERAS
 from datamodules.findings import report_lines
-from datamodules.image import decode_pixels, read_image
+from datamodules.image import decode_image, read_image
 from datamodules.recording import Recording
 from datamodules.samples import make_samples
 from datamodules.stretches import LEAST_CHANGE, STRETCH_S, find_stretches, steering_returns
@@ -205,5 +205,5 @@ def signed(steering: float) -> str:
 
 def smaller(image: Image) -> Image:
     """Return a plot with many photographs as JPEG, a fifth of the PNG's size."""
-    pixels = decode_pixels(image.data)
+    pixels = decode_image(image.data)
     return Image.jpeg(f"{Path(image.name).stem}.jpg", pixels, image.caption)
