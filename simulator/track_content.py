@@ -65,8 +65,8 @@ class Segment(Keys):
         return (self.radius or 0) * turn, turn if self.left else -turn, self.climb
 
 
-class CentrelineKeys(Keys):
-    """Keys of a road's line and width; see `docs/simulator.md`."""
+class TrackKeys(Keys):
+    """Keys of a track's file; see `docs/simulator.md`."""
 
     points: Annotated[list[tuple[Coordinate, Coordinate, Coordinate]], Bounded] | None = None
     segments: Annotated[list[Segment], Bounded] | None = None
@@ -74,6 +74,11 @@ class CentrelineKeys(Keys):
     closed: Flag = True
     width: Width | None = None
     widths: Annotated[list[tuple[Station, Width]], Bounded] | None = None
+    shoulder: Annotated[float, number(0, 10)] = 1.4
+    centre_line: Flag = False
+    verge: Verge = Verge()
+    stretches: tuple[Stretch, ...] = ()
+    surroundings: Surroundings = Surroundings()
 
 
 def read_survey(given: str, folder: Path) -> np.ndarray:
@@ -124,7 +129,7 @@ def _row(place: str, at: int, line: str) -> list[float]:
     return values
 
 
-def read_centreline(keys: CentrelineKeys, folder: Path) -> dict:
+def read_centreline(keys: TrackKeys, folder: Path) -> dict:
     """Return `Track`'s arrays, length and width from a file's keys.
 
     Args:
@@ -159,7 +164,7 @@ def read_centreline(keys: CentrelineKeys, folder: Path) -> dict:
     return {**centreline, "closed": closed, "width": usual, "widths": widths, "bridge": bridge}
 
 
-def _points(keys: CentrelineKeys) -> np.ndarray:
+def _points(keys: TrackKeys) -> np.ndarray:
     points, least = np.array(keys.points or []).reshape(-1, 3), 4 if keys.closed else 2
     if len(points) < least:
         road = "a closed loop" if keys.closed else "an open road"
@@ -218,7 +223,7 @@ def _check_bends(kind: str, centreline: dict) -> None:
         )
 
 
-def _widths(keys: CentrelineKeys, centreline: dict) -> tuple[float, np.ndarray]:
+def _widths(keys: TrackKeys, centreline: dict) -> tuple[float, np.ndarray]:
     """Return the usual width and the width at each sample, in metres."""
     distance, length = centreline["distance"], centreline["length"]
     if keys.widths is None:
@@ -255,16 +260,6 @@ def _bridges(kind: str, centreline: dict, half_widths: np.ndarray, closed: bool)
             f"{abs(above[worst]):.1f} m"
         )
     return bridge_samples(np.where(above > 0, first, second), len(distance), closed)
-
-
-class TrackKeys(CentrelineKeys):
-    """Keys of a track's file; see `docs/simulator.md`."""
-
-    shoulder: Annotated[float, number(0, 10)] = 1.4
-    centre_line: Flag = False
-    verge: Verge = Verge()
-    stretches: tuple[Stretch, ...] = ()
-    surroundings: Surroundings = Surroundings()
 
 
 def make_track(name: str, content: object, folder: Path = Path()) -> Track:

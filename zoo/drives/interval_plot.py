@@ -1,9 +1,9 @@
 """A plot of figures with their 95 % intervals."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from zoo.runs.plots import BLUE, GREY, NotebookFigure
@@ -23,7 +23,8 @@ def interval_plot(figures: Mapping[str, Any], label: str, line: float | None = N
     if line is not None:
         axis.axvline(100 * line, color=GREY, ls=":", lw=1)
     for row, share in enumerate(figures.values()):
-        low, value, high = map(_percent, (share.low, share.value, share.high))
+        # NaN, also of None, is not drawn.
+        low, value, high = 100 * np.array([share.low, share.value, share.high], float)
         axis.plot([low, high], [row, row], color=BLUE, lw=1.5)
         axis.plot(value, row, "o", color=BLUE)
     axis.set_yticks(range(len(figures)), list(figures))
@@ -31,7 +32,3 @@ def interval_plot(figures: Mapping[str, Any], label: str, line: float | None = N
     axis.grid(axis="x", alpha=0.2)
     axis.spines[["top", "right"]].set_visible(False)
     return figure
-
-
-def _percent(share: float | None) -> float:
-    return math.nan if share is None else 100 * share  # NaN is not drawn
