@@ -20,7 +20,7 @@ from torch import Tensor
 
 from datamodules.device_augment import darkened, from_rgb, lit, moved, to_rgb
 from datamodules.view import CODES, FRAME
-from zoo.base.rig import Rig
+from zoo.base.rig import STEERING, UDACITY, Rig, SteeringLabel
 
 Place = tuple[int, int]  # first index of a shard in its batch, and the batch's size
 
@@ -52,7 +52,7 @@ class Change:
         raise NotImplementedError
 
     def steer(self, steering: np.ndarray, drawn: np.ndarray) -> np.ndarray:
-        """Return the corrected steering, -1..1 [n, targets], by values [n, K]."""
+        """Return the corrected steering of Udacity's car, -1..1 [n, targets], by values [n, K]."""
         return steering
 
 
@@ -184,17 +184,22 @@ class Augment:
     Args:
         transforms: changes of ours, and transforms of albumentations.
         colour: colour of the view.
+        label: what the steering means. A curvature gets that of the steering by which a change
+            corrects Udacity's car.
 
     Attributes:
         cpu_only: names of the transforms that a device does not have.
     """
 
     def __init__(
-        self, transforms: list[Change | albumentations.BasicTransform], colour: str
+        self,
+        transforms: list[Change | albumentations.BasicTransform],
+        colour: str,
+        label: SteeringLabel = STEERING,
     ) -> None:
         if colour == "hsv_s":
             transforms = [one for one in transforms if not getattr(one, "lighting", False)]
-        self.transforms, self.colour = transforms, colour
+        self.transforms, self.colour, self.label = transforms, colour, label
         self.cpu_only = [type(one).__name__ for one in transforms if not isinstance(one, Change)]
         self._composed = [
             None if isinstance(one, Change) else albumentations.Compose([one], seed=0)
@@ -237,7 +242,7 @@ class Augment:
                 for frames, values in zip(chosen.tolist(), drawn, strict=True):
                     for image in images[frames]:
                         transform.change_one(image, values)
-                steering[chosen] = transform.steer(steering[chosen], drawn)
+                steering[chosen] = self._corrected(transform, steering[chosen], drawn)
                 continue
             first, whole = place
             seeds = rng.integers(2**31, size=whole)[first : first + len(images)]
@@ -271,10 +276,17 @@ class Augment:
                 at = torch.from_numpy(frames).to(images.device, non_blocking=True)
                 changed = changed.index_copy(0, at, change.change_all(changed[at], values))
             steering = steering.copy()
-            steering[chosen] = change.steer(steering[chosen], drawn)
+            steering[chosen] = self._corrected(change, steering[chosen], drawn)
         changed = from_rgb(changed, self.colour).round().clamp(0, 255)
         rounded = changed.to(torch.uint8, memory_format=torch.channels_last)
         return rounded.permute(0, 2, 3, 1).reshape(images.shape), steering.reshape(whole_shape)
+
+    def _corrected(self, change: Change, labels: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+        """Return the labels of changed images, [n, targets]."""
+        if self.label.is_steering:
+            return change.steer(labels, drawn)
+        added = change.steer(np.zeros_like(labels), drawn)
+        return np.clip(labels + self.label.of(added, UDACITY), -1, 1)
 
     def _streams(self, seed: int) -> Iterator[np.random.Generator]:
         """Yield a random stream for each transform.

@@ -28,9 +28,11 @@ from datamodules.recording_format import read_recordings
 from datamodules.row_views import RowViews, load_row_views
 from datamodules.samples import CENTER, Windows, camera_numbers, make_samples
 from datamodules.split import PARTS, Split, split_rows
+from datamodules.steering_label import curvature_label, in_label, label_lines
 from datamodules.view import View
 from zoo.base.command_keys import convert
 from zoo.base.errors import InputError, UsageError
+from zoo.base.rig import STEERING, SteeringLabel
 
 MOST_WINDOW = 256  # frames, rows or targets of a window
 # Arguments that are checked elsewhere.
@@ -46,6 +48,7 @@ class DrivingData(lightning.LightningDataModule):
     Args:
         root: the recordings' folder, or a list of them.
         weights: factors by which each recording's training samples are drawn more often.
+        label: `steering`, or `curvature` of the car's path, in one unit for all cars.
         view: view of the network (`data.crop`, `model.colour`, `model.size`,
             `model.resize`).
         images: folder of the images, if not `IMG` next to each log.
@@ -82,6 +85,7 @@ class DrivingData(lightning.LightningDataModule):
         root: str | list[str] | None,
         view: View,
         weights: list[float] | None = None,
+        label: Literal["steering", "curvature"] = "steering",
         images: str | None = None,
         cameras: Sequence[str] = CAMERAS,
         offset: Annotated[float, Field(ge=-1, le=1)] = 0.275,
@@ -138,6 +142,7 @@ class DrivingData(lightning.LightningDataModule):
         self.said = said_in(given)
         self.weights = None if weights is None else np.array(weights, float)
         self.cameras, self.offset, self.recover_s = list(cameras), offset, recover_s
+        self.label_kind: str = label
         self.flip, self.batch_size, self.workers, self.seed = flip, batch_size, workers, seed
         self.balance: dict[str, Any] = {
             "samples_per_epoch": samples_per_epoch,
@@ -185,19 +190,27 @@ class DrivingData(lightning.LightningDataModule):
                 transform.fit(self.view.crop, recording.rig)
         self.recording: Recording = recording
         self.views: RowViews = views
-        for line in report_lines(recording):
+        self.label: SteeringLabel = STEERING
+        if self.label_kind == "curvature":
+            self.label = curvature_label(recording)
+            self.augment = Augment(self.augment.transforms, self.view.colour, self.label)
+        self.labelled = replace(
+            recording, steering=in_label(recording, recording.steering, self.label)
+        )
+        for line in [*report_lines(recording), *label_lines(recording, self.label)]:
             console.print(line, highlight=False, markup=False, emoji=False)
         self.split: Split = split_rows(recording, **self.split_settings)
         if self.windows.is_windowed:
             console.print(self.windows.line(recording, self.split), highlight=False)
         self.samples = make_samples(
-            recording,
+            self.labelled,
             self.windows.whole(recording, self.split.train),
             self.cameras,
             self.offset,
             self.recover_s,
             both_ways=self.flip == "both",
             windows=self.windows,
+            label=self.label,
         )
         if self.weights is not None:
             number = recording.recording[self.samples.row]
@@ -310,7 +323,7 @@ class DrivingData(lightning.LightningDataModule):
         """Return all rows of `train`, `val` or `test`, in order; with windows, see `rows`."""
         views = self.views if self.features is None else self.features
         rows = self.windows.past.whole(self.recording, getattr(self.split, part))
-        return EvaluationBatches(views, self.recording, rows, windows=self.windows)
+        return EvaluationBatches(views, self.labelled, rows, windows=self.windows)
 
     def val_dataloader(self) -> DataLoader | list:
         """Return this rank's validation rows; `SteeringModule` joins the predictions."""

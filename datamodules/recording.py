@@ -64,8 +64,9 @@ class Recording:
         bad_images: a line on each row that was left out because of its image.
         bad_rows: a line on each row that `on_bad_row=skip` left out.
         places: file and row of each row, object [N]; None for lines of a `driving_log.csv`.
-        rig: cameras and steering of the car; None if they are unknown.
+        rig: cameras and steering of the car; None if they are unknown, or differ.
         notes: a line on what was inferred, and on what else was left out.
+        rigs: rig of each of `names`, where there are several.
     """
 
     names: tuple[str, ...]
@@ -82,6 +83,7 @@ class Recording:
     places: np.ndarray | None = None
     rig: Rig | None = UDACITY
     notes: tuple[str, ...] = ()
+    rigs: tuple[Rig | None, ...] = ()
 
     def __len__(self) -> int:
         return len(self.steering)

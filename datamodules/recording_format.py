@@ -162,6 +162,7 @@ def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
         bad_rows=tuple(line for part in parts for line in part.bad_rows),
         rig=rigs[0] if rigs.count(rigs[0]) == len(rigs) else None,
         notes=tuple(f"{part.names[0]}: {note}" for part in parts for note in part.notes),
+        rigs=tuple(rigs),
         **joined,
     )
     if not len(whole):

@@ -8,9 +8,10 @@ import numpy as np
 from datamodules.driving_log import CAMERAS
 from datamodules.recording import Recording
 from datamodules.split import PARTS, Split, rows_per_second
+from datamodules.steering_label import in_label
 from datamodules.stretches import find_breaks
 from zoo.base.errors import InputError
-from zoo.base.rig import MPS_PER_MPH, UDACITY
+from zoo.base.rig import MPS_PER_MPH, STEERING, UDACITY, SteeringLabel
 
 # A longer time to the next row, in usual steps of the recording, breaks a window. In a recording of
 # the original simulator 2 of 2,699 steps are longer.
@@ -142,6 +143,7 @@ class Samples:
         row_steering: recorded steering of all rows, float64 [N].
         row_correction: steering that each camera adds, float64 [N, 3].
         row_throttle: throttle minus brake of all rows, float32 [N].
+        label: what a steering of these columns means.
     """
 
     row: np.ndarray
@@ -155,6 +157,7 @@ class Samples:
     row_steering: np.ndarray
     row_correction: np.ndarray
     row_throttle: np.ndarray
+    label: SteeringLabel
 
     def __len__(self) -> int:
         return len(self.row)
@@ -184,9 +187,9 @@ class Samples:
         seconds = self.windows.stride * np.arange(self.windows.ahead + 1) / self.rows_per_s
         for side, offset_m in CAMERA_OFFSET_M.items():
             seen = camera == side
-            correction[seen, newest:] = recovery_course(
-                offset_m, correction[seen, newest], self.speed_mph[numbers][seen], seconds
-            )
+            first, speed_mph = correction[seen, newest], self.speed_mph[numbers][seen]
+            course = recovery_course(offset_m, first, speed_mph, seconds, self.label)
+            correction[seen, newest:] = course
         steering = np.clip(self.row_steering[rows] + correction, -1, 1)
         return steering.astype(np.float32), self.row_throttle[rows]
 
@@ -199,11 +202,12 @@ def make_samples(
     recover_s: float | None = None,
     both_ways: bool = False,
     windows: Windows = SINGLE_FRAMES,
+    label: SteeringLabel = STEERING,
 ) -> Samples:
     """Return a sample for each row and each of its recorded cameras.
 
     Args:
-        recording: recording of all rows.
+        recording: recording of all rows, whose steering is in the unit of `label`.
         rows: row numbers, int64; their windows are whole (see `Windows.whole`).
         cameras: names of the cameras to use.
         offset: steering added to left images and subtracted from right ones.
@@ -211,6 +215,7 @@ def make_samples(
             correction from the rig and each row's speed, in place of `offset`.
         both_ways: whether to add each sample a second time, mirrored.
         windows: rows of a sample; each frame must have an image of the sample's camera.
+        label: what the recording's steering means; side cameras add as much of it.
 
     Raises:
         InputError: a camera is unknown, or no row has an image of these cameras.
@@ -221,11 +226,13 @@ def make_samples(
         has_image = np.array([image is not None for image in recording.images[:, number]], bool)
         in_frames = has_image[windows.frames(rows)]
         seen = rows[in_frames.all(axis=tuple(range(1, in_frames.ndim)))]
-        correction: float | np.ndarray = {CENTER: 0.0, LEFT: offset, RIGHT: -offset}[number]
+        correction = np.full(len(recording), {CENTER: 0.0, LEFT: offset, RIGHT: -offset}[number])
         if recover_s is not None and number != CENTER:
             offset_m = CAMERA_OFFSET_M[number]
             correction = recovery_steering(offset_m, recording.speed_mph, recover_s)
-        row_correction[:, number] = correction
+            row_correction[:, number] = label.of(correction, UDACITY)
+        else:
+            row_correction[:, number] = in_label(recording, correction, label)
         parts.append((seen, np.full(len(seen), number)))
     row, camera = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     if not len(row):
@@ -250,6 +257,7 @@ def make_samples(
         row_steering=recording.steering,
         row_correction=row_correction,
         row_throttle=row_throttle,
+        label=label,
     )
 
 
@@ -282,7 +290,11 @@ def recovery_steering(
 
 
 def recovery_course(
-    offset_m: float, steering: np.ndarray, speed_mph: np.ndarray, seconds: np.ndarray
+    offset_m: float,
+    steering: np.ndarray,
+    speed_mph: np.ndarray,
+    seconds: np.ndarray,
+    label: SteeringLabel = STEERING,
 ) -> np.ndarray:
     """Return the steering on the way back to the line, of a car that follows it by pure pursuit.
 
@@ -296,6 +308,7 @@ def recovery_course(
         steering: steering at the start, -1..1 [n].
         speed_mph: constant speeds [n].
         seconds: times after the start [K].
+        label: what the steering means.
 
     Returns:
         Steering [n, K].
@@ -303,7 +316,7 @@ def recovery_course(
     >>> recovery_course(-0.806, np.array([0.275]), np.array([15.0]), np.array([0, 0.4])).round(2)
     array([[0.28, 0.09]])
     """
-    curvature = np.abs(UDACITY.curvature(steering))
+    curvature = np.abs(label.curvature(steering, UDACITY))
     straight = curvature == 0
     squared = 2 * abs(offset_m) / np.where(straight, 1, curvature) - offset_m**2
     distance = np.sqrt(np.maximum(squared, offset_m**2))

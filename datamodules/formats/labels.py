@@ -91,7 +91,7 @@ def labelled_recording(
         numbers | {"steering": meant.steering(written)},
         {camera: rows[camera] for camera in CAMERAS if camera in rows},
         places=np.array(rows["place"], object),
-        rig=rig,
+        rig=_with_full_lock(rig, unit, meant),
         notes=notes,
     )
     recording = keep_valid(_with_images(recording, options), bad)
@@ -102,6 +102,13 @@ def labelled_recording(
     else:
         note = _agreement(folder, recording, meant)
     return replace(recording, notes=(note, *recording.notes))
+
+
+def _with_full_lock(rig: Rig | None, stated: SteeringUnit, meant: SteeringUnit) -> Rig | None:
+    """Return the rig with the user's full lock; None of numbers in another unit than its car's."""
+    if rig is None or meant.unit != stated.unit:
+        return None
+    return replace(rig, steering_deg=rig.steering_deg * meant.full / stated.full)
 
 
 def _check_range(

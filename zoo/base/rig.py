@@ -4,7 +4,10 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from zoo.base.errors import UsageError
+
 MPS_PER_MPH = 0.44704
+CURVATURE = "curvature_per_m"  # in a checkpoint's facts on its recording, see `SteeringLabel`
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ class Rig:
         return np.tan(np.radians(steering * self.steering_deg)) / self.wheelbase_m
 
     def steering_of(self, curvature: Any) -> Any:
-        """Return the steering of a curvature, the inverse of `curvature`; beyond -1..1 unclipped.
+        """Return the steering of a curvature, the inverse of `curvature`; it can be beyond -1..1.
 
         >>> float(UDACITY.steering_of(UDACITY.curvature(0.5)).round(9))
         0.5
@@ -82,6 +85,52 @@ class Rig:
         import numpy as np  # slow import
 
         return np.degrees(np.arctan(self.wheelbase_m * curvature)) / self.steering_deg
+
+
+@dataclass(frozen=True)
+class SteeringLabel:
+    """What a label, and a network's output, of -1..1 says of a car's steering.
+
+    Attributes:
+        curvature_per_m: curvature of the path at a label of 1, in 1/m; None if the label is the
+            steering itself, so that each conversion is the identity.
+    """
+
+    curvature_per_m: float | None = None
+
+    @property
+    def is_steering(self) -> bool:
+        """Return whether the label is the steering itself."""
+        return self.curvature_per_m is None
+
+    def of(self, steering: Any, rig: Rig) -> Any:
+        """Return the label of a car's steering, floats or arrays."""
+        scale = self.curvature_per_m
+        return steering if scale is None else rig.curvature(steering) / scale
+
+    def curvature(self, label: Any, rig: Rig) -> Any:
+        """Return the curvature of a label, 1/m."""
+        scale = self.curvature_per_m
+        return rig.curvature(label) if scale is None else label * scale
+
+    def steering(self, label: Any, rig: Rig | None) -> Any:
+        """Return the steering, -1..1, with which a car drives a label, floats or arrays.
+
+        Raises:
+            UsageError: the label is a curvature, and the driven car is unknown.
+        """
+        if self.curvature_per_m is None:
+            return label
+        if rig is None:
+            raise UsageError(
+                "this network was trained with data.label=curvature, and the rig of the driven car "
+                "is unknown; name it in rig.yaml in the recording's folder, or train with "
+                "data.label=steering"
+            )
+        return rig.steering_of(label * self.curvature_per_m).clip(-1, 1)
+
+
+STEERING = SteeringLabel()
 
 
 def _udacity_camera(right_m: float, ahead_m: float) -> Camera:

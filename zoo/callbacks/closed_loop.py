@@ -2,6 +2,7 @@
 
 import copy
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -96,7 +97,7 @@ class ClosedLoop(lightning.Callback):
         """Drive if it is due; log the figures and keep the best weights."""
         figures = None
         if trainer.is_global_zero and self.world is not None and self._due(trainer.current_epoch):
-            figures = self.drive(module.network, trainer.datamodule.view)
+            figures = self.drive(module.network, trainer.datamodule.view, module.card)
             Console(soft_wrap=True).print(
                 f"           drove {self.starts} x {self.metres:g} m: autonomy "
                 f"{figures['autonomy']:.1%}, {figures['interventions']} interventions, mean error "
@@ -135,7 +136,7 @@ class ClosedLoop(lightning.Callback):
                 highlight=False,
             )
 
-    def drive(self, network: nn.Module, view: View) -> dict[str, float]:
+    def drive(self, network: nn.Module, view: View, card: Mapping) -> dict[str, float]:
         """Drive a copy of the network; return its figures, equal for equal weights."""
         from zoo.checkpoints.checkpoint import Checkpoint
         from zoo.checkpoints.policy import CheckpointPolicy
@@ -144,7 +145,8 @@ class ClosedLoop(lightning.Callback):
         from zoo.worlds.run_drives import all_drives
 
         began = time.perf_counter()
-        policy = CheckpointPolicy(Checkpoint(copy.deepcopy(network).cpu().eval(), view, {}, {}))
+        copied, data = copy.deepcopy(network).cpu().eval(), card.get("data", {})
+        policy = CheckpointPolicy(Checkpoint(copied, view, {}, data))
         track = self.world.simulated.track
         # On an open road the last start leaves room for a whole drive.
         spread = track.length if track.closed else max(track.length - self.metres, 0.0)
@@ -202,7 +204,7 @@ def best_drive(
 
     for callback in trainer.callbacks:
         if isinstance(callback, ClosedLoop) and callback.world is not None:
-            figures = callback.drive(module.network, view)
+            figures = callback.drive(module.network, view, module.card)
             callback.world.close()  # a sweep's next job opens another world
             callback.world = None
             return {

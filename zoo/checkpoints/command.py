@@ -3,12 +3,14 @@
 import copy
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+
+from zoo.base.rig import CURVATURE, UDACITY, Rig, SteeringLabel
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,7 @@ class Policy:
         view: what the network sees of a frame; None without a network.
         config, data: the experiment's config, and the recording's `fingerprint` and `rows`; empty
             without a checkpoint.
+        rig: driven car, which a drive sets for all `members`; None if it is unknown.
     """
 
     name: str = "policy"
@@ -70,6 +73,7 @@ class Policy:
     view: Any = None
     config: Mapping[str, Any] = MappingProxyType({})
     data: Mapping[str, Any] = MappingProxyType({})
+    rig: Rig | None = UDACITY
 
     def __call__(self, frame: Any, speed_mph: float) -> Command:
         """Return the command for a frame.
@@ -98,6 +102,24 @@ class Policy:
     def members(self) -> tuple["Policy", ...]:
         """Return the policies of an ensemble, or the policy itself."""
         return (self,)
+
+    @property
+    def label(self) -> SteeringLabel:
+        """Return what the steering of the network's outputs means."""
+        return SteeringLabel(self.data.get(CURVATURE))
+
+    def for_car(self, command: Command) -> Command:
+        """Return a network's command as that of the driven car.
+
+        Raises:
+            UsageError: see `SteeringLabel.steering`.
+        """
+        if self.label.is_steering:
+            return command
+        half = (command.spread or 0.0) / 2
+        labels = np.array([command.steering, command.steering - half, command.steering + half])
+        steering, low, high = self.label.steering(labels, self.rig).tolist()
+        return replace(command, steering=steering, spread=command.spread and high - low)
 
 
 class FunctionPolicy(Policy):

@@ -128,7 +128,7 @@ class DropoutPolicy(NetworkPolicy):
         inputs = network_inputs(self.view(frame), speed_mph if self.takes_speed else None)
         rows = self.forward(*inputs).tolist()
         spread = getattr(self.network, "predicts_spread", False)
-        return mixture([output_command(row, spread) for row in rows])
+        return self.for_car(mixture([output_command(row, spread) for row in rows]))
 
 
 class SampledNetwork(nn.Module):

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from zoo.base.rig import MPS_PER_MPH, UDACITY
+from zoo.base.rig import MPS_PER_MPH, UDACITY, Rig
 from zoo.checkpoints.command import Policy
 from zoo.models.window import Window
 
@@ -105,6 +105,9 @@ class SessionPolicy(Policy):
             outputs: outputs for now and for the steps ahead, [1 + ahead, outputs].
             speed_mph: the car's speed in mph.
         """
+        if not self.label.is_steering:
+            outputs = outputs.copy()
+            outputs[:, 0] = self.label.steering(outputs[:, 0], self.rig)
         if self.latency_s is None:
             return outputs[0]
         steps = self.latency_s * self._steps_per_s
@@ -113,7 +116,7 @@ class SessionPolicy(Policy):
         found = outputs_at(outputs, steps).copy()
         if steps:
             way = distance_m(speed_mph, self.latency_s)
-            found[0] += returning(outputs[:, 0], self._on_the_way, way, steps)
+            found[0] += returning(outputs[:, 0], self._on_the_way, way, steps, self.rig or UDACITY)
         return found.clip(-1, 1)
 
 
@@ -133,7 +136,9 @@ def outputs_at(outputs: np.ndarray, steps: float) -> np.ndarray:
     return outputs[before] + (steps - before) * (outputs[after] - outputs[before])
 
 
-def returning(predicted: np.ndarray, sent: np.ndarray, way_m: float, steps: float) -> float:
+def returning(
+    predicted: np.ndarray, sent: np.ndarray, way_m: float, steps: float, rig: Rig = UDACITY
+) -> float:
     """Return the steering, -1..1, that returns a car from where the sent commands lead it.
 
     Args:
@@ -142,6 +147,7 @@ def returning(predicted: np.ndarray, sent: np.ndarray, way_m: float, steps: floa
             in time.
         way_m: distance that the car drives in that time.
         steps: steps in that time.
+        rig: driven car.
 
     >>> returning(np.array([0.0, 0.0]), np.array([0.1, 0.1]), 4.0, 1.0) < -0.1
     True
@@ -150,12 +156,12 @@ def returning(predicted: np.ndarray, sent: np.ndarray, way_m: float, steps: floa
         return 0.0
     parts = (np.arange(len(sent)) + 0.5) / len(sent)
     course = np.interp(parts * steps, np.arange(len(predicted)), predicted)
-    bends = UDACITY.curvature(sent) - UDACITY.curvature(course)
+    bends = rig.curvature(sent) - rig.curvature(course)
     part_m = way_m / len(sent)
     turned = np.cumsum(bends) * part_m
     right_m = float(np.sum(turned - bends * part_m / 2)) * part_m
     back = -2 * (right_m + RETURN_M * float(turned[-1])) / RETURN_M**2
-    return float(UDACITY.steering_of(back))
+    return float(rig.steering_of(back))
 
 
 def distance_m(speed_mph: float, seconds: float) -> float:

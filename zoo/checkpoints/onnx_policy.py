@@ -75,7 +75,8 @@ class OnnxPolicy(SessionPolicy):
         """
         inputs = self._inputs(self.view(frame)[None], np.array([speed_mph]))
         if self.memory is None:
-            return output_command(self._run(inputs)[0][0].tolist(), self.predicts_spread)
+            outputs = self._run(inputs)[0][0].tolist()
+            return self.for_car(output_command(outputs, self.predicts_spread))
         steps = self.memory.step(self._run, inputs)[0].clip(-1, 1)
         return Command(*self.in_time(steps, speed_mph).tolist())
 

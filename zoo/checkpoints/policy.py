@@ -69,7 +69,8 @@ class CheckpointPolicy(NetworkPolicy, SessionPolicy):
         """
         inputs = network_inputs(self.view(frame), speed_mph if self.takes_speed else None)
         if self.memory is None:
-            return output_command(self.forward(*inputs)[0].tolist(), self.predicts_spread)
+            outputs = self.forward(*inputs)[0].tolist()
+            return self.for_car(output_command(outputs, self.predicts_spread))
         steps = self.memory.step(self.forward, *inputs)[0].clamp(-1, 1).numpy()
         return Command(*self.in_time(steps, speed_mph).tolist())
 

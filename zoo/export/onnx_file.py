@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from zoo.base.errors import InputError
+from zoo.base.rig import CURVATURE
 from zoo.base.whole_file import output_path
 from zoo.base.written_files import check_output
 from zoo.checkpoints.checkpoint_path import find_checkpoint
@@ -85,6 +86,11 @@ def export_checkpoint(
         frames = take_frames(recording, checkpoint.config)
         of_donkeycar = out.suffix == DONKEYCAR_SUFFIX
         contents, model_type = b"", ""
+        if of_donkeycar and CURVATURE in checkpoint.data:
+            raise InputError(
+                f"{path}: Donkeycar cannot convert its curvature to steering; train with "
+                "data.label=steering, or name a file that ends in .onnx"
+            )
         if of_donkeycar:
             contents, model_type = donkeycar_bytes(checkpoint)
             whole = whole_view(checkpoint.view)
@@ -96,7 +102,10 @@ def export_checkpoint(
     with output_path(out, inputs=[path]) as part:
         part.write_bytes(contents)
         exported = donkeycar_policy(checkpoint, part) if of_donkeycar else OnnxPolicy(part)
-        parity = compare(CheckpointPolicy(checkpoint), exported, frames)
+        # The outputs are compared as they are, before a curvature becomes a car's steering.
+        exported.data = checkpoint.data | {CURVATURE: None}
+        policy = CheckpointPolicy(replace(checkpoint, data=exported.data))
+        parity = compare(policy, exported, frames)
         _check_parity(path, parity, allowed)
     height, width, _ = checkpoint.view.shape
     kind = "Keras 2" if of_donkeycar else f"opset {OPSET}"
@@ -174,10 +183,12 @@ def _how_to_feed(checkpoint: "Checkpoint") -> str:
     rows = ", for now and each step ahead" if memory and network.ahead else ""
     spread = ", and the logarithm of the steering's standard deviation"
     spread = spread if getattr(network, "predicts_spread", False) else ""
+    scale = checkpoint.data.get(CURVATURE)
+    steering = f"curvature of the path in {scale:.6g} 1/m, right positive" if scale else "steering"
     return (
         f"{IMAGES}: uint8 [batch, {channels}, {height}, {width}], less "
         f"{view.crop_text}, {', then '.join(steps)}"
-        f"{speed}{state * memory} -> {CONTROLS}: steering{throttle}{rows}, float32, to be "
+        f"{speed}{state * memory} -> {CONTROLS}: {steering}{throttle}{rows}, float32, to be "
         f"clipped to -1..1{spread}"
     )
 

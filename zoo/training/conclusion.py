@@ -54,7 +54,7 @@ class OpenLoop:
 
 def evaluate_rows(module: SteeringModule, data: DrivingData, console: Console) -> OpenLoop:
     """Predict each part's rows; of `val` and `test` also the side cameras' rows."""
-    train_mean = float(data.recording.steering[data.split.train].mean())
+    train_mean = float(data.labelled.steering[data.split.train].mean())
     open_loop = OpenLoop({}, {}, {}, {})
     for part in PARTS:
         batches = data.evaluation_batches(part)
@@ -62,7 +62,7 @@ def evaluate_rows(module: SteeringModule, data: DrivingData, console: Console) -
             continue
         with working(f"predicting {part} rows", console):
             predicted = predict_steering(module, batches)
-            true = data.recording.steering[batches.rows]
+            true = data.labelled.steering[batches.rows]
             open_loop.figures[part] = open_loop_metrics(predicted, true)
             open_loop.baselines[part] = baseline_metrics(true, train_mean)
             if part != "train":

@@ -15,6 +15,7 @@ from datamodules.leak import Leak
 from datamodules.recording_format import other_car
 from datamodules.split import PARTS, rows_per_second, write_split
 from zoo.base.errors import InputError
+from zoo.base.rig import CURVATURE
 from zoo.base.terminal import print_line
 from zoo.base.whole_file import refuse_links_out
 from zoo.callbacks.closed_loop import best_drive
@@ -104,6 +105,8 @@ def _run(
         "rows_per_s": rows_per_second(data.recording),
         "speed_mph": float(np.median(data.recording.speed_mph)),
     }
+    if not data.label.is_steering:
+        recorded[CURVATURE] = data.label.curvature_per_m
     replayed, not_replayed = None, None
     if source := other_car(data.recording):
         recorded["source"] = source

@@ -10,7 +10,7 @@ from simulator.rig import TOP_SPEED_MPH
 from simulator.track_content import make_track
 from simulator.weather import read_weather
 from simulator.world import Start
-from zoo.base.rig import MPS_PER_MPH
+from zoo.base.rig import MPS_PER_MPH, UDACITY
 from zoo.drives.drive_record import EMBEDDED
 from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import State, World
@@ -27,6 +27,8 @@ class EmbeddedWorld(World):
     Args:
         simulated: simulator's world.
     """
+
+    rig = UDACITY
 
     def __init__(self, simulated: simulator_world.World) -> None:
         self.simulated = simulated

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from simulator.env import DrivingEnv
 from zoo.base.errors import InputError
+from zoo.base.rig import UDACITY
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.drives.speed_controller import SpeedController
 from zoo.worlds.scenario import Scenario
@@ -39,6 +41,7 @@ class EnvironmentWorld(World):
 
     def __init__(self, environment: "gymnasium.Env", frame_rate: float = 15.0) -> None:
         self.environment, self.frame_rate = environment, frame_rate
+        self.rig = UDACITY if isinstance(environment.unwrapped, DrivingEnv) else None
 
     def reset(self, scenario: Scenario) -> State:
         """Begin an episode with the scenario's seed."""

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from zoo.base.rig import Rig
 from zoo.worlds.scenario import Scenario
 
 
@@ -53,7 +54,12 @@ class World(ABC):
 
     The decorator `zoo.worlds.open_world.world` registers a class, which is constructed with a
     scenario and a renderer: auto, software or none.
+
+    Attributes:
+        rig: car that is driven; None if it is unknown.
     """
+
+    rig: Rig | None = None
 
     @abstractmethod
     def reset(self, scenario: Scenario) -> State:

@@ -96,7 +96,7 @@ def test_a_drive_leaves_mode_gradients_and_chance_as_they_were(
     callback = ClosedLoop(starts=1, metres=5)
     assert callback._open() is None
 
-    figures = [callback.drive(network, data.view) for _ in range(2)]
+    figures = [callback.drive(network, data.view, {}) for _ in range(2)]
 
     assert figures[0] == figures[1]
     assert set(figures[0]) == {
@@ -174,7 +174,7 @@ def test_on_an_open_road_every_drive_has_its_length(tmp_path: Path) -> None:
     network = make_network({"_target_": "zoo.models.linear.Linear"}, view)
     torch.nn.init.zeros_(network.head.weight)
     torch.nn.init.zeros_(network.head.bias)
-    figures = callback.drive(network, view)
+    figures = callback.drive(network, view, {})
     assert figures["interventions"] == 0
     assert begun == pytest.approx([0, 140 / 3, 280 / 3], abs=1)
     callback.world.close()

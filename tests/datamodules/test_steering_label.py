@@ -1,0 +1,127 @@
+"""Labels in one unit for cars of different rigs."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from datamodules.augment import Augment, Shift
+from datamodules.driving import DrivingData
+from datamodules.formats.labels import _with_full_lock
+from datamodules.recording import Recording
+from datamodules.samples import make_samples
+from datamodules.steering_label import curvature_label, in_label
+from datamodules.steering_unit import SteeringUnit
+from datamodules.view import View
+from tests.recordings import Written, recording_in_memory, write_recording
+from zoo.base.errors import UsageError
+from zoo.base.rig import STEERING, UDACITY, Camera, single_camera_rig
+
+LONG = single_camera_rig("long", Camera(0, 1.5, 0), wheelbase_m=3.0, steering_deg=60.0)
+RIG_FILE = """name: long
+camera: {size: [320, 160], vertical_fov_deg: 60, up_m: 1.5}
+wheelbase_m: 3.0
+steering_deg: 60
+guesses: [wheelbase_m]
+"""
+CURVATURES = np.linspace(-0.1, 0.1, 21)
+
+
+@pytest.fixture
+def two_cars() -> Recording:
+    """Return the same bends, driven by Udacity's car and by one that is longer."""
+    steering = np.concatenate([rig.steering_of(CURVATURES) for rig in (UDACITY, LONG)])
+    recording = recording_in_memory(steering, sizes=(len(CURVATURES),) * 2)
+    return replace(recording, rig=None, rigs=(UDACITY, LONG))
+
+
+def test_the_same_bend_has_the_same_label_for_each_car(two_cars: Recording) -> None:
+    label = curvature_label(two_cars)
+    first, second = np.split(in_label(two_cars, two_cars.steering, label), 2)
+
+    np.testing.assert_allclose(first * label.curvature_per_m, CURVATURES, atol=1e-12)
+    np.testing.assert_allclose(second, first, atol=1e-12)
+    assert not np.allclose(*np.split(two_cars.steering, 2), atol=0.05)
+
+
+def test_each_car_steers_its_own_way_for_a_label(two_cars: Recording) -> None:
+    label = curvature_label(two_cars)
+    labels = in_label(two_cars, two_cars.steering, label)
+    for rig, own, steering in zip(
+        (UDACITY, LONG), np.split(labels, 2), np.split(two_cars.steering, 2), strict=True
+    ):
+        np.testing.assert_allclose(label.steering(own, rig), steering, atol=1e-12)
+
+
+def test_a_sharp_driven_bend_widens_the_range() -> None:
+    sharp = replace(recording_in_memory([0.0, 1.0]), rig=replace(UDACITY, steering_deg=50.0))
+    label = curvature_label(sharp)
+    assert label.curvature_per_m > 2 * UDACITY.curvature(1.0)
+    assert in_label(sharp, sharp.steering, label).tolist() == [0.0, 1.0]
+
+
+def test_a_side_camera_adds_the_curvature_of_its_offset_for_its_car(two_cars: Recording) -> None:
+    label = curvature_label(two_cars)
+    labelled = replace(two_cars, steering=in_label(two_cars, two_cars.steering, label))
+    rows = np.arange(len(two_cars))
+    samples = make_samples(labelled, rows, ["left"], 0.1, label=label)
+    for number, rig in enumerate((UDACITY, LONG)):
+        own = two_cars.recording == number
+        added = (samples.steering - labelled.steering)[own] * label.curvature_per_m
+        np.testing.assert_allclose(added, rig.curvature(0.1), rtol=1e-4)
+
+
+def test_recovery_adds_one_curvature_for_all_cars(two_cars: Recording) -> None:
+    label = curvature_label(two_cars)
+    labelled = replace(two_cars, steering=in_label(two_cars, two_cars.steering, label))
+    rows = np.arange(len(two_cars))
+    samples = make_samples(labelled, rows, ["left"], recover_s=2.0, label=label)
+    assert np.ptp(samples.steering - labelled.steering) < 1e-6
+    assert samples.steering[0] > labelled.steering[0]
+
+
+def test_a_shifted_image_adds_the_curvature_of_its_steering(two_cars: Recording) -> None:
+    images, labels = np.zeros((1, 16, 32, 3), np.uint8), np.array([0.2], np.float32)
+    changed = {
+        label: Augment([Shift(p=1.0)], "rgb", label)(images, labels, seed=3)[1] - labels
+        for label in (STEERING, curvature_label(two_cars))
+    }
+    steering, curvature = changed.values()
+    assert steering != 0
+    full = curvature_label(two_cars).curvature_per_m
+    np.testing.assert_allclose(curvature * full, UDACITY.curvature(steering), rtol=1e-4)
+
+
+def test_two_recordings_train_on_curvature_and_name_what_is_a_guess(
+    recorded: Written, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    other = write_recording(tmp_path / "other", rows=60, seed=1)
+    (other.folder / "rig.yaml").write_text(RIG_FILE)
+    roots = [str(recorded.folder), str(other.folder)]
+    settings = {"cache": None, "batch_size": 16, "block_s": 0.5, "gap_s": 0.1}
+    data = DrivingData(roots, View([50, 0], "gray", [16, 32]), label="curvature", **settings)
+    data.load(Console(soft_wrap=True))
+
+    rows = np.array([10, 130])
+    expected = [UDACITY.curvature(recorded.steering[10]), LONG.curvature(other.steering[10])]
+    found = data.labelled.steering[rows] * data.label.curvature_per_m
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    assert data.recording.steering[130] == other.steering[10]
+    lines = capsys.readouterr().out
+    assert "GUESSED: wheelbase_m" in lines
+    assert f"{data.label.curvature_per_m:.4f} 1/m" in lines
+
+
+def test_an_unknown_car_is_refused_with_the_file_to_write() -> None:
+    tub = replace(recording_in_memory(np.zeros(9)), rig=None)
+    with pytest.raises(UsageError, match=r"/lake/0: .*rig.yaml.*data.rig="):
+        curvature_label(tub)
+
+
+def test_the_users_full_lock_is_that_of_the_rig() -> None:
+    stated = SteeringUnit("deg", full=540.0)
+    wider = _with_full_lock(LONG, stated, SteeringUnit("deg", full=270.0))
+    assert wider.steering_deg == LONG.steering_deg / 2
+    assert _with_full_lock(LONG, stated, SteeringUnit("servo", full=45.0)) is None
