@@ -31,10 +31,12 @@ class Change:
     Attributes:
         p: probability that a sample is changed, 0..1.
         lighting: whether it changes the light alone, which saturation does not show.
+        rig: car whose steering it corrects.
     """
 
     p: float
     lighting = False
+    rig: Rig = UDACITY
 
     def fit(self, crop: tuple[int, int], rig: Rig | None) -> None:
         """Take a view's crop and a recording's rig; most changes depend on neither."""
@@ -52,7 +54,7 @@ class Change:
         raise NotImplementedError
 
     def steer(self, steering: np.ndarray, drawn: np.ndarray) -> np.ndarray:
-        """Return the corrected steering of Udacity's car, -1..1 [n, targets], by values [n, K]."""
+        """Return the corrected steering, -1..1 [n, targets], by values [n, K]."""
         return steering
 
 
@@ -185,7 +187,7 @@ class Augment:
         transforms: changes of ours, and transforms of albumentations.
         colour: colour of the view.
         label: what the steering means. A curvature gets that of the steering by which a change
-            corrects Udacity's car.
+            corrects its car.
 
     Attributes:
         cpu_only: names of the transforms that a device does not have.
@@ -286,7 +288,7 @@ class Augment:
         if self.label.is_steering:
             return change.steer(labels, drawn)
         added = change.steer(np.zeros_like(labels), drawn)
-        return np.clip(labels + self.label.of(added, UDACITY), -1, 1)
+        return np.clip(labels + self.label.of(added, change.rig), -1, 1)
 
     def _streams(self, seed: int) -> Iterator[np.random.Generator]:
         """Yield a random stream for each transform.

@@ -18,6 +18,7 @@ from datamodules.image import (
     read_stored,
     reading_threads,
 )
+from datamodules.leak import leak_lines
 from datamodules.read_options import ReadOptions
 from datamodules.recording_format import read_recordings
 from datamodules.sign_evidence import sign_lines
@@ -56,7 +57,7 @@ def check(
     recording = read_recordings(roots, **{**asdict(read), "on_bad_image": "skip"})
     for line in report_lines(replace(recording, bad_images=(), bad_rows=())):
         _print(console, line)
-    for line in sign_lines(recording):
+    for line in [*sign_lines(recording), *leak_lines(recording)]:
         _print(console, line)
     if recording.bad_rows:
         _print(console, f"skipped {len(recording.bad_rows):,} bad rows:")

@@ -27,7 +27,7 @@ from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.row_views import RowViews, load_row_views
 from datamodules.samples import CENTER, Windows, camera_numbers, make_samples
-from datamodules.split import PARTS, Split, split_rows
+from datamodules.split import PARTS, Split, split_rows, split_words
 from datamodules.steering_label import curvature_label, in_label, label_lines
 from datamodules.view import View
 from zoo.base.command_keys import convert
@@ -98,8 +98,8 @@ class DrivingData(lightning.LightningDataModule):
         split: str = "blocks",
         val_share: Least0 = 0.1,
         test_share: Least0 = 0.1,
-        block_s: Least0 = 10.0,
-        gap_s: Least0 = 1.0,
+        block_s: Least0 | None = None,
+        gap_s: Least0 | None = None,
         split_seed: int = 0,
         augment: dict | None = None,
         augment_on: Literal["auto", "cpu", "device"] = "auto",
@@ -200,6 +200,10 @@ class DrivingData(lightning.LightningDataModule):
         for line in [*report_lines(recording), *label_lines(recording, self.label)]:
             console.print(line, highlight=False, markup=False, emoji=False)
         self.split: Split = split_rows(recording, **self.split_settings)
+        settings = self.split_settings
+        self.split_by = split_words(
+            recording, settings["kind"], settings["block_s"], settings["gap_s"]
+        )
         if self.windows.is_windowed:
             console.print(self.windows.line(recording, self.split), highlight=False)
         self.samples = make_samples(

@@ -8,6 +8,8 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from datamodules.recording import Recording
+from datamodules.split import split_rows
+from zoo.base.errors import InputError
 
 SAMPLED = 400  # held-out rows that are compared: enough for a median
 COMPARED = 20_000  # training rows that they are compared with, and also their neighbours
@@ -15,6 +17,7 @@ NEAR = 16  # neighbours on each side of a held-out row
 AT_ONCE = 1_000  # rows whose differences stay in the processor's cache
 STRANGERS = 4_000  # training rows for the difference between any two images
 THUMBNAIL = (16, 8)
+SEEDS = 10  # splits over which the error of a copied steering is a mean
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,46 @@ def measure_leak(
     nearest, stranger = _differences(_gray(thumbnail_of, rows), thumbnail_of, compared)
     likeness = float(np.median(nearest) / stranger) if stranger else 0.0
     return Leak(float(np.median(known)) if len(known) else float("nan"), likeness)
+
+
+def random_split_leak(recording: Recording) -> tuple[float, float] | None:
+    """Return the mean error of copying a neighbour's steering, of a random split and of blocks.
+
+    Each validation row gets the steering of the training row that was recorded nearest to it, of
+    the same recording, without a look at any image. The error is the mean over `SEEDS` splits.
+
+    Returns:
+        Mean absolute errors, of the random split and of the split into blocks of time; None of a
+        recording that is too short to split, or whose steering never changes.
+    """
+    errors = {}
+    for kind in ("random", "blocks"):
+        found = []
+        for seed in range(SEEDS):
+            try:
+                split = split_rows(recording, kind, seed=seed)
+            except InputError:
+                return None
+            after = np.searchsorted(split.train, split.val)
+            sides = split.train[np.clip([after - 1, after], 0, len(split.train) - 1)]
+            other = recording.recording[sides] != recording.recording[split.val]
+            nearest = (np.abs(sides - split.val) + len(recording) * other).argmin(axis=0)
+            copied = recording.steering[sides[nearest, np.arange(len(split.val))]]
+            found.append(np.abs(copied - recording.steering[split.val]).mean())
+        errors[kind] = float(np.mean(found))
+    return (errors["random"], errors["blocks"]) if errors["blocks"] else None
+
+
+def leak_lines(recording: Recording) -> list[str]:
+    """Return a line on the share of the error that a random split hides, if it is known."""
+    if (errors := random_split_leak(recording)) is None:
+        return []
+    hidden = max(0.0, 1 - errors[0] / errors[1])
+    return [
+        f"leak: a random split hides {hidden:.0%} of the error: without a look at an image, the "
+        f"steering of the nearest training row errs by {errors[0]:.3f} on its validation rows, by "
+        f"{errors[1]:.3f} on those of data.split=blocks"
+    ]
 
 
 def thumbnail(view: np.ndarray) -> np.ndarray:

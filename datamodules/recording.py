@@ -48,6 +48,25 @@ class ForwardReader:
 
 
 @dataclass(frozen=True)
+class Blocks:
+    """The blocks of time into which a recording is best split.
+
+    Attributes:
+        block_s: length of a block, seconds.
+        gap_s: seconds of training rows dropped where blocks of different parts meet.
+        why: reason, for the user.
+    """
+
+    block_s: float
+    gap_s: float
+    why: str
+
+
+SHORT_DRIVES = Blocks(10.0, 1.0, "laps and short drives")
+LONG_DRIVE = Blocks(30.0, 3.0, "a long drive: its road changes slowly")
+
+
+@dataclass(frozen=True)
 class Recording:
     """One or several recordings as columns: a row per frame, in the order of driving.
 
@@ -67,6 +86,7 @@ class Recording:
         rig: cameras and steering of the car; None if they are unknown, or differ.
         notes: a line on what was inferred, and on what else was left out.
         rigs: rig of each of `names`, where there are several.
+        blocks: blocks of a split by time, as the format states.
     """
 
     names: tuple[str, ...]
@@ -84,6 +104,7 @@ class Recording:
     rig: Rig | None = UDACITY
     notes: tuple[str, ...] = ()
     rigs: tuple[Rig | None, ...] = ()
+    blocks: Blocks = SHORT_DRIVES
 
     def __len__(self) -> int:
         return len(self.steering)

@@ -163,6 +163,7 @@ def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
         rig=rigs[0] if rigs.count(rigs[0]) == len(rigs) else None,
         notes=tuple(f"{part.names[0]}: {note}" for part in parts for note in part.notes),
         rigs=tuple(rigs),
+        blocks=max((part.blocks for part in parts), key=lambda blocks: blocks.block_s),
         **joined,
     )
     if not len(whole):

@@ -35,8 +35,8 @@ def split_rows(
     kind: str = "blocks",
     val_share: float = 0.1,
     test_share: float = 0.1,
-    block_s: float = 10.0,
-    gap_s: float = 1.0,
+    block_s: float | None = None,
+    gap_s: float | None = None,
     seed: int = 0,
 ) -> Split:
     """Deal rows to train, validation and test.
@@ -49,8 +49,8 @@ def split_rows(
         recording: recording to split.
         val_share: share of validation rows, 0..1.
         test_share: share of test rows, 0..1.
-        block_s: length of a block, seconds.
-        gap_s: length of a gap, seconds.
+        block_s: length of a block, seconds; None for that of `recording.blocks`.
+        gap_s: length of a gap, seconds; None for that of `recording.blocks`.
         seed: random seed of the split only: experiments with other training seeds have the same
             test rows.
 
@@ -65,7 +65,8 @@ def split_rows(
     shares = np.array([1 - val_share - test_share, val_share, test_share])
     rng = np.random.default_rng(seed)
     if kind == "blocks":
-        part = _split_blocks(recording, shares, block_s, gap_s, rng)
+        length, gap = block_rows(recording, block_s, gap_s)
+        part = _split_blocks(recording, shares, length, gap, rng)
     elif kind == "random":
         part = _deal(np.ones(len(recording)), shares, rng)
     elif kind == "recording":
@@ -93,6 +94,29 @@ def rows_per_second(recording: Recording) -> float:
     steps = np.diff(recording.time_s)
     steps = steps[steps > 0]
     return float(1 / np.median(steps)) if len(steps) else 15.0
+
+
+def block_rows(
+    recording: Recording, block_s: float | None = None, gap_s: float | None = None
+) -> tuple[int, int]:
+    """Return the rows of a block and of a gap; see `split_rows`."""
+    blocks, rate = recording.blocks, rows_per_second(recording)
+    block_s = blocks.block_s if block_s is None else block_s
+    # Blocks of a short recording are shorter, so that every part gets one.
+    length = int(np.clip(block_s * rate, 1, max(len(recording) // 20, 1)))
+    return length, min(round((blocks.gap_s if gap_s is None else gap_s) * rate), length)
+
+
+def split_words(
+    recording: Recording, kind: str, block_s: float | None = None, gap_s: float | None = None
+) -> str:
+    """Return which split was chosen, and why."""
+    if kind != "blocks":
+        return f"{kind}, as data.split says"
+    rate = rows_per_second(recording)
+    length, gap = (rows / rate for rows in block_rows(recording, block_s, gap_s))
+    chosen = "as data.block_s says" if block_s is not None else recording.blocks.why
+    return f"blocks of {length:.3g} s with gaps of {gap:.2g} s ({chosen})"
 
 
 def write_split(path: Path, recording: Recording, split: Split) -> None:
@@ -126,16 +150,8 @@ def _deal(sizes: np.ndarray, shares: np.ndarray, rng: np.random.Generator) -> np
 
 
 def _split_blocks(
-    recording: Recording,
-    shares: np.ndarray,
-    block_s: float,
-    gap_s: float,
-    rng: np.random.Generator,
+    recording: Recording, shares: np.ndarray, length: int, gap: int, rng: np.random.Generator
 ) -> np.ndarray:
-    rate = rows_per_second(recording)
-    # Blocks of a short recording are shorter, so that every part gets one.
-    length = int(np.clip(block_s * rate, 1, max(len(recording) // 20, 1)))
-    gap = min(round(gap_s * rate), length)
     borders = np.flatnonzero(np.diff(recording.recording)) + 1
     shards = [shard_of(image) for image in recording.images[:, 0]]
     changes = [row for row in range(1, len(shards)) if shards[row] != shards[row - 1]]

@@ -21,7 +21,7 @@ from datamodules.formats.labels import (
     read_csv,
 )
 from datamodules.read_options import ReadOptions
-from datamodules.recording import Recording
+from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.rig import Camera, single_camera_rig
 
@@ -52,7 +52,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
     """
     bad = BadRows(options.on_bad_row)
     rows = _training(path, bad) if (path / TRAINING).is_file() else _test(path, bad)
-    return labelled_recording(path, rows, UNIT, options, bad, rig=RIG)
+    return labelled_recording(path, rows, UNIT, options, bad, rig=RIG, blocks=LONG_DRIVE)
 
 
 def _test(path: Path, bad: BadRows) -> Rows:

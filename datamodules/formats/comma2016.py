@@ -15,7 +15,7 @@ from datamodules.driving_log import BadRows
 from datamodules.formats.labels import labelled_recording
 from datamodules.image import StoredImage
 from datamodules.read_options import ReadOptions
-from datamodules.recording import ForwardReader, Recording
+from datamodules.recording import LONG_DRIVE, ForwardReader, Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.errors import InputError
 from zoo.base.limits import MOST
@@ -64,7 +64,9 @@ def read(path: Path, options: ReadOptions) -> Recording:
         for name, column in (("steering", degrees), ("speed_mps", speed), ("time_s", time_s)):
             rows[name] += column[first[known]].tolist()
     bad = BadRows(options.on_bad_row)
-    return labelled_recording(path, rows, UNIT, options, bad, is_stated=False, rig=RIG)
+    return labelled_recording(
+        path, rows, UNIT, options, bad, is_stated=False, rig=RIG, blocks=LONG_DRIVE
+    )
 
 
 def _log(path: Path) -> tuple[np.ndarray, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 from datamodules.driving_log import BadRows
 from datamodules.formats.labels import labelled_recording, video_images
 from datamodules.read_options import ReadOptions
-from datamodules.recording import Recording
+from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.errors import InputError
 from zoo.base.limits import MOST
@@ -54,7 +54,9 @@ def read(path: Path, options: ReadOptions) -> Recording:
         "speed_mps": _at(times, path / SPEED).tolist(),
     }
     bad = BadRows(options.on_bad_row)
-    return labelled_recording(path, rows, UNIT, options, bad, is_stated=False, rig=RIG)
+    return labelled_recording(
+        path, rows, UNIT, options, bad, is_stated=False, rig=RIG, blocks=LONG_DRIVE
+    )
 
 
 def _at(times: np.ndarray, folder: Path) -> np.ndarray:

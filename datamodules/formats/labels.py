@@ -14,7 +14,14 @@ from datamodules.driving_log import CAMERAS, BadRows, read_fields, replace_undec
 from datamodules.formats.video import read_frames
 from datamodules.image import StoredImage
 from datamodules.read_options import ReadOptions
-from datamodules.recording import ForwardReader, Recording, keep_valid, make_recording
+from datamodules.recording import (
+    SHORT_DRIVES,
+    Blocks,
+    ForwardReader,
+    Recording,
+    keep_valid,
+    make_recording,
+)
 from datamodules.sign_evidence import find_sign_evidence
 from datamodules.steering_unit import EXAMPLE, SteeringUnit
 from zoo.base.errors import InputError
@@ -60,6 +67,7 @@ def labelled_recording(
     is_stated: bool = True,
     rig: Rig | None = None,
     notes: tuple[str, ...] = (),
+    blocks: Blocks = SHORT_DRIVES,
 ) -> Recording:
     """Return a recording from its rows; its images are checked, and the steering's meaning.
 
@@ -74,6 +82,7 @@ def labelled_recording(
         is_stated: whether the format states the unit and the sign; otherwise the images must agree.
         rig: cameras and car.
         notes: lines on what was left out or inferred.
+        blocks: blocks of a split by time.
 
     Raises:
         InputError: a row is bad, an image is missing, no row is left, or the steering does not
@@ -93,6 +102,7 @@ def labelled_recording(
         places=np.array(rows["place"], object),
         rig=_with_full_lock(rig, unit, meant),
         notes=notes,
+        blocks=blocks,
     )
     recording = keep_valid(_with_images(recording, options), bad)
     if options.unit:

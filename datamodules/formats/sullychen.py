@@ -14,7 +14,7 @@ from typing import Any
 from datamodules.driving_log import MOST_LOG_BYTES, BadRows
 from datamodules.formats.labels import collect, inside, labelled_recording
 from datamodules.read_options import ReadOptions
-from datamodules.recording import Recording
+from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.regular_file import open_text
 from zoo.base.rig import Camera, single_camera_rig
@@ -56,7 +56,9 @@ def read(path: Path, options: ReadOptions) -> Recording:
 
     bad = BadRows(options.on_bad_row)
     rows = collect(_lines(path / LOG), parse, bad)
-    return labelled_recording(path, rows, UNIT, options, bad, is_stated=False, rig=RIG)
+    return labelled_recording(
+        path, rows, UNIT, options, bad, is_stated=False, rig=RIG, blocks=LONG_DRIVE
+    )
 
 
 def _lines(log: Path) -> Iterator[tuple[str, str]]:

@@ -325,7 +325,7 @@ def test_root_must_be_set():
         {"val_share": -0.1},
         {"test_share": "a tenth"},
         {"block_s": -1},
-        {"gap_s": None},
+        {"gap_s": -1},
         {"workers": -1},
         {"split": None},
         {"on_bad_image": "ignore"},

@@ -1,6 +1,7 @@
 """Parts of a recording, and how alike they are."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from datamodules.image import decode_image
-from datamodules.leak import measure_leak, thumbnail
-from datamodules.recording import Recording
+from datamodules.leak import leak_lines, measure_leak, random_split_leak, thumbnail
+from datamodules.recording import LONG_DRIVE, SHORT_DRIVES, Recording
 from datamodules.recording_format import read_recordings
-from datamodules.split import PARTS, Split, rows_per_second, split_rows, write_split
+from datamodules.split import PARTS, Split, rows_per_second, split_rows, split_words, write_split
 from tests.recordings import recording_in_memory, write_recording
 from zoo.base.errors import InputError
 
@@ -283,3 +284,46 @@ def test_neighbours_are_found_in_a_long_recording(monkeypatch: pytest.MonkeyPatc
     )
     assert leak.likeness == 0
     assert leak.seconds == pytest.approx(1 / 15, abs=1e-3)
+
+
+def test_a_format_of_long_drives_states_longer_blocks_and_the_user_wins() -> None:
+    laps = driven(9000)
+    long = replace(laps, blocks=LONG_DRIVE)
+
+    def lengths(recording, **settings) -> np.ndarray:
+        part = split_rows(recording, val_share=0.2, test_share=0.0, **settings).val
+        return np.diff(np.flatnonzero(np.diff(part, prepend=-9, append=99_999) > 1))
+
+    assert lengths(laps).min() == 150
+    assert lengths(long).min() == 450
+    assert lengths(long, block_s=20).min() == 300
+    assert "30 s with gaps of 3 s" in split_words(long, "blocks")
+    assert LONG_DRIVE.why in split_words(long, "blocks")
+    assert "data.split" in split_words(long, "random")
+
+
+def test_several_recordings_take_the_longest_blocks(recorded) -> None:
+    both = read_recordings([str(recorded.folder)] * 2)
+    assert both.blocks == SHORT_DRIVES
+
+
+def test_a_random_split_hides_the_error_of_slowly_changing_steering() -> None:
+    slow = recording_in_memory(0.5 * np.sin(np.arange(9000) / 200))
+    (line,) = leak_lines(slow)
+    copied, blocks = random_split_leak(slow)
+    assert copied < 0.01 < 0.05 < blocks
+    assert f"{1 - copied / blocks:.0%}" in line
+    noise = recording_in_memory(np.random.default_rng(0).uniform(-1, 1, 9000))
+    copied, blocks = random_split_leak(noise)
+    assert copied == pytest.approx(blocks, rel=0.1)
+
+
+def test_the_neighbour_is_of_the_same_recording() -> None:
+    steering = np.repeat([0.5, -0.5], 500)
+    assert random_split_leak(recording_in_memory(steering, sizes=(500, 500))) is None
+    assert random_split_leak(recording_in_memory(steering)) is not None
+
+
+def test_a_recording_that_cannot_be_split_has_no_leak() -> None:
+    assert leak_lines(driven(9000)) == []
+    assert leak_lines(recording_in_memory([0.0, 1.0])) == []

@@ -40,6 +40,7 @@ class Data(Fields):
     rows: Whole | None = None
     rows_per_s: Number | None = None
     speed_mph: Number | None = None
+    split_by: str | None = None
     curvature_per_m: Number | None = None  # see `zoo.base.rig.SteeringLabel`
     source: str | None = None  # its other car or format; None for Udacity's rig
 

@@ -104,6 +104,7 @@ def _run(
         "rows": len(data.recording),
         "rows_per_s": rows_per_second(data.recording),
         "speed_mph": float(np.median(data.recording.speed_mph)),
+        "split_by": data.split_by,
     }
     if not data.label.is_steering:
         recorded[CURVATURE] = data.label.curvature_per_m
@@ -177,7 +178,7 @@ def print_start(
     lines = [
         f"{model['name']}: {parameters:,} parameters, sees {width} x {height} "
         f"{data.view.colour} of frames of {frame[1]} x {frame[0]}, on {device}",
-        f"split by {card['config']['data']['split']}: {split} rows; {len(data.samples):,} "
+        f"split by {card['data']['split_by']}: {split} rows; {len(data.samples):,} "
         "training samples",
     ]
     for part, leak in leaks.items():

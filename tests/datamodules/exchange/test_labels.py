@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from datamodules.read_options import ReadOptions
-from datamodules.recording import Recording
+from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.recording_format import find_format
 from datamodules.sign_evidence import find_sign_evidence
 from zoo.base.errors import InputError
@@ -165,6 +165,12 @@ def test_steering_is_a_share_of_full_lock_with_right_positive(
     assert evidence.is_clear
     assert evidence.correlation > 0.8
     assert "right" in recording.notes[0]
+
+
+@pytest.mark.parametrize("write", [challenge2_test, challenge2_training, comma2016, comma2k19])
+def test_formats_of_long_drives_state_long_blocks(write: Callable, tmp_path: Path) -> None:
+    found = read(write(tmp_path / "drive"))
+    assert found.blocks == LONG_DRIVE
 
 
 def test_points_of_a_jetracer_are_shares_of_half_the_width(tmp_path: Path) -> None:
