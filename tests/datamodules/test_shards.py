@@ -23,7 +23,8 @@ from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config
 from zoo.training.build import build_data
 
-pytest.importorskip("litdata")
+for needed in ("litdata", "boto3", "pyarrow"):
+    pytest.importorskip(needed, reason=f"{needed}: pip install 'drivezoo[shards]'")
 
 ROWS = 60
 SHARD_MB = 0.03
