@@ -6,9 +6,9 @@ import itertools
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
 from pathlib import Path
-from typing import TextIO
+from typing import NamedTuple, TextIO
 
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most
@@ -72,8 +72,7 @@ class BadRows:
         raise InputError(f"{first}; correct or delete {what}{skip if good else ''}")
 
 
-@dataclass(frozen=True)
-class LogRow:
+class LogRow(NamedTuple):
     """One row of a log.
 
     Attributes:
@@ -241,6 +240,8 @@ def _column_order(log: Path, fields: list[str]) -> list[str]:
 
 def _arrange(fields: list[str], order: list[str]) -> tuple[tuple[str, ...], list[str]]:
     """Return a row's three paths and its numbers' fields, over 4 if they have decimal commas."""
+    if order == [*COLUMNS] and len(fields) == len(order):  # nearly every log
+        return (fields[0], fields[1], fields[2]), fields[3:]
     if len(fields) == len(order):
         cells = dict(zip(order, fields, strict=True))
         return tuple(cells.get(name, "") for name in CAMERAS), [cells[name] for name in NUMBERS]
@@ -253,6 +254,10 @@ def _arrange(fields: list[str], order: list[str]) -> tuple[tuple[str, ...], list
 
 def _parse_numbers(values: list[str], previous_speed: float) -> tuple[float, ...]:
     if len(values) == len(NUMBERS):
+        with suppress(ValueError):  # three times as fast as a number at a time
+            numbers = tuple(map(float, values))
+            if math.isfinite(sum(numbers)):
+                return numbers
         return tuple(map(_number, NUMBERS, values))
     readings = list(_decimal_comma_readings(values))
     if not readings:

@@ -79,11 +79,11 @@ def _missing_images(
         # A recording without any image of a side camera is a centre-only recording.
         if camera and not any(paths):
             continue
-        for index, (row, path) in enumerate(zip(rows, paths, strict=True)):
-            name = file_name(row.paths[camera])
-            if path is None and (name or not camera):
+        for index in [index for index, path in enumerate(paths) if path is None]:
+            name = file_name(rows[index].paths[camera])
+            if name or not camera:
                 what = f"no image {name:.200}" if name else "names no centre image"
-                bad[index] = f"{log}, row {row.line}: {what}"
+                bad[index] = f"{log}, row {rows[index].line}: {what}"
     return bad
 
 
@@ -98,8 +98,8 @@ class ImageFinder:
         self.images = Path(images).expanduser() if images else None
         if self.images and not self.images.is_dir():
             raise InputError(f"{self.images}: no such folder; set data.images=FOLDER of the images")
-        self._listings: dict[Path, dict[str, str]] = {}
-        self._candidates: dict[str, list[Path]] = {}
+        self._listings: dict[str, dict[str, str]] = {}
+        self._candidates: dict[str, list[str]] = {}
 
     def find(self, written: str) -> str | None:
         """Return the image's path on this machine, or None."""
@@ -110,32 +110,33 @@ class ImageFinder:
         if folder not in self._candidates:
             self._candidates[folder] = self._folders(folder)
         for candidate in self._candidates[folder]:
-            found = self._listing(candidate).get(name)
-            if found:
+            if candidate not in self._listings:
+                self._listings[candidate] = self._list(candidate)
+            if found := self._listings[candidate].get(name):
                 return found
         return None
 
-    def _folders(self, written: str) -> list[Path]:
+    def _folders(self, written: str) -> list[str]:
         """Return folders to search, best first: the given one, or IMG, the path's tails, others."""
         if self.images:
-            return [self.images]
+            return [str(self.images)]
         parts = [part for part in re.split(r"[\\/]", written) if part not in ("", ".")]
         tails = [self.root.joinpath(*parts[start:]) for start in range(len(parts))]
         img = [path for path in self.root.iterdir() if path.name.lower() == "img"]
         # Not \\SERVER\SHARE: Windows would log in on a stranger's server.
         is_own = re.match(r"([A-Za-z]:)?[\\/](?![\\/])", written) and Path(written).is_absolute()
-        return [*img, *tails, self.root, *([Path(written)] if is_own else [])]
+        found = [*img, *tails, self.root, *([Path(written)] if is_own else [])]
+        return [str(folder) for folder in found]
 
-    def _listing(self, folder: Path) -> dict[str, str]:
-        if folder not in self._listings:
-            try:
-                # Regular files only: opening a pipe would wait for its writer.
-                with os.scandir(folder) as entries:
-                    files = (entry for entry in entries if entry.is_file())
-                    self._listings[folder] = {entry.name: entry.path for entry in files}
-            except OSError:
-                self._listings[folder] = {}
-        return self._listings[folder]
+    @staticmethod
+    def _list(folder: str) -> dict[str, str]:
+        """Return the path of each regular file in a folder, by its name."""
+        try:
+            # Opening a pipe would wait for its writer.
+            with os.scandir(folder) as entries:
+                return {entry.name: entry.path for entry in entries if entry.is_file()}
+        except OSError:
+            return {}
 
 
 def times_from_names(names: list[str]) -> np.ndarray:
