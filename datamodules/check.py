@@ -40,7 +40,7 @@ def check(
     """Check recordings before training: rows, images, and what is unusual.
 
     Reads each image's header and end marker but decodes no pixels: thousands of images take
-    seconds. Exits with 1 if an image is bad.
+    seconds. Lists bad rows and images, and exits with 1 if there are any.
 
     Args:
         folder: folder of a recording; several are checked as one recording.
@@ -48,13 +48,14 @@ def check(
         read: see `ReadOptions`.
 
     Returns:
-        Whether all images are whole.
+        Whether all images are whole, and all rows that are not to be skipped.
 
     Raises:
-        InputError: a folder, a log or a row cannot be read, or there is no image.
+        InputError: a folder or a log cannot be read, or there is no good row or image.
     """
     roots, console = [folder, *folders], Console(soft_wrap=True)
-    recording = read_recordings(roots, **{**asdict(read), "on_bad_image": "skip"})
+    skip = {"on_bad_image": "skip", "on_bad_row": "skip"}
+    recording = read_recordings(roots, **{**asdict(read), **skip})
     for line in report_lines(replace(recording, bad_images=(), bad_rows=())):
         _print(console, line)
     for line in [*sign_lines(recording), *leak_lines(recording)]:
@@ -91,9 +92,10 @@ def check(
     for oddity in oddities:
         _print(console, f"- {oddity.text}")
     keys = read.given() | ({"on_bad_image": "skip"} if bad else {})
+    keys |= {"on_bad_row": "skip"} if recording.bad_rows else {}
     for line in _next_commands(roots, keys):
         _print(console, line)
-    return not bad
+    return not bad and (not recording.bad_rows or read.on_bad_row == "skip")
 
 
 def _print(console: Console, line: str) -> None:
@@ -129,7 +131,7 @@ def look_at_image(image: AnyImage) -> tuple[int, int] | str:
 
 
 def main(arguments: list[str]) -> None:
-    """Check recordings; exit with 1 if an image is bad."""
+    """Check recordings; exit with 1 if an image or a row is bad."""
     given = [argument.removeprefix("data.root=") for argument in arguments]
     if is_help(given):
         check.main(given)

@@ -4,6 +4,7 @@ import codecs
 import csv
 import itertools
 import math
+import os
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -60,12 +61,15 @@ class BadRows:
             InputError: names the first bad row, the number of bad rows, and the remedy.
         """
         bad, rows = len(self.faults), good + len(self.faults)
+        is_hinted = bool(hint and bad >= HINTED_SHARE * rows)
+        if self._skips and bad and good and is_hinted:
+            self.faults[0] += f"; {hint}"
         if not bad or (self._skips and good):
             return
         first = self.faults[0]
         if bad > 1:
             first += f" ({bad:,} of {rows:,} rows are bad)"
-        if hint and bad >= HINTED_SHARE * rows:
+        if is_hinted:
             raise InputError(f"{first}; {hint}")
         skip = ", or leave out bad rows with on_bad_row=skip (in a training data.on_bad_row=skip)"
         what = "all rows" if bad == rows > 1 else "the row"
@@ -130,10 +134,18 @@ def read_log(log: Path, bad: BadRows | None = None) -> Iterator[LogRow]:
         good += 1
         yield LogRow(line, paths, numbers)
     if good and len(fields) < len(order or ()):
-        bad.faults[-1] += "; the log ends within this row"
+        forget_half_written(log, bad)
     if not good and not bad.faults:
         raise InputError(f"{log}: the log has no rows; record some driving first")
     bad.finish(good, degrees_hint(largest))
+
+
+def forget_half_written(log: Path, bad: BadRows) -> None:
+    """Leave out the last fault if the file ends within its row: a program is still writing it."""
+    with log.open("rb") as file:
+        file.seek(-1, os.SEEK_END)
+        if file.read(1) not in b"\r\n":
+            bad.faults.pop()
 
 
 def read_fields(log: Path, faults: list[str]) -> Iterator[tuple[int, list[str]]]:

@@ -135,6 +135,17 @@ def _one_direction(recording: Recording) -> Iterator[str]:
         )
 
 
+def _backward_times(recording: Recording) -> Iterator[str]:
+    same = recording.recording[1:] == recording.recording[:-1]
+    rows = np.flatnonzero(same & (np.diff(recording.time_s) < 0)) + 1
+    if len(rows):
+        yield (
+            f"{recording.place(rows[0])}: its time is before the row above's ({len(rows):,} such "
+            "rows): each is taken for a pause, at which windows and drives end; sort the rows by "
+            "time"
+        )
+
+
 def _duplicates(recording: Recording) -> Iterator[str]:
     named = [path for path in recording.images.flat if path is not None]
     repeated = len(named) - len(set(named))
@@ -171,6 +182,7 @@ _LOOKS: tuple[Callable[[Recording], Iterator[str]], ...] = (
     _no_speed,
     _two_speeds,
     _one_direction,
+    _backward_times,
     _duplicates,
 )
 

@@ -5,6 +5,7 @@ Hz with `steering_angle` (degrees of the wheel of an Acura ILX of 2016), `speed`
 `cam1_ptr`, the image of each row. The sign is not stated.
 """
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,7 @@ RIG = single_camera_rig(
     guesses=("camera", "full"),
 )
 MOST_BYTES = 64_000_000_000
-MOST_VALUES = 100 * MOST["rows"]
+MOST_VALUES, MOST_CHUNK = 10 * MOST["rows"], 100_000_000
 SHAPE = (3, 160, 320)
 
 
@@ -112,6 +113,13 @@ def _dataset(file: Any, path: Path, name: str, dimensions: int) -> Any:
     fits = (
         isinstance(found, h5py.Dataset) and found.ndim == dimensions and found.dtype.kind in "uif"
     )
-    if not fits or found.external or found.is_virtual or len(found) > MOST_VALUES:
+    if not fits or found.external or found.is_virtual:
         raise InputError(f"{path}: {name} is no array of numbers in the file; download it again")
+    # A few bytes can claim any number of equal values.
+    most = MOST_VALUES if dimensions == 1 else MOST["rows"]
+    if len(found) > most or math.prod(found.chunks or ()) * found.dtype.itemsize > MOST_CHUNK:
+        raise InputError(
+            f"{path}: {name} claims {len(found):,} rows in pieces of {found.chunks}, more than the "
+            f"{most:,} rows and {MOST_CHUNK:,} bytes a piece that are read; divide the recording"
+        )
     return found

@@ -33,6 +33,8 @@ NUMBERS = ("steering", "throttle", "brake", "speed_mph", "time_s")
 STAMPS = ("_timestamp_ms", "milliseconds")
 IMAGES = "images"
 IMAGE, ANGLE, THROTTLE, MODE = "cam/image_array", "user/angle", "user/throttle", "user/mode"
+# Forks record what the car did, without `user/`.
+ANGLES, THROTTLES = (ANGLE, "steering"), (THROTTLE, "throttle")
 SPEEDS_MPS = ("enc/speed", "pos/speed")  # an odometer's, a simulator's
 # Keys of drivezoo's own tubs: values that Donkeycar has no key for, unchanged to the bit.
 EXACT = {
@@ -129,19 +131,21 @@ def _record(place: str, text: str, images: str) -> dict[str, Any] | None:
     found = parse(text, place, dict)
     if found.get(MODE, "user") != "user":
         return None
-    speeds = [key for key in SPEEDS_MPS if key in found]
-    speed_mph = abs(number(found, speeds[0], place)) / MPS_PER_MPH if speeds else 0.0
-    stamps = [key for key in STAMPS if key in found]
+    angle, throttle, speed, stamp = (
+        next((key for key in keys if key in found), keys[0])
+        for keys in (ANGLES, THROTTLES, SPEEDS_MPS, STAMPS)
+    )
+    speed_mph = abs(number(found, speed, place, 0.0)) / MPS_PER_MPH
     return {
         "place": place,
         "image": images + plain_name(found.get(IMAGE), place, IMAGE),
-        "steering": number(found, ANGLE, place),
-        "throttle": number(found, EXACT["throttle"], place, number(found, THROTTLE, place, 0.0)),
+        "steering": number(found, angle, place),
+        "throttle": number(found, EXACT["throttle"], place, number(found, throttle, place, 0.0)),
         "brake": number(found, EXACT["brake"], place, 0.0),
         "speed_mph": number(found, EXACT["speed"], place, speed_mph),
-        "time_s": number(found, stamps[0], place) / 1000 if stamps else np.nan,
+        "time_s": number(found, stamp, place) / 1000 if stamp in found else np.nan,
         "session": str(found.get("_session_id", "")),
-        "has_speed": bool(speeds) or EXACT["speed"] in found,
+        "has_speed": speed in found or EXACT["speed"] in found,
         "is_own": EXACT["speed"] in found,
     }
 
@@ -163,10 +167,15 @@ def _new_records(folder: Path) -> Iterator[tuple[str, str | None, str]]:
     index = 0
     for name in names:
         catalog = folder / name
+        if not catalog.exists():
+            raise InputError(
+                f"{place}: the catalog {name} is missing; copy it there, or delete its name"
+            )
         # Bytes that are not UTF-8 make one record bad, not the catalog.
         with open_text(catalog, MOST_CATALOG_BYTES, errors="surrogateescape") as file:
             for line, text in enumerate(file, 1):
-                if not text.strip():
+                half_written = name == names[-1] and text[-1] != "\n" and text[-1] != "}"
+                if not text.strip() or half_written:
                     continue
                 # As Donkeycar does: a deleted index counts the records, whatever their _index.
                 yield f"{catalog}, row {line}", None if index in gone else text, images

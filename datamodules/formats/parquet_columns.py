@@ -104,7 +104,7 @@ def encoded_images(path: Path, key: str, pyarrow: Any) -> Iterator[bytes]:
         for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=[key]):
             # A path next to the bytes is never opened.
             for one in batch.column(0).to_pylist():
-                data = (one or {}).get("bytes") or b""
+                data = one if isinstance(one, bytes) else (one or {}).get("bytes") or b""
                 unpacked += len(data)
                 check_unpacked(unpacked, path.stat().st_size, path)
                 yield data

@@ -17,6 +17,7 @@ from datamodules.read_options import ReadOptions
 from datamodules.recording import ForwardReader, Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.errors import InputError, UsageError
+from zoo.base.limits import check_unpacked
 
 title = "table"
 UNIT = SteeringUnit()
@@ -31,6 +32,7 @@ NUMBERS = {
     "time": "time_s",
 }
 MPS = {"mps": 1.0, "mph": 0.44704, "kmh": 1 / 3.6}
+ROWS_AT_ONCE = 256  # each cell may repeat a long text that stands in the file once
 # A time of at least so much is counted in so many parts of a second since 1970.
 PARTS = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3))
 
@@ -97,6 +99,11 @@ def _find_table(path: Path) -> Path:
     raise InputError(f"{path}: holds {names or 'no .csv and no .parquet'}; name one file")
 
 
+def _holds_images(kind: Any, pyarrow: Any) -> bool:
+    """Return whether a Parquet column of this type holds images, not their paths."""
+    return pyarrow.types.is_struct(kind) or pyarrow.types.is_binary(kind)
+
+
 def _parquet_rows(
     table: Path, columns: Mapping[str, str]
 ) -> Iterator[tuple[str, Mapping[str, Any]]]:
@@ -106,11 +113,13 @@ def _parquet_rows(
     stored = {
         name: ForwardReader(partial(encoded_images, key=name, pyarrow=pyarrow))
         for key, name in columns.items()
-        if key in IMAGES and not pyarrow.types.is_string(file.schema_arrow.field(name).type)
+        if key in IMAGES and _holds_images(file.schema_arrow.field(name).type, pyarrow)
     }
     plain = [name for name in columns.values() if name not in stored]
-    number = 0
-    for batch in file.iter_batches(columns=plain):
+    number = unpacked = 0
+    for batch in file.iter_batches(batch_size=ROWS_AT_ONCE, columns=plain):
+        unpacked += batch.nbytes
+        check_unpacked(unpacked, table.stat().st_size, table)
         for fields in batch.to_pylist():
             images = {name: StoredImage(str(table), number, one) for name, one in stored.items()}
             number += 1

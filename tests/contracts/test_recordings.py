@@ -1,5 +1,6 @@
 """The contract `Recording`: every format, and one of a package outside of the checkout."""
 
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +13,8 @@ from datamodules.formats.lerobot_export import export_lerobot
 from datamodules.formats.recording_writer import convert_to_recording
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
-from datamodules.recording_format import find_format, formats, read_recordings
+from datamodules.recording_format import OWN, find_format, formats, read_recordings
+from tests import foreign_recordings as foreign
 from tests.recordings import write_recording
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
@@ -97,6 +99,156 @@ def check_recording(recording: Recording, source: Recording) -> None:
     part = recording.keep(np.arange(ROWS) > 20)
     assert part.place(0) == recording.place(21)
     assert (part.image(0) == recording.image(21)).all()
+
+
+def replace_once(old: str, new: str, file: str) -> Callable[[Path], None]:
+    """Return a function that changes a text of a recording's file."""
+
+    def change(folder: Path) -> None:
+        text = (folder / file).read_text()
+        assert text.count(old) == 1, old
+        (folder / file).write_text(text.replace(old, new))
+
+    return change
+
+
+def cut_fourth_row(folder: Path) -> None:
+    lines = (folder / "driving_log.csv").read_text().splitlines(keepends=True)
+    lines[3] = lines[3][:50] + "\n"
+    (folder / "driving_log.csv").write_text("".join(lines))
+
+
+def change_column(folder: Path) -> None:
+    """Change the fourth row's steering in a dataset's table."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    file = folder / "data/chunk-000/file-000.parquet"
+    columns = parquet.read_table(file).to_pydict()
+    columns["steering"][3] = 7.5
+    parquet.write_table(pytest.importorskip("pyarrow").table(columns), file)
+
+
+def change_log_of_2016(folder: Path) -> None:
+    with pytest.importorskip("h5py").File(next((folder / "log").iterdir()), "r+") as file:
+        file["steering_angle"][15] = np.nan
+
+
+def change_signal_of_2k19(folder: Path) -> None:
+    value = folder / "processed_log/CAN/steering_angle/value"
+    signal = np.load(value)
+    signal[3] = np.nan
+    with value.open("wb") as file:
+        np.save(file, signal)
+
+
+def move_point(folder: Path) -> None:
+    image = sorted(folder.iterdir())[-1]
+    image.rename(folder / f"999{image.name[image.name.index('_') :]}")
+
+
+def ours(write: Callable[[Recording, Path], object]) -> Callable[[Path], Path]:
+    """Return a writer of 60 rows in a format that drivezoo writes."""
+
+    def write_from_log(folder: Path) -> Path:
+        log = write_recording(folder.parent / "of_log", foreign.ROWS)
+        write(read_recordings(str(log.folder)), folder)
+        return folder
+
+    return write_from_log
+
+
+COLUMNS = {"columns": {"image": "path", "steering": "turn"}, "format": "table"}
+# A writer of each format, what makes one row bad, its place, and what the user says.
+FORMATS: dict[str, tuple[Callable[[Path], Path], Callable[[Path], None], str, dict]] = {
+    "udacity": (
+        ours(udacity),
+        cut_fourth_row,
+        r"driving_log\.csv, row 4",
+        {},
+    ),
+    "lerobot": (ours(export_lerobot), change_column, r"file-000\.parquet, row 4", {}),
+    "donkeycar": (
+        ours(export_tub),
+        replace_once('"_index": 3,', '"_index": 3', "catalog_0.catalog"),
+        r"catalog_0\.catalog, row 4",
+        {},
+    ),
+    "challenge2": (
+        foreign.challenge2_training,
+        replace_once(
+            f"center/{foreign.NS}.jpg,-", f"center/{foreign.NS}.jpg,x", "interpolated.csv"
+        ),
+        r"interpolated\.csv, row 62",
+        {},
+    ),
+    "sullychen": (
+        foreign.sullychen,
+        replace_once("\n3.jpg ", "\n3.jpg x", "data.txt"),
+        r"data\.txt, row 4",
+        {},
+    ),
+    "deeppicar": (
+        foreign.deeppicar,
+        replace_once(",4,", ",x,", "out-key.csv"),
+        r"out-key\.csv, row 5",
+        {},
+    ),
+    "named_images": (foreign.jetracer, move_point, r"999_\S+\.jpg", {}),
+    "comma2016": (foreign.comma2016, change_log_of_2016, r"\.h5, row 16", {}),
+    "comma2k19": (foreign.comma2k19, change_signal_of_2k19, r"video\.hevc, frame", {}),
+    "table": (
+        foreign.table,
+        replace_once("\npics\\3.png,", "\npics\\3.png,x", "my.csv"),
+        r"my\.csv, row 5",
+        COLUMNS,
+    ),
+}
+
+
+def test_the_table_names_every_format() -> None:
+    assert list(FORMATS) == [name for name, _ in formats() if name in OWN]
+    assert set(FORMATS) == set(OWN)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_bad_row_is_one_line_or_is_left_out_and_listed(name: str, tmp_path: Path) -> None:
+    if name == "lerobot":
+        pytest.importorskip("pyarrow")
+    write, damage, place, said = FORMATS[name]
+    folder = str(write(tmp_path / "recording"))
+    if not said:
+        assert find_format(Path(folder))[0] == name
+    whole = read_recordings(folder, **said)
+    assert (len(whole), whole.bad_rows) == (foreign.ROWS, ())
+    damage(Path(folder))
+    with pytest.raises(InputError, match=rf"{place}[^\n]*on_bad_row=skip[^\n]*$"):
+        read_recordings(folder, **said)
+    rest = read_recordings(folder, **said, on_bad_row="skip")
+    assert len(rest) + len(rest.bad_rows) == foreign.ROWS
+    assert 1 <= len(rest.bad_rows) <= 2, "a missing signal is interpolated by both neighbours"
+    assert re.search(place, rest.bad_rows[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [
+        ("udacity", "driving_log.csv"),
+        ("donkeycar", "catalog_0.catalog"),
+        ("challenge2", "interpolated.csv"),
+        ("sullychen", "data.txt"),
+        ("deeppicar", "out-key.csv"),
+        ("table", "my.csv"),
+    ],
+)
+def test_a_last_line_that_is_being_written_is_no_error(
+    name: str, file: str, tmp_path: Path
+) -> None:
+    write, _, _, said = FORMATS[name]
+    folder = write(tmp_path / "recording")
+    lines = (folder / file).read_bytes().splitlines(keepends=True)
+    half = lines[-1][: len(lines[-1]) // 2].rpartition(b",")[0]
+    (folder / file).write_bytes(b"".join(lines) + half)
+    again = read_recordings(str(folder), **said)
+    assert (len(again), again.bad_rows) == (foreign.ROWS, ())
 
 
 @pytest.mark.usefixtures("outside")
