@@ -7,6 +7,8 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from tests.recordings import Written
@@ -95,6 +97,15 @@ def test_a_run_of_the_parts_resumes(run: Run, recorded: Written, tmp_path: Path)
     train(run, recorded)
     run("zoo", "resume=run", "trainer.max_epochs=2")
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["epochs"] == 2
+
+
+def test_the_format_is_read(run: Run, tmp_path: Path) -> None:
+    image = cv2.imencode(".jpg", np.full((160, 320, 3), 90, np.uint8))[1].tobytes()
+    for row, steering in enumerate((0.25, 0.0, -0.25)):
+        (tmp_path / f"{row:05d}_{steering}.jpg").write_bytes(image)
+    printed = run("datamodules.check", ".")
+    assert "3 rows, centre camera only" in printed
+    assert "all images are whole" in printed
 
 
 def test_the_track_is_an_environment_and_the_perturbation_is_known(
