@@ -27,7 +27,7 @@ RIG = single_camera_rig(
     Camera(0.0, 1.3, 0.4, size=(455, 256), vertical_fov_deg=45.0),
     wheelbase_m=2.67,
     steering_deg=UNIT.full / 16,
-    guesses=("camera", "full", "ratio of the steering wheel"),
+    guesses=("camera", "full", "ratio of the steering wheel", "wheelbase"),
 )
 _ROW = re.compile(r"(\S+\.(?:jpe?g|png)) (-?[\d.]+(?:e-?\d+)?)(?:,(\S+ \S+))?", re.IGNORECASE)
 
