@@ -205,8 +205,8 @@ FORMATS: dict[str, tuple[Callable[[Path], Path], Callable[[Path], None], str, di
 
 
 def test_the_table_names_every_format() -> None:
-    assert list(FORMATS) == [name for name, _ in formats() if name in OWN]
-    assert set(FORMATS) == set(OWN)
+    # Only drivezoo writes shards, from rows that it could read.
+    assert {*FORMATS, "shards"} == set(OWN)
 
 
 @pytest.mark.parametrize("name", FORMATS)
