@@ -267,9 +267,9 @@ def _arrange(fields: list[str], order: list[str]) -> tuple[tuple[str, ...], list
 def _parse_numbers(values: list[str], previous_speed: float) -> tuple[float, ...]:
     if len(values) == len(NUMBERS):
         with suppress(ValueError):  # three times as fast as a number at a time
-            numbers = tuple(map(float, values))
-            if math.isfinite(sum(numbers)):
-                return numbers
+            parsed = tuple(map(float, values))
+            if math.isfinite(sum(parsed)):
+                return parsed
         return tuple(map(_number, NUMBERS, values))
     readings = list(_decimal_comma_readings(values))
     if not readings:
