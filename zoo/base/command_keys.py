@@ -216,7 +216,8 @@ def choices_of(kind: Any) -> tuple[str, ...]:
     if get_origin(kind) is Literal:
         return tuple(map(str, get_args(kind)))
     if get_origin(kind) in (Union, types.UnionType):
-        return tuple(name for part in get_args(kind) for name in choices_of(part))
+        parts = [choices_of(part) for part in get_args(kind) if part is not type(None)]
+        return tuple(name for names in parts for name in names) if all(parts) else ()
     return ()
 
 
