@@ -172,3 +172,30 @@ def test_a_missing_image_is_named_or_its_row_is_left_out(tmp_path: Path) -> None
     recording = read(folder, on_bad_image="skip")
     assert len(recording) == ROWS - 1
     assert "row 8" in recording.bad_images[0]
+
+
+@pytest.mark.parametrize(("name", "file"), [("X", "camera"), ("steering_angle", "log")])
+def test_a_small_hdf5_file_that_claims_a_billion_rows_is_refused(
+    name: str, file: str, tmp_path: Path
+) -> None:
+    h5py = pytest.importorskip("h5py")
+    folder = comma2016(tmp_path / "recording")
+    path = next((folder / file).iterdir())
+    with h5py.File(path, "r+") as opened:
+        rest, kind = opened[name].shape[1:], opened[name].dtype
+        del opened[name]
+        opened.create_dataset(name, (10**9, *rest), kind, chunks=(1, *rest))
+    assert path.stat().st_size < 10_000_000
+    with pytest.raises(InputError, match=rf"{name} claims 1,000,000,000 rows.*divide"):
+        read(folder, steering={"unit": "deg", "full": 500, "right": "negative"}).image(0)
+
+
+def test_a_parquet_table_that_repeats_a_long_text_is_refused(tmp_path: Path) -> None:
+    pa = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    rows, file = 600, tmp_path / "rows.parquet"
+    columns = {"turn": np.zeros(rows), "view": ["a" * 200_000] * rows}
+    parquet.write_table(pa.table(columns), file)
+    assert file.stat().st_size < 1_000_000
+    with pytest.raises(InputError, match="after decompression"):
+        read(file, columns={"image": "view", "steering": "turn"})

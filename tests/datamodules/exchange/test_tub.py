@@ -279,3 +279,20 @@ def test_drives_are_counted_by_the_gaps_that_check_counts(tmp_path: Path) -> Non
     result = convert_to_recording(write_tub(tmp_path / "tub", late), tmp_path / "out")
     (report,) = report_recordings(read_recordings(str(tmp_path / "out")))
     assert (result.drives, report.gaps) == (3, 2)
+
+
+def test_a_missing_catalog_is_named_with_the_row_that_names_it(tmp_path: Path) -> None:
+    tub = write_tub(tmp_path / "tub", [record(one) for one in range(4)])
+    (tub / "catalog_1.catalog").unlink()
+    with pytest.raises(InputError, match=r"manifest\.json, row 5: the catalog catalog_1\.catalog"):
+        read_recordings(str(tub))
+
+
+def test_a_forks_keys_are_read(tmp_path: Path) -> None:
+    """Forks write `steering` and `throttle`, and no mode."""
+    plain = [record(one) for one in range(4)]
+    keys = {"user/angle": "steering", "user/throttle": "throttle"}
+    forked = [{keys.get(name, name): one[name] for name in one} for one in plain]
+    recording = read_recordings(str(write_tub(tmp_path / "tub", forked)))
+    assert recording.steering.tolist() == [0.0, 0.1, 0.2, 0.3]
+    assert recording.throttle.tolist() == [0.3] * 4
