@@ -95,7 +95,7 @@ class ShardStore:
             shard.seek(begin + 4)  # after the image's own number of bytes
             data = shard.read(max(0, min(end - begin - 4, MOST_IMAGE_BYTES)))
         if not data or len(data) < end - begin - 4:
-            raise ValueError(f"the shard is damaged; {REMEDY}")
+            raise ValueError("the shard is damaged")
         return data
 
     def fetch(self, name: str) -> Path:

@@ -107,6 +107,13 @@ def block_rows(
     return length, min(round((blocks.gap_s if gap_s is None else gap_s) * rate), length)
 
 
+def shard_changes(recording: Recording) -> list[int]:
+    """Return the rows at which another shard begins; none for few shards, or without any."""
+    shards = [shard_of(image) for image in recording.images[:, 0]]
+    changes = [row for row in range(1, len(shards)) if shards[row] != shards[row - 1]]
+    return changes if shards[0] and len(changes) > LEAST_SHARDS else []
+
+
 def split_words(
     recording: Recording, kind: str, block_s: float | None = None, gap_s: float | None = None
 ) -> str:
@@ -115,6 +122,8 @@ def split_words(
         return f"{kind}, as data.split says"
     rate = rows_per_second(recording)
     length, gap = (rows / rate for rows in block_rows(recording, block_s, gap_s))
+    if changes := shard_changes(recording):
+        return f"blocks of a shard each, {len(changes) + 1:,}, with gaps of {gap:.2g} s"
     chosen = "as data.block_s says" if block_s is not None else recording.blocks.why
     return f"blocks of {length:.3g} s with gaps of {gap:.2g} s ({chosen})"
 
@@ -153,9 +162,7 @@ def _split_blocks(
     recording: Recording, shares: np.ndarray, length: int, gap: int, rng: np.random.Generator
 ) -> np.ndarray:
     borders = np.flatnonzero(np.diff(recording.recording)) + 1
-    shards = [shard_of(image) for image in recording.images[:, 0]]
-    changes = [row for row in range(1, len(shards)) if shards[row] != shards[row - 1]]
-    if shards[0] and len(changes) > LEAST_SHARDS:  # so that validation reads few shards
+    if changes := shard_changes(recording):  # so that validation reads few shards
         borders, length = np.array(changes), len(recording)
     edges = [0, *borders.tolist(), len(recording)]
     bounds = [

@@ -56,7 +56,11 @@ COLOURS = {
     "gray": "gray",
     "hsv_s": "the saturation of HSV (OpenCV's RGB2HSV)",
 }
-WAYS = {"area": "area (OpenCV's INTER_AREA)", "linear": "bilinear (OpenCV's INTER_LINEAR)"}
+WAYS = {
+    "area": "area (OpenCV's INTER_AREA)",
+    "linear": "bilinear (OpenCV's INTER_LINEAR)",
+    "blur_linear": "bilinear (OpenCV's INTER_LINEAR) after a blur (GaussianBlur, 3 x 3 pixels)",
+}
 
 
 def export_checkpoint(
