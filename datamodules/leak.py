@@ -17,6 +17,7 @@ NEAR = 16  # neighbours on each side of a held-out row
 AT_ONCE = 1_000  # rows whose differences stay in the processor's cache
 STRANGERS = 4_000  # training rows for the difference between any two images
 THUMBNAIL = (16, 8)
+LEAST_ROWS = 600  # fewer are cut into blocks of less than two seconds
 SEEDS = 10  # splits over which the error of a copied steering is a mean
 
 
@@ -73,6 +74,8 @@ def random_split_leak(recording: Recording) -> tuple[float, float] | None:
         Mean absolute errors, of the random split and of the split into blocks of time; None of a
         recording that is too short to split, or whose steering never changes.
     """
+    if len(recording) < LEAST_ROWS:
+        return None
     errors = {}
     for kind in ("random", "blocks"):
         found = []
