@@ -100,7 +100,9 @@ def _view_layers(view: View) -> list[Layer]:
         raise InputError(f"colour={view.colour}: Keras has no layer for it; train with rgb or yuv")
     if view.size:
         config = dict(zip(("height", "width"), view.size, strict=True))
-        way = WAYS[view.resize.removesuffix("_first")]
+        way = WAYS.get(view.resize.removesuffix("_first"))
+        if way is None:
+            raise InputError(f"resize={view.resize}: Keras has no layer for it; train with linear")
         layers.append(("Resizing", config | {"interpolation": way}, []))
     if view.resize.endswith("_first"):
         layers.reverse()

@@ -111,6 +111,7 @@ def test_a_network_of_donkeycar_returns_as_it_came(
     ("checkpoint", "words"),
     [
         (random_checkpoint(View((60, 40), "hsv_s", (32, 64))), "colour=hsv_s"),
+        (random_checkpoint(View((0, 0), "rgb", (66, 200), "blur_linear")), "resize=blur_linear"),
         (random_checkpoint(View((0, 0), "rgb", (66, 200)), PilotNet, speed=True), "more than"),
         (random_checkpoint(View((0, 0), "rgb", (66, 200)), CommaAi, width=0.25), "CommaAi"),
     ],
