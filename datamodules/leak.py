@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from datamodules.recording import Recording
 from datamodules.split import split_rows
@@ -134,6 +133,8 @@ def _differences(
 
     Also return the median difference of any two. `ours` is float32 [n, pixels].
     """
+    from scipy.spatial.distance import cdist  # slow import
+
     nearest, any_two = np.full(len(ours), np.inf), []
     step = -(-len(compared) // STRANGERS)
     for start in range(0, len(compared), AT_ONCE):

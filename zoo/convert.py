@@ -2,7 +2,7 @@
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from pydantic import Field
 
@@ -12,12 +12,14 @@ from zoo.base.errors import UsageError
 from zoo.base.terminal import command_line, printable
 from zoo.cli.closing_lines import print_next, print_written
 
+Written = Literal["udacity", "lerobot", "donkeycar", "shards"]
+
 
 @command
 def convert(
     source: str,
     *sources: str,
-    to: Literal["udacity", "lerobot", "donkeycar", "shards"] | None = None,
+    to: Written | None = None,
     out: Path | None = None,
     fps: Annotated[int, Field(ge=1, le=1000)] | None = None,
     crf: Annotated[int, Field(ge=1, le=51)] = 18,
@@ -63,9 +65,10 @@ def convert(
     titles = {name: known.title for name, known in formats()}
     to = to or "udacity"
     if to == found:
+        *others, last = (f"to={name}" for name in get_args(Written) if name != found)
         raise UsageError(
-            f"to={to}: {source} is a {titles[to]} already; name another format: to=udacity, "
-            "to=lerobot, to=donkeycar or to=shards"
+            f"to={to}: {source} is a {titles[to]} already; name another format: "
+            f"{', '.join(others)} or {last}"
         )
     if to == "udacity" and sources:
         raise UsageError("to=udacity: takes one recording; convert each, and name all in data.root")

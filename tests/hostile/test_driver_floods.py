@@ -161,8 +161,9 @@ def test_other_simulators_images_are_decoded(width: int, height: int, kind: str)
     smooth = cv2.blur(noise, (15, 15))
     image = cv2.imencode(kind, smooth)[1].tobytes()
     assert len(image) < MAX_IMAGE_BYTES
-    assert read_telemetry(telemetry(jpeg=image)).frame.shape == (160, 320, 3)
+    assert read_telemetry(telemetry(jpeg=image)).frame.shape == (height, width, 3)
 
 
 def test_a_plain_progressive_jpeg_is_decoded() -> None:
-    assert read_telemetry(telemetry(jpeg=many_scans(SCANS))).frame.shape == (160, 320, 3)
+    frame = read_telemetry(telemetry(jpeg=many_scans(SCANS))).frame
+    assert (frame.ndim, frame.shape[2]) == (3, 3)
