@@ -20,7 +20,7 @@ from datamodules.image import (
 )
 from datamodules.leak import leak_lines
 from datamodules.read_options import ReadOptions
-from datamodules.recording_format import read_recordings
+from datamodules.recording_format import other_car, read_recordings
 from datamodules.sign_evidence import sign_lines
 from zoo.base.command import command, is_help
 from zoo.base.command_keys import read_texts, typed
@@ -93,7 +93,9 @@ def check(
         _print(console, f"- {oddity.text}")
     keys = read.given() | ({"on_bad_image": "skip"} if bad else {})
     keys |= {"on_bad_row": "skip"} if recording.bad_rows else {}
-    for line in _next_commands(roots, keys):
+    # A network of another car is judged by its held-out drives, which single rows are not.
+    split = ["data.split=blocks"] if other_car(recording) else []
+    for line in _next_commands(roots, keys, split):
         _print(console, line)
     return not bad and (not recording.bad_rows or read.on_bad_row == "skip")
 
@@ -109,14 +111,14 @@ def _print_first(console: Console, lines: Sequence[str]) -> None:
         _print(console, f"and {len(lines) - SHOWN:,} more")
 
 
-def _next_commands(roots: list[str], given: dict[str, Any]) -> Iterator[str]:
+def _next_commands(roots: list[str], given: dict[str, Any], split: list[str]) -> Iterator[str]:
     """Yield a line for each next command, quoted for a shell and for Hydra."""
     quoted = [text.replace("\\", "\\\\").replace("'", "\\'") for text in roots]
     joined = ",".join(f"'{text}'" for text in quoted)  # a list in Hydra's grammar
     keys = [f"data.root={roots[0] if len(roots) == 1 else f'[{joined}]'}"]
     keys += [f"data.{key}={typed(value)}" for key, value in given.items()]
     yield f"show the network's input: {command_line(['drivezoo', 'preview', *keys])}"
-    yield f"next: {command_line(['drivezoo', 'train', FIRST_TRY, *keys])}"
+    yield f"next: {command_line(['drivezoo', 'train', FIRST_TRY, *split, *keys])}"
 
 
 def look_at_image(image: AnyImage) -> tuple[int, int] | str:
