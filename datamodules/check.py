@@ -3,11 +3,13 @@
 import os
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
+from itertools import chain
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
@@ -28,6 +30,7 @@ from zoo.base.run_command import exit_after
 from zoo.base.terminal import command_line, printable
 
 FIRST_TRY = "experiment=first_try"  # docs/recipes.md, "A first try that drives"
+AT_ONCE = 64  # images of a thread's task: each task takes 1 kB until the last is done
 SHOWN = 20  # bad rows and images that are listed; the others are counted
 
 
@@ -65,14 +68,15 @@ def check(
         _print_first(console, recording.bad_rows)
     sizes: Counter[tuple[int, int]] = Counter()
     bad = list(recording.bad_images)
-    named = [(row, path) for row, paths in enumerate(recording.images) for path in paths if path]
-    paths = [path for _, path in named]
+    rows, cameras = np.nonzero(recording.images)
+    paths = recording.images[rows, cameras]
     pool = ThreadPoolExecutor(reading_threads(paths, os.cpu_count() or 1))
     try:
-        found = pool.map(look_at_image, paths)
+        some = [paths[start : start + AT_ONCE] for start in range(0, len(paths), AT_ONCE)]
+        found = chain.from_iterable(pool.map(look_at_images, some))
         with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-            looked_at = progress.track(found, total=len(named), description="checking images")
-            for (row, path), size in zip(named, looked_at, strict=True):
+            looked_at = progress.track(found, total=len(paths), description="checking images")
+            for row, path, size in zip(rows.tolist(), paths, looked_at, strict=True):
                 if isinstance(size, str):
                     bad.append(f"{recording.place(row)}: {path}: {size}")
                 else:
@@ -119,6 +123,11 @@ def _next_commands(roots: list[str], given: dict[str, Any], split: list[str]) ->
     keys += [f"data.{key}={typed(value)}" for key, value in given.items()]
     yield f"show the network's input: {command_line(['drivezoo', 'preview', *keys])}"
     yield f"next: {command_line(['drivezoo', 'train', FIRST_TRY, *split, *keys])}"
+
+
+def look_at_images(images: Iterable[AnyImage]) -> list[tuple[int, int] | str]:
+    """Return what `look_at_image` returns for each image."""
+    return [look_at_image(image) for image in images]
 
 
 def look_at_image(image: AnyImage) -> tuple[int, int] | str:

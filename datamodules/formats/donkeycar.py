@@ -76,7 +76,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
     Raises:
         InputError: a file is missing or damaged, a value is wrong, or nothing is left.
     """
-    bad, bad_images, records = BadRows(options.on_bad_row), [], []
+    bad, bad_images = BadRows(options.on_bad_row), []
+    columns: dict[str, list] = {}
     deleted = piloted = 0
     texts = _new_records(path) if (path / MANIFEST).exists() else _old_records(path)
     for count, (place, text, images) in enumerate(texts, 1):
@@ -94,11 +95,11 @@ def read(path: Path, options: ReadOptions) -> Recording:
         elif fault := find_file_fault(record["image"]):
             bad_images.append(f"{place}: {fault}")
         else:
-            records.append(record)
-    if not records and not bad.faults:
+            for name, value in record.items():
+                columns.setdefault(name, []).append(value)
+    if not columns and not bad.faults:
         reason = bad_images[0] if bad_images else "all are deleted or driven by an autopilot"
         raise InputError(f"{path}: no record is left: {reason}; name another tub")
-    columns = {name: [record[name] for record in records] for name in (records or [{}])[0]}
     numbers = {name: np.array(columns.get(name, ()), float) for name in NUMBERS}
     if options.unit:
         numbers["steering"] = options.unit.steering(numbers["steering"])
