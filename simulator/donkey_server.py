@@ -1,6 +1,8 @@
 """The command `drivezoo simulator serve`: the embedded world on a Donkeycar simulator's port."""
 
 import json
+import math
+import re
 import socket
 import time
 import traceback
@@ -8,15 +10,19 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, suppress
 
 from simulator.command_options import ServeOptions
-from simulator.donkey_session import RATE, DonkeySession, Message
+from simulator.donkey_session import RATE, DonkeySession, Message, track_of
+from simulator.track_file import read_track
 from zoo.base.errors import InputError
 from zoo.base.process_pool import ProcessPool
 
-MOST_BYTES = 1_000_000  # of one message
-RECEIVED_BYTES = 65_536
+MOST_BYTES = 65_536  # of one message
+RECEIVED_BYTES = 4096  # at a time; a client of 50 controls in a frame sends more
 SLOW_S = 5.0  # for a client to take a message
-SILENT_S = 60.0  # for a client to choose a scene
+MENU_S = 20.0  # for a client to choose a scene
+MOST_NOTES = 50  # lines about one client
 LOOK_S = 0.2
+# A text, which may have braces inside and may end later, or a brace.
+TOKEN = re.compile(rb'"(?:[^"\\]|\\.)*(?:"|\\?\Z)|[{}]', re.DOTALL)
 
 
 class MessageStream:
@@ -40,7 +46,7 @@ class MessageStream:
         while self._text:
             if not self._text.startswith(b"{"):
                 raise InputError("sends no JSON objects, so it is no Donkeycar client")
-            end = self._text.find(b"}") + 1  # objects of this protocol have none inside
+            end = _end_of_object(self._text)
             if not end:
                 break
             try:
@@ -51,6 +57,15 @@ class MessageStream:
             yield message
         if len(self._text) > MOST_BYTES:
             raise InputError(f"sends an object of more than {MOST_BYTES:,} bytes")
+
+
+def _end_of_object(text: bytes) -> int:
+    depth = 0
+    for token in TOKEN.finditer(text):
+        depth += {b"{": 1, b"}": -1}.get(token[0], 0)
+        if not depth:
+            return token.end()
+    return 0
 
 
 def serve_client(
@@ -81,32 +96,43 @@ def _converse(
     connection: socket.socket, options: ServeOptions, note: Callable[[str], None]
 ) -> None:
     """Answer a client's messages, and send telemetry at the world's rate, until either ends."""
-    lockstep = options.rate == "max"
-    rate = RATE if lockstep else float(options.rate)
-    session = DonkeySession(options.scene, rate, lockstep, options.renderer, note)
-    stream, due_s, last_s = MessageStream(), time.monotonic(), time.monotonic()
+    lockstep, notes = options.rate == "max", 0
+
+    def note_some(line: str) -> None:
+        nonlocal notes
+        notes += 1
+        if notes <= MOST_NOTES:
+            note(line if notes < MOST_NOTES else f"{line}; further lines are left out")
 
     def send(messages: Iterable[Message]) -> None:
         connection.settimeout(SLOW_S)
         for message in messages:
             connection.sendall(json.dumps(message).encode() + b"\n")
 
+    rate = RATE if lockstep else float(options.rate)
+    session = DonkeySession(options.scene, rate, lockstep, options.renderer, note_some)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    stream, due_s, menu_s = MessageStream(), time.monotonic(), time.monotonic()
     with closing(session):
         send([session.greeting])
         while not session.ended:
             is_due = session.world is not None and not session.waits
-            connection.settimeout(max(due_s - time.monotonic(), 1e-4) if is_due else SILENT_S)
+            connection.settimeout(max(due_s - time.monotonic(), 1e-4) if is_due else MENU_S)
             try:
                 received = connection.recv(RECEIVED_BYTES)
             except (TimeoutError, BlockingIOError):
-                if session.world is None and time.monotonic() - last_s >= SILENT_S:
-                    raise InputError(f"chose no scene in {SILENT_S:.0f} s") from None
+                pass
             else:
                 if not received:
                     return
-                last_s = time.monotonic()
                 for message in stream.split(received):
                     send(session.answer(message))
+                if is_due and len(received) == RECEIVED_BYTES:  # a flood gets no more of the time
+                    time.sleep(max(due_s - time.monotonic(), 0))
+            if session.world is not None:
+                menu_s = time.monotonic()
+            elif time.monotonic() - menu_s >= MENU_S:
+                raise InputError(f"chose no scene in {MENU_S:.0f} s")
             if session.world is not None and not session.waits and time.monotonic() >= due_s:
                 # Of a frame that comes late, the delay is not caught up.
                 due_s = max(due_s + session.world.frame_s, time.monotonic())
@@ -119,6 +145,8 @@ def serve(options: ServeOptions) -> None:
     Raises:
         InputError: the port is taken, or there is no such scene.
     """
+    if options.scene is not None:
+        read_track(track_of(options.scene))  # now, for a message about it
     address = options.host, options.port
     try:
         listener = socket.create_server(address, backlog=options.clients)
@@ -129,19 +157,20 @@ def serve(options: ServeOptions) -> None:
         print(f"listening on {host}:{port} for Donkeycar clients; Ctrl-C ends", flush=True)
         listener.settimeout(LOOK_S)
         running: dict[int, socket.socket] = {}
+        refused_s = -math.inf
         while True:
             for number, _ in pool.finished(0):
                 running.pop(number).close()
             try:
                 connection, peer = listener.accept()
-            except TimeoutError:
+            except (TimeoutError, ConnectionAbortedError):
                 continue
             name = f"{peer[0]}:{peer[1]}"
             if len(running) >= options.clients:
                 connection.close()
-                print(
-                    f"client {name}: refused, {options.clients} drive already; see clients=",
-                    flush=True,
-                )
+                if time.monotonic() - refused_s >= 1:  # a line a second, of thousands of clients
+                    refused_s = time.monotonic()
+                    reason = f"refused, {options.clients} drive already; see clients="
+                    print(f"client {name}: {reason}", flush=True)
                 continue
             running[pool.submit(serve_client, connection, options, name)] = connection

@@ -39,6 +39,7 @@ STEERING_DEG = 16.0  # of the wheels at a steering of 1
 RATE = 20.0  # telemetry messages per second
 NODE_M = 2.0  # between two nodes of a road
 LINE_M = 1.0  # of the starting line; a drive begins before it
+AGAIN_M = 20.0  # before the line, from where a car can cross it again; more than a frame's way
 GRAVITY_MPS2 = 9.81
 PIXELS = (8, 1024)  # smallest and largest width and height of a camera
 FOV_DEG = (1.0, 170.0)
@@ -73,7 +74,7 @@ class DonkeySession:
     ) -> None:
         self.note, self.renderer, self.rate, self.lockstep = note, renderer, rate, lockstep
         self.world: World | None = None
-        self.waits, self.ended = lockstep, False
+        self.waits, self.ended, self._frame_s = lockstep, False, 1 / rate
         self.cameras, self.encoding, self.is_grey = {"center": CAMERA}, ".jpg", False
         self.control = (0.0, 0.0, 0.0)
         if scene is not None:
@@ -106,7 +107,12 @@ class DonkeySession:
         elif kind == "get_scene_names":
             yield {"msg_type": "scene_names", "scene_names": scene_names()}
         elif kind == "load_scene":
-            self._open(str(message.get("scene_name")))
+            scene = str(message.get("scene_name"))
+            drawn = DRAWN.fullmatch(scene)
+            # A family's file of the client's choice is not opened.
+            if scene not in scene_names() and (drawn is None or drawn[1] not in family_names()):
+                raise InputError(f"load_scene: no scene {scene!a:.50}; ask get_scene_names")
+            self._open(scene)
             yield self.greeting
         elif kind == "exit_scene":
             self.close()
@@ -141,9 +147,10 @@ class DonkeySession:
         # A brake only stops the car; a throttle below 0 reverses it.
         world.car.reverses = brake == 0
         world.step(steering * STEERING_DEG / UDACITY.steering_deg, throttle - brake)
-        line_m = LINE_M + self._crossings * world.track.length
-        if world.travelled >= line_m:
-            self._crossings += 1
+        past_m, length = (world.place.distance - LINE_M) % world.track.length, world.track.length
+        self._can_cross |= length / 2 < past_m < length - AGAIN_M
+        if self._can_cross and past_m < AGAIN_M:
+            self._can_cross = False
             yield {
                 "msg_type": "collision_with_starting_line",
                 "starting_line_index": 0,
@@ -207,26 +214,24 @@ class DonkeySession:
     def _nodes(self) -> int:
         return max(1, int(self._world.track.length / NODE_M))
 
-    def _open(self, scene: str, rate: float | None = None) -> None:
-        if scene not in scene_names() and not DRAWN.fullmatch(scene):
-            raise InputError(f"load_scene: there is no scene {scene!a:.50}; ask get_scene_names")
-        self.rate = rate or self.rate
-        track = SCENES.get(scene, f"{scene}:3" if scene in family_names() else scene)
+    def _open(self, scene: str) -> None:
         rig = replace(UDACITY, name="donkeycar", cameras=self.cameras)
-        opened = open_world(track, self.renderer, frame_rate=self.rate, rig=rig)
+        rate = 1 / self._frame_s
+        opened = open_world(track_of(scene), self.renderer, frame_rate=rate, rig=rig)
         self.close()
         self.world, self.scene = opened, scene
         self._begin()
 
     def _begin(self) -> None:
         self._world.reset(0)
-        self.control, self._velocity, self._crossings = (0.0, 0.0, 0.0), np.zeros(3), 0
+        self.control, self._velocity, self._can_cross = (0.0, 0.0, 0.0), np.zeros(3), True
 
     def _set_step_mode(self, message: Message) -> None:
         asks = message.get("step_mode") == "synchronous"
         self.waits = self.lockstep or asks
-        if asks and self.world is not None:
-            self._open(self.scene, 1 / _number(message, "time_step", 0.02, 1))
+        self._frame_s = _number(message, "time_step", 0.02, 1) if asks else 1 / self.rate
+        if self.world is not None:
+            self._open(self.scene)
 
     def _set_camera(self, name: str, message: Message) -> None:
         """Open the world again with a camera of other size, place or direction; 0 keeps it."""
@@ -268,7 +273,7 @@ class DonkeySession:
 
     def _draw_road(self, message: Message) -> None:
         """Drive another road of a family: the style chooses the family, the seed the road."""
-        if not DRAWN.fullmatch(SCENES.get(self.scene, self.scene)):
+        if not DRAWN.fullmatch(track_of(self.scene)):
             self.note(f"regen_road: {self.scene} is no drawn road; load generated_road")
             return
         families = family_names()
@@ -284,6 +289,7 @@ class DonkeySession:
         place = world.track.locate(x, y)
         right = float(np.angle(np.exp(1j * (place.heading - heading))))
         world.put_back(Start(place.distance, place.cte, math.degrees(right)))
+        self._velocity = np.zeros(3)
 
     def _node(self, index: int) -> Message:
         track = self._world.track
@@ -303,6 +309,11 @@ class DonkeySession:
 def scene_names() -> list[str]:
     """Return the scenes that a client may load: those of the Unity program, tracks, families."""
     return [*SCENES, *map(recorded_name, track_names()), *family_names()]
+
+
+def track_of(scene: str) -> str:
+    """Return the name of the track that is driven for a scene."""
+    return SCENES.get(scene, f"{scene}:3" if scene in family_names() else scene)
 
 
 def _yaw_deg(heading: float) -> float:

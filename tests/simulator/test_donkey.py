@@ -4,9 +4,11 @@ import base64
 import json
 import math
 import re
+import shutil
 import socket
 import subprocess
 from collections.abc import Iterator
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -14,6 +16,7 @@ import pytest
 
 from simulator.donkey_server import MOST_BYTES, MessageStream
 from simulator.donkey_session import NODE_M, SCENES, DonkeySession
+from simulator.track_names import road_folder
 from tests.simulator.donkey_process import donkey_simulator
 from zoo.base.errors import InputError
 
@@ -74,6 +77,21 @@ def test_a_client_chooses_a_scene(notes: list[str]) -> None:
         say(session, "load_scene", scene_name="moon")
 
 
+def test_a_client_names_roads_of_the_families_and_no_files(
+    notes: list[str], tmp_path: Path
+) -> None:
+    session = DonkeySession(None, 20.0, False, "none", notes.append)
+    for scene in ("country:7", "alpine"):
+        say(session, "load_scene", scene_name=scene)
+        assert say(session, "regen_road", road_style="1", rand_seed="5") == []
+    assert notes == []
+    path = tmp_path / "own.yaml"
+    shutil.copy(road_folder() / "alpine.yaml", path)
+    with pytest.raises(InputError, match="load_scene"):
+        say(session, "load_scene", scene_name=f"{path}:1")
+    session.close()
+
+
 def test_telemetry_has_what_the_clients_read(session: DonkeySession) -> None:
     telemetry = drive(session, 30, steering=0.2, throttle=0.5)
     axes = {f"{name}_{axis}" for name in ("pos", "vel", "accel", "gyro") for axis in "xyz"}
@@ -113,10 +131,24 @@ def test_the_same_controls_give_the_same_frames(notes: list[str]) -> None:
     for _ in range(2):
         session = DonkeySession("lake", 20.0, True, "software", notes.append)
         say(session, "step_mode", step_mode="synchronous", time_step="0.1")
+        say(session, "load_scene", scene_name="lake")
         seen.append([drive(session, 1, steering=0.1, throttle=0.4) for _ in range(5)])
         session.close()
     assert seen[0] == seen[1]
     assert [round(one["time"], 6) for one in seen[0]] == [0.1, 0.2, 0.3, 0.4, 0.5]
+
+
+def test_a_client_chooses_when_the_world_waits(notes: list[str]) -> None:
+    session = DonkeySession(None, 10.0, False, "none", notes.append)
+    say(session, "step_mode", step_mode="synchronous", time_step="0.05")
+    say(session, "load_scene", scene_name="lake")
+    assert session.waits
+    assert session.world is not None
+    assert session.world.frame_s == pytest.approx(0.05)
+    say(session, "step_mode", step_mode="asynchronous")
+    assert not session.waits
+    assert session.world.frame_s == pytest.approx(0.1)
+    session.close()
 
 
 def test_reset_puts_the_car_at_the_start(session: DonkeySession) -> None:
@@ -169,24 +201,35 @@ def test_a_road_is_drawn_from_a_seed(session: DonkeySession, notes: list[str]) -
 
 
 def test_a_node_is_a_place_to_put_the_car(session: DonkeySession) -> None:
-    (node,) = say(session, "node_position", index="40")
-    place = {key: node[key] for key in ("pos_x", "pos_y", "pos_z", "Qx", "Qy", "Qz", "Qw")}
-    say(session, "set_position", **place)
+    drive(session, 60, throttle=1)
+    put_on_node(session, 40)
     telemetry = drive(session, 1)
     assert telemetry["activeNode"] == 40
     assert telemetry["cte"] == pytest.approx(0, abs=0.05)
     assert session.world is not None
     assert session.world.place.distance == pytest.approx(40 * NODE_M, abs=0.1)
     assert abs(session.world.heading_error) < 0.01
+    assert all(abs(telemetry[f"accel_{axis}"]) < 10 for axis in "xyz"), "put there, not driven"
+
+
+def crossings(session: DonkeySession, steps: int, **values: float) -> int:
+    kinds = [one["msg_type"] for _ in range(steps) for one in session.answer(control(**values))]
+    return kinds.count("collision_with_starting_line")
+
+
+def put_on_node(session: DonkeySession, index: int) -> None:
+    (node,) = say(session, "node_position", index=index)
+    say(session, "set_position", **{key: node[key] for key in node if key[0] in "pQ"})
 
 
 def test_crossings_of_the_starting_line_count_laps(session: DonkeySession) -> None:
-    kinds = [one["msg_type"] for _ in range(40) for one in session.answer(control(throttle=1))]
-    assert kinds.count("collision_with_starting_line") == 1
-    world = session.world
-    assert world is not None
-    world.travelled += world.track.length
-    assert next(session.advance())["msg_type"] == "collision_with_starting_line"
+    assert crossings(session, 40, throttle=1) == 1
+    put_on_node(session, 0)
+    assert crossings(session, 40, throttle=1) == 0, "it had hardly left the line"
+    put_on_node(session, drive(session, 1)["totalNodes"] - 13)
+    assert crossings(session, 10, throttle=-1) == 0
+    assert crossings(session, 120, throttle=1) == 1
+    assert crossings(session, 200, throttle=-1) == 0, "a lap is not driven backward"
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "fast", ""])
@@ -198,11 +241,11 @@ def test_a_number_that_is_none_is_named(session: DonkeySession, text: str) -> No
 
 def test_objects_come_in_pieces_and_together() -> None:
     stream = MessageStream()
-    data = json.dumps(control()).encode() * 3
-    found = [
-        one for place in range(0, len(data), 7) for one in stream.split(data[place : place + 7])
-    ]
-    assert found == [control()] * 3
+    sent = [control(), {"car_name": 'a } " \\ {', "more": {"in": "}"}}, control()]
+    data = "".join(map(json.dumps, sent)).encode()
+    for size in (1, 7, len(data)):
+        pieces = [data[place : place + size] for place in range(0, len(data), size)]
+        assert [one for piece in pieces for one in stream.split(piece)] == sent
 
 
 @pytest.mark.parametrize(
@@ -211,6 +254,8 @@ def test_objects_come_in_pieces_and_together() -> None:
         (b"GET /socket.io/?EIO=4 HTTP/1.1\r\n", "no Donkeycar client"),
         (b'{"msg_type": }', "not JSON"),
         (b'{"a": "' + b"x" * MOST_BYTES, "more than"),
+        (b'{"a": ' * MOST_BYTES, "more than"),
+        (b'{"a":' * 9000 + b"1" + b"}" * 9000, "not JSON"),
     ],
 )
 def test_what_is_no_message_is_refused(data: bytes, reason: str) -> None:
