@@ -109,7 +109,7 @@ def test_a_recording_that_is_open_is_a_world_too(folder: Path) -> None:
     ("name", "line"),
     [
         ("Lak-v0", r"^track=Lak-v0: "),
-        ("os:Lake-v0", r"^track=os:Lake-v0: names a module; .*parts="),
+        ("os:Lake-v0", r"^track=os:Lake-v0: names a module.*parts=os"),
     ],
 )
 def test_an_unknown_environment_is_named_and_imports_nothing(name: str, line: str) -> None:

@@ -28,7 +28,7 @@ LISTS_ALL = "drivezoo train --help lists all"
 NO_PATHS = ("", "null", "true", "false")
 
 # Groups in `conf` that are not part of the training config: driver, simulator, Hydra.
-OTHER_GROUPS = ("drive", "road", "suite", "track", "world", "hydra")
+OTHER_GROUPS = ("drive", "environment", "road", "suite", "track", "world", "hydra")
 
 _NO_OVERRIDE = re.compile(r"Could not override '(?P<key>[^'@]+)")
 _NO_KEY = re.compile(r"full_key: (?P<key>\S+)|Key '(?P<short>[^']+)' is not in struct")

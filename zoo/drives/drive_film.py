@@ -100,7 +100,8 @@ class DriveFilm(Film):
         self.number += 1
         if (self.number - 1) % self.every:
             return
-        share = autonomy(self.interventions, row.time_s)
+        is_measured = not math.isnan(row.cross_track_m)
+        share = autonomy(self.interventions, row.time_s) if is_measured else None
         image = draw_overlay(
             frame,
             row.steering,

@@ -74,13 +74,14 @@ class Drive:
         lap_s: simulated seconds of each whole lap.
         nan_frames: number of frames for which the policy returned NaN; the car was steered
             straight on instead.
+        episode_return: sum of the rewards per episode of a Gymnasium environment.
         expert_steering_per_s: steering change per second of the expert, or of a replay's recorded
             driver.
         xy: positions of the car in metres, float64 [N, 2].
         distance_m: distance along the lap from the track's first point in metres, float64 [N].
 
-    Unknown values are NaN for `lane_m`, `length_m`, `driven_m` and `expert_steering_per_s`, and
-    None for `xy` and `distance_m`.
+    Unknown values are NaN for `lane_m`, `length_m`, `driven_m`, `episode_return` and
+    `expert_steering_per_s`, and None for `xy` and `distance_m`.
     """
 
     time_s: np.ndarray
@@ -105,6 +106,7 @@ class Drive:
     driven_m: float = math.nan
     lap_s: Sequence[float] = ()
     nan_frames: int = 0
+    episode_return: float = math.nan
     expert_steering_per_s: float = math.nan
     xy: np.ndarray | None = None
     distance_m: np.ndarray | None = None

@@ -37,15 +37,15 @@ NVIDIA = "Bojarski et al. 2016, End to End Learning for Self-Driving Cars, arXiv
 OURS = "drivezoo"
 
 
-@metric("autonomy", SHARE, HIGHER, f"{NVIDIA}, section 7.1", column=1)
+@metric("autonomy", SHARE, HIGHER, f"{NVIDIA}, section 7.1", without="not measured", column=1)
 def autonomy(drive: Drive) -> float:
     """Share of the time that the car drove by itself, with 6 s counted for each intervention.
 
     Formula: `max(0, 1 - 6 * interventions / driven_s)`.
 
-    The rule of interventions is that of `interventions` below. Unknown on a socket if the simulator
-    sends no cross-track error and no person took over, and where the car did not move and no
-    intervention was counted.
+    The rule of interventions is that of `interventions` below. Unknown in a Gymnasium
+    environment without a cross-track error; on a socket if the simulator sends none and no person
+    took over; and where the car did not move and no intervention was counted.
     """
     if driven_m(drive) == 0 and not interventions(drive):
         return math.nan
@@ -180,6 +180,15 @@ def cte_max_m(drive: Drive) -> float:
 def beyond_1m(drive: Drive) -> float:
     """Share of the rows with `|e[i]| > 1 m`; `e[i]` as in `cte_mean_m`."""
     return _mean(np.abs(_known(drive.cross_track_m)) > 1)
+
+
+@metric("return per episode", NUMBER, HIGHER, "Gymnasium", bounds="any", decimals=1)
+def episode_return(drive: Drive) -> float | None:
+    """Sum of the rewards of a Gymnasium environment, per episode.
+
+    Each intervention begins another episode. Other worlds have no reward.
+    """
+    return None if math.isnan(drive.episode_return) else drive.episode_return
 
 
 @metric("steering change", "1/s", LOWER, OURS)

@@ -41,7 +41,7 @@ def mean_and_spread(drives: list[dict]) -> dict[str, Spread | int | None]:
     {'drives': 2, 'autonomy': (0.75, 0.3535533905932738), 'lap_s': (90.0, None)}
     """
     found: dict[str, Spread | int | None] = {"drives": len(drives)}
-    if "interventions" in drives[0]:
+    if "interventions" in drives[0] and any(one.get("autonomy", 1) is not None for one in drives):
         lost = [one["interventions"] for one in drives]
         found["drives_without_intervention"] = sum(not one for one in lost)
     for key in drives[0]:

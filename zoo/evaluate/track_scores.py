@@ -82,8 +82,10 @@ class KeptDrive(Keep):
                 names[number] = name
             drive = replace(drive, frame=names.astype(np.str_))
             write_drive(self.folder, drive, **alarms)
+            measured = known(figures["autonomy"])
+            share = "not measured" if measured is None else f"{measured:.1%}"
             title = (
-                f"{drive.track}, start seed {drive.seed}: autonomy {figures['autonomy']:.1%}, "
+                f"{drive.track}, start seed {drive.seed}: autonomy {share}, "
                 f"{figures['interventions']} interventions"
             )
             if isinstance(world, EmbeddedWorld):
@@ -275,6 +277,10 @@ def score_run(
 def how_well(figures: dict) -> str:
     """Return the figures of a track's drives, from `mean_and_spread`, in words."""
     count = figures["drives"]
+    if figures["autonomy"] is None:
+        returned = figures.get("episode_return")
+        more = f", return {with_deviation(returned, '{:.1f}', count)}" if returned else ""
+        return f"autonomy not measured{more}"
     autonomy = with_deviation(figures["autonomy"], "{:.1%}", count)
     lost = with_deviation(figures["interventions"], "{:.3g}", count)
     kept = f"{figures['drives_without_intervention']} of {count}"

@@ -178,6 +178,8 @@ def _certainty(by_track: Mapping[str, Sequence[Mapping]], replayed: str | None) 
         )
     if not drives:
         return "It was not driven: open-loop figures do not show whether a car stays on the road."
+    if all(one.get("autonomy") is None for one in drives):
+        return "Its autonomy is not measured: no cross-track error, or it did not move."
     clean = sum(one["interventions"] == 0 for one in drives)
     starts = len({one.get("seed") for one in drives})
     return (

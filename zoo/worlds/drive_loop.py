@@ -129,6 +129,7 @@ def drive(
         driven_m=_driven_m(rows) if state.driven_m is None else state.driven_m,
         lap_s=lap_s,
         nan_frames=nan_frames,
+        episode_return=math.nan if state.episode_return is None else state.episode_return,
         xy=None if None in places else np.array(places),
         distance_m=None if None in distance_m else np.array(distance_m),
     )

@@ -9,6 +9,7 @@ from pydantic import Field
 from simulator.weather import CLEAR, Weather, read_weather
 from simulator.world_settings import WorldSettings
 from zoo.base.command_keys import Untyped
+from zoo.base.errors import InputError
 from zoo.drives.interventions import LEAST_MARGIN_M
 
 Laps = Annotated[float, Field(gt=0, le=1000)]
@@ -37,9 +38,9 @@ class Scenario(WorldSettings):
         heading: degrees to the right of the seed's heading.
         start: metres along the road at which the drive starts; null: drawn from the seed.
         guard: guard file of drivezoo guard, which slows the car down.
-        world: embedded, replay (of the recording that track= names), gymnasium (the environment
-            that track= names), donkey (a Donkeycar simulator; track= is HOST:PORT/SCENE), or a
-            world of an installed package.
+        world: embedded, replay (of the recording that track= names), gymnasium:ID (a Gymnasium
+            environment), FILE.yaml (which maps one), donkey (a Donkeycar simulator; track= is
+            HOST:PORT/SCENE), or a world of an installed package.
         road: content of the YAML file of a track, in place of `track`.
     """
 
@@ -56,6 +57,24 @@ class Scenario(WorldSettings):
     guard: str | None = None
     world: str = "embedded"
     road: Annotated[Mapping[str, Any] | None, Untyped()] = field(default=None, hash=False)
+
+    def __post_init__(self) -> None:
+        """Write `gymnasium:ID` and `FILE.yaml` as the world gymnasium, and its track.
+
+        Raises:
+            InputError: a track is named, too.
+        """
+        super().__post_init__()
+        kind, colon, name = str(self.world).partition(":")
+        if str(self.world).endswith((".yaml", ".yml")):
+            kind, colon, name = "gymnasium", ":", self.world
+        if kind == "gymnasium" and colon:
+            if self.track != Scenario.track:
+                raise InputError(
+                    f"track={self.track}: world={self.world} drives no track; drop one"
+                )
+            object.__setattr__(self, "world", kind)
+            object.__setattr__(self, "track", name)
 
     def one_drive(self, **changes: Any) -> "Scenario":
         """Return the scenario without the further keys of a subclass, with some values changed."""

@@ -30,6 +30,7 @@ class State:
         xy: position in metres.
         share: finished share of the drive, 0..1.
         moved: whether the world itself put the car elsewhere, so that a policy must forget.
+        episode_return: sum of the rewards so far, per episode of a Gymnasium environment.
         done: whether the drive has ended.
     """
 
@@ -46,6 +47,7 @@ class State:
     xy: tuple[float, float] | None = None
     share: float = 0.0
     moved: bool = False
+    episode_return: float | None = None
     done: bool = False
 
 
