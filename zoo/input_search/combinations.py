@@ -33,6 +33,7 @@ CROPS: tuple[Pair, ...] = (
     (80, 20),
     (40, 25),
     (60, 30),
+    (40, 0),
 )
 # The network computes pixel / scale[0] - scale[1]: x/127.5-1, x/255-0.5, x/255, (x-128)/128, x.
 SCALES: tuple[Scale, ...] = ((127.5, 1.0), (255.0, 0.5), (255.0, 0.0), (128.0, 1.0), (1.0, 0.0))
@@ -60,6 +61,11 @@ class Combination:
         keys = [f"colour={view.colour}", f"crop={_pair(view.crop)}"]
         keys += [f"size={_pair(view.size)}", f"resize={view.resize}"] if view.size else []
         return " ".join([*keys, f"scale={_pair(self.scale)}"])
+
+
+# The whole input of a popular course (rslim087a, "The Complete Self-Driving Car Course"), whose
+# networks often learned from a recording of another track.
+POPULAR = Combination(View((60, 25), "yuv", (66, 200), "blur_linear"), (255.0, 0.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,6 +128,12 @@ def with_each_resize(found: Combination, known: KnownInput) -> list[Combination]
     if found.view.colour in ("rgb", "bgr"):
         ways = [way for way in ways if not way.endswith("_first")]
     return [found, *(replace(found, view=replace(found.view, resize=way)) for way in ways)]
+
+
+def popular_combinations(known: KnownInput) -> list[Combination]:
+    """Return `POPULAR` if it fits what is known; else an empty list."""
+    resize = known.resize or POPULAR.view.resize
+    return [one for one in combinations(replace(known, resize=resize)) if one == POPULAR]
 
 
 def _views(known: KnownInput) -> Iterator[View]:

@@ -161,7 +161,7 @@ def _search(
         trials = try_inputs(make, known, some, lambda share: show(0.1 + 0.9 * share), show_best)
         judged = judge(trials)
     if options.drive and recording.rig == UDACITY:
-        judged = judge(trials, drive_tied(judged, write, console))
+        judged = judge(trials, drive_tied(judged, trials, write, console))
     console.print(trials_table(trials, judged, console.width))
     print_judgement(judged, console)
     return judged.best.combination

@@ -7,25 +7,31 @@ from tempfile import TemporaryDirectory
 from rich.console import Console
 
 from zoo.drives.metrics import cte_mean_m, interventions
+from zoo.input_search.combinations import POPULAR
 from zoo.input_search.judgement import Driven, Judgement
-from zoo.input_search.trials import Trial
+from zoo.input_search.trials import Trial, Trials
 from zoo.worlds.run_drives import all_drives
 from zoo.worlds.scenario import Scenario
 
-# From the bridge to the straight: the bend at the dirt road, and the sharpest bend.
-STRETCH = Scenario(track="udacity_lake", start=785.0, laps=0.25, speed=10.0)
+# The two bends before the bridge, the bridge, the bend at the dirt road, and the sharpest bend.
+STRETCH = Scenario(track="udacity_lake", start=540.0, laps=0.47, speed=12.0)
 MOST_DRIVEN = 4
 
 
 def drive_tied(
-    judged: Judgement, write: Callable[[Trial, Path], None], console: Console
+    judged: Judgement,
+    trials: Trials,
+    write: Callable[[Trial, Path], None],
+    console: Console,
 ) -> tuple[Driven, ...]:
-    """Drive the best input, and return how well; with interventions also those tied with it.
+    """Drive the best input, and return how well; with interventions also others.
 
-    Of these, the first of each colour and scale come first, which steer least alike.
+    These are `POPULAR` and those tied with it, the first of each colour and scale first, which
+    steer least alike.
 
     Args:
         judged: judgement without drives.
+        trials: trials that were judged.
         write: function that writes a trial's checkpoint.
         console: console that shows the progress.
 
@@ -38,7 +44,9 @@ def drive_tied(
     groups = {
         (one.combination.view.colour, one.combination.scale): one for one in judged.tied[::-1]
     }
-    others = list(dict.fromkeys([*groups.values(), *judged.tied]))[: MOST_DRIVEN - 1]
+    known = [judged.best, *judged.alike]
+    popular = [one for one in trials.finalists if one.combination == POPULAR and one not in known]
+    others = list(dict.fromkeys([*popular, *groups.values(), *judged.tied]))[: MOST_DRIVEN - 1]
     driven = _drive([judged.best], write, console)
     if driven[0].interventions:
         driven += _drive(others, write, console)

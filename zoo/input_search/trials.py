@@ -4,7 +4,7 @@
    every scale on every ninth frame before, and only the better third on more.
 2. The best of these and the best of each colour, on all frames of all cameras.
 3. The neighbouring crops of the best of these, as long as one of them is better.
-4. The best with each way of resizing, which changes the outputs least.
+4. The best with each way of resizing, which changes the outputs least; and `POPULAR`.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,6 +25,7 @@ from zoo.input_search.combinations import (
     Scale,
     TrialFrames,
     combinations,
+    popular_combinations,
     with_each_resize,
 )
 from zoo.training.open_loop import side_response
@@ -192,7 +193,8 @@ def try_inputs(
     while more := _neighbours(finalists, combinations(known)):
         finalists += stage(more, frames, 0.8, 0.8)
     best = max(finalists, key=_score).combination
-    finalists += stage(with_each_resize(best, known)[1:], frames, 0.8, 1.0)
+    last = dict.fromkeys([*with_each_resize(best, known)[1:], *popular_combinations(known)])
+    finalists += stage(list(last), frames, 0.8, 1.0)
     return Trials(tuple(sorted(finalists, key=_score, reverse=True)), tuple(coarse))
 
 

@@ -15,7 +15,7 @@ Scale = tuple[float, float]
 
 # A scale before these layers is the same as one at the network's input.
 LEAST_PIXELS = 5  # mean of pixels 0..255 that is none of scaled pixels
-BEFORE_SCALE = ("Cropping2D", "Resize")
+BEFORE_SCALE = ("Cropping2D", "Resize", "AveragePooling2D")
 DONKEYCAR_SCALE = (255.0, 0.0)  # outside of its networks: `normalize_image` in donkeycar/utils.py
 
 

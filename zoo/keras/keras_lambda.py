@@ -330,6 +330,7 @@ def _called(path: str, values: tuple, named: dict) -> _Value:
     if b"size" in named:
         rest.append(named.pop(b"size"))
     is_aligned = named.pop(b"align_corners", False)
+    asked = named.pop(b"method", None)
     if named or not value.factor or not set(modules) <= set(MODULES):
         raise ValueError("unknown call")
     word = "gray" if name == "rgb_to_grayscale" else _known_name(name)
@@ -339,6 +340,9 @@ def _called(path: str, values: tuple, named: dict) -> _Value:
         is_known = name in ("resize", "resize_images", "resize_bilinear") and "image" in modules
         method = "linear" if name == "resize" and "v1" not in modules else "linear_tf1"
         method = "linear_corners" if is_aligned else method
+        if asked is not None:
+            is_known &= asked == b"area" or str(asked).endswith(".ResizeMethod.AREA")
+            method = "area"
         word = f"resize:{sides[0]:g}:{sides[1]:g}:{method}" if is_size and is_known else None
     if word is None:
         raise ValueError("unknown call")

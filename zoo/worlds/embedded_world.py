@@ -15,7 +15,7 @@ from zoo.drives.drive_record import EMBEDDED
 from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import State, World
 
-SLOWEST_MPH = 3.0  # a drive ends when its mean speed must be lower than this
+SLOWEST = 0.2  # a drive ends when its mean speed must be lower than this share of the set one
 ROAD = "mildest"  # name of a road whose content a scenario has, as of the file that replays it
 
 
@@ -40,7 +40,8 @@ class EmbeddedWorld(World):
         world = self.simulated
         world.reset(scenario.seed, start_of(world, scenario), read_weather(scenario.weather))
         self._expert, self._laps = None, scenario.laps
-        self._longest_s = world.drive_m(scenario.laps) / (SLOWEST_MPH * MPS_PER_MPH)
+        slowest_mph = SLOWEST * scenario.speed
+        self._longest_s = world.drive_m(scenario.laps) / (slowest_mph * MPS_PER_MPH)
         return self._state()
 
     def frame(self, camera: str = "center") -> np.ndarray | None:

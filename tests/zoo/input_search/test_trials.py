@@ -14,12 +14,14 @@ from tests.zoo.keras_networks import write_steering_h5
 from zoo.base.errors import InputError
 from zoo.input_search.combinations import (
     CROPS,
+    POPULAR,
     SCALES,
     Combination,
     KnownInput,
     choose_rows,
     combinations,
     likeliest_combination,
+    popular_combinations,
     read_trial_frames,
     with_each_resize,
 )
@@ -123,6 +125,13 @@ def test_what_is_known_is_not_tried() -> None:
     (only,) = combinations(known)
     assert only == Combination(View((61, 26), "bgr", (66, 200), "linear"), (2.0, 0.0))
     assert with_each_resize(only, known) == [only]
+
+
+def test_the_popular_input_is_known_where_it_fits() -> None:
+    assert popular_combinations(KnownInput(shape=(66, 200, 3))) == [POPULAR]
+    for known in ({"scale": (127.5, 1.0)}, {"colour": "rgb"}, {"resize": "area"}):
+        assert popular_combinations(KnownInput(shape=(66, 200, 3), **known)) == []
+    assert popular_combinations(KnownInput(shape=(64, 64, 3))) == []
 
 
 def test_an_unknown_scale_is_tried() -> None:

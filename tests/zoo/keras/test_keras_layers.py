@@ -236,6 +236,12 @@ def scaled_by_local_variables(x):
         (lambda x: tf.tanh(x + x), "scale:0.5:-0+tanh"),
         (lambda x: K.resize_images(x, 2, 2), None),
         (lambda x: tf.image.resize(x, (66, 200), method="nearest"), None),
+        (lambda x: tf.image.resize(x, (66, 200), method="area"), "resize:66:200:area"),
+        (
+            lambda x: K.tf.image.resize_images(x, (6, 9), method=K.tf.image.ResizeMethod.AREA) / 4,
+            "resize:6:9:area+scale:4:-0",
+        ),
+        (lambda x: tf.image.resize_images(x, (6, 9), method=K.ResizeMethod.CUBIC), None),
         (lambda x: x * x, None),
         (lambda x: x[:, 60:], "crop:60:0"),
         (lambda x: 1 / x, None),

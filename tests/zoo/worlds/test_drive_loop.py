@@ -56,6 +56,17 @@ def test_a_policy_that_never_steers_is_put_back_at_every_bend(lake: EmbeddedWorl
     assert figures["autonomy"] == pytest.approx(max(0, 1 - 6 * len(lost) / seconds))
 
 
+@pytest.mark.parametrize("speed", [2.0, 30.0])
+def test_a_drive_on_the_spot_ends_after_five_times_the_time_of_its_speed(speed: float) -> None:
+    world = open_world(Scenario("lake"), "none")
+    circling = Scenario("lake", laps=0.02, speed=speed, margin=1000)
+    driven = drive(lambda frame, mph: (1.0, None), world, circling)
+
+    needed_s = 0.02 * world.simulated.track.length / (speed * 0.44704)
+    assert driven.driven_m < 0.02 * world.simulated.track.length
+    assert driven.time_s[-1] == pytest.approx(5 * needed_s, abs=0.2)
+
+
 @pytest.mark.parametrize("track", ["lake", "mountain", "udacity_lake", "research_mountain"])
 def test_the_expert_drives_all_by_itself(track: str) -> None:
     scenario = Scenario(track, speed=20)
