@@ -1,27 +1,31 @@
 """The commands as functions, for notebooks and scripts: `import drivezoo as zoo`.
 
-Importing is cheap: each function imports torch and the simulator's renderer when it is called. It
-registers the Gymnasium environments, such as `Lake-v0`.
+Importing is cheap: the functions are imported when the first is used, torch and the simulator's
+renderer when one is called. It registers the Gymnasium environments, such as `drivezoo/Lake-v0`.
 """
 
+from typing import TYPE_CHECKING, Any
+
 import simulator  # noqa: F401 - registers the environments
-from drivezoo.functions import (
-    benchmark,
-    compare,
-    drive,
-    evaluate,
-    leaderboard,
-    load_policy,
-    policy,
-    read_benchmark,
-    read_run,
-    replay,
-    results,
-    train,
-    write_table,
-)
 from zoo import __version__
 from zoo.base.errors import InputError, StoppedError, UsageError
+
+if TYPE_CHECKING:
+    from drivezoo.functions import (
+        benchmark,
+        compare,
+        drive,
+        evaluate,
+        leaderboard,
+        load_policy,
+        policy,
+        read_benchmark,
+        read_run,
+        replay,
+        results,
+        train,
+        write_table,
+    )
 
 __all__ = [
     "InputError",
@@ -42,3 +46,15 @@ __all__ = [
     "train",
     "write_table",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module 'drivezoo' has no attribute {name!r}")
+    from drivezoo import functions  # slow import
+
+    return getattr(functions, name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -15,8 +15,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from simulator.road_family import family_names
-from simulator.track_names import DRAWN, recorded_name, track_names
+from simulator.rig import FOV_DEG, PIXELS
+from simulator.track_names import DRAWN, family_names, recorded_name, track_names
 from simulator.world import Start, World, open_world
 from zoo.base.errors import InputError
 from zoo.base.rig import MPS_PER_MPH, UDACITY
@@ -41,8 +41,6 @@ NODE_M = 2.0  # between two nodes of a road
 LINE_M = 1.0  # of the starting line; a drive begins before it
 AGAIN_M = 20.0  # before the line, from where a car can cross it again; more than a frame's way
 GRAVITY_MPS2 = 9.81
-PIXELS = (8, 1024)  # smallest and largest width and height of a camera
-FOV_DEG = (1.0, 170.0)
 ENCODINGS = {"JPG": ".jpg", "PNG": ".png"}
 CAMERA = replace(UDACITY.cameras["center"], size=(160, 120), yaw_right_deg=0.0, roll_deg=0.0)
 

@@ -11,6 +11,8 @@ CAMERAS = tuple(UDACITY.cameras)
 CENTER = UDACITY.cameras["center"]
 FRAME_WIDTH, FRAME_HEIGHT = CENTER.size
 VERTICAL_FOV_DEG, FOCAL_PX, NEAR_M = CENTER.vertical_fov_deg, CENTER.focal_px, 0.3
+PIXELS = (8, 1024)  # smallest and largest width and height of a camera
+FOV_DEG = (1.0, 170.0)
 # x right, y up and z ahead of the car's origin on the ground.
 CAMERA_POSITIONS = {
     name: (camera.right_m, camera.up_m, camera.ahead_m) for name, camera in UDACITY.cameras.items()

@@ -17,7 +17,7 @@ from pydantic import AfterValidator, Field
 from simulator.centreline import closing_segments
 from simulator.track import GroundKind, Track, VergeKind
 from simulator.track_content import MOST_POINTS, make_track
-from simulator.track_names import DRAWN, road_folder
+from simulator.track_names import DRAWN, family_names, road_folder
 from simulator.yaml_fields import Keys, Number, number, read_keys
 from zoo.base.bounded_files import read_yaml
 from zoo.base.errors import InputError
@@ -89,11 +89,6 @@ class RoadFamily(Keys):
     def name(self) -> str:
         """Return the name of the family's file."""
         return self.path.stem
-
-
-def family_names() -> list[str]:
-    """Return the names of the included families, sorted."""
-    return sorted(path.stem for path in road_folder().glob("*.yaml"))
 
 
 def find_family(name: str) -> RoadFamily:

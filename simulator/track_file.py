@@ -2,10 +2,17 @@
 
 from pathlib import Path
 
-from simulator.road_family import draw_road, family_names, find_family
+from simulator.road_family import draw_road, find_family
 from simulator.track import Track
 from simulator.track_content import make_track
-from simulator.track_names import ALIASES, DRAWN, recorded_name, track_folder, track_names
+from simulator.track_names import (
+    ALIASES,
+    DRAWN,
+    family_names,
+    recorded_name,
+    track_folder,
+    track_names,
+)
 from zoo.base.bounded_files import read_yaml
 from zoo.base.errors import InputError
 from zoo.base.nearest import hint

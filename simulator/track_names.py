@@ -6,6 +6,7 @@ from pathlib import Path
 # Records and figures keep the older names of these tracks, so that no road is ranked as two.
 ALIASES = {"lake": "zoo_lake", "mountain": "zoo_mountain"}
 DRAWN = re.compile(r"(.+):(\d{1,10})")  # a road of a family: the family and a number
+ANY_ROAD = "*"  # in place of the number: an environment draws another road for each seed
 RECORDED = {name: alias for alias, name in ALIASES.items()}
 
 
@@ -27,6 +28,11 @@ def _conf_folder(name: str) -> Path:
 def track_names() -> list[str]:
     """Return the names of the included tracks, sorted, without aliases."""
     return sorted(path.stem for path in track_folder().glob("*.yaml"))
+
+
+def family_names() -> list[str]:
+    """Return the names of the included families of roads, sorted."""
+    return sorted(path.stem for path in road_folder().glob("*.yaml"))
 
 
 def recorded_name(name: str) -> str:

@@ -15,7 +15,8 @@ from gymnasium.utils.env_checker import check_env
 import simulator  # noqa: F401 - registers Lake-v0
 from simulator.env import DrivingEnv
 from simulator.expert import Expert
-from simulator.track_names import environment_id, track_names
+from simulator.reward import REWARDS, TERMINATIONS
+from simulator.track_names import environment_id, family_names, track_names
 from simulator.weather import Weather
 from tests.simulator.tracks import LOOP
 from zoo.base.errors import InputError
@@ -44,8 +45,11 @@ def opened(tmp_path: Path) -> Iterator[Opened]:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(environment_id(one), marks=() if one == "zoo_lake" else pytest.mark.slow)
-        for one in track_names()
+        pytest.param(
+            f"drivezoo/{environment_id(one)}",
+            marks=() if one == "zoo_lake" else pytest.mark.slow,
+        )
+        for one in (*track_names(), *family_names())
     ],
 )
 @pytest.mark.parametrize(
@@ -76,15 +80,22 @@ assert "panda3d" not in sys.modules
     subprocess.run([sys.executable, "-c", lines], check=True)
 
 
-def test_importing_drivezoo_registers_it():
-    lines = "import drivezoo, gymnasium; gymnasium.spec('Lake-v0')"
+@pytest.mark.parametrize("imports", ["import drivezoo, gymnasium", "import gymnasium, drivezoo"])
+def test_importing_drivezoo_registers_it_in_either_order(imports):
+    lines = f"{imports}; gymnasium.spec('Lake-v0'); gymnasium.spec('drivezoo/Alpine-v0')"
     subprocess.run([sys.executable, "-c", lines], check=True)
 
 
-def test_gymnasium_imports_the_simulator_named_in_the_id():
+def test_importing_drivezoo_alone_imports_neither_gymnasium_nor_numpy():
+    lines = "import sys, drivezoo; print({'gymnasium', 'numpy', 'pydantic'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", lines], check=True, capture_output=True, text=True)
+    assert done.stdout == "set()\n"
+
+
+def test_gymnasium_imports_the_package_named_in_the_id():
     lines = """
 import gymnasium
-print(gymnasium.make("simulator:Lake-v0", renderer="software").reset(seed=0)[1]["lap"])
+print(gymnasium.make("drivezoo:drivezoo/Lake-v0", renderer="software").reset(seed=0)[1]["lap"])
 """
     done = subprocess.run([sys.executable, "-c", lines], check=True, capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("0\n", "")
@@ -187,6 +198,80 @@ def test_off_the_road_there_is_no_reward_and_then_no_more_time(opened, off_road_
         assert (terminated, truncated) == (step == steps, False)
 
 
+def test_the_seed_chooses_a_familys_road_and_an_option_another():
+    env = DrivingEnv("alpine:*", renderer="software", quality="simple", width=64, height=32)
+    roads = []
+    for seed, options in ((17, {}), (None, {}), (17, {"seed": 5}), (17, {})):
+        frame, _ = env.reset(seed=seed, options=options)
+        roads.append(env.world.track.name)
+    assert roads[0] == roads[3] == "alpine:17"
+    assert roads[2] == "alpine:5"
+    assert roads[1] not in roads[2:]
+    assert np.array_equal(env.reset(seed=17)[0]["image"], frame["image"])
+    env.close()
+
+
+def test_images_have_the_size_and_the_field_of_view_of_the_arguments(opened):
+    arguments = {"width": 96, "height": 64, "cameras": "all", "random_start": False}
+    wide, narrow = (opened(**arguments, vertical_fov_deg=degrees) for degrees in (80, 40))
+    frames = [env.reset(seed=0)[0] for env in (wide, narrow)]
+    assert {frame[key].shape for frame in frames for key in ("image", "left")} == {(64, 96, 3)}
+    assert wide.observation_space.contains(frames[0])
+    assert wide.rig.cameras["right"].vertical_fov_deg == 80
+    assert not np.array_equal(frames[0]["image"], frames[1]["image"])
+
+
+INFO = {"cte": -2.0, "width": 6.0, "hit": False, "off_road": False, "speed_mph": 10.0, "lap": 0}
+BEFORE, AFTER = {"driven_m": 5.0, "furthest": 0.25}, {"driven_m": 7.0, "furthest": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "terminated", "reward"),
+    [
+        ("progress", {}, False, 2),
+        ("progress", {"off_road": True}, False, 0),
+        ("donkeycar", {}, False, 0.75 * 4.4704),
+        ("donkeycar", {}, True, -1),
+        ("donkeycar", {"cte": -8.1}, False, -1),
+        ("donkeycar", {"hit": True}, False, -2),
+        ("carracing", {}, False, 249.9),
+        ("carracing", {"furthest": 0.25}, False, -0.1),
+        ("carracing", {"cte": 83.0}, True, -100),
+        ("carracing", {"lap": 1}, True, 249.9),
+    ],
+)
+def test_a_named_reward_is_the_formula_of_its_environment(name, changes, terminated, reward):
+    info = INFO | AFTER | changes
+    assert REWARDS[name](BEFORE, info, terminated) == pytest.approx(reward)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "ends"),
+    [
+        ("donkeycar", {}, False),
+        ("donkeycar", {"cte": -8.1}, True),
+        ("donkeycar", {"hit": True}, True),
+        ("carracing", {"cte": 82.0}, False),
+        ("carracing", {"cte": 83.0}, True),
+        ("carracing", {"lap": 1}, True),
+    ],
+)
+def test_a_named_termination_is_the_rule_of_its_environment(name, changes, ends):
+    assert TERMINATIONS[name](INFO | changes) == ends
+
+
+def test_functions_of_ones_own_give_reward_and_termination(opened):
+    env = opened(
+        reward=lambda before, info, terminated: info["time"] - before["time"] + 10 * terminated,
+        termination=lambda info: info["time"] > 0.3,
+        frame_rate=5,
+    )
+    env.reset(seed=0)
+    steps = [env.step(STRAIGHT_ON)[1:3] for _ in range(2)]
+    assert [ended for _, ended in steps] == [False, True]
+    assert [reward for reward, _ in steps] == pytest.approx([0.2, 10.2])
+
+
 @pytest.mark.parametrize("direction", [1, -1])
 def test_it_ends_when_the_laps_are_driven(opened, direction):
     env = opened(laps=1, frame_rate=10, direction=direction)
@@ -242,6 +327,11 @@ def test_closing_twice_has_no_effect(opened):
         ({"max_seconds": -1}, "max_seconds=-1"),
         ({"off_road_s": -1}, "off_road_s=-1"),
         ({"track": "lagoon"}, "no track lagoon"),
+        ({"track": "lagoon:*"}, "no family of roads 'lagoon'"),
+        ({"width": 4}, "width=4: must be 8 to 1024"),
+        ({"vertical_fov_deg": 0}, "vertical_fov_deg=0: must be 1 to 170"),
+        ({"reward": "donkey"}, "reward=donkey: did you mean donkeycar"),
+        ({"termination": "lap"}, "termination=lap: available: off_road, donkeycar, carracing"),
     ],
 )
 def test_a_wrong_argument_is_refused(argument, message):

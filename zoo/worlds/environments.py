@@ -12,7 +12,6 @@ from simulator.env import DrivingEnv
 from zoo.base.errors import InputError
 from zoo.base.nearest import hint
 from zoo.base.parts import import_part, registering_parts
-from zoo.base.rig import UDACITY
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.drives.speed_controller import SpeedController
 from zoo.worlds.environment_mapping import (
@@ -49,7 +48,8 @@ class EnvironmentWorld(World):
         frame_rate: float = 15.0,
     ) -> None:
         self.environment, self.mapping, self.frame_rate = environment, mapping, frame_rate
-        self.rig = UDACITY if isinstance(environment.unwrapped, DrivingEnv) else None
+        unwrapped = environment.unwrapped
+        self.rig = unwrapped.rig if isinstance(unwrapped, DrivingEnv) else None
 
     def reset(self, scenario: Scenario) -> State:
         """Begin an episode with the scenario's seed.
