@@ -131,6 +131,7 @@ def test_a_network_of_donkeycar_needs_no_key_and_drives_with_its_throttle(tmp_pa
     result = import_file(tmp_path, "pilot.h5", "throttle_range=0.5")
     assert result.returncode == 0, result.stderr
     assert "guess" not in result.stdout
+    assert "next: drivezoo replay pilot.ckpt FOLDER" in result.stdout, "no track shows its car"
     assert load_checkpoint(tmp_path / "pilot.ckpt").view == View(
         (0, 0), "rgb", None, frame=(12, 16)
     )

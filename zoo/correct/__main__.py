@@ -40,7 +40,7 @@ def correct(ckpt: str, *overrides: str, options: CorrectOptions) -> None:
     from rich.console import Console
 
     from zoo.correct.correct_rounds import NAME, best_round, rounds_table
-    from zoo.verdict.evidence import source_of
+    from zoo.verdict.evidence import next_drive
 
     console = Console(soft_wrap=True)
     folder = Path(options.out or dated_folder("corrections")).expanduser().absolute()
@@ -65,10 +65,9 @@ def correct(ckpt: str, *overrides: str, options: CorrectOptions) -> None:
         print_written([folder], ["correct", "--help"], console)
     else:
         console.print(f"best checkpoint: round {best['number']}", highlight=False)
-        following = ["benchmark", best["checkpoint"], "suite=quick"]
-        if source_of(correction.checkpoint.data):
-            following = ["replay", best["checkpoint"], "FOLDER"]
-        print_written([best["checkpoint"]], following, console)
+        made, data = best["checkpoint"], correction.checkpoint.data
+        following = next_drive(made, data, ["benchmark", made, "suite=quick"])
+        print_written([made], following, console)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,8 @@ class CorrectOptions(WorldSettings):
     """Keys of a correction.
 
     Args:
-        track: name or YAML file of a track; several are separated by commas.
+        track: name or YAML file of a track; several are separated by commas; not given: lake, for a
+            network of its car.
         speed: speed to hold, mph.
         rounds: most rounds; each drives, asks the expert and trains.
         drives: drives on each track in each round, from which corrections come.
@@ -51,6 +52,7 @@ class CorrectOptions(WorldSettings):
         trust: further classes and keys that the checkpoint's config may name, separated by commas.
     """
 
+    track: str = ""
     speed: SpeedMph = 15.0
     rounds: Annotated[int, Field(ge=1, le=100)] = 3
     drives: Annotated[int, Field(ge=1, le=100)] = 3

@@ -18,7 +18,7 @@ from zoo.correct.correct_training import own_config, train_round, training_confi
 from zoo.correct.person_corrections import ask_person, check_person, corrections_of_a_person
 from zoo.evaluate.track_scores import how_well, score_on_tracks
 from zoo.runs.saved_config import TRUST, split_trust
-from zoo.verdict.evidence import no_verdict, source_of
+from zoo.verdict.evidence import other_car_line, with_track
 from zoo.worlds.run_drives import check_throttle
 
 
@@ -44,7 +44,7 @@ class Correction:
         folder: Path,
         console: Console,
     ) -> None:
-        self.path, self.options, self.folder, self.console = path, options, folder, console
+        self.path, self.folder, self.console = path, folder, console
         if Path(path).suffix == ".onnx":
             raise InputError(
                 f"{path}: an ONNX file cannot be trained; name the checkpoint that it was exported "
@@ -52,6 +52,7 @@ class Correction:
             )
         self.run_folder = Path(path).absolute().parent.parent
         self.checkpoint = load_checkpoint(path)
+        self.options = options = with_track(options, path, self.checkpoint.data)
         check_throttle(CheckpointPolicy(self.checkpoint), options.throttle)
         _, trusted = split_trust([f"{TRUST}={options.trust}"])
         self.config = own_config(self.checkpoint, overrides, path, trusted)
@@ -138,8 +139,8 @@ class Correction:
         return True
 
     def _print_plan(self, rounds: int) -> None:
-        if source := source_of(self.checkpoint.data):
-            self._print(no_verdict(source))
+        if line := other_car_line(self.checkpoint.data, self.options.track):
+            self._print(line)
         if self.progress["rounds"]:
             done = len(self.progress["rounds"]) - 1
             self._print(f"{self.folder}: resumed after round {done}")

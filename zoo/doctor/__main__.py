@@ -46,7 +46,12 @@ def doctor(ckpt: str | None = None, recording: str | None = None, *, port: int =
     print(f"faults: {counts[FAULT]}, warnings: {counts[WARNING]}, ok: {counts[OK]}")
     if counts[FAULT]:
         sys.exit(1)
-    print_next(*next_step(ckpt, recording))
+    data = None
+    if ckpt is not None:
+        from zoo.checkpoints.policy import load_policy
+
+        data = load_policy(ckpt).data
+    print_next(*next_step(ckpt, recording, data))
 
 
 def diagnose(checkpoint: str | None, recording: str | None, port: int) -> Iterator[Finding]:
@@ -126,10 +131,18 @@ def main(arguments: list[str]) -> None:
     doctor.function(*sort_paths(paths), port=int(port))
 
 
-def next_step(checkpoint: str | None, recording: str | None) -> tuple[str, str]:
-    """Return the command after a check without faults, and its purpose."""
+def next_step(
+    checkpoint: str | None, recording: str | None, data: object = None
+) -> tuple[str, str]:
+    """Return the command after a check without faults, and its purpose.
+
+    `data` has the facts on the checkpoint's recording.
+    """
     if checkpoint is not None:
-        return command_line(["drivezoo", "evaluate", checkpoint]), "let it drive"
+        from zoo.verdict.evidence import next_drive
+
+        words = next_drive(checkpoint, data, ["evaluate", checkpoint])
+        return command_line(["drivezoo", *map(str, words)]), "let it drive"
     if recording is not None:
         check = ["drivezoo", "check", recording]
         return command_line(check), "what it teaches badly"

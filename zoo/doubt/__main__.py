@@ -54,7 +54,7 @@ def doubt(
     with loading():
         from zoo.checkpoints.new_checkpoint import checked_out, write_checkpoint
         from zoo.checkpoints.policy import doubt_contents, doubt_policy
-        from zoo.verdict.evidence import source_of
+        from zoo.verdict.evidence import next_drive
 
         written = [checked_out(Path(out).expanduser(), paths)]
         contents = doubt_contents(paths, samples, seed)
@@ -69,9 +69,7 @@ def doubt(
     Console(emoji=False).print(table.printed(title=title, title_justify="left"))
     written += tables.write_files(table)
     following = ["evaluate", written[0], "track=lake"]
-    print_written(
-        written, ["replay", written[0], "FOLDER"] if source_of(policy.data) else following
-    )
+    print_written(written, next_drive(written[0], policy.data, following))
     return written[0]
 
 

@@ -21,6 +21,8 @@ class EvaluateOptions(ResultFiles, Scenario):
     """Keys of an evaluation.
 
     Args:
+        track: name or YAML file of a track; several are separated by commas; not given: lake, for a
+            network of its car.
         seeds: drives on each track, whose seeds begin with `seed`.
         film: true: write film.mp4 in each drive's folder.
         film_speed: playing speed of the film as a multiple of the driven speed.
@@ -34,6 +36,7 @@ class EvaluateOptions(ResultFiles, Scenario):
         executor: processes; ray or slurm: each drive is a task of a cluster.
     """
 
+    track: str = ""
     weather: str = "clear"
     seeds: Count = 1
     film: bool = False
@@ -87,8 +90,9 @@ class ReplayOptions(TableFiles):
 
 
 def track_names(text: str) -> list[str]:
-    """Return the names in `lake,mountain`, each once."""
-    return list(dict.fromkeys(name for name in text.split(",") if name))
+    """Return the names in `lake,mountain`, each once; the usual track of an empty text."""
+    names = (text or WorldSettings.track).split(",")
+    return list(dict.fromkeys(name for name in names if name))
 
 
 def check_world(options: WorldSettings) -> None:

@@ -26,7 +26,7 @@ from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.plots import save_figure
 from zoo.runs.table import Column, Table, with_interval
 from zoo.runs.table_files import Result
-from zoo.verdict.evidence import Evidence, other_car_line, read_evidence
+from zoo.verdict.evidence import Evidence, other_car_line, read_evidence, with_track
 from zoo.verdict.judgement import Verdict, judge, print_verdict
 from zoo.worlds.run_drives import check_throttle
 from zoo.worlds.scenario import Scenario
@@ -115,6 +115,7 @@ def score_driver(
     is_file = isinstance(driver, str)
     policy = load_policy(driver) if is_file else as_policy(driver)
     # Report wrong input before processes start.
+    options = with_track(options, policy.name if not is_file else driver, policy.data)
     check_world(options)
     check_throttle(policy, options.throttle)
     options.check_files(("track", *COUNTS, *METRICS))

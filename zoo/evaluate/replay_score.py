@@ -29,7 +29,7 @@ from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.plots import save_figure
 from zoo.runs.table import Table, known
 from zoo.runs.table_files import Result
-from zoo.verdict.evidence import other_car_line
+from zoo.verdict.evidence import other_car_line, source_of
 from zoo.worlds.replay_world import ReplayWorld
 from zoo.worlds.run_drives import Keep, all_drives
 from zoo.worlds.scenario import Scenario
@@ -126,9 +126,10 @@ def replay_recording(
         save_figure(error_over_distance(drive, title), folder / "error.png")
         nan = nan_line([{"track": "replay", "seed": drive.seed, "nan_frames": drive.nan_frames}])
         problem = f"{name}: {nan}" if nan else ""
-        notes = [world.words] * (source is not None) + keyboard_lines(recording, source)
+        on_track = source is None and source_of(policy.data) is None
+        notes = [world.words] * (source is not None) + keyboard_lines(recording, on_track)
         following = ["film", folder] if options.frames else ["evaluate", name]
-        if source is not None and not options.frames:  # no track shows its car
+        if not on_track and not options.frames:
             following = ["replay", name, recording_folder, "frames=true"]
         result = Replay(folder, figures, notes, name, problem, following)
         result.written.extend(options.write_files(result))
@@ -165,15 +166,15 @@ def read_as_trained(policy: Policy, folder: str, options: ReplayOptions) -> dict
     return said | ({"rig": options.rig} if options.rig else {})
 
 
-def keyboard_lines(recording: Recording, source: str | None = None) -> list[str]:
+def keyboard_lines(recording: Recording, on_track: bool) -> list[str]:
     """Return a warning for each recording that was driven with a keyboard.
 
     Args:
         recording: recording that was replayed.
-        source: its other car, whose network no track scores; None for Udacity's.
+        on_track: whether the embedded tracks show the car of the recording and of the network.
     """
-    on_track = "score it on a track: drivezoo evaluate CKPT track=lake"
-    remedy = on_track if source is None else "record with a joystick to score it"
+    remedy = "score it on a track: drivezoo evaluate CKPT track=lake"
+    remedy = remedy if on_track else "record with a joystick to score it"
     return [
         f"{one.name}: {one.zero_share:.0%} of the steering is exactly 0, as with a keyboard. Such "
         "a path weaves around the lane's centre, so these figures say little about the network; "

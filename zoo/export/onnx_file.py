@@ -29,6 +29,7 @@ from zoo.checkpoints.onnx_policy import (
 )
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
+from zoo.verdict.evidence import next_drive
 
 # torch, a slow import, comes late: --help and typos answer at once.
 if TYPE_CHECKING:
@@ -132,7 +133,8 @@ def export_checkpoint(
         )
     for line in lines:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
-    print_written([out], [] if of_donkeycar else ["drive", out], console)
+    following = next_drive(out, checkpoint.data, ["drive", out])
+    print_written([out], [] if of_donkeycar else following, console)
     return out
 
 

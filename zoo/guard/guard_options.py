@@ -20,6 +20,7 @@ class GuardOptions(TableFiles, WorldSettings):
     """Keys of the guard.
 
     Args:
+        track: name or YAML file of a track; not given: lake, for a network of its car.
         speed: speed to hold, mph.
         laps: laps of each drive through a condition.
         nominal_laps: laps of each nominal drive; together they should pass every place.
@@ -41,6 +42,7 @@ class GuardOptions(TableFiles, WorldSettings):
         workers: processes that drive; 0: one per core.
     """
 
+    track: str = ""
     speed: SpeedMph = 15.0
     laps: Laps = 0.25
     nominal_laps: Laps = 1.0

@@ -37,6 +37,7 @@ from zoo.guard.warning_figures import (
 from zoo.monitor.guarded_policy import Guard, write_guard
 from zoo.monitor.scores import METHODS, Score, fit_score, fit_threshold
 from zoo.monitor.signals import ENSEMBLE, signal_sources
+from zoo.verdict.evidence import with_track
 
 GUARD = "guard.pt"
 TIMED = 100  # frames whose score is timed
@@ -50,9 +51,10 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
             too often on nominal drives to fit a threshold.
     """
     options.check_files(TABLE_COLUMNS)
+    policy = load_policy(checkpoint)
+    options = with_track(options, checkpoint, policy.data)
     usual = options.usual()
     members = tuple(str(find_checkpoint(one)) for one in options.members)
-    policy = load_policy(checkpoint)
     sources, notes = signal_sources(policy, options.samples, [load_policy(one) for one in members])
     if options.method is not None and METHODS[options.method].signal not in sources:
         raise InputError(f"method={options.method}: {'; '.join(notes)}; name another method")
@@ -103,8 +105,8 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
             write_files(folder, result)
         print_result(result, console)
         written += options.write_files(warnings_table(result))
-        following = ["evaluate", checkpoint, f"guard={path}", "weather={fog: 0.6}"]
-        print_written([path, *written], following, console)
+        where = [f"track={options.track}", "weather={fog: 0.6}"]
+        print_written([path, *written], ["evaluate", checkpoint, f"guard={path}", *where], console)
         return result
 
 

@@ -105,13 +105,13 @@ def _push(named: str, repo: str, license_name: str | None, private: bool, send: 
 
 def _pull(repo: str, file: str | None, out: str | None) -> None:
     """Fetch a repository's checkpoint and card into a new folder."""
+    from zoo.checkpoints.checkpoint import read_checkpoint_file
     from zoo.hub.repository import fetch
+    from zoo.verdict.evidence import next_drive
 
     written = fetch(repo, file, out, Console(emoji=False))
-    print_written(written)
-    print_next(
-        command_line(["drivezoo", "evaluate", str(written[0]), "track=lake"]), "let it drive"
-    )
+    data = read_checkpoint_file(written[0])["drivezoo"]["data"]
+    print_written(written, next_drive(written[0], data, ["evaluate", written[0], "track=lake"]))
 
 
 def _is_folder(repo: str) -> bool:

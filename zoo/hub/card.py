@@ -14,13 +14,14 @@ import yaml
 
 from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
+from zoo.base.terminal import command_line
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import Checkpoint, build_checkpoint, read_checkpoint_file
 from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents, without_folders
 from zoo.evaluate.drives_table import drives_table
 from zoo.report.blocks import Block, Bullets, Code, Rows, Section, Text, to_markdown
 from zoo.report.card_section import INTENDED_USE
-from zoo.verdict.evidence import Evidence, read_evidence
+from zoo.verdict.evidence import Evidence, next_drive, read_evidence
 
 HUB = "hub"  # kind of folder
 CARD = "README.md"
@@ -173,10 +174,9 @@ def _what(of: Described) -> list[Block]:
 def _drive(of: Described) -> list[Block]:
     fetch = f"pip install 'drivezoo[hub]'\ndrivezoo hub pull {of.repo}\n" if of.repo else ""
     folder = f"outputs/hub/{of.repo}/" if of.repo else ""
-    command = f"drivezoo drive {folder}{of.file} sim=lake laps=1"
-    if of.evidence.source is not None:  # another car than the embedded tracks show
-        command = f"drivezoo replay {folder}{of.file} FOLDER"
-    return [Code(f"{fetch}{command}")]
+    file = f"{folder}{of.file}"
+    words = next_drive(file, of.checkpoint.data, ["drive", file, "sim=lake", "laps=1"])
+    return [Code(f"{fetch}{command_line(['drivezoo', *map(str, words)])}")]
 
 
 def _scores(of: Described) -> list[Block]:

@@ -8,10 +8,9 @@ from rich.console import Console
 from torch import nn
 
 from datamodules.recording import Recording
-from datamodules.recording_format import read_recordings
+from datamodules.recording_format import other_car, read_recordings
 from datamodules.view import FRAME, View
 from zoo.base.errors import InputError
-from zoo.base.rig import UDACITY
 from zoo.checkpoints.checkpoint import PREFIX, make_card
 from zoo.checkpoints.new_checkpoint import SUFFIX, checked_out, write_checkpoint
 from zoo.cli.closing_lines import print_written
@@ -39,6 +38,7 @@ from zoo.input_search.trials import Trial, try_inputs
 from zoo.keras.keras_file import KerasModel, read_keras_apart
 from zoo.keras.keras_layers import ConvertedKeras, convert
 from zoo.models.make_network import make_network
+from zoo.verdict.evidence import next_drive
 
 IMPORTED = "imported"  # key of a checkpoint that an import wrote; its value is the file's name
 FILE, KEY, SEARCH, GUESS = "the file", "your key", "trying on the recording", "a guess"
@@ -67,8 +67,10 @@ def import_network(file: str, options: ImportOptions, console: Console) -> Path:
     console.print(input_table(found, _sources(known, options, rest), console.width))
     for line in _guesses(path, known, found) if recording is None else []:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
-    _write(out, path, converted, found, recording)
-    print_written([out], ["evaluate", out, "track=udacity_lake"], console)
+    source = "donkeycar" if model.is_donkeycar else None
+    data = _write(out, path, converted, found, recording, source)
+    following = next_drive(out, data, ["evaluate", out, "track=udacity_lake"])
+    print_written([out], following, console)
     return out
 
 
@@ -160,7 +162,7 @@ def _search(
         make = network_maker(converted)
         trials = try_inputs(make, known, some, lambda share: show(0.1 + 0.9 * share), show_best)
         judged = judge(trials)
-    if options.drive and recording.rig == UDACITY:
+    if options.drive and other_car(recording) is None:
         judged = judge(trials, drive_tied(judged, trials, write, console))
     console.print(trials_table(trials, judged, console.width))
     print_judgement(judged, console)
@@ -209,7 +211,12 @@ def _write(
     converted: ConvertedKeras,
     found: Combination,
     recording: Recording | None,
-) -> None:
+    source: str | None = None,
+) -> dict:
+    """Write a checkpoint, and return its facts on the recording.
+
+    `source` names the network's car, where no recording does.
+    """
     config = compose_config(["data=recording", "trainer.max_epochs=0"])
     config["model"] = _model_settings(converted, found) | {"weights": str(path)}
     config["data"] |= {
@@ -220,6 +227,9 @@ def _write(
         "fingerprint": recording.fingerprint() if recording else None,
         "rows": len(recording) if recording else 0,
     }
+    if source := other_car(recording) if recording else source:
+        data["source"] = source
     state = {f"{PREFIX}{name}": one for name, one in converted.state.items()}
     card = make_card(config, found.view, data)
     write_checkpoint(out, {"drivezoo": card, "state_dict": state, IMPORTED: path.name})
+    return data

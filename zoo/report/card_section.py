@@ -10,8 +10,8 @@ from zoo.verdict.evidence import training_command
 
 GROUPS = ("model", "data", "augment", "loss", "optim", "schedule", "trainer", "callbacks", "score")
 INTENDED_USE = (
-    "Steer the car of a driving simulator (the course's simulator of 2016, or the embedded one), "
-    "study behavioural cloning, and compare networks. Do not use it for a vehicle on a real road: "
+    "Steer the car of its recording (the simulator's, or a model car) off public roads, study "
+    "behavioural cloning, and compare networks. Do not use it for a vehicle on a real road: "
     "it does not recognize traffic, signs or people, and cannot tell when it is wrong."
 )
 LICENCE = (

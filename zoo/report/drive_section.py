@@ -21,6 +21,7 @@ from zoo.report.blocks import (
     Text,
 )
 from zoo.report.reported_run import ReportedRun
+from zoo.verdict.evidence import no_verdict, source_of
 
 if TYPE_CHECKING:
     from zoo.drives.drive_record import Drive
@@ -35,10 +36,10 @@ PLOTS = {
 def scores(run: ReportedRun) -> list[Block]:
     """Return the figures of all drives."""
     if not run.tracks:
-        raise InputError(
-            "The run was not driven (score=none): it has only open-loop figures. Drive its "
-            "checkpoint with drivezoo evaluate."
-        )
+        source = source_of(run.metrics.get("data"))
+        remedy = no_verdict(source) if source else "drive its checkpoint with drivezoo evaluate"
+        why = run.metrics.get("not_replayed") or "score=none"
+        raise InputError(f"Not driven, only open-loop figures ({why}); {remedy}.")
     scored = run.metrics.get("drive") or {}
     keys = [f"{key}={scored[key]:g}" for key in ("speed_mph", "laps", "seeds") if scored.get(key)]
     where = f"Driven in the embedded simulator, in simulated time: {', '.join(keys)}."

@@ -4,12 +4,16 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
-from zoo.base.errors import InputError
+from simulator.world_settings import WorldSettings
+from zoo.base.errors import InputError, UsageError
 from zoo.base.terminal import command_line
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.runs.run import HYDRA, Run
 from zoo.runs.status import read_metrics
+
+Settings = TypeVar("Settings", bound=WorldSettings)
 
 
 @dataclass(frozen=True)
@@ -94,6 +98,37 @@ def no_verdict(source: str) -> str:
         "the embedded tracks; score it on drives that it was not trained on: drivezoo replay CKPT "
         "FOLDER"
     )
+
+
+def with_track(options: Settings, checkpoint: str, data: object) -> Settings:
+    """Return the options with the usual track, if none is typed.
+
+    Args:
+        options: options of a command that drives, whose track is '' if none is typed.
+        checkpoint: checkpoint as the user named it.
+        data: facts on its recording.
+
+    Raises:
+        UsageError: none is typed for a network of another car, which no track shows.
+    """
+    if options.track:
+        return options
+    if source := source_of(data):
+        raise UsageError(
+            f"{checkpoint}: {no_verdict(source)}; to drive it elsewhere all the same, name a track="
+        )
+    return replace(options, track=WorldSettings.track)
+
+
+def next_drive(checkpoint: object, data: object, on_track: Sequence[object]) -> list[object]:
+    """Return the words of the command that drives a checkpoint next, on drives of its own car.
+
+    Args:
+        checkpoint: checkpoint as commands take it.
+        data: facts on its recording.
+        on_track: words for a network of Udacity's car, which a track shows.
+    """
+    return ["replay", checkpoint, "FOLDER"] if source_of(data) else list(on_track)
 
 
 def other_car_line(data: object, place: str, source: str | None = None) -> str | None:

@@ -66,13 +66,13 @@ def judge(
             `my_track`; None for those of the run's `score`.
         world: world that was driven in.
         replayed: what was replayed, in words; None if `world` says it. A network of another car
-            than Udacity's gets a verdict by a replay only.
+            than Udacity's gets no verdict by the embedded world.
     """
     world = "replay" if replayed else world
     by_track: dict[str, list[Mapping]] = {}
     for one in drives:
         by_track.setdefault(str(one["track"]), []).append(one)
-    if evidence.source is not None and world != "replay":
+    if evidence.source is not None and world == "embedded":
         return _without_verdict(by_track, evidence, evidence.source)
     levels = {track: _level(own, world) for track, own in by_track.items()}
     names = sorted(

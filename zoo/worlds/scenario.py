@@ -69,7 +69,7 @@ class Scenario(WorldSettings):
         if str(self.world).endswith((".yaml", ".yml")):
             kind, colon, name = "gymnasium", ":", self.world
         if kind == "gymnasium" and colon:
-            if self.track != Scenario.track:
+            if self.track not in ("", Scenario.track):
                 raise InputError(
                     f"track={self.track}: world={self.world} drives no track; drop one"
                 )

@@ -133,6 +133,14 @@ def shared(server: StandIn) -> StandIn:
     return server
 
 
+def test_no_track_is_suggested_for_another_cars_network(shared: StandIn, tmp_path: Path) -> None:
+    contents = lean_contents(read_checkpoint_file(find_checkpoint("tiny41")))
+    contents["drivezoo"]["data"]["source"] = "donkeycar"
+    shared.repositories["ann/tiny"]["tiny.ckpt"] = checkpoint_bytes(contents)
+    fetched = hub(tmp_path, "pull", "ann/tiny")
+    assert f"next: drivezoo replay {PLACE}/tiny.ckpt FOLDER" in fetched.stdout
+
+
 def refused(server: StandIn, tmp_path: Path, *more: str) -> str:
     """Return the line of a pull that is refused; it must leave no file."""
     line = only_line(hub(tmp_path, "pull", "ann/tiny", *more))

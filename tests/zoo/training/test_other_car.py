@@ -13,8 +13,17 @@ from datamodules.split import split_rows
 from tests.recordings import Written, write_recording
 from tests.zoo.commands import only_line, run
 from tests.zoo.written_checkpoints import write_constant
-from zoo.base.errors import InputError
+from zoo.base.command import Command
+from zoo.base.errors import InputError, UsageError
+from zoo.checkpoints.checkpoint import load_checkpoint
+from zoo.correct.__main__ import correct
+from zoo.doctor.__main__ import next_step
+from zoo.evaluate.__main__ import evaluate
 from zoo.evaluate.replay_score import held_out_replay
+from zoo.guard.__main__ import guard
+from zoo.hub.card import shared_files
+from zoo.report.drive_section import scores
+from zoo.report.reported_run import ReportedRun
 
 RIG = """name: my car
 camera: {size: [640, 480], vertical_fov_deg: 45, up_m: 1.4, ahead_m: 0.4}
@@ -68,13 +77,40 @@ def test_its_output_and_report_say_what_was_judged(trained: Path) -> None:
 
 def test_on_a_track_it_is_another_cars_network(trained: Path) -> None:
     checkpoint = str(trained / "checkpoints" / "best.ckpt")
-    result = run(trained, checkpoint, "laps=0.01", "out=out", module="zoo.evaluate")
+    words = ("track=lake", "laps=0.01", "out=out")
+    result = run(trained, checkpoint, *words, module="zoo.evaluate")
 
     assert result.returncode == 0, result.stderr
     assert "another car's network drives lake" in result.stdout
     assert "my car" in result.stdout
     verdict = json.loads((trained / "out" / "metrics.json").read_text())["verdict"]
     assert (verdict["level"], verdict["causes"]) == ("unknown", [])
+
+
+@pytest.mark.parametrize("command", [evaluate, correct, guard], ids=lambda one: one.name)
+def test_no_track_is_driven_that_the_user_does_not_name(
+    command: Command, trained: Path, tmp_path: Path
+) -> None:
+    checkpoint, out = str(trained / "checkpoints" / "best.ckpt"), tmp_path / "out"
+    with pytest.raises(UsageError, match=r"my car.*drivezoo replay CKPT FOLDER.*name a track="):
+        command.main([checkpoint, f"out={out}"])
+    assert not out.exists()
+
+
+def test_no_command_suggests_a_track_for_another_cars_network(trained: Path) -> None:
+    checkpoint = str(trained / "checkpoints" / "best.ckpt")
+    assert (
+        next_step(checkpoint, None, load_checkpoint(checkpoint).data)[0]
+        == f"drivezoo replay {checkpoint} FOLDER"
+    )
+    card = shared_files(Path(checkpoint), "ann/tub", None)["README.md"].decode()
+    assert "drivezoo replay outputs/hub/ann/tub/tiny.ckpt FOLDER" in card
+    metrics = json.loads((trained / "metrics.json").read_text())
+    metrics |= {"drive": None, "not_replayed": "no stretch is long enough"}
+    (trained / "undriven").mkdir()
+    (trained / "undriven" / "metrics.json").write_text(json.dumps(metrics))
+    with pytest.raises(InputError, match=r"no stretch is long enough.*drivezoo replay"):
+        scores(ReportedRun(trained / "undriven"))
 
 
 def test_a_replay_of_another_cars_drives_says_so(recorded: Written, tmp_path: Path) -> None:
