@@ -18,6 +18,7 @@ from zoo.evaluate.track_scores import run_options
 from zoo.models.make_network import make_network
 from zoo.training.build import build_data, build_module, build_network, build_trainer
 from zoo.training.plan import TrainingPlan
+from zoo.worlds.environment_mapping import find_environment
 
 CONF = conf_folder()
 FILES = [path.relative_to(CONF) for path in sorted(CONF.rglob("*.yaml"))]
@@ -36,6 +37,11 @@ def test_every_yaml_constructs_its_object(path: Path, tmp_path: Path) -> None:
     elif path.parts[0] == "world":
         keys = {key: value for key, value in OmegaConf.load(CONF / path).items() if key != "speed"}
         assert WorldSettings(**keys) == WorldSettings()
+    elif group == "environment":
+        env = OmegaConf.load(CONF / path).env.replace("*", "v0")
+        found, is_mapped = find_environment(env)
+        assert is_mapped
+        assert found.env == env
     elif path.parts[0] == "hydra":
         place = {"hydra": {"sweep": {"dir": str(tmp_path)}}}
         settings = OmegaConf.create(place | {"own": OmegaConf.load(CONF / path)}).own
