@@ -22,8 +22,14 @@ from pathlib import Path
 import psutil
 from rich.console import Console
 
-from benchmarks.measuring import make_console, markdown_table, write_between
-from benchmarks.timing import COLUMNS, Row, print_rows
+from benchmarks.measuring import (
+    COLUMNS,
+    Row,
+    make_console,
+    markdown_table,
+    print_rows,
+    write_between,
+)
 from zoo.base.child_process import child_environment
 from zoo.base.cores import usable_cores
 

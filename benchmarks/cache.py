@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 
 from benchmarks.material import OUT, linked_recording
-from benchmarks.timing import Row, compared, run_part, take_turns
+from benchmarks.measuring import Row, compared, run_part, take_turns
 from datamodules.image import decode_image
 from datamodules.view import View
 from datamodules.view_store import load_views

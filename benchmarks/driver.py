@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.material import random_policy
-from benchmarks.timing import Row, run_part
+from benchmarks.measuring import Row, run_part
 from simulator.legacy_socket import OPENED, LegacySocket
 from simulator.telemetry import make_telemetry
 from zoo.cli.compose import choices

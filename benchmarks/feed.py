@@ -11,7 +11,7 @@ import torch
 from torch.utils.data import DataLoader, Dataset
 
 from benchmarks.material import AUGMENT, config_for, linked_recording, loaded_data
-from benchmarks.timing import Row, compared, run_part, take_turns
+from benchmarks.measuring import Row, compared, run_part, take_turns
 from datamodules.driving import DrivingData
 from zoo.training.host_settings import keep_freed_memory
 

@@ -18,7 +18,7 @@ from multiprocessing.connection import Connection
 import torch
 
 from benchmarks.material import AUGMENT, OUT, config_for, linked_recording
-from benchmarks.timing import Row, contestants, print_rows, ratios, take_turns
+from benchmarks.measuring import Row, contestants, print_rows, ratios, take_turns
 from benchmarks.training import flops_of_sample, run_product, untrained
 from benchmarks.training_callbacks import train_by_turns
 from zoo.cli.compose import choices

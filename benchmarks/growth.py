@@ -17,8 +17,16 @@ import psutil
 from rich.console import Console
 
 from benchmarks.material import OUT, config_for, linked_recording, ready_to_fit
-from benchmarks.measuring import markdown_table, print_table, write_between
-from benchmarks.timing import Row, contestants, medians, ratios, run_part
+from benchmarks.measuring import (
+    Row,
+    contestants,
+    markdown_table,
+    medians,
+    print_table,
+    ratios,
+    run_part,
+    write_between,
+)
 from zoo.base.cores import usable_cores
 
 MEMORY = "memory without the page cache, MB"

@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from benchmarks.material import OUT, linked_recording
-from benchmarks.timing import Row, compared, contestants, ratios, run_part, take_turns
+from benchmarks.measuring import Row, compared, contestants, ratios, run_part, take_turns
 
 ROWS = 2_000
 BARE, SHARE = "bare loop/s", 0.95

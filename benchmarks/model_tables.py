@@ -17,7 +17,7 @@ from zoo.models.layers import SCALE, LogSpread, Normalize, SameConv2d
 from zoo.models.make_network import make_network, multiply_adds, published_view
 from zoo.models.ncp import CfcCell
 from zoo.models.vgg import ImageNetNormalize
-from zoo.report.network_section import Layer, network_layers
+from zoo.report.training_section import Layer, network_layers
 
 PAGES = Path("docs/models")
 NORM = "batch normalization"

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from scipy.stats import spearmanr
 
-from benchmarks.measuring import Row, Rows, grouped, markdown_table
+from benchmarks.measuring import Rows, TextRow, grouped, markdown_table
 
 # Metrics on a network's own test rows and on the recording of recoveries, and the sign with which a
 # larger value is worse.
@@ -29,7 +29,7 @@ DRIVEN = {
 RESAMPLINGS, FEWEST = 2_000, 8
 
 
-def networks(rows: Rows) -> list[Row]:
+def networks(rows: Rows) -> list[TextRow]:
     """Return the driven networks, each once.
 
     If the first epoch was the best, a longer training has the same network.
@@ -39,7 +39,7 @@ def networks(rows: Rows) -> list[Row]:
     return list({tuple(abs_of(row, key) for key in own): row for row in driven}.values())
 
 
-def abs_of(row: Row, key: str) -> float:
+def abs_of(row: TextRow, key: str) -> float:
     """Return a figure; the bias without its sign."""
     return abs(float(row[key])) if key == "test_bias" else float(row[key])
 
@@ -62,7 +62,7 @@ def rank_correlation(offline: np.ndarray, driven: np.ndarray) -> tuple[float, fl
     return float(spearmanr(offline, driven).statistic), float(low), float(high)
 
 
-def by_split(rows: Rows) -> dict[str, list[Row]]:
+def by_split(rows: Rows) -> dict[str, list[TextRow]]:
     """Return the networks of each split that has at least `FEWEST`."""
     groups = {group[0]["split"]: group for group in grouped(networks(rows), ["split"])}
     return {name: group for name, group in groups.items() if len(group) >= FEWEST}

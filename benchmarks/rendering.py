@@ -2,7 +2,7 @@
 
 import time
 
-from benchmarks.timing import Row, medians, run_part, take_turns
+from benchmarks.measuring import Row, medians, run_part, take_turns
 from datamodules.driving_log import CAMERAS
 from simulator.world import Start, World, open_world
 

@@ -8,7 +8,7 @@ often, which costs nothing extra.
 import time
 
 from benchmarks.material import random_policy
-from benchmarks.timing import Row, medians, ratios, run_part, take_turns
+from benchmarks.measuring import Row, medians, ratios, run_part, take_turns
 from simulator.world import Start
 from zoo.drives.drive_record import Drive
 from zoo.worlds.drive_loop import drive

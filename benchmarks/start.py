@@ -7,7 +7,7 @@ import sys
 import time
 
 from benchmarks.material import CACHE, linked_recording
-from benchmarks.timing import Row, compared, run_part, take_turns
+from benchmarks.measuring import Row, compared, run_part, take_turns
 
 RUN = "outputs/bench/start"
 IMPORTS = "import torch, lightning"

@@ -19,8 +19,7 @@ import numpy as np
 from omegaconf import OmegaConf
 from rich.console import Console
 
-from benchmarks.board_rows import Row, board_rows
-from benchmarks.pretrained_rows import pretrained_rows
+from benchmarks.board_rows import Row, board_rows, pretrained_rows
 from benchmarks.study_grid import Entry, Study, kept, run_logged
 from datamodules.image import read_image
 from datamodules.recording import Recording

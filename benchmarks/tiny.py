@@ -10,7 +10,7 @@ import torch
 from rich.console import Console
 
 from benchmarks.material import OUT, config_for, linked_recording, loaded_data, ready_to_fit
-from benchmarks.timing import Row, compared, medians, run_part, take_turns
+from benchmarks.measuring import Row, compared, medians, run_part, take_turns
 from datamodules.driving import DrivingData
 
 SAMPLES, BATCH, EPOCHS = 24_000, 128, 30

@@ -28,7 +28,7 @@ from benchmarks.material import (
     loaded_data,
     random_network,
 )
-from benchmarks.timing import Row, compared, contestants, run_part, take_turns
+from benchmarks.measuring import Row, compared, contestants, run_part, take_turns
 from zoo.training.host_settings import multiplies_bf16
 
 BATCH, WORKERS, ROWS = 64, 4, 2_000

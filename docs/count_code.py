@@ -10,10 +10,11 @@ import sys
 from collections import Counter
 from pathlib import Path
 
+from benchmarks.measuring import markdown_table, write_between
+
 ROOT = Path(__file__).parents[1]
 PAGE = Path(__file__).with_name("architecture.md")
-BEGIN, END = "<!-- lines of code -->\n", "<!-- end of lines of code -->\n"
-COLUMNS = ("room", "files", "code", "docstrings", "comments", "blank")
+COLUMNS = ("files", "code", "docstrings", "comments", "blank")
 TESTS, TOTAL = "tests", "total without tests"
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
@@ -54,24 +55,14 @@ def count_rooms() -> dict[str, Counter[str]]:
 
 def table() -> str:
     """Return the counts as a Markdown table."""
-    lines = [f"| {' | '.join(COLUMNS)} |", "|---|" + "---:|" * (len(COLUMNS) - 1)]
-    for room, counts in count_rooms().items():
-        lines.append(f"| {room} | {' | '.join(f'{counts[key]:,}' for key in COLUMNS[1:])} |")
-    return "\n".join(lines) + "\n"
-
-
-def with_table(page: str, text: str) -> str:
-    """Return the page with a text between the markers."""
-    before, _, rest = page.partition(BEGIN)
-    _, marker, after = rest.partition(END)
-    if not marker:
-        raise SystemExit(f"{PAGE}: has no lines {BEGIN.strip()} and {END.strip()}")
-    return before + BEGIN + text + END + after
+    rows = [
+        [room, *(f"{counts[key]:,}" for key in COLUMNS)] for room, counts in count_rooms().items()
+    ]
+    return markdown_table(["room", *COLUMNS], rows)
 
 
 if __name__ == "__main__":
     if "--write" in sys.argv[1:]:
-        page = PAGE.read_text(encoding="utf-8")
-        PAGE.write_text(with_table(page, table()), encoding="utf-8")
+        write_between(PAGE, "lines of code", table())
     else:
-        print(table(), end="")
+        print(table())

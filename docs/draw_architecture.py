@@ -8,11 +8,8 @@ from collections import Counter
 from pathlib import Path
 
 import grimp  # of import-linter
-import matplotlib as mpl
-import tomllib  # of Python 3.11
-
-mpl.use("agg")
 import matplotlib.pyplot as plt
+import tomllib  # of Python 3.11
 
 ROOT = Path(__file__).parents[1]
 CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][

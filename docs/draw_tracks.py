@@ -1,24 +1,36 @@
-"""Draw `docs/images/tracks.webp`, plan and views of each track: `python docs/draw_tracks.py`.
+"""Draw `tracks.webp` and `roads.webp` in `docs/images`: `python docs/draw_tracks.py`.
 
-It also prints each track's length, tightest radius and grades, the figures of `docs/simulator.md`.
+The first shows plan and views of each track, the second the features of drawn roads: each family's
+roads beside the originals' tracks, by the share of their length. It also prints each track's
+length, tightest radius and grades, the figures of `docs/simulator.md`.
 """
 
 from pathlib import Path
 
-import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 
-mpl.use("agg")
-import matplotlib.pyplot as plt
-
 from simulator.centreline import STEP_M
+from simulator.road_family import draw_road, family_names, find_family
+from simulator.track import Track
 from simulator.track_file import read_track
 from simulator.track_names import track_names
 from simulator.world import Start, open_world
 
-IMAGE = Path(__file__).parent / "images" / "tracks.webp"
+IMAGES = Path(__file__).parent / "images"
 ROAD = "#555555"
 PLACES = (0.04, 0.3, 0.62)  # shares of the lap
+ORIGINALS = ("udacity_lake", "udacity_jungle", "research_mountain")
+ROADS = 200
+COLOURS = ("#2a6fbb", "#d9822b", "#3a9a5b")
+LEAST_CURVATURE = 1e-4  # 1/m; straights are drawn at it
+
+FEATURES = {
+    "|curvature|, 1/m": lambda road: np.maximum(np.abs(road.curvature), LEAST_CURVATURE),
+    "|grade|, %": lambda road: 100 * np.abs(road.grade),
+    "width, m": lambda road: road.widths,
+    "length, m": lambda road: np.array([road.length]),
+}
 
 
 def draw_tracks(names: list[str]) -> plt.Figure:
@@ -60,8 +72,39 @@ def figures(name: str) -> str:
     )
 
 
+def draw_roads() -> plt.Figure:
+    """Return a panel for each feature: the share of road (of roads, for the length) below a value.
+
+    Solid lines have the families' roads, dashed lines the originals' tracks.
+    """
+    figure, axes = plt.subplots(2, 2, figsize=(10, 6.4), layout="constrained")
+    groups: list[tuple[str, list[Track], str, str]] = [
+        (name, [draw_road(find_family(name), seed) for seed in range(ROADS)], colour, "-")
+        for name, colour in zip(family_names(), COLOURS, strict=False)
+    ]
+    groups += [
+        (name, [read_track(name)], colour, "--")
+        for name, colour in zip(ORIGINALS, ("#c0392b", "#8a5bb0", "#222222"), strict=True)
+    ]
+    for axis, (feature, measure) in zip(axes.flat, FEATURES.items(), strict=True):
+        for name, roads, colour, style in groups:
+            values = np.sort(np.concatenate([measure(road) for road in roads]))
+            if values[0] == values[-1]:  # one width along the road, or one road
+                axis.axvline(values[0], color=colour, ls=style, lw=1.4, label=name)
+                continue
+            shares = np.linspace(0, 100, len(values))
+            axis.plot(values, shares, color=colour, ls=style, lw=1.6, label=name)
+        axis.set(xlabel=feature, ylabel="below the value, %", ylim=(-2, 102))
+        axis.spines[["top", "right"]].set_visible(False)
+    axes.flat[0].set_xscale("log")
+    axes.flat[0].legend(frameon=False, fontsize="small")
+    figure.suptitle(f"{ROADS} roads of each family (solid) and the originals' tracks (dashed)")
+    return figure
+
+
 if __name__ == "__main__":
     print(*map(figures, track_names()), sep="\n")
-    IMAGE.parent.mkdir(exist_ok=True)
-    draw_tracks(track_names()).savefig(IMAGE, dpi=110, pil_kwargs={"quality": 85})
-    print(IMAGE)
+    IMAGES.mkdir(exist_ok=True)
+    settings = {"pil_kwargs": {"quality": 85}}
+    draw_tracks(track_names()).savefig(IMAGES / "tracks.webp", dpi=110, **settings)
+    draw_roads().savefig(IMAGES / "roads.webp", dpi=100, **settings)

@@ -9,7 +9,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from benchmarks.timing import Row, ratios
+from benchmarks.measuring import Row, ratios
 from tests.zoo.commands import ROOT, command, environment, run
 
 

@@ -13,7 +13,7 @@ from zoo.base.command_keys import read_options
 from zoo.base.run_command import run_command
 from zoo.cli.compose import compose_config
 from zoo.correct.correct_options import CorrectOptions
-from zoo.correct.correct_rounds import open_progress, save
+from zoo.correct.correction import open_progress, save
 from zoo.runs.saved_config import RECIPE
 from zoo.training.run_config import with_recording
 

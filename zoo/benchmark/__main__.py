@@ -44,7 +44,7 @@ def benchmark(ckpt: str, *ckpts: str, options: BenchmarkOptions) -> "Benchmarked
             raise UsageError("verify: name one result.json: drivezoo benchmark verify RESULT")
         if options.out or options.entry or options.table or options.plot:
             raise UsageError("verify: writes nothing; leave out entry=, out=, table= and plot=")
-        from zoo.benchmark.verify import verify
+        from zoo.benchmark.checked_result import verify
 
         verify(Path(ckpts[0]), options.suite, options.drives, options.workers, console)
         return None

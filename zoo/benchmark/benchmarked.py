@@ -16,8 +16,7 @@ from zoo.base.whole_file import write_whole
 from zoo.benchmark.baselines import BASELINES
 from zoo.benchmark.benchmark_options import BenchmarkOptions
 from zoo.benchmark.checked_result import read_result
-from zoo.benchmark.drivers import find_drivers
-from zoo.benchmark.drives import UNFINISHED, FinishedDrives, drive_suite
+from zoo.benchmark.drives import UNFINISHED, FinishedDrives, drive_suite, find_drivers
 from zoo.benchmark.marks import (
     Reached,
     drives_table,

@@ -1,4 +1,4 @@
-"""The drives of an entry, each with figures and a digest; finished ones are kept to resume."""
+"""The drivers of an entry and their drives, with figures and a digest; finished ones are kept."""
 
 import hashlib
 import json
@@ -10,18 +10,20 @@ import numpy as np
 from rich.console import Console
 
 from zoo.base.bounded_files import MOST_JSON_BYTES, parse_json, read_text
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, UsageError
+from zoo.base.regular_file import hash_file
 from zoo.base.whole_file import write_whole
 from zoo.benchmark.baselines import BASELINES
 from zoo.benchmark.result import Driver, DriveRecord
 from zoo.benchmark.suite import LAPS, Suite, SuiteDrive
+from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.drives.drive_record import Drive
 from zoo.drives.metrics import measure
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.record_fields import Count, Fields, check_fields
 from zoo.worlds.baseline import Baseline
 from zoo.worlds.cluster_pool import Executor
-from zoo.worlds.run_drives import run_drives
+from zoo.worlds.run_drives import load_kept, run_drives
 
 MACHINE = ("latency_ms",)  # metrics that depend on the machine
 UNFINISHED = "unfinished.jsonl"  # file of the finished drives of a benchmark
@@ -178,3 +180,55 @@ class FinishedDrives:
     def remove(self) -> None:
         """Delete the file, once the result is written."""
         self.path.unlink()
+
+
+def find_drivers(names: Sequence[str], suite: Suite) -> list[Driver]:
+    """Return the drivers of an entry: one baseline, or checkpoints of several training seeds.
+
+    Raises:
+        UsageError: a baseline is named together with other drivers.
+        InputError: a checkpoint cannot be read, is named twice or has another network than the
+            first; or the suite has no mean steering.
+    """
+    if baselines := [one for one in names if one in BASELINES]:
+        if len(names) > 1:
+            raise UsageError(f"{baselines[0]}: a baseline is an entry of its own; name it alone")
+        if names[0] == "mean" and suite.mean_steering is None:
+            raise InputError(
+                f"mean: the suite {suite.name} has no mean_steering; add it to the suite's file"
+            )
+        facts = {"sha256": None, "parameters": 0, "training_seed": None, "data": ""}
+        return [Driver(file=names[0], model=names[0], **facts)]
+    drivers = [read_driver(find_checkpoint(one)) for one in names]
+    check_distinct(drivers)
+    return drivers
+
+
+def check_distinct(drivers: Sequence[Driver], place: str = "") -> None:
+    """Raise InputError unless an entry's checkpoints are different ones of one network."""
+    for number, one in enumerate(drivers):
+        if one.model != drivers[0].model:
+            raise InputError(
+                f"{place}{one.file}: is a {one.model}, but {drivers[0].file} is a "
+                f"{drivers[0].model}; the checkpoints of an entry differ only in their seed"
+            )
+        if one.sha256 in [other.sha256 for other in drivers[:number]]:
+            raise InputError(f"{place}{one.file}: is named twice; name each training seed once")
+
+
+def read_driver(path: Path) -> Driver:
+    """Return the description of a checkpoint.
+
+    Raises:
+        InputError: the checkpoint cannot be read.
+    """
+    policy = load_kept(str(path))
+    seed = policy.config.get("seed")
+    return Driver(
+        file=str(path),
+        sha256=hash_file(path),
+        model=policy.name,
+        parameters=policy.parameters,
+        training_seed=seed if isinstance(seed, int) else None,
+        data=str(policy.data.get("fingerprint") or ""),
+    )

@@ -39,7 +39,7 @@ def correct(ckpt: str, *overrides: str, options: CorrectOptions) -> None:
     path = str(find_checkpoint(ckpt))
     from rich.console import Console
 
-    from zoo.correct.correct_rounds import NAME, best_round, rounds_table
+    from zoo.correct.correction import NAME, best_round, rounds_table
     from zoo.verdict.evidence import next_drive
 
     console = Console(soft_wrap=True)

@@ -20,7 +20,7 @@ from zoo.checkpoints.checkpoint import Checkpoint, build_checkpoint, read_checkp
 from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents, without_folders
 from zoo.evaluate.drives_table import drives_table
 from zoo.report.blocks import Block, Bullets, Code, Rows, Section, Text, to_markdown
-from zoo.report.card_section import INTENDED_USE
+from zoo.report.training_section import INTENDED_USE
 from zoo.verdict.evidence import Evidence, next_drive, read_evidence
 
 HUB = "hub"  # kind of folder

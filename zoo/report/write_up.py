@@ -6,13 +6,7 @@ from pathlib import Path
 from zoo.base.errors import InputError
 from zoo.base.whole_file import refuse_links_out, write_whole
 from zoo.evaluate.drives_table import with_deviation
-from zoo.report import (
-    card_section,
-    data_section,
-    drive_section,
-    network_section,
-    training_section,
-)
+from zoo.report import data_section, drive_section, training_section
 from zoo.report.blocks import (
     Block,
     Box,
@@ -95,11 +89,11 @@ SECTIONS: dict[str, Sequence[Part]] = {
         data_section.recovery,
         data_section.fed,
     ),
-    "Network": (network_section.layers_table,),
+    "Network": (training_section.layers_table,),
     "Training": (training_section.duration, training_section.curves),
     "Open loop": (training_section.open_loop, training_section.scatter),
-    "Settings": (card_section.command, card_section.settings),
-    "Model card": (card_section.use, card_section.limits),
+    "Settings": (training_section.command, training_section.settings),
+    "Model card": (training_section.use, training_section.limits),
 }
 
 

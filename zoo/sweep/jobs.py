@@ -19,8 +19,7 @@ from zoo.base.terminal import print_line
 from zoo.leaderboard.ranking_table import folder_label
 from zoo.leaderboard.scored import finished_run
 from zoo.runs.status import is_alive, read_status, write_status
-from zoo.sweep.saved_sweep import check_job
-from zoo.sweep.sweep_record import add_to_record, log_digest, varying
+from zoo.sweep.sweep_record import add_to_record, check_job, log_digest, varying
 
 SERIAL = "basic"  # launcher that runs the jobs one by one, each of which prints its own progress
 DONE = ("finished", "pruned")

@@ -27,8 +27,7 @@ from zoo.leaderboard.scored import Scored, finished_run
 from zoo.runs.status import read_status
 from zoo.sweep.jobs import Job, recordings_of, run_jobs, sweep_console
 from zoo.sweep.pruning import make_pruner
-from zoo.sweep.saved_sweep import PRUNING
-from zoo.sweep.sweep_record import add_to_record
+from zoo.sweep.sweep_record import PRUNING, add_to_record
 
 ATTEMPTS = 5
 MAXIMIZED = ("drive/score", "drive/autonomy")

@@ -23,8 +23,8 @@ from zoo.runs.saved_config import split_trust
 from zoo.runs.status import read_status
 from zoo.sweep import sweep_record as records
 from zoo.sweep.jobs import DONE
-from zoo.sweep.saved_sweep import SavedSweep, check_overrides, resumed_from
 from zoo.sweep.sweep_job import run_job
+from zoo.sweep.sweep_record import SavedSweep, check_overrides, resumed_from
 
 MULTIRUN = ("-m", "--multirun", "hydra.mode=MULTIRUN")
 FOLDER_KEY = "hydra.sweep.dir="

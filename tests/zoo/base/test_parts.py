@@ -23,7 +23,7 @@ from zoo.checkpoints.policy import load_policy
 from zoo.cli.compose import choices, compose_config
 from zoo.models.make_network import make_network
 from zoo.runs.saved_config import find_refusals
-from zoo.sweep.saved_sweep import SavedSweep, check_overrides
+from zoo.sweep.sweep_record import SavedSweep, check_overrides
 
 VIEW = View((0, 0), "gray", (16, 32))
 NAMED = "parts=my_net.py"

@@ -7,7 +7,7 @@ import pytest
 from zoo.base.command_keys import read_options
 from zoo.base.errors import InputError
 from zoo.correct.correct_options import CorrectOptions
-from zoo.correct.correct_rounds import open_progress, save
+from zoo.correct.correction import open_progress, save
 
 
 def test_a_correction_with_other_options_is_not_resumed(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from torch import nn
 from tests.zoo.compositions import composed
 from zoo.cli.compose import choices
 from zoo.models.make_network import make_network, view_of
-from zoo.report.network_section import network_layers
+from zoo.report.training_section import network_layers
 
 
 @pytest.mark.parametrize("model", choices("model"))
