@@ -18,6 +18,8 @@ from zoo.cli.conf_files import choices
 from zoo.cli.console_script import ALIASES, GROUPS, LISTED, load, outside_commands
 from zoo.new.part_files import KINDS as PART_KINDS
 
+BASH_HEAD = "# Completion of drivezoo for bash.\n"  # 3.2 or later
+ZSH_HEAD = "#compdef drivezoo\n# Completion of drivezoo for zsh.\n"
 # Words that can stand first, by the argument's name.
 FIRST = {"kind": tuple(PART_KINDS)}  # of drivezoo new
 LISTS = ("augment", "callbacks")  # groups of which a user names several
@@ -141,16 +143,6 @@ def _training_keys() -> dict[str, tuple[str, ...]]:
     return {**groups, **keys, "resume": (), "trust": (), KEY: ()}
 
 
-def bash_script(words: Mapping[str, Words]) -> str:
-    """Return the script for bash 3.2 or later."""
-    return f"# Completion of drivezoo for bash.\n{_word_function(words)}{_BASH}"
-
-
-def zsh_script(words: Mapping[str, Words]) -> str:
-    """Return the script for zsh."""
-    return f"#compdef drivezoo\n# Completion of drivezoo for zsh.\n{_word_function(words)}{_ZSH}"
-
-
 def fish_script(words: Mapping[str, Words]) -> str:
     """Return the script for fish."""
     lines = ["# Completion of drivezoo for fish."]
@@ -166,8 +158,8 @@ def fish_script(words: Mapping[str, Words]) -> str:
 
 
 SCRIPTS: dict[str, Callable[[Mapping[str, Words]], str]] = {
-    "bash": bash_script,
-    "zsh": zsh_script,
+    "bash": lambda words: f"{BASH_HEAD}{_word_function(words)}{_BASH}",
+    "zsh": lambda words: f"{ZSH_HEAD}{_word_function(words)}{_ZSH}",
     "fish": fish_script,
 }
 

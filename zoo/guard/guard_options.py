@@ -93,8 +93,3 @@ class GuardOptions(TableFiles, WorldSettings):
             margin=self.margin,
             weather=read_weather(self.weather),
         )
-
-    @property
-    def members(self) -> list[str]:
-        """Return the paths of the further checkpoints."""
-        return [one for one in (self.ensemble or "").split(",") if one]

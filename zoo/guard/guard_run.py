@@ -54,7 +54,8 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
     policy = load_policy(checkpoint)
     options = with_track(options, checkpoint, policy.data)
     usual = options.usual()
-    members = tuple(str(find_checkpoint(one)) for one in options.members)
+    named = filter(None, (options.ensemble or "").split(","))
+    members = tuple(str(find_checkpoint(one)) for one in named)
     sources, notes = signal_sources(policy, options.samples, [load_policy(one) for one in members])
     if options.method is not None and METHODS[options.method].signal not in sources:
         raise InputError(f"method={options.method}: {'; '.join(notes)}; name another method")

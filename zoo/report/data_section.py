@@ -1,7 +1,5 @@
 """The section on the training data."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 
@@ -147,7 +145,9 @@ def fed(run: ReportedRun) -> list[Block]:
         "Images of the first batches, as input to the network, with their labels. The line points "
         "in the label's direction; full lock is 45 degrees."
     )
-    return [Heading("Network input"), Images([smaller(run.plot("fed_batch", caption))])]
+    # Of many photographs, a JPEG is a fifth of the PNG.
+    pixels = decode_image(run.plot("fed_batch", caption).data)
+    return [Heading("Network input"), Images([Image.jpeg("fed_batch.jpg", pixels, caption)])]
 
 
 def _number(value: float | None) -> str:
@@ -201,9 +201,3 @@ def labelled_frame(name: str, frame: np.ndarray, steering: float, caption: str) 
 def signed(steering: float) -> str:
     """Return a steering as text, with its sign."""
     return f"{steering + 0.0:+.3f}"
-
-
-def smaller(image: Image) -> Image:
-    """Return a plot with many photographs as JPEG, a fifth of the PNG's size."""
-    pixels = decode_image(image.data)
-    return Image.jpeg(f"{Path(image.name).stem}.jpg", pixels, image.caption)

@@ -1,30 +1,18 @@
 """The section on driving: figures, film, path and worst moments."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from datamodules.image import read_image
 from zoo.base.errors import InputError
+from zoo.checkpoints.policy import CheckpointPolicy
 from zoo.drives.drive_film import APART_S, FILM_NAME, MOMENTS
+from zoo.drives.drive_record import Drive
 from zoo.drives.intervals import ONE_TRACK
 from zoo.evaluate.drives_table import drives_table
-from zoo.report.blocks import (
-    Block,
-    Film,
-    Fold,
-    Heading,
-    Image,
-    Images,
-    Missing,
-    Rows,
-    Text,
-)
+from zoo.report.blocks import Block, Film, Fold, Heading, Image, Images, Missing, Rows, Text
 from zoo.report.reported_run import ReportedRun
+from zoo.saliency.visual_backprop import Saliency, overlay
 from zoo.verdict.evidence import no_verdict, source_of
-
-if TYPE_CHECKING:
-    from zoo.drives.drive_record import Drive
 
 FILMS_BYTES = 10_000_000  # total of films embedded in the page; base64 adds a third
 PLOTS = {
@@ -76,7 +64,7 @@ def tracks(run: ReportedRun) -> list[Block]:
     return blocks
 
 
-def _film(drive: "Drive", budget: int) -> Block:
+def _film(drive: Drive, budget: int) -> Block:
     path = drive.folder / FILM_NAME
     if not path.is_file():
         return Missing("The drive was not filmed (score.film; film=true in drivezoo evaluate).")
@@ -85,27 +73,19 @@ def _film(drive: "Drive", budget: int) -> Block:
     return Film(link, "Film of the scored drive.", path.read_bytes() if is_small else None)
 
 
-def _plots(drive: "Drive") -> list[Block]:
+def _plots(drive: Drive) -> list[Block]:
     images = []
     for plot, caption in PLOTS.items():
         path = drive.folder / f"{plot}.png"
         if path.is_file():
             # Inverted for a dark page, large errors would have the darkest colours.
-            name = _name(drive, path.name)
+            name = f"{drive.folder.name}_{path.name}"  # unique among the drives
             images.append(Image(name, path.read_bytes(), caption, plot=plot != "track"))
     return [Images([one]) for one in images]
 
 
-def _name(drive: "Drive", file: str) -> str:
-    """Return a unique name for a file of a drive; a track's name may contain any character."""
-    return f"{drive.folder.name}_{file}"
-
-
-def _worst(run: ReportedRun, track: str, drives: "list[Drive]") -> list[Block]:
+def _worst(run: ReportedRun, track: str, drives: list[Drive]) -> list[Block]:
     """Return the worst moments of a track's drives, each with its saliency map."""
-    from zoo.checkpoints.policy import CheckpointPolicy
-    from zoo.saliency.visual_backprop import Saliency, overlay
-
     found = [
         (drive, row)
         for drive in drives
@@ -126,7 +106,8 @@ def _worst(run: ReportedRun, track: str, drives: "list[Drive]") -> list[Block]:
             f"cross-track error {drive.cross_track_m[row]:+.2f} m, steering "
             f"{drive.steering[row] + 0.0:+.2f}, {drive.speed_mph[row]:.0f} mph"
         )
-        images.append(Image.jpeg(_name(drives[0], f"worst_{number}.jpg"), pair, caption))
+        name = f"{drives[0].folder.name}_worst_{number}.jpg"
+        images.append(Image.jpeg(name, pair, caption))
     return [
         Heading(f"Worst moments on the {track}"),
         Text(
@@ -137,5 +118,5 @@ def _worst(run: ReportedRun, track: str, drives: "list[Drive]") -> list[Block]:
     ]
 
 
-def _badness(drive: "Drive", row: int) -> tuple[bool, float]:
+def _badness(drive: Drive, row: int) -> tuple[bool, float]:
     return bool(drive.intervention[row]), abs(float(drive.cross_track_m[row]))

@@ -2,16 +2,17 @@
 
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from datamodules.read_options import said_in
+from datamodules.recording import Recording
+from datamodules.recording_format import read_recordings
 from zoo.base.errors import InputError
+from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
+from zoo.drives.drive_log import read_drive
+from zoo.drives.drive_record import Drive
 from zoo.report.blocks import Image
 from zoo.runs.run import Run
-
-if TYPE_CHECKING:
-    from datamodules.recording import Recording
-    from zoo.checkpoints.checkpoint import Checkpoint
-    from zoo.drives.drive_record import Drive
 
 
 class ReportedRun(Run):
@@ -34,10 +35,8 @@ class ReportedRun(Run):
         return run
 
     @cached_property
-    def checkpoint(self) -> "Checkpoint":
+    def checkpoint(self) -> Checkpoint:
         """Load the checkpoint; raise InputError if it is missing or damaged."""
-        from zoo.checkpoints.checkpoint import load_checkpoint
-
         if self.checkpoint_path is None:
             raise InputError("The run has no checkpoint: no epoch was trained.")
         return load_checkpoint(self.checkpoint_path)
@@ -51,11 +50,8 @@ class ReportedRun(Run):
             return super().config
 
     @cached_property
-    def recording(self) -> "Recording":
+    def recording(self) -> Recording:
         """Read the recording again; raise InputError or OSError if it cannot be read."""
-        from datamodules.read_options import said_in
-        from datamodules.recording_format import read_recordings
-
         data = self.config["data"]
         root, images = data["root"], data.get("images")
         if root is None:
@@ -65,7 +61,7 @@ class ReportedRun(Run):
         return read_recordings(roots, **said | {"images": self._found(images) if images else None})
 
     @property
-    def drives(self) -> list["Drive"]:
+    def drives(self) -> list[Drive]:
         """Return the scored drives by track and start seed, without damaged ones."""
         return self._read_drives[0]
 
@@ -75,9 +71,7 @@ class ReportedRun(Run):
         return self._read_drives[1]
 
     @cached_property
-    def _read_drives(self) -> tuple[list["Drive"], list[str]]:
-        from zoo.drives.drive_log import read_drive
-
+    def _read_drives(self) -> tuple[list[Drive], list[str]]:
         drives, damaged = [], []
         for folder in self.drive_folders:
             try:
