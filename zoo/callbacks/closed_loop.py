@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-import lightning
 import numpy as np
+from lightning import Callback, LightningModule, Trainer
 from rich.console import Console
 from torch import nn
 
@@ -19,7 +19,7 @@ MONITORED = "drive/"
 DRIVEN = "driven.ckpt"
 
 
-class ClosedLoop(lightning.Callback):
+class ClosedLoop(Callback):
     """A callback that drives in the embedded world after an epoch, and logs the figures.
 
     Logs `drive/autonomy` (0..1), `drive/interventions`, `drive/cte_mean` and `drive/cte_max`
@@ -70,7 +70,7 @@ class ClosedLoop(lightning.Callback):
         self.best_score = float("-inf")
         self.cost: dict[str, float] | None = None  # of all drives in training, set at its end
 
-    def on_fit_start(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
+    def on_fit_start(self, trainer: Trainer, module: LightningModule) -> None:
         """Open the world; report where that fails."""
         source = other_car(trainer.datamodule.recording)
         problem = source and f"the {self.track} shows another car than the recording ({source})"
@@ -87,13 +87,11 @@ class ClosedLoop(lightning.Callback):
             line = f"closed loop: not driven: {problem}"
             Console(soft_wrap=True).print(line, highlight=False, markup=False)
 
-    def on_train_start(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
+    def on_train_start(self, trainer: Trainer, module: LightningModule) -> None:
         """Start the clock."""
         self.started = time.perf_counter()
 
-    def on_train_epoch_end(
-        self, trainer: lightning.Trainer, module: lightning.LightningModule
-    ) -> None:
+    def on_train_epoch_end(self, trainer: Trainer, module: LightningModule) -> None:
         """Drive if it is due; log the figures and keep the best weights."""
         figures = None
         if trainer.is_global_zero and self.world is not None and self._due(trainer.current_epoch):
@@ -120,7 +118,7 @@ class ClosedLoop(lightning.Callback):
         """Restore the best score."""
         self.best_score = state.get("best_score", float("-inf"))
 
-    def on_train_end(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
+    def on_train_end(self, trainer: Trainer, module: LightningModule) -> None:
         """Print the time of the drives."""
         trained_s = self._trained_s()
         if self.drives and trained_s > 0:
@@ -193,9 +191,7 @@ class ClosedLoop(lightning.Callback):
         return None
 
 
-def best_drive(
-    trainer: lightning.Trainer, module: lightning.LightningModule, view: View
-) -> dict | None:
+def best_drive(trainer: Trainer, module: LightningModule, view: View) -> dict | None:
     """Drive the weights in `module` with the run's `ClosedLoop`.
 
     Return `closed_loop` of `metrics.json`; None without that callback, or where it could not drive.

@@ -2,14 +2,14 @@
 
 import time
 
-import lightning
+from lightning import Callback, LightningModule, Trainer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from zoo.base.terminal import is_quiet
 
 
-class TrainingProgress(lightning.Callback):
+class TrainingProgress(Callback):
     """A callback that shows epoch, samples per second, training loss and validation MSE.
 
     A step costs one reading of the clock: another thread draws the bar.
@@ -23,7 +23,7 @@ class TrainingProgress(lightning.Callback):
         self.progress: Progress | None = None
         self.next_refresh = 0.0
 
-    def on_train_start(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
+    def on_train_start(self, trainer: Trainer, module: LightningModule) -> None:
         """Show the bar on a terminal."""
         self.console = Console(soft_wrap=True)
         self.started, self.done = time.perf_counter(), 0
@@ -43,8 +43,8 @@ class TrainingProgress(lightning.Callback):
 
     def on_train_batch_end(
         self,
-        trainer: lightning.Trainer,
-        module: lightning.LightningModule,
+        trainer: Trainer,
+        module: LightningModule,
         outputs: object,
         batch: dict | list[dict],
         number: int,
@@ -64,9 +64,7 @@ class TrainingProgress(lightning.Callback):
             figures=f"{rate:,.0f} samples/s",
         )
 
-    def on_train_epoch_end(
-        self, trainer: lightning.Trainer, module: lightning.LightningModule
-    ) -> None:
+    def on_train_epoch_end(self, trainer: Trainer, module: LightningModule) -> None:
         """Print the epoch's line."""
         if not trainer.is_global_zero or is_quiet():
             return
@@ -79,9 +77,7 @@ class TrainingProgress(lightning.Callback):
         line += f"  {module.train_samples / module.train_seconds:,.0f} samples/s"
         self.console.print(line, highlight=False)
 
-    def teardown(
-        self, trainer: lightning.Trainer, module: lightning.LightningModule, stage: str
-    ) -> None:
+    def teardown(self, trainer: Trainer, module: LightningModule, stage: str) -> None:
         """Remove the bar."""
         if self.progress is not None:
             self.progress.stop()

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-import lightning
 import numpy as np
+from lightning import Callback, LightningDataModule, LightningModule, Trainer
 from lightning.pytorch.loggers import TensorBoardLogger
 from matplotlib.figure import Figure
 from matplotlib.image import imread
@@ -12,7 +12,7 @@ from datamodules.balance import BatchKey
 from zoo.runs import plots
 
 
-class FedBatch(lightning.Callback):
+class FedBatch(Callback):
     """`plots/fed_batch.png`: the first samples of the first batches, with their labels.
 
     Args:
@@ -22,22 +22,22 @@ class FedBatch(lightning.Callback):
     def __init__(self, count: int = 32) -> None:
         self.count = count
 
-    def on_train_start(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
+    def on_train_start(self, trainer: Trainer, module: LightningModule) -> None:
         """Plot the samples."""
         if trainer.is_global_zero:
             publish(trainer, "fed_batch", figure_of_fed_batch(trainer.datamodule, self.count))
 
 
-class SteeringHistogram(lightning.Callback):
+class SteeringHistogram(Callback):
     """`plots/steering_histogram.png`: steering before and after balancing and flipping."""
 
-    def on_train_start(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
+    def on_train_start(self, trainer: Trainer, module: LightningModule) -> None:
         """Plot the steering."""
         if trainer.is_global_zero:
             publish(trainer, "steering_histogram", figure_of_steering(trainer.datamodule))
 
 
-class PredictedAgainstTrue(lightning.Callback):
+class PredictedAgainstTrue(Callback):
     """`plots/predicted_against_true_val.png` during training.
 
     Args:
@@ -47,9 +47,7 @@ class PredictedAgainstTrue(lightning.Callback):
     def __init__(self, every_n_epochs: int = 5) -> None:
         self.every_n_epochs = every_n_epochs
 
-    def on_validation_end(
-        self, trainer: lightning.Trainer, module: lightning.LightningModule
-    ) -> None:
+    def on_validation_end(self, trainer: Trainer, module: LightningModule) -> None:
         """Plot the validation rows."""
         epoch = trainer.current_epoch + 1
         if epoch % self.every_n_epochs or not trainer.is_global_zero or module.validation is None:
@@ -58,7 +56,7 @@ class PredictedAgainstTrue(lightning.Callback):
         publish(trainer, "predicted_against_true_val", figure)
 
 
-def figure_of_fed_batch(data: lightning.LightningDataModule, count: int) -> Figure:
+def figure_of_fed_batch(data: LightningDataModule, count: int) -> Figure:
     """Plot the first `count` network inputs of an epoch, whatever the batch size.
 
     Windows are rows of frames, of `count` frames or a few more.
@@ -86,7 +84,7 @@ def figure_of_fed_batch(data: lightning.LightningDataModule, count: int) -> Figu
     return plots.fed_batch(images, steering, data.view.colour, title)
 
 
-def figure_of_steering(data: lightning.LightningDataModule) -> Figure:
+def figure_of_steering(data: LightningDataModule) -> Figure:
     """Plot the steering of all samples, and of up to 50,000 as drawn and flipped."""
     batches = data.training_batches()
     fed = []
@@ -98,7 +96,7 @@ def figure_of_steering(data: lightning.LightningDataModule) -> Figure:
     return plots.steering_histogram(data.samples.steering, np.concatenate(fed), threshold)
 
 
-def publish(trainer: lightning.Trainer, name: str, figure: Figure) -> None:
+def publish(trainer: Trainer, name: str, figure: Figure) -> None:
     """Save a plot as PNG; log it to TensorBoard if that is on."""
     path = plots.save_figure(figure, Path(trainer.default_root_dir) / "plots" / f"{name}.png")
     for logger in trainer.loggers:

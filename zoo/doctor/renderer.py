@@ -18,7 +18,12 @@ GROUND = (0.2, 0.6, 0.4)
 
 def start_renderers() -> Callable[[], Iterator[Finding]]:
     """Start the renderers in the background; return a function that yields the findings."""
-    started = {name: _start(name) for name in ("software", "opengl")}
+    quiet = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    text = {"text": True, "encoding": "utf-8", "errors": "replace"}
+    started = {
+        name: start_module("zoo.doctor.renderer", name, **quiet, **text)
+        for name in ("software", "opengl")
+    }
     return lambda: _findings(started)
 
 
@@ -43,18 +48,6 @@ def _findings(started: dict[str, subprocess.Popen]) -> Iterator[Finding]:
         yield Finding(OK, "OpenGL", "opens and draws: renderer=opengl")
     else:
         yield Finding(OK, "OpenGL", f"not available, and not needed ({drawn['opengl']})")
-
-
-def _start(name: str) -> subprocess.Popen:
-    return start_module(
-        "zoo.doctor.renderer",
-        name,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        encoding="utf-8",
-        errors="replace",
-    )
 
 
 def draw(name: str) -> str:

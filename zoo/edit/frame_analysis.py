@@ -2,7 +2,6 @@
 
 import threading
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,9 +18,7 @@ from datamodules.notable_rows import (
 )
 from datamodules.recording import Recording
 from datamodules.stretches import find_breaks
-
-if TYPE_CHECKING:
-    from zoo.checkpoints.command import Policy
+from zoo.checkpoints.command import Policy
 
 
 class FrameAnalysis:
@@ -36,7 +33,7 @@ class FrameAnalysis:
         done: number of analysed rows.
     """
 
-    def __init__(self, recording: Recording, policy: "Policy | None" = None) -> None:
+    def __init__(self, recording: Recording, policy: Policy | None = None) -> None:
         self.recording, self.policy = recording, policy
         for member in policy.members if policy else ():
             member.rig = recording.rig

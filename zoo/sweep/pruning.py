@@ -2,13 +2,13 @@
 
 import warnings
 
-import lightning
 import optuna
+from lightning import Callback, LightningModule, Trainer
 
 from zoo.base.errors import InputError, PrunedError
 
 
-class Pruning(lightning.Callback):
+class Pruning(Callback):
     """A callback that reports a figure to an Optuna study after each epoch.
 
     It reports nothing for a trial that has ended in the study, as when a run is repeated. After an
@@ -40,7 +40,7 @@ class Pruning(lightning.Callback):
         self.pruner = make_pruner(pruner, startup_trials, warmup_epochs)
         self.trial: optuna.Trial | None = None
 
-    def on_fit_start(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
+    def on_fit_start(self, trainer: Trainer, module: LightningModule) -> None:
         """Load the trial from its study, in the first process."""
         if not trainer.is_global_zero:
             return
@@ -50,9 +50,7 @@ class Pruning(lightning.Callback):
         if not frozen.state.is_finished():
             self.trial = optuna.Trial(study, frozen._trial_id)
 
-    def on_train_epoch_end(
-        self, trainer: lightning.Trainer, module: lightning.LightningModule
-    ) -> None:
+    def on_train_epoch_end(self, trainer: Trainer, module: LightningModule) -> None:
         """Report the figure, and stop all ranks if the study prunes the trial."""
         reason = None
         value = trainer.callback_metrics.get(self.watched)

@@ -5,23 +5,19 @@ joblib no longer accepts, and boto3 for Amazon's cloud.
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.singleton import Singleton
 from hydra.core.utils import JobReturn, run_job, setup_globals
+from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from zoo.worlds.cluster_pool import Place, enter_place, running_ray, this_place
 
-if TYPE_CHECKING:
-    from hydra.plugins.launcher import Launcher
 
-
-def launch_on_ray(
-    launcher: "Launcher", jobs: Sequence[Sequence[str]], first: int
-) -> list[JobReturn]:
+def launch_on_ray(launcher: Launcher, jobs: Sequence[Sequence[str]], first: int) -> list[JobReturn]:
     """Run every job as a task on the cluster, and wait for all tasks.
 
     Raises:
