@@ -88,13 +88,6 @@ def train_autoencoder(images: np.ndarray, epochs: int, seed: int = 0) -> Autoenc
     return network.eval()
 
 
-@torch.inference_mode()
-def reconstruction_errors(network: Autoencoder, images: np.ndarray) -> np.ndarray:
-    """Return the error of each image, float64 [N]; see `Autoencoder.forward`."""
-    parts = torch.from_numpy(np.ascontiguousarray(images)).split(256)
-    return torch.cat([network(one) for one in parts]).numpy().astype(float)
-
-
 # Shapes of the images of autoencoders: channels, height, width.
 SHAPES = ((3, *IMAGE_SIZE[::-1]), (1, *MAP_SIZE[::-1]))
 
@@ -154,7 +147,13 @@ def _autoencoder(state: dict[str, Any]) -> Callable[[np.ndarray], np.ndarray]:
     network.load_state_dict(state["weights"])
     if not all(torch.isfinite(one).all() for one in network.parameters()):
         raise ValueError("a weight is not finite")
-    return lambda signals: reconstruction_errors(network, signals)
+
+    @torch.inference_mode()
+    def errors(images: np.ndarray) -> np.ndarray:
+        parts = torch.from_numpy(np.ascontiguousarray(images)).split(256)
+        return torch.cat([network(one) for one in parts]).numpy().astype(float)
+
+    return errors
 
 
 def _distance(state: dict[str, Any]) -> Callable[[np.ndarray], np.ndarray]:

@@ -38,8 +38,8 @@ def make_source(name: str, policy: Policy, samples: int) -> Source:
     if name == IMAGE:
         return lambda frame, mph, command: small_image(frame)
     if name == MAP:
-        return AttentionMap(policy)
-    return DropoutSpread(policy, samples) if name == DROPOUT else command_spread(policy)
+        return attention_map(policy)
+    return dropout_spread(policy, samples) if name == DROPOUT else command_spread(policy)
 
 
 def signal_sources(
@@ -60,7 +60,7 @@ def signal_sources(
         except InputError as error:
             lacking.append(f"not scored: {name}: {error}")
     if ensemble:
-        sources[ENSEMBLE] = EnsembleSpread(ensemble)
+        sources[ENSEMBLE] = ensemble_spread(ensemble)
     return sources, lacking
 
 
@@ -69,30 +69,29 @@ def small_image(frame: np.ndarray) -> np.ndarray:
     return cv2.resize(frame, IMAGE_SIZE, interpolation=cv2.INTER_AREA)
 
 
-class AttentionMap:
-    """Saliency map of a frame, uint8 [16, 64, 1], of the rows that the network sees.
+def attention_map(policy: Policy) -> Source:
+    """Return the source of a frame's saliency map, uint8 [16, 64, 1], of the rows that it sees.
 
     Raises:
         InputError: the network has no saliency map.
     """
+    if isinstance(policy, CheckpointPolicy) and policy.memory is not None:
+        raise InputError("a network with memory has no map of one frame")
+    if not isinstance(policy, CheckpointPolicy | OnnxPolicy):
+        raise InputError("several networks have no common map")
+    saliency = Saliency(policy)
 
-    def __init__(self, policy: Policy) -> None:
-        if isinstance(policy, CheckpointPolicy) and policy.memory is not None:
-            raise InputError("a network with memory has no map of one frame")
-        if not isinstance(policy, CheckpointPolicy | OnnxPolicy):
-            raise InputError("several networks have no common map")
-        self._saliency = Saliency(policy)
-
-    def __call__(self, frame: np.ndarray, mph: float, command: Command) -> np.ndarray:
-        """Return the map of a frame."""
-        top, bottom = self._saliency.view.rows_cropped(len(frame))
-        seen = self._saliency(frame, mph)[top : len(frame) - bottom]
+    def of_frame(frame: np.ndarray, mph: float, command: Command) -> np.ndarray:
+        top, bottom = saliency.view.rows_cropped(len(frame))
+        seen = saliency(frame, mph)[top : len(frame) - bottom]
         small = cv2.resize(seen, MAP_SIZE, interpolation=cv2.INTER_AREA)
         return (255 * small).round().astype(np.uint8)[..., None]
 
+    return of_frame
 
-class DropoutSpread:
-    """Standard deviation of the steering under dropout.
+
+def dropout_spread(policy: Policy, samples: int) -> Source:
+    """Return the source of the steering's standard deviation under dropout.
 
     Source: Gal and Ghahramani 2016, "Dropout as a Bayesian approximation", arXiv:1506.02142. The
     same masks are drawn for every frame, so a change of the spread comes from the frame.
@@ -100,42 +99,38 @@ class DropoutSpread:
     Raises:
         InputError: the network has no dropout.
     """
-
-    def __init__(self, policy: Policy, samples: int) -> None:
-        if not isinstance(policy, CheckpointPolicy) or policy.memory is not None:
-            raise InputError("needs a checkpoint of one network without memory")
-        self._network, self._policy, self._samples = copy.deepcopy(policy.network), policy, samples
-        layers = [one for one in self._network.modules() if isinstance(one, nn.Dropout) and one.p]
-        if not layers:
-            raise InputError(f"{policy.name} has no dropout")
-        for one in layers:
-            one.train()
+    if not isinstance(policy, CheckpointPolicy) or policy.memory is not None:
+        raise InputError("needs a checkpoint of one network without memory")
+    network = copy.deepcopy(policy.network)
+    layers = [one for one in network.modules() if isinstance(one, nn.Dropout) and one.p]
+    if not layers:
+        raise InputError(f"{policy.name} has no dropout")
+    for one in layers:
+        one.train()
 
     @torch.inference_mode()
-    def __call__(self, frame: np.ndarray, mph: float, command: Command) -> float:
-        """Return the spread of a frame."""
-        takes_speed = self._policy.takes_speed
-        inputs = network_inputs(self._policy.view(frame), mph if takes_speed else None)
-        repeated = [one.repeat(self._samples, *[1] * (one.ndim - 1)) for one in inputs]
+    def of_frame(frame: np.ndarray, mph: float, command: Command) -> float:
+        inputs = network_inputs(policy.view(frame), mph if policy.takes_speed else None)
+        repeated = [one.repeat(samples, *[1] * (one.ndim - 1)) for one in inputs]
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(SEED)
-            return float(self._network(*repeated)[:, 0].clamp(-1, 1).std())
+            return float(network(*repeated)[:, 0].clamp(-1, 1).std())
+
+    return of_frame
 
 
-class EnsembleSpread:
-    """Standard deviation of the steering of several policies.
+def ensemble_spread(others: Sequence[Policy]) -> Source:
+    """Return the source of the steering's standard deviation over several policies.
 
     Source: Lakshminarayanan et al. 2017, "Simple and scalable predictive uncertainty estimation
     using deep ensembles", arXiv:1612.01474.
     """
 
-    def __init__(self, others: Sequence[Policy]) -> None:
-        self._others = others
+    def of_frame(frame: np.ndarray, mph: float, command: Command) -> float:
+        steering = [command.steering, *(one(frame, mph).steering for one in others)]
+        return float(np.std(steering, ddof=1))
 
-    def __call__(self, frame: np.ndarray, mph: float, command: Command) -> float:
-        """Return the spread of a frame."""
-        others = [one(frame, mph).steering for one in self._others]
-        return float(np.std([command.steering, *others], ddof=1))
+    return of_frame
 
 
 def command_spread(policy: Policy) -> Source:

@@ -41,20 +41,22 @@ def _notebook(name: str) -> Kind:
     return Kind(None, {f"{name}.ipynb": "$name.ipynb"}, (opened,))
 
 
-def _kind(name: str, group: str, *following: tuple[str, str]) -> Kind:
-    files = {f"{name}.py": "$here$name.py", f"{name}.yaml": f"${{here}}conf/{group}/$name.yaml"}
+def _kind(name: str, group: str | None, *following: tuple[str, str]) -> Kind:
+    files = {f"{name}.py": "$here$name.py"}
+    files |= {f"{name}.yaml": f"${{here}}conf/{group}/$name.yaml"} if group else {}
     files |= {f"{name}_test.py": "${here}test_$name.py"}
     return Kind(group, files, (CHECK, *following))
 
 
 CHECK = ("python -m pytest ${here}test_$name.py", "check it (pip install pytest)")
 TRAIN = "drivezoo train parts=$here$name.py"
+DRIVE = "drivezoo evaluate latest parts=$here$name.py"
 KINDS = {
     "model": _kind(
         "model",
         "model",
         (f"{TRAIN} model=$name quick=true", "train it; data.root=FOLDER on your recording"),
-        ("drivezoo evaluate latest parts=$here$name.py", "let it drive"),
+        (DRIVE, "let it drive"),
     ),
     "augmentation": _kind(
         "augmentation",
@@ -66,18 +68,9 @@ KINDS = {
     "callback": _kind(
         "callback", "callbacks", (f"{TRAIN} callbacks=$name quick=true", "train with it")
     ),
-    "metric": Kind(
-        None,
-        {"metric.py": "$here$name.py", "metric_test.py": "${here}test_$name.py"},
-        (CHECK, ("drivezoo evaluate latest parts=$here$name.py", "measure drives with it")),
-    ),
-    "perturbation": Kind(
-        None,
-        {"perturbation.py": "$here$name.py", "perturbation_test.py": "${here}test_$name.py"},
-        (
-            CHECK,
-            ("drivezoo evaluate latest parts=$here$name.py perturb=$name", "drive with its values"),
-        ),
+    "metric": _kind("metric", None, (DRIVE, "measure drives with it")),
+    "perturbation": _kind(
+        "perturbation", None, (f"{DRIVE} perturb=$name", "drive with its values")
     ),
     "track": Kind(
         "track",
