@@ -8,7 +8,6 @@ import contextlib
 import json
 import os
 import re
-import signal
 import socket
 import subprocess
 import sys
@@ -26,6 +25,7 @@ from websocket import ABNF
 from benchmarks.driver import FPS, noise_telemetry
 from benchmarks.measuring import print_table, run_named
 from simulator.legacy_socket import OPENED, LegacySocket
+from zoo.base.child_process import end_module, start_module
 
 MESSAGES = 72_000
 MOST_GROWTH_MB = 100
@@ -111,22 +111,17 @@ def megabytes(process: psutil.Process) -> float:
 @contextlib.contextmanager
 def started_driver() -> Iterator[tuple[psutil.Process, int]]:
     """Start a process of `zoo.drive`; yield it and its port."""
-    environ = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1"}
+    os.environ["OMP_NUM_THREADS"] = "1"
+    output = {"stdout": subprocess.PIPE, "text": True}
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "zoo.drive", NETWORK, "port=0"]
-        with subprocess.Popen(
-            command, stdout=subprocess.PIPE, text=True, cwd=folder, env=environ
-        ) as process:
-            try:
-                found = (re.search(r"http://127\.0\.0\.1:(\d+)", line) for line in process.stdout)
-                port = next(int(match[1]) for match in found if match)
-                threading.Thread(target=process.stdout.read, daemon=True).start()
-                yield psutil.Process(process.pid), port
-                process.send_signal(signal.SIGINT)
-                with contextlib.suppress(subprocess.TimeoutExpired):
-                    process.wait(10)
-            finally:
-                process.kill()
+        process = start_module("zoo.drive", NETWORK, "port=0", cwd=folder, **output)
+        try:
+            found = (re.search(r"http://127\.0\.0\.1:(\d+)", line) for line in process.stdout)
+            port = next(int(match[1]) for match in found if match)
+            threading.Thread(target=process.stdout.read, daemon=True).start()
+            yield psutil.Process(process.pid), port
+        finally:
+            end_module(process)
 
 
 def attack(name: str, seconds: str = "600") -> int:

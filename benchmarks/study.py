@@ -15,8 +15,6 @@ from benchmarks.study_grid import FOLDER, Entry, Study
 from benchmarks.study_tables import packaged, write_tables
 from zoo.base.errors import InputError, UsageError
 
-READERS = {"packaged": packaged}
-
 
 def add_rows(study: Study, rows: list[dict]) -> None:
     """Add rows to the study's CSV file, in place of older ones of the same key."""
@@ -66,7 +64,7 @@ def write_results(study: Study) -> list[Path]:
     A study without a table is printed.
     """
     config = study.config
-    rows = READERS[config["read"]]() if "read" in config else read_csv(Path(config["csv"]))
+    rows = read_csv(Path(config["csv"])) if "csv" in config else packaged()
     pages = write_tables(config.get("tables", []), rows)
     if "page" in config:
         from benchmarks.board_rows import board_page

@@ -59,11 +59,6 @@ def recorded(config: object) -> str:
     return str(with_recording(OmegaConf.create(config), console).data.root)
 
 
-def suite_root(study: Study) -> dict[str, str]:
-    """Return the folder of the benchmark's recording."""
-    return {"root": recorded(compose_config(["data=bench_v1"]))}
-
-
 def shares(study: Study) -> dict[str, int]:
     """Write the splits that hold shares of the training rows, and return the samples of an epoch.
 
@@ -284,7 +279,7 @@ def first_try_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
 
 
 PREPARE: dict[str, Callable[[Study], dict]] = {
-    "bench_v1": suite_root,
+    "bench_v1": lambda study: {"root": recorded(compose_config(["data=bench_v1"]))},
     "shares": shares,
     "student_laps": student_laps,
 }

@@ -1,11 +1,10 @@
 """Keys of `drivezoo correct` and their checks."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import Annotated
 
 from pydantic import Field
 
-from simulator.weather import CLEAR
 from simulator.world_settings import WorldSettings
 from zoo.base.errors import UsageError
 from zoo.evaluate import evaluate_options as scoring
@@ -78,11 +77,9 @@ class CorrectOptions(WorldSettings):
     @property
     def scored(self) -> list[Scenario]:
         """Return the drives before and after each round, by track, then seed, in clear weather."""
-        own = {key.name: getattr(self, key.name) for key in fields(WorldSettings)}
-        own |= {"speed": self.speed, "laps": self.laps, "weather": CLEAR}
-        usual = Scenario(**own, throttle=self.throttle, margin=self.margin)
+        own = {key: getattr(self, key) for key in ("speed", "laps", "throttle", "margin")}
         return [
-            replace(usual, track=track, seed=seed)
+            Scenario(**self.place | own | {"track": track, "seed": seed})
             for track in scoring.track_names(self.track)
             for seed in range(self.seeds)
         ]

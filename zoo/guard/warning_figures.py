@@ -80,46 +80,6 @@ def _rows(rows_s: np.ndarray, first_s: float, begin: int) -> slice:
     return slice(begin + int(first), begin + int(last))
 
 
-@dataclass(frozen=True)
-class Counted:
-    """Counts of each drive, which a resample adds up.
-
-    Attributes:
-        hits: windows before a failure with an alarm, float [failing drives].
-        failing: windows before a failure, float [failing drives].
-        false: normal windows with an alarm, float [normal drives].
-        normal: normal windows, float [normal drives].
-        above: pairs of a window before a failure and a normal one, of which the first has the
-            higher score, ties counted as half; float [failing drives, normal drives].
-    """
-
-    hits: np.ndarray
-    failing: np.ndarray
-    false: np.ndarray
-    normal: np.ndarray
-    above: np.ndarray
-
-    def figures(self, failing: np.ndarray, normal: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the figures of resamples.
-
-        Args:
-            failing: how often each resample takes each failing drive, [draws, failing drives].
-            normal: how often it takes each normal drive, [draws, normal drives].
-        """
-        hits, all_failing = failing @ self.hits, failing @ self.failing
-        false, all_normal = normal @ self.false, normal @ self.normal
-        above = np.einsum("df,fn,dn->d", failing, self.above, normal)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            recall, rate = hits / all_failing, false / all_normal
-            # Without any alarm there is no precision, but F3 is 0. Without a failure there is
-            # neither.
-            exists = np.where(all_failing > 0, 1.0, np.nan)
-            precision = exists * hits / (hits + false)
-            f3 = exists * 10 * hits / (10 * hits + 9 * (all_failing - hits) + false)
-            auc = above / (all_failing * all_normal)
-        return dict(zip(FIGURES, (recall, precision, rate, f3, auc), strict=True))
-
-
 def warning_figures(
     failing: Sequence[np.ndarray], normal: Sequence[np.ndarray], threshold: float, seed: int = 0
 ) -> dict[str, Estimate]:
@@ -146,17 +106,37 @@ def warning_figures(
     [0.5, 0.5, 0.25, 0.5, 0.875]
     """
     failing, normal = [[one for one in drives if len(one)] for drives in (failing, normal)]
-    counted = _count(failing, normal, threshold)
+    # By drive: windows with an alarm, and windows.
+    (hits, all_failing), (false, all_normal) = (
+        np.array([((one > threshold).sum(), len(one)) for one in drives], float).reshape(-1, 2).T
+        for drives in (failing, normal)
+    )
+    # By pair of drives: pairs of windows of which the failing one has the higher score.
+    above = [
+        [(one[:, None] > other).sum() + (one[:, None] == other).sum() / 2 for other in normal]
+        for one in failing
+    ]
+    pairs = np.array(above, float).reshape(len(failing), len(normal))
+
+    def figures(failing_taken: np.ndarray, normal_taken: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the figures of resamples, by how often each takes each drive, [draws, drives]."""
+        return _figures(
+            failing_taken @ hits,
+            failing_taken @ all_failing,
+            normal_taken @ false,
+            normal_taken @ all_normal,
+            np.einsum("df,fn,dn->d", failing_taken, pairs, normal_taken),
+        )
+
     sizes = len(failing), len(normal)
-    values = counted.figures(*(np.ones((1, size)) for size in sizes))
+    values = figures(*(np.ones((1, size)) for size in sizes))
     rng = np.random.default_rng(seed)
-    drawn = counted.figures(*(_resamples(size, rng) for size in sizes))
+    drawn = figures(*(_resamples(size, rng) for size in sizes))
     found = {name: _estimate(float(values[name][0]), drawn[name]) for name in FIGURES}
-    hits, false = counted.hits.sum(), counted.false.sum()
     for name, successes, trials in (
-        ("recall", hits, counted.failing.sum()),
-        ("precision", hits, hits + false),
-        ("false_positive_rate", false, counted.normal.sum()),
+        ("recall", hits.sum(), all_failing.sum()),
+        ("precision", hits.sum(), hits.sum() + false.sum()),
+        ("false_positive_rate", false.sum(), all_normal.sum()),
     ):
         if trials and not np.isfinite(found[name].low):
             interval = wilson_interval(int(successes), int(trials))
@@ -171,22 +151,17 @@ def _resamples(size: int, rng: np.random.Generator) -> np.ndarray:
     return rng.multinomial(size, np.full(size, 1 / size), DRAWS)
 
 
-def _count(failing: list[np.ndarray], normal: list[np.ndarray], threshold: float) -> Counted:
-    above = [
-        [
-            float((one[:, None] > other).sum() + 0.5 * (one[:, None] == other).sum())
-            for other in normal
-        ]
-        for one in failing
-    ]
-    return Counted(
-        *(
-            np.array([count(one) for one in drives], float)
-            for drives in (failing, normal)
-            for count in (lambda one: (one > threshold).sum(), len)
-        ),
-        np.array(above, float).reshape(len(failing), len(normal)),
-    )
+def _figures(
+    hits: np.ndarray, failing: np.ndarray, false: np.ndarray, normal: np.ndarray, above: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Return the figures of counts: alarms among windows, and pairs in order; float [draws]."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        # Without any alarm there is no precision, but F3 is 0. Without a failure there is neither.
+        exists = np.where(failing > 0, 1.0, np.nan)
+        precision = exists * hits / (hits + false)
+        f3 = exists * 10 * hits / (10 * hits + 9 * (failing - hits) + false)
+        found = hits / failing, precision, false / normal, f3, above / (failing * normal)
+    return dict(zip(FIGURES, found, strict=True))
 
 
 def _estimate(value: float, drawn: np.ndarray) -> Estimate:

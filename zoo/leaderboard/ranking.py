@@ -66,7 +66,7 @@ def rank(runs: Sequence[Scored]) -> list[Entry]:
     """
     groups: dict[str, list[Scored]] = {}
     for run in runs:
-        groups.setdefault(run.settings, []).append(run)
+        groups.setdefault(run.settings or str(run.folder.resolve()), []).append(run)
     driven = [run.tracks for run in runs if run.tracks]
     shared = set(driven[0]).intersection(*driven) if driven else set()
     return sorted((_entry(group, shared) for group in groups.values()), key=_order)

@@ -34,10 +34,11 @@ class Scored:
 
     Attributes:
         name: name of the experiment, of the model or of the checkpoint.
-        settings: what repeats have in common, such as the config without the training seed.
         tracks: by track, the leaderboard's metrics and `LENGTHS`, each a mean over the drives.
         counts: by track, number of drives without an intervention and of drives, where known.
         source: source of the drives, as in `Drive`, or BENCHMARK; empty without a drive.
+        settings: what a run's repeats have in common, such as the config without the training
+            seed; empty for what is not a run.
         overrides: overrides that the user typed, by key, without those of Hydra itself.
         seed: training seed.
         trained_on: recordings of the training.
@@ -47,10 +48,10 @@ class Scored:
 
     folder: Path
     name: str
-    settings: str
     tracks: dict[str, dict[str, float]]
     counts: dict[str, tuple[int, int]]
     source: str
+    settings: str = ""
     overrides: dict[str, str] = field(default_factory=dict)
     seed: int | None = None
     trained_on: TrainedOn = field(default_factory=TrainedOn)
@@ -208,7 +209,6 @@ def load_drive(folder: Path) -> Scored:
     return Scored(
         folder=folder,
         name=str(summary.get("checkpoint") or "-"),
-        settings=str(folder.resolve()),  # no other one repeats it
         tracks={track: figures},
         counts={track: (is_clean, 1)} if "autonomy" in figures else {},
         source=summary.get("drive") or "",
@@ -228,7 +228,6 @@ def load_evaluation(folder: Path) -> Scored:
     return Scored(
         folder=folder,
         name=str(metrics.get("checkpoint") or "-"),
-        settings=str(folder.resolve()),  # no other one repeats it
         source=EMBEDDED,
         **_of_tracks(tracks),
     )
@@ -260,7 +259,6 @@ def load_benchmark(folder: Path) -> Scored:
     return Scored(
         folder=folder,
         name=result.entry,
-        settings=str(folder.resolve()),  # no other one repeats it
         tracks={suite: figures},
         counts={suite: (clean, len(drives))},
         source=BENCHMARK,

@@ -122,8 +122,9 @@ def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bo
                 again = command_line(["drivezoo", "sweep", f"resume={folder}", *typed_parts()])
                 raise StoppedError(f"stopped; resume with the same command, or: {again}") from None
             except Exception:
-                if is_new:
-                    _remove_empty(folder)
+                if is_new and not records.job_folders(folder):  # as after a typo
+                    for name in (records.NAME, *LIBRARY_FILES):
+                        (folder / name).unlink(missing_ok=True)
                 raise
         conclude(folder, console)
 
@@ -207,10 +208,10 @@ def _resuming_line(folder: Path, record: records.SweepRecord) -> str:
 
 def _all_done(folder: Path) -> bool:
     record = records.read_record(folder)
-    if record.jobs is None or record.search:
-        return record.jobs is not None
+    if record.jobs is None:
+        return False
     folders = [folder / str(number) for number in range(len(record.jobs))]
-    return all(read_status(job).get("status") in DONE for job in folders)
+    return record.search or all(read_status(job).get("status") in DONE for job in folders)
 
 
 def _drop_shadowed() -> None:
@@ -233,11 +234,3 @@ def _run_hydra(arguments: list[str]) -> None:
         hydra.main(version_base="1.3", config_path=conf, config_name="config")(run_job)()
     finally:
         sys.argv = before
-
-
-def _remove_empty(folder: Path) -> None:
-    """Remove a sweep's folder without a job, as a command with a typo leaves it."""
-    if records.job_folders(folder):
-        return
-    for name in (records.NAME, *LIBRARY_FILES):
-        (folder / name).unlink(missing_ok=True)
