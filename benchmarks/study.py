@@ -11,9 +11,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from benchmarks.measuring import merge, print_table, read_csv, write_csv
-from benchmarks.study_grid import FOLDER, Entry, Study
+from benchmarks.study_grid import Entry, Study
 from benchmarks.study_tables import packaged, write_tables
-from zoo.base.errors import InputError, UsageError
+from zoo.base.errors import InputError
 
 
 def add_rows(study: Study, rows: list[dict]) -> None:
@@ -82,10 +82,8 @@ def main(arguments: list[str]) -> None:
     Raises:
         InputError: an option is wrong, or an entry failed or could not be verified.
     """
-    if not arguments:
-        known = ", ".join(sorted(path.stem for path in FOLDER.glob("*.yaml")))
-        raise UsageError(f"no study named; available: {known}")
-    study, failed = Study(arguments[0], arguments[1:]), []
+    name, *options = arguments or ["no name given"]
+    study, failed = Study(name, options), []
     if study.values.get("add"):
         from benchmarks.board_rows import submitted_rows
 

@@ -22,7 +22,6 @@ ROOT = Path(__file__).parents[1]
 IMAGES = ROOT / "docs" / "images"
 WIDTH, HEIGHT = 400, 200  # of the animation, pixels
 FPS, FASTER = 8, 10  # it plays ten times as fast as driven
-MOST_ANIMATION, MOST_IMAGE = 1_000_000, 150_000  # bytes
 
 
 def serve(*command: str, folder: Path = ROOT) -> tuple[subprocess.Popen, str]:
@@ -52,7 +51,6 @@ def take_screenshot(
     with Image.open(path.with_suffix(".png")) as image:
         image.convert("RGB").save(path, quality=75, method=6)
     path.with_suffix(".png").unlink()
-    _report(path, MOST_IMAGE)
 
 
 def animate(folder: Path, path: Path) -> None:
@@ -80,14 +78,6 @@ def animate(folder: Path, path: Path) -> None:
         method=6,
         minimize_size=False,
     )
-    _report(path, MOST_ANIMATION)
-
-
-def _report(path: Path, most: int) -> None:
-    size = path.stat().st_size
-    print(f"{path.relative_to(ROOT)}: {size:,} bytes")
-    if size > most:
-        raise SystemExit(f"{path}: more than {most:,} bytes")
 
 
 def main(run: Path) -> None:

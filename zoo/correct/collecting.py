@@ -25,22 +25,6 @@ NUDGE_EVERY_S, NUDGE_S = 4.0, 0.5
 START_RANGE_S = 50 * 365 * 24 * 3600  # recordings start anywhere within 50 years
 
 
-@dataclass(frozen=True)
-class ExpertLabel:
-    """What the expert would have done at a frame of the model's drive.
-
-    Attributes:
-        pose: pose of the car, as `World.pose` returns it.
-        frame: number of the frame, which seeds the image's noise.
-        steering, throttle: controls of the expert, -1..1.
-    """
-
-    pose: tuple[float, float, float, float, float]
-    frame: int
-    steering: float
-    throttle: float
-
-
 class LabellingPolicy(PolicyWrapper):
     """A policy that drives as the model does, and stores the expert's label at every frame.
 
@@ -54,7 +38,9 @@ class LabellingPolicy(PolicyWrapper):
         seed: random seed of the expert's seconds and the nudges.
 
     Attributes:
-        labels: the expert's labels, one for each frame.
+        labels: what the expert would have done at each frame: the car's pose, as `World.pose`
+            returns it; the number of the frame, which seeds the image's noise; and the expert's
+            steering and throttle, -1..1.
     """
 
     def __init__(
@@ -69,7 +55,7 @@ class LabellingPolicy(PolicyWrapper):
         super().__init__(policy)
         self.world, self.beta, self.nudge = world, beta, nudge
         self.expert = instant_expert(world, expert_mph)
-        self.labels: list[ExpertLabel] = []
+        self.labels: list[tuple[tuple[float, ...], int, tuple[float, float]]] = []
         self.seed = seed
 
     def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
@@ -77,7 +63,7 @@ class LabellingPolicy(PolicyWrapper):
         world = self.world
         command = self.policy(frame, speed_mph)
         label = self.expert(world)
-        self.labels.append(ExpertLabel(world.pose(), world.frames, *label))
+        self.labels.append((world.pose(), world.frames, label))
         second = np.random.default_rng([self.seed, 0, int(world.time)])
         if second.random() < self.beta:
             return replace(command, steering=label[0])
@@ -208,7 +194,7 @@ class RecordedErrors(Keep):
         before, stretch_s = -2, 0.0
         with Recorder(self.folder, relative=True) as recorder:
             for number in np.flatnonzero(keep):
-                row, label = rows[number], labels[number]
+                row, (pose, frame, (steering, throttle)) = rows[number], labels[number]
                 # After an intervention the car is elsewhere.
                 if number != before + 1 or rows[before].intervention:
                     recorder.begin_pass()
@@ -216,8 +202,8 @@ class RecordedErrors(Keep):
                 before = number
                 # The side cameras are rendered here: the drive needs only the centre camera.
                 renderer = world.simulated.renderer
-                frames = {one: renderer.frame(label.pose, one, label.frame) for one in CAMERAS}
-                numbers = (label.steering, *split_pedals(label.throttle), row.speed_mph)
+                frames = {one: renderer.frame(pose, one, frame) for one in CAMERAS}
+                numbers = (steering, *split_pedals(throttle), row.speed_mph)
                 recorder.add(frames, *numbers, row.time_s - stretch_s)
         return recorder.rows
 

@@ -1,23 +1,29 @@
-"""A search: choose roads, drive them, and keep which failed."""
+"""A search: its samplers choose the next roads and days, which are driven; kept is which failed."""
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from simulator.track import Track
+from zoo.base.errors import InputError
 from zoo.base.process_pool import Pool
 from zoo.drives.drive_record import Drive
 from zoo.search.failure_map import Archive
-from zoo.search.sampler import ArchiveSampler, Sampler, TpeSampler
 from zoo.search.search_options import SearchOptions
-from zoo.search.search_space import Candidate, SearchSpace
+from zoo.search.search_space import DAYS, Candidate, SearchSpace
 from zoo.worlds.run_drives import all_drives
 from zoo.worlds.scenario import Scenario
 
 BATCH = 8  # drives that are chosen together, for every number of processes
 STARTUP = 0.12  # share of the budget that TPE draws at random first
 USUAL_ROADS = 25  # of the family, for the usual values of features
+STEP = 0.15  # standard deviation of a change, as a share of a parameter's range
+ATTEMPTS = 20  # draws of parameters until the car can take a road
+
+Draw = Callable[[], dict[str, float]]  # returns parameters of a road and its day
 
 
 @dataclass(frozen=True)
@@ -117,16 +123,6 @@ def search(
     return found
 
 
-def make_sampler(options: SearchOptions, space: SearchSpace, archive: Archive) -> Sampler:
-    """Return the sampler that the options name."""
-    if options.sampler == "archive":
-        return ArchiveSampler(space, options.seed, archive)
-    if options.sampler == "tpe":
-        startup = max(BATCH, int(STARTUP * options.budget))
-        return TpeSampler(space, options.seed, archive, startup)
-    return Sampler(space, options.seed, archive, whole_family=options.sampler == "family")
-
-
 def usual_features(space: SearchSpace) -> dict[str, float]:
     """Return each feature's median over 25 roads as the family draws them, on a clear day."""
     rng = np.random.default_rng(0)
@@ -146,3 +142,173 @@ def distance_to_usual(
     scales = {key: one.scale for key, one in space.features.items()}
     steps = [scales[key].share(features[key]) - scales[key].share(usual[key]) for key in scales]
     return float(np.sqrt(np.mean(np.square(steps))))
+
+
+class Sampler:
+    """A sampler that draws parameters uniformly from their ranges.
+
+    Args:
+        space: roads and days.
+        seed: random seed.
+        archive: cells of the search, which the caller keeps up to date.
+        whole_family: draw roads as the family draws them, and only the days uniformly.
+    """
+
+    proposals = 1  # roads that are drawn to find one in a cell without a failure
+
+    def __init__(
+        self, space: SearchSpace, seed: int, archive: Archive, whole_family: bool = False
+    ) -> None:
+        self.space, self.archive, self.rng = space, archive, np.random.default_rng(seed)
+        self.draw = self._family if whole_family else self._uniform
+        # Of each proposed road: what drew it, whether its cell is new, and the road.
+        self.proposed: list[tuple[Any, bool, Candidate]] = []
+
+    def propose(self, count: int) -> list[Candidate]:
+        """Return the next roads to drive, in cells without a failure as far as any are found."""
+        self.proposed, taken = [], set(self.archive.failed)
+        for _ in range(count):
+            draw = self._choose()
+            for left in reversed(range(self.proposals)):
+                candidate = self._road(draw)
+                cell = self.archive.cell(candidate.features)
+                if cell not in taken or not left:
+                    break
+                self._abandon()
+            self.proposed.append((self.source, cell not in taken, candidate))
+            taken.add(cell)
+        return [candidate for *_, candidate in self.proposed]
+
+    def learn(self, closeness: Sequence[float]) -> None:
+        """Take the closeness to failure of the proposed roads' drives."""
+
+    def _choose(self) -> Draw:
+        """Return what draws the next road, and note it as `source`."""
+        self.source: Any = None
+        return self.draw
+
+    def _abandon(self) -> None:
+        """Take note that the last drawn road is not driven."""
+
+    def _road(self, draw: Draw) -> Candidate:
+        """Return a road that the car can take."""
+        for _ in range(ATTEMPTS):
+            candidate = self.space.draw(self.rng, draw())
+            if candidate is not None:
+                return candidate
+            self._abandon()
+        raise InputError(
+            f"family={self.space.family.name}: the car could take none of {ATTEMPTS} roads; widen "
+            "the family's radius, or set a smaller length="
+        )
+
+    def _uniform(self) -> dict[str, float]:
+        return {key: one.at(self.rng.random()) for key, one in self.space.parameters.items()}
+
+    def _family(self) -> dict[str, float]:
+        days = {key: one for key, one in self.space.parameters.items() if key in DAYS}
+        return {key: one.at(self.rng.random()) for key, one in days.items()}
+
+
+class ArchiveSampler(Sampler):
+    """A sampler that draws from three sources, and most from the one that finds new cells.
+
+    The sources are the family's own roads, parameters drawn uniformly, and changed parameters of
+    earlier failures, as in MAP-Elites (Mouret and Clune 2015, "Illuminating search spaces by
+    mapping elites", arXiv:1504.04909). Thompson sampling chooses among them, by the share of their
+    drives that failed in a new cell. A road is drawn in 10 ms, and driven only if its cell has no
+    failure yet, since a drive takes seconds.
+    """
+
+    proposals = 30
+
+    def __init__(self, space: SearchSpace, seed: int, archive: Archive) -> None:
+        super().__init__(space, seed, archive)
+        self.sources = [self._family, self._uniform, self._changed]
+        self.found, self.missed = np.ones(3), np.ones(3)  # drives of each source; new cells, others
+        self.failures: list[dict[str, float]] = []
+
+    def learn(self, closeness: Sequence[float]) -> None:
+        """Keep failures, and count each source's drives that failed in a new cell."""
+        for (source, is_new, candidate), one in zip(self.proposed, closeness, strict=True):
+            failed = one == 1
+            (self.found if failed and is_new else self.missed)[source] += 1
+            if failed:
+                self.failures.append(candidate.parameters)
+
+    def _choose(self) -> Draw:
+        usable = len(self.sources) if self.failures else len(self.sources) - 1
+        self.source = int(self.rng.beta(self.found[:usable], self.missed[:usable]).argmax())
+        return self.sources[self.source]
+
+    def _changed(self) -> dict[str, float]:
+        """Return changed parameters of a failure."""
+        ranges = self.space.parameters
+        parent = self.failures[self.rng.integers(len(self.failures))]
+        steps = {key: self.rng.normal(0, STEP) for key in ranges}
+        return {key: one.at(one.share(parent[key]) + steps[key]) for key, one in ranges.items()}
+
+
+class TpeSampler(Sampler):
+    """A sampler of Optuna's TPE, which proposes parameters that resemble those of failures.
+
+    As in `ArchiveSampler`, only roads in cells without a failure are driven.
+
+    Args:
+        space: roads and days.
+        seed: random seed.
+        archive: cells of the search, which the caller keeps up to date.
+        startup: number of first drives, which are at random.
+
+    Raises:
+        InputError: Optuna is not installed.
+    """
+
+    proposals = 8
+
+    def __init__(self, space: SearchSpace, seed: int, archive: Archive, startup: int) -> None:
+        try:
+            import optuna
+        except ImportError:
+            raise InputError(
+                "sampler=tpe: Optuna is not installed; pip install 'drivezoo[optuna]', or use "
+                "sampler=random"
+            ) from None
+        super().__init__(space, seed, archive)
+        self.ranges = {
+            key: optuna.distributions.FloatDistribution(one.low, one.high, log=one.log)
+            for key, one in space.parameters.items()
+        }
+        self.abandoned = optuna.trial.TrialState.FAIL
+        optuna.logging.set_verbosity(optuna.logging.ERROR)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)  # multivariate
+            sampler = optuna.samplers.TPESampler(
+                seed=seed, n_startup_trials=startup, multivariate=True
+            )
+        self.study = optuna.create_study(direction="maximize", sampler=sampler)
+
+    def learn(self, closeness: Sequence[float]) -> None:
+        """Take the closeness to failure of the proposed roads' drives."""
+        for (trial, *_), one in zip(self.proposed, closeness, strict=True):
+            self.study.tell(trial, one)
+
+    def _choose(self) -> Draw:
+        return self._ask
+
+    def _ask(self) -> dict[str, float]:
+        self.source = self.study.ask(self.ranges)
+        return self.source.params
+
+    def _abandon(self) -> None:
+        self.study.tell(self.source, state=self.abandoned)
+
+
+def make_sampler(options: SearchOptions, space: SearchSpace, archive: Archive) -> Sampler:
+    """Return the sampler that the options name."""
+    if options.sampler == "archive":
+        return ArchiveSampler(space, options.seed, archive)
+    if options.sampler == "tpe":
+        startup = max(BATCH, int(STARTUP * options.budget))
+        return TpeSampler(space, options.seed, archive, startup)
+    return Sampler(space, options.seed, archive, whole_family=options.sampler == "family")

@@ -12,8 +12,7 @@ from zoo.cli.closing_lines import print_next
 from zoo.drives.bootstrap import poisson_rate
 from zoo.drives.intervals import ONE_TRACK
 from zoo.runs.table import with_interval
-from zoo.verdict.causes import likely_causes, train_again
-from zoo.verdict.evidence import Evidence, no_verdict
+from zoo.verdict.evidence import Evidence, likely_causes, no_verdict, train_again
 
 DRIVES, ALMOST, FAILS, UNKNOWN = "drives", "almost", "fails", "unknown"
 WORDS = {FAILS: "does not drive", ALMOST: "nearly drives", UNKNOWN: "unknown", DRIVES: "drove"}

@@ -8,7 +8,7 @@ an intervention: the car is put back on the path.
 The score agrees with driving: on a lap of the lake by the expert, the rank correlation (Spearman)
 of the replay's interventions with those of the same lap driven is 0.93 at 30 mph and 0.98 at
 15 mph, over 15 checkpoints. That of the mean squared error is 0.28 and 0.14. Measured by
-`python benchmarks/policies.py replays RECORDING CKPT...`. Limits:
+`python benchmarks/measurements.py replays RECORDING CKPT...`. Limits:
 
 - The recorded path counts as the centre of the lane. If the recorded driver weaves, or drives off
   the centre, a network that keeps to the centre gets a bad score.

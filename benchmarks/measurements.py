@@ -1,0 +1,208 @@
+"""Measurements that the manual quotes: `python benchmarks/measurements.py NAME ...`.
+
+Each is a function: of policies, of the storage of images, and of the embedded world.
+"""
+
+import random
+import time
+from collections.abc import Callable
+from itertools import chain
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from scipy.stats import spearmanr
+
+from benchmarks.material import pictures
+from benchmarks.measuring import print_table, run_named
+from datamodules.image import decode_image, read_image
+from datamodules.recording_format import read_recordings
+from datamodules.view import View
+from simulator.expert import Expert, ExpertSettings
+from simulator.road_family import draw_road, family_names, find_family
+from simulator.track import Track
+from simulator.track_names import track_names
+from simulator.world import World as Embedded
+from simulator.world import open_world
+from zoo.checkpoints.checkpoint_path import find_checkpoint
+from zoo.checkpoints.policy import load_policy
+from zoo.worlds.run_drives import all_drives
+from zoo.worlds.scenario import Scenario
+
+
+def frames_of(folder: str, count: int) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+    """Return centre frames spread over a recording, their speeds in mph and their steering."""
+    recording = read_recordings(folder)
+    rows = np.linspace(0, len(recording) - 1, min(count, len(recording))).astype(int)
+    frames = [read_image(Path(path)) for path in recording.images[rows, 0]]
+    return frames, recording.speed_mph[rows], recording.steering[rows]
+
+
+def doubt(folder: str, *checkpoints: str) -> None:
+    """Compare spread and error of policies: `doubt RECORDING CKPT...`.
+
+    Over 300 frames of the centre camera: the mean absolute error of the steering, the mean spread,
+    the share of frames whose recorded steering lies within 1.96 spreads of the mean (0.95 for a
+    perfect spread), the rank correlation of spread and absolute error, and the CPU time of a frame
+    on one thread.
+    """
+    torch.set_num_threads(1)
+    frames, speeds, steering = frames_of(folder, 300)
+    rows = []
+    for checkpoint in checkpoints:
+        policy = load_policy(find_checkpoint(checkpoint))
+        for frame in frames[:5]:  # warms up
+            policy(frame, 9.0)
+        began = time.process_time()
+        answers = [policy(*pair) for pair in zip(frames, map(float, speeds), strict=True)]
+        took_ms = 1000 * (time.process_time() - began) / len(frames)
+        spread = np.array([answer.spread for answer in answers], float)
+        error = np.abs([answer.steering for answer in answers] - steering)
+        means = [f"{error.mean():.3f}", f"{spread.mean():.3f}"]
+        means.append(f"{(error <= 1.96 * spread).mean():.2f}")
+        rows.append([policy.name, *means, f"{spearmanr(spread, error)[0]:.2f}", f"{took_ms:.1f}"])
+    print_table(["policy", "error", "spread", "within", "correlation", "CPU ms"], rows)
+
+
+def replays(folder: str, *checkpoints: str) -> None:
+    """Compare replays with drives: `replays RECORDING CKPT...`.
+
+    RECORDING is of the embedded lake (`drivezoo simulator record track=lake laps=1 out=FOLDER`).
+    Each checkpoint is replayed on it, and drives a lap of the lake twice: with the replay's speed
+    and interventions at 1 m, and with the settings of `drivezoo evaluate`. Rank correlations
+    (Spearman) show whether the interventions of replays, and the mean squared errors on the same
+    rows, order the checkpoints as drives do.
+    """
+    from zoo.drives.metrics import measure
+    from zoo.worlds.replay_world import ReplayWorld
+
+    recording = read_recordings(folder)
+    frames, speeds, true = frames_of(folder, len(recording))
+    same = Scenario("lake", speed=float(np.median(speeds)), margin=1.0)
+    rows = []
+    for checkpoint in map(find_checkpoint, checkpoints):
+        policy = load_policy(checkpoint)
+        drives = all_drives(policy, [Scenario()], world=ReplayWorld(recording))
+        drives += all_drives(str(checkpoint), [same, Scenario("lake")])
+        steering = [policy(*pair)[0] for pair in zip(frames, speeds, strict=True)]
+        mse = np.mean((np.array(steering) - true) ** 2)
+        rows.append([mse, *(measure(drive)["interventions"] for drive in drives)])
+        print(checkpoint, *rows[-1], flush=True)
+    mse, replayed, *driven = np.transpose(rows)
+    lines = [
+        [name, *(f"{spearmanr(offline, drives).statistic:+.2f}" for offline in (replayed, mse))]
+        for name, drives in zip(("same speed and margin", "evaluate"), driven, strict=True)
+    ]
+    print_table(["rank correlation with drives", "interventions of replays", "MSE"], lines)
+
+
+VIEW = View((40, 20), "rgb", (66, 200))
+
+
+def storage(folder: str | None = None) -> None:
+    """Measure the bytes of an image and how fast a core decodes it: `storage [RECORDING]`.
+
+    An image is stored as recorded, or as the view of `nvidia`.
+    """
+    files = sorted(Path(folder, "IMG").glob("*.jpg")) if folder else [*chain(*pictures().values())]
+    random.Random(0).shuffle(files)
+    cv2.setNumThreads(1)
+    recorded = [np.frombuffer(file.read_bytes(), np.uint8) for file in files[:600]]
+    views = [VIEW(decode_image(data.tobytes())) for data in recorded]
+
+    def encoded(kind: str, *settings: int) -> list[np.ndarray]:
+        return [cv2.imencode(kind, view[:, :, ::-1], settings)[1] for view in views]
+
+    def decoded(data: np.ndarray) -> np.ndarray:
+        return cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+
+    kinds: dict[str, tuple[list, Callable]] = {
+        "JPEG, as recorded": (recorded, lambda data: VIEW(decode_image(data.tobytes()))),
+        "view, JPEG of quality 95": (encoded(".jpg", cv2.IMWRITE_JPEG_QUALITY, 95), decoded),
+        "view, PNG": (encoded(".png"), decoded),
+    }
+    rows = []
+    for name, (data, decode) in kinds.items():
+        seconds = []
+        for _ in range(5):
+            began = time.process_time()
+            for item in data:
+                decode(item)
+            seconds.append(time.process_time() - began)
+        size = np.mean([item.nbytes for item in data])
+        rows.append([name, f"{size:,.0f}", f"{len(data) / min(seconds):,.0f}"])
+    print_table(["stored", "bytes", "images/s of a core, the best of five rounds"], rows)
+
+
+SLOWEST_MPS = 1.0  # a driver that is slower than this on average is stuck
+
+
+def roads(count: str = "1000") -> int:
+    """Draw roads of each family and let the expert drive them: `roads [ROADS]`.
+
+    It prints the roads drawn per second on one core, and how many of the first roads the expert
+    completes without leaving the road. No images are rendered. Seconds are processor time, so that
+    other processes do not change them. 1,000 roads of three families take 15 minutes.
+    """
+    rows, failures = [], []
+    for name in family_names():
+        family, seeds = find_family(name), range(int(count))
+        began = time.process_time()
+        drawn = [draw_road(family, seed) for seed in seeds]
+        per_second = len(drawn) / (time.process_time() - began)
+        # Drawn again, because a driven road keeps a table of its samples, up to 1 MB.
+        drives = [drive_road(draw_road(family, seed)) for seed in seeds]
+        failed = [
+            f"{road.name}: not completed, {most_m:.2f} m off the centreline"
+            for road, (complete, most_m) in zip(drawn, drives, strict=True)
+            if not complete
+        ]
+        cells = [name, f"{per_second:.0f}", f"{sum(road.length for road in drawn) / 1000:,.0f}"]
+        cells.append(f"{np.mean([road.closed for road in drawn]):.0%}")
+        cells.append(f"{len(drawn) - len(failed):,} of {len(drawn):,}")
+        rows.append([*cells, f"{max(most_m for _, most_m in drives):.2f}"])
+        failures += failed
+    print_table(["family", "roads/s", "km", "loops", "expert completes", "max cte, m"], rows)
+    print(*failures, sep="\n")
+    return int(bool(failures))
+
+
+def drive_road(road: Track) -> tuple[bool, float]:
+    """Let the expert drive a road; return whether it completes it, and its largest error in m."""
+    world, expert, most_m = Embedded(road), Expert(road), 0.0
+    while not world.is_complete(1.0):
+        world.step(*expert(world))
+        most_m = max(most_m, abs(world.cte))
+        if world.off_road or world.time > road.length / SLOWEST_MPS:
+            return False, most_m
+    return True, most_m
+
+
+def expert(*tracks: str) -> None:
+    """Measure how well the expert drives: `expert [TRACK...]`.
+
+    It drives ten laps of each track in both directions, without noise and with three seeds of
+    noise.
+    """
+    rows, laps = [], 10
+    for track in tracks or track_names():
+        for way in (1, -1):
+            for noise, seed in ((0.0, 0), (1.0, 1), (1.0, 2), (1.0, 3)):
+                world = open_world(track, "none", direction=way)
+                driver = Expert(world.track, ExpertSettings(noise=noise, seed=seed))
+                world.reset(seed)
+                driver.reset(seed)
+                errors, off = [], 0
+                while not world.is_complete(laps):
+                    world.step(*driver(world))
+                    errors.append(abs(world.cte))
+                    off += world.off_road
+                cells = [f"{np.mean(errors):.3f}", f"{max(errors):.2f}", f"{world.time / laps:.1f}"]
+                rows.append([track, f"{way:+d}", f"{noise:g}", seed, *cells, off])
+    head = ["track", "direction", "noise", "seed", "mean cte, m", "max cte, m", "lap, s"]
+    print_table([*head, "off road"], rows)
+
+
+if __name__ == "__main__":
+    run_named(doubt, expert, replays, roads, storage)
