@@ -86,7 +86,7 @@ def test_the_committed_pages_are_those_of_the_committed_figures(
     for path in (ROOT / "docs").glob("*.csv"):
         shutil.copy(path, "docs")
     if name == "offline_metrics":  # bootstraps for half a minute
-        monkeypatch.setattr("benchmarks.rank_correlations.RESAMPLINGS", 2)
+        monkeypatch.setattr("benchmarks.study_tables.RESAMPLINGS", 2)
     study.main([name, "runs=false"])
     written = capsys.readouterr().out.strip().split(", ")
     assert len(written) > 1 or name == "pretrained"

@@ -91,7 +91,7 @@ def serve_page(session: "EditSession", ckpt: str | None, port: int) -> None:
     from zoo.checkpoints.checkpoint_path import find_checkpoint
     from zoo.cli.console_progress import loading
     from zoo.edit.edit_page import EditPage, PageServer
-    from zoo.edit.frame_analysis import FrameAnalysis
+    from zoo.edit.edit_session import FrameAnalysis
 
     path, policy = "", None
     if ckpt:

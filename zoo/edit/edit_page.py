@@ -23,8 +23,7 @@ from zoo.drive.notices import Notices
 from zoo.drive.origin import OriginGuard
 from zoo.drive.page_requests import Answer, RequestError, json_answer, read_command, respond, route
 from zoo.drive.port_holder import port_holder
-from zoo.edit.edit_session import EditSession
-from zoo.edit.frame_analysis import FrameAnalysis
+from zoo.edit.edit_session import EditSession, FrameAnalysis
 
 HOST = "127.0.0.1"
 PATIENCE_S = 20.0  # for a whole request to arrive

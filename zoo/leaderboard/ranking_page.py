@@ -13,11 +13,12 @@ from zoo.base.terminal import print_line, printable
 from zoo.base.whole_file import write_output
 from zoo.cli.closing_lines import print_written
 from zoo.drives.drive_record import EMBEDDED
-from zoo.leaderboard.ranking import Entry, rank
-from zoo.leaderboard.ranking_table import (
+from zoo.leaderboard.ranking import (
+    Entry,
     Figure,
     folder_label,
     named_columns,
+    rank,
     ranked_figures,
     ranking_table,
     run_name,

@@ -22,8 +22,7 @@ from zoo.runs.run_folder import check_name
 from zoo.runs.saved_config import split_trust
 from zoo.runs.status import read_status
 from zoo.sweep import sweep_record as records
-from zoo.sweep.jobs import DONE
-from zoo.sweep.sweep_job import run_job
+from zoo.sweep.jobs import DONE, run_job
 from zoo.sweep.sweep_record import SavedSweep, check_overrides, resumed_from
 
 MULTIRUN = ("-m", "--multirun", "hydra.mode=MULTIRUN")

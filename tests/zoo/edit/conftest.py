@@ -15,8 +15,7 @@ from datamodules.recording_format import read_recordings
 from tests.recordings import Written
 from zoo.checkpoints.command import as_policy
 from zoo.edit.edit_page import EditPage, PageServer
-from zoo.edit.edit_session import EditSession
-from zoo.edit.frame_analysis import FrameAnalysis
+from zoo.edit.edit_session import EditSession, FrameAnalysis
 
 
 class ServedPage:

@@ -7,7 +7,7 @@ import numpy as np
 from datamodules.recording_format import read_recordings
 from tests.recordings import Written
 from zoo.checkpoints.command import Command, Policy
-from zoo.edit.frame_analysis import FrameAnalysis
+from zoo.edit.edit_session import FrameAnalysis
 
 
 class Counting(Policy):

@@ -18,9 +18,8 @@ from zoo.benchmark.checked_result import read_result
 from zoo.drives.drive_log import write_drive
 from zoo.drives.drive_record import SOCKET, Drive, DriveRow
 from zoo.leaderboard.__main__ import leaderboard
-from zoo.leaderboard.ranking import rank
+from zoo.leaderboard.ranking import named_columns, rank
 from zoo.leaderboard.ranking_page import Ranking
-from zoo.leaderboard.ranking_table import named_columns
 from zoo.leaderboard.scored import drive_folders, load_drive, load_run, read_scored, run_folders
 from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.status import write_status
