@@ -16,6 +16,7 @@ import tempfile
 import time
 from contextlib import suppress
 from dataclasses import asdict
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 
@@ -37,6 +38,7 @@ HERE = Path(__file__).parent
 OUT = Path("outputs/bench.json")
 PAGE = Path("docs/performance.md")
 PAGE_WORDS = {"docs", "readme"}
+MEASURE = "measure"  # first word of a part's process
 FIRST = ("feed", "training", "tiny", "start", "cache", "growth")  # parts about training
 LONGEST_S = 240  # of a part
 PACKAGES = ("torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
@@ -47,7 +49,7 @@ def run_part(name: str, short: bool, console: Console) -> list[Row]:
     console.print(f"{name} ...", highlight=False)
     with tempfile.TemporaryDirectory() as folder:
         out, log = Path(folder) / "rows.json", Path(folder) / "log.txt"
-        command = [sys.executable, str(HERE / f"{name}.py"), f"out={out}", *["short"] * short]
+        command = [sys.executable, __file__, MEASURE, name, str(out), *["short"] * short]
         with log.open("w") as output:
             own = child_environment()
             process = subprocess.Popen(command, env=own, stdout=output, stderr=output)
@@ -60,6 +62,12 @@ def run_part(name: str, short: bool, console: Console) -> list[Row]:
             console.print(log.read_text()[-2000:], failure, markup=False, highlight=False)
             return []
         return [Row(**row) for row in json.loads(out.read_text())]
+
+
+def measure_part(name: str, out: str, *short: str) -> None:
+    """Measure a part in this process, and write its rows to a file."""
+    rows = import_module(f"benchmarks.{name}").measure(bool(short))
+    Path(out).write_text(json.dumps([asdict(row) for row in rows]))
 
 
 def end_children() -> None:
@@ -138,4 +146,6 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
+    if sys.argv[1:2] == [MEASURE]:
+        sys.exit(measure_part(*sys.argv[2:]))
     sys.exit(main(sys.argv[1:]))

@@ -1,4 +1,4 @@
-"""Measure how fast all cores decode into the cache: `python benchmarks/cache.py`."""
+"""Measure how fast all cores decode into the cache: `make bench ONLY=cache`."""
 
 import multiprocessing
 import shutil
@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 
 from benchmarks.material import OUT, linked_recording
-from benchmarks.measuring import Row, compared, run_part, take_turns
+from benchmarks.measuring import Row, compared, take_turns
 from datamodules.image import decode_image
 from datamodules.view import View
 from datamodules.view_store import load_views
@@ -75,7 +75,3 @@ def seconds_of(work: Callable[[], object]) -> float:
     began = time.perf_counter()
     work()
     return time.perf_counter() - began
-
-
-if __name__ == "__main__":
-    run_part(measure)

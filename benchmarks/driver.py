@@ -1,4 +1,4 @@
-"""Measure the driver's throughput and latency per network: `python benchmarks/driver.py`.
+"""Measure the driver's throughput and latency per network: `make bench ONLY=driver`.
 
 The client has the original's protocol and 60 frames per second. Its two loops send at most 120
 telemetry messages per second, each frame twice. Latency is the time from the last byte of a frame
@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.material import random_policy
-from benchmarks.measuring import Row, run_part
+from benchmarks.measuring import Row
 from simulator.legacy_socket import OPENED, LegacySocket
 from simulator.telemetry import make_telemetry
 from zoo.cli.compose import choices
@@ -94,7 +94,3 @@ def serve_each(names: list[str], pipe: Connection) -> None:
             server.close()
             writer.close({})
         pipe.send(driver.tally.figures()["latency_percentiles_ms"])
-
-
-if __name__ == "__main__":
-    run_part(measure)

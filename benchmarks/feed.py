@@ -1,4 +1,4 @@
-"""Compare our feeding with a DataLoader's, and windows with frames: `python benchmarks/feed.py`."""
+"""Compare our feeding with a DataLoader's, and windows with frames: `make bench ONLY=feed`."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -11,7 +11,7 @@ import torch
 from torch.utils.data import DataLoader, Dataset
 
 from benchmarks.material import AUGMENT, config_for, linked_recording, loaded_data
-from benchmarks.measuring import Row, compared, run_part, take_turns
+from benchmarks.measuring import Row, compared, take_turns
 from datamodules.driving import DrivingData
 from zoo.training.host_settings import keep_freed_memory
 
@@ -96,7 +96,3 @@ def rate(sizes: Iterator[int], batches: int) -> Callable[[], float]:
         return count / (time.perf_counter() - began)
 
     return run
-
-
-if __name__ == "__main__":
-    run_part(measure)

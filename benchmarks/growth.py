@@ -1,4 +1,4 @@
-"""Measure time and memory by stage and rows: `python benchmarks/growth.py [ROWS...] [docs]`.
+"""Measure time and memory by stage and rows: `python benchmarks/growth.py ROWS... [docs]`.
 
 Time is processor time of all threads, so that other processes do not change it. 300,000 rows take
 ten minutes. Images are hard links to the same few files. `docs` also writes docs/growth.md.
@@ -24,7 +24,6 @@ from benchmarks.measuring import (
     medians,
     print_table,
     ratios,
-    run_part,
     write_between,
 )
 from zoo.base.cores import usable_cores
@@ -128,4 +127,4 @@ def main(sizes: list[int], docs: bool) -> None:
 
 if __name__ == "__main__":
     numbers = [int(word) for word in sys.argv[1:] if word.isdigit()]
-    main(numbers, "docs" in sys.argv[1:]) if numbers else run_part(measure)
+    main(numbers, "docs" in sys.argv[1:])

@@ -1,4 +1,4 @@
-"""Compare training with Keras: `KERAS_PYTHON=... python benchmarks/keras_training.py`.
+"""Compare training with Keras: `KERAS_PYTHON=... make bench ONLY=keras_training`.
 
 The reference is a well-known solution of the course (`keras_solution.py`), with its own settings
 and TensorFlow's defaults. It runs in the interpreter that `KERAS_PYTHON` names, such as
@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from benchmarks.material import OUT, linked_recording
-from benchmarks.measuring import Row, compared, contestants, ratios, run_part, take_turns
+from benchmarks.measuring import Row, compared, contestants, ratios, take_turns
 
 ROWS = 2_000
 BARE, SHARE = "bare loop/s", 0.95
@@ -92,7 +92,3 @@ def _ask(process: subprocess.Popen) -> float:
     process.stdin.write("\n")
     process.stdin.flush()
     return float(process.stdout.readline())
-
-
-if __name__ == "__main__":
-    run_part(measure)

@@ -1,18 +1,16 @@
 """Functions of measurements and studies: commands, tables, CSV files, and fair turns of measures.
 
-A part of `make bench` is a file here with `measure(short) -> list[Row]`. It runs alone, by `python
-benchmarks/PART.py [short]`, or together with others, by `python benchmarks/bench.py`.
+A part of `make bench` is a file here with `measure(short) -> list[Row]`.
 """
 
 import csv
-import json
 import multiprocessing
 import os
 import statistics
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from inspect import signature
 from multiprocessing.connection import Connection
@@ -267,13 +265,3 @@ def print_rows(rows: list[Row]) -> None:
         figures = ", ".join(f"{name} {value:,.4g}" for name, value in row.figures.items())
         lines.append([f"{row.what}\n[dim]{figures}[/dim]", *row.cells()])
     print_table(["what", *COLUMNS], lines)
-
-
-def run_part(measure: Callable[[bool], list[Row]]) -> None:
-    """Run a part with the command's arguments: `[short] [out=FILE]`."""
-    rows = measure("short" in sys.argv[1:])
-    out = [word.removeprefix("out=") for word in sys.argv[1:] if word.startswith("out=")]
-    if out:
-        Path(out[0]).write_text(json.dumps([asdict(row) for row in rows]))
-    else:
-        print_rows(rows)

@@ -1,8 +1,8 @@
-"""Measure the simulator's frames per second on one core: `python benchmarks/rendering.py`."""
+"""Measure the simulator's frames per second on one core: `make bench ONLY=rendering`."""
 
 import time
 
-from benchmarks.measuring import Row, medians, run_part, take_turns
+from benchmarks.measuring import Row, medians, take_turns
 from datamodules.driving_log import CAMERAS
 from simulator.world import Start, World, open_world
 
@@ -31,7 +31,3 @@ def measure(short: bool) -> list[Row]:
         Row(f"drawing the lake, {name}", f"{RATE} frames/s", [rate / RATE], figures={"/s": rate})
         for name, rate in rates.items()
     ]
-
-
-if __name__ == "__main__":
-    run_part(measure)

@@ -1,4 +1,4 @@
-"""Measure the cost of scoring beyond rendering and network: `python benchmarks/scored_lap.py`.
+"""Measure the cost of scoring beyond rendering and network: `make bench ONLY=scored_lap`.
 
 It compares the CPU time of a scored drive on the lake with that of rendering the same frames and
 running the network on them, each on one thread. PilotNet has random weights; the car is put back
@@ -8,7 +8,7 @@ often, which costs nothing extra.
 import time
 
 from benchmarks.material import random_policy
-from benchmarks.measuring import Row, medians, ratios, run_part, take_turns
+from benchmarks.measuring import Row, medians, ratios, take_turns
 from simulator.world import Start
 from zoo.drives.drive_record import Drive
 from zoo.worlds.drive_loop import drive
@@ -56,7 +56,3 @@ def measure(short: bool) -> list[Row]:
     what = f"{laps:g} scored laps of the lake, nvidia, one core"
     ratio, parts = ratios(turns["scored s"], sums), "rendering alone + network alone"
     return [Row(what, parts, ratio, 1.2, False, medians(turns))]
-
-
-if __name__ == "__main__":
-    run_part(measure)

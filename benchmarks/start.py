@@ -1,4 +1,4 @@
-"""Measure the time to the first training step: `python benchmarks/start.py`."""
+"""Measure the time to the first training step: `make bench ONLY=start`."""
 
 import os
 import shutil
@@ -7,7 +7,7 @@ import sys
 import time
 
 from benchmarks.material import CACHE, linked_recording
-from benchmarks.measuring import Row, compared, run_part, take_turns
+from benchmarks.measuring import Row, compared, take_turns
 
 RUN = "outputs/bench/start"
 IMPORTS = "import torch, lightning"
@@ -50,7 +50,3 @@ def run_python(arguments: list[str]) -> tuple[float, float]:
     seconds, after = time.perf_counter() - began, os.times()
     used = after.children_user + after.children_system
     return seconds, used - before.children_user - before.children_system
-
-
-if __name__ == "__main__":
-    run_part(measure)

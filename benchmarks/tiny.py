@@ -1,4 +1,4 @@
-"""Measure the overhead of training with a network of 41 parameters: `python benchmarks/tiny.py`.
+"""Measure the overhead of training with a network of 41 parameters: `make bench ONLY=tiny`.
 
 It compares a whole fit of `drivezoo train`, with validation, checkpoints, logs and progress, with a
 bare loop of as many steps over the same batches in memory.
@@ -10,7 +10,7 @@ import torch
 from rich.console import Console
 
 from benchmarks.material import OUT, config_for, linked_recording, loaded_data, ready_to_fit
-from benchmarks.measuring import Row, compared, medians, run_part, take_turns
+from benchmarks.measuring import Row, compared, medians, take_turns
 from datamodules.driving import DrivingData
 
 SAMPLES, BATCH, EPOCHS = 24_000, 128, 30
@@ -68,7 +68,3 @@ def fit(config: object, data: DrivingData) -> float:
     began = time.perf_counter()
     trainer.fit(module, datamodule=data)
     return time.perf_counter() - began
-
-
-if __name__ == "__main__":
-    run_part(measure)

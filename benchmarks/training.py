@@ -1,4 +1,4 @@
-"""Measure training nvidia, whole runs and bare loops: `python benchmarks/training.py`.
+"""Measure training nvidia, whole runs and bare loops: `make bench ONLY=training`.
 
 Five processes take turns: `drivezoo train`, epoch by epoch; a bare loop with the same network and
 settings on tensors in memory; that loop with torch's defaults; and a loop fed by a DataLoader,
@@ -28,7 +28,7 @@ from benchmarks.material import (
     loaded_data,
     random_network,
 )
-from benchmarks.measuring import Row, compared, contestants, run_part, take_turns
+from benchmarks.measuring import Row, compared, contestants, take_turns
 from zoo.training.host_settings import multiplies_bf16
 
 BATCH, WORKERS, ROWS = 64, 4, 2_000
@@ -254,7 +254,3 @@ def flops_of_sample(name: str) -> float:
     with FlopCounterMode(display=False) as counter:
         predict(network.train(), batch).square().mean().backward()
     return counter.get_total_flops() / 2
-
-
-if __name__ == "__main__":
-    run_part(measure)

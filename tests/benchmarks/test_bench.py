@@ -68,13 +68,6 @@ def test_a_part_that_there_is_none_of_is_named(tmp_path: Path) -> None:
     assert result.stdout.startswith("bench: fed: no such part; available: feed, training, tiny,")
 
 
-def test_every_part_can_run_alone() -> None:
-    for path in (ROOT / "benchmarks").glob("*.py"):
-        text = path.read_text()
-        if "\ndef measure(" in text:
-            assert "run_part(measure)" in text, path.name
-
-
 def test_the_part_that_needs_keras_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
