@@ -1,4 +1,4 @@
-"""Measure time and memory by stage and rows: `python benchmarks/growth.py ROWS... [docs]`.
+"""Measure time and memory by stage and rows: `python benchmarks/growth.py [ROWS...] [docs]`.
 
 Time is processor time of all threads, so that other processes do not change it. 300,000 rows take
 ten minutes. Images are hard links to the same few files. `docs` also writes docs/growth.md.
@@ -127,4 +127,4 @@ def main(sizes: list[int], docs: bool) -> None:
 
 if __name__ == "__main__":
     numbers = [int(word) for word in sys.argv[1:] if word.isdigit()]
-    main(numbers, "docs" in sys.argv[1:])
+    main(numbers or [4_000, 20_000], "docs" in sys.argv[1:])
