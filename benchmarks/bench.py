@@ -23,14 +23,7 @@ from pathlib import Path
 import psutil
 from rich.console import Console
 
-from benchmarks.measuring import (
-    COLUMNS,
-    Row,
-    make_console,
-    markdown_table,
-    print_rows,
-    write_between,
-)
+from benchmarks import measuring
 from zoo.base.child_process import child_environment
 from zoo.base.cores import usable_cores
 
@@ -44,7 +37,7 @@ LONGEST_S = 240  # of a part
 PACKAGES = ("torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
 
 
-def run_part(name: str, short: bool, console: Console) -> list[Row]:
+def run_part(name: str, short: bool, console: Console) -> list[measuring.Row]:
     """Return a part's rows; if it fails, print its output and return none."""
     console.print(f"{name} ...", highlight=False)
     with tempfile.TemporaryDirectory() as folder:
@@ -61,7 +54,7 @@ def run_part(name: str, short: bool, console: Console) -> list[Row]:
             failure = f"{name}: failed, or took more than {LONGEST_S} s"
             console.print(log.read_text()[-2000:], failure, markup=False, highlight=False)
             return []
-        return [Row(**row) for row in json.loads(out.read_text())]
+        return [measuring.Row(**row) for row in json.loads(out.read_text())]
 
 
 def measure_part(name: str, out: str, *short: str) -> None:
@@ -103,7 +96,7 @@ def main(arguments: list[str]) -> int:
     """Print the table; return 1 if a part failed."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
-    console, short, chosen = make_console(), "short" in arguments, []
+    console, short, chosen = measuring.make_console(), "short" in arguments, []
     names = sorted(path.stem for path in HERE.glob("*.py") if "\ndef measure(" in path.read_text())
     names = [*FIRST, *(name for name in names if name not in FIRST)]
     for word in arguments:
@@ -128,7 +121,7 @@ def main(arguments: list[str]) -> int:
         rows, failed = [*rows, *of_part], failed or not of_part
         took[name] = round(time.perf_counter() - before, 1)
     seconds = time.perf_counter() - began
-    print_rows(rows)
+    measuring.print_rows(rows)
     facts = (
         f"{contents['processor']}, {contents['cores']} cores, load {contents['load_before'][0]:.1f}"
         f" before the start; torch {contents['versions']['torch']}; {seconds:.0f} s"
@@ -140,8 +133,8 @@ def main(arguments: list[str]) -> int:
     OUT.write_text(json.dumps(contents, indent=1) + "\n")
     if PAGE_WORDS & set(arguments):
         lines = [[row.what, *row.cells()] for row in rows]
-        table = markdown_table(["what", *COLUMNS], lines, left=2)
-        write_between(PAGE, "bench", f"{table}\n\n{facts}.")
+        table = measuring.markdown_table(["what", *measuring.COLUMNS], lines, left=2)
+        measuring.write_between(PAGE, "bench", f"{table}\n\n{facts}.")
     return int(failed)
 
 

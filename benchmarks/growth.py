@@ -16,16 +16,8 @@ from pathlib import Path
 import psutil
 from rich.console import Console
 
+from benchmarks import measuring
 from benchmarks.material import OUT, config_for, linked_recording, ready_to_fit
-from benchmarks.measuring import (
-    Row,
-    contestants,
-    markdown_table,
-    medians,
-    print_table,
-    ratios,
-    write_between,
-)
 from zoo.base.cores import usable_cores
 
 MEMORY = "memory without the page cache, MB"
@@ -33,14 +25,14 @@ EPOCH = "an epoch"
 DOCS = Path("docs/growth.md")
 
 
-def measure(short: bool) -> list[Row]:
+def measure(short: bool) -> list[measuring.Row]:
     """Compare an epoch of many rows with one of few; its time counts for each row."""
     few, many, rounds = (200, 400, 1) if short else (4_000, 20_000, 2)
     epochs = [stages[EPOCH] for stages in stages_of([few, many] * rounds)]
-    figures = medians({f"{few} rows s": epochs[::2], f"{many} rows s": epochs[1::2]})
-    ratio = ratios(epochs[1::2], [many / few * seconds for seconds in epochs[::2]])
+    figures = measuring.medians({f"{few} rows s": epochs[::2], f"{many} rows s": epochs[1::2]})
+    ratio = measuring.ratios(epochs[1::2], [many / few * seconds for seconds in epochs[::2]])
     reference = f"{many // few} times that of {few:,}"
-    return [Row(f"{EPOCH}, {many:,} rows", reference, ratio, 1.1, False, figures)]
+    return [measuring.Row(f"{EPOCH}, {many:,} rows", reference, ratio, 1.1, False, figures)]
 
 
 def stages_of(sizes: list[int]) -> list[dict[str, float]]:
@@ -55,7 +47,7 @@ def stages_of(sizes: list[int]) -> list[dict[str, float]]:
             f"{number}": (run_stages, str(folder), f"{place}/{number}")
             for number, folder in enumerate(folders)
         }
-        with contestants(targets, asleep=True) as measures:
+        with measuring.contestants(targets, asleep=True) as measures:
             return [measure() for measure in measures.values()]
 
 
@@ -115,14 +107,14 @@ def main(sizes: list[int], docs: bool) -> None:
         by_row = figures[-1] / figures[0] / (sizes[-1] / sizes[0])
         cells = [f"{figure:,.0f}" if in_mb else f"{figure:,.2f}" for figure in figures]
         rows.append([stage, *cells, "" if in_mb else f"{by_row:.2f}"])
-    print_table(head, rows)
+    measuring.print_table(head, rows)
     if docs:
         text = (
             f"Written by `python benchmarks/growth.py {' '.join(map(str, sizes))} docs`. Seconds "
             f"are processor time of all threads, on {usable_cores()} cores with a load of "
             f"{load:.1f} before the start, one run each.\n\n"
         )
-        write_between(DOCS, "growth", text + markdown_table(head, rows))
+        measuring.write_between(DOCS, "growth", text + measuring.markdown_table(head, rows))
 
 
 if __name__ == "__main__":

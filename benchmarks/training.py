@@ -20,14 +20,7 @@ from multiprocessing.connection import Connection
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from benchmarks.material import (
-    AUGMENT,
-    OUT,
-    config_for,
-    linked_recording,
-    loaded_data,
-    random_network,
-)
+from benchmarks import material
 from benchmarks.measuring import Row, compared, contestants, take_turns
 from zoo.training.host_settings import multiplies_bf16
 
@@ -52,7 +45,7 @@ def measure(short: bool) -> list[Row]:
         "sample by sample/s": (run_samples, seconds),
         LIMIT: (run_product, "cpu", 64 if short else SIDE, torch.float32),
     }
-    linked_recording(ROWS)  # created once, before the processes need it
+    material.linked_recording(ROWS)  # created once, before the processes need it
     with contestants(targets) as measures:
         found = take_turns(measures, rounds)
         with busy_core():
@@ -108,9 +101,9 @@ def run_zoo(pipe: Connection, batches: int, *more: str) -> None:
     # It imports Lightning, which other targets do not need.
     from benchmarks.training_callbacks import train_by_turns
 
-    config = config_for(
-        linked_recording(ROWS),
-        AUGMENT,
+    config = material.config_for(
+        material.linked_recording(ROWS),
+        material.AUGMENT,
         "model=nvidia",
         "callbacks=published",
         f"data.batch_size={BATCH}",
@@ -119,7 +112,7 @@ def run_zoo(pipe: Connection, batches: int, *more: str) -> None:
         "trainer.accelerator=cpu",
         *more,
     )
-    train_by_turns(pipe, config, OUT / "-".join(["run", *more]))
+    train_by_turns(pipe, config, material.OUT / "-".join(["run", *more]))
 
 
 def run_bare(pipe: Connection, seconds: float, tuned: bool) -> None:
@@ -147,7 +140,9 @@ def run_samples(pipe: Connection, seconds: float) -> None:
 
     from benchmarks.feed import SampleBySample, endless
 
-    data = loaded_data(config_for(linked_recording(ROWS), AUGMENT, "model=nvidia"))
+    data = material.loaded_data(
+        material.config_for(material.linked_recording(ROWS), material.AUGMENT, "model=nvidia")
+    )
     # Without it the workers would be started as this process was, and import everything again.
     usual = {"multiprocessing_context": multiprocessing.get_all_start_methods()[0]}
     loader = DataLoader(SampleBySample(data), BATCH, shuffle=True, num_workers=WORKERS, **usual)
@@ -239,7 +234,7 @@ def wait_for(device: str) -> None:
 def untrained(name: str, samples: int) -> tuple[torch.nn.Module, dict[str, torch.Tensor]]:
     """Return a network with random weights, and a batch of noise."""
     torch.manual_seed(0)
-    network, view, _ = random_network(name)
+    network, view, _ = material.random_network(name)
     height, width, channels = view.shape
     frames = (getattr(network, "sequence", 1),) if getattr(network, "sequence", 1) > 1 else ()
     images = torch.randint(0, 256, (samples, *frames, channels, height, width), dtype=torch.uint8)

@@ -13,18 +13,11 @@ from zoo.base.errors import StoppedError
 from zoo.base.new_folder import command_folder
 from zoo.base.terminal import printable
 from zoo.base.whole_file import write_whole
+from zoo.benchmark import marks
 from zoo.benchmark.baselines import BASELINES
 from zoo.benchmark.benchmark_options import BenchmarkOptions
 from zoo.benchmark.checked_result import read_result
 from zoo.benchmark.drives import UNFINISHED, FinishedDrives, drive_suite, find_drivers
-from zoo.benchmark.marks import (
-    Reached,
-    drives_table,
-    marks_table,
-    missed_line,
-    reached_marks,
-    write_marks,
-)
 from zoo.benchmark.result import (
     VERSION,
     BenchmarkResult,
@@ -68,7 +61,7 @@ class Benchmarked(Result):
 
     folder: Path
     result: BenchmarkResult
-    reached: Sequence[Reached]
+    reached: Sequence[marks.Reached]
     written: list[Path] = field(default_factory=list)
     suite: str = ""
 
@@ -90,7 +83,7 @@ class Benchmarked(Result):
     @property
     def problem(self) -> str:
         """Return what makes the benchmark fail; empty if nothing does."""
-        return nan_line(self.result) or missed_line(self.reached)
+        return nan_line(self.result) or marks.missed_line(self.reached)
 
     def __fspath__(self) -> str:
         """Return the folder, so that commands take the result as a path."""
@@ -105,7 +98,7 @@ class Benchmarked(Result):
         console = Console(emoji=False)
         print_result(self.result, console)
         if self.reached:
-            shown = marks_table(self.reached).printed(title="Marks", box=SIMPLE_HEAD)
+            shown = marks.marks_table(self.reached).printed(title="Marks", box=SIMPLE_HEAD)
             console.print(shown, highlight=False)
         # A suite of the user's is named to verify it.
         named = [f"suite={self.suite}"] if self.suite.endswith((".yaml", ".yml")) else []
@@ -164,9 +157,9 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
         )
         written = write_entry(folder, result)
         finished.remove()
-        reached = reached_marks(result, suite.marks)
+        reached = marks.reached_marks(result, suite.marks)
         if reached:
-            written += write_marks(folder, result, reached)
+            written += marks.write_marks(folder, result, reached)
         benchmarked = Benchmarked(folder, result, reached, written, options.suite)
         written += options.write_files(benchmarked)
         return benchmarked
@@ -187,7 +180,7 @@ def write_entry(folder: Path, result: BenchmarkResult) -> list[Path]:
         differences=difference_lines(result),
         caption=CAPTION,
         checkpoints=Table.of(headings, rows),
-        drives=drives_table(result.drives),
+        drives=marks.drives_table(result.drives),
     )
     return [write_result(folder, result), write_whole(folder / PAGE, page)]
 

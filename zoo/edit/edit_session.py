@@ -7,19 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from datamodules import recording_edits
+from datamodules import notable_rows, recording_edits
 from datamodules.edited_recording import WrittenRecording, write_edited
 from datamodules.image import read_image
-from datamodules.notable_rows import (
-    NotableRow,
-    frame_difference,
-    largest_errors,
-    odd_frames,
-    sharpest_bends,
-    standstills,
-    steering_jumps,
-    thumbnail,
-)
 from datamodules.recording import Recording
 from datamodules.recording_edits import Edits
 from datamodules.stretches import find_breaks
@@ -200,16 +190,16 @@ class FrameAnalysis:
         if self._thread.is_alive():
             self._thread.join()
 
-    def notable(self) -> dict[str, list[NotableRow]]:
+    def notable(self) -> dict[str, list[notable_rows.NotableRow]]:
         """Return the notable rows by kind; those of frames and errors among the analysed rows."""
         found = {
-            "bends": sharpest_bends(self.recording),
-            "jumps": steering_jumps(self.recording),
-            "frames": odd_frames(self.recording, self._differences),
-            "standstills": standstills(self.recording),
+            "bends": notable_rows.sharpest_bends(self.recording),
+            "jumps": notable_rows.steering_jumps(self.recording),
+            "frames": notable_rows.odd_frames(self.recording, self._differences),
+            "standstills": notable_rows.standstills(self.recording),
         }
         if self.policy is not None:
-            found["errors"] = largest_errors(self.recording, self.predicted)
+            found["errors"] = notable_rows.largest_errors(self.recording, self.predicted)
         return found
 
     def _analyse(self) -> None:
@@ -227,9 +217,9 @@ class FrameAnalysis:
         path = self.recording.images[row, 0]
         last, self._last = self._last, None
         try:
-            self._last = thumbnail(path)
+            self._last = notable_rows.thumbnail(path)
             if last is not None:
-                self._differences[row] = frame_difference(last, self._last)
+                self._differences[row] = notable_rows.frame_difference(last, self._last)
         except (OSError, ValueError):
             self._differences[row] = np.inf
         if self.policy is None:
