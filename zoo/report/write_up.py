@@ -6,24 +6,13 @@ from pathlib import Path
 from zoo.base.errors import InputError
 from zoo.base.whole_file import refuse_links_out, write_whole
 from zoo.evaluate.drives_table import with_deviation
-from zoo.report import data_section, drive_section, training_section
-from zoo.report.blocks import (
-    Block,
-    Box,
-    Missing,
-    Section,
-    Text,
-    Tiles,
-    images_of,
-    to_html,
-    to_markdown,
-)
+from zoo.report import blocks, data_section, drive_section, training_section
 from zoo.report.reported_run import ReportedRun
 from zoo.verdict.evidence import evidence_of_run
 from zoo.verdict.judgement import judge
 
 FOLDER, PAGE, MARKDOWN = "report", "index.html", "report.md"
-Part = Callable[[ReportedRun], list[Block]]
+Part = Callable[[ReportedRun], list[blocks.Block]]
 
 
 def title_of(run: ReportedRun) -> str:
@@ -32,24 +21,24 @@ def title_of(run: ReportedRun) -> str:
     return f"{name}, quick" if run.config.get("quick") else str(name)
 
 
-def headline(run: ReportedRun) -> list[Block]:
+def headline(run: ReportedRun) -> list[blocks.Block]:
     """Return the verdict, a summary, and the figures of driving and of the open loop."""
-    blocks = [] if run.ended_early else [_verdict(run)]
+    shown = [] if run.ended_early else [_verdict(run)]
     trained_on = ", ".join(run.trained_on.roots) or "an unknown recording"
     name = run.config["model"]["name"]
-    blocks.append(Text(f"{name} steers a car from camera images. Trained on: {trained_on}."))
+    shown.append(blocks.Text(f"{name} steers a car from camera images. Trained on: {trained_on}."))
     if run.ended_early:
-        blocks.append(Missing(run.ended_early))
+        shown.append(blocks.Missing(run.ended_early))
     tiles = main_figures(run)
-    return [*blocks, Tiles(tiles)] if tiles else blocks
+    return [*shown, blocks.Tiles(tiles)] if tiles else shown
 
 
-def _verdict(run: ReportedRun) -> Block:
+def _verdict(run: ReportedRun) -> blocks.Block:
     evidence = evidence_of_run(run.folder, run.config, run.metrics)
     verdict = judge([drive.summary for drive in run.drives], evidence, replayed=run.replayed)
     lines = [*verdict.tracks, verdict.certainty]
     lines += ["Likely causes:"] if verdict.causes else []
-    return Box(verdict.level, verdict.headline, lines, verdict.causes, verdict.commands)
+    return blocks.Box(verdict.level, verdict.headline, lines, verdict.causes, verdict.commands)
 
 
 def main_figures(run: ReportedRun) -> list[tuple[str, str, str]]:
@@ -108,31 +97,31 @@ def write_report(folder: Path) -> Path:
     """
     run, place = ReportedRun.open(Path(folder)), Path(folder) / FOLDER
     refuse_links_out(run.folder)
-    sections = [Section(name, _blocks(run, parts)) for name, parts in SECTIONS.items()]
+    sections = [blocks.Section(name, _blocks(run, parts)) for name, parts in SECTIONS.items()]
     versions, when = run.metrics.get("versions") or {}, run.status.get("time") or ""
     title, footer = title_of(run), f"drivezoo {versions.get('drivezoo') or ''} {when[:10]}"
     try:
         place.mkdir(exist_ok=True)
         for section in sections:
-            for image in images_of(section.blocks):
+            for image in blocks.images_of(section.blocks):
                 write_whole(place / image.name, image.data)
-        write_whole(place / MARKDOWN, to_markdown(title, sections))
-        return write_whole(place / PAGE, to_html(title, sections, footer))
+        write_whole(place / MARKDOWN, blocks.to_markdown(title, sections))
+        return write_whole(place / PAGE, blocks.to_html(title, sections, footer))
     except OSError as error:
         raise InputError(f"{place}: cannot be written ({error.strerror or error})") from None
 
 
-def _blocks(run: ReportedRun, parts: Sequence[Part]) -> list[Block]:
+def _blocks(run: ReportedRun, parts: Sequence[Part]) -> list[blocks.Block]:
     """Return the blocks of a section; a part that cannot be created becomes a line, once."""
-    blocks: list[Block] = []
+    shown: list[blocks.Block] = []
     for part in parts:
         try:
-            blocks += part(run)
+            shown += part(run)
         except (InputError, OSError) as error:
-            line = Missing(str(error))
-            blocks += [] if line in blocks else [line]
+            line = blocks.Missing(str(error))
+            shown += [] if line in shown else [line]
         # A run of another version may hold anything; a report must not stop a training.
         except Exception as error:
             reason = " ".join([f"{type(error).__name__}:", *str(error).splitlines()[:1]])
-            blocks.append(Missing(f"This part could not be written ({reason})."))
-    return blocks
+            shown.append(blocks.Missing(f"This part could not be written ({reason})."))
+    return shown
