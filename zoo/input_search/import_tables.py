@@ -7,7 +7,8 @@ from rich.table import Table
 
 from zoo.input_search.combinations import Combination
 from zoo.input_search.judgement import Judgement
-from zoo.input_search.trials import Trial, Trials
+from zoo.input_search.tied_drives import STRETCH
+from zoo.input_search.trials import Trial
 from zoo.keras.keras_layers import LayerNote
 from zoo.runs.fitted_table import fitted_table
 from zoo.runs.table import Table as Columns
@@ -49,9 +50,9 @@ def input_table(found: Combination, sources: dict[str, str], width: int) -> Tabl
     return fitted_table("what the network sees", columns, [], width)[0]
 
 
-def trials_table(trials: Trials, judged: Judgement, width: int) -> Table:
+def trials_table(judged: Judgement, width: int) -> Table:
     """Return the best trials, the chosen one first, the others from the highest score."""
-    others = [one for one in trials.finalists if one is not judged.best]
+    others = [one for one in judged.trials.finalists if one is not judged.best]
     shown = [judged.best, *others][:SHOWN]
     rows = [
         (
@@ -68,7 +69,7 @@ def trials_table(trials: Trials, judged: Judgement, width: int) -> Table:
     if len(set(scale.cells)) > 1:  # else the file or the user tells it
         names.append(scale)
     frames = len(shown[0].steering)
-    title = f"the best of {len(trials.coarse)} inputs tried, on {frames} frames in bends"
+    title = f"the best of the inputs tried, on {frames} frames in bends"
     return fitted_table(title, names, columns[4:], width, first=2)[0]
 
 
@@ -94,9 +95,10 @@ def print_judgement(judged: Judgement, console: Console) -> None:
             f"{what} lower by {margin:.3f}"
         )
     for one in judged.driven:
+        drove = "drove" if one.kept else "left the lane after"
         lines.append(
-            f"drove 285 m of udacity_lake at 10 mph: {one.trial.combination.text()}: "
-            f"interventions: {one.interventions}, {one.cte_mean_m:.2f} m from the centreline"
+            f"{drove} {one.driven_m:.0f} m of {STRETCH.track} at {STRETCH.speed:g} mph, "
+            f"{one.cte_mean_m:.2f} m from the centreline: {one.trial.combination.text()}"
         )
     if judged.alike:
         alike = "; ".join(_difference(best, one) for one in judged.alike)

@@ -5,13 +5,14 @@ recorded steering along the recording, which keeps how it changes with time. For
 highest correlation of all combinations counts, since the search takes the highest, too.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from datamodules.view import RESIZES
-from zoo.input_search.combinations import SCALES
-from zoo.input_search.trials import Trial, Trials, correlations
+from zoo.input_search.combinations import SCALES, KnownInput, TrialFrames
+from zoo.input_search.trials import Network, Trial, Trials, correlations, try_all, try_inputs
 
 NULL_SHARE = 0.99
 LEAST_CORRELATION = 0.5  # the output explains a quarter of the steering's variance
@@ -21,16 +22,24 @@ LEAST_CORRELATION = 0.5  # the output explains a quarter of the steering's varia
 LEAST_AGREEMENT = 0.4
 SURE = 0.95
 RESAMPLES = 200
-BLOCK_ROWS = 10  # neighbouring frames are alike
+BLOCKS = 30  # neighbouring frames are alike
 SAME_STEERING = 0.02  # mean difference of two outputs that makes no difference in driving
 
 
 @dataclass(frozen=True)
 class Driven:
-    """A trial's input that drove a stretch of `udacity_lake`: how often it left the lane."""
+    """A trial's input that drove a stretch of `udacity_lake`.
+
+    Attributes:
+        trial: its trial.
+        driven_m: metres to its first intervention, or to the end.
+        kept: whether it reached the end without an intervention.
+        cte_mean_m: mean distance from the centreline, m.
+    """
 
     trial: Trial
-    interventions: int
+    driven_m: float
+    kept: bool
     cte_mean_m: float
 
 
@@ -46,6 +55,7 @@ class Judgement:
         alike: other finalists that steer the same as the best.
         tied: finalists that steer differently, but whose score may be as high as the best's.
         next: best finalist that is certainly different in score; None without one.
+        trials: all trials.
         driven: how well the best and the tied ones drove, the best first; empty if they did not.
     """
 
@@ -55,7 +65,37 @@ class Judgement:
     alike: tuple[Trial, ...]
     tied: tuple[Trial, ...]
     next: Trial | None
+    trials: Trials
     driven: tuple[Driven, ...] = ()
+
+
+def search(
+    network: Network,
+    known: KnownInput,
+    frames: TrialFrames,
+    show: Callable[[float], None] = lambda share: None,
+    show_best: Callable[[Trial], None] = lambda trial: None,
+) -> Judgement:
+    """Try inputs on some of the frames, and on all of them only what these cannot tell apart.
+
+    Args:
+        network: see `try_inputs`, as for all of these.
+        known: facts about the input.
+        frames: frames to try on.
+        show: function called with the finished share of the work, 0..1.
+        show_best: function called with the best trial of each stage.
+
+    Raises:
+        InputError: no combination fits.
+    """
+    trials = try_inputs(network, known, frames, show, show_best)
+    judged = judge(trials)
+    if not judged.tied or len(judged.best.steering) == len(frames.steering):
+        return judged
+    near = [judged.best, *judged.alike, *judged.tied, *([judged.next] if judged.next else [])]
+    again = try_all(network, [one.combination for one in near], frames, judged.best.free_scale)
+    show_best(again[0])
+    return judge(replace(trials, finalists=tuple(again)))
 
 
 def judge(trials: Trials, driven: tuple[Driven, ...] = ()) -> Judgement:
@@ -75,6 +115,7 @@ def judge(trials: Trials, driven: tuple[Driven, ...] = ()) -> Judgement:
         tuple(one for one in alike if one is not best),
         tuple(tied),
         next((one for one in different if one not in tied), None),
+        trials,
         driven,
     )
 
@@ -93,14 +134,14 @@ def _doubts(
     best: Trial, chance: float, samples: list[np.ndarray], driven: tuple[Driven, ...]
 ) -> list[str]:
     doubts = []
-    if driven and driven[0].interventions:
-        doubts.append(f"its drive had interventions: {driven[0].interventions}")
+    if driven and not driven[0].kept:
+        doubts.append(f"its drive left the lane after {driven[0].driven_m:.0f} m")
     if best.correlation <= chance:
         doubts.append(
             f"its correlation with the recorded steering, {best.correlation:.2f}, is not above "
             f"{chance:.2f}, which one of {len(best.steering):,} frames can reach by chance"
         )
-    elif driven and not driven[0].interventions:
+    elif driven and driven[0].kept:
         return []  # a drive without an intervention is the strongest evidence
     elif best.correlation < LEAST_CORRELATION:
         doubts.append(
@@ -147,7 +188,7 @@ def _low(values: np.ndarray) -> float:
 def _resamples(trial: Trial) -> list[np.ndarray]:
     """Return the rows of each bootstrap resample, drawn in blocks, int64 [N] each."""
     rows = len(trial.steering)
-    blocks = np.array_split(np.arange(rows), max(1, round(rows / BLOCK_ROWS)))
+    blocks = np.array_split(np.arange(rows), min(rows, BLOCKS))
     rng = np.random.default_rng(0)
     draws = rng.integers(len(blocks), size=(RESAMPLES, len(blocks)))
     return [np.concatenate([blocks[block] for block in draw]) for draw in draws]

@@ -32,9 +32,9 @@ from zoo.input_search.import_tables import (
     print_judgement,
     trials_table,
 )
-from zoo.input_search.judgement import judge
+from zoo.input_search.judgement import search
 from zoo.input_search.tied_drives import drive_tied
-from zoo.input_search.trials import Trial, try_inputs
+from zoo.input_search.trials import Trial
 from zoo.keras.keras_file import KerasModel, read_keras_apart
 from zoo.keras.keras_layers import ConvertedKeras, convert
 from zoo.models.make_network import make_network
@@ -160,11 +160,10 @@ def _search(
     with progress_bar("trying colours and crops", console) as show:
         some = read_trial_frames(recording, options.frames, lambda share: show(0.1 * share))
         make = network_maker(converted)
-        trials = try_inputs(make, known, some, lambda share: show(0.1 + 0.9 * share), show_best)
-        judged = judge(trials)
+        judged = search(make, known, some, lambda share: show(0.1 + 0.9 * share), show_best)
     if options.drive and other_car(recording) is None:
-        judged = judge(trials, drive_tied(judged, trials, write, console))
-    console.print(trials_table(trials, judged, console.width))
+        judged = drive_tied(judged, write, console)
+    console.print(trials_table(judged, console.width))
     print_judgement(judged, console)
     return judged.best.combination
 

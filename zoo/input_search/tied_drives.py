@@ -8,8 +8,8 @@ from rich.console import Console
 
 from zoo.drives.metrics import cte_mean_m, interventions
 from zoo.input_search.combinations import POPULAR
-from zoo.input_search.judgement import Driven, Judgement
-from zoo.input_search.trials import Trial, Trials
+from zoo.input_search.judgement import Driven, Judgement, judge
+from zoo.input_search.trials import Trial
 from zoo.worlds.run_drives import all_drives
 from zoo.worlds.scenario import Scenario
 
@@ -19,24 +19,17 @@ MOST_DRIVEN = 4
 
 
 def drive_tied(
-    judged: Judgement,
-    trials: Trials,
-    write: Callable[[Trial, Path], None],
-    console: Console,
-) -> tuple[Driven, ...]:
-    """Drive the best input, and return how well; with interventions also others.
+    judged: Judgement, write: Callable[[Trial, Path], None], console: Console
+) -> Judgement:
+    """Drive the best input, and others if it leaves the lane; return the judgement with drives.
 
-    These are `POPULAR` and those tied with it, the first of each colour and scale first, which
-    steer least alike.
+    The others are `POPULAR` and those tied with the best, the first of each colour and scale first,
+    which steer least alike. What correlates no better than by chance is not driven.
 
     Args:
         judged: judgement without drives.
-        trials: trials that were judged.
         write: function that writes a trial's checkpoint.
         console: console that shows the progress.
-
-    Returns:
-        What drove, the best first.
 
     Raises:
         InputError: a process was killed.
@@ -44,27 +37,30 @@ def drive_tied(
     groups = {
         (one.combination.view.colour, one.combination.scale): one for one in judged.tied[::-1]
     }
-    known = [judged.best, *judged.alike]
-    popular = [one for one in trials.finalists if one.combination == POPULAR and one not in known]
-    others = list(dict.fromkeys([*popular, *groups.values(), *judged.tied]))[: MOST_DRIVEN - 1]
-    driven = _drive([judged.best], write, console)
-    if driven[0].interventions:
-        driven += _drive(others, write, console)
-    return tuple(sorted(driven, key=lambda one: (one.interventions, round(one.cte_mean_m, 1))))
+    finalists = judged.trials.finalists
+    popular = [one for one in finalists if one.combination == POPULAR and one not in judged.alike]
+    ordered = dict.fromkeys([judged.best, *popular, *groups.values(), *judged.tied])
+    chosen = [one for one in ordered if one.correlation > judged.chance][:MOST_DRIVEN]
+    driven = _drive(chosen[:1], write, console)
+    if not all(one.kept for one in driven):
+        driven += _drive(chosen[1:], write, console)
+    driven.sort(key=lambda one: (not one.kept, -round(one.driven_m, -1), round(one.cte_mean_m, 1)))
+    return judge(judged.trials, tuple(driven))
 
 
 def _drive(
     trials: Sequence[Trial], write: Callable[[Trial, Path], None], console: Console
 ) -> list[Driven]:
-    """Drive inputs, in parallel, and return how well, in their order."""
+    """Drive inputs to their first intervention, in parallel; return how well, in their order."""
     with TemporaryDirectory() as folder:
         paths = [Path(folder) / f"{number}.ckpt" for number in range(len(trials))]
         for trial, path in zip(trials, paths, strict=True):
             write(trial, path)
         what = f"driving {len(trials)} of the inputs on {STRETCH.track}"
         names, scenarios = [str(path) for path in paths], [STRETCH] * len(trials)
-        drives = all_drives(names, scenarios, workers=0, what=what, console=console)
+        shown = {"what": what, "console": console}
+        drives = all_drives(names, scenarios, workers=0, first_only=True, **shown)
     return [
-        Driven(trial, interventions(one), cte_mean_m(one))
+        Driven(trial, one.driven_m, not interventions(one), cte_mean_m(one))
         for trial, one in zip(trials, drives, strict=True)
     ]

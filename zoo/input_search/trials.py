@@ -1,10 +1,12 @@
 """Trials of combinations on frames, from coarse to fine.
 
-1. Every colour and crop, on every third frame of the centre camera. If the scale is not known,
-   every scale on every ninth frame before, and only the better third on more.
-2. The best of these and the best of each colour, on all frames of all cameras.
-3. The neighbouring crops of the best of these, as long as one of them is better.
-4. The best with each way of resizing, which changes the outputs least; and `POPULAR`.
+1. Every colour, crop and unknown scale, on few frames of the centre camera.
+2. The better third of the colours and crops, with their best scale, on more frames.
+3. The best of these and the best of each colour, on these frames of all cameras.
+4. The neighbouring crops of the best of these and its other scales, as long as one is better.
+5. The best with each way of resizing, which changes the outputs least; and `POPULAR`.
+
+`zoo.input_search.judgement` tries again, on all frames, what these cannot tell apart.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,7 +34,7 @@ from zoo.training.open_loop import side_response
 
 SIDE_OFFSET = 0.25  # steering that solutions of the course add for the left camera: 0.2 to 0.3
 SPREAD_WEIGHT = 1 / 8  # of the spread and the mean beside the correlation, if the scale is free
-COARSE_STEP = 3
+COARSE_ROWS, COARSE_STEP = 100, 3  # rows after the first stage, and every how many in it
 COARSE_SCALES = [one for one in SCALES if one != (128.0, 1.0)]  # it is near (127.5, 1)
 FINALISTS = 6
 HOPELESS = 0.5  # of the best agreement in the first stage; another colour below it is left out
@@ -115,7 +117,7 @@ class Trials:
 
     Attributes:
         finalists: trials on all frames of all cameras, the highest score first.
-        coarse: trials of the first stage, on some frames of the centre camera.
+        coarse: trials of the second stage, on some frames of the centre camera.
     """
 
     finalists: tuple[Trial, ...]
@@ -170,31 +172,31 @@ def try_inputs(
         InputError: no combination fits.
     """
     free = known.scale is None
+    some = frames.every(max(1, len(frames.steering) // COARSE_ROWS))
 
-    def stage(chosen: Sequence[Combination], some: TrialFrames, *shares: float) -> list[Trial]:
+    def stage(chosen: Sequence[Combination], frames: TrialFrames, *shares: float) -> list[Trial]:
         """Return the trials, the best first, and show the work from one share to another."""
         first, last = shares
-        found = _try_all(
-            network, chosen, some, free, lambda share: show(first + (last - first) * share)
+        found = try_all(
+            network, chosen, frames, free, lambda share: show(first + (last - first) * share)
         )
-        found.sort(key=_score, reverse=True)
         if found:
             show_best(found[0])
         return found
 
     possible = combinations(known)
-    some = frames.every(COARSE_STEP).center_only()
-    if free:
-        possible = [one for one in possible if one.scale in COARSE_SCALES]
-        ranked = stage(possible, some.every(COARSE_STEP), 0.0, 0.25)
-        possible = [one.combination for one in ranked[: -(-len(ranked) // 3)]]
-    coarse = stage(possible, some, 0.25 if free else 0.0, 0.5)
-    finalists = stage(_finalists(coarse), frames, 0.5, 0.8)
-    while more := _neighbours(finalists, combinations(known)):
-        finalists += stage(more, frames, 0.8, 0.8)
-    best = max(finalists, key=_score).combination
-    last = dict.fromkeys([*with_each_resize(best, known)[1:], *popular_combinations(known)])
-    finalists += stage(list(last), frames, 0.8, 1.0)
+    first = [one for one in possible if not free or one.scale in COARSE_SCALES]
+    best: dict[View, Combination] = {}  # the best scale of each view
+    for one in stage(first, some.every(COARSE_STEP).center_only(), 0.0, 0.4):
+        best.setdefault(one.combination.view, one.combination)
+    kept = list(best.values())[: max(FINALISTS, len(best) // 3)]
+    coarse = stage(kept, some.center_only(), 0.4, 0.6)
+    finalists = stage(_finalists(coarse), some, 0.6, 0.8)
+    while more := _neighbours(finalists, possible):
+        finalists += stage(more, some, 0.8, 0.8)
+    found = max(finalists, key=_score).combination
+    last = dict.fromkeys([*with_each_resize(found, known)[1:], *popular_combinations(known)])
+    finalists += stage(list(last), some, 0.8, 1.0)
     return Trials(tuple(sorted(finalists, key=_score, reverse=True)), tuple(coarse))
 
 
@@ -202,30 +204,27 @@ def _neighbours(finalists: list[Trial], possible: list[Combination]) -> list[Com
     """Return the combinations near the best finalist that are not tried yet."""
     best = max(finalists, key=_score).combination
     tried = {one.combination for one in finalists}
-    return [
-        one
-        for one in possible
-        if one not in tried
-        and (one.view.colour, one.scale) == (best.view.colour, best.scale)
-        and all(
-            abs(rows - own) <= NEAR_ROWS
-            for rows, own in zip(one.view.crop, best.view.crop, strict=True)
-        )
-    ]
+
+    def is_near(one: Combination) -> bool:
+        apart = np.abs(np.subtract(one.view.crop, best.view.crop)).max()
+        same_scale = one.scale == best.scale
+        return one.view.colour == best.view.colour and apart <= (NEAR_ROWS if same_scale else 0)
+
+    return [one for one in possible if one not in tried and is_near(one)]
 
 
 def _score(trial: Trial) -> float:
     return trial.score
 
 
-def _try_all(
+def try_all(
     network: Network,
     chosen: Sequence[Combination],
     frames: TrialFrames,
     free_scale: bool,
-    show: Callable[[float], None],
+    show: Callable[[float], None] = lambda share: None,
 ) -> list[Trial]:
-    """Return the trial of each combination; each core tries another one.
+    """Return the trial of each combination, the best first; each core tries another one.
 
     This is faster than to share each batch among the cores, most of all on a busy machine.
     """
@@ -239,7 +238,7 @@ def _try_all(
                 show(len(trials) / len(chosen))
     finally:
         torch.set_num_threads(threads)
-    return trials
+    return sorted(trials, key=_score, reverse=True)
 
 
 @torch.inference_mode()

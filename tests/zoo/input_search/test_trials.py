@@ -25,9 +25,9 @@ from zoo.input_search.combinations import (
     read_trial_frames,
     with_each_resize,
 )
-from zoo.input_search.judgement import Driven, judge
+from zoo.input_search.judgement import Driven, judge, search
 from zoo.input_search.keras_import import network_maker
-from zoo.input_search.trials import Trial, Trials, concordance, try_inputs
+from zoo.input_search.trials import Trial, Trials, concordance
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert
 
@@ -52,8 +52,7 @@ def test_colour_and_crop_of_the_training_are_found(
     known = KnownInput(shape=(*SIZE, channels), scale=SCALES[0])
     shares: list[float] = []
     frames = read_trial_frames(recording, 120)
-    trials = try_inputs(network_maker(converted), known, frames, shares.append)
-    found = judge(trials)
+    found = search(network_maker(converted), known, frames, shares.append)
     assert found.best.combination.view == view
     assert found.doubts == ()
     assert shares == sorted(shares)
@@ -67,9 +66,9 @@ def test_an_unknown_scale_is_found(recording: Recording, tmp_path: Path) -> None
     known = KnownInput(shape=(*SIZE, 3), colour="rgb", crop=(60, 25))
     shown: list[Trial] = []
     frames = read_trial_frames(recording, 120)
-    trials = try_inputs(network_maker(converted), known, frames, show_best=shown.append)
-    assert judge(trials).best.combination.scale in ((127.5, 1.0), (128.0, 1.0))
-    assert trials.finalists[0] in shown
+    found = search(network_maker(converted), known, frames, show_best=shown.append)
+    assert found.best.combination.scale in ((127.5, 1.0), (128.0, 1.0))
+    assert found.trials.finalists[0] in shown
 
 
 def test_frames_lie_in_bends_all_over_the_recording() -> None:
@@ -216,13 +215,14 @@ def test_a_free_scale_is_ranked_by_correlation() -> None:
 
 def test_the_input_that_drives_is_taken() -> None:
     amplified, weak = trial(noise=0.3), trial("yuv", gain=0.2, side=0.05, noise=0.06, seed=1)
-    drives = (Driven(weak, 0, 0.3), Driven(amplified, 2, 1.5))
+    drives = (Driven(weak, 285, True, 0.3), Driven(amplified, 60, False, 1.5))
     found = judged(amplified, weak, driven=drives)
     assert judged(amplified, weak).best is amplified
     assert found.best is weak
     assert found.doubts == ()
-    lost = judged(amplified, weak, driven=(Driven(amplified, 2, 1.5), Driven(weak, 3, 1.0)))
-    assert any("interventions: 2" in one for one in lost.doubts)
+    left = (Driven(amplified, 60, False, 1.5), Driven(weak, 30, False, 1.0))
+    lost = judged(amplified, weak, driven=left)
+    assert any("left the lane after 60 m" in one for one in lost.doubts)
 
 
 def test_chance_counts_all_inputs_that_were_tried() -> None:
