@@ -61,7 +61,8 @@ def check(
     recording = read_recordings(roots, **{**asdict(read), **skip})
     for line in report_lines(replace(recording, bad_images=(), bad_rows=())):
         _print(console, line)
-    for line in [*sign_lines(recording), *leak_lines(recording)]:
+    car = other_car(recording)  # the sign of Udacity's is certain
+    for line in [*(sign_lines(recording) if car else ()), *leak_lines(recording)]:
         _print(console, line)
     if recording.bad_rows:
         _print(console, f"skipped {len(recording.bad_rows):,} bad rows:")
@@ -98,7 +99,7 @@ def check(
     keys = read.given() | ({"on_bad_image": "skip"} if bad else {})
     keys |= {"on_bad_row": "skip"} if recording.bad_rows else {}
     # A network of another car is judged by its held-out drives, which single rows are not.
-    split = ["data.split=blocks"] if other_car(recording) else []
+    split = ["data.split=blocks"] if car else []
     for line in _next_commands(roots, keys, split):
         _print(console, line)
     return not bad and (not recording.bad_rows or read.on_bad_row == "skip")

@@ -11,10 +11,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
+from datamodules.steering_unit import EXAMPLE, SteeringUnit
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most
 from zoo.base.regular_file import MOST_LINE, open_text
-from zoo.base.rig import UDACITY
 
 COLUMNS = ("center", "left", "right", "steering", "throttle", "brake", "speed")
 CAMERAS = COLUMNS[:3]
@@ -90,7 +90,9 @@ class LogRow(NamedTuple):
     numbers: tuple[float, ...]
 
 
-def read_log(log: Path, bad: BadRows | None = None) -> Iterator[LogRow]:
+def read_log(
+    log: Path, bad: BadRows | None = None, unit: SteeringUnit | None = None
+) -> Iterator[LogRow]:
     """Yield the rows of `driving_log.csv`, with or without header, in any locale's numbers.
 
     A decimal comma splits a number into two fields. They are joined so that each number is within
@@ -101,6 +103,7 @@ def read_log(log: Path, bad: BadRows | None = None) -> Iterator[LogRow]:
         log: path of the log.
         bad: collector of rows that cannot be used, which refuses the log after its last row, or
             leaves them out; None refuses it.
+        unit: what the steering's numbers mean; None for -1..1, right positive.
 
     Raises:
         InputError: a row has the wrong number of columns, a quote that is not closed in its
@@ -127,6 +130,8 @@ def read_log(log: Path, bad: BadRows | None = None) -> Iterator[LogRow]:
             bad.faults.append(f"{log}, row {line}: {error}")
             continue
         previous_speed = numbers[3]
+        if unit:
+            numbers = (unit.steering(numbers[0]), *numbers[1:])
         if fault := range_fault(numbers):
             bad.faults.append(f"{log}, row {line}: {fault}")
             largest = max(largest, abs(numbers[0]))
@@ -137,7 +142,7 @@ def read_log(log: Path, bad: BadRows | None = None) -> Iterator[LogRow]:
         forget_half_written(log, bad)
     if not good and not bad.faults:
         raise InputError(f"{log}: the log has no rows; record some driving first")
-    bad.finish(good, degrees_hint(largest))
+    bad.finish(good, unit_hint(largest))
 
 
 def forget_half_written(log: Path, bad: BadRows) -> None:
@@ -208,18 +213,11 @@ def range_fault(numbers: Sequence[float]) -> str:
     return ""
 
 
-def degrees_hint(largest: float) -> str:
-    """Return what to divide a steering by that is in degrees, '' for one in -1..1.
-
-    Args:
-        largest: largest absolute steering.
-    """
+def unit_hint(largest: float) -> str:
+    """Return the remedy of a steering in another unit, '' for one whose largest is within -1..1."""
     if largest <= RANGES["steering"][1]:
         return ""
-    place, ratio = "at the front wheels", ""
-    if largest > UDACITY.steering_deg:
-        place, ratio = "at the steering wheel", " times the ratio to the front wheels, about 15"
-    return f"degrees {place}? divide the column by {UDACITY.steering_deg:g}{ratio}"
+    return f"degrees, or another unit? name it: data.steering={{{EXAMPLE}}}"
 
 
 def _is_header(fields: list[str]) -> bool:

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from datamodules.driving_log import CAMERAS, NUMBERS, RANGES, BadRows, degrees_hint, range_fault
+from datamodules.driving_log import CAMERAS, NUMBERS, RANGES, BadRows, range_fault, unit_hint
 from datamodules.image import Stored, read_image, read_stored
-from zoo.base.rig import UDACITY, Rig
+from zoo.base.rig import Rig
 
 LOG_NAME, IMAGE_FOLDER = "driving_log.csv", "IMG"
 GAP_S = 1.0  # a longer time between two rows is a gap in the recording
@@ -101,7 +101,7 @@ class Recording:
     bad_images: tuple[str, ...] = ()
     bad_rows: tuple[str, ...] = ()
     places: np.ndarray | None = None
-    rig: Rig | None = UDACITY
+    rig: Rig | None = None
     notes: tuple[str, ...] = ()
     rigs: tuple[Rig | None, ...] = ()
     blocks: Blocks = SHORT_DRIVES
@@ -113,6 +113,11 @@ class Recording:
     def columns(self) -> dict[str, Any]:
         """Return the fields with a value for each row, arrays of the same length."""
         return {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
+
+    @property
+    def each_rig(self) -> tuple[Rig | None, ...]:
+        """Return the rig of each of `names`."""
+        return self.rigs or (self.rig,) * len(self.names)
 
     @property
     def without_speed(self) -> list[str]:
@@ -181,7 +186,7 @@ def keep_valid(recording: Recording, bad: BadRows) -> Recording:
         time = f"the time {time_s[row]:g} s is not between 1970 and 9999"
         bad.faults.append(f"{recording.place(row)}: {range_fault(numbers[row]) or time}")
     largest = np.abs(numbers[:, 0]).max(initial=0, where=np.isfinite(numbers[:, 0]))
-    bad.finish(int(good.sum()), degrees_hint(largest))
+    bad.finish(int(good.sum()), unit_hint(largest))
     return replace(recording.keep(good), bad_rows=(*recording.bad_rows, *bad.faults))
 
 

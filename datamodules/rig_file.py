@@ -1,5 +1,6 @@
 """A car's rig in a file: `rig.yaml` beside a recording, or the file that `data.rig=` names."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -33,12 +34,18 @@ class CameraFields(_Fields):
 
 
 class RigFields(_Fields):
-    """A car; `steering_deg` is the angle of the front wheels at a steering of 1."""
+    """A car.
+
+    Attributes:
+        steering_deg: angle of the front wheels at a steering of 1.
+        side_m: distance of the left and of the right camera from the centre one; None without them.
+    """
 
     name: Annotated[str, Field(max_length=80)] = "rig.yaml"
     camera: CameraFields
     wheelbase_m: Annotated[float, Field(gt=0, le=20)]
     steering_deg: Annotated[float, Field(gt=0, lt=90)]
+    side_m: Annotated[float, Field(gt=0, le=5)] | None = None
     guesses: Annotated[list[str], Field(max_length=20)] = []
 
 
@@ -56,9 +63,13 @@ def read_rig(path: Path) -> Rig:
         raise InputError(f"{path}: {place}: {first['msg'].lower()}; correct it") from None
     width, height = fields.camera.size
     camera = Camera(**{**fields.camera.model_dump(), "size": (width, height)})
-    return single_camera_rig(
+    rig = single_camera_rig(
         fields.name, camera, fields.wheelbase_m, fields.steering_deg, tuple(fields.guesses)
     )
+    if aside_m := fields.side_m:
+        for side, right_m in (("left", -aside_m), ("right", aside_m)):
+            rig.cameras[side] = replace(camera, right_m=camera.right_m + right_m)
+    return rig
 
 
 def find_rig(folder: Path) -> Rig | None:

@@ -1,6 +1,6 @@
 """Samples: each is a row, or a window of rows, and a camera, with steering corrected for it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,18 +10,13 @@ from datamodules.recording import Recording
 from datamodules.split import PARTS, Split, rows_per_second
 from datamodules.steering_label import in_label
 from datamodules.stretches import find_breaks
-from zoo.base.errors import InputError
-from zoo.base.rig import MPS_PER_MPH, STEERING, UDACITY, SteeringLabel
+from zoo.base.errors import InputError, UsageError
+from zoo.base.rig import MPS_PER_MPH, STEERING, Rig, SteeringLabel
 
 # A longer time to the next row, in usual steps of the recording, breaks a window. In a recording of
 # the original simulator 2 of 2,699 steps are longer.
 MOST_STEPS = 3
 CENTER, LEFT, RIGHT = range(3)
-
-CAMERA_OFFSET_M = {
-    LEFT: UDACITY.cameras["left"].right_m,
-    RIGHT: UDACITY.cameras["right"].right_m,
-}
 MIN_RECOVERY_M = 4.0
 
 
@@ -142,8 +137,9 @@ class Samples:
         rows_per_s: rows of a second of the recording.
         row_steering: recorded steering of all rows, float64 [N].
         row_correction: steering that each camera adds, float64 [N, 3].
+        row_recovery_m: distance in which each camera's correction leads back to the line, float64
+            [N, 3]; 1 where there is no correction.
         row_throttle: throttle minus brake of all rows, float32 [N].
-        label: what a steering of these columns means.
     """
 
     row: np.ndarray
@@ -156,8 +152,8 @@ class Samples:
     rows_per_s: float
     row_steering: np.ndarray
     row_correction: np.ndarray
+    row_recovery_m: np.ndarray
     row_throttle: np.ndarray
-    label: SteeringLabel
 
     def __len__(self) -> int:
         return len(self.row)
@@ -181,15 +177,16 @@ class Samples:
         if not self.windows.is_windowed:
             return self.steering[numbers], self.throttle[numbers]
         rows = self.windows.targets(self.row[numbers])
-        camera = self.camera[numbers]
+        row, camera = self.row[numbers], self.camera[numbers]
         correction = self.row_correction[rows, camera[:, None]]
         newest = self.windows.sequence - 1
         seconds = self.windows.stride * np.arange(self.windows.ahead + 1) / self.rows_per_s
-        for side, offset_m in CAMERA_OFFSET_M.items():
-            seen = camera == side
-            first, speed_mph = correction[seen, newest], self.speed_mph[numbers][seen]
-            course = recovery_course(offset_m, first, speed_mph, seconds, self.label)
-            correction[seen, newest:] = course
+        correction[:, newest:] = recovery_course(
+            self.row_recovery_m[row, camera],
+            correction[:, newest],
+            self.speed_mph[numbers],
+            seconds,
+        )
         steering = np.clip(self.row_steering[rows] + correction, -1, 1)
         return steering.astype(np.float32), self.row_throttle[rows]
 
@@ -219,20 +216,25 @@ def make_samples(
 
     Raises:
         InputError: a camera is unknown, or no row has an image of these cameras.
+        UsageError: the place of a side camera is unknown, and `recover_s` or targets ahead need it.
     """
     row_correction = np.zeros((len(recording), len(CAMERAS)))
+    row_recovery_m = np.ones_like(row_correction)
     parts = []
     for number in camera_numbers(cameras):
         has_image = np.array([image is not None for image in recording.images[:, number]], bool)
         in_frames = has_image[windows.frames(rows)]
         seen = rows[in_frames.all(axis=tuple(range(1, in_frames.ndim)))]
         correction = np.full(len(recording), {CENTER: 0.0, LEFT: offset, RIGHT: -offset}[number])
-        if recover_s is not None and number != CENTER:
-            offset_m = CAMERA_OFFSET_M[number]
-            correction = recovery_steering(offset_m, recording.speed_mph, recover_s)
-            row_correction[:, number] = label.of(correction, UDACITY)
-        else:
-            row_correction[:, number] = in_label(recording, correction, label)
+        if number != CENTER and recover_s is not None:
+            for own, rig, right_m in _side_cameras(recording, seen, number, "data.recover_s"):
+                speed_mph = recording.speed_mph[own]
+                correction[own] = recovery_steering(right_m, speed_mph, recover_s, rig)
+        row_correction[:, number] = in_label(recording, correction, label)
+        if number != CENTER and windows.ahead:
+            for own, rig, right_m in _side_cameras(recording, seen, number, "data.ahead"):
+                curvature = label.curvature(row_correction[own, number], rig)
+                row_recovery_m[own, number] = recovery_distance(right_m, curvature)
         parts.append((seen, np.full(len(seen), number)))
     row, camera = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     if not len(row):
@@ -256,8 +258,8 @@ def make_samples(
         rows_per_s=rows_per_second(recording),
         row_steering=recording.steering,
         row_correction=row_correction,
+        row_recovery_m=row_recovery_m,
         row_throttle=row_throttle,
-        label=label,
     )
 
 
@@ -272,8 +274,30 @@ def camera_numbers(cameras: Sequence[str]) -> list[int]:
     return sorted({CAMERAS.index(name) for name in cameras})
 
 
+def _side_cameras(
+    recording: Recording, seen: np.ndarray, camera: int, key: str
+) -> Iterator[tuple[np.ndarray, Rig, float]]:
+    """Yield a recording's rows, bool [N], its rig, and a side camera's metres to the right.
+
+    Args:
+        recording: one or several recordings; those without an image of this camera are left out.
+        seen: rows with an image of this camera.
+        camera: number of the side camera.
+        key: key that needs its place, for messages.
+    """
+    side = CAMERAS[camera]
+    for number in np.unique(recording.recording[seen]).tolist():
+        rig = recording.each_rig[number]
+        if rig is None or side not in rig.cameras:
+            raise UsageError(
+                f"{recording.names[number]}: {key} needs the place of the {side} camera; write "
+                "side_m to rig.yaml in this folder, or set data.cameras=[center]"
+            )
+        yield recording.recording == number, rig, rig.cameras[side].right_m
+
+
 def recovery_steering(
-    offset_m: float, speed_mph: np.ndarray | float, recover_s: float
+    offset_m: float, speed_mph: np.ndarray | float, recover_s: float, rig: Rig
 ) -> np.ndarray:
     """Return the steering (-1..1) that returns a car to its line in `recover_s` seconds.
 
@@ -281,44 +305,48 @@ def recovery_steering(
     time (pure pursuit: Coulter, "Implementation of the Pure Pursuit Path Tracking Algorithm",
     1992), by the bicycle model. A nearly standing car gets the arc of 4 m.
 
-    >>> float(recovery_steering(-0.806, 9.0, 2.0).round(3))
+    >>> from zoo.base.rig import UDACITY
+    >>> float(recovery_steering(-0.806, 9.0, 2.0, UDACITY).round(3))
     0.162
     """
     distance = np.maximum(np.asarray(speed_mph) * MPS_PER_MPH * recover_s, MIN_RECOVERY_M)
     curvature = -2 * offset_m / (distance**2 + offset_m**2)
-    return np.clip(UDACITY.steering_of(curvature), -1, 1)
+    return np.clip(rig.steering_of(curvature), -1, 1)
+
+
+def recovery_distance(offset_m: float, curvature: np.ndarray) -> np.ndarray:
+    """Return the distance in which an arc meets the line, metres [n]; see `recovery_steering`.
+
+    Args:
+        offset_m: metres to the right of the line.
+        curvature: of the arc, 1/m, with any sign [n].
+    """
+    curvature = np.abs(curvature)
+    straight = curvature == 0
+    squared = 2 * abs(offset_m) / np.where(straight, 1, curvature) - offset_m**2
+    return np.sqrt(np.maximum(squared, offset_m**2))
 
 
 def recovery_course(
-    offset_m: float,
-    steering: np.ndarray,
-    speed_mph: np.ndarray,
-    seconds: np.ndarray,
-    label: SteeringLabel = STEERING,
+    distance_m: np.ndarray, steering: np.ndarray, speed_mph: np.ndarray, seconds: np.ndarray
 ) -> np.ndarray:
     """Return the steering on the way back to the line, of a car that follows it by pure pursuit.
 
-    Its arc meets the line at the distance d (see `recovery_steering`). To first order the distance
-    y from the line, at the position x on it, follows y'' = -2 (y + d y') / d**2. From y' = 0 the
-    curvature is its first value times exp(-x / d) (cos(x / d) - sin(x / d)): the car steers back
-    until 0.8 d, and then a little the other way.
+    To first order the distance y from the line, at the position x on it, follows y'' = -2 (y + d
+    y') / d**2. From y' = 0 the curvature is its first value times exp(-x / d) (cos(x / d) -
+    sin(x / d)): the car steers back until 0.8 d, and then a little the other way.
 
     Args:
-        offset_m: metres to the right of the line at the start.
-        steering: steering at the start, -1..1 [n].
+        distance_m: distance d in which the first arc meets the line, see `recovery_distance` [n].
+        steering: steering, or its label, at the start, -1..1 [n].
         speed_mph: constant speeds [n].
         seconds: times after the start [K].
-        label: what the steering means.
 
     Returns:
         Steering [n, K].
 
-    >>> recovery_course(-0.806, np.array([0.275]), np.array([15.0]), np.array([0, 0.4])).round(2)
-    array([[0.28, 0.09]])
+    >>> recovery_course(np.array([6.0]), np.array([0.3]), np.array([15.0]), np.array([0, 0.4]))
+    array([[0.3       , 0.09006318]])
     """
-    curvature = np.abs(label.curvature(steering, UDACITY))
-    straight = curvature == 0
-    squared = 2 * abs(offset_m) / np.where(straight, 1, curvature) - offset_m**2
-    distance = np.sqrt(np.maximum(squared, offset_m**2))
-    way = np.outer(np.maximum(speed_mph, 0) * MPS_PER_MPH / distance, seconds)
+    way = np.outer(np.maximum(speed_mph, 0) * MPS_PER_MPH / distance_m, seconds)
     return steering[:, None] * np.exp(-way) * (np.cos(way) - np.sin(way))

@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 
 from datamodules.recording import GAP_S, Recording
-from zoo.base.rig import UDACITY
 
 PAIRS = 400  # of neighbouring images that are compared, at most
 FORWARD_ROWS = 2_000  # first rows from which they come where images can only be read in order
@@ -73,8 +72,6 @@ def find_sign_evidence(recording: Recording) -> SignEvidence:
 def sign_lines(recording: Recording) -> list[str]:
     """Return a line for each recording on whether its images agree with its steering's sign."""
     lines: list[str] = []
-    if recording.rig == UDACITY:  # its sign is certain
-        return lines
     for number, name in enumerate(recording.names):
         evidence = find_sign_evidence(recording.keep(recording.recording == number))
         agreement = "left and right fit the images"

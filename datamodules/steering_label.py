@@ -6,11 +6,11 @@ import numpy as np
 
 from datamodules.recording import Recording
 from zoo.base.errors import UsageError
-from zoo.base.rig import UDACITY, Rig, SteeringLabel
+from zoo.base.rig import Rig, SteeringLabel
 
 
 def curvature_label(recording: Recording) -> SteeringLabel:
-    """Return the label whose 1 is the full lock of Udacity's car, or a larger driven curvature.
+    """Return the label whose 1 is the smallest full lock of the cars, or a larger driven curvature.
 
     Side cameras, augmentation and thresholds then have their usual share of the range.
 
@@ -18,7 +18,8 @@ def curvature_label(recording: Recording) -> SteeringLabel:
         UsageError: the rig of a recording is unknown.
     """
     driven = np.abs(in_label(recording, recording.steering, SteeringLabel(1.0)))
-    return SteeringLabel(max(float(UDACITY.curvature(1.0)), float(driven.max())))
+    least = min(float(rig.curvature(1.0)) for rig in _rigs(recording))
+    return SteeringLabel(max(least, float(driven.max())))
 
 
 def in_label(recording: Recording, steering: np.ndarray, label: SteeringLabel) -> np.ndarray:
@@ -49,12 +50,13 @@ def label_lines(recording: Recording, label: SteeringLabel) -> Iterator[str]:
 
 def _rigs(recording: Recording) -> list[Rig]:
     """Return the rig of each recording."""
-    rigs = recording.rigs or (recording.rig,) * len(recording.names)
-    for name, rig in zip(recording.names, rigs, strict=True):
+    rigs = []
+    for name, rig in zip(recording.names, recording.each_rig, strict=True):
         if rig is None:
             raise UsageError(
                 f"{name}: data.label=curvature needs the car's wheelbase and steering range, which "
                 "its format does not state; write them to rig.yaml in this folder, or name a file "
                 "with data.rig=FILE"
             )
-    return [rig for rig in rigs if rig is not None]
+        rigs.append(rig)
+    return rigs

@@ -2,15 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
 from zoo.base.errors import UsageError
-
-if TYPE_CHECKING:
-    import numpy as np
-
 
 EXAMPLE = "unit: deg, full: 540, right: positive"
 
@@ -32,8 +28,8 @@ class SteeringUnit:
     right: Literal["positive", "negative"] = "positive"
     zero: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.0
 
-    def steering(self, values: "np.ndarray") -> "np.ndarray":
-        """Return the steering, float64 [N], right positive, 1 at full lock, of values."""
+    def steering(self, values: Any) -> Any:
+        """Return the steering, right positive, 1 at full lock, of values, a float or an array."""
         sign = 1.0 if self.right == "positive" else -1.0
         return (values - self.zero) * (sign / self.full)
 

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from datamodules.recording import Recording
+from zoo.base.rig import UDACITY
 
 HEADER = "center,left,right,steering,throttle,brake,speed"
 FIRST = datetime.datetime(2018, 7, 16, 17, 11, 43, 382_000)
@@ -217,4 +218,5 @@ def recording_in_memory(
         brake=np.zeros(rows),
         speed_mph=np.broadcast_to(speed_mph, rows).astype(float),
         time_s=1.5e9 + np.arange(rows) / FPS,
+        rig=UDACITY,
     )

@@ -11,6 +11,7 @@ from datamodules.driving_log import CAMERAS, BadRows, LogRow, read_log
 from datamodules.read_options import ReadOptions
 from datamodules.recording import LOG_NAME, Recording, file_name, make_recording
 from zoo.base.errors import InputError
+from zoo.base.rig import UDACITY
 
 title = "recording"
 SUGGESTED = 3  # folders with a log that the error about a folder without one names
@@ -33,7 +34,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
     if not log.exists():
         raise InputError(missing(path))
     finder, bad_rows = ImageFinder(log, options.images), BadRows(options.on_bad_row)
-    rows = list(read_log(log, bad_rows))
+    rows = list(read_log(log, bad_rows, options.unit))
     images = {
         name: [finder.find(row.paths[camera]) for row in rows]
         for camera, name in enumerate(CAMERAS)
@@ -50,7 +51,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
     numbers["time_s"] = times_from_names([row.paths[0] for row in rows])
     lines = np.array([row.line for row in rows])
     recording = make_recording(
-        log.parent, numbers, images, line=lines, bad_rows=tuple(bad_rows.faults)
+        log.parent, numbers, images, line=lines, bad_rows=tuple(bad_rows.faults), rig=UDACITY
     )
     good = np.ones(len(rows), dtype=bool)
     good[list(bad)] = False

@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,9 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from datamodules.balance import BalancedBatches, epoch_batches
-from datamodules.samples import CENTER, LEFT, RIGHT, Samples, make_samples, recovery_steering
+from datamodules.samples import (
+    CENTER,
+    LEFT,
+    RIGHT,
+    Samples,
+    Windows,
+    make_samples,
+    recovery_steering,
+)
 from tests.recordings import recording_in_memory
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, UsageError
+from zoo.base.rig import UDACITY
 
 FREE = {"straight_cap": None}
 
@@ -303,11 +313,11 @@ def test_recovery_against_a_hand_computation():
     2 * 0.806 / (17.88^2 + 0.806^2) = 0.005031 per m; with a wheelbase of 2.87 m the wheels turn
     atan(2.87 * 0.005031) = 0.8273 degrees of 25.
     """
-    assert recovery_steering(-0.806, 20.0, 2.0) == pytest.approx(0.8273 / 25, abs=1e-5)
+    assert recovery_steering(-0.806, 20.0, 2.0, UDACITY) == pytest.approx(0.8273 / 25, abs=1e-5)
 
 
 def test_driving_the_recovery_arc_ends_on_the_line():
-    steering = float(recovery_steering(-0.806, 9.0, 2.0))
+    steering = float(recovery_steering(-0.806, 9.0, 2.0, UDACITY))
     x, y, heading = 0.0, -0.806, 0.0  # metres ahead and to the right of the line
     distance = 9.0 * 0.44704 * 2.0
     step = 0.001
@@ -327,9 +337,19 @@ def test_recovery_of_left_and_right_cameras_by_speed():
     assert 0 > fast[RIGHT] > slow[RIGHT] > -1
 
 
+@pytest.mark.parametrize("settings", [{"recover_s": 2.0}, {"windows": Windows(ahead=1)}])
+def test_a_side_camera_whose_place_is_unknown_is_refused(settings):
+    centre_only = replace(UDACITY, cameras={"center": UDACITY.cameras["center"]})
+    for rig in (centre_only, None):
+        recording = replace(recording_in_memory([0.0] * 4), rig=rig)
+        with pytest.raises(UsageError, match=r"left camera; .*data\.cameras=\[center\]"):
+            make_samples(recording, np.array([0, 1]), ALL, **settings)
+        make_samples(recording, np.array([0, 1]), ["center"], **settings)
+
+
 def test_recovery_of_a_standing_car_is_that_of_four_metres():
-    at_rest = recovery_steering(0.825, 0.0, 2.0)
-    assert at_rest == recovery_steering(0.825, 4 / 0.44704 / 2, 2.0)
+    at_rest = recovery_steering(0.825, 0.0, 2.0, UDACITY)
+    assert at_rest == recovery_steering(0.825, 4 / 0.44704 / 2, 2.0, UDACITY)
     assert -1 < at_rest < -0.3
 
 

@@ -8,6 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from datamodules.driving_log import BadRows, LogRow, read_log
+from datamodules.steering_unit import SteeringUnit
 from tests.recordings import format_number
 from zoo.base.errors import InputError
 
@@ -251,13 +252,17 @@ def test_a_log_of_bad_rows_alone_is_refused_even_if_they_are_skipped(tmp_path):
         list(read_log(log, BadRows("skip")))
 
 
-@pytest.mark.parametrize(
-    ("angle", "remedy"), [("12.5", "by 25$"), ("-90", "by 25 times the ratio")]
-)
-def test_a_steering_in_degrees_has_one_remedy_for_all_rows(tmp_path, angle, remedy):
-    text = f"{PATHS},0,0,0,1\n{PATHS},2,0,0,1\n{PATHS},{angle},0,0,1\n"
-    with pytest.raises(InputError, match=f"row 2.*2 of 3 rows.*divide the column {remedy}"):
+def test_a_steering_in_degrees_has_one_remedy_for_all_rows(tmp_path):
+    text = f"{PATHS},0,0,0,1\n{PATHS},2,0,0,1\n{PATHS},-12.5,0,0,1\n"
+    with pytest.raises(InputError, match=r"row 2.*2 of 3 rows.*; .*data\.steering=\{unit: deg"):
         read_text(tmp_path, text)
+
+
+def test_a_log_in_degrees_is_read_where_the_user_says_so(tmp_path):
+    log = tmp_path / "driving_log.csv"
+    log.write_text(f"{PATHS},0,0,0,1\n{PATHS},2,0,0,1\n{PATHS},-12.5,0,0,1\n")
+    rows = read_log(log, unit=SteeringUnit("deg", full=25.0, right="negative"))
+    assert [row.numbers[0] for row in rows] == [0, -0.08, 0.5]
 
 
 def test_a_header_of_another_format_is_named_with_the_columns_that_are_needed(tmp_path):

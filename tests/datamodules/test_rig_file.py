@@ -27,6 +27,13 @@ def test_a_rig_is_read(tmp_path: Path) -> None:
     assert rig.guesses == ("pitch",)
 
 
+def test_side_cameras_stand_to_the_left_and_right_of_the_centre_one(tmp_path: Path) -> None:
+    (tmp_path / "rig.yaml").write_text(TEXT.replace("1.3,", "1.3, right_m: 0.1,") + "side_m: 0.5\n")
+    cameras = read_rig(tmp_path / "rig.yaml").cameras
+    places = {name: (camera.right_m, camera.up_m) for name, camera in cameras.items()}
+    assert places == {"center": (0.1, 1.3), "left": (-0.4, 1.3), "right": (0.6, 1.3)}
+
+
 @pytest.mark.parametrize(
     ("old", "new", "place"),
     [

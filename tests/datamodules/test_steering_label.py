@@ -20,6 +20,7 @@ from zoo.base.errors import UsageError
 from zoo.base.rig import STEERING, UDACITY, Camera, single_camera_rig
 
 LONG = single_camera_rig("long", Camera(0, 1.5, 0), wheelbase_m=3.0, steering_deg=60.0)
+LONG.cameras.update({side: UDACITY.cameras[side] for side in ("left", "right")})
 RIG_FILE = """name: long
 camera: {size: [320, 160], vertical_fov_deg: 60, up_m: 1.5}
 wheelbase_m: 3.0

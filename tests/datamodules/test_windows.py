@@ -11,7 +11,6 @@ from datamodules.bend import Bend
 from datamodules.device_batches import DeviceBatches
 from datamodules.driving import DrivingData
 from datamodules.samples import (
-    CAMERA_OFFSET_M,
     Windows,
     make_samples,
 )
@@ -86,7 +85,7 @@ def test_a_side_camera_returns_to_the_line_in_the_steps_ahead(load, settings):
     step_m = data.samples.speed_mph[left][:, None] * MPS_PER_MPH / data.samples.rows_per_s
     bend = np.tan(np.radians(steering * UDACITY.steering_deg)) / UDACITY.wheelbase_m
     heading = np.cumsum((bend[:, 1:] + bend[:, :-1]) / 2 * step_m, axis=1)  # trapezoids
-    right_m = CAMERA_OFFSET_M[1] + np.cumsum(heading * step_m, axis=1)
+    right_m = UDACITY.cameras["left"].right_m + np.cumsum(heading * step_m, axis=1)
     assert (steering[:, 0] > 0.05).all()
     assert (np.diff(steering[:, :5]) < 0).all()
     assert (np.abs(right_m[:, -1]) < 0.1).all()

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from zoo.base.rig import MPS_PER_MPH, UDACITY, Rig
+from zoo.base.rig import MPS_PER_MPH, Rig
 from zoo.checkpoints.command import Policy
 from zoo.models.window import Window
 
@@ -114,9 +114,9 @@ class SessionPolicy(Policy):
         if self._recorded_mph:
             steps *= max(speed_mph, 0.0) / self._recorded_mph
         found = outputs_at(outputs, steps).copy()
-        if steps:
+        if steps and self.rig:  # of an unknown car, no way follows from its commands
             way = distance_m(speed_mph, self.latency_s)
-            found[0] += returning(outputs[:, 0], self._on_the_way, way, steps, self.rig or UDACITY)
+            found[0] += returning(outputs[:, 0], self._on_the_way, way, steps, self.rig)
         return found.clip(-1, 1)
 
 
@@ -137,7 +137,7 @@ def outputs_at(outputs: np.ndarray, steps: float) -> np.ndarray:
 
 
 def returning(
-    predicted: np.ndarray, sent: np.ndarray, way_m: float, steps: float, rig: Rig = UDACITY
+    predicted: np.ndarray, sent: np.ndarray, way_m: float, steps: float, rig: Rig
 ) -> float:
     """Return the steering, -1..1, that returns a car from where the sent commands lead it.
 
@@ -149,7 +149,8 @@ def returning(
         steps: steps in that time.
         rig: driven car.
 
-    >>> returning(np.array([0.0, 0.0]), np.array([0.1, 0.1]), 4.0, 1.0) < -0.1
+    >>> from zoo.base.rig import UDACITY
+    >>> returning(np.array([0.0, 0.0]), np.array([0.1, 0.1]), 4.0, 1.0, UDACITY) < -0.1
     True
     """
     if not len(sent):

@@ -86,9 +86,10 @@ def test_commands_as_predicted_need_no_correction() -> None:
     course = np.array([0.3, 0.2, 0.1, 0.0])
     times = (np.arange(30) + 0.5) / 10
     sent = np.interp(times, np.arange(4), course)
-    assert returning(course, sent, 5.0, 3.0) == pytest.approx(0)
-    assert returning(course, np.zeros(0), 5.0, 3.0) == 0.0
-    assert returning(course, sent + 0.1, 5.0, 3.0) < 0 < returning(course, sent - 0.1, 5.0, 3.0)
+    assert returning(course, sent, 5.0, 3.0, UDACITY) == pytest.approx(0)
+    assert returning(course, np.zeros(0), 5.0, 3.0, UDACITY) == 0.0
+    right, left = (returning(course, sent + aside, 5.0, 3.0, UDACITY) for aside in (0.1, -0.1))
+    assert right < 0 < left
 
 
 def test_steps_of_a_faster_recording_take_longer() -> None:
