@@ -20,6 +20,7 @@ from rich.console import Console
 from tests.frozen_objects import freeze_objects
 from tests.kept_compositions import keep_compositions
 from tests.recordings import Written, write_recording
+from zoo.base import process_pool
 
 # A shell that starts the tests in the background makes all processes ignore Ctrl-C; some tests
 # need it.
@@ -48,6 +49,15 @@ def _unplotted() -> Iterator[None]:
         if "zoo.training.run" in sys.modules:
             monkeypatch.setattr("zoo.training.run.save_plots", lambda *_: None)
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_core() -> None:
+    """Let drives run in this process unless a test asks for several: each new one imports torch.
+
+    Commands in processes of their own do the same: see `forked_commands`.
+    """
+    process_pool.usable_cores = lambda: 1
 
 
 @pytest.fixture(scope="session")

@@ -1,15 +1,11 @@
 """The manual: its commands exist with their keys, its links lead somewhere, and it builds."""
 
-import contextlib
 import functools
-import io
 import re
-import runpy
 import shlex
 import shutil
 import subprocess
 import sys
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,11 +18,12 @@ from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo import commands
-from tests.zoo.keras_networks import SCALED, write_steering_h5
+from tests.zoo.keras_networks import SCALED, SHORT_STRETCH, write_steering_h5
 from tests.zoo.written_checkpoints import write_constant
 from zoo.cli.compose import choices, conf_folder
 from zoo.cli.console_script import LISTED
 from zoo.cli.console_script import commands as drivezoo_commands
+from zoo.input_search import tied_drives
 
 ROOT = commands.ROOT
 PACKAGES = ("benchmarks", "datamodules", "drivezoo", "simulator", "zoo")
@@ -129,28 +126,9 @@ def fault_of_module(module: str, arguments: list[str]) -> str | None:
 @functools.cache
 def help_of(module: str, *subcommand: str) -> str:
     """Return what `--help` prints."""
-    status, printed = run_here(module, [*subcommand, "--help"])
-    assert status == 0, printed
-    return printed
-
-
-def run_here(module: str, arguments: list[str]) -> tuple[int, str]:
-    """Return the exit status of `python -m MODULE ARGUMENTS` and what it printed.
-
-    It runs in this process, which has imported most of it: a process for each takes seconds.
-    """
-    printed = io.TextIOWrapper(io.BytesIO(), "utf-8")
-    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of runpy, for what was imported before
-        patch.setattr(sys, "argv", [module, *arguments])
-        status = 0
-        try:
-            with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
-                runpy.run_module(module, run_name="__main__")
-        except SystemExit as end:
-            status = int(end.code or 0)
-    printed.seek(0)
-    return status, printed.read()
+    result = commands.run_here(ROOT, *subcommand, "--help", module=module)
+    assert result.returncode == 0, result.stderr
+    return result.stdout
 
 
 def fault_of_config(arguments: list[str]) -> str | None:
@@ -275,12 +253,12 @@ def test_a_marked_command_runs(
         recording = read_recordings(str(recorded.folder))
         view = View((60, 25), "yuv_old", (12, 40))
         write_steering_h5(tmp_path / "model.h5", recording, view, SCALED)
+        monkeypatch.setattr(tied_drives, "STRETCH", SHORT_STRETCH)
     for name, place in places.items():
         words = [re.sub(rf"\b{name}\b", str(place), word) for word in words]
     assert words[0] == "drivezoo", "only these can be run"
-    monkeypatch.chdir(tmp_path)
-    status, printed = run_here(drivezoo_commands()[words[1]], words[2:])
-    assert status == 0, printed
+    result = commands.run_here(tmp_path, *words[2:], module=drivezoo_commands()[words[1]])
+    assert result.returncode == 0, result.stderr
 
 
 def test_some_commands_are_run() -> None:

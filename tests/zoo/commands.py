@@ -1,12 +1,18 @@
 """Running of our commands as a user does: in a process and a folder for each."""
 
+import contextlib
 import functools
+import io
 import os
+import runpy
 import signal
 import subprocess
 import sys
 import tempfile
+import warnings
 from pathlib import Path
+
+import pytest
 
 from tests.zoo.forked_commands import ForkedCommands, ForkedProcess
 from zoo.base.child_process import module_command
@@ -59,6 +65,26 @@ def run(
         if status == -signal.SIGALRM:
             raise subprocess.TimeoutExpired([module, *arguments], timeout)
         return subprocess.CompletedProcess(arguments, status, output.read(), errors.read())
+
+
+def run_here(cwd: Path, *arguments: str, module: str = "zoo") -> subprocess.CompletedProcess:
+    """Return the output and exit status of `python -m MODULE ARGUMENTS`.
+
+    It runs in this process, which has imported most of it: a process for each takes seconds.
+    """
+    printed = [io.TextIOWrapper(io.BytesIO(), "utf-8") for _ in range(2)]
+    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of runpy, for what was imported before
+        patch.chdir(cwd)
+        patch.setattr(sys, "argv", [module, *arguments])
+        status = 0
+        try:
+            with contextlib.redirect_stdout(printed[0]), contextlib.redirect_stderr(printed[1]):
+                runpy.run_module(module, run_name="__main__")
+        except SystemExit as end:
+            status = int(end.code or 0)
+    texts = [one.buffer.getvalue().decode() for one in printed if one.flush() is None]
+    return subprocess.CompletedProcess(arguments, status, *texts)
 
 
 def run_words(cwd: Path, *words: str, **variables: str) -> subprocess.CompletedProcess:

@@ -19,6 +19,7 @@ from importlib import import_module
 from pathlib import Path
 
 from tests.frozen_objects import freeze_objects
+from zoo.base import process_pool
 
 # Not the commands themselves: these must run as `__main__`.
 IMPORTED = (
@@ -147,6 +148,7 @@ def serve() -> None:
     """Fork a process or wait for one at each request; return in forks, ready for the command."""
     for module in IMPORTED:
         import_module(module)
+    process_pool.usable_cores = lambda: 1  # no process imports torch for a drive of 10 m
     freeze_objects()  # else each fork's collections copy all pages of what was imported
     for line in sys.stdin:
         request = json.loads(line)

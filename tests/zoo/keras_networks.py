@@ -1,6 +1,7 @@
 """Keras 2 files of small networks that steer, and of PilotNets that drivezoo trained."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,10 @@ from datamodules.image import read_image
 from datamodules.recording import Recording
 from datamodules.view import View
 from tests.zoo.keras.keras_files import Layer, lambda_config, write_h5
+from zoo.input_search.tied_drives import STRETCH
 
 RIDGE = 10.0
+SHORT_STRETCH = replace(STRETCH, laps=0.01, quality="simple")  # 285 m take a minute
 SCALED: Layer = ("Lambda", lambda_config(lambda x: x / 127.5 - 1.0), [])
 
 

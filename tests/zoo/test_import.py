@@ -1,5 +1,6 @@
 """`drivezoo import`: from a Keras file to a checkpoint that every command takes."""
 
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -10,22 +11,31 @@ from datamodules.image import read_image
 from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from tests.recordings import Written, write_recording
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import only_line, run, run_here
 from tests.zoo.keras.keras_files import lambda_config, write_h5
 from tests.zoo.keras.test_donkeycar import BINS, donkeycar_layers
 from tests.zoo.keras.test_donkeycar import write as write_donkeycar
-from tests.zoo.keras_networks import SCALED, dense_layer, pilotnet_layers, write_steering_h5
+from tests.zoo.keras_networks import (
+    SCALED,
+    SHORT_STRETCH,
+    dense_layer,
+    pilotnet_layers,
+    write_steering_h5,
+)
 from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.policy import load_policy
 from zoo.doctor.inputs import check_checkpoint
+from zoo.input_search import tied_drives
 from zoo.models.pilotnet import PilotNet
 
 VIEW = View((60, 25), "yuv_old", (12, 40))
 
 
-def import_file(cwd: Path, *arguments: str):
-    return run(cwd, *arguments, module="zoo.import")
+def import_file(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tied_drives, "STRETCH", SHORT_STRETCH)
+        return run_here(cwd, *arguments, module="zoo.import")
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +75,7 @@ def test_layers_trials_and_sources_are_printed(imported: Path) -> None:
         assert text in printed
     assert "the file" in printed
     assert "trying on the recording" in printed
+    assert "of udacity_lake at" in printed
     assert "wrote: old.ckpt\nnext: drivezoo evaluate old.ckpt" in printed
 
 
@@ -158,7 +169,7 @@ def test_a_network_that_never_learned_is_not_convincing(lake: Written, tmp_path:
     weights = rng.normal(size=(12 * 40 * 3, 1)).astype(np.float32) / 1000
     dense = dense_layer(weights, np.zeros(1, np.float32))
     write_h5(tmp_path / "random.h5", [SCALED, ("Flatten", {}, []), dense], shape=(12, 40, 3))
-    result = import_file(tmp_path, "random.h5", f"recording={lake.folder}")
+    result = import_file(tmp_path, "random.h5", f"recording={lake.folder}", "drive=false")
     assert result.returncode == 0, result.stderr
     assert "no input is convincing" in result.stdout
     assert (tmp_path / "random.ckpt").is_file()
@@ -206,7 +217,7 @@ def test_an_unclear_scale_is_asked_for_by_key(lake: Written, tmp_path: Path) -> 
     for name in ("none.h5", "unclear.h5"):
         assert "set scale=[" in only_line(import_file(tmp_path, name))
         assert import_file(tmp_path, name, "scale=[127.5,1]").returncode == 0
-        keys = [f"recording={lake.folder}", "colour=yuv_old", "crop=[60,25]"]
+        keys = [f"recording={lake.folder}", "colour=yuv_old", "crop=[60,25]", "drive=false"]
         result = import_file(tmp_path, name, *keys, "frames=60")
         assert result.returncode == 0, result.stderr
         checkpoint = load_checkpoint(tmp_path / name.replace(".h5", ".ckpt"))

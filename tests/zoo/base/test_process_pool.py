@@ -13,8 +13,16 @@ from typing import Any
 import pytest
 
 from tests.zoo.commands import ROOT, environment
+from zoo.base import process_pool
 from zoo.base.errors import InputError
-from zoo.base.process_pool import opened_pool, run_jobs
+from zoo.base.process_pool import Pool, opened_pool, run_jobs
+
+
+@pytest.fixture(scope="module")
+def pools() -> Iterator[dict[int, Pool]]:
+    """Yield a pool of this process and one of two, which tests share: a new one takes seconds."""
+    with opened_pool(1, most=3) as one, opened_pool(2, most=3) as two:
+        yield {1: one, 2: two}
 
 
 def run_all(function: Callable, jobs: list[tuple], workers: int, **more: Any) -> Iterator[tuple]:
@@ -57,7 +65,9 @@ def stop(number: int, report: Callable[[float], None]) -> None:
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_progress_moves_within_a_drive(workers: int, tmp_path: Path) -> None:
+def test_progress_moves_within_a_drive(
+    workers: int, pools: dict[int, Pool], tmp_path: Path
+) -> None:
     """The drives end only after a half finished one was shown as such."""
     go_on = tmp_path / "go on"
     shown = []
@@ -67,7 +77,7 @@ def test_progress_moves_within_a_drive(workers: int, tmp_path: Path) -> None:
         if share == (0.25 if workers == 1 else 0.5):
             go_on.touch()
 
-    done = dict(run_all(stop_half_way, [(go_on,), (go_on,)], workers, show=show))
+    done = dict(run_jobs(pools[workers], stop_half_way, [(go_on,), (go_on,)], show))
     assert done == {0: None, 1: None}
     assert go_on.exists(), f"only {shown} was shown"
     assert shown == sorted(shown)
@@ -85,8 +95,8 @@ def test_no_jobs_are_no_drives() -> None:
     assert list(run_all(half, [], workers=2)) == []
 
 
-def test_results_come_with_the_number_of_their_job() -> None:
-    found = dict(run_all(half, [(4,), (6,), (8,)], workers=2))
+def test_results_come_with_the_number_of_their_job(pools: dict[int, Pool]) -> None:
+    found = dict(run_jobs(pools[2], half, [(4,), (6,), (8,)]))
     assert {number: value for number, (value, _) in found.items()} == {0: 2.0, 1: 3.0, 2: 4.0}
     assert os.getpid() not in {process for _, process in found.values()}
 
@@ -96,25 +106,29 @@ def test_one_worker_is_this_process() -> None:
     assert found == {0: (2.0, os.getpid()), 1: (3.0, os.getpid())}
 
 
+def test_no_number_of_workers_is_one_for_each_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process_pool, "usable_cores", lambda: 3)
+    for most, processes in ((8, 3), (2, 2)):
+        with opened_pool(0, most) as pool:
+            assert pool.processes == processes
+
+
 def test_a_process_that_is_killed_is_told_with_what_to_try() -> None:
     with pytest.raises(InputError, match=r"killed.* workers=1"):
         dict(run_all(end, [(1,), (2,)], workers=2))
 
 
-def test_what_a_drive_raises_is_raised() -> None:
-    with pytest.raises(InputError, match=r"drive \d cannot be"):
-        dict(run_all(refuse, [(1,), (2,)], workers=2))
-
-
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_drive_that_exits_ends_no_process_silently(workers: int) -> None:
+def test_a_drive_that_exits_ends_no_process_silently(workers: int, pools: dict[int, Pool]) -> None:
     with pytest.raises(SystemExit, match="3"):
-        dict(run_all(stop, [(3,), (3,)], workers))
+        dict(run_jobs(pools[workers], stop, [(3,)]))
 
 
-def test_an_error_names_its_place_in_the_other_process() -> None:
-    with pytest.raises(InputError) as found:
-        dict(run_all(refuse, [(1,), (2,)], workers=2))
+def test_what_a_drive_raises_is_raised_with_its_place_in_the_other_process(
+    pools: dict[int, Pool],
+) -> None:
+    with pytest.raises(InputError, match=r"drive \d cannot be") as found:
+        dict(run_jobs(pools[2], refuse, [(1,)]))
     assert "in refuse" in str(found.value.__cause__)
 
 
