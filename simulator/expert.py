@@ -10,7 +10,7 @@ from simulator.car import DRAG_PER_S, DRIVE_N, GRAVITY_MPS2, REVERSE_BELOW_MPH
 from simulator.rig import MASS_KG, MAX_STEERING_DEG, TOP_SPEED_MPH, WHEELBASE_M
 from simulator.track import Track
 from simulator.world import World
-from simulator.world_settings import check_values
+from zoo.base.command_keys import check_values
 from zoo.base.errors import InputError
 from zoo.base.rig import MPS_PER_MPH
 

@@ -2,30 +2,30 @@
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from simulator.rig import CameraOffset
 from zoo.base.bounded_files import parse_yaml
+from zoo.base.command_keys import (
+    Section,
+    check_keys,
+    check_values,
+    constructed,
+    keys_of,
+    typed_keys,
+)
 from zoo.base.errors import InputError
-from zoo.base.nearest import hint
 
 if TYPE_CHECKING:
     from simulator.track import Surroundings  # slow import: SciPy
 
-Made = TypeVar("Made")
-RANGES = {
-    "sun_elevation_deg": (5, 90),
-    "sun": (0, 3),
-    "brightness": (0.05, 4),
-    "fog": (0, 1),
-    "rain": (0, 1),
-    "wet": (0, 1),
-    "noise": (0, 100),
-    "blur": (0, 20),
-}
+SUN_DEG, SUN, BRIGHTNESS = (5, 90), (0, 3), (0.05, 4)
+
+Share = Annotated[float, Field(ge=0, le=1)]
 
 
 @dataclass(frozen=True)
@@ -48,23 +48,20 @@ class Weather:
     """
 
     sun_azimuth_deg: float = 210.0
-    sun_elevation_deg: float = 42.0
-    sun: float = 1.0
-    brightness: float = 1.0
-    fog: float = 0.0
-    rain: float = 0.0
-    wet: float = 0.0
+    sun_elevation_deg: Annotated[float, Field(ge=SUN_DEG[0], le=SUN_DEG[1])] = 42.0
+    sun: Annotated[float, Field(ge=SUN[0], le=SUN[1])] = 1.0
+    brightness: Annotated[float, Field(ge=BRIGHTNESS[0], le=BRIGHTNESS[1])] = 1.0
+    fog: Share = 0.0
+    rain: Share = 0.0
+    wet: Share = 0.0
     shadows: bool = True
     texture_seed: int = 1
-    camera: CameraOffset = field(default_factory=CameraOffset)
-    noise: float = 0.0
-    blur: float = 0.0
+    camera: Annotated[CameraOffset, Section()] = field(default_factory=CameraOffset)
+    noise: Annotated[float, Field(ge=0, le=100)] = 0.0
+    blur: Annotated[float, Field(ge=0, le=20)] = 0.0
 
     def __post_init__(self) -> None:
-        for key, (low, high) in RANGES.items():
-            value = getattr(self, key)
-            if not low <= value <= high:
-                raise InputError(f"weather: {key}={value}: must be in {low:g}..{high:g}")
+        check_values(self)
 
 
 CLEAR = Weather()
@@ -72,14 +69,13 @@ CLEAR = Weather()
 
 def lit_by(surroundings: "Surroundings", weather: Weather) -> Weather:
     """Return a weather in the light of a track's surroundings, within the ranges of a weather."""
-    wanted = {
-        "sun_elevation_deg": weather.sun_elevation_deg + surroundings.sun_lift_deg,
-        "sun": weather.sun * surroundings.sun,
-        "brightness": weather.brightness * surroundings.brightness,
-    }
-    lit = {key: min(max(value, RANGES[key][0]), RANGES[key][1]) for key, value in wanted.items()}
+    lifted_deg = weather.sun_elevation_deg + surroundings.sun_lift_deg
     return replace(
-        weather, sun_azimuth_deg=weather.sun_azimuth_deg + surroundings.sun_turn_deg, **lit
+        weather,
+        sun_azimuth_deg=weather.sun_azimuth_deg + surroundings.sun_turn_deg,
+        sun_elevation_deg=float(np.clip(lifted_deg, *SUN_DEG)),
+        sun=float(np.clip(weather.sun * surroundings.sun, *SUN)),
+        brightness=float(np.clip(weather.brightness * surroundings.brightness, *BRIGHTNESS)),
     )
 
 
@@ -131,19 +127,9 @@ def read_weather(weather: str | Mapping[str, Any] | Weather) -> Weather | str:
         raise InputError(
             f"weather={weather}: must be clear, random or settings such as {{fog: 0.4}}"
         )
-    return _made("weather", Weather, given)
-
-
-def _made(place: str, kind: type[Made], given: object) -> Made:
-    """Return an instance of `kind` from settings; raise InputError for a wrong one."""
-    if not isinstance(given, Mapping):
-        raise InputError(f"{place}: must be settings, such as {{pitch_deg: 2}}")
-    known, values = [one.name for one in fields(kind)], dict(given)
-    for key, value in given.items():
-        if key not in known:
-            raise InputError(f"{place}: there is no {key}; {hint(str(key), known)}")
-        if key == "camera":
-            values[key] = _made("weather: camera", CameraOffset, value)
-        elif not isinstance(value, int | float):
-            raise InputError(f"{place}: {key}={value}: must be a number")
-    return kind(**values)
+    try:
+        values = dict(typed_keys(given))
+        check_keys(values, keys_of(Weather))
+        return Weather(**constructed(Weather, values))
+    except InputError as error:
+        raise InputError(f"weather: {error}") from None

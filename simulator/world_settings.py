@@ -8,17 +8,10 @@ from pydantic import Field
 from simulator.rig import PHYSICS_STEP_S
 from simulator.track_names import recorded_name
 from simulator.weather import read_weather
-from zoo.base.command_keys import bounds, convert, keys_of
+from zoo.base.command_keys import check_values
 from zoo.base.errors import InputError
 
 DIRECTIONS = {"forward": 1, "1": 1, "backward": -1, "-1": -1}
-
-
-def check_values(options: object) -> None:
-    """Raise InputError for a value out of the range of its type, or that is no choice of it."""
-    for key in keys_of(type(options)):
-        if bounds(key.kind):
-            convert(key.name, key.kind, getattr(options, key.name))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -170,11 +170,11 @@ def test_the_words_of_the_commands() -> None:
     ("text", "words"),
     [
         ("foggy", "must be clear, random or settings"),
-        ("{fogg: 1}", "there is no fogg; did you mean fog?"),
-        ("{fog: 2}", "fog=2: must be in 0..1"),
+        ("{fogg: 1}", "fogg: no such key; did you mean fog?"),
+        ("{fog: 2}", "fog=2: must be a number in 0..1"),
         ("{fog: thick}", "fog=thick: must be a number"),
-        ("{camera: {pich_deg: 2}}", "did you mean pitch_deg?"),
-        ("{camera: 3}", "camera: must be settings"),
+        ("{camera: {pich_deg: 2}}", "did you mean camera.pitch_deg?"),
+        ("{camera: 3}", "camera: no such key; did you mean camera."),
         ("{fog: [", "must be clear, random or settings"),
     ],
 )

@@ -15,6 +15,7 @@ import textwrap
 import types
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
+from operator import attrgetter
 from typing import (
     Annotated,
     Any,
@@ -336,6 +337,13 @@ def check_keys(given: Iterable[str], keys: Iterable[Key], remedy: str = "") -> N
     for name in given:
         if name not in known:
             raise UsageError(f"{name}: no such key; {hint(name, known, remedy)}")
+
+
+def check_values(options: object) -> None:
+    """Raise UsageError for a value out of the range of its type, or that is no choice of it."""
+    for key in keys_of(type(options)):
+        if bounds(key.kind):
+            convert(key.name, key.kind, attrgetter(key.name)(options))
 
 
 def read_texts(arguments: Iterable[str], command: str = "") -> dict[str, str]:
