@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import NamedTuple, TextIO
 
 from datamodules.steering_unit import EXAMPLE, SteeringUnit
+from zoo.base.bounded_files import MOST_LINE, open_text
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most
-from zoo.base.regular_file import MOST_LINE, open_text
 
 COLUMNS = ("center", "left", "right", "steering", "throttle", "brake", "speed")
 CAMERAS = COLUMNS[:3]

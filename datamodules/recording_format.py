@@ -18,8 +18,7 @@ from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.rig_file import find_rig, read_rig
 from zoo.base.bounded_files import read_json
-from zoo.base.errors import InputError, UsageError
-from zoo.base.nearest import hint
+from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.rig import UDACITY
 
 SOURCE_NAME = "source.json"  # beside the log of a converted recording

@@ -10,8 +10,8 @@ import numpy as np
 
 from datamodules.recording import LOG_NAME, Recording, file_name
 from datamodules.shard_store import shard_of
+from zoo.base.bounded_files import open_text
 from zoo.base.errors import InputError
-from zoo.base.regular_file import open_text
 from zoo.base.whole_file import write_whole
 
 MOST_SPLIT_BYTES = 500_000_000

@@ -6,6 +6,7 @@ import os
 import signal
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
@@ -17,19 +18,96 @@ from zoo.base.run_command import expected_failure
 from zoo.benchmark.__main__ import benchmark as benchmark_command
 from zoo.compare.__main__ import compare as compare_command
 from zoo.drive.__main__ import drive as drive_command
+from zoo.drives.drive_log import SUMMARY_NAME, read_summary
+from zoo.drives.metrics import METRICS
 from zoo.evaluate.__main__ import evaluate as evaluate_command
 from zoo.evaluate.__main__ import replay as replay_command
 from zoo.leaderboard.__main__ import leaderboard as leaderboard_command
+from zoo.results import read_finished
 from zoo.results import results as results_command
+from zoo.runs.metrics_file import read_metrics_file
+from zoo.runs.run import Run
+from zoo.runs.table import Cell, Table
+from zoo.runs.table_files import Result
+from zoo.runs.table_files import write_table as write_result_table
 
 if TYPE_CHECKING:
-    from drivezoo.result_classes import ServedDrive, Training
     from zoo.benchmark.benchmarked import Benchmarked
-    from zoo.runs.table import Cell
     from zoo.worlds.environments import EnvironmentPolicy
 
 Given = ParamSpec("Given")
 Returned = TypeVar("Returned")
+
+
+class Training(Run, Result):
+    """A finished training: a run with the table of its figures."""
+
+    @classmethod
+    def read(cls, folder: str | Path) -> Training:
+        """Return the training of a run's folder.
+
+        Raises:
+            InputError: the folder has no figures of a finished run.
+        """
+        read_metrics_file(Path(folder))
+        return cls(Path(folder))
+
+    def __fspath__(self) -> str:
+        """Return the folder, so that commands take the training as a path."""
+        return str(self.folder)
+
+    @property
+    def checkpoint(self) -> Path | None:
+        """Return the best checkpoint, or the last; None if the run kept none."""
+        return self.checkpoint_path
+
+    @property
+    def figures(self) -> dict[str, Cell]:
+        """Return the only row of the table: model, seed, errors and driving figures by name."""
+        return self.table()[0]
+
+    def __repr__(self) -> str:
+        from zoo.evaluate.track_scores import how_well  # slow import: matplotlib
+
+        figures = self.figures
+        lines = [f"  {track}: {how_well(one)}" for track, one in self.tracks.items()]
+        if (mse := figures.get("test_mse")) is not None:
+            lines.insert(0, f"  test MSE {mse:.4f}, always zero {figures['test_mse_zero']:.4f}")
+        return "\n".join([f"Training of {figures['experiment']} in {self.folder}", *lines])
+
+    def result_table(self) -> Table:
+        """Return one row, as `drivezoo results` prints it."""
+        return read_finished([self.folder]).result_table()
+
+
+@dataclass(frozen=True, repr=False)
+class ServedDrive(Result):
+    """A drive on the socket.
+
+    Attributes:
+        folder: drive's folder.
+        figures: contents of `drive.json`.
+    """
+
+    folder: Path
+    figures: dict
+
+    @classmethod
+    def read(cls, folder: Path) -> ServedDrive:
+        """Return the drive of a folder.
+
+        Raises:
+            InputError: the folder has no readable `drive.json`.
+        """
+        return cls(folder, read_summary(folder / SUMMARY_NAME))
+
+    def __repr__(self) -> str:
+        driven_m, lost = (self.figures.get(key) or 0 for key in ("driven_m", "interventions"))
+        return f"ServedDrive in {self.folder}: {driven_m:.0f} m, {lost:g} interventions"
+
+    def result_table(self) -> Table:
+        """Return one row with all figures."""
+        return Table.of_figures([{key: one for key, one in self.figures.items() if key in METRICS}])
 
 
 def one_line_errors(function: Callable[Given, Returned]) -> Callable[Given, Returned]:
@@ -81,7 +159,6 @@ def train(**keys: Any) -> Training:
         InputError: the recording or another file cannot be used.
         StoppedError: an interrupt, such as Ctrl-C; names how to resume.
     """
-    from drivezoo.result_classes import Training
     from zoo.__main__ import is_sweep
     from zoo.__main__ import train as train_run
 
@@ -109,8 +186,6 @@ def drive(driver: str | os.PathLike[str], **keys: Any) -> ServedDrive | None:
         InputError: the checkpoint cannot be loaded, the port is taken, or the embedded simulator
             failed.
     """
-    from drivezoo.result_classes import ServedDrive
-
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         folder = drive_command(driver, **keys)
@@ -181,8 +256,6 @@ def read_run(folder: str | Path) -> Training:
     Raises:
         InputError: the folder has no figures of a finished run.
     """
-    from drivezoo.result_classes import Training
-
     return Training.read(folder)
 
 
@@ -209,10 +282,7 @@ def write_table(rows: Sequence[Mapping[str, Cell]], path: str | Path) -> Path:
     Raises:
         InputError: the file's name has another ending, or it cannot be written.
     """
-    from zoo.runs.table import Table
-    from zoo.runs.table_files import write_table as write
-
-    return write(Table.of_figures(rows), path)
+    return write_result_table(Table.of_figures(rows), path)
 
 
 def overrides(keywords: Mapping[str, object]) -> list[str]:

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from simulator.command_options import ClientOptions, DriveOptions, RecordOptions, ServeOptions
 from zoo.base.command import command, is_help
-from zoo.base.errors import UsageError
-from zoo.base.nearest import hint
+from zoo.base.errors import UsageError, hint
 from zoo.base.run_command import exit_after
 
 # Slow imports come late: --help and typos answer at once.
@@ -19,10 +18,10 @@ def record(*, options: RecordOptions) -> Path:
     Args:
         options: see `RecordOptions`.
     """
-    from simulator.record import print_written, record_laps
+    from simulator.record import print_last_lines, record_laps
 
     folder = record_laps(options)
-    print_written(folder)
+    print_last_lines(folder)
     return folder
 
 
@@ -37,12 +36,12 @@ def drive(*, options: DriveOptions) -> Path | None:
         The recording's folder; None if nothing was recorded.
     """
     from simulator import drive as driving
-    from simulator.record import print_written
+    from simulator.record import print_last_lines
 
     recorded = driving.drive(options)
     if recorded is None:
         return None
-    print_written(*recorded)
+    print_last_lines(*recorded)
     return recorded[0]
 
 

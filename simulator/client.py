@@ -14,7 +14,6 @@ import numpy as np
 from rich.console import Console
 
 from simulator.command_options import ClientOptions
-from simulator.film import Film
 from simulator.legacy_socket import (
     OPENED,
     UNREADABLE,
@@ -24,6 +23,7 @@ from simulator.legacy_socket import (
 )
 from simulator.telemetry import make_telemetry, read_put_back, read_steer
 from simulator.world import Start, World
+from zoo.base.video import Film
 
 if TYPE_CHECKING:
     from simulator.modern_socket import ModernSocket  # slow import: python-socketio

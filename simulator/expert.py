@@ -68,9 +68,7 @@ class Expert:
                 f"expert: offset_m={self.settings.offset_m:g}: must be in "
                 f"{-room:.1f}..{room:.1f} on this road"
             )
-        self._limits = {
-            way: with_ends(track, speed_limits(track, self.settings, way)) for way in (1, -1)
-        }
+        self._limits = {way: speed_limits(track, self.settings, way) for way in (1, -1)}
         self.reset(self.settings.seed)
 
     def reset(self, seed: int) -> None:
@@ -138,7 +136,7 @@ class Expert:
         """Return the throttle that reaches and holds the speed that the bends ahead allow."""
         way, speed = world.direction, world.car.ahead_mps
         distance = world.place.distance + way * speed * world.frame_s
-        limit = float(np.interp(self.track.wrap(distance), *self._limits[way]))
+        limit = float(self.track.interpolate(self._limits[way], distance))
         if limit >= TOP_SPEED_MPH * MPS_PER_MPH:
             return 1.0
         grade = way * float(self.track.grade_at(distance))
@@ -147,20 +145,6 @@ class Expert:
         # At low speed a negative throttle would reverse the car.
         lowest = 0.0 if speed < SLOWEST_MPS else -1.0
         return float(np.clip(wish, lowest, 1))
-
-
-def with_ends(track: Track, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return distances and values, float64 [N], of the samples; of a loop also those next to them.
-
-    np.interp with a period adds the same two samples, but sorts all samples at each call.
-    """
-    if not track.closed:
-        return track.distance, values
-    around = [-1, *range(len(values)), 0]
-    distance = track.distance[around]
-    distance[0] -= track.length
-    distance[-1] += track.length
-    return distance, values[around]
 
 
 def speed_limits(track: Track, settings: ExpertSettings, direction: int) -> np.ndarray:

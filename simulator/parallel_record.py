@@ -13,7 +13,7 @@ from functools import lru_cache
 from rich.progress import Progress
 
 from simulator.recorder import Recorder, encode
-from simulator.renderer import Renderer, open_buffer, open_renderer
+from simulator.renderer import Renderer, open_buffer
 from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH
 from simulator.track_file import read_track
 from simulator.weather import Weather
@@ -30,7 +30,7 @@ class Request:
     """A frame to draw.
 
     Attributes:
-        scene: track, renderer and quality, as of `open_renderer`.
+        scene: track, renderer and quality, as of `Renderer`.
         weather: arguments of `Renderer.set_weather`.
         frame: arguments of `Renderer.frame`.
     """
@@ -41,7 +41,7 @@ class Request:
 
 
 class Requests:
-    """A stand-in for `Renderer` that returns requests in place of frames; see `open_renderer`."""
+    """A stand-in for `Renderer` that returns requests in place of frames; see `Renderer`."""
 
     def __init__(self, track: str, renderer: str = "auto", quality: str = "full") -> None:
         self.scene = track, renderer, quality
@@ -127,7 +127,7 @@ class ParallelRecorder:
 def _opened(scene: tuple[str, str, str]) -> Renderer:
     """Return the renderer of a scene; the last one of a process stays open."""
     track, renderer, quality = scene
-    return open_renderer(read_track(track), renderer, quality)
+    return Renderer(read_track(track), renderer, quality)
 
 
 @lru_cache(maxsize=1)

@@ -19,9 +19,9 @@ from simulator.recorder import LOG_NAME, Recorder, split_pedals
 from simulator.rig import CAMERAS, PHYSICS_STEP_S
 from simulator.world import World
 from zoo.base.errors import InputError
-from zoo.base.terminal import command_line
+from zoo.base.terminal import print_written
 
-FIRST_TRY = ("drivezoo", "train", "experiment=first_try")  # docs/recipes.md
+FIRST_TRY = ("train", "experiment=first_try")  # docs/recipes.md
 BARS = " ▁▂▃▄▅▆▇█"
 BINS = 41
 STUCK_S = 10.0  # a driver that gains less than a metre in this time is stuck
@@ -114,24 +114,17 @@ def print_report(
     console.print(table)
 
 
-def print_written(folder: Path, off_road: int = 0) -> None:
-    """Print the recording's log, and the command to type next; see `next_command`."""
-    here = Path.cwd()
-    root = folder.relative_to(here) if folder.is_relative_to(here) else folder
-    for line in (f"wrote: {folder / LOG_NAME}", f"next: {next_command(root, off_road)}"):
-        Console(soft_wrap=True).print(line, highlight=False, markup=False, emoji=False)
-
-
-def next_command(folder: str | Path, off_road: int = 0) -> str:
-    """Return the shell command to type after a recording.
+def print_last_lines(folder: Path, off_road: int = 0) -> None:
+    """Print the recording's log, and the command to type next.
 
     Args:
         folder: recording.
         off_road: number of rows off the road; the editor deletes them before a first training.
     """
-    if off_road:
-        return command_line(["drivezoo", "edit", str(folder)])
-    return command_line([*FIRST_TRY, f"data.root={folder}"])
+    here = Path.cwd()
+    root = folder.relative_to(here) if folder.is_relative_to(here) else folder
+    following = ("edit", root) if off_road else (*FIRST_TRY, f"data.root={root}")
+    print_written([folder / LOG_NAME], following)
 
 
 def histogram(steering: np.ndarray) -> str:

@@ -50,12 +50,13 @@ class Renderer:
             bonnet in its frames.
 
     Raises:
-        InputError: the renderer does not open on this machine.
+        InputError: the renderer does not open on this machine, or the quality is unknown.
     """
 
     def __init__(
         self, track: Track, renderer: str = "auto", quality: str = "full", rig: Rig = UDACITY
     ) -> None:
+        WorldSettings(quality=quality).check()
         self.track, self.rig = track, rig
         first = next(iter(rig.cameras.values()))
         self.size = first.size
@@ -227,14 +228,6 @@ def make_output(
     asked.setTitle(title)
     engine = core.GraphicsEngine(pipe)
     return engine, engine.makeOutput(pipe, title, 0, wanted, asked, flags)
-
-
-def open_renderer(
-    track: Track, renderer: str = "auto", quality: str = "full", rig: Rig = UDACITY
-) -> Renderer:
-    """Open the renderer of a track; raise InputError for a wrong renderer or quality."""
-    WorldSettings(quality=quality).check()
-    return Renderer(track, renderer, quality, rig)
 
 
 def camera_lens(camera: Camera = CENTER) -> core.PerspectiveLens:

@@ -7,8 +7,7 @@ it: CarRacing's playfield ends 1,100 units beyond the mean radius of a track 80 
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from zoo.base.errors import InputError
-from zoo.base.nearest import hint
+from zoo.base.errors import InputError, hint
 from zoo.base.rig import MPS_PER_MPH
 
 Info = dict[str, Any]

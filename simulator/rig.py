@@ -10,15 +10,9 @@ from zoo.base.rig import UDACITY
 CAMERAS = tuple(UDACITY.cameras)
 CENTER = UDACITY.cameras["center"]
 FRAME_WIDTH, FRAME_HEIGHT = CENTER.size
-VERTICAL_FOV_DEG, FOCAL_PX, NEAR_M = CENTER.vertical_fov_deg, CENTER.focal_px, 0.3
+VERTICAL_FOV_DEG, NEAR_M = CENTER.vertical_fov_deg, 0.3
 PIXELS = (8, 1024)  # smallest and largest width and height of a camera
 FOV_DEG = (1.0, 170.0)
-# x right, y up and z ahead of the car's origin on the ground.
-CAMERA_POSITIONS = {
-    name: (camera.right_m, camera.up_m, camera.ahead_m) for name, camera in UDACITY.cameras.items()
-}
-PITCH_DOWN_DEG, YAW_RIGHT_DEG = CENTER.pitch_down_deg, CENTER.yaw_right_deg
-ROLL_DEG = CENTER.roll_deg
 
 FRONT_AXLE_M, REAR_AXLE_M = UDACITY.front_axle_m, UDACITY.rear_axle_m
 WHEELBASE_M, MAX_STEERING_DEG = UDACITY.wheelbase_m, UDACITY.steering_deg

@@ -134,27 +134,27 @@ class Track:
 
     def at(self, distance: float | np.ndarray) -> np.ndarray:
         """Return the centreline's x, y, z, float64 [..., 3], at distances."""
-        return self._interpolate(self.xyz, distance)
+        return self.interpolate(self.xyz, distance)
 
     def heading_at(self, distance: float | np.ndarray) -> np.ndarray:
         """Return the road's heading in radians, unwrapped over laps."""
         if not self.closed:
-            return self._interpolate(self.heading, distance)
+            return self.interpolate(self.heading, distance)
         laps, rest = np.divmod(distance, self.length)
         wrapped = np.append(self.heading, self.heading[0] + self._turned)
         return np.interp(rest, np.append(self.distance, self.length), wrapped) + laps * self._turned
 
     def curvature_at(self, distance: float | np.ndarray) -> np.ndarray:
         """Return the curvature in 1/m, left bends positive."""
-        return self._interpolate(self.curvature, distance)
+        return self.interpolate(self.curvature, distance)
 
     def grade_at(self, distance: float | np.ndarray) -> np.ndarray:
         """Return the rise per metre, climbing positive."""
-        return self._interpolate(self.grade, distance)
+        return self.interpolate(self.grade, distance)
 
     def width_at(self, distance: float | np.ndarray) -> np.ndarray:
         """Return the metres between the edge lines."""
-        return self._interpolate(self.widths, distance)
+        return self.interpolate(self.widths, distance)
 
     def wrap(self, distance: float) -> float:
         """Return a distance within the road: wrapped on a closed loop, else clamped."""
@@ -256,7 +256,8 @@ class Track:
         """Return the heading's change over a lap in radians: a full turn left or right."""
         return 2 * np.pi * round((self.heading[-1] - self.heading[0]) / (2 * np.pi))
 
-    def _interpolate(self, values: np.ndarray, distance: float | np.ndarray) -> np.ndarray:
+    def interpolate(self, values: np.ndarray, distance: float | np.ndarray) -> np.ndarray:
+        """Return values at distances, float64 [...], from those of the samples, [N] or [N, D]."""
         # Faster than np.interp with a period, which sorts all samples at each call.
         count = len(values)
         if self.closed:

@@ -14,8 +14,7 @@ from simulator.track_names import (
     track_names,
 )
 from zoo.base.bounded_files import read_yaml
-from zoo.base.errors import InputError
-from zoo.base.nearest import hint
+from zoo.base.errors import InputError, hint
 
 MOST_PATH = 4096  # characters of the path of a track's file
 

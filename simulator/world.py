@@ -236,9 +236,9 @@ def open_world(
     course = read_track(track) if isinstance(track, str) else track
     opened = None if isinstance(renderer, str) else renderer
     if isinstance(renderer, str) and renderer != "none":
-        from simulator.renderer import open_renderer  # slow import: a training only checks worlds
+        from simulator.renderer import Renderer  # slow import: a training only checks worlds
 
-        opened = open_renderer(course, renderer, quality, rig)
+        opened = Renderer(course, renderer, quality, rig)
     world = World(course, opened, frame_rate, delay_s, direction, reverses)
     world.reset(seed)
     return world

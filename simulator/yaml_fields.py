@@ -12,8 +12,7 @@ from pydantic import (
     model_validator,
 )
 
-from zoo.base.errors import InputError
-from zoo.base.nearest import hint
+from zoo.base.errors import InputError, hint
 
 
 class Keys(BaseModel):

@@ -12,10 +12,9 @@ from typing import Annotated
 from pydantic import Field
 
 from zoo.base.command import command
-from zoo.base.errors import InputError, UsageError
-from zoo.base.nearest import hint
+from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.new_folder import RECORDINGS, hold_folder, is_held, is_locked, is_unfinished
-from zoo.base.terminal import command_line, printable
+from zoo.base.terminal import command_line, print_next, printable
 from zoo.base.written_files import (
     LOCK,
     MARK,
@@ -26,7 +25,6 @@ from zoo.base.written_files import (
     remove_files,
     written_below,
 )
-from zoo.cli.closing_lines import print_next
 
 CACHE, FILES, UNFINISHED = "cache", "files", "unfinished"
 OUTPUTS_FOLDER = "outputs"

@@ -9,8 +9,7 @@ from pydantic import Field
 from datamodules.read_options import ReadOptions
 from zoo.base.command import command
 from zoo.base.errors import UsageError
-from zoo.base.terminal import command_line, printable
-from zoo.cli.closing_lines import print_next, print_written
+from zoo.base.terminal import command_line, print_next, print_written, printable
 
 Written = Literal["udacity", "lerobot", "donkeycar", "shards"]
 

@@ -11,8 +11,7 @@ from rich.table import Table
 from zoo.base.child_process import child_environment, module_command
 from zoo.base.command import command
 from zoo.base.errors import InputError
-from zoo.base.terminal import command_line
-from zoo.cli.closing_lines import print_written
+from zoo.base.terminal import command_line, print_written
 from zoo.cli.console_script import commands
 
 SPEED_MPH = 20

@@ -16,8 +16,7 @@ from datamodules.recording import LOG_NAME
 from datamodules.recording_format import known_format, read_recordings
 from zoo.base.command import command
 from zoo.base.errors import InputError
-from zoo.base.terminal import print_line
-from zoo.cli.closing_lines import print_written
+from zoo.base.terminal import print_line, print_written
 from zoo.drives import drive_log
 from zoo.drives.drive_film import MOMENTS, draw_overlay
 from zoo.drives.drive_record import FALLBACK, PERSON
@@ -84,7 +83,7 @@ def make_film(
         InputError: `read_shots` fails, no image can be read, or the film cannot be written.
     """
     # Imported late: imageio-ffmpeg (30 MB) is needed only for films.
-    from simulator.film import Film
+    from zoo.base.video import Film
 
     folder = Path(folder).expanduser()
     out = Path(out).expanduser() if out else Path(f"{folder.absolute()}.mp4")

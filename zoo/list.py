@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from zoo.base.command import command
 from zoo.base.command_keys import help_row
 from zoo.base.parts import part_of
-from zoo.base.terminal import printable
+from zoo.base.terminal import print_next, printable
 from zoo.checkpoints.checkpoint_path import packaged_names, read_facts
-from zoo.cli.closing_lines import print_next
 from zoo.cli.conf_files import choice_files, choices
 from zoo.cli.console_progress import loading
 

@@ -3,9 +3,8 @@
 from pathlib import Path
 
 from zoo.base.command import command
-from zoo.base.terminal import command_line
+from zoo.base.terminal import command_line, print_next, print_written
 from zoo.base.written_files import check_output, note_output
-from zoo.cli.closing_lines import print_next, print_written
 
 COUNT = 32
 NAMES = ("fed_batch", "steering_histogram")

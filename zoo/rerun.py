@@ -11,9 +11,9 @@ from zoo.base.child_process import child_environment, module_command
 from zoo.base.command import command
 from zoo.base.errors import InputError, StoppedError
 from zoo.base.new_folder import command_folder, dated_folder
+from zoo.base.terminal import print_written
 from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import find_run
-from zoo.cli.closing_lines import print_written
 from zoo.cli.compose import escape_interpolation
 from zoo.runs.saved_config import TRUST, check_saved_config, split_trust
 
@@ -109,8 +109,7 @@ def _trained_config(run: Path) -> DictConfig:
     config = load_config(run)
     last = run / "checkpoints" / "last.ckpt"
     if last.is_file():
-        from zoo.checkpoints.checkpoint import read_checkpoint_file
-        from zoo.checkpoints.checkpoint_card import check_card
+        from zoo.checkpoints.checkpoint import check_card, read_checkpoint_file
 
         card = read_checkpoint_file(last)["drivezoo"]
         check_card(card, last)

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from zoo.base.command import command
 from zoo.base.errors import InputError, UsageError
-from zoo.base.terminal import printable
-from zoo.cli.closing_lines import print_written
+from zoo.base.terminal import print_written, printable
 from zoo.runs.run import Run
 from zoo.runs.table import Cell, Table
 from zoo.runs.table_files import Result, TableFiles

@@ -18,9 +18,9 @@ from datamodules.image import StoredImage
 from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, ForwardReader, Recording
 from datamodules.steering_unit import SteeringUnit
+from zoo.base.bounded_files import open_binary
 from zoo.base.errors import InputError
 from zoo.base.limits import MOST
-from zoo.base.regular_file import open_binary
 from zoo.base.rig import Camera, single_camera_rig
 
 title = "recording of comma.ai (2016)"

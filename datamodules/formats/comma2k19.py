@@ -13,9 +13,9 @@ from datamodules.formats.labels import labelled_recording, video_images
 from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.steering_unit import SteeringUnit
+from zoo.base.bounded_files import open_binary
 from zoo.base.errors import InputError
 from zoo.base.limits import MOST
-from zoo.base.regular_file import open_binary
 from zoo.base.rig import Camera, single_camera_rig
 
 title = "segment of comma2k19"

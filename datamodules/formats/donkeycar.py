@@ -21,11 +21,10 @@ from datamodules.image import find_file_fault, link_or_copy
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording, keep_valid, make_recording
 from datamodules.stretches import complete_times, continuous_drives, times_of_drives
-from zoo.base.bounded_files import MOST_JSON_BYTES, read_text
+from zoo.base.bounded_files import MOST_JSON_BYTES, open_text, read_text
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most
 from zoo.base.new_folder import RECORDINGS, whole_folder
-from zoo.base.regular_file import open_text
 from zoo.base.rig import MPS_PER_MPH, UDACITY
 
 MANIFEST = "manifest.json"  # a tub of Donkeycar 3 has a file for each record

@@ -14,8 +14,8 @@ from datamodules.image import MOST_IMAGE_BYTES, image_size
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.steering_unit import SteeringUnit
+from zoo.base.bounded_files import open_binary
 from zoo.base.errors import InputError
-from zoo.base.regular_file import open_binary
 
 title = "folder of a JetRacer or JetBot"
 NOTE = "the steering is the way to a point of the road ahead; the images have no times"

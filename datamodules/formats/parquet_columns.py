@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from zoo.base.bounded_files import open_regular
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most, check_unpacked
-from zoo.base.regular_file import open_regular
 
 MOST_PARQUET_BYTES = 8_000_000_000
 MOST_NUMBERS = 20_000_000  # of all columns that are read

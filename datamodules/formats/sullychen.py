@@ -16,7 +16,7 @@ from datamodules.formats.labels import collect, inside, labelled_recording
 from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.steering_unit import SteeringUnit
-from zoo.base.regular_file import open_text
+from zoo.base.bounded_files import open_text
 from zoo.base.rig import Camera, single_camera_rig
 
 title = "folder in SullyChen's layout"

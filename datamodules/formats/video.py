@@ -9,8 +9,8 @@ import imageio_ffmpeg
 import numpy as np
 
 from datamodules.image import MOST_PIXELS
+from zoo.base.bounded_files import open_regular
 from zoo.base.errors import InputError
-from zoo.base.regular_file import open_regular
 from zoo.base.video import VideoWriter
 
 MOST_VIDEO_BYTES = 64_000_000_000

@@ -17,8 +17,17 @@ from zoo.base.parts import take_parts
 from zoo.benchmark.result import DriveRecord
 from zoo.benchmark.summary import summarize_drives
 from zoo.drives.drive_record import SOCKET, Drive, DriveRow
-from zoo.drives.metric_registry import DRIVES, HIGHER, LOWER, NEITHER, REPLAYS
-from zoo.drives.metrics import METRICS, leaderboard_metrics, measure, metrics_page
+from zoo.drives.metrics import (
+    DRIVES,
+    HIGHER,
+    LOWER,
+    METRICS,
+    NEITHER,
+    REPLAYS,
+    leaderboard_metrics,
+    measure,
+    metrics_page,
+)
 from zoo.evaluate.drives_table import mean_and_spread, print_drives
 from zoo.evaluate.robustness import PERTURBATIONS, perturbations_named, sweeps
 from zoo.new.part_files import TEMPLATES

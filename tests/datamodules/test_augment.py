@@ -260,13 +260,13 @@ def test_a_straight_line_becomes_the_circle_that_the_camera_would_see(curvature:
     """The reference projects points of a circle that touches the car at its rear axle."""
     moved = aside(Bend(), 160, curvature, BEGUN, 60.0)
     for ahead in (4.0, 8.0, 15.0):
-        along = ahead + rig.CAMERA_POSITIONS["center"][2] + rig.REAR_AXLE_M
+        along = ahead + CAMERA.ahead_m + rig.REAR_AXLE_M
         sideways = (1 - np.sqrt(1 - (curvature * along) ** 2)) / curvature
         below = np.arctan(CAMERA.up_m / ahead) - np.radians(CAMERA.pitch_down_deg)
         row = 79.5 + CAMERA.focal_px * np.tan(below)  # of 160
         depth = depth_of(ahead, CAMERA)
         assert np.interp(row, np.arange(160), moved) == pytest.approx(
-            rig.FOCAL_PX * sideways / depth, rel=0.1
+            CAMERA.focal_px * sideways / depth, rel=0.1
         )
 
 

@@ -30,8 +30,8 @@ from tests.recordings import Written, write_recording
 from tests.zoo.commands import only_line, run
 from tests.zoo.drive.scans import SCANS, many_scans
 from tests.zoo.trainings import SMALL
+from zoo.base.bounded_files import open_regular, read_regular
 from zoo.base.errors import InputError
-from zoo.base.regular_file import open_regular, read_regular
 from zoo.checkpoints.checkpoint import load_plain
 from zoo.checkpoints.onnx_policy import open_session
 from zoo.keras.keras_file import read_keras

@@ -9,8 +9,8 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
-from simulator.film import Film
 from zoo.base.errors import InputError
+from zoo.base.video import Film
 from zoo.base.written_files import OUTPUTS
 
 

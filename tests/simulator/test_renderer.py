@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulator.renderer import open_renderer
+from simulator.renderer import Renderer
 from simulator.rig import CAMERAS, CameraOffset
 from simulator.track_file import read_track, track_names
 from simulator.weather import CLEAR, Weather
@@ -166,7 +166,7 @@ def test_shadows_fall_on_the_mountain_road() -> None:
 def test_a_track_turns_the_sun_of_every_weather() -> None:
     shown = []
     for track, azimuth in ((loop(), 100.0), (loop(surroundings={"sun_turn_deg": 60}), 40.0)):
-        renderer = open_renderer(track, "software")
+        renderer = Renderer(track, "software")
         renderer.set_weather(replace(CLEAR, sun_azimuth_deg=azimuth), 0)
         shown.append(renderer.frame((0.0, 0.0, 0.0, 0.0, 0.0), "center", 0))
         renderer.close()
@@ -176,9 +176,9 @@ def test_a_track_turns_the_sun_of_every_weather() -> None:
 def test_a_wrong_renderer_or_quality_is_named() -> None:
     track = read_track("lake")
     with pytest.raises(InputError, match="renderer=vulkan: must be auto, software or opengl"):
-        open_renderer(track, "vulkan")
+        Renderer(track, "vulkan")
     with pytest.raises(InputError, match="quality=low: must be full or simple"):
-        open_renderer(track, "software", "low")
+        Renderer(track, "software", "low")
 
 
 def test_without_libx11_the_error_names_the_package(tmp_path) -> None:

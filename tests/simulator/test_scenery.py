@@ -5,7 +5,7 @@ import pytest
 import yaml
 from scipy.spatial import cKDTree
 
-from simulator.renderer import landscape, open_renderer
+from simulator.renderer import Renderer, landscape
 from simulator.scenery.edges import DECK_M, bridge_meshes, edge_meshes
 from simulator.scenery.frame_effects import bonnet_image
 from simulator.scenery.ground import Ground
@@ -139,7 +139,7 @@ def test_a_bare_world_can_be_drawn() -> None:
     content = yaml.safe_load((track_folder() / "zoo_lake.yaml").read_text())
     content["surroundings"] = {"trees": 0, "bushes": 0, "rocks": 0, "poles": 0}
     content["stretches"] = []
-    renderer = open_renderer(make_track("bare", content), "software")
+    renderer = Renderer(make_track("bare", content), "software")
     assert renderer.frame((0.0, 0.0, 0.0, 0.0, 0.0), "center", 0).std() > 5
     renderer.close()
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import drivezoo
-from drivezoo.result_classes import Training
+from drivezoo.functions import Training
 from tests.recordings import Written, write_recording
 from tests.zoo import commands
 from tests.zoo.benchmark.test_benchmark_command import write_suite

@@ -36,8 +36,7 @@ from zoo.base.command_keys import (
     meanings_of,
     read_texts,
 )
-from zoo.base.errors import InputError, UsageError
-from zoo.base.nearest import hint
+from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.parts import MEANING as PARTS
 from zoo.base.run_command import exit_after
 

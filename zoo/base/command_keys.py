@@ -27,8 +27,7 @@ from typing import (
     get_type_hints,
 )
 
-from zoo.base.errors import InputError, UsageError
-from zoo.base.nearest import hint
+from zoo.base.errors import InputError, UsageError, hint
 
 Made = TypeVar("Made")
 

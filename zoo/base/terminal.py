@@ -1,10 +1,13 @@
-"""Texts for a terminal: foreign texts escaped, commands to paste, and how much is printed."""
+"""Texts for a terminal: escaped, commands to paste, last lines of a command; how much is shown."""
 
 import os
 import re
 import shlex
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from zoo.base.parts import typed_parts
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -101,3 +104,46 @@ def is_quiet() -> bool:
 def is_verbose() -> bool:
     """Return whether a sweep prints each job's output, and an error its traceback."""
     return os.environ.get(VARIABLE) == "verbose"
+
+
+def print_written(
+    written: Iterable[str | Path],
+    following: Iterable[object] = (),
+    console: "Console | None" = None,
+) -> None:
+    """Print `wrote: PATH` for each path, then `next: drivezoo ...`.
+
+    >>> print_written(["my run/film.mp4"], ["report", "my run"])
+    wrote: my run/film.mp4
+    next: drivezoo report 'my run'
+
+    Args:
+        written: paths of the files and folders that the command wrote.
+        following: words of the next command after `drivezoo`; empty for no `next:` line.
+        console: console to print on; None for standard output.
+    """
+    for path in written:
+        _print(f"wrote: {path}", console)
+    words = [str(one) for one in following]
+    if words:
+        print_next(command_line(["drivezoo", *words]), console=console)
+
+
+def print_next(command: str, purpose: str = "", console: "Console | None" = None) -> None:
+    """Print `next: COMMAND  # PURPOSE`; the text after `next:` can be pasted into a shell.
+
+    The user's `parts=...` are added to a command that takes them. With `-q` nothing is printed.
+    """
+    if is_quiet():
+        return
+    program, name, *_ = [*command.split(), ""]
+    if program == "drivezoo" and name not in ("check", "simulator"):
+        command = f"{command} {command_line(typed_parts())}".rstrip()
+    _print(f"next: {command}{f'  # {purpose}' if purpose else ''}", console)
+
+
+def _print(line: str, console: "Console | None") -> None:
+    if console is None:
+        print(printable(line))
+    else:
+        console.print(line, highlight=False, markup=False, emoji=False, soft_wrap=True)

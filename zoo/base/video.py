@@ -1,4 +1,4 @@
-"""A writer of H.264 videos, frame by frame, with the ffmpeg of imageio-ffmpeg.
+"""Writers of videos and films that browsers play: H.264, by the ffmpeg of imageio-ffmpeg.
 
 `imageio_ffmpeg.write_frames` does not look at ffmpeg's exit status and passes its messages on to
 the terminal, so that a video that a full disk cut off would count as complete.
@@ -8,15 +8,18 @@ import contextlib
 import signal
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 
 import numpy as np
 
 from zoo.base.errors import InputError
+from zoo.base.whole_file import whole_path
+from zoo.base.written_files import check_output, note_output
 
 DISK_FULL = "No space left on device"
+FILM = ("-preset", "veryfast", "-crf", "27")  # encoding of a film
 
 
 class VideoWriter(contextlib.AbstractContextManager):
@@ -95,3 +98,60 @@ class VideoWriter(contextlib.AbstractContextManager):
         if any(DISK_FULL in line for line in lines):
             reason = f"the disk is full ({DISK_FULL}); free some space there"
         return InputError(f"{self.name}: the video cannot be written: {reason.rpartition('] ')[2]}")
+
+
+class Film(contextlib.AbstractContextManager):
+    """A film that is being written; a context manager.
+
+    The file appears under its name when the film is complete. An existing file is replaced only if
+    drivezoo wrote it.
+
+    Args:
+        path: path of the .mp4.
+        fps: frames per second.
+
+    Raises:
+        InputError: the path cannot be written to, the disk is full, or see `check_output`.
+    """
+
+    def __init__(self, path: Path | str, fps: float) -> None:
+        self.path, self.fps = Path(path), fps
+        if self.path.suffix != ".mp4":
+            raise InputError(f"{self.path}: the name of a film must end in .mp4")
+        if fps <= 0:
+            raise InputError(f"fps={fps:g}: must be above 0")
+        self._open = contextlib.ExitStack()
+        self._video: VideoWriter | None = None
+        check_output(self.path)
+        with self._reported():
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+
+    def add(self, frame: np.ndarray) -> None:
+        """Append a frame, uint8 [H, W, 3], RGB.
+
+        H.264 in yuv420p needs an even height and width: an odd last row or column is cut off.
+
+        Raises:
+            InputError: the frame's size differs from the first one's, or the disk is full.
+        """
+        frame = frame[: frame.shape[0] // 2 * 2, : frame.shape[1] // 2 * 2]
+        if self._video is None:
+            with self._reported():
+                part = self._open.enter_context(whole_path(self.path))
+            size = frame.shape[1], frame.shape[0]
+            video = VideoWriter(part, self.path, size, self.fps, FILM)
+            self._video = self._open.enter_context(video)
+        self._video.add(frame)
+
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        with self._reported():
+            self._open.__exit__(kind, *error)
+        if kind is None and self._video is not None:
+            note_output(self.path)
+
+    @contextlib.contextmanager
+    def _reported(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None

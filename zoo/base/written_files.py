@@ -16,9 +16,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from zoo.base.bounded_files import parse_json
+from zoo.base.bounded_files import hash_file, parse_json, read_regular
 from zoo.base.errors import InputError
-from zoo.base.regular_file import hash_file, read_regular
 
 MARK, OUTPUTS, LOCK = ".drivezoo.jsonl", ".drivezoo-files.jsonl", ".drivezoo.lock"
 VERSION = 1

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from zoo.base.errors import StoppedError
 from zoo.base.new_folder import command_folder
-from zoo.base.terminal import printable
+from zoo.base.terminal import print_written, printable
 from zoo.base.whole_file import write_whole
 from zoo.benchmark import marks
 from zoo.benchmark.baselines import BASELINES
@@ -28,11 +28,10 @@ from zoo.benchmark.result import (
 )
 from zoo.benchmark.suite import LAPS, read_suite
 from zoo.benchmark.summary import FIGURES, outside_metrics, summarize_drives
-from zoo.cli.closing_lines import print_written
-from zoo.drives.interval_plot import interval_plot
 from zoo.drives.metrics import DRIVES, METRICS
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.page import Page
+from zoo.runs.plots import interval_plot
 from zoo.runs.table import Column, Table, interval_column, with_interval
 from zoo.runs.table_files import Result
 from zoo.verdict.evidence import other_car_line

@@ -6,10 +6,9 @@ from pathlib import Path, PureWindowsPath
 
 from rich.console import Console
 
-from zoo.base.bounded_files import check_version, read_json
+from zoo.base.bounded_files import check_version, hash_file, read_json
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most
-from zoo.base.regular_file import hash_file
 from zoo.base.terminal import printable
 from zoo.benchmark.baselines import BASELINES
 from zoo.benchmark.drives import check_distinct, drive_suite, read_driver

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from zoo.base.bounded_files import MOST_JSON_BYTES, parse_json, read_text
+from zoo.base.bounded_files import MOST_JSON_BYTES, hash_file, parse_json, read_text
 from zoo.base.errors import InputError, UsageError
-from zoo.base.regular_file import hash_file
 from zoo.base.whole_file import write_whole
 from zoo.benchmark.baselines import BASELINES
 from zoo.benchmark.result import Driver, DriveRecord

@@ -12,9 +12,8 @@ from pydantic import Field
 from simulator.road_family import roads_digest
 from simulator.weather import CLEAR, read_weather
 from zoo.base.bounded_files import read_yaml
-from zoo.base.errors import InputError, UsageError
+from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.limits import check_most
-from zoo.base.nearest import hint
 from zoo.cli.conf_files import choices, conf_folder
 from zoo.runs.record_fields import Number, OnlyFields, check_fields
 from zoo.worlds.open_world import open_world

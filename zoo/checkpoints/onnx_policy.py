@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from datamodules.view import View
+from zoo.base.bounded_files import read_regular
 from zoo.base.errors import InputError
-from zoo.base.regular_file import read_regular
 from zoo.checkpoints.command import Command, output_command
 from zoo.checkpoints.frame_memory import SessionPolicy
 from zoo.models.window import Window

@@ -9,8 +9,7 @@ from hydra.errors import ConfigCompositionException, HydraException, MissingConf
 from omegaconf.errors import OmegaConfBaseException
 
 from zoo.base.command import is_path
-from zoo.base.errors import UsageError
-from zoo.base.nearest import hint
+from zoo.base.errors import UsageError, hint
 from zoo.cli.conf_files import choices, conf_folder
 
 # Keys whose values are paths; in a path, Hydra's grammar has no meaning except `${...}`.

@@ -8,9 +8,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zoo.base.errors import InputError, UsageError
+from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.module_start import run_module
-from zoo.base.nearest import hint
 from zoo.base.run_command import run_command
 from zoo.base.terminal import printable
 

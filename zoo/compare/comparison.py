@@ -8,12 +8,11 @@ from matplotlib.figure import Figure
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 
-from zoo.base.terminal import print_line, printable
+from zoo.base.terminal import print_line, print_written, printable
 from zoo.base.whole_file import json_text, write_output
-from zoo.cli.closing_lines import print_written
 from zoo.compare.differences import OVERALL, Comparison, Entry, Needed, compare_entries, read_pair
 from zoo.drives.bootstrap import Estimate
-from zoo.drives.interval_plot import interval_plot
+from zoo.runs.plots import interval_plot
 from zoo.runs.table import Cell, Column, Table, interval_figures, known, with_interval
 from zoo.runs.table_files import Result
 

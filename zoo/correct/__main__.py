@@ -7,10 +7,9 @@ from zoo.base.command import command
 from zoo.base.command_keys import changed
 from zoo.base.errors import StoppedError
 from zoo.base.new_folder import command_folder, dated_folder
-from zoo.base.terminal import command_line
+from zoo.base.terminal import command_line, print_written
 from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
 from zoo.correct.correct_options import CorrectOptions, check_correct_options
 

@@ -12,9 +12,8 @@ from rich.console import Console
 
 from datamodules.driving_log import read_log
 from datamodules.recording import LOG_NAME
-from zoo.base.bounded_files import read_json
+from zoo.base.bounded_files import hash_file, read_json
 from zoo.base.errors import InputError
-from zoo.base.regular_file import hash_file
 from zoo.base.whole_file import json_text, write_whole
 from zoo.base.written_files import remove_written
 from zoo.checkpoints.checkpoint import load_checkpoint

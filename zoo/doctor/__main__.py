@@ -14,9 +14,8 @@ from zoo.base.command import command, is_help
 from zoo.base.command_keys import check_keys, read_texts
 from zoo.base.errors import UsageError
 from zoo.base.run_command import exit_after
-from zoo.base.terminal import command_line, printable
+from zoo.base.terminal import command_line, print_next, printable
 from zoo.checkpoints.checkpoint_path import FOLDER, LATEST, find_checkpoint, packaged_file
-from zoo.cli.closing_lines import print_next
 from zoo.doctor import inputs, machine, renderer
 from zoo.doctor.machine import FAULT, OK, WARNING, Finding, careful
 

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
+from zoo.base.bounded_files import hash_file
 from zoo.base.command import command
 from zoo.base.errors import InputError
-from zoo.base.regular_file import hash_file
+from zoo.base.terminal import print_written
 from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
-from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
 from zoo.runs.table import Column, Table
 from zoo.runs.table_files import TableFiles

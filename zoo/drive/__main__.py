@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from zoo.base.child_process import end_module, start_module
 from zoo.base.command import command
 from zoo.base.errors import InputError
+from zoo.base.terminal import print_written
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
 from zoo.drive.drive_settings import DriveSettings, check_settings
 

@@ -10,8 +10,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from datamodules.formats.recording_writer import write_frame
-from simulator.film import Film
 from zoo.base.rig import UDACITY, Rig
+from zoo.base.video import Film
 from zoo.drives.drive_record import BAND, DriveRow
 from zoo.drives.tally import autonomy
 

@@ -18,9 +18,8 @@ from typing import Any
 from pydantic import create_model
 
 from datamodules.driving_log import replace_undecoded
-from zoo.base.bounded_files import check_version, read_json
+from zoo.base.bounded_files import check_version, open_text, read_json
 from zoo.base.errors import InputError
-from zoo.base.regular_file import open_text
 from zoo.base.whole_file import AppendedFile, json_text, write_whole
 from zoo.drives.drive_record import Drive, DriveRow
 from zoo.drives.metrics import METRICS, measure

@@ -11,8 +11,7 @@ from pydantic import Field
 from datamodules.read_options import ReadOptions
 from zoo.base.command import command
 from zoo.base.command_keys import typed
-from zoo.base.terminal import command_line, printable
-from zoo.cli.closing_lines import print_next, print_written
+from zoo.base.terminal import command_line, print_next, print_written, printable
 
 if TYPE_CHECKING:
     from datamodules.edited_recording import WrittenRecording

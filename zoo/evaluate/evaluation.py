@@ -11,9 +11,9 @@ from rich.console import Console
 from simulator.track_names import short_name
 from zoo.base.errors import UsageError
 from zoo.base.new_folder import command_folder
+from zoo.base.terminal import print_written
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.checkpoints.policy import load_policy
-from zoo.cli.closing_lines import print_written
 from zoo.drives.bootstrap import Estimate, bootstrap, mean
 from zoo.drives.metrics import METRICS
 from zoo.evaluate.drive_plots import degradation_curves, figures_by_track

@@ -16,9 +16,9 @@ from datamodules.split import Split
 from datamodules.stretches import STRETCH_S, long_stretches
 from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
+from zoo.base.terminal import print_written
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.checkpoints.policy import load_policy
-from zoo.cli.closing_lines import print_written
 from zoo.drives.drive_log import write_drive
 from zoo.drives.drive_record import Drive, DriveRow
 from zoo.drives.metrics import METRICS, REPLAYS, measure

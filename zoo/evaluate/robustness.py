@@ -9,8 +9,7 @@ import numpy as np
 from rich.table import Table
 
 from simulator.weather import Weather, random_weather
-from zoo.base.errors import InputError, UsageError
-from zoo.base.nearest import hint
+from zoo.base.errors import InputError, UsageError, hint
 from zoo.cli.registry import Registry
 from zoo.worlds.scenario import Scenario
 

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from zoo.base.errors import InputError
 from zoo.base.rig import CURVATURE
+from zoo.base.terminal import print_written
 from zoo.base.whole_file import output_path
 from zoo.base.written_files import check_output
 from zoo.checkpoints.checkpoint_path import find_checkpoint
@@ -27,7 +28,6 @@ from zoo.checkpoints.onnx_policy import (
     OnnxPolicy,
     is_onnx,
 )
-from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
 from zoo.verdict.evidence import next_drive
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 
-from zoo.base.regular_file import hash_file
+from zoo.base.bounded_files import hash_file
 from zoo.base.terminal import printable
 from zoo.base.whole_file import json_text, write_whole
 from zoo.drives.bootstrap import bootstrap, mean

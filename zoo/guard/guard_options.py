@@ -7,8 +7,7 @@ from pydantic import Field
 
 from simulator.weather import read_weather
 from simulator.world_settings import WorldSettings
-from zoo.base.errors import UsageError
-from zoo.base.nearest import hint
+from zoo.base.errors import UsageError, hint
 from zoo.evaluate.evaluate_options import Count, Workers, check_world, track_names
 from zoo.monitor import MOST_SAMPLES
 from zoo.runs.table_files import TableFiles

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 from rich.console import Console
 
+from zoo.base.bounded_files import hash_file
 from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
-from zoo.base.regular_file import hash_file
+from zoo.base.terminal import print_written
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.policy import CheckpointPolicy, load_policy
-from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import working
 from zoo.guard.conditions import DEGRADED, NOMINAL, WEATHER, Condition, shifted_conditions
 from zoo.guard.guard_drives import (

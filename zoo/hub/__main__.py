@@ -8,9 +8,8 @@ from rich.console import Console
 
 from zoo.base.command import command
 from zoo.base.errors import UsageError
-from zoo.base.terminal import command_line, printable
+from zoo.base.terminal import command_line, print_next, print_written, printable
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.cli.closing_lines import print_next, print_written
 from zoo.cli.console_progress import loading
 
 _PART = r"[A-Za-z0-9](?:[\w.-]{0,94}[A-Za-z0-9])?"

@@ -12,8 +12,12 @@ from rich.console import Console
 
 from zoo.base.errors import InputError, UsageError
 from zoo.base.new_folder import refuse_existing, whole_folder
-from zoo.checkpoints.checkpoint import MOST_BYTES, build_checkpoint, read_checkpoint_file
-from zoo.checkpoints.checkpoint_card import check_card
+from zoo.checkpoints.checkpoint import (
+    MOST_BYTES,
+    build_checkpoint,
+    check_card,
+    read_checkpoint_file,
+)
 from zoo.cli.console_progress import progress_bar
 from zoo.hub.card import CARD, HUB, described_hash
 

@@ -11,9 +11,9 @@ from datamodules.recording import Recording
 from datamodules.recording_format import other_car, read_recordings
 from datamodules.view import FRAME, View
 from zoo.base.errors import InputError
+from zoo.base.terminal import print_written
 from zoo.checkpoints.checkpoint import PREFIX, make_card
 from zoo.checkpoints.new_checkpoint import SUFFIX, checked_out, write_checkpoint
-from zoo.cli.closing_lines import print_written
 from zoo.cli.compose import compose_config
 from zoo.cli.console_progress import progress_bar
 from zoo.input_search.combinations import (

@@ -11,8 +11,8 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
+from zoo.base.bounded_files import hash_file
 from zoo.base.errors import InputError
-from zoo.base.regular_file import hash_file
 from zoo.checkpoints.checkpoint import (
     PREFIX,
     check_fit,

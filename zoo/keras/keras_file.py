@@ -15,11 +15,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from zoo.base.bounded_files import MOST_JSON_BYTES, MOST_LEVELS, check_text, parse_json, read_text
+from zoo.base.bounded_files import (
+    MOST_JSON_BYTES,
+    MOST_LEVELS,
+    check_text,
+    open_binary,
+    parse_json,
+    read_text,
+)
 from zoo.base.errors import InputError
 from zoo.base.limits import open_archive
 from zoo.base.process_pool import LOOK_S, KilledProcessError, ProcessPool
-from zoo.base.regular_file import open_binary
 from zoo.keras.keras_arrays import WeightsFile
 from zoo.keras.keras_model import KerasLayer, joined_outputs, read_architecture
 from zoo.keras.keras_model import KerasModel as KerasModel

@@ -9,9 +9,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from zoo.base.terminal import print_line, printable
+from zoo.base.terminal import print_line, print_written, printable
 from zoo.base.whole_file import write_output
-from zoo.cli.closing_lines import print_written
 from zoo.drives.drive_record import EMBEDDED
 from zoo.leaderboard.ranking import (
     Entry,

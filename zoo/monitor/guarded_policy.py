@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from zoo.base.bounded_files import check_version
+from zoo.base.bounded_files import check_version, hash_file
 from zoo.base.errors import InputError
-from zoo.base.regular_file import hash_file
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import FORMAT, load_plain
 from zoo.checkpoints.command import Command, Policy, PolicyWrapper

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from zoo.base.command import command
-from zoo.cli.closing_lines import print_next, print_written
+from zoo.base.terminal import print_next, print_written
 
 
 @command

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from string import Template
 
-from zoo.base.errors import InputError, UsageError
-from zoo.base.nearest import hint
+from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.whole_file import write_new
 from zoo.cli.conf_files import choices, is_conf_folder, shipped_folder
 

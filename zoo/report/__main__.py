@@ -1,8 +1,8 @@
 """`drivezoo report`: write a run's report as a page and as Markdown."""
 
 from zoo.base.command import command
+from zoo.base.terminal import print_written
 from zoo.checkpoints.checkpoint_path import find_run
-from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
 
 

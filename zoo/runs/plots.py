@@ -1,7 +1,9 @@
 """Plots of data and training as matplotlib figures, drawn without a window."""
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -136,6 +138,30 @@ def fed_batch(images: np.ndarray, steering: np.ndarray, colour: str, title: str)
     return figure
 
 
+def interval_plot(figures: Mapping[str, Any], label: str, line: float | None = None) -> Figure:
+    """Draw a row for each share: its value as a dot and its interval, both in percent.
+
+    Args:
+        figures: shares by the name of the row, from top to bottom.
+        label: label of the axis.
+        line: share to mark by a line; None for none.
+    """
+    rows = max(len(figures), 1)  # an axis needs a height without figures, too
+    figure = NotebookFigure(figsize=(6, 0.9 + 0.35 * rows), layout="constrained")
+    axis = figure.subplots()
+    if line is not None:
+        axis.axvline(100 * line, color=GREY, ls=":", lw=1)
+    for row, share in enumerate(figures.values()):
+        # NaN, also of None, is not drawn.
+        low, value, high = 100 * np.array([share.low, share.value, share.high], float)
+        axis.plot([low, high], [row, row], color=BLUE, lw=1.5)
+        axis.plot(value, row, "o", color=BLUE)
+    axis.set_yticks(range(len(figures)), list(figures))
+    axis.set(xlabel=f"{label}; bar: 95 % interval", ylim=(rows - 0.5, -0.5))
+    _plain(axis, "x")
+    return figure
+
+
 def save_figure(figure: Figure, path: Path) -> Path:
     """Write a figure as PNG, create its folder, and return its path."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -145,6 +171,6 @@ def save_figure(figure: Figure, path: Path) -> Path:
     return write_whole(path, contents.getbuffer())
 
 
-def _plain(axis: Axes) -> None:
+def _plain(axis: Axes, grid: Literal["both", "x"] = "both") -> None:
     axis.spines[["top", "right"]].set_visible(False)
-    axis.grid(alpha=0.2)
+    axis.grid(axis=grid, alpha=0.2)

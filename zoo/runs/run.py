@@ -9,9 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zoo.base.bounded_files import check_text, read_yaml, read_yaml_text
+from zoo.base.bounded_files import check_text, open_text, read_yaml, read_yaml_text
 from zoo.base.errors import InputError
-from zoo.base.regular_file import open_text
 from zoo.runs import metrics_file
 from zoo.runs.metrics_file import read_metrics_file
 from zoo.runs.record_fields import Fields, Texts, Whole, check_fields

@@ -9,8 +9,7 @@ from dataclasses import dataclass, field, replace
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from zoo.base.errors import UsageError
-from zoo.base.nearest import hint
+from zoo.base.errors import UsageError, hint
 from zoo.base.terminal import printable
 
 if TYPE_CHECKING:

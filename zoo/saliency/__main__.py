@@ -9,10 +9,10 @@ from datamodules.image import AnyImage, read_image
 from datamodules.recording_format import read_recordings
 from zoo.base.command import command
 from zoo.base.errors import InputError
+from zoo.base.terminal import print_written
 from zoo.base.whole_file import write_output
 from zoo.base.written_files import check_output
 from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
-from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
 
 SHOWN = 12  # frames of a recording that are drawn

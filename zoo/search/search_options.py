@@ -7,8 +7,7 @@ from pydantic import Field
 
 from simulator.weather import Weather, read_weather
 from simulator.world_settings import WorldSettings
-from zoo.base.errors import InputError, UsageError
-from zoo.base.nearest import hint
+from zoo.base.errors import InputError, UsageError, hint
 from zoo.evaluate.evaluate_options import Count, Workers
 from zoo.runs.table_files import TableFiles
 from zoo.worlds.scenario import SpeedMph

@@ -14,10 +14,10 @@ from zoo.base.command_keys import changed
 from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
 from zoo.base.process_pool import opened_pool
+from zoo.base.terminal import print_written
 from zoo.base.whole_file import json_text, write_whole
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.checkpoints.policy import load_policy
-from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import progress_bar
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.plots import save_figure

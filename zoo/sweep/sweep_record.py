@@ -21,10 +21,9 @@ from omegaconf import DictConfig, OmegaConf
 from pydantic import Field
 
 from datamodules.driving_log import MOST_LOG_BYTES
-from zoo.base.bounded_files import check_version, read_json
+from zoo.base.bounded_files import check_version, read_json, read_regular
 from zoo.base.errors import InputError
 from zoo.base.parts import KEY
-from zoo.base.regular_file import read_regular
 from zoo.base.whole_file import write_whole
 from zoo.cli.compose import choices, config_groups, quote_paths
 from zoo.runs.record_fields import Fields, Whole, check_fields

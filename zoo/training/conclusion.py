@@ -11,10 +11,9 @@ from rich.console import Console
 from datamodules.driving import DrivingData
 from datamodules.findings import find_oddities
 from datamodules.split import PARTS
-from zoo.base.terminal import print_line
+from zoo.base.terminal import print_line, print_written
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import short_name
-from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import working
 from zoo.report.training_section import metrics_table, print_metrics
 from zoo.report.write_up import write_report

@@ -11,8 +11,7 @@ from rich.console import Console
 from zoo.base.errors import InputError, StoppedError
 from zoo.base.parts import typed_parts
 from zoo.base.terminal import command_line, print_line
-from zoo.checkpoints.checkpoint import read_checkpoint_file
-from zoo.checkpoints.checkpoint_card import check_part
+from zoo.checkpoints.checkpoint import check_part, read_checkpoint_file
 from zoo.runs.status import read_status
 from zoo.training.steering_module import SteeringModule
 

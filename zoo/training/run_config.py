@@ -20,8 +20,7 @@ from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.terminal import print_line
 from zoo.base.whole_file import write_whole
-from zoo.checkpoints.checkpoint import find_checkpoint, read_checkpoint_file
-from zoo.checkpoints.checkpoint_card import check_card
+from zoo.checkpoints.checkpoint import check_card, find_checkpoint, read_checkpoint_file
 from zoo.cli.compose import escape_interpolation
 from zoo.cli.conf_files import choice_files
 from zoo.keras.initial_weights import KERAS_SUFFIXES

@@ -7,8 +7,7 @@ from rich.console import Console
 from rich.panel import Panel
 from rich.text import Text
 
-from zoo.base.terminal import command_line
-from zoo.cli.closing_lines import print_next
+from zoo.base.terminal import command_line, print_next
 from zoo.drives.bootstrap import poisson_rate
 from zoo.drives.intervals import ONE_TRACK
 from zoo.runs.table import with_interval

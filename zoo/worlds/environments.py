@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simulator.env import DrivingEnv
-from zoo.base.errors import InputError
-from zoo.base.nearest import hint
+from zoo.base.errors import InputError, hint
 from zoo.base.parts import import_part, registering_parts
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.drives.speed_controller import SpeedController

@@ -2,8 +2,7 @@
 
 from collections.abc import Callable
 
-from zoo.base.errors import InputError
-from zoo.base.nearest import hint
+from zoo.base.errors import InputError, hint
 from zoo.cli.registry import Registry
 from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import World

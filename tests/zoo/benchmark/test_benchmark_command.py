@@ -374,7 +374,7 @@ def write_lenet(path: Path) -> None:
             {"groups": {"a": [{"track": "alpine:1", "delay_s": 9}]}},
             r"delay_s=9\.0: must be .*0\.\.2",
         ),
-        ({"groups": {"a": [{"track": "alpine:1", "weather": {"fogg": 1}}]}}, "there is no fogg"),
+        ({"groups": {"a": [{"track": "alpine:1", "weather": {"fogg": 1}}]}}, "fogg: no such key"),
         ({"speed": 99}, "speed: .*30"),
         ({"mean_steering": None}, "mean: the suite tiny has no mean_steering"),
         ({"marks": {"like": {"autonomy": 9}}}, "marks.like.autonomy: "),

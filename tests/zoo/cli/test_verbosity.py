@@ -7,8 +7,7 @@ from rich.console import Console
 
 from zoo.base.errors import InputError
 from zoo.base.run_command import run_command
-from zoo.base.terminal import VARIABLE, is_quiet, is_verbose
-from zoo.cli.closing_lines import print_written
+from zoo.base.terminal import VARIABLE, is_quiet, is_verbose, print_written
 from zoo.cli.console_progress import progress_bar
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.zoo.written_checkpoints import write_constant
+from zoo.base.bounded_files import hash_file
 from zoo.base.command_keys import constructed, read_options
 from zoo.base.errors import InputError
-from zoo.base.regular_file import hash_file
 from zoo.checkpoints.command import Command
 from zoo.drive.__main__ import load_warm_policy
 from zoo.drive.drive_settings import CONTROLLERS, DriveSettings, check_settings

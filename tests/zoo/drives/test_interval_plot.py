@@ -6,7 +6,7 @@ import warnings
 import pytest
 
 from zoo.drives.bootstrap import Estimate
-from zoo.drives.interval_plot import interval_plot
+from zoo.runs.plots import interval_plot
 
 
 @pytest.mark.parametrize(

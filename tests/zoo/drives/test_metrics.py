@@ -9,8 +9,7 @@ import pytest
 from zoo.checkpoints.command import as_policy
 from zoo.drives.drive_log import read_drive, write_drive
 from zoo.drives.drive_record import PERSON, REPLAY, SOCKET, Drive, DriveRow
-from zoo.drives.metric_registry import LOWER, metric
-from zoo.drives.metrics import METRICS, measure
+from zoo.drives.metrics import LOWER, METRICS, measure, metric
 from zoo.results import results
 from zoo.worlds.run_drives import all_drives
 from zoo.worlds.scenario import Scenario

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from tests.zoo.written_checkpoints import write_pilotnet
+from zoo.base.bounded_files import hash_file
 from zoo.base.errors import InputError
-from zoo.base.regular_file import hash_file
 from zoo.checkpoints.command import Command, Policy
 from zoo.checkpoints.policy import load_policy
 from zoo.monitor.guarded_policy import KEY, Guard, GuardedPolicy, guarded, read_guard, write_guard

@@ -6,18 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simulator.rig import (
-    CAMERA_POSITIONS,
     CAMERAS,
-    FOCAL_PX,
-    PITCH_DOWN_DEG,
-    ROLL_DEG,
-    YAW_RIGHT_DEG,
     camera_matrix,
 )
 from simulator.world import Start, open_world
 from zoo.base.rig import UDACITY, Camera, single_camera_rig
 from zoo.worlds.camera_warp import Warp
 
+CENTER = UDACITY.cameras["center"]
+# x right, y up and z ahead of the car's origin on the ground.
+PLACES = {name: (one.right_m, one.up_m, one.ahead_m) for name, one in UDACITY.cameras.items()}
 WARP = Warp(UDACITY, (160, 320))
 RNG = np.random.default_rng(0)
 FRAMES = {camera: RNG.integers(0, 256, (160, 320, 3), np.uint8) for camera in CAMERAS}
@@ -26,10 +24,12 @@ FRAMES = {camera: RNG.integers(0, 256, (160, 320, 3), np.uint8) for camera in CA
 def project(point: np.ndarray, at: np.ndarray, heading_rad: float) -> np.ndarray:
     """Return the pixel at which a camera sees a point; both positions are right, up, ahead."""
     looks = camera_matrix(0, np.degrees(heading_rad), 0) @ camera_matrix(
-        PITCH_DOWN_DEG, YAW_RIGHT_DEG, ROLL_DEG
+        CENTER.pitch_down_deg, CENTER.yaw_right_deg, CENTER.roll_deg
     )
     right, up, ahead = looks.T @ (point - at)
-    return np.array([160 + FOCAL_PX * right / ahead, 80 - FOCAL_PX * up / ahead]) - 0.5
+    return (
+        np.array([160 + CENTER.focal_px * right / ahead, 80 - CENTER.focal_px * up / ahead]) - 0.5
+    )
 
 
 def test_where_the_car_is_the_frame_is_the_recorded_one():
@@ -37,8 +37,8 @@ def test_where_the_car_is_the_frame_is_the_recorded_one():
 
 
 def test_where_a_side_camera_was_its_own_frame_is_seen():
-    right_m = CAMERA_POSITIONS["right"][0]
-    ahead = CAMERA_POSITIONS["right"][2] - CAMERA_POSITIONS["center"][2]
+    right_m = PLACES["right"][0]
+    ahead = PLACES["right"][2] - PLACES["center"][2]
     assert abs(ahead) < 0.01
 
     warped = WARP(FRAMES.__getitem__, list(CAMERAS), right_m, 0.0)
@@ -58,10 +58,10 @@ def test_a_point_on_the_ground_is_looked_up_where_the_camera_saw_it(
     right_m, heading_rad, ahead, aside, camera
 ):
     turn = camera_matrix(0, np.degrees(heading_rad), 0)
-    seen_from = turn @ CAMERA_POSITIONS["center"] + (right_m, 0, 0)
+    seen_from = turn @ PLACES["center"] + (right_m, 0, 0)
     point = seen_from * (1, 0, 1) + turn @ (aside * ahead, 0, ahead)
     u, v = project(point, seen_from, heading_rad)
-    truth = project(point, np.array(CAMERA_POSITIONS[camera]), 0.0)
+    truth = project(point, np.array(PLACES[camera]), 0.0)
     x, y = (one.reshape(160, 320) for one in WARP.maps(camera, right_m, heading_rad))
 
     left, top = int(np.floor(u)), int(np.floor(v))
@@ -79,7 +79,7 @@ def test_a_turn_moves_what_is_far_away_and_a_step_aside_does_not():
     aside, _ = WARP.maps("center", 1.0, 0.0)
     sky = 10 * 320 + 160
 
-    assert turned[sky] - 160 == pytest.approx(0.1 * FOCAL_PX, rel=0.1)
+    assert turned[sky] - 160 == pytest.approx(0.1 * CENTER.focal_px, rel=0.1)
     assert aside[sky] == pytest.approx(160, abs=0.01)
 
 
