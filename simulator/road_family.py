@@ -20,7 +20,7 @@ from simulator.track_content import MOST_POINTS, make_track
 from simulator.track_names import DRAWN, family_names, road_folder
 from simulator.yaml_fields import Keys, Number, number, read_keys
 from zoo.base.bounded_files import read_yaml
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, placed_errors
 
 VERSION = 1  # of the drawing; another version would draw other roads from the same seeds
 MOST_DRAWS = 300
@@ -105,12 +105,10 @@ def find_family(name: str) -> RoadFamily:
             ".yaml file"
         )
     content = read_yaml(path)
-    try:
+    with placed_errors(path):
         family = read_keys(RoadFamily, content)
         if not any(family.verges.values()):
             raise InputError("verges: give one kind or more a weight above 0")
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
     return family.model_copy(update={"path": path})
 
 

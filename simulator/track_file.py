@@ -14,7 +14,7 @@ from simulator.track_names import (
     track_names,
 )
 from zoo.base.bounded_files import read_yaml
-from zoo.base.errors import InputError, hint
+from zoo.base.errors import InputError, hint, placed_errors
 
 MOST_PATH = 4096  # characters of the path of a track's file
 
@@ -41,8 +41,6 @@ def read_track(name: str) -> Track:
         )
     content = read_yaml(path)
     is_included = path.resolve().parent == track_folder().resolve()
-    try:
-        own_name = recorded_name(path.stem) if is_included else path.stem
+    own_name = recorded_name(path.stem) if is_included else path.stem
+    with placed_errors(path):
         return make_track(own_name, content, path.parent)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None

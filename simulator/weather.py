@@ -18,7 +18,7 @@ from zoo.base.command_keys import (
     keys_of,
     typed_keys,
 )
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, placed_errors
 
 if TYPE_CHECKING:
     from simulator.track import Surroundings  # slow import: SciPy
@@ -127,9 +127,7 @@ def read_weather(weather: str | Mapping[str, Any] | Weather) -> Weather | str:
         raise InputError(
             f"weather={weather}: must be clear, random or settings such as {{fog: 0.4}}"
         )
-    try:
+    with placed_errors("weather"):
         values = dict(typed_keys(given))
         check_keys(values, keys_of(Weather))
         return Weather(**constructed(Weather, values))
-    except InputError as error:
-        raise InputError(f"weather: {error}") from None

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 from pydantic import Field
 from rich.console import Console
-from rich.progress import Progress
 
 from datamodules.formats.udacity import times_from_names
 from datamodules.image import AnyImage, read_image
@@ -17,6 +16,7 @@ from datamodules.recording_format import known_format, read_recordings
 from zoo.base.command import command
 from zoo.base.errors import InputError
 from zoo.base.terminal import print_line, print_written
+from zoo.cli.console_progress import progress_bar
 from zoo.drives import drive_log
 from zoo.drives.drive_film import MOMENTS, draw_overlay
 from zoo.drives.drive_record import FALLBACK, PERSON
@@ -91,10 +91,10 @@ def make_film(
     rate = real_fps(shots) if fps is None else fps
     faults: list[str] = []
     size: tuple[int, int] | None = None  # of the first frame, in which all are filmed
-    show = Progress(console=console, transient=True, disable=not console.is_terminal)
     try:
-        with Film(out, rate) as film, show:
-            for shot in show.track(shots, description="filming"):
+        with Film(out, rate) as film, progress_bar("filming", console) as report:
+            for number, shot in enumerate(shots):
+                report(number / len(shots))
                 try:
                     frame = read_image(shot.path)
                 except (OSError, ValueError) as error:

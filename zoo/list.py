@@ -1,6 +1,5 @@
 """`drivezoo list`: list networks, tracks, augmentations, losses, recipes and suites."""
 
-import ast
 import importlib.util
 import re
 from collections.abc import Mapping
@@ -14,6 +13,7 @@ from zoo.base.terminal import print_next, printable
 from zoo.checkpoints.checkpoint_path import packaged_names, read_facts
 from zoo.cli.conf_files import choice_files, choices
 from zoo.cli.console_progress import loading
+from zoo.cli.console_script import written_docstring
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -151,11 +151,9 @@ def class_docstring(target: str) -> str:
         spec = importlib.util.find_spec(module)
         file = Path((spec and spec.origin) or "")
     try:
-        nodes = ast.parse(file.read_text(encoding="utf-8")).body
+        return " ".join(written_docstring(file, name).split())
     except (OSError, SyntaxError, ValueError):
         return ""
-    classes = [node for node in nodes if isinstance(node, ast.ClassDef) and node.name == name]
-    return " ".join((ast.get_docstring(classes[0]) or "").split()) if classes else ""
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from zoo.base.child_process import child_environment, module_command
 from zoo.base.command import command
-from zoo.base.errors import InputError, StoppedError
+from zoo.base.errors import InputError, StoppedError, file_errors
 from zoo.base.new_folder import command_folder, dated_folder
 from zoo.base.terminal import print_written
 from zoo.base.whole_file import refuse_links_out
@@ -64,11 +64,9 @@ def rerun(run: str, *, out: str | None = None, trust: str = "") -> None:
     config = _trained_config(source)
     check_saved_config(config, source, trusted)
     with command_folder(Path(out or dated_folder("reruns")).resolve(), "reruns") as folder:
-        try:
+        with file_errors(f"out={folder}", "cannot write there ({})"):
             shutil.copytree(source / ".hydra", folder / ".hydra")
             OmegaConf.save(config, folder / ".hydra" / "config.yaml")
-        except OSError as error:
-            raise InputError(f"out={folder}: cannot write there ({error.strerror})") from None
         _train(folder, place_of(source), trusted, then.get("threads"))
         now = read_metrics_file(folder)
         _report(then, now, folder)

@@ -12,12 +12,14 @@ import json
 import os
 import re
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO
 
 import yaml
 
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, file_errors
 from zoo.base.limits import MOST
 
 MOST_LINE = 1_000_000  # characters of a row of text
@@ -47,11 +49,8 @@ def read_json(path: Path) -> object:
     Raises:
         InputError: the file cannot be read, is too large or too deep, or is not JSON.
     """
-    text = read_text(path, MOST_JSON_BYTES)
-    try:
-        return check_text(parse_json(text))
-    except ValueError as error:
-        raise InputError(f"{path}: is not valid JSON ({_reason(error)})") from None
+    with _valid(path, "JSON"):
+        return check_text(parse_json(read_text(path, MOST_JSON_BYTES)))
 
 
 def check_version(
@@ -82,20 +81,15 @@ def read_yaml(path: Path, any_path: bool = False) -> object:
         path: file to read.
         any_path: whether texts may contain paths that are not UTF-8, as Hydra saves them.
     """
-    text = read_text(path, MOST_YAML_BYTES)
-    try:
-        return parse_yaml(text, any_path)
-    except ValueError as error:
-        raise InputError(f"{path}: is not valid YAML ({_reason(error)})") from None
+    with _valid(path, "YAML"):
+        return parse_yaml(read_text(path, MOST_YAML_BYTES), any_path)
 
 
 def read_yaml_text(path: Path, any_path: bool = False) -> str:
     """Return a YAML file's text after `check_yaml`; raise as `read_yaml`."""
     text = read_text(path, MOST_YAML_BYTES)
-    try:
+    with _valid(path, "YAML"):
         check_yaml(text, any_path)
-    except ValueError as error:
-        raise InputError(f"{path}: is not valid YAML ({_reason(error)})") from None
     return text
 
 
@@ -133,9 +127,8 @@ def check_yaml(text: str, any_path: bool = False) -> None:
 def read_text(path: Path, most_bytes: int) -> str:
     """Return a file's text; raise InputError if it cannot be read, is too large or not UTF-8."""
     try:
-        return read_regular(path, most_bytes).decode("utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+        with file_errors(path, "cannot be read ({})"):
+            return read_regular(path, most_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(
             f"{path}: byte {error.start + 1:,} is not UTF-8; save it as UTF-8"
@@ -165,6 +158,14 @@ def check_text(found: object, any_path: bool = False) -> Any:
         level = [child for one in inner for child in one]
         level += [child for one in dicts for pair in one.items() for child in pair]
     raise ValueError(f"nested deeper than {MOST['levels']} levels")
+
+
+@contextmanager
+def _valid(path: Path, language: str) -> Iterator[None]:
+    try:
+        yield
+    except ValueError as error:
+        raise InputError(f"{path}: is not valid {language} ({_reason(error)})") from None
 
 
 def _loader(text: str, any_path: bool) -> Any:
@@ -226,12 +227,9 @@ def hash_file(path: str | Path) -> str:
         InputError: the file is missing, not regular or too large.
     """
     digest = hashlib.sha256()
-    try:
-        with open_binary(path, MOST_HASHED_BYTES) as file:
-            while piece := file.read(1 << 20):
-                digest.update(piece)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; name another file") from None
+    with file_errors(path), open_binary(path, MOST_HASHED_BYTES) as file:
+        while piece := file.read(1 << 20):
+            digest.update(piece)
     return digest.hexdigest()
 
 
@@ -250,10 +248,8 @@ def open_text(path: str | Path, most_bytes: int, errors: str = "strict") -> Text
     Raises:
         InputError: the file is missing, not regular or too large.
     """
-    try:
+    with file_errors(path):
         file = open_binary(path, most_bytes)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; name another file") from None
     return _BoundedLines(file, path, errors)
 
 

@@ -5,7 +5,8 @@ Commands print them as one line, without a traceback.
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 LONG = re.compile(r"[^\s/\\]{300,}")  # longer than any name of a file, which has at most 255
 SHOWN = 15  # most names that a hint lists if none is near
@@ -45,6 +46,34 @@ class PrunedError(Exception):
 
 def _cut(value: re.Match) -> str:
     return f"{value[0][:10]}...({len(value[0])} characters)"
+
+
+@contextmanager
+def file_errors(named: object, form: str = "{}; name another file") -> Iterator[None]:
+    """Raise InputError for an OSError within the block.
+
+    Args:
+        named: file or folder, and the key that names it, for the message.
+        form: text after the name, with `{}` for the reason.
+
+    >>> with file_errors("out=a.csv"):
+    ...     raise OSError(28, "No space left on device")
+    Traceback (most recent call last):
+    zoo.base.errors.InputError: out=a.csv: No space left on device; name another file
+    """
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{named}: {form.replace('{}', str(error.strerror or error))}") from None
+
+
+@contextmanager
+def placed_errors(place: object) -> Iterator[None]:
+    """Raise an InputError within the block again with its place in front."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None
 
 
 def hint(word: str, known: Iterable[str], remedy: str = "") -> str:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, file_errors
 from zoo.base.whole_file import PART
 from zoo.base.written_files import LOCK, MARK, mark_folder, note_files, read_register
 
@@ -45,10 +45,8 @@ def command_folder(
         InputError: the folder is not empty; or see `written_folder`.
     """
     folder = Path(out).expanduser() if out else dated_folder(kind)
-    try:
+    with file_errors(folder, "cannot be written to ({})"):
         is_filled = folder.exists() and bool(_names(folder))
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written to ({error.strerror})") from None
     if is_filled and not (resumed_by and (folder / resumed_by).is_file()):
         more = f" and has no {resumed_by}" if resumed_by else ""
         raise InputError(f"{folder}: is not empty{more}; name another folder with {key}")
@@ -64,7 +62,7 @@ def written_folder(folder: Path, kind: str, key: str = "out=") -> Iterator[None]
         InputError: the folder is in use, or cannot be written to.
     """
     with ExitStack() as stack:
-        try:
+        with file_errors(folder, f"cannot be written to ({{}}); name another folder with {key}"):
             created = [one for one in (folder, *folder.parents) if not one.exists()]
             folder.mkdir(parents=True, exist_ok=True)
             stack.callback(_remove_empty, folder, created)
@@ -72,9 +70,6 @@ def written_folder(folder: Path, kind: str, key: str = "out=") -> Iterator[None]
             mark_folder(folder, kind)
             if not os.access(folder, os.W_OK):  # it was marked and locked before
                 raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
-        except OSError as error:
-            reason = f"cannot be written to ({error.strerror})"
-            raise InputError(f"{folder}: {reason}; name another folder with {key}") from None
         yield
 
 

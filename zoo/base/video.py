@@ -8,16 +8,17 @@ import contextlib
 import signal
 import subprocess
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
+from typing import Any
 
 import numpy as np
 
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, file_errors
 from zoo.base.whole_file import whole_path
 from zoo.base.written_files import check_output, note_output
 
+UNWRITTEN = "cannot be written: {}"
 DISK_FULL = "No space left on device"
 FILM = ("-preset", "veryfast", "-crf", "27")  # encoding of a film
 
@@ -73,18 +74,14 @@ class VideoWriter(contextlib.AbstractContextManager):
             self._ffmpeg.wait()
             raise self._failed() from None
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if kind is not None:
+    def __exit__(self, *error: Any) -> None:
+        is_complete = error[0] is None
+        if not is_complete:
             self._ffmpeg.kill()
         with contextlib.suppress(BrokenPipeError):  # ffmpeg has ended; its status is read below
             self._pipe.close()
         with self._messages:
-            if self._ffmpeg.wait() and kind is None:
+            if self._ffmpeg.wait() and is_complete:
                 raise self._failed()
 
     def _failed(self) -> InputError:
@@ -123,7 +120,7 @@ class Film(contextlib.AbstractContextManager):
         self._open = contextlib.ExitStack()
         self._video: VideoWriter | None = None
         check_output(self.path)
-        with self._reported():
+        with file_errors(self.path, UNWRITTEN):
             self.path.parent.mkdir(parents=True, exist_ok=True)
 
     def add(self, frame: np.ndarray) -> None:
@@ -136,22 +133,15 @@ class Film(contextlib.AbstractContextManager):
         """
         frame = frame[: frame.shape[0] // 2 * 2, : frame.shape[1] // 2 * 2]
         if self._video is None:
-            with self._reported():
+            with file_errors(self.path, UNWRITTEN):
                 part = self._open.enter_context(whole_path(self.path))
             size = frame.shape[1], frame.shape[0]
             video = VideoWriter(part, self.path, size, self.fps, FILM)
             self._video = self._open.enter_context(video)
         self._video.add(frame)
 
-    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        with self._reported():
-            self._open.__exit__(kind, *error)
-        if kind is None and self._video is not None:
+    def __exit__(self, *error: Any) -> None:
+        with file_errors(self.path, UNWRITTEN):
+            self._open.__exit__(*error)
+        if error[0] is None and self._video is not None:
             note_output(self.path)
-
-    @contextlib.contextmanager
-    def _reported(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None

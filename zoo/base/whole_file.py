@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, file_errors
 from zoo.base.written_files import check_output, note_files, note_output
 
 OPEN_FILES_STAY = os.name == "nt"  # Windows replaces no file that a program has open
@@ -97,14 +97,11 @@ def output_path(path: Path, key: str = "out", inputs: Sequence[str | Path] = ())
         InputError: see `check_output`; or the file cannot be written.
     """
     check_output(path, key, inputs)
-    try:
+    with file_errors(f"{key}={path}" if key else path):
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_path(path) as part:
             yield part
         note_output(path)
-    except OSError as error:
-        named = f"{key}={path}" if key else str(path)
-        raise InputError(f"{named}: {error.strerror}; name another file") from None
 
 
 def write_output(path: Path, data: str | bytes | memoryview, key: str = "out") -> Path:

@@ -22,7 +22,7 @@ from torch import Tensor, nn
 
 from datamodules.view import View
 from zoo.base.bounded_files import check_text, check_version, open_binary
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, file_errors
 from zoo.base.limits import check_unpacked, open_archive
 from zoo.base.parts import Part, part_class, part_of, unknown_part
 from zoo.base.terminal import error_line
@@ -151,12 +151,11 @@ def load_plain(path: Path) -> Any:
         InputError: the file cannot be read, is empty, truncated, damaged or not from torch, or
             contains code, which is not run.
     """
-    try:
-        with open_binary(path, MOST_BYTES) as file:
-            return _load_plain(file, path)
-    except OSError as error:
-        reason = error.strerror or error
-        raise InputError(f"{path}: cannot be read ({reason}); name another file") from None
+    with (
+        file_errors(path, "cannot be read ({}); name another file"),
+        open_binary(path, MOST_BYTES) as file,
+    ):
+        return _load_plain(file, path)
 
 
 def _load_plain(file: BinaryIO, path: Path) -> object:
@@ -177,7 +176,7 @@ def _load_plain(file: BinaryIO, path: Path) -> object:
     if not is_zip and not begin.startswith(b"\x80"):  # a pickle, as torch wrote before 1.6
         raise InputError(f"{path}: is not a torch file; {_ANOTHER}")
     try:
-        check_pickles(*(_zipped_pickle(file, path) if is_zip else _first_pickles(file)))
+        check_pickles(*_first_pickles(file, path, is_zip))
         size = file.seek(0, io.SEEK_END)
         file.seek(0)
         with warnings.catch_warnings():
@@ -201,18 +200,15 @@ def _load_plain(file: BinaryIO, path: Path) -> object:
     return found
 
 
-def _zipped_pickle(file: BinaryIO, path: Path) -> tuple[bytes, int]:
-    """Return the pickle in a torch file, which is an archive, and their number."""
+def _first_pickles(file: BinaryIO, path: Path, is_zip: bool) -> tuple[bytes, int]:
+    """Return the pickle in a torch file, or the begin of one before 1.6, and their number."""
+    if not is_zip:
+        file.seek(0)
+        return file.read(MOST_PICKLE_BYTES), 5
     with open_archive(file, path) as archive:
         name = next(one for one in archive.namelist() if one.endswith("/data.pkl"))
         with archive.open(name) as member:
             return member.read(MOST_PICKLE_BYTES), 1
-
-
-def _first_pickles(file: BinaryIO) -> tuple[bytes, int]:
-    """Return the begin of a torch file before 1.6, and its number of pickles."""
-    file.seek(0)
-    return file.read(MOST_PICKLE_BYTES), 5
 
 
 def _tensor_bytes(found: object) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 
 from datamodules.view import View
 from zoo.base.bounded_files import read_regular
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, file_errors
 from zoo.checkpoints.command import Command, output_command
 from zoo.checkpoints.frame_memory import SessionPolicy
 from zoo.models.window import Window
@@ -148,10 +148,8 @@ def open_session(path: Path, threads: int) -> "onnxruntime.InferenceSession":
         raise InputError(
             f"{path}: onnxruntime, which runs it, is not installed; {INSTALL}"
         ) from None
-    try:
+    with file_errors(path, "cannot be read ({})"):
         model = read_regular(path, MOST_BYTES)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
     if not model:
         raise InputError(f"{path}: is empty (0 bytes); export it again")
     options = onnxruntime.SessionOptions()

@@ -14,7 +14,7 @@ import torch
 from pydantic import Field
 
 from zoo.base.bounded_files import check_version
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, placed_errors
 from zoo.checkpoints.checkpoint import (
     FORMAT,
     PREFIX,
@@ -106,10 +106,8 @@ def doubt_policy(contents: dict, path: Path) -> DropoutPolicy | EnsemblePolicy:
     members, settings = build_doubt(contents, path)
     if len(members) > 1:
         return EnsemblePolicy([CheckpointPolicy(one) for one in members])
-    try:
+    with placed_errors(path):
         return DropoutPolicy(members[0], settings.samples, settings.seed)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 class DoubtSettings(Fields):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.module_start import run_module
+from zoo.base.parts import installed_entries
 from zoo.base.run_command import run_command
 from zoo.base.terminal import printable
 
@@ -142,16 +143,8 @@ def commands() -> dict[str, str]:
 
 def outside_commands() -> dict[str, str]:
     """Return the place of each command of other installed packages, by the command's name."""
-    from importlib.metadata import entry_points  # slow import
-
-    # Python also reads the packages' files in the current folder, which may be a downloaded one.
-    here, known = Path.cwd(), {*commands(), *LISTED}
-    return {
-        point.name: point.value
-        for point in entry_points(group=ENTRY_POINTS)
-        if point.name not in known and point.dist
-        if Path(str(point.dist.locate_file(""))).resolve() != here
-    }
+    entries = {entry.name: entry.value for entry in installed_entries(ENTRY_POINTS)}
+    return {name: value for name, value in entries.items() if name not in (*commands(), *LISTED)}
 
 
 def load(place: str) -> "Command[Any]":
@@ -190,12 +183,14 @@ def _purpose(place: str) -> str:
     module, _, name = place.partition(":")
     path = _source(module)
     path = path / "__main__.py" if path.is_dir() else path.with_suffix(".py")
+    return _shortened(written_docstring(path, name).partition("\n\n")[0])
+
+
+def written_docstring(path: Path, name: str) -> str:
+    """Return the docstring of a function or class in a file, which is not imported."""
     nodes = ast.parse(path.read_text(encoding="utf-8")).body
-    (function,) = [
-        node for node in nodes if isinstance(node, ast.FunctionDef) and node.name == name
-    ]
-    first = (ast.get_docstring(function) or "").partition("\n\n")[0]
-    return _shortened(" ".join(first.split()))
+    documented = (node for node in nodes if isinstance(node, ast.FunctionDef | ast.ClassDef))
+    return next((ast.get_docstring(node) or "" for node in documented if node.name == name), "")
 
 
 def _source(module: str) -> Path:
@@ -211,4 +206,5 @@ def _outside_purpose(place: str) -> str:
 
 
 def _shortened(sentence: str) -> str:
+    sentence = " ".join(sentence.split())
     return sentence[:1].lower() + sentence[1:].rstrip(".")

@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import Field
 
 from zoo.base.command_keys import Choice, Section
-from zoo.base.errors import InputError, UsageError
+from zoo.base.errors import UsageError, placed_errors
 from zoo.drive.origin import is_loopback
 from zoo.drives.speed_controller import (
     PI,
@@ -82,10 +82,8 @@ def check_settings(settings: DriveSettings) -> None:
     if settings.sim is not None:
         from simulator.track_file import read_track  # slow import: scipy
 
-        try:
+        with placed_errors(f"sim={settings.sim}"):
             read_track(settings.sim)
-        except InputError as error:
-            raise InputError(f"sim={settings.sim}: {error}") from None
     if not settings.expose and not is_loopback(settings.host):
         raise UsageError(
             f"host={settings.host}: other machines could connect and drive; to allow it, add "

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from simulator.recorder import IMAGE_FOLDER, image_name, number_text, split_pedals
 from simulator.recorder import LOG_NAME as RECORDING_LOG
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, file_errors
 from zoo.base.new_folder import written_folder
 from zoo.base.whole_file import AppendedFile, write_new
 from zoo.drive.notices import Notices
@@ -60,14 +60,9 @@ class BackgroundWriter:
         Raises:
             InputError: the folder cannot be written to.
         """
-        try:
+        with file_errors(f"record={self.folder}", "{}; name another folder"):
             self._open_folder()
-            with tempfile.TemporaryFile(dir=self.folder):
-                pass
-        except OSError as error:
-            raise InputError(
-                f"record={self.folder}: {error.strerror}; name another folder"
-            ) from None
+            tempfile.TemporaryFile(dir=self.folder).close()
 
     def _open_folder(self) -> None:
         """Create, mark and lock the folder, once."""

@@ -16,7 +16,7 @@ from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from zoo.base.bounded_files import read_json
 from zoo.base.cores import usable_cores
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, file_errors
 from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.terminal import print_line
 from zoo.base.whole_file import write_whole
@@ -188,16 +188,12 @@ def with_recording(config: DictConfig, console: Console) -> DictConfig:
     # Neither is an option of the drives: the fingerprint is of the rows, and any number of
     # processes writes the same files.
     fingerprint, jobs = recipe.pop("fingerprint", None), recipe.pop("jobs", None)
-    try:
+    with file_errors(folder, "cannot record there ({}); set data.record.out=FOLDER"):
         if not (folder / RECIPE).is_file():
             folder.parent.mkdir(parents=True, exist_ok=True)
             with FileLock(f"{folder}.lock"):
                 if not (folder / RECIPE).is_file():  # another process may have recorded it
                     _record(folder, recipe, jobs, console)
-    except OSError as error:
-        raise InputError(
-            f"{folder}: cannot record there ({error.strerror}); set data.record.out=FOLDER"
-        ) from None
     if read_json(folder / RECIPE) != json.loads(json.dumps(recipe)):
         raise InputError(
             f"{folder / RECIPE}: {folder} was recorded with other options than data.record now "
