@@ -21,11 +21,10 @@ from zoo.checkpoints.policy import CheckpointPolicy
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert
 from zoo.keras.keras_model import DONKEYCAR
-from zoo.models.image_layers import Crop, InKerasOrder
+from zoo.models.keras_modules import Crop, InKerasOrder, Unbin
 from zoo.models.layers import Normalize
 from zoo.models.memory import Memory
 from zoo.models.sequential import Sequential
-from zoo.models.value_layers import Unbin
 
 Layer = tuple[str, dict[str, Any], list[np.ndarray]]  # class, config, kernel and bias
 WAYS = {"linear": "bilinear", "area": "area"}

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from zoo.base.limits import is_ordinary
-from zoo.models.image_layers import RESIZE_METHODS
-from zoo.models.value_layers import ACTIVATIONS
+from zoo.models.keras_modules import ACTIVATIONS, RESIZE_METHODS
 
 WORDS = (
     "identity, scale:DIVISOR:SUBTRACTED, atan, atan:FACTOR, resize:ROWS:COLUMNS, "

@@ -5,7 +5,7 @@ Values pass as they are: the network checks them when it is built. None stands f
 
 from typing import Any
 
-from zoo.models.value_layers import ACTIVATIONS
+from zoo.models.keras_modules import ACTIVATIONS
 
 Spec = dict[str, Any]
 

@@ -8,33 +8,27 @@ import math
 from collections.abc import Callable
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
-from zoo.models.image_layers import (
+from zoo.models.keras_modules import (
+    ACTIVATIONS,
     RESIZE_METHODS,
+    BatchNorm,
     Crop,
-    Gray,
+    GaussianNoise,
     InKerasOrder,
+    Lambda,
     OnAxis,
     PaddedAvgPool2d,
     PaddedConv2d,
     PaddedMaxPool2d,
     Pads,
-    Permute,
+    PReLU,
     Resize,
+    Unbin,
 )
 from zoo.models.layer_spec import LayerSpec, Pair, Shape, by
 from zoo.models.layers import Dropout
-from zoo.models.value_layers import (
-    ACTIVATIONS,
-    BatchNorm,
-    GaussianNoise,
-    GeneralReLU,
-    PReLU,
-    Rescaling,
-    Select,
-    Unbin,
-)
 
 Built = tuple[nn.Module, Shape]
 Builder = Callable[[LayerSpec, Shape, bool], Built]
@@ -170,7 +164,7 @@ def _permute(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     axes = spec.wholes("dims", most=3)
     if sorted(axes) != list(range(1, len(shape) + 1)):
         raise spec.wrong("dims", f"does not order the axes 1..{len(shape)}")
-    module = Permute(tuple(axes))
+    module: nn.Module = Lambda(lambda values: values.permute(0, *axes))
     return module if first else InKerasOrder(module), tuple(shape[axis - 1] for axis in axes)
 
 
@@ -201,7 +195,12 @@ def _relu(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     slope, threshold = spec.number("negative_slope", 0), spec.number("threshold", 0)
     if most is None and not slope and not threshold:
         return nn.ReLU(), shape
-    return GeneralReLU(slope, threshold, most), shape
+
+    def relu(values: Tensor) -> Tensor:
+        out = torch.where(values >= threshold, values, slope * (values - threshold))
+        return out if most is None else torch.where(values >= most, most, out)
+
+    return Lambda(relu), shape
 
 
 def _crop(spec: LayerSpec, shape: Shape, first: bool) -> Built:
@@ -235,7 +234,8 @@ def _rescaling(spec: LayerSpec, shape: Shape, first: bool) -> Built:
             raise spec.wrong(key, f"is not one number or {channels}")
         across = len(shape) == 3 and len(numbers) > 1
         tensors.append(torch.tensor(numbers)[:, None, None] if across else torch.tensor(numbers))
-    return Rescaling(*tensors), shape
+    factors, terms = tensors
+    return Lambda(lambda values: values * factors.to(values) + terms.to(values)), shape
 
 
 def _gray(spec: LayerSpec, shape: Shape, first: bool) -> Built:
@@ -243,14 +243,17 @@ def _gray(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     weights = spec.numbers("weights")
     if len(weights) != channels:
         raise spec.wrong("weights", f"is not {channels} numbers")
-    return Gray(weights), _shape_of(rows, columns, 1, first)
+    factors = torch.tensor(weights)[:, None, None]
+    module = Lambda(lambda images: (images * factors.to(images)).sum(1, keepdim=True))
+    return module, _shape_of(rows, columns, 1, first)
 
 
 def _select(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     columns = spec.wholes("columns", least=0)
     if len(shape) != 1 or not columns or max(columns) >= shape[0]:
         raise spec.wrong("columns", f"are not columns of {by(shape)}")
-    return Select(columns), (len(columns),)
+    module = Lambda(lambda values: torch.stack([values[:, column] for column in columns], 1))
+    return module, (len(columns),)
 
 
 def _unbin(spec: LayerSpec, shape: Shape, first: bool) -> Built:

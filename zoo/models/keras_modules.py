@@ -1,14 +1,28 @@
-"""Layers of Keras on images that torch lacks, for `zoo.models.sequential`.
+"""Layers of Keras that torch lacks, for `zoo.models.sequential`.
 
 Images are [N, C, H, W] between the layers, as torch needs them. Where a layer's output depends on
 Keras' order of axes, usually [N, H, W, C], it changes to that order and back.
 """
+
+from collections.abc import Callable
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
 Pads = tuple[int, int, int, int]  # left, right, top, bottom, as in F.pad
+
+
+class Lambda(nn.Module):
+    """A layer of a function, without weights."""
+
+    def __init__(self, function: Callable[[Tensor], Tensor]) -> None:
+        super().__init__()
+        self.function = function
+
+    def forward(self, values: Tensor) -> Tensor:
+        """Return the function's values."""
+        return self.function(values)
 
 
 class PaddedConv2d(nn.Conv2d):
@@ -142,18 +156,6 @@ def resize_matrix(length: int, size: int, method: str) -> Tensor:
     return matrix
 
 
-class Gray(nn.Module):
-    """A layer that weighs the channels, as `tf.image.rgb_to_grayscale`."""
-
-    def __init__(self, weights: list[float]) -> None:
-        super().__init__()
-        self.register_buffer("weights", torch.tensor(weights)[:, None, None], persistent=False)
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Return images of one channel."""
-        return (images * self.weights.to(images.dtype)).sum(1, keepdim=True)
-
-
 class InKerasOrder(nn.Module):
     """A layer for tensors in Keras' order of axes, [N, H, W, C] for images.
 
@@ -185,13 +187,115 @@ class OnAxis(nn.Module):
         return self.layer(values.transpose(1, self.axis)).transpose(1, self.axis)
 
 
-class Permute(nn.Module):
-    """A layer that exchanges axes; axis 0 is the batch."""
+class Unbin(nn.Module):
+    """A layer that returns a number for each group of bins: that of the bin of the largest value.
 
-    def __init__(self, axes: tuple[int, ...]) -> None:
+    In training, its gradient is that of the mean of all bins' numbers, weighed by their softmax
+    (straight-through estimator: Bengio et al., 2013, arXiv:1308.3432).
+
+    Args:
+        bins: number of bins of each group.
+        lows: number of each group's first bin.
+        steps: difference between two bins of each group.
+    """
+
+    def __init__(self, bins: list[int], lows: list[float], steps: list[float]) -> None:
         super().__init__()
-        self.axes = axes
+        self.groups = list(zip(bins, lows, steps, strict=True))
 
     def forward(self, values: Tensor) -> Tensor:
-        """Return the values with exchanged axes."""
-        return values.permute(0, *self.axes)
+        """Return the numbers, [N, groups], for values [N, bins of all groups]."""
+        numbers = []
+        for group, (bins, low, step) in zip(
+            values.split([one[0] for one in self.groups], dim=1), self.groups, strict=True
+        ):
+            number = group.argmax(1).to(values.dtype)
+            if self.training:
+                places = torch.arange(bins, dtype=values.dtype, device=values.device)
+                mean = group.softmax(1) @ places
+                number = number + mean - mean.detach()
+            numbers.append(low + step * number)
+        return torch.stack(numbers, dim=1)
+
+
+class BatchNorm(nn.Module):
+    """A batch normalization over axis 1; a batch with one value uses the saved statistics.
+
+    Args:
+        features: length of axis 1.
+        epsilon: number added to the variance.
+        momentum: share of the saved statistics that each batch keeps, as in Keras.
+        center, scale: whether its offset and its factor are trained.
+    """
+
+    def __init__(
+        self, features: int, epsilon: float, momentum: float, center: bool, scale: bool
+    ) -> None:
+        super().__init__()
+        self.epsilon, self.momentum = epsilon, momentum
+        self.weight = nn.Parameter(torch.empty(features).fill_(1), requires_grad=scale)
+        self.bias = nn.Parameter(torch.empty(features).zero_(), requires_grad=center)
+        self.register_buffer("running_mean", torch.empty(features).zero_())
+        self.register_buffer("running_var", torch.empty(features).fill_(1))
+
+    def forward(self, values: Tensor) -> Tensor:
+        """Return normalized values."""
+        training = self.training and values.numel() > values.shape[1]
+        return F.batch_norm(
+            values,
+            self.running_mean,
+            self.running_var,
+            self.weight,
+            self.bias,
+            training,
+            1 - self.momentum,
+            self.epsilon,
+        )
+
+
+class PReLU(nn.Module):
+    """A ReLU whose slope below 0 is trained, one for each value or shared along axes."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        super().__init__()
+        self.alpha = nn.Parameter(torch.empty(shape).zero_())
+
+    def forward(self, values: Tensor) -> Tensor:
+        """Return positive values, and negative ones times their slope."""
+        return values.clamp(min=0) + self.alpha * values.clamp(max=0)
+
+
+class GaussianNoise(nn.Module):
+    """A layer that adds noise in training mode."""
+
+    def __init__(self, deviation: float) -> None:
+        super().__init__()
+        self.deviation = deviation
+
+    def forward(self, values: Tensor) -> Tensor:
+        """Return the values with noise."""
+        noise = self.deviation * torch.randn_like(values) if self.training else 0
+        return values + noise
+
+
+ACTIVATIONS: dict[str, Callable[[], nn.Module]] = {
+    "linear": nn.Identity,
+    "relu": nn.ReLU,
+    "relu6": nn.ReLU6,
+    "elu": nn.ELU,
+    "selu": nn.SELU,
+    "tanh": nn.Tanh,
+    "sigmoid": nn.Sigmoid,
+    "softplus": nn.Softplus,
+    "softsign": nn.Softsign,
+    "swish": nn.SiLU,
+    "hard_sigmoid_3": nn.Hardsigmoid,  # of Keras 3
+    "hard_swish": nn.Hardswish,
+    "mish": nn.Mish,
+    "gelu": nn.GELU,
+    "leaky_relu": lambda: nn.LeakyReLU(0.2),
+    "softmax": lambda: InKerasOrder(nn.Softmax(-1)),
+    "hard_sigmoid": lambda: Lambda(lambda x: (0.2 * x + 0.5).clamp(0, 1)),  # of Keras 1 and 2
+    "exponential": lambda: Lambda(torch.exp),
+    "atan": lambda: Lambda(torch.atan),
+}
