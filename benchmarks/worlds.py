@@ -1,0 +1,83 @@
+"""Frames per second and processor time of each world, a part of `make bench`."""
+
+import math
+import subprocess
+import time
+from contextlib import ExitStack
+from functools import partial
+from importlib.util import find_spec
+
+import psutil
+
+from benchmarks.measuring import Row, medians, take_turns
+from datamodules.driving_log import CAMERAS
+from zoo.base.child_process import end_module, start_module
+from zoo.worlds.open_world import open_world as open_any
+from zoo.worlds.scenario import Scenario
+from zoo.worlds.world import World
+
+FRAMES, RATE = 150, 15  # the simulator of 2016 sends 15 frames per second
+
+
+def measure(short: bool) -> list[Row]:
+    """Measure frames per second of each world relative to the 15 of the simulator of 2016.
+
+    An expert steers where the world has one. The processor time is that of all processes: the
+    Donkeycar simulator is one of its own. CarRacing is measured if Box2D is installed.
+    """
+    serve = ("simulator", "serve", "port=0", "rate=max")
+    server = start_module(*serve, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    with ExitStack() as stack:
+        stack.callback(end_module, server)
+        port = server.stdout.readline().split(":")[-1].split()[0]
+        scenarios = {
+            "the lake": Scenario(),
+            "the lake, 3 cameras": Scenario(),
+            "the lake through Donkeycar's protocol": Scenario(
+                f"127.0.0.1:{port}/generated_track", world="donkey"
+            ),
+            "the lake through Gymnasium": Scenario(world="gymnasium:drivezoo/Lake-v0"),
+        }
+        if find_spec("Box2D"):
+            scenarios["Gymnasium's CarRacing-v3"] = Scenario(world="gymnasium:CarRacing-v3")
+        costs: dict[str, list[float]] = {name: [] for name in scenarios}
+        measures = {}
+        for name, scenario in scenarios.items():
+            world = open_any(scenario)
+            stack.callback(world.close)
+            cameras = CAMERAS if "3 cameras" in name else CAMERAS[:1]
+            measures[name] = partial(frames_per_second, world, scenario, cameras, costs[name])
+        rates = medians(take_turns(measures, 1 if short else 3))
+    return [
+        Row(
+            f"driving in {name}",
+            f"{RATE} frames/s",
+            [rate / RATE],
+            figures={"/s": rate, "CPU ms a frame": 1000 * medians(costs)[name]},
+        )
+        for name, rate in rates.items()
+    ]
+
+
+def frames_per_second(
+    world: World, scenario: Scenario, cameras: tuple[str, ...], cpu_s: list[float]
+) -> float:
+    """Return how many frames are driven per second; append the processor seconds of a frame."""
+    state = world.reset(scenario)
+    began, cpu_began = time.perf_counter(), processor_s()
+    for _ in range(FRAMES):
+        for camera in cameras:
+            world.frame(camera)
+        steering = world.expert_steering()
+        state = world.step(0.0 if math.isnan(steering) else steering, 0.3)
+        if state.done or state.contact:
+            world.reset(scenario)
+    cpu_s.append((processor_s() - cpu_began) / FRAMES)
+    return FRAMES / (time.perf_counter() - began)
+
+
+def processor_s() -> float:
+    """Return the processor seconds of this process and of those that it started."""
+    own = psutil.Process()
+    times = [process.cpu_times() for process in (own, *own.children(recursive=True))]
+    return sum(one.user + one.system for one in times)
