@@ -71,10 +71,9 @@ class Recorder:
                 if not any(self.images.iterdir()):
                     self.images.rmdir()
 
-    def begin_pass(self) -> None:
-        """Restart `time` at 0 for the next rows, `PAUSE_S` after the last row."""
-        if self.rows:
-            self._pass_begin_s = self._last_s + PAUSE_S
+    def begin_pass(self, time: float = 0.0) -> None:
+        """Restart at `time` for the next rows, `PAUSE_S` after the last row."""
+        self._pass_begin_s = (self._last_s + PAUSE_S if self.rows else 0.0) - time
 
     def add(
         self,
@@ -88,12 +87,13 @@ class Recorder:
         """Write a row.
 
         Args:
-            frames: frame of each camera, uint8 [160, 320, 3], RGB, or its image of `encode`.
+            frames: frame of each camera, uint8 [H, W, 3], RGB, or its image of `encode`; the
+                columns of absent cameras stay empty.
             steering: -1..1, right positive.
             throttle: 0..1.
             brake: 0..1.
             speed_mph: speed in mph.
-            time: simulated seconds since the pass began, later than the last row's.
+            time: simulated seconds, later than the last row's; the first pass begins at 0.
 
         Raises:
             InputError: the disk is full, or the folder was deleted.
@@ -102,15 +102,16 @@ class Recorder:
         if seconds <= self._last_s:
             raise ValueError(f"time={time}: not after the last row; call begin_pass() first")
         moment = FIRST_MOMENT + datetime.timedelta(seconds=seconds)
-        paths = [self.images / image_name(camera, moment) for camera in CAMERAS]
+        paths = {camera: self.images / image_name(camera, moment) for camera in frames}
         written: list[Path] = []
         try:
-            for camera, path in zip(CAMERAS, paths, strict=True):
+            for camera, path in paths.items():
                 frame = frames[camera]
                 write_new(path, frame if isinstance(frame, bytes) else encode(frame))
                 written.append(path)
             numbers = map(number_text, (steering, throttle, brake, speed_mph))
-            self._file.append([[*self._names(paths), *numbers]])
+            names = [self._name(camera, paths.get(camera)) for camera in CAMERAS]
+            self._file.append([[*names, *numbers]])
         except OSError as error:
             for path in written:
                 path.unlink(missing_ok=True)
@@ -120,11 +121,11 @@ class Recorder:
             ) from None
         self.rows, self._last_s = self.rows + 1, seconds
 
-    def _names(self, paths: list[Path]) -> list[str]:
-        if not self.relative:
-            return [str(path) for path in paths]
-        first, *others = [f"{IMAGE_FOLDER}/{path.name}" for path in paths]
-        return [first, *(f" {name}" for name in others)]
+    def _name(self, camera: str, path: Path | None) -> str:
+        if path is None or not self.relative:
+            return str(path or "")
+        blank = "" if camera == CAMERAS[0] else " "
+        return f"{blank}{IMAGE_FOLDER}/{path.name}"
 
 
 def image_name(camera: str, moment: datetime.datetime) -> str:
@@ -151,6 +152,6 @@ def split_pedals(throttle: float) -> tuple[float, float]:
 
 
 def encode(frame: np.ndarray) -> bytes:
-    """Encode a frame, uint8 [160, 320, 3] RGB, as JPEG."""
+    """Encode a frame, uint8 [H, W, 3] RGB, as JPEG."""
     bgr = cv2.cvtColor(frame, cv2.COLOR_RGB2BGR)
     return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()

@@ -191,20 +191,19 @@ class RecordedErrors(Keep):
         """Record the drive, and return the number of rows."""
         options, labels, rows = self.options, policy.labels, drive.rows
         keep = worth_keeping(rows, options.before_s, options.after_s, options.off_m)
-        before, stretch_s = -2, 0.0
+        before = -2
         with Recorder(self.folder, relative=True) as recorder:
             for number in np.flatnonzero(keep):
                 row, (pose, frame, (steering, throttle)) = rows[number], labels[number]
                 # After an intervention the car is elsewhere.
                 if number != before + 1 or rows[before].intervention:
-                    recorder.begin_pass()
-                    stretch_s = row.time_s if recorder.rows else row.time_s - self.begin_s
+                    recorder.begin_pass(row.time_s - (0.0 if recorder.rows else self.begin_s))
                 before = number
                 # The side cameras are rendered here: the drive needs only the centre camera.
                 renderer = world.simulated.renderer
                 frames = {one: renderer.frame(pose, one, frame) for one in CAMERAS}
                 numbers = (steering, *split_pedals(throttle), row.speed_mph)
-                recorder.add(frames, *numbers, row.time_s - stretch_s)
+                recorder.add(frames, *numbers, row.time_s)
         return recorder.rows
 
 

@@ -26,6 +26,7 @@ class EvaluateOptions(ResultFiles, Scenario):
         seeds: drives on each track, whose seeds begin with `seed`.
         film: true: write film.mp4 in each drive's folder.
         film_speed: playing speed of the film as a multiple of the driven speed.
+        record: true: write frames and controls as a recording in each drive's folder, to train on.
         perturb: perturbations to sweep on the first track: names separated by commas, or all.
         replay: recording to score on instead, without a simulator; see drivezoo replay.
         guard: guard file of drivezoo guard, which slows the car down; each drive is then repeated
@@ -41,6 +42,7 @@ class EvaluateOptions(ResultFiles, Scenario):
     seeds: Count = 1
     film: bool = False
     film_speed: Annotated[float, Field(ge=1, le=100)] = 1.0
+    record: bool = False
     perturb: str | None = None
     replay: str | None = None
     out: str | None = None

@@ -141,6 +141,7 @@ def score_driver(
             options.played_at,
             more + unguarded,
             options.executor,
+            record=options.record,
         )
         name = driver if is_file else policy.name
         metrics = {"checkpoint": name, "drives": scores.drives, "tracks": scores.tracks}

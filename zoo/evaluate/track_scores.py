@@ -1,7 +1,7 @@
 """Scores of a checkpoint on several tracks, for `zoo.evaluate` and for runs."""
 
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -12,10 +12,13 @@ from omegaconf import DictConfig, OmegaConf
 from pydantic import Field
 from rich.console import Console
 
+from datamodules.recording_format import write_source
+from simulator.recorder import Recorder, split_pedals
 from simulator.track_names import file_name
 from simulator.weather import CLEAR
 from zoo.base.command_keys import check_keys, constructed, keys_of
 from zoo.base.errors import InputError
+from zoo.base.rig import UDACITY
 from zoo.base.terminal import print_line
 from zoo.base.written_files import remove_written
 from zoo.checkpoints.command import Policy
@@ -48,34 +51,53 @@ class KeptDrive(Keep):
         folder: folder to write to; None writes nothing.
         frame_rate: frames per second of simulated time.
         film_speed: playing speed of the film as a multiple of the driven speed; 0 for no film.
+        record: whether to write a recording of the centre camera and the commands.
     """
 
     def __init__(
-        self, folder: Path | None = None, frame_rate: float = 15.0, film_speed: float = 0.0
+        self,
+        folder: Path | None = None,
+        frame_rate: float = 15.0,
+        film_speed: float = 0.0,
+        record: bool = False,
     ) -> None:
         self.folder, self.frame_rate, self.film_speed = folder, frame_rate, film_speed
+        self.record = record
 
     def __enter__(self) -> "KeptDrive":
-        self.moments, self.film = WorstMoments(), nullcontext()
+        self.moments, self.held = WorstMoments(), ExitStack()
+        self.film = self.recorder = None
         if self.folder is not None and self.film_speed:
-            self.film = DriveFilm(self.folder, self.frame_rate, self.film_speed)
-        self.film.__enter__()
+            film = DriveFilm(self.folder, self.frame_rate, self.film_speed)
+            self.film = self.held.enter_context(film)
+        if self.folder is not None and self.record:
+            self.recorder = self.held.enter_context(Recorder(self.folder, relative=True))
+        self.put_back = False
         return self
 
     def __exit__(self, *error: Any) -> None:
-        self.film.__exit__(*error)
+        self.held.__exit__(*error)
 
     def show(self, frame: np.ndarray, row: DriveRow) -> None:
         """Take the next frame and its row."""
         if self.folder is not None:
             self.moments(frame, row)
-        if isinstance(self.film, DriveFilm):
+        if self.film is not None:
             self.film(frame, row)
+        if self.recorder is not None:
+            if self.put_back:
+                self.recorder.begin_pass(row.time_s)
+            self.put_back = row.intervention
+            if not row.intervention:  # the world ignores its command
+                numbers = row.steering, *split_pedals(row.throttle), np.nan_to_num(row.speed_mph)
+                self.recorder.add({"center": frame}, *numbers, row.time_s)
 
     def result(self, drive: Drive, policy: Policy, world: World) -> dict[str, Any]:
         """Write the drive, and return its figures."""
         alarms = {} if policy.alarms is None else {"guard_alarms": policy.alarms}
         figures = summarize(drive) | alarms
+        if self.recorder is not None and world.rig != UDACITY:
+            write_source(self.folder, file_name(drive.track))
         if self.folder is not None:
             names = drive.frame.astype(object)
             for number, name in self.moments.write(self.folder).items():
@@ -134,6 +156,7 @@ def score_on_tracks(
     more: Sequence[Scenario] = (),
     executor: Executor = "processes",
     world: World | None = None,
+    record: bool = False,
 ) -> TrackScores:
     """Drive a checkpoint or a policy on every track with every seed.
 
@@ -148,6 +171,7 @@ def score_on_tracks(
         more: further scenarios to drive, whose figures alone are kept.
         executor: see `run_drives`.
         world: open world to drive in, see `run_drives`.
+        record: whether each drive's folder also gets a recording.
 
     Raises:
         InputError: the simulator cannot be opened, or a process was killed.
@@ -155,7 +179,7 @@ def score_on_tracks(
     # A scenario that occurs twice, such as the usual one in several sweeps, is driven once.
     more = [one for one in dict.fromkeys(more) if one not in scenarios]
     keeps = [
-        KeptDrive(folder / f"{file_name(one.track)}-{one.seed}", one.frame_rate, film_speed)
+        KeptDrive(folder / f"{file_name(one.track)}-{one.seed}", one.frame_rate, film_speed, record)
         for one in scenarios
     ]
     keeps += [KeptDrive()] * len(more)
@@ -184,7 +208,17 @@ def driving_line(scenarios: Sequence[Scenario]) -> str:
     return f"driving {len(scenarios)} x {laps:g} lap{'' if laps == 1 else 's'}"
 
 
-NOT_OF_RUNS = ("out", "perturb", "replay", "guard", "table", "columns", "plot", "executor")
+NOT_OF_RUNS = (
+    "out",
+    "perturb",
+    "record",
+    "replay",
+    "guard",
+    "table",
+    "columns",
+    "plot",
+    "executor",
+)
 
 
 @dataclass(frozen=True, kw_only=True)

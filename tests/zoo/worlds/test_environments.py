@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
+from datamodules.recording_format import other_car, read_recordings
 from zoo.base.errors import InputError
 from zoo.checkpoints.command import as_policy
 from zoo.drives.metrics import measure
 from zoo.evaluate.drives_table import mean_and_spread
-from zoo.evaluate.track_scores import how_well
+from zoo.evaluate.track_scores import KeptDrive, how_well
 from zoo.worlds.drive_loop import drive
 from zoo.worlds.open_world import open_world
+from zoo.worlds.run_drives import all_drives
 from zoo.worlds.scenario import Scenario
 
 MAPPED = """
@@ -117,6 +119,20 @@ def test_an_intervention_begins_another_episode_of_the_same_drive() -> None:
     assert driven.episode_return == 30 / 4
     left, _ = straight(MAPPED + ROAD, steering=1.0)
     assert abs(left.cross_track_m[left.intervention]).min() > 2, "half of the width"
+
+
+def test_a_drive_is_recorded_without_the_frames_of_its_interventions(tmp_path: Path) -> None:
+    Path("small.yaml").write_text(MAPPED + ROAD)
+    policy, keep = as_policy(lambda frame, mph: (0.1, -0.5)), KeptDrive(tmp_path / "a", record=True)
+    scenario = Scenario(world="small.yaml", throttle="network")
+    (figures,) = all_drives(policy, [scenario], keep)
+    assert figures["interventions"] == 3
+    recording = read_recordings(str(tmp_path / "a"))
+    assert len(recording) == 30
+    assert np.diff(recording.time_s).round(2).tolist().count(0.1) == 26, "four passes"
+    assert set(recording.brake) == {0.5}
+    assert recording.image(0).shape == (8, 12, 3)
+    assert other_car(recording) == "small", "the embedded tracks show another camera"
 
 
 @pytest.mark.parametrize(
