@@ -28,10 +28,12 @@ def drive(ckpt: str, *, settings: DriveSettings) -> Path | None:
     """Serve a checkpoint to simulators.
 
     The checkpoint drives the original simulator (start it and choose autonomous mode) or the
-    embedded one (sim=lake). Ctrl-C ends the drive.
+    embedded one (sim=lake), or it drives in a Donkeycar simulator (world=donkey). Ctrl-C ends the
+    drive.
 
       drivezoo drive latest speed=15
       drivezoo drive outputs/.../checkpoints/best.ckpt record=FOLDER sim=lake
+      drivezoo drive lenet world=donkey port=9091 scene=generated_track
 
     Args:
         ckpt: checkpoint: a .ckpt or .onnx file, a run's folder, latest, or a network that comes
@@ -50,15 +52,15 @@ def drive(ckpt: str, *, settings: DriveSettings) -> Path | None:
 
 
 def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
-    """Serve until Ctrl-C or the end of the embedded simulator, then print the drive's figures.
+    """Serve until Ctrl-C or the simulator's end, then print the drive's figures.
 
     Returns:
         The drive's folder; None if no frame came.
 
     Raises:
-        InputError: the port is taken, the checkpoint cannot be loaded, or the embedded simulator
-            failed.
+        InputError: the port is taken, the checkpoint cannot be loaded, or the simulator failed.
     """
+    from zoo.drive.donkey_client import DonkeyClient
     from zoo.drive.drive_writer import BackgroundWriter
     from zoo.drive.driver import Driver
     from zoo.drive.notices import Notices
@@ -69,7 +71,7 @@ def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
     folder = settings.record or Path("outputs/drives") / began.strftime("%Y-%m-%d/%H-%M-%S-%f")
     writer = BackgroundWriter(folder, notices)
     # The port is opened before the slow import of torch; simulators that connect wait.
-    listener = open_port(settings.host, settings.port)
+    listener = open_port(*settings.server, "page" if settings.world else "port")
     load = functools.partial(
         load_warm_policy,
         threads=settings.threads,
@@ -92,12 +94,15 @@ def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
         checkpoint=checkpoint,
         load=load,
         margin_m=settings.margin,
-        track=_track(settings.sim) if settings.sim else None,
+        track=settings.place,
     )
     token = secrets.token_urlsafe(16) if settings.expose else None
     server = DriveServer(driver, listener, LivePage(driver, token=token), settings.expose)
-    url = f"http://{local_name(settings.host)}:{server.port}"
-    client = EmbeddedClient(settings.sim, url, settings.laps, settings.put_back)
+    url = f"http://{local_name(settings.server[0])}:{server.port}"
+    ending = settings.laps, settings.put_back
+    client: EmbeddedClient | DonkeyClient = EmbeddedClient(settings.sim, url, *ending)
+    if settings.world:
+        client = DonkeyClient(driver, settings.place, *ending)
 
     def listening() -> None:
         if token:
@@ -106,10 +111,11 @@ def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
                 "the page's buttons need the token in the address below"
             )
         notices.print(f"{checkpoint}: {view_line(policy)}")
-        if line := other_car_line(policy.data, settings.sim or "the simulator"):
+        line = other_car_line(policy.data, settings.sim or "the simulator")
+        if line and not settings.world:
             notices.print(line)
         waits = "a simulator; Ctrl-C ends the drive"
-        notices.print(f"listening on {url} for {settings.sim or waits}")
+        notices.print(f"listening on {url} for {settings.place or waits}")
         page = f"{url}/?token={token}" if token else url
         notices.print(f"open {page} in a browser to watch{' and command' * bool(token)}")
         client.start()
@@ -117,13 +123,13 @@ def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
     try:
         server.serve(listening, lambda: stop.asked or client.ended)
     finally:
-        status = client.stop()
+        failure = client.stop()
         server.close()
         if folder := driver.end(began):
             following = "film" if settings.record else "leaderboard"
             print_written([folder], [following, folder])
-    if status:
-        raise InputError(f"the embedded simulator failed, with exit status {status}; see above")
+    if failure:
+        raise InputError(failure)
     return folder
 
 
@@ -153,14 +159,16 @@ class EmbeddedClient:
         """Whether the process has ended by itself."""
         return self._process is not None and self._process.poll() is not None
 
-    def stop(self) -> int:
-        """End the process if it runs; return its exit status, 0 if it was ended here."""
+    def stop(self) -> str:
+        """End the process if it runs; return what failed, empty if nothing did."""
         if self._process is None:
-            return 0
+            return ""
         if self.ended:
-            return self._process.returncode
+            status = self._process.returncode
+            failure = f"the embedded simulator failed, with exit status {status}; see above"
+            return failure if status else ""
         end_module(self._process)  # the process closes its film
-        return 0
+        return ""
 
 
 class StopOnSignal:
@@ -178,14 +186,7 @@ class StopOnSignal:
         self.asked = True
 
 
-def _track(sim: str) -> str:
-    """Return the name of the embedded simulator's track in records."""
-    from simulator.track_names import recorded_name, short_name
-
-    return recorded_name(short_name(sim))
-
-
-def open_port(host: str, port: int) -> "GreenSocket":
+def open_port(host: str, port: int, key: str = "port") -> "GreenSocket":
     """Return a listening socket; raise InputError that names the process that holds the port."""
     from zoo.drive.port_holder import port_holder
     from zoo.drive.server import listen
@@ -196,7 +197,7 @@ def open_port(host: str, port: int) -> "GreenSocket":
         if error.errno == errno.EADDRINUSE:
             holder = port_holder(port)
             by = f"held by {holder}: end it" if holder else "taken: end what holds it"
-            reason = f"port {port} is {by}, or add port=0 for a free one"
+            reason = f"port {port} is {by}, or add {key}=0 for a free one"
         else:
             reason = f"host={host} port={port}: {error.strerror}; try another"
         raise InputError(reason) from None

@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
+from simulator.track_names import recorded_name, short_name
 from zoo.base.command_keys import Choice, Section
 from zoo.base.errors import UsageError, placed_errors
 from zoo.drive.origin import is_loopback
@@ -17,8 +18,11 @@ from zoo.drives.speed_controller import (
     SpeedController,
     SteeringFilter,
 )
+from zoo.worlds.donkey_world import PORT as DONKEY_PORT
 from zoo.worlds.scenario import Margin
 
+PORT = 4567  # to which the original simulator connects
+Port = Annotated[int, Field(ge=0, le=65535)]
 _PI = partial(PI, kp=0.1, ki=0.002)  # of the Udacity course
 CONTROLLERS = {
     "bends": partial(_PI, set_mph=15.0, bend_mph=5.0),
@@ -35,13 +39,17 @@ class DriveSettings:
     """Keys of a drive on the socket.
 
     Args:
-        host: name or address to listen on.
-        port: TCP port; 0: a free one.
+        host: name or address to listen on; of the simulator, with world=donkey.
+        port: TCP port; 0: a free one; null: 4567, or 9091 with world=donkey.
         expose: true: other machines may connect and watch, with host=0.0.0.0; the page's buttons
             then need the token in the printed address.
         sim: track on which the embedded simulator drives as the client, such as lake; null: wait
             for another simulator.
-        laps: laps after which the embedded simulator ends; null: Ctrl-C ends it.
+        world: donkey: connect to the Donkeycar simulator at host= and port=, and drive there; null:
+            wait for a simulator.
+        scene: scene of the Donkeycar simulator.
+        page: TCP port of the live page with world=donkey; 0: a free one.
+        laps: laps after which the embedded or the Donkeycar simulator ends; null: Ctrl-C ends it.
         put_back: true: an intervention puts its car back on the road, as in zoo.evaluate.
         margin: distance off the centreline that counts as an intervention, m; null: leaving the
             lane.
@@ -53,9 +61,12 @@ class DriveSettings:
     """
 
     host: str = "127.0.0.1"
-    port: Annotated[int, Field(ge=0, le=65535)] = 4567
+    port: Port | None = None
     expose: bool = False
     sim: str | None = None
+    world: Literal["donkey"] | None = None
+    scene: str = "generated_track"
+    page: Port = PORT
     laps: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     put_back: bool = True
     margin: Margin | None = None
@@ -70,21 +81,42 @@ class DriveSettings:
         for name in ("record", "guard"):
             if (path := getattr(self, name)) is not None:
                 object.__setattr__(self, name, path.expanduser())
+        if self.port is None:
+            object.__setattr__(self, "port", DONKEY_PORT if self.world else PORT)
+
+    @property
+    def server(self) -> tuple[str, int]:
+        """Return host and port to listen on: for simulators, or for browsers alone."""
+        if self.world is None:
+            return self.host, self.port
+        return "0.0.0.0" if self.expose else "127.0.0.1", self.page
+
+    @property
+    def place(self) -> str | None:
+        """Return where it drives, as of the scenario of an evaluation; None if it is unknown."""
+        if self.world is not None:
+            return f"{self.host}:{self.port}/{self.scene}"
+        if self.sim is not None:
+            return recorded_name(short_name(self.sim))
+        return None
 
 
 def check_settings(settings: DriveSettings) -> None:
     """Check what can be checked before the port is opened.
 
     Raises:
-        UsageError: other machines could connect although `expose` is false.
+        UsageError: other machines could connect although `expose` is false; or both `sim` and
+            `world` are named.
         InputError: there is no such track, or its file cannot be read.
     """
+    if settings.sim and settings.world:
+        raise UsageError(f"sim={settings.sim}: world={settings.world} is driven; drop one")
     if settings.sim is not None:
         from simulator.track_file import read_track  # slow import: scipy
 
         with placed_errors(f"sim={settings.sim}"):
             read_track(settings.sim)
-    if not settings.expose and not is_loopback(settings.host):
+    if not settings.expose and not is_loopback(settings.server[0]):
         raise UsageError(
             f"host={settings.host}: other machines could connect and drive; to allow it, add "
             "expose=true"

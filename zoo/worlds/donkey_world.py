@@ -10,6 +10,7 @@ import math
 import re
 import socket
 import time
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,9 @@ HOST, PORT = "127.0.0.1", 9091
 START = "start it, or: drivezoo simulator serve"
 SILENT_S = 20.0  # for a simulator to answer; it loads a scene in seconds
 MOST_LINE = 16_000_000  # bytes of a message
+MOST_OLD = 100  # telemetry messages that are skipped for a newer one
 LONGEST_LAP_S = 300.0
+BRAKE = {"steering": 0, "throttle": 0, "brake": 1}
 
 Message = dict[str, Any]
 
@@ -38,25 +41,27 @@ class DonkeyWorld(World):
 
     Args:
         address: `HOST:PORT/SCENE`, `HOST/SCENE` or `SCENE`.
+        sockets: module `socket`, or its stand-in in a program of green threads.
+
+    Attributes:
+        image: latest image as the simulator sent it, in base64.
 
     Raises:
         InputError: no simulator answers there, or it has no such scene.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, sockets: Any = socket) -> None:
         parts = ADDRESS.fullmatch(address)
         if parts is None:
-            raise InputError(f"track={address}: write HOST:PORT/SCENE, such as generated_track")
+            raise InputError(f"{address}: write HOST:PORT/SCENE, such as generated_track")
         self.address = address
         place = parts["host"] or HOST, int(parts["port"] or PORT)
         try:
-            self._socket = socket.create_connection(place, SILENT_S)
+            self._socket = sockets.create_connection(place, SILENT_S)
         except (OSError, UnicodeError) as error:
             reason = getattr(error, "strerror", None) or "no answer"
             where = "{}:{}".format(*place)
-            raise InputError(
-                f"track={address}: no simulator at {where} ({reason}); {START}"
-            ) from None
+            raise InputError(f"{address}: no simulator at {where} ({reason}); {START}") from None
         self._lines = self._socket.makefile("rb")
         self._load(parts["scene"])
 
@@ -76,8 +81,9 @@ class DonkeyWorld(World):
         return self._frame
 
     def step(self, steering: float, throttle: float) -> State:
-        """Send a control, and wait for the next telemetry."""
-        self._send("control", steering=steering, throttle=throttle, brake=0)
+        """Send a control, and wait for the next telemetry; a throttle below 0 only brakes."""
+        pedals = {"throttle": max(throttle, 0.0), "brake": max(-throttle, 0.0)}
+        self._send("control", steering=steering, **pedals)
         self._take_telemetry()
         return self._state()
 
@@ -92,7 +98,9 @@ class DonkeyWorld(World):
         return self._state()
 
     def close(self) -> None:
-        """Leave the simulator."""
+        """Brake, and leave the simulator, where a car keeps its last control."""
+        with suppress(InputError):
+            self._send("control", **BRAKE)
         self._lines.close()
         self._socket.close()
 
@@ -109,7 +117,7 @@ class DonkeyWorld(World):
         names = self._wait_for("scene_names").get("scene_names")
         known = [str(name) for name in names] if isinstance(names, list) else []
         if scene not in known:
-            raise InputError(f"track={self.address}: no such scene; it has {', '.join(known)}")
+            raise InputError(f"{self.address}: no such scene; it has {', '.join(known)}")
         self._send("load_scene", scene_name=scene)
         self._wait_for("car_loaded")
 
@@ -126,27 +134,45 @@ class DonkeyWorld(World):
         while time.monotonic() < last_s:
             try:
                 line = self._lines.readline(MOST_LINE)
-                message = json.loads(line) if line.endswith(b"\n") else None
-            except (OSError, ValueError) as error:
+                if not line.endswith(b"\n"):
+                    endless = f"it sent more than {MOST_LINE:,} bytes in a line"
+                    raise self._lost(endless if len(line) == MOST_LINE else "it left")
+                message = json.loads(line)
+            except (OSError, ValueError, RecursionError) as error:
                 raise self._lost(error) from None
             if not isinstance(message, dict):
-                raise self._lost("it closed the connection")
+                raise self._lost(f"it sent {line!r:.50}, which is no object")
             if message.get("msg_type") == "collision_with_starting_line":
                 self._crossings += 1
             if message.get("msg_type") in kinds:
                 return message
         raise self._lost(f"it sent no {' or '.join(kinds)} in {SILENT_S:.0f} s")
 
+    def _has_more(self) -> bool:
+        """Return whether a message has come, or begun to come."""
+        self._socket.settimeout(0)
+        try:
+            return bool(self._lines.peek(1))
+        except OSError as error:
+            raise self._lost(error.strerror) from None
+        finally:
+            self._socket.settimeout(SILENT_S)
+
     def _stand(self) -> None:
         """Take the telemetry of a car that stands where it was put, from the next step on."""
         for _ in range(2):
-            self._send("control", steering=0, throttle=0, brake=1)
+            self._send("control", **BRAKE)
             self._take_telemetry()
 
     def _take_telemetry(self) -> None:
         self._telemetry = self._wait_for("telemetry")
+        for _ in range(MOST_OLD):  # a slow network drives by the newest frame
+            if not self._has_more():
+                break
+            self._telemetry = self._wait_for("telemetry")
+        self.image = str(self._telemetry.get("image"))
         try:
-            frame = decode_image(base64.b64decode(str(self._telemetry.get("image"))))
+            frame = decode_image(base64.b64decode(self.image))
         except ValueError as error:
             raise self._lost(f"image: {error}") from None
         if self._shape not in (None, frame.shape):
@@ -176,7 +202,7 @@ class DonkeyWorld(World):
             raise self._lost(f"{key} is {self._telemetry.get(key)!r:.40}, no number") from None
 
     def _lost(self, reason: object) -> InputError:
-        return InputError(f"track={self.address}: the simulator failed: {reason}; start it again")
+        return InputError(f"{self.address}: the simulator failed: {reason}; start it again")
 
 
 def _number(message: Message, key: str) -> float:

@@ -1,66 +1,22 @@
-"""A Donkeycar simulator as a world: what a simulator that fails is reported as."""
+"""A Donkeycar simulator as a world: what it is told, and what one that fails is reported as."""
 
-import base64
-import json
 import socket
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
 
-import cv2
-import numpy as np
 import pytest
 
+from tests.simulator.donkey_replica import Change, donkey_replica, telemetry
 from zoo.base.errors import InputError
 from zoo.worlds import donkey_world
 from zoo.worlds.donkey_world import DonkeyWorld
 from zoo.worlds.scenario import Scenario
-
-Change = Callable[[int, dict], dict | None]
-
-
-def telemetry(number: int, size: tuple[int, int] = (120, 160)) -> dict:
-    jpeg = cv2.imencode(".jpg", np.full((*size, 3), 90, np.uint8))[1].tobytes()
-    place = dict.fromkeys(("pos_x", "pos_y", "pos_z", "cte", "activeNode", "steering_angle"), 0.0)
-    image = base64.b64encode(jpeg).decode()
-    return {"msg_type": "telemetry", "time": number / 20, "speed": 1, "image": image, **place}
+from zoo.worlds.world import State
 
 
-@contextmanager
-def simulator(change: Change) -> Iterator[str]:
-    """Run a small simulator whose telemetry is changed; yield its address."""
-    listener = socket.create_server(("127.0.0.1", 0))
-
-    def serve() -> None:
-        connection, _ = listener.accept()
-        with connection:
-            loaded = (
-                {"msg_type": "scene_selection_ready"},
-                {"msg_type": "scene_names", "scene_names": ["oval"]},
-                {"msg_type": "car_loaded"},
-                {"msg_type": "protocol_version", "version": "2"},
-            )
-            messages = [*loaded, *(change(number, telemetry(number)) for number in range(10))]
-            with suppress(OSError):  # the client has left
-                for message in messages:
-                    if message is None:
-                        return
-                    connection.sendall(json.dumps(message).encode() + b"\n")
-                while connection.recv(65_536):
-                    pass
-
-    thread = threading.Thread(target=serve, daemon=True)
-    thread.start()
-    yield f"127.0.0.1:{listener.getsockname()[1]}/oval"
-    listener.close()
-
-
-def step_through(address: str) -> None:
+def step_through(address: str) -> list[State]:
     world = DonkeyWorld(address)
     try:
         world.reset(Scenario(address, world="donkey"))
-        for _ in range(8):
-            world.step(0.1, 0.2)
+        return [world.step(0.1, throttle) for throttle in (0.2, -0.3, 0.2, 0.2, 0.2, 0.2)]
     finally:
         world.close()
 
@@ -69,21 +25,49 @@ def test_numbers_may_have_a_decimal_comma() -> None:
     def with_commas(number: int, message: dict) -> dict:
         return message | {"speed": "1,5", "time": f"{number / 20:.2f}".replace(".", ",")}
 
-    with simulator(with_commas) as address:
+    with donkey_replica(with_commas) as (address, _):
+        states = step_through(address)
+    assert states[-1].time_s - states[-2].time_s == pytest.approx(0.05)
+
+
+def test_a_negative_throttle_brakes_and_a_car_that_is_left_stands() -> None:
+    with donkey_replica(lambda number, message: message) as (address, received):
         step_through(address)
+    controls = [one for one in received if one["msg_type"] == "control"]
+    pedals = [(float(one["throttle"]), float(one["brake"])) for one in controls]
+    assert (0.2, 0.0) in pedals
+    assert (0.0, 0.3) in pedals
+    assert pedals[-1] == (0.0, 1.0)
+
+
+def test_a_slow_network_drives_by_the_newest_frame() -> None:
+    with donkey_replica(lambda number, message: message, each=5) as (address, _):
+        states = step_through(address)
+    # A message that comes just after the last one is read is newest in the next step only.
+    assert states[-1].time_s > 5 * 4 * 0.05
 
 
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (lambda number, message: None if number == 4 else message, "closed|reset|Broken pipe"),
+        (lambda number, message: None if number == 4 else message, "left|reset|Broken pipe"),
+        (lambda number, message: {} if number == 4 else message, "timed out"),
         (lambda number, message: message | {"speed": "NaN"}, "speed is 'NaN', no number"),
         (lambda number, message: message | {"image": "AAAA"}, "image: "),
         (lambda number, message: telemetry(number, (60, 80)) if number > 3 else message, "changed"),
+        (lambda number, message: message | {"more": "x" * 20_000}, "more than"),
     ],
+    ids=["leaves", "silent", "nan", "image", "size", "endless"],
 )
-def test_a_simulator_that_fails_is_named(change: Change, reason: str) -> None:
-    with simulator(change) as address, pytest.raises(InputError, match=reason) as caught:
+def test_a_simulator_that_fails_is_named(
+    monkeypatch: pytest.MonkeyPatch, change: Change, reason: str
+) -> None:
+    monkeypatch.setattr(donkey_world, "SILENT_S", 0.5)
+    monkeypatch.setattr(donkey_world, "MOST_LINE", 20_000)
+    with (
+        donkey_replica(change) as (address, _),
+        pytest.raises(InputError, match=reason) as caught,
+    ):
         step_through(address)
     assert address in str(caught.value)
 
