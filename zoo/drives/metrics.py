@@ -245,9 +245,12 @@ def driven_s(drive: Drive) -> float:
 def laps(drive: Drive) -> float:
     """Distance driven in laps, with decimals.
 
-    Formula: `driven_m` divided by the length of the track's centreline. Unknown in a replay and on
-    a socket.
+    Formula: `driven_m` divided by the length of the track's centreline. The number of whole laps in
+    a world that counts them and has no length, such as a Donkeycar simulator. Unknown in a replay
+    and on a socket.
     """
+    if math.isnan(drive.length_m) and len(drive.lap_s):
+        return len(drive.lap_s)
     return driven_m(drive) / drive.length_m
 
 

@@ -144,7 +144,8 @@ def score_driver(
             record=options.record,
         )
         name = driver if is_file else policy.name
-        metrics = {"checkpoint": name, "drives": scores.drives, "tracks": scores.tracks}
+        metrics = {"checkpoint": name, "world": options.world}
+        metrics |= {"drives": scores.drives, "tracks": scores.tracks}
         if options.guard:
             without = [scores.by_scenario[drive] for drive in unguarded]
             metrics["guard"] = guard_effect(options.guard, scores.drives, without)

@@ -228,7 +228,7 @@ def load_evaluation(folder: Path) -> Scored:
     return Scored(
         folder=folder,
         name=str(metrics.get("checkpoint") or "-"),
-        source=EMBEDDED,
+        source=str(metrics.get("world") or EMBEDDED),
         **_of_tracks(tracks),
     )
 

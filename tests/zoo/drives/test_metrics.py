@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -56,6 +57,12 @@ def test_the_rows_of_a_written_drive_give_the_figures_beside_them(tmp_path: Path
     of_world = ("driven_m", "m_per_intervention", "laps", "lap_s")  # not in the rows
     for name in METRICS.keys() & written.keys() - set(of_world):
         assert figures[name] == pytest.approx(written[name], abs=1e-3 if "ms" in name else 2e-5)
+
+
+def test_a_world_without_a_length_counts_whole_laps() -> None:
+    measured = replace(drive_by_speed(), length_m=math.nan)
+    assert measure(replace(measured, lap_s=(60.0, 61.0)))["laps"] == 2
+    assert math.isnan(measure(replace(measured, lap_s=()))["laps"])
 
 
 def test_the_page_of_metrics_is_that_of_the_registry(capsys: pytest.CaptureFixture) -> None:

@@ -115,14 +115,17 @@ def test_the_drives_of_a_folder_that_holds_runs_are_not_ranked(tmp_path: Path) -
     assert list(drive_folders(run / "drives")) == [run / "drives" / "lake-0"]
 
 
-def write_evaluation(folder: Path, autonomy: float, checkpoint: str, **more: float) -> Path:
+def write_evaluation(
+    folder: Path, autonomy: float, checkpoint: str, world: str = "embedded", **more: float
+) -> Path:
     """Write an evaluation of two drives on the lake, as `drivezoo evaluate` does."""
     for seed in (0, 1):
         write_socket_drive(folder / f"lake-{seed}")
     figures = {"drives": 2, "drives_without_intervention": 1, "autonomy": [autonomy, 0.1]}
     tracks = {"lake": figures | {"cte_mean_m": [0.2, 0.1], "interventions": [0.5, 0.7]}}
     tracks["lake"] |= {key: [value, 0.0] for key, value in more.items()}
-    write_metrics_file(folder, {"checkpoint": checkpoint, "drives": [], "tracks": tracks})
+    about = {"checkpoint": checkpoint, "world": world}
+    write_metrics_file(folder, about | {"drives": [], "tracks": tracks})
     return folder
 
 
@@ -133,9 +136,12 @@ def test_an_evaluation_is_one_entry_with_its_means(
     monkeypatch.setenv("COLUMNS", "200")
     write_evaluation(Path("scores/ann"), 0.7, "submitted/ann.ckpt")
     write_evaluation(Path("scores/bob"), 0.9, "submitted/bob 1.ckpt")
+    write_evaluation(Path("scores/cleo"), 0.5, "submitted/cleo.ckpt", world="donkey")
     leaderboard.main(["scores"])
     printed = capsys.readouterr().out
-    first, second = re.findall(r"^│ [12] .*$", printed, re.MULTILINE)
+    first, second, third = re.findall(r"^│ [123] .*$", printed, re.MULTILINE)
+    assert "embedded" in second
+    assert "donkey" in third
     assert "bob" in first
     assert "90.0%" in first
     assert "1 of 2" in first
