@@ -1,5 +1,6 @@
 """`drivezoo film`: film a drive, a recording or a folder of images."""
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,11 +20,12 @@ from zoo.base.terminal import print_line, print_written
 from zoo.cli.console_progress import progress_bar
 from zoo.drives import drive_log
 from zoo.drives.drive_film import MOMENTS, draw_overlay
-from zoo.drives.drive_record import FALLBACK, PERSON
+from zoo.drives.drive_record import FALLBACK, PERSON, REPLAY
 from zoo.drives.tally import LONGEST_STEP_S, autonomy
 
 USUAL_FPS = 15.0  # the simulator's recorder; used if the images have no times
 MOST_FPS = 60.0
+SHOWN_S = 1.0  # in which a film says that there was an intervention
 SUFFIXES = (".jpg", ".jpeg", ".png")
 
 
@@ -126,11 +128,12 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
     judged = bool(np.isfinite(drive.cross_track_m[rows]).any())
     driven_s = np.cumsum(np.where((steps > 0) & (steps <= LONGEST_STEP_S), steps, 0.0))
     interventions = np.cumsum(drive.intervention[rows])
-    shots, last = [], ""
+    shots, last, lost, lost_s = [], "", 0, -math.inf
     for number, row in enumerate(rows):
         frame = str(drive.frame[row])
         if not frame or frame == last:  # the old client's two loops send most frames twice
             continue
+        lost_s = float(drive.time_s[row]) if int(interventions[number]) > lost else lost_s
         last, lost = frame, int(interventions[number])
         values: dict[str, Any] = {
             name: float(getattr(drive, name)[row])
@@ -138,7 +141,10 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
         }
         values["autonomy"] = autonomy(lost, driven_s[number]) if judged or lost else None
         values["cte_m"] = float(drive.cross_track_m[row])
-        values["note"] = notes.get(str(drive.driver[row]))
+        lately = "intervention" if drive.time_s[row] - lost_s < SHOWN_S else None
+        values["note"] = notes.get(str(drive.driver[row]), lately)
+        if drive.source == REPLAY:  # of any car, whose steering range the drive does not have
+            values |= {"rig": None, "recorded": float(drive.expert_steering[row])}
         shots.append(Shot(folder / frame, float(drive.time_s[row]), values))
     if not shots or len(shots) <= MOMENTS < len(drive) / 10:
         raise InputError(

@@ -17,8 +17,8 @@ from tests.zoo.commands import only_line, run
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
 from zoo.drives.drive_film import GREEN, RED, draw_overlay
-from zoo.drives.drive_log import DriveWriter
-from zoo.drives.drive_record import PERSON, DriveRow
+from zoo.drives.drive_log import DriveWriter, write_drive
+from zoo.drives.drive_record import PERSON, REPLAY, Drive, DriveRow
 from zoo.evaluate.track_scores import KeptDrive
 from zoo.film import film as film_command
 from zoo.film import make_film, read_shots, real_fps
@@ -227,6 +227,28 @@ def test_steering_turns_the_wheel_and_pedals_have_their_colours() -> None:
     for image, colour, other in ((throttle, GREEN, RED), (brake, RED, GREEN)):
         assert (image[440:] == colour).all(2).sum() > 300
         assert not (image[440:] == other).all(2).any()
+
+
+def test_a_replay_shows_the_recorded_steering(tmp_path: Path) -> None:
+    rows = [
+        DriveRow(
+            number / 10,
+            frame=f"{number}.jpg",
+            steering=-0.2,
+            cross_track_m=0.1,
+            intervention=number == 5,
+            expert_steering=0.3,
+        )
+        for number in range(30)
+    ]
+    write_drive(tmp_path, Drive.of(rows, source=REPLAY, lane_m=1.0))
+    shots = read_shots(tmp_path)
+    assert {shot.values["recorded"] for shot in shots} == {0.3}
+    noted = [number for number, shot in enumerate(shots) if shot.values["note"]]
+    assert noted == list(range(5, 15)), "for a second"
+    shown, alone = (draw_overlay(GREY, -0.2, recorded=value) for value in (0.3, None))
+    assert (shown[380:, :120] == GREEN).all(2).any(), "a mark on the wheel"
+    assert not (alone == GREEN).all(2).any()
 
 
 def test_a_recording_of_any_format_is_filmed(tmp_path: Path) -> None:

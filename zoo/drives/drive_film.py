@@ -125,6 +125,7 @@ def draw_overlay(
     note: str | None = None,
     spread: float | None = None,
     rig: Rig | None = UDACITY,
+    recorded: float | None = None,
 ) -> np.ndarray:
     """Return an enlarged camera frame with the drive's state drawn in.
 
@@ -141,17 +142,19 @@ def draw_overlay(
         spread: standard deviation of the steering; a band shows where 95 % of a normal distribution
             would be.
         rig: car whose wheels' angle is shown; None shows the steering itself.
+        recorded: steering of the recorded driver, -1..1, in a replay.
 
     Returns:
         uint8 [960 H / W, 960, 3], RGB.
     """
-    steering, throttle, speed_mph, autonomy, cte_m, spread = (
+    steering, throttle, speed_mph, autonomy, cte_m, spread, recorded = (
         value if value is not None and math.isfinite(value) else None
-        for value in (steering, throttle, speed_mph, autonomy, cte_m, spread)
+        for value in (steering, throttle, speed_mph, autonomy, cte_m, spread, recorded)
     )
     width, height = WIDTH, WIDTH * len(frame) // frame.shape[1]
     image = cv2.resize(frame, (width, height), interpolation=cv2.INTER_CUBIC)
     texts: list[Label] = []
+    lines: list[tuple[str, str, tuple[int, int, int]]] = []
     if any(value is not None for value in (steering, throttle, speed_mph)):
         # Fade to black, so that text is readable on any road.
         light = 1 - 0.72 * np.linspace(0, 1, PANEL) ** 0.6
@@ -168,6 +171,10 @@ def draw_overlay(
             (f"STEERING{doubt}", 128, height - 26, 13, GREY, "lm"),
         ]
         _draw_steering_bar(image, (width // 2, height - 40), 150, steering, spread or 0.0)
+        if recorded is not None:
+            _mark_wheel(image, (70, height - 54), 47, recorded * lock_deg * WHEEL_RATIO, GREEN)
+            angle = form.format(recorded * factor + 0.0).replace("-", "\N{MINUS SIGN}")
+            lines.append(("RECORDED", angle, GREEN))
     if speed_mph is not None:
         texts += [
             (f"{speed_mph:.1f}", width - 84, height - 50, 38, WHITE, "rm"),
@@ -175,7 +182,6 @@ def draw_overlay(
         ]
     if throttle is not None:
         _draw_pedals(image, (width - 208, height - 20), 184, throttle)
-    lines = []
     if autonomy is not None:
         colour = GREEN if autonomy >= 0.995 else AMBER if autonomy >= 0.9 else RED
         lines.append(("AUTONOMY", f"{autonomy:.1%}", colour))
@@ -184,7 +190,7 @@ def draw_overlay(
         lines.append(("OFF CENTRE", f"{abs(cte_m):.2f} m {side}", WHITE))
     left, right = width - 288, width - 20
     boxes = [(left, 18, right, 32 + 30 * len(lines))] if lines else []
-    for y, (label, text, colour) in zip(range(40, 100, 30), lines, strict=False):
+    for y, (label, text, colour) in zip(range(40, 130, 30), lines, strict=False):
         texts.append((label, left + 14, y, 13, GREY, "lm"))
         texts.append((text, right - 14, y, 20, colour, "rm"))
     if note:
@@ -206,9 +212,14 @@ def _draw_wheel(image: np.ndarray, centre: tuple[int, int], radius: int, angle_d
         way = np.array([np.cos(angle + spoke), np.sin(angle + spoke)])
         _line(image, centre + 9 * way, centre + (radius - 2) * way, WHITE, 6)
     cv2.circle(image, centre, 10, WHITE, -1, cv2.LINE_AA)
-    # A mark at the top, as on a racing wheel, makes the angle visible.
-    mark = np.degrees(angle) - 90
-    cv2.ellipse(image, centre, (radius, radius), mark, -11, 11, AMBER, 6, cv2.LINE_AA)
+    _mark_wheel(image, centre, radius, angle_deg, AMBER)
+
+
+def _mark_wheel(
+    image: np.ndarray, centre: tuple[int, int], radius: int, angle_deg: float, colour: tuple
+) -> None:
+    """Draw a mark that is at the top of a straight wheel, as on a racing wheel."""
+    cv2.ellipse(image, centre, (radius, radius), angle_deg - 90, -11, 11, colour, 6, cv2.LINE_AA)
 
 
 def _draw_steering_bar(

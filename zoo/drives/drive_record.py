@@ -34,8 +34,8 @@ class DriveRow:
         intervention: whether an intervention began in this step.
         latency_ms: time from the frame's arrival to the reply in milliseconds; NaN if unknown.
         spread: standard deviation of the steering by which the policy doubts it; NaN if unknown.
-        expert_steering: steering of the embedded world's expert at the same place, -1..1; NaN if
-            unknown.
+        expert_steering: steering of the embedded world's expert at the same place, or of the
+            recorded driver in a replay, -1..1; NaN if unknown.
     """
 
     time_s: float

@@ -17,7 +17,7 @@ import numpy as np
 from zoo.base.rig import MPS_PER_MPH
 from zoo.cli.registry import Registry
 from zoo.drives import tally
-from zoo.drives.drive_record import BAND, PERSON, POLICY, SOCKET, Drive
+from zoo.drives.drive_record import BAND, PERSON, POLICY, REPLAY, SOCKET, Drive
 from zoo.drives.interventions import STALLED_BELOW_MPH
 from zoo.drives.tally import LONGEST_STEP_S
 
@@ -378,8 +378,11 @@ def spread_coverage(drive: Drive) -> float | None:
 
     The expert steers at the same place, in the embedded world. `d[i]` is the standard deviation
     that the policy predicts; that of a normal distribution covers 95 %. A smaller share shows a
-    policy that is too sure. Left out of a drive without spread or expert.
+    policy that is too sure. Left out of a drive without spread or expert, and of a replay, whose
+    recorded driver was at another place.
     """
+    if drive.source == REPLAY:
+        return None
     gap = np.abs(drive.expert_steering - drive.steering)
     known = np.isfinite(gap) & np.isfinite(drive.spread)
     return _mean(gap[known] <= BAND * drive.spread[known]) if known.any() else None

@@ -9,7 +9,7 @@ import numpy as np
 
 from zoo.base.rig import MPS_PER_MPH
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
-from zoo.drives.drive_record import Drive, DriveRow
+from zoo.drives.drive_record import REPLAY, Drive, DriveRow
 from zoo.drives.interventions import DEFAULT_MARGIN_M, InterventionRule
 from zoo.drives.latency_meter import latency_meter
 from zoo.drives.speed_controller import PI, Network, SpeedController
@@ -39,7 +39,7 @@ def drive(
 
     After an intervention (see `InterventionRule`) the car is put back. A policy that returns NaN is
     steered straight on. The rows of a policy that predicts its spread also have the expert's
-    steering, in a world that has an expert.
+    steering, in a world that has an expert; those of a replay have the recorded driver's.
 
     Args:
         policy: policy; it is reset at the start and whenever the car is put back. If it predicts
@@ -82,6 +82,7 @@ def drive(
         steering = min(max(float(steering), -1.0), 1.0)
         if meter:
             meter.send(steering)
+        asks_expert = command.spread is not None or facts.get("source") == REPLAY
         throttle = state.throttle
         if throttle is None:
             throttle = speed.pedal(replace(command, steering=steering), mph, state.time_s)
@@ -100,7 +101,7 @@ def drive(
             intervention=kind is not None,
             latency_ms=latency_ms,
             spread=math.nan if command.spread is None else command.spread,
-            expert_steering=math.nan if command.spread is None else world.expert_steering(),
+            expert_steering=world.expert_steering() if asks_expert else math.nan,
         )
         rows.append(row)
         places.append(state.xy)

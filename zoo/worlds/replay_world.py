@@ -212,6 +212,10 @@ class ReplayWorld(World):
             "expert_steering_per_s": change / self.driven_s,
         }
 
+    def expert_steering(self) -> float:
+        """Return the steering of the recorded driver."""
+        return float(self.recording.steering[min(self.row, len(self.recording) - 1)])
+
     def _advance(self, steering: float | None) -> State:
         """Drive to the next row; None leaves the virtual car on the path."""
         row, seconds = self.row, float(self.elapsed_s[self.row])
