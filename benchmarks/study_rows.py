@@ -20,6 +20,7 @@ from omegaconf import OmegaConf
 from rich.console import Console
 
 from benchmarks.board_rows import Row, board_rows, pretrained_rows
+from benchmarks.road_rows import folds, road_rows
 from benchmarks.study_grid import Entry, Study, kept, run_logged
 from datamodules.image import read_image
 from datamodules.recording import Recording
@@ -280,6 +281,7 @@ def first_try_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
 
 PREPARE: dict[str, Callable[[Study], dict]] = {
     "bench_v1": lambda study: {"root": recorded(compose_config(["data=bench_v1"]))},
+    "folds": folds,
     "shares": shares,
     "student_laps": student_laps,
 }
@@ -290,4 +292,5 @@ ROWS: dict[str, Callable[[Study, Entry], list[Row]]] = {
     "transfer": per_run(transfer_rows),
     "pretrained": pretrained_rows,
     "first_try": per_run(first_try_rows),
+    "real_roads": road_rows,
 }

@@ -11,8 +11,9 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from benchmarks.measuring import Rows, TextRow, grouped, markdown_table, write_between
-from zoo.drives.bootstrap import mean_over_seeds
+from zoo.drives.bootstrap import Estimate, mean_over_seeds
 from zoo.drives.intervals import count_with_interval
+from zoo.runs.table import with_interval
 
 NOT_MEASURED = "Not measured yet."
 
@@ -100,6 +101,16 @@ def number(rows: Rows, group: str, figure: str, form: str = "", scale: int = 1) 
         return f"{low} or more" if low else "-"
     unit = " %" if scale == 100 else ""
     return f"{value}{unit} ({low} to {high})" if low and high else f"{value}{unit}"
+
+
+def estimate(rows: Rows, key: str, form: str = "{:.4f}") -> str:
+    """Return a figure of one row with its interval.
+
+    >>> estimate([{"x": "0.25", "x_low": "0.2", "x_high": "0.31"}], "x", "{:.2f}")
+    '0.25 (0.20 to 0.31)'
+    """
+    bounds = [float(rows[0][key + end]) for end in ("", "_low", "_high")]
+    return with_interval(Estimate(*bounds), form)
 
 
 def percent(rows: Rows, group: str, figure: str) -> str:
@@ -276,6 +287,7 @@ CELLS: dict[str, Callable[..., str]] = {
     "clean_laps": clean_laps,
     "count": lambda rows: str(len(rows)),
     "duration": duration,
+    "estimate": estimate,
     "figures": figures,
     "mean_with_interval": mean_with_interval,
     "number": number,

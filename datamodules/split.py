@@ -174,13 +174,13 @@ def _split_blocks(
     # With few blocks the gaps can remove a whole part: deal again.
     for _ in range(REDEALS):
         part = np.repeat(_deal(sizes, shares, rng), sizes)
-        kept = _without_gaps(part, recording.recording, gap)
+        kept = without_gaps(part, recording.recording, gap)
         if all((kept == number).any() for number in np.flatnonzero(shares > 0)):
             break
     return kept
 
 
-def _without_gaps(part: np.ndarray, recording: np.ndarray, gap: int) -> np.ndarray:
+def without_gaps(part: np.ndarray, recording: np.ndarray, gap: int) -> np.ndarray:
     """Return `part` with -1 for rows within `gap` of another part of the same recording."""
     kept = part.copy()
     for border in np.flatnonzero(np.diff(part)) + 1:

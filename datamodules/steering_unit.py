@@ -33,6 +33,11 @@ class SteeringUnit:
         sign = 1.0 if self.right == "positive" else -1.0
         return (values - self.zero) * (sign / self.full)
 
+    def written(self, steering: Any) -> Any:
+        """Return the source's numbers of a steering, the inverse of `steering`."""
+        sign = 1.0 if self.right == "positive" else -1.0
+        return steering * (sign * self.full) + self.zero
+
     def key(self) -> str:
         """Return the key that sets this meaning."""
         fields = ", ".join(f"{name}: {value}" for name, value in asdict(self).items() if value != 0)

@@ -13,6 +13,7 @@ from zoo.base.errors import InputError, StoppedError, UsageError
 if TYPE_CHECKING:
     from drivezoo.functions import (
         benchmark,
+        challenge,
         compare,
         drive,
         evaluate,
@@ -33,6 +34,7 @@ __all__ = [
     "UsageError",
     "__version__",
     "benchmark",
+    "challenge",
     "compare",
     "drive",
     "evaluate",

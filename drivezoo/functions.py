@@ -20,6 +20,7 @@ from zoo.compare.__main__ import compare as compare_command
 from zoo.drive.__main__ import drive as drive_command
 from zoo.drives.drive_log import SUMMARY_NAME, read_summary
 from zoo.drives.metrics import METRICS
+from zoo.evaluate.__main__ import challenge as challenge_command
 from zoo.evaluate.__main__ import evaluate as evaluate_command
 from zoo.evaluate.__main__ import replay as replay_command
 from zoo.leaderboard.__main__ import leaderboard as leaderboard_command
@@ -138,6 +139,7 @@ def one_line_errors(function: Callable[Given, Returned]) -> Callable[Given, Retu
 
 evaluate = one_line_errors(evaluate_command)
 replay = one_line_errors(replay_command)
+challenge = one_line_errors(challenge_command)
 benchmark = one_line_errors(benchmark_command)
 compare = one_line_errors(compare_command)
 leaderboard = one_line_errors(leaderboard_command)

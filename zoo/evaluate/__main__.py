@@ -1,5 +1,6 @@
 """`drivezoo evaluate`: score a checkpoint by driving."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -9,13 +10,12 @@ from zoo.base.errors import UsageError
 from zoo.base.run_command import exit_after
 from zoo.checkpoints.checkpoint_path import find_driver
 from zoo.cli.console_progress import loading
-from zoo.evaluate.evaluate_options import EvaluateOptions, ReplayOptions
+from zoo.evaluate.evaluate_options import ChallengeOptions, EvaluateOptions, ReplayOptions
 
 if TYPE_CHECKING:
+    from zoo.evaluate.challenge import Challenge
     from zoo.evaluate.evaluation import Evaluation
     from zoo.evaluate.replay_score import Replay
-
-REPLAY = ("replay=", "evaluate.replay=", "--replay=")
 
 
 @command
@@ -37,6 +37,8 @@ def evaluate(ckpt: str, *, options: EvaluateOptions) -> "Evaluation":
     """
     if options.replay is not None:
         raise UsageError("replay: call drivezoo.replay(driver, recording)")
+    if options.challenge is not None or options.data is not None:
+        raise UsageError("challenge: call drivezoo.challenge(driver, folder)")
     driver = find_driver(ckpt)  # reports a wrong path before torch is imported
     with loading():
         from zoo.evaluate.evaluation import score_driver
@@ -65,18 +67,69 @@ def replay(ckpt: str, recording: str, *, options: ReplayOptions) -> "Replay":
     return replay_recording(driver, recording, options, Console(emoji=False))
 
 
+@command
+def challenge(ckpt: str, data: str, *, options: ChallengeOptions) -> "Challenge":
+    """Score a checkpoint on the official test of Udacity's Challenge 2.
+
+    Writes the error of the steering wheel's angle on both halves of the test, beside baselines and
+    the teams' published predictions, and a submission in the challenge's layout.
+
+    Args:
+        ckpt: checkpoint: a .ckpt or .onnx file, a run's folder, latest, or a network that comes
+            with drivezoo, such as lenet; in Python also a policy.
+        data: folder of the test: CH2_final_evaluation.csv, its frames in center, and submissions of
+            teams as further CSV files.
+        options: see `ChallengeOptions`.
+
+    Raises:
+        UsageError: the network was trained on frames of the test, and no split is named.
+        InputError: the checkpoint, a frame or a table cannot be used; or the network steered NaN,
+            after all files are written.
+    """
+    driver = find_driver(ckpt)
+    with loading():
+        from zoo.evaluate.challenge import score_challenge
+    return score_challenge(driver, data, options, Console(emoji=False))
+
+
+# Commands that score elsewhere by the key that asks for them, and the key of their second argument.
+ELSEWHERE = {"replay": (replay, "replay"), "challenge": (challenge, "data")}
+CHALLENGES = ("ch2",)
+
+
 def evaluate_or_replay(arguments: list[str]) -> None:
-    """Evaluate in the embedded world, or on the recording of `replay=`."""
-    given = [argument for argument in arguments if argument.startswith(REPLAY)]
-    if not given or is_help(arguments):
+    """Evaluate in the embedded world, or where `replay=`, `challenge=` or a folder's `world=` says.
+
+    Raises:
+        UsageError: a key of these is given twice, or lacks the other one.
+    """
+    given: dict[str, str] = {}
+    others = []
+    for argument in arguments:
+        name, _, value = argument.removeprefix("--").removeprefix("evaluate.").partition("=")
+        if name == "world" and Path(value).expanduser().is_dir():
+            name = "replay"
+        if name not in ("replay", "challenge", "data") or "=" not in argument:
+            others.append(argument.removeprefix("evaluate."))
+        elif name in given:
+            raise UsageError(f"{name}: given twice; give it once")
+        else:
+            given[name] = value
+    asked = next((name for name in ELSEWHERE if name in given), None)
+    if asked is None:
+        if "data" in given and not is_help(arguments):
+            raise UsageError("data=: is the folder of a test; name the test, challenge=ch2")
         evaluate.main(arguments)
         return
-    if len(given) > 1:
-        raise UsageError("replay: given twice; give it once")
-    first, *others = [
-        argument.removeprefix("evaluate.") for argument in arguments if argument not in given
-    ]
-    replay.main([first, given[0].partition("=")[2], *others])
+    function, key = ELSEWHERE[asked]
+    if is_help(arguments):
+        function.main(["--help"])
+        return
+    if asked == "challenge" and given[asked] not in CHALLENGES:
+        raise UsageError(f"challenge={given[asked]}: no such test; try {', '.join(CHALLENGES)}")
+    if key not in given:
+        raise UsageError(f"{asked}=: needs the folder of the test, {key}=FOLDER")
+    function.main([*others[:1], given[key], *others[1:]])
 
 
 if __name__ == "__main__":

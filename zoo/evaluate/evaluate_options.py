@@ -1,7 +1,7 @@
 """Keys of `drivezoo evaluate` and their checks."""
 
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -28,7 +28,11 @@ class EvaluateOptions(ResultFiles, Scenario):
         film_speed: playing speed of the film as a multiple of the driven speed.
         record: true: write frames and controls as a recording in each drive's folder, to train on.
         perturb: perturbations to sweep on the first track: names separated by commas, or all.
-        replay: recording to score on instead, without a simulator; see drivezoo replay.
+        replay: recording to score on instead, without a simulator; world=FOLDER does the same; see
+            drivezoo replay.
+        challenge: published test to score on instead: ch2, the official test of Udacity's Challenge
+            2; see drivezoo evaluate challenge=ch2 --help.
+        data: folder of the test.
         guard: guard file of drivezoo guard, which slows the car down; each drive is then repeated
             without it, to count what it prevented.
         out: output folder; null: named by date and time.
@@ -45,6 +49,8 @@ class EvaluateOptions(ResultFiles, Scenario):
     record: bool = False
     perturb: str | None = None
     replay: str | None = None
+    challenge: Literal["ch2"] | None = None
+    data: str | None = None
     out: str | None = None
     workers: Workers = 0
     executor: Executor = "processes"
@@ -88,6 +94,22 @@ class ReplayOptions(TableFiles):
     speed: ReplayMph | None = None
     rig: str | None = None
     frames: bool = False
+    out: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChallengeOptions(TableFiles):
+    """Keys of a score on a published test.
+
+    Args:
+        split: file of image,part rows, such as a run's split.csv, whose test rows are scored; null:
+            all rows, which a network that was trained on some of them may not have.
+        speed: mph that a network is told, since the test has no speed.
+        out: output folder; null: named by date and time.
+    """
+
+    split: str | None = None
+    speed: ReplayMph = 30.0
     out: str | None = None
 
 

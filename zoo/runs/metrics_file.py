@@ -34,7 +34,8 @@ class Metrics(Fields):
     """The contents of `metrics.json`.
 
     An evaluation has `checkpoint`, `drives`, `tracks`, `perturbed` and `verdict`; a replay has
-    `checkpoint`, `recording`, `replayed`, `margin_m` and `replay`.
+    `checkpoint`, `recording`, `replayed`, `margin_m` and `replay`; a challenge `checkpoint`,
+    `recording` and `challenge`.
     """
 
     version: Whole
@@ -70,6 +71,7 @@ class Metrics(Fields):
     replayed: str | None = None
     margin_m: Number | None = None
     replay: dict | None = None
+    challenge: dict | None = None
 
 
 def write_metrics_file(folder: Path, metrics: dict) -> Path:
