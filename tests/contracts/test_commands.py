@@ -14,12 +14,12 @@ from tests.zoo.commands import ROOT, environment, only_line, run
 from zoo.base.command import Command, command
 from zoo.base.command_keys import Choice, keys_of, meanings_of, read_options, typed
 from zoo.base.errors import InputError, UsageError
-from zoo.cli.console_script import ALIASES, GROUPS, LISTED, load
+from zoo.cli.console_script import ALIASES, GROUPS, LISTED, load, places
 from zoo.evaluate.evaluate_options import EvaluateOptions
 
 MOST_SHOWN = 26
 # Trainings have a config in place of a signature, `simulator` has three commands below it.
-PLACES = {name: place for group in (*GROUPS.values(), ALIASES) for name, place in group.items()}
+PLACES = places()
 SPECIAL = ("train", "simulator")
 COMMANDS: dict[str, Command[Any]] = {
     name: load(place) for name, place in PLACES.items() if name not in SPECIAL

@@ -18,54 +18,28 @@ if TYPE_CHECKING:
     from zoo.base.command import Command
 
 ROOT = Path(__file__).parents[2]
-# Module and function of each command, by what a user is doing.
+# Commands, by what a user is doing.
 GROUPS = {
-    "recordings": {
-        "check": "datamodules.check:check",
-        "edit": "zoo.edit:edit",
-        "convert": "zoo.convert:convert",
-        "preview": "zoo.preview:preview",
-    },
-    "training": {
-        "train": "zoo:train_or_sweep",
-        "correct": "zoo.correct:correct",
-        "import": "zoo.import:import_file",
-    },
-    "driving": {
-        "drive": "zoo.drive:drive",
-        "simulator": "simulator:simulator",
-        "film": "zoo.film:film",
-    },
-    "judging": {
-        "evaluate": "zoo.evaluate:evaluate",
-        "benchmark": "zoo.benchmark:benchmark",
-        "compare": "zoo.compare:compare",
-        "search": "zoo.search:search",
-        "guard": "zoo.guard:guard",
-        "leaderboard": "zoo.leaderboard:leaderboard",
-        "report": "zoo.report:report",
-        "saliency": "zoo.saliency:saliency",
-    },
-    "sharing": {
-        "export": "zoo.export:export",
-        "hub": "zoo.hub:hub",
-    },
-    "drivezoo itself": {
-        "demo": "zoo.demo:demo",
-        "list": "zoo.list:list_parts",
-        "new": "zoo.new:new",
-        "doctor": "zoo.doctor:doctor",
-        "clean": "zoo.clean:clean",
-        "completion": "zoo.completion:completion",
-    },
+    "recordings": ("check", "edit", "convert", "preview"),
+    "training": ("train", "correct", "import"),
+    "driving": ("drive", "simulator", "film"),
+    "judging": (
+        *("evaluate", "benchmark", "compare", "search"),
+        *("guard", "leaderboard", "report", "saliency"),
+    ),
+    "sharing": ("export", "hub"),
+    "drivezoo itself": ("demo", "list", "new", "doctor", "clean", "completion"),
 }
-# Further names, which belong to a command above.
-ALIASES = {
-    "doubt": "zoo.doubt:doubt",  # guard doubt
-    "replay": "zoo.replay:replay",  # evaluate replay=RECORDING
-    "rerun": "zoo.rerun:rerun",  # train rerun=RUN
-    "results": "zoo.results:results",  # leaderboard as Markdown
-    "sweep": "zoo.sweep:sweep",  # train resume=SWEEP
+# Further names, which belong to a command above: guard doubt; evaluate replay=RECORDING;
+# train rerun=RUN; the leaderboard as Markdown; train resume=SWEEP.
+ALIASES = ("doubt", "replay", "rerun", "results", "sweep")
+# Module and function of a command; those of others are `zoo.NAME:NAME`.
+PLACES = {
+    "check": "datamodules.check:check",
+    "train": "zoo:train_or_sweep",
+    "import": "zoo.import:import_file",
+    "simulator": "simulator:simulator",
+    "list": "zoo.list:list_parts",
 }
 SWEEP_RECORD = "sweep.json"  # as zoo.sweep.sweep_record
 ENTRY_POINTS = "drivezoo.commands"
@@ -137,8 +111,13 @@ def as_typed_below(name: str, rest: list[str]) -> tuple[str, list[str]]:
 
 def commands() -> dict[str, str]:
     """Return the module that `python -m` runs for each command, by the command's name."""
-    places = {name: place for group in GROUPS.values() for name, place in group.items()}
-    return {name: place.partition(":")[0] for name, place in (places | ALIASES).items()}
+    return {name: place.partition(":")[0] for name, place in places().items()}
+
+
+def places() -> dict[str, str]:
+    """Return the place of each command of drivezoo, by the command's name."""
+    names = [name for group in (*GROUPS.values(), ALIASES) for name in group]
+    return {name: PLACES.get(name, f"zoo.{name}:{name}") for name in names}
 
 
 def outside_commands() -> dict[str, str]:
@@ -168,9 +147,9 @@ def load(place: str) -> "Command[Any]":
 
 def help_text() -> str:
     """Return the usage, and each command's purpose from its docstring, by group."""
-    lines = ["usage: drivezoo COMMAND [argument] [key=value ...]"]
+    known, lines = places(), ["usage: drivezoo COMMAND [argument] [key=value ...]"]
     for title, group in GROUPS.items():
-        rows = [f"  {name:<12}{_purpose(place)}" for name, place in group.items()]
+        rows = [f"  {name:<12}{_purpose(known[name])}" for name in group]
         lines += ["", title, *rows]
     if outside := outside_commands():
         lines += ["", "installed packages"]

@@ -15,7 +15,7 @@ from zoo.benchmark.baselines import BASELINES
 from zoo.checkpoints.checkpoint_path import LATEST, packaged_names
 from zoo.cli.compose import compose_config, config_groups
 from zoo.cli.conf_files import choices
-from zoo.cli.console_script import ALIASES, GROUPS, LISTED, load, outside_commands
+from zoo.cli.console_script import LISTED, load, outside_commands, places
 from zoo.new.part_files import KINDS as PART_KINDS
 
 BASH_HEAD = "# Completion of drivezoo for bash.\n"  # 3.2 or later
@@ -104,11 +104,10 @@ class Words:
 
 def command_words() -> dict[str, Words]:
     """Return the words of each command of `drivezoo`."""
-    places = {name: place for group in GROUPS.values() for name, place in group.items()}
-    places |= ALIASES | outside_commands()
+    known = places() | outside_commands()
     special = {name: Words((), _training_keys()) for name in ("train", "preview")}
     special["simulator"] = Words(tuple(SIMULATOR), {})
-    found = {name: special.get(name) or words_of(load(place)) for name, place in places.items()}
+    found = {name: special.get(name) or words_of(load(place)) for name, place in known.items()}
     found |= {f"simulator {name}": words_of(command) for name, command in SIMULATOR.items()}
     return found | {kind: Words((), {}) for kind in LISTED}
 
