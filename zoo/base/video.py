@@ -16,7 +16,7 @@ import numpy as np
 
 from zoo.base.errors import InputError, file_errors
 from zoo.base.whole_file import whole_path
-from zoo.base.written_files import check_output, note_output
+from zoo.base.written_files import checked_file, note_output
 
 UNWRITTEN = "cannot be written: {}"
 DISK_FULL = "No space left on device"
@@ -112,14 +112,11 @@ class Film(contextlib.AbstractContextManager):
     """
 
     def __init__(self, path: Path | str, fps: float) -> None:
-        self.path, self.fps = Path(path), fps
-        if self.path.suffix != ".mp4":
-            raise InputError(f"{self.path}: the name of a film must end in .mp4")
+        self.path, self.fps = checked_file(path, (".mp4",)), fps
         if fps <= 0:
             raise InputError(f"fps={fps:g}: must be above 0")
         self._open = contextlib.ExitStack()
         self._video: VideoWriter | None = None
-        check_output(self.path)
         with file_errors(self.path, UNWRITTEN):
             self.path.parent.mkdir(parents=True, exist_ok=True)
 

@@ -11,13 +11,13 @@ import json
 import os
 import re
 import stat
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from zoo.base.bounded_files import hash_file, parse_json, read_regular
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, UsageError
 
 MARK, OUTPUTS, LOCK = ".drivezoo.jsonl", ".drivezoo-files.jsonl", ".drivezoo.lock"
 VERSION = 1
@@ -77,6 +77,37 @@ def note_output(path: Path) -> None:
     # On a full disk, or with another user's register, the file counts as the user's.
     with suppress(OSError):
         _append(folder / register, [{"file": name, "sha256": _digest(path)}])
+
+
+def checked_file(
+    path: str | Path,
+    endings: Collection[str],
+    key: str = "out",
+    inputs: Sequence[str | Path] = (),
+    into_folder: bool = False,
+) -> Path:
+    """Return the path of a file that a user named; call before long work.
+
+    Args:
+        path: file that the command will write.
+        endings: allowed endings of its name, such as `.csv`.
+        key: key that names it, for the message.
+        inputs: files that the command reads.
+        into_folder: whether its folder must exist.
+
+    Raises:
+        UsageError: the name has another ending.
+        InputError: there is no such folder, or see `check_output`.
+    """
+    path = Path(path).expanduser()
+    if path.suffix not in endings:
+        *others, last = endings
+        allowed = f"{', '.join(others)} or {last}" if others else last
+        raise UsageError(f"{key}={path}: must end in {allowed}; name such a file")
+    if into_folder and not path.parent.is_dir():
+        raise InputError(f"{key}={path}: there is no folder {path.parent}; name another file")
+    check_output(path, key, inputs)
+    return path
 
 
 def check_output(path: Path, key: str = "out", inputs: Sequence[str | Path] = ()) -> None:

@@ -11,9 +11,8 @@ from typing import Any
 
 import torch
 
-from zoo.base.errors import InputError
 from zoo.base.whole_file import write_output
-from zoo.base.written_files import check_output
+from zoo.base.written_files import checked_file
 from zoo.checkpoints.checkpoint import PREFIX
 
 SUFFIX = ".ckpt"
@@ -32,14 +31,10 @@ def checked_out(out: Path, inputs: Sequence[str | Path]) -> Path:
         inputs: files that the command reads.
 
     Raises:
-        InputError: the path has another suffix, its folder does not exist, or see `check_output`.
+        UsageError: the path has another suffix.
+        InputError: its folder does not exist, or see `check_output`.
     """
-    if out.suffix != SUFFIX:
-        raise InputError(f"out={out}: must end in {SUFFIX}; name such a file")
-    if not out.parent.is_dir():
-        raise InputError(f"out={out}: there is no folder {out.parent}; name another file")
-    check_output(out, inputs=inputs)
-    return out
+    return checked_file(out, (SUFFIX,), inputs=inputs, into_folder=True)
 
 
 def write_checkpoint(out: Path, contents: dict) -> None:

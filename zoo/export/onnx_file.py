@@ -15,7 +15,7 @@ from zoo.base.errors import InputError
 from zoo.base.rig import CURVATURE
 from zoo.base.terminal import print_written
 from zoo.base.whole_file import output_path
-from zoo.base.written_files import check_output
+from zoo.base.written_files import checked_file
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.onnx_policy import (
     CARD,
@@ -234,17 +234,9 @@ def _graph_bytes(network: "torch.nn.Module", inputs: "dict[str, torch.Tensor]") 
 
 def _checked_out(path: Path, name: str) -> Path:
     """Return the path to write; report wrong arguments before torch is imported."""
-    out = Path(name).expanduser()
     if is_onnx(path):
         raise InputError(f"{path}: is ONNX already; name the checkpoint")
-    if not is_onnx(out) and out.suffix != DONKEYCAR_SUFFIX:
-        raise InputError(
-            f"out={out}: must end in {SUFFIX}, or in {DONKEYCAR_SUFFIX} for Donkeycar; name such "
-            "a file"
-        )
-    if not out.parent.is_dir():
-        raise InputError(f"out={out}: there is no folder {out.parent}; name another file")
-    check_output(out, inputs=[path])
+    out = checked_file(name, (SUFFIX, DONKEYCAR_SUFFIX), inputs=[path], into_folder=True)
     needed, install = ["onnx", "onnxruntime"], INSTALL
     if out.suffix == DONKEYCAR_SUFFIX:
         needed, install = ["h5py"], "pip install h5py"

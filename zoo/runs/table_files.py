@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from zoo.base.command import Shown
 from zoo.base.errors import InputError, UsageError
 from zoo.base.whole_file import write_output
-from zoo.base.written_files import check_output
+from zoo.base.written_files import checked_file
 from zoo.runs.table import Cell, Table, column_names
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class TableFiles:
             known: names of the table's columns; none where they depend on what the work finds.
         """
         if self.table is not None:
-            _check_table(self.table)
+            _checked_table(self.table)
         elif self.columns is not None:
             raise UsageError(f"columns={self.columns}: are those of table=FILE; name the file, too")
         if self.columns is not None and known:
@@ -113,7 +113,7 @@ class ResultFiles(TableFiles):
         """Raise InputError for files that cannot be written; see `TableFiles`."""
         super().check_files(known)
         if self.plot is not None:
-            check_ending(self.plot, PLOTS, "plot")
+            checked_file(self.plot, PLOTS, "plot")
 
     def write_files(self, result: Result | Table) -> list[Path]:
         """Write the files that the user named; return their paths."""
@@ -123,19 +123,11 @@ class ResultFiles(TableFiles):
         return written
 
 
-def _check_table(path: str | Path) -> None:
-    check_ending(path, tuple(FORMS), "table")
-    if Path(path).suffix == ".parquet":
+def _checked_table(path: str | Path) -> Path:
+    path = checked_file(path, FORMS, "table")
+    if path.suffix == ".parquet":
         _pyarrow(path)
-
-
-def check_ending(path: str | Path, endings: Sequence[str], key: str) -> None:
-    """Raise UsageError for a file whose name has another ending, or that is a folder."""
-    if Path(path).suffix not in endings:
-        raise UsageError(f"{key}={path}: must end in {', '.join(endings[:-1])} or {endings[-1]}")
-    if Path(path).expanduser().is_dir():
-        raise UsageError(f"{key}={path}: is a folder; name a file")
-    check_output(Path(path).expanduser(), key)
+    return path
 
 
 def write_table(table: Table, path: str | Path, columns: str | None = None) -> Path:
@@ -148,8 +140,7 @@ def write_table(table: Table, path: str | Path, columns: str | None = None) -> P
         InputError: the file's name has another ending, or it cannot be written.
         UsageError: there is no such column.
     """
-    _check_table(path)
-    path = Path(path).expanduser()
+    path = _checked_table(path)
     if columns is not None:
         table = table.chosen(columns)
     elif path.suffix == ".tex":
@@ -163,8 +154,7 @@ def write_plot(figure: "Figure", path: str | Path) -> Path:
     Raises:
         InputError: the file's name has another ending, or it cannot be written.
     """
-    check_ending(path, PLOTS, "plot")
-    path = Path(path).expanduser()
+    path = checked_file(path, PLOTS, "plot")
     contents = io.BytesIO()
     figure.savefig(contents, dpi=200, format=path.suffix[1:])
     return write_output(path, contents.getvalue(), "plot")
