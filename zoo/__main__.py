@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def train_or_sweep(arguments: list[str]) -> None:
     """Train, test and report one experiment, or with `-m` a sweep."""
     if is_help(arguments):
-        from zoo.cli.config_help import config_help
+        from zoo.cli.compose import config_help
 
         print(config_help(arguments))
     elif is_sweep(arguments) and not any(map(is_resume, arguments)):

@@ -9,8 +9,7 @@ import pytest
 
 from tests.zoo.commands import ROOT, environment
 from zoo.base.command_keys import typed_keys
-from zoo.cli.compose import choices, compose_with_choices, config_groups
-from zoo.cli.config_help import key_comments
+from zoo.cli.compose import choices, compose_with_choices, config_groups, key_comments
 from zoo.cli.console_script import commands
 
 GUARD = '\nif __name__ == "__main__":'

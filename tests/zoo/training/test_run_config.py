@@ -21,8 +21,7 @@ from tests.zoo.keras.test_keras_layers import IMAGES, REST, SCALE, UNCLEAR, expe
 from tests.zoo.trainings import SMALL, zoo_here
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, make_card
-from zoo.cli.compose import compose_config, conf_folder
-from zoo.cli.config_help import ABOUT
+from zoo.cli.compose import ABOUT, compose_config, conf_folder
 from zoo.keras.initial_weights import load_weights
 from zoo.models.sequential import Sequential
 from zoo.training.run_config import settle_windows, with_layers, with_quick, with_recording
