@@ -13,27 +13,14 @@ from zoo.base.terminal import print_next, printable
 from zoo.checkpoints.checkpoint_path import packaged_names, read_facts
 from zoo.cli.conf_files import choice_files, choices
 from zoo.cli.console_progress import loading
-from zoo.cli.console_script import written_docstring
+from zoo.cli.console_script import LISTED, written_docstring
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-# By kind: its group in `conf`, and how a user types a choice.
-GROUPS = {
-    "models": ("model", "model=NAME"),
-    "augmentations": ("augment", "augment=[NAME,NAME]"),
-    "losses": ("loss", "loss=NAME"),
-    "optimizers": ("optim", "optim=NAME"),
-    "schedules": ("schedule", "schedule=NAME"),
-    "callbacks": ("callbacks", "callbacks=NAME"),
-    "recipes": ("experiment", "experiment=NAME"),
-    "tracks": ("track", "track=NAME"),
-    "roads": ("road", "track=NAME:NUMBER"),
-    "suites": ("suite", "suite=NAME"),
-}
 CHECKPOINTS = "checkpoints"  # networks that come trained
 METRICS, MODELS = "metrics", "models"
-Kind = Literal[(*GROUPS, CHECKPOINTS, METRICS)]
+Kind = Literal[tuple(LISTED)]
 OWN = ("zoo", "datamodules")
 _USAGE = re.compile(r"(@package|python -m|drivezoo|pip install) ")
 _TARGET = re.compile(r"^\s*_target_: *(\S+)", re.MULTILINE)
@@ -50,7 +37,7 @@ def list_parts(*kind: Kind) -> None:
         *kind: models, augmentations, losses, optimizers, schedules, callbacks, recipes, tracks,
             roads, suites, checkpoints or metrics; all but metrics without it.
     """
-    for name in kind or (*GROUPS, CHECKPOINTS):
+    for name in kind or [name for name in LISTED if name != METRICS]:
         if name == METRICS:
             from zoo.drives.metrics import metrics_page
 
@@ -60,7 +47,7 @@ def list_parts(*kind: Kind) -> None:
         elif name == MODELS and kind:
             print_models()
         else:
-            group, typed = GROUPS[name]
+            group, typed = LISTED[name]
             print(f"{name}, {typed}")
             for choice, path in sorted(choice_files(group).items()):
                 print(help_row(printable(choice), printable(description(path))))
@@ -109,7 +96,7 @@ def zoo_table() -> "tuple[Table, dict[str, str]]":
 
 def print_checkpoints() -> None:
     """Print the trained networks that come with drivezoo."""
-    print(f"{CHECKPOINTS}, trained networks that come with drivezoo: drivezoo drive NAME sim=lake")
+    print(f"{CHECKPOINTS}, trained networks that come with drivezoo: {LISTED[CHECKPOINTS][1]}")
     for name in packaged_names():
         print(help_row(name, packaged_description(read_facts(name))))
     print()

@@ -8,9 +8,9 @@ from tests.zoo.base.user_parts import write_network
 from tests.zoo.commands import only_line, run
 from zoo.cli.conf_files import choice_files
 from zoo.cli.console_script import LISTED
-from zoo.list import CHECKPOINTS, GROUPS, METRICS, description
+from zoo.list import description
 
-FILES = [path for group, _ in GROUPS.values() for path in choice_files(group).values()]
+FILES = [path for group, _ in LISTED.values() if group for path in choice_files(group).values()]
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}/{path.stem}")
@@ -24,10 +24,6 @@ def test_a_part_of_the_users_own_is_listed(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     assert "my_net: Steering from the mean of each column" in result.stdout
     assert "tracks, " not in result.stdout, "only the named kind"
-
-
-def test_each_kind_is_a_command_of_its_own() -> None:
-    assert {*LISTED} == {*GROUPS, CHECKPOINTS, METRICS}
 
 
 def test_a_wrong_kind_names_the_right_one(tmp_path: Path) -> None:

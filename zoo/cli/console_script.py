@@ -43,21 +43,22 @@ PLACES = {
 }
 SWEEP_RECORD = "sweep.json"  # as zoo.sweep.sweep_record
 ENTRY_POINTS = "drivezoo.commands"
-# Kinds of `zoo.list`: drivezoo tracks is drivezoo list tracks.
-LISTED = (
-    "augmentations",
-    "callbacks",
-    "checkpoints",
-    "losses",
-    "metrics",
-    "models",
-    "optimizers",
-    "recipes",
-    "roads",
-    "schedules",
-    "suites",
-    "tracks",
-)
+# Kinds of `zoo.list`: drivezoo tracks is drivezoo list tracks. A kind has its group in `conf`, if it
+# has one, and how a user types a choice.
+LISTED = {
+    "models": ("model", "model=NAME"),
+    "augmentations": ("augment", "augment=[NAME,NAME]"),
+    "losses": ("loss", "loss=NAME"),
+    "optimizers": ("optim", "optim=NAME"),
+    "schedules": ("schedule", "schedule=NAME"),
+    "callbacks": ("callbacks", "callbacks=NAME"),
+    "recipes": ("experiment", "experiment=NAME"),
+    "tracks": ("track", "track=NAME"),
+    "roads": ("road", "track=NAME:NUMBER"),
+    "suites": ("suite", "suite=NAME"),
+    "checkpoints": ("", "drivezoo drive NAME sim=lake"),
+    "metrics": ("", ""),
+}
 HELP = ("-h", "--help", "help")
 CLOSING = (
     "first steps: drivezoo doctor; drivezoo train experiment=first_try data.root=FOLDER",
