@@ -43,8 +43,8 @@ PLACES = {
 }
 SWEEP_RECORD = "sweep.json"  # as zoo.sweep.sweep_record
 ENTRY_POINTS = "drivezoo.commands"
-# Kinds of `zoo.list`: drivezoo tracks is drivezoo list tracks. A kind has its group in `conf`, if it
-# has one, and how a user types a choice.
+# Kinds of `zoo.list`: drivezoo tracks is drivezoo list tracks. A kind has its group in `conf`, if
+# it has one, and how a user types a choice.
 LISTED = {
     "models": ("model", "model=NAME"),
     "augmentations": ("augment", "augment=[NAME,NAME]"),
