@@ -98,12 +98,8 @@ class Renderer:
         """
         self.place_camera(self.camera, pose, camera)
         self.engine.renderFrame()
-        return self.air(self.read_frame(), camera, tick)
-
-    def read_frame(self) -> np.ndarray:
-        """Return what was rendered last, without the weather's effects: uint8 [H, W, 3]."""
         pixels = np.frombuffer(self.texture.getRamImageAs("RGB"), np.uint8)
-        return pixels.reshape(*self.size[::-1], 3)[::-1].copy()
+        return self.air(pixels.reshape(*self.size[::-1], 3)[::-1].copy(), camera, tick)
 
     def place_camera(
         self, node: core.NodePath, pose: tuple[float, float, float, float, float], camera: str

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Literal, NamedTuple, get_args
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -17,7 +17,6 @@ MOST_LENGTH_M = 100_000
 MOST_CIRCLES = Field(max_length=100)
 
 VergeKind = Literal["paved", "kerb", "stripes", "dirt", "wall", "rock", "drop"]
-VERGES = get_args(VergeKind)
 GroundKind = Literal["sand", "grass", "forest"]
 Size = Annotated[float, number(0, 1e4)]
 Radius = Annotated[float, Field(gt=0), number(0, 2_000)]

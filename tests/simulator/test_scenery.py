@@ -1,5 +1,7 @@
 """Meshes, bridges, textures, shadows and light, without a renderer."""
 
+from typing import get_args
+
 import numpy as np
 import pytest
 import yaml
@@ -14,7 +16,7 @@ from simulator.scenery.mesh import Mesh, cut, grid_triangles, join
 from simulator.scenery.plants import boulder_meshes, place_standing
 from simulator.scenery.road import road_meshes
 from simulator.scenery.textures import MEANS, halvings, make_textures
-from simulator.track import VERGES, Track
+from simulator.track import Track, VergeKind
 from simulator.track_content import make_track
 from simulator.track_file import read_track, track_folder, track_names
 from simulator.weather import Weather
@@ -236,7 +238,7 @@ def track_of(segments: list[dict], kind: str = "kerb", **content) -> Track:
     return make_track("t", {"segments": segments, "closed": closed, "verge": verge, **content})
 
 
-@pytest.mark.parametrize("kind", VERGES)
+@pytest.mark.parametrize("kind", get_args(VergeKind))
 def test_no_verge_covers_the_road_of_a_lower_or_higher_part(kind: str) -> None:
     check_nothing_covers_the_road(track_of(EIGHT, kind))
     check_nothing_covers_the_road(track_of(SWITCHBACKS, kind))

@@ -30,18 +30,12 @@ def start_module(module: str, *arguments: str, **options: Any) -> subprocess.Pop
     return subprocess.Popen(module_command(module, *arguments), env=child_environment(), **options)
 
 
-def interrupt_module(process: subprocess.Popen) -> None:
-    """Let a child process end as after Ctrl-C, so that it completes its files."""
-    if sys.platform == "win32":  # which raises ValueError for SIGINT
-        process.send_signal(signal.CTRL_BREAK_EVENT)
-    else:
-        process.send_signal(signal.SIGINT)
-
-
 def end_module(process: subprocess.Popen) -> None:
     """End a child process, after some seconds also one that does not react to Ctrl-C."""
-    if process.poll() is None:
-        interrupt_module(process)
+    if process.poll() is None:  # as after Ctrl-C, so that it completes its files
+        # Windows raises ValueError for SIGINT.
+        stop = signal.CTRL_BREAK_EVENT if sys.platform == "win32" else signal.SIGINT
+        process.send_signal(stop)
     try:
         process.wait(GRACE_S)
     except subprocess.TimeoutExpired:

@@ -76,7 +76,8 @@ def take_parts(arguments: Sequence[str]) -> list[str]:
         InputError: a named part does not exist.
     """
     typed = [argument for argument in arguments if argument.startswith(f"{KEY}=")]
-    names = [name for argument in typed for name in _split(argument.partition("=")[2])]
+    given = [name for one in typed for name in one.partition("=")[2].strip("[]").split(",")]
+    names = [name.strip() for name in given if name.strip()]
     if typed and not names:
         raise UsageError(f"{typed[0]}: names no part; write {KEY}=FILE.py")
     name_parts(names)
@@ -229,10 +230,6 @@ def unknown_part(target: object) -> str:
     module = str(target).rpartition(".")[0]
     name = module if "." in module else f"{module}.py"
     return f"if you have {name:.100} and trust it, add {KEY}={name:.100}"
-
-
-def _split(names: str) -> list[str]:
-    return [name for name in (part.strip() for part in names.strip("[]").split(",")) if name]
 
 
 def _absolute(name: str, place: str) -> str:
