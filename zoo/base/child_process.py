@@ -32,9 +32,10 @@ def start_module(module: str, *arguments: str, **options: Any) -> subprocess.Pop
 
 def end_module(process: subprocess.Popen) -> None:
     """End a child process, after some seconds also one that does not react to Ctrl-C."""
-    if process.poll() is None:  # as after Ctrl-C, so that it completes its files
-        # Windows raises ValueError for SIGINT.
-        stop = signal.CTRL_BREAK_EVENT if sys.platform == "win32" else signal.SIGINT
+    stop = signal.SIGINT  # as after Ctrl-C, so that it completes its files
+    if sys.platform == "win32":  # which raises ValueError for SIGINT
+        stop = signal.CTRL_BREAK_EVENT
+    if process.poll() is None:
         process.send_signal(stop)
     try:
         process.wait(GRACE_S)
