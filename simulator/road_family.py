@@ -19,7 +19,7 @@ from simulator.track import GroundKind, Track, VergeKind
 from simulator.track_content import MOST_POINTS, make_track
 from simulator.track_names import DRAWN, family_names, road_folder
 from simulator.yaml_fields import Keys, Number, number, read_keys
-from zoo.base.bounded_files import read_yaml
+from zoo.base.bounded_files import mapped, read_yaml
 from zoo.base.errors import InputError, placed_errors
 
 VERSION = 1  # of the drawing; another version would draw other roads from the same seeds
@@ -162,17 +162,10 @@ def roads_digest(names: Iterable[str]) -> str:
         for name, parts in drawn.items()
         if parts
     }
-    canonical = json.dumps(_rounded(contents), sort_keys=True, separators=(",", ":"))
+    # Of 6 decimals, because machines differ in the last digits.
+    rounded = mapped(lambda one: round(one, 6) + 0.0 if isinstance(one, float) else one, contents)
+    canonical = json.dumps(rounded, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(canonical.encode()).hexdigest()[:16]
-
-
-def _rounded(value: Any) -> Any:
-    """Return a content with floats of 6 decimals, because machines differ in the last digits."""
-    if isinstance(value, dict):
-        return {key: _rounded(one) for key, one in value.items()}
-    if isinstance(value, list):
-        return [_rounded(one) for one in value]
-    return round(value, 6) + 0.0 if isinstance(value, float) else value
 
 
 def _draw(family: RoadFamily, rng: np.random.Generator, closed: bool) -> dict[str, Any] | None:

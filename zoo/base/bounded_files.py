@@ -12,7 +12,7 @@ import json
 import os
 import re
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO
@@ -158,6 +158,36 @@ def check_text(found: object, any_path: bool = False) -> Any:
         level = [child for one in inner for child in one]
         level += [child for one in dicts for pair in one.items() for child in pair]
     raise ValueError(f"nested deeper than {MOST['levels']} levels")
+
+
+def mapped(function: Callable[[Any], Any], value: Any) -> Any:
+    """Return plain containers with the function of each value in them.
+
+    >>> mapped(str, {"a": [1, {"b": 2}]})
+    {'a': ['1', {'b': '2'}]}
+    """
+    if isinstance(value, Mapping):
+        return {key: mapped(function, one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [mapped(function, one) for one in value]
+    return function(value)
+
+
+def leaves(node: object, keys: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], object]]:
+    """Yield each value in plain containers, with its keys.
+
+    >>> list(leaves({"a": [1, {"b": 2}]}))
+    [(('a', '0'), 1), (('a', '1', 'b'), 2)]
+    """
+    if isinstance(node, Mapping):
+        pairs: Iterable[tuple[object, object]] = node.items()
+    elif isinstance(node, list | tuple):
+        pairs = enumerate(node)
+    else:
+        yield keys, node
+        return
+    for name, value in pairs:
+        yield from leaves(value, (*keys, str(name)))
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from zoo.base.bounded_files import mapped
 from zoo.base.errors import InputError, file_errors
 from zoo.base.written_files import check_output, note_files, note_output
 
@@ -28,14 +29,10 @@ def json_text(value: object) -> str:
     >>> json_text({"a": [float("nan"), 1]})
     '{\n  "a": [\n    null,\n    1\n  ]\n}\n'
     """
-    return json.dumps(_without_nan(value), indent=2, allow_nan=False) + "\n"
+    return json.dumps(mapped(_without_nan, value), indent=2, allow_nan=False) + "\n"
 
 
 def _without_nan(value: object) -> object:
-    if isinstance(value, dict):
-        return {key: _without_nan(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_nan(one) for one in value]
     if isinstance(value, float | np.floating):
         return float(value) if math.isfinite(value) else None
     return value

@@ -12,7 +12,6 @@ import pickle
 import sys
 import warnings
 import zipfile
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -21,7 +20,7 @@ import torch
 from torch import Tensor, nn
 
 from datamodules.view import View
-from zoo.base.bounded_files import check_text, check_version, open_binary
+from zoo.base.bounded_files import check_text, check_version, leaves, open_binary
 from zoo.base.errors import InputError, file_errors
 from zoo.base.limits import check_unpacked, open_archive
 from zoo.base.parts import Part, part_class, part_of, unknown_part
@@ -196,7 +195,9 @@ def _load_plain(file: BinaryIO, path: Path) -> object:
         raise InputError(
             f"{path}: is damaged, or not a torch file ({reason:.200}); copy it again, or {_ANOTHER}"
         ) from None
-    check_unpacked(_tensor_bytes(found), size, path)
+    tensors = (one for _, one in leaves(found) if isinstance(one, Tensor))
+    # A view counts as a copy.
+    check_unpacked(sum(one.numel() * one.element_size() for one in tensors), size, path)
     return found
 
 
@@ -209,15 +210,6 @@ def _first_pickles(file: BinaryIO, path: Path, is_zip: bool) -> tuple[bytes, int
         name = next(one for one in archive.namelist() if one.endswith("/data.pkl"))
         with archive.open(name) as member:
             return member.read(MOST_PICKLE_BYTES), 1
-
-
-def _tensor_bytes(found: object) -> int:
-    """Return the bytes of all tensors within plain containers; a view counts as a copy."""
-    if isinstance(found, Tensor):
-        return found.numel() * found.element_size()
-    if isinstance(found, dict):
-        found = list(found.values())
-    return sum(map(_tensor_bytes, found)) if isinstance(found, list | tuple) else 0
 
 
 _ANOTHER = "name another checkpoint, such as last.ckpt in the same folder"
@@ -325,7 +317,8 @@ def check_card(card: object, path: Path) -> None:
 
 def part_cards(config: dict) -> list[dict[str, str]]:
     """Return module, name and hash of each part whose classes a config names."""
-    parts = {target: part for target in _targets(config) if (part := part_of(target))}
+    targets = (str(value) for keys, value in leaves(config) if keys[-1:] == ("_target_",))
+    parts = {target: part for target in targets if (part := part_of(target))}
     found = {target.rpartition(".")[0]: (target, part) for target, part in parts.items()}
     return [
         {"module": module, "name": part.name, "sha256": _hash_of(target, part)}
@@ -375,16 +368,3 @@ def _hash_of(target: str, part: Part) -> str:
         return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
     except OSError:
         return ""
-
-
-def _targets(node: object) -> Iterator[str]:
-    """Yield every `_target_` within plain containers."""
-    if isinstance(node, dict):
-        for key, value in node.items():
-            if key == "_target_" and isinstance(value, str):
-                yield value
-            else:
-                yield from _targets(value)
-    elif isinstance(node, list):
-        for one in node:
-            yield from _targets(one)

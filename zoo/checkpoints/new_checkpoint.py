@@ -11,6 +11,7 @@ from typing import Any
 
 import torch
 
+from zoo.base.bounded_files import mapped
 from zoo.base.whole_file import write_output
 from zoo.base.written_files import checked_file
 from zoo.checkpoints.checkpoint import PREFIX
@@ -74,8 +75,4 @@ def without_folders(value: Any) -> Any:
     >>> without_folders("data.root=/home/ann/lake")
     'data.root=lake'
     """
-    if isinstance(value, dict):
-        return {key: without_folders(one) for key, one in value.items()}
-    if isinstance(value, list):
-        return [without_folders(one) for one in value]
-    return _FOLDERS.sub(r"\1", value) if isinstance(value, str) else value
+    return mapped(lambda one: _FOLDERS.sub(r"\1", one) if isinstance(one, str) else one, value)

@@ -7,10 +7,12 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException
 from omegaconf.errors import OmegaConfBaseException
 
+from zoo.base.bounded_files import mapped
 from zoo.base.command import is_path
 from zoo.base.command_keys import help_row, typed_keys
 from zoo.base.errors import UsageError, hint
@@ -82,19 +84,15 @@ def quote_paths(arguments: list[str], sweep: bool = False) -> list[str]:
     return quoted
 
 
-def escape_interpolation(value: object) -> object:
+def escape_interpolation(value: Any) -> Any:
     r"""Escape `${...}` in a value, or in all values of a container, for OmegaConf.
 
     >>> escape_interpolation(["a${b}", 1])
     ['a\\${b}', 1]
     """
-    if isinstance(value, dict):
-        return {key: escape_interpolation(one) for key, one in value.items()}
-    if isinstance(value, list):
-        return [escape_interpolation(one) for one in value]
-    if isinstance(value, str):
-        return re.sub(r"(\\*)\$\{", r"\1\1\\${", value)
-    return value
+    return mapped(
+        lambda one: re.sub(r"(\\*)\$\{", r"\1\1\\${", one) if isinstance(one, str) else one, value
+    )
 
 
 def quote(value: str) -> str:

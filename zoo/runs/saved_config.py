@@ -12,7 +12,7 @@ A saved config still decides which recording and weights are read, where decoded
 
 import os
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
@@ -21,6 +21,7 @@ import yaml
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from zoo.base.bounded_files import leaves
 from zoo.base.errors import InputError
 from zoo.base.parts import unknown_part
 from zoo.runs.allowed_classes import is_allowed
@@ -124,7 +125,7 @@ def find_refusals(
     if not isinstance(config, DictConfig):
         config = OmegaConf.create(dict(config))
     refused = False
-    for keys, value in _walk(OmegaConf.to_container(config, resolve=False)):
+    for keys, value in leaves(OmegaConf.to_container(config, resolve=False)):
         key = ".".join(keys)
         if keys in typed or key in trusted or not isinstance(value, str):
             continue
@@ -142,7 +143,7 @@ def find_refusals(
         raise InputError(
             f"{source}: an interpolation cannot be resolved ({_line(error)}); correct it"
         ) from None
-    for keys, value in _walk(plain):
+    for keys, value in leaves(plain):
         reason, name = _refused(keys, value, plain)
         if reason and keys not in typed and not {name, ".".join(keys)} & set(trusted):
             yield Refusal(".".join(keys), value, reason, name)
@@ -152,7 +153,7 @@ def leaf_keys(value: object, keys: Keys = ()) -> set[Keys]:
     """Return the keys of all values within a value."""
     if OmegaConf.is_config(value):
         value = OmegaConf.to_container(value, resolve=False)
-    return {leaf for leaf, _ in _walk(value, keys)}
+    return {leaf for leaf, _ in leaves(value, keys)}
 
 
 def _refused(keys: Keys, value: Any, config: Mapping) -> tuple[str | None, str]:
@@ -195,19 +196,6 @@ def _exceeds(value: Any, most: int) -> bool:
         return True
     except (TypeError, ValueError):  # a list, a word
         return False
-
-
-def _walk(node: object, keys: Keys = ()) -> Iterator[tuple[Keys, object]]:
-    """Yield every leaf of plain containers, with its keys."""
-    if isinstance(node, Mapping):
-        pairs: Iterable[tuple[object, object]] = node.items()
-    elif isinstance(node, list | tuple):
-        pairs = enumerate(node)
-    else:
-        yield keys, node
-        return
-    for name, value in pairs:
-        yield from _walk(value, (*keys, str(name)))
 
 
 def _is_shipped(place: Keys, config: Mapping) -> bool:
