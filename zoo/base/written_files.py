@@ -76,7 +76,7 @@ def note_output(path: Path) -> None:
     name = path.absolute().relative_to(folder).as_posix()
     # On a full disk, or with another user's register, the file counts as the user's.
     with suppress(OSError):
-        _append(folder / register, [{"file": name, "sha256": _digest(path)}])
+        _append(folder / register, [{"file": name, "sha256": digest_of(path)}])
 
 
 def checked_file(
@@ -132,7 +132,7 @@ def check_output(path: Path, key: str = "out", inputs: Sequence[str | Path] = ()
     name = path.absolute().relative_to(folder).as_posix()
     files = read_register(folder / register).files
     noted = files.get(name)
-    if noted is None or path.is_symlink() or noted != _digest(path):
+    if noted is None or path.is_symlink() or noted != digest_of(path):
         reason = "was changed after drivezoo wrote it" if noted else "drivezoo did not write it"
         reason = f"belongs to the results in {folder}" if name in files and not noted else reason
         remedy = "name another file, or move this one away" if key else "move it away"
@@ -210,7 +210,7 @@ def is_unchanged(path: Path, sha256: str | None) -> bool:
         found = path.lstat()
     except OSError:
         return False
-    return stat.S_ISREG(found.st_mode) and sha256 in (None, _digest(path) if sha256 else None)
+    return stat.S_ISREG(found.st_mode) and sha256 in (None, digest_of(path) if sha256 else None)
 
 
 def _place(path: Path) -> tuple[Path, str]:
@@ -257,7 +257,7 @@ def _is_same(path: Path, other: Path) -> bool:
         return False
 
 
-def _digest(path: Path) -> str:
+def digest_of(path: Path) -> str:
     """Return the SHA-256 of a regular file, or an empty text."""
     try:
         return hash_file(path)

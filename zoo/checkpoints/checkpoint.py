@@ -5,7 +5,6 @@ user's parts by module and hash, but does not choose the code that runs: the use
 see `zoo.base.parts`.
 """
 
-import hashlib
 import io
 import multiprocessing
 import pickle
@@ -25,6 +24,7 @@ from zoo.base.errors import InputError, file_errors
 from zoo.base.limits import check_unpacked, open_archive
 from zoo.base.parts import Part, part_class, part_of, unknown_part
 from zoo.base.terminal import error_line
+from zoo.base.written_files import digest_of
 from zoo.checkpoints.checkpoint_path import find_checkpoint as find_checkpoint
 from zoo.checkpoints.pickle_limits import MOST_BYTES as MOST_PICKLE_BYTES
 from zoo.checkpoints.pickle_limits import check_pickles
@@ -364,7 +364,4 @@ def _hash_of(target: str, part: Part) -> str:
     if file is None:
         found = part_class(target)
         file = Path(getattr(sys.modules[found.__module__], "__file__", "") if found else "")
-    try:
-        return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
-    except OSError:
-        return ""
+    return digest_of(file)[:16]
