@@ -127,7 +127,7 @@ def check_output(path: Path, key: str = "out", inputs: Sequence[str | Path] = ()
     if not os.path.lexists(path):
         return
     if path.is_dir():
-        raise InputError(f"{named}: is a folder; name a file")
+        raise UsageError(f"{named}: is a folder; name a file")
     folder, register = _place(path)
     name = path.absolute().relative_to(folder).as_posix()
     files = read_register(folder / register).files
