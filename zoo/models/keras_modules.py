@@ -35,43 +35,6 @@ class PaddedConv2d(nn.Conv2d):
         return super().forward(F.pad(images, self.pads))
 
 
-class PaddedMaxPool2d(nn.MaxPool2d):
-    """A maximum pooling whose padding never is the maximum."""
-
-    pads: Pads = (0, 0, 0, 0)
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Return the maxima of padded images."""
-        return super().forward(F.pad(images, self.pads, value=float("-inf")))
-
-
-class PaddedAvgPool2d(nn.AvgPool2d):
-    """A mean pooling whose padding does not count in the mean.
-
-    Args:
-        kernel, stride: rows and columns.
-        pads: padding.
-        size: rows and columns of the input.
-    """
-
-    def __init__(
-        self, kernel: tuple[int, int], stride: tuple[int, int], pads: Pads, size: tuple[int, int]
-    ) -> None:
-        super().__init__(kernel, stride)
-        self.pads = pads
-        for name, length, side, step, before, after in (
-            ("rows", size[0], kernel[0], stride[0], pads[2], pads[3]),
-            ("columns", size[1], kernel[1], stride[1], pads[0], pads[1]),
-        ):
-            inside = F.pad(torch.ones(1, 1, length), (before, after))
-            factors = 1 / F.avg_pool1d(inside, side, step)[0]
-            self.register_buffer(name, factors.T if name == "rows" else factors, persistent=False)
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Return the means of padded images."""
-        return super().forward(F.pad(images, self.pads)) * self.rows * self.columns
-
-
 class Crop(nn.Module):
     """A layer that removes rows and columns from the edges.
 

@@ -19,9 +19,7 @@ from zoo.models.keras_modules import (
     InKerasOrder,
     Lambda,
     OnAxis,
-    PaddedAvgPool2d,
     PaddedConv2d,
-    PaddedMaxPool2d,
     Pads,
     PReLU,
     Resize,
@@ -112,16 +110,16 @@ def _pool(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     size = spec.pair("pool_size", (2, 2))
     stride = spec.pair("strides", size)
     pads, out = _window(spec, (rows, columns), size, stride)
-    module: nn.Module
-    if spec.layer.startswith("Max"):
-        module = nn.MaxPool2d(size, stride)
-        if any(pads):
-            module = PaddedMaxPool2d(size, stride)
-            module.pads = pads
-    elif any(pads):
-        module = PaddedAvgPool2d(size, stride, pads, (rows, columns))
-    else:
-        module = nn.AvgPool2d(size, stride)
+    is_max = spec.layer.startswith("Max")
+    module: nn.Module = nn.MaxPool2d(size, stride) if is_max else nn.AvgPool2d(size, stride)
+    if any(pads):
+        pad = nn.ZeroPad2d(pads)
+        if is_max:
+            pad.value = float("-inf")  # never the maximum
+            module = nn.Sequential(pad, module)
+        else:  # padding does not count in the mean
+            shares = module(pad(torch.ones(1, 1, rows, columns)))
+            module = nn.Sequential(pad, module, Lambda(lambda means: means / shares.to(means)))
     return module, _shape_of(*out, channels, first)
 
 
