@@ -51,12 +51,7 @@ class OnnxPolicy(SessionPolicy):
     def __init__(self, path: str | Path, threads: int = 1) -> None:
         self.path = Path(path)
         self.onnx = open_session(self.path, threads)
-        try:
-            card = _read_card(self.path, self.onnx)
-        except UnicodeDecodeError:  # of onnxruntime, for any text in the file
-            raise InputError(
-                f"{self.path}: its {CARD} metadata cannot be used (not UTF-8); export it again"
-            ) from None
+        card = _read_card(self.path, self.onnx)
         self.view, self.config, self.data = card["view"], card["config"], card["data"]
         self.name, self.parameters = card["network"], card["parameters"]
         self.takes_speed = SPEED in [one.name for one in self.onnx.get_inputs()]
@@ -174,13 +169,10 @@ def _read_card(path: Path, session: "onnxruntime.InferenceSession") -> dict:
     from zoo.base.bounded_files import check_text, check_version, parse_json
     from zoo.checkpoints.checkpoint import FORMAT  # imports torch
 
-    text = session.get_modelmeta().custom_metadata_map.get(CARD)
-    if text is None:
-        raise InputError(
-            f"{path}: is not a file of drivezoo: it has no {CARD} metadata; name a file that "
-            "drivezoo export wrote"
-        )
     try:
+        text = session.get_modelmeta().custom_metadata_map.get(CARD)  # raises UnicodeDecodeError
+        if text is None:
+            raise InputError("there is none: name a file that drivezoo export wrote")
         card = check_text(parse_json(text))
         check_version(card["format"], FORMAT, CARD)
         view = View.from_dict(card["view"])

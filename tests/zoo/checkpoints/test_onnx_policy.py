@@ -32,7 +32,7 @@ def write_foreign(path: Path, **metadata: str) -> Path:
 def test_another_programs_file_is_refused_in_one_line(tmp_path: Path) -> None:
     write_foreign(tmp_path / "theirs.onnx")
     line = only_line(run(tmp_path, "theirs.onnx", "drive.port=0", module="zoo.drive"))
-    assert "theirs.onnx: is not a file of drivezoo" in line
+    assert "theirs.onnx: its drivezoo metadata cannot be used (there is none" in line
     with pytest.raises(InputError, match=r"theirs\.onnx: .*drivezoo export"):
         evaluate.evaluate_or_replay([str(tmp_path / "theirs.onnx"), f"out={tmp_path / 'out'}"])
     assert not (tmp_path / "out").exists()
