@@ -83,7 +83,7 @@ class Car:
             grade: rise of the road ahead, per metre.
             surface: surface under the wheels.
         """
-        self._waiting.append((_clamp(steering), _clamp(throttle)))
+        self._waiting.append((clamp(steering), clamp(throttle)))
         self.steering, self.throttle = self._waiting.popleft()
         pull = self._pull_mps2(float(grade), surface)
         # Left is positive for angles in the plane, right for commands.
@@ -141,7 +141,8 @@ class Car:
         self.yaw_rate += turn * PHYSICS_STEP_S
 
 
-def _clamp(command: float) -> float:
+def clamp(command: float) -> float:
+    """Return a command within -1..1."""
     return min(max(float(command), -1.0), 1.0)
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from panda3d import core
 
+from simulator.car import clamp
 from simulator.expert import Expert
 from simulator.rig import PHYSICS_STEP_S
 from simulator.world import World
@@ -86,12 +87,12 @@ class HandControl:
         elif self._pressed_at is None:
             self._pressed_at = hands.pointer
         if way:
-            return _clamp(self.steering + way * STEERING_PER_S * seconds)
+            return clamp(self.steering + way * STEERING_PER_S * seconds)
         if self._pressed_at is not None:
-            return _clamp((hands.pointer - self._pressed_at) / MOUSE_FULL_LOCK)
+            return clamp((hands.pointer - self._pressed_at) / MOUSE_FULL_LOCK)
         if abs(hands.stick) > DEAD_ZONE:
             beyond = (abs(hands.stick) - DEAD_ZONE) / (1 - DEAD_ZONE)
-            return _clamp(beyond if hands.stick > 0 else -beyond)
+            return clamp(beyond if hands.stick > 0 else -beyond)
         return _towards(self.steering, 0.0, AXIS_PER_S * seconds)
 
     def _accelerate(self, seconds: float, hands: Hands) -> float:
@@ -106,12 +107,8 @@ class HandControl:
             begin = self.throttle if self.throttle * way > 0 else 0.0
             return _towards(begin, float(way), AXIS_PER_S * seconds)
         if abs(hands.pedals) > TAKES_OVER:
-            return _clamp(hands.pedals)
+            return clamp(hands.pedals)
         return _towards(self.throttle, 0.0, AXIS_PER_S * seconds)
-
-
-def _clamp(value: float) -> float:
-    return min(max(value, -1.0), 1.0)
 
 
 def _towards(value: float, target: float, change: float) -> float:

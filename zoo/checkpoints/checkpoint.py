@@ -283,31 +283,28 @@ def check_fit(
             or is not finite.
     """
     for name in [*own, *state]:
-        if name not in state:
-            raise InputError(
-                f"{path}: lacks {name}, which {kind} needs; name a file of the same model"
-            )
-        if name not in own:
-            raise InputError(
-                f"{path}: holds {name}, which {kind} lacks; name a file of the same model"
-            )
-        one = state[name]
-        if one.shape != own[name].shape:
-            raise InputError(
-                f"{path}: {name} is {list(one.shape)} in the file, {list(own[name].shape)} in "
-                f"{kind}; {fix}"
-            )
-        # Of 8 bits, torch's floats lack most functions.
-        dtypes = FLOATS if own[name].is_floating_point() else (own[name].dtype,)
-        if one.layout != torch.strided or one.dtype not in dtypes:
-            raise InputError(
-                f"{path}: {name} does not hold plain floats; save the model's state_dict()"
-            )
-        if not torch.isfinite(one).all():
-            raise InputError(
-                f"{path}: {name} holds NaN or infinity: the training diverged; train again with a "
-                "smaller optim.lr, or name an earlier checkpoint"
-            )
+        if reason := _misfit(name, own.get(name), state.get(name), kind, fix):
+            raise InputError(f"{path}: {reason}")
+
+
+def _misfit(name: str, own: Tensor | None, found: Tensor | None, kind: str, fix: str) -> str:
+    """Return why a file's tensor does not fit a network's, and the remedy; empty if it does."""
+    if found is None:
+        return f"lacks {name}, which {kind} needs; name a file of the same model"
+    if own is None:
+        return f"holds {name}, which {kind} lacks; name a file of the same model"
+    if found.shape != own.shape:
+        return f"{name} is {list(found.shape)} in the file, {list(own.shape)} in {kind}; {fix}"
+    # Of 8 bits, torch's floats lack most functions.
+    dtypes = FLOATS if own.is_floating_point() else (own.dtype,)
+    if found.layout != torch.strided or found.dtype not in dtypes:
+        return f"{name} does not hold plain floats; save the model's state_dict()"
+    if torch.isfinite(found).all():
+        return ""
+    return (
+        f"{name} holds NaN or infinity: the training diverged; train again with a smaller "
+        "optim.lr, or name an earlier checkpoint"
+    )
 
 
 def check_card(card: object, path: Path) -> None:

@@ -115,8 +115,8 @@ class SessionPolicy(Policy):
             steps *= max(speed_mph, 0.0) / self._recorded_mph
         found = outputs_at(outputs, steps).copy()
         if steps and self.rig:  # of an unknown car, no way follows from its commands
-            way = distance_m(speed_mph, self.latency_s)
-            found[0] += returning(outputs[:, 0], self._on_the_way, way, steps, self.rig)
+            way_m = max(speed_mph, 0.0) * MPS_PER_MPH * self.latency_s
+            found[0] += returning(outputs[:, 0], self._on_the_way, way_m, steps, self.rig)
         return found.clip(-1, 1)
 
 
@@ -163,8 +163,3 @@ def returning(
     right_m = float(np.sum(turned - bends * part_m / 2)) * part_m
     back = -2 * (right_m + RETURN_M * float(turned[-1])) / RETURN_M**2
     return float(rig.steering_of(back))
-
-
-def distance_m(speed_mph: float, seconds: float) -> float:
-    """Return the distance in metres that a car drives."""
-    return max(speed_mph, 0.0) * MPS_PER_MPH * seconds
