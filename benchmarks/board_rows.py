@@ -4,9 +4,9 @@ import hashlib
 import itertools
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
+
+from rich.console import Console
 
 from benchmarks.measuring import Rows, grouped
 from benchmarks.study_grid import Entry, Study, run_logged
@@ -100,7 +100,7 @@ def submitted_rows(folder: Path) -> list[Row]:
     Raises:
         InputError: a file is missing or damaged, or a drive differs.
     """
-    from zoo.benchmark.checked_result import read_result
+    from zoo.benchmark.checked_result import read_result, verify
 
     result = read_result(folder)
     if result.suite != SUITE:
@@ -111,9 +111,7 @@ def submitted_rows(folder: Path) -> list[Row]:
     for path in (folder / "card.md", folder / "command.txt"):
         if not path.is_file():
             raise InputError(f"{path}: does not exist; docs/benchmark.md says what it contains")
-    verify = [sys.executable, "-m", "zoo.benchmark", "verify", str(folder), "drives=0"]
-    if subprocess.run(verify, check=False).returncode:
-        raise InputError(f"{folder}: not added, since the drives could not be verified")
+    verify(folder, SUITE, 0, 0, Console(emoji=False))
     command = (folder / "command.txt").read_text().strip()
     return rows_of_result(folder, result.entry, "submitted", command)
 

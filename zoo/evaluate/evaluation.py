@@ -114,8 +114,9 @@ def score_driver(
     """
     is_file = isinstance(driver, str)
     policy = load_policy(driver) if is_file else as_policy(driver)
+    name = driver if is_file else policy.name
     # Report wrong input before processes start.
-    options = with_track(options, policy.name if not is_file else driver, policy.data)
+    options = with_track(options, name, policy.data)
     check_world(options)
     check_throttle(policy, options.throttle)
     options.check_files(("track", *COUNTS, *METRICS))
@@ -143,7 +144,6 @@ def score_driver(
             options.executor,
             record=options.record,
         )
-        name = driver if is_file else policy.name
         metrics = {"checkpoint": name, "world": options.world}
         metrics |= {"drives": scores.drives, "tracks": scores.tracks}
         if options.guard:
