@@ -30,6 +30,9 @@ from zoo.checkpoints.policy import load_policy
 from zoo.worlds.run_drives import all_drives
 from zoo.worlds.scenario import Scenario
 
+VIEW = View((40, 20), "rgb", (66, 200))
+SLOWEST_MPS = 1.0  # a driver that is slower than this on average is stuck
+
 
 def frames_of(folder: str, count: int) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
     """Return centre frames spread over a recording, their speeds in mph and their steering."""
@@ -97,9 +100,6 @@ def replays(folder: str, *checkpoints: str) -> None:
     print_table(["rank correlation with drives", "interventions of replays", "MSE"], lines)
 
 
-VIEW = View((40, 20), "rgb", (66, 200))
-
-
 def storage(folder: str | None = None) -> None:
     """Measure the bytes of an image and how fast a core decodes it: `storage [RECORDING]`.
 
@@ -133,9 +133,6 @@ def storage(folder: str | None = None) -> None:
         size = np.mean([item.nbytes for item in data])
         rows.append([name, f"{size:,.0f}", f"{len(data) / min(seconds):,.0f}"])
     print_table(["stored", "bytes", "images/s of a core, the best of five rounds"], rows)
-
-
-SLOWEST_MPS = 1.0  # a driver that is slower than this on average is stuck
 
 
 def roads(count: str = "1000") -> int:

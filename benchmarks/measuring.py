@@ -25,6 +25,8 @@ from rich.table import Table
 
 TextRow = Mapping[str, str]  # of a study's CSV file
 Rows = Sequence[TextRow]
+COLUMNS = "against", "ratio", "middle half", "aim", "met"
+Found = TypeVar("Found")  # what a measure returns
 
 
 def make_console() -> Console:
@@ -128,10 +130,6 @@ def merge(
     }
     rows |= {tuple(str(row[name]) for name in key): row for row in new}
     return sorted(rows.values(), key=lambda row: [str(row[name]) for name in sort])
-
-
-COLUMNS = "against", "ratio", "middle half", "aim", "met"
-Found = TypeVar("Found")  # what a measure returns
 
 
 @dataclass(frozen=True)

@@ -38,8 +38,9 @@ def correct(ckpt: str, *overrides: str, options: CorrectOptions) -> None:
     path = str(find_checkpoint(ckpt))
     from rich.console import Console
 
-    from zoo.correct.correction import NAME, best_round, rounds_table
-    from zoo.verdict.evidence import next_drive
+    with loading():
+        from zoo.correct.correction import NAME, Correction, best_round, rounds_table
+        from zoo.verdict.evidence import next_drive
 
     console = Console(soft_wrap=True)
     folder = Path(options.out or dated_folder("corrections")).expanduser().absolute()
@@ -47,8 +48,6 @@ def correct(ckpt: str, *overrides: str, options: CorrectOptions) -> None:
     try:
         with command_folder(folder, "corrections", resumed_by=NAME):
             with loading():
-                from zoo.correct.correction import Correction
-
                 correction = Correction(path, options, list(overrides), folder, console)
             rounds = correction.run()
     except (KeyboardInterrupt, StoppedError):

@@ -5,10 +5,11 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import Field
 from rich.console import Console
+from rich.table import Table as PrintedTable
 
 from datamodules.driving_log import read_log
 from datamodules.recording import LOG_NAME
@@ -30,8 +31,10 @@ from zoo.runs.table import Table
 from zoo.verdict.evidence import other_car_line, with_track
 from zoo.worlds.run_drives import check_throttle
 
-if TYPE_CHECKING:
-    import rich.table
+NAME = "correct.json"
+# Options that may differ when a correction is resumed.
+MAY_CHANGE = ("rounds", "workers", "out", "enough_m", "trust")
+ANOTHER = "name another folder with out="
 
 
 class Correction:
@@ -171,12 +174,6 @@ class Correction:
         self.console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
-NAME = "correct.json"
-# Options that may differ when a correction is resumed.
-MAY_CHANGE = ("rounds", "workers", "out", "enough_m", "trust")
-ANOTHER = "name another folder with out="
-
-
 class Driven(Figures):
     """A track's figures; these four are required, to compare rounds."""
 
@@ -260,7 +257,7 @@ def open_progress(
     return found
 
 
-def rounds_table(rounds: Sequence[dict]) -> "rich.table.Table":
+def rounds_table(rounds: Sequence[dict]) -> PrintedTable:
     """Return a table with a row for each round and track."""
     rows = [
         [

@@ -23,6 +23,9 @@ from zoo.runs.table import Cell, Column, interval_figures, two_lines, with_inter
 LAST = float("inf")  # sorts after every figure
 WHOLE_LAP = 0.95  # laps; a drive that ends a little before its start counts as a lap
 LAP_M = 1000.0  # where the laps are unknown; the included circuits are longer
+ALWAYS_SHOWN = 2  # figures that long names never push out: autonomy and the number of drives
+# Overrides that get no column: paths, and the seed, which has a column of its own.
+NO_SETTINGS = ("data.root", "data.images", "data.cache", "seed")
 
 
 @dataclass(frozen=True)
@@ -114,11 +117,6 @@ def _order(entry: Entry) -> tuple:
         mse[0] if mse else LAST,
         str(entry.first.folder),
     )
-
-
-ALWAYS_SHOWN = 2  # figures that long names never push out: autonomy and the number of drives
-# Overrides that get no column: paths, and the seed, which has a column of its own.
-NO_SETTINGS = ("data.root", "data.images", "data.cache", "seed")
 
 
 @dataclass(frozen=True)

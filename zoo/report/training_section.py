@@ -21,6 +21,18 @@ OPEN_LOOP = (
     "road. Always zero and the mean of the training rows ignore the image. Balanced MAE is the "
     "mean of the MAEs in 21 steering bins. A positive bias is to the right."
 )
+GROUPS = ("model", "data", "augment", "loss", "optim", "schedule", "trainer", "callbacks", "score")
+INTENDED_USE = (
+    "Steer the car of its recording (the simulator's, or a model car) off public roads, study "
+    "behavioural cloning, and compare networks. Do not use it for a vehicle on a real road: "
+    "it does not recognize traffic, signs or people, and cannot tell when it is wrong."
+)
+LICENCE = (
+    "The code (drivezoo) has the MIT licence. The weights have no licence of their own: the person "
+    "who publishes them chooses one that the terms of the recording, and of other weights that the "
+    "training started from (model.weights), allow. Recordings of the embedded simulator are free "
+    "to use."
+)
 
 
 def duration(run: ReportedRun) -> list[Block]:
@@ -205,20 +217,6 @@ def _details(module: nn.Module) -> str:
     """Return PyTorch's text on a layer's settings, without common defaults."""
     text = re.sub(r"\d+\.\d{4,}", lambda found: f"{float(found[0]):.3g}", module.extra_repr())
     return text.replace(", inplace=False", "").replace(", bias=True", "")
-
-
-GROUPS = ("model", "data", "augment", "loss", "optim", "schedule", "trainer", "callbacks", "score")
-INTENDED_USE = (
-    "Steer the car of its recording (the simulator's, or a model car) off public roads, study "
-    "behavioural cloning, and compare networks. Do not use it for a vehicle on a real road: "
-    "it does not recognize traffic, signs or people, and cannot tell when it is wrong."
-)
-LICENCE = (
-    "The code (drivezoo) has the MIT licence. The weights have no licence of their own: the person "
-    "who publishes them chooses one that the terms of the recording, and of other weights that the "
-    "training started from (model.weights), allow. Recordings of the embedded simulator are free "
-    "to use."
-)
 
 
 def command(run: ReportedRun) -> list[Block]:

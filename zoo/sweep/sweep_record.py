@@ -35,6 +35,20 @@ SWEEPS = Path("outputs/sweeps")
 # Overrides that may change when a sweep is resumed: they do not change what is trained.
 LAUNCH_KEYS = ("hydra/launcher", "hydra.launcher", "hydra.sweep.", "hydra.verbose")
 VERSIONS = ("drivezoo", "torch", "lightning")
+LAUNCHERS = ("basic", "joblib", "ray", "slurm", "submitit_local", "submitit_slurm")
+SWEEPERS = ("basic", "grid", "optuna")
+# Allowed `hydra.*` keys: numbers and names; none of them sets a class, a command or a path.
+HYDRA_KEYS = (
+    *(f"hydra.launcher.{key}" for key in ("n_jobs", "batch_size", "verbose")),
+    *(f"hydra.launcher.{key}" for key in ("timeout_min", "nodes", "cpus_per_task", "mem_gb")),
+    *(f"hydra.launcher.{key}" for key in ("gpus_per_node", "partition", "array_parallelism")),
+    *(f"hydra.launcher.task.{key}" for key in ("num_cpus", "num_gpus")),
+    *(f"hydra.sweeper.{key}" for key in ("n_trials", "at_once", "monitor", "study", "sampler")),
+    *(f"hydra.sweeper.{key}" for key in ("seed", "pruner", "startup_trials", "warmup_epochs")),
+    "hydra.sweep.subdir",  # set for each job
+    "hydra.verbose",
+)
+PRUNING = "callbacks.pruning"  # callback that a search adds to its jobs
 
 
 class SweepRecord(Fields):
@@ -147,22 +161,6 @@ def package_versions() -> dict[str, str]:
 
 def _training_overrides(arguments: Iterable[str]) -> list[str]:
     return sorted(word for word in arguments if not word.lstrip("+~").startswith(LAUNCH_KEYS))
-
-
-LAUNCHERS = ("basic", "joblib", "ray", "slurm", "submitit_local", "submitit_slurm")
-SWEEPERS = ("basic", "grid", "optuna")
-# Allowed `hydra.*` keys: numbers and names; none of them sets a class, a command or a path.
-HYDRA_KEYS = (
-    *(f"hydra.launcher.{key}" for key in ("n_jobs", "batch_size", "verbose")),
-    *(f"hydra.launcher.{key}" for key in ("timeout_min", "nodes", "cpus_per_task", "mem_gb")),
-    *(f"hydra.launcher.{key}" for key in ("gpus_per_node", "partition", "array_parallelism")),
-    *(f"hydra.launcher.task.{key}" for key in ("num_cpus", "num_gpus")),
-    *(f"hydra.sweeper.{key}" for key in ("n_trials", "at_once", "monitor", "study", "sampler")),
-    *(f"hydra.sweeper.{key}" for key in ("seed", "pruner", "startup_trials", "warmup_epochs")),
-    "hydra.sweep.subdir",  # set for each job
-    "hydra.verbose",
-)
-PRUNING = "callbacks.pruning"  # callback that a search adds to its jobs
 
 
 @dataclass(frozen=True)

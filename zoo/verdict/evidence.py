@@ -14,6 +14,13 @@ from zoo.runs.run import HYDRA, Run
 from zoo.runs.status import read_metrics
 
 Settings = TypeVar("Settings", bound=WorldSettings)
+# Below these values a network rarely drives: docs/offline_metrics.md, docs/recipes.md.
+STEERS_BACK = 0.08  # recovery response
+ENOUGH_SAMPLES = 50_000
+SMALL = 1_000  # a network with fewer parameters needs fewer samples
+ROBUST = ("brightness", "shadow", "shift")
+BENDS = ("brightness", "bend")
+MOST_CAUSES = 3
 
 
 @dataclass(frozen=True)
@@ -170,15 +177,6 @@ def as_typed(override: str) -> str:
 
     plain = override.replace("'", "")
     return plain if quote_paths([plain]) == [override] else override
-
-
-# Below these values a network rarely drives: docs/offline_metrics.md, docs/recipes.md.
-STEERS_BACK = 0.08  # recovery response
-ENOUGH_SAMPLES = 50_000
-SMALL = 1_000  # a network with fewer parameters needs fewer samples
-ROBUST = ("brightness", "shadow", "shift")
-BENDS = ("brightness", "bend")
-MOST_CAUSES = 3
 
 
 @dataclass(frozen=True)
