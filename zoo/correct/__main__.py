@@ -47,8 +47,7 @@ def correct(ckpt: str, *overrides: str, options: CorrectOptions) -> None:
     refuse_links_out(folder)
     try:
         with command_folder(folder, "corrections", resumed_by=NAME):
-            with loading():
-                correction = Correction(path, options, list(overrides), folder, console)
+            correction = Correction(path, options, list(overrides), folder, console)
             rounds = correction.run()
     except (KeyboardInterrupt, StoppedError):
         words = [*changed(replace(options, out=str(folder))), *overrides]

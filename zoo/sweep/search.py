@@ -142,9 +142,7 @@ class Search:
             "study": f"'{settings.study}'",
             "trial": number,
             "watched": settings.monitor,
-            "pruner": settings.pruner,
-            "startup_trials": settings.startup_trials,
-            "warmup_epochs": settings.warmup_epochs,
+            **{key: settings[key] for key in ("pruner", "startup_trials", "warmup_epochs")},
         }
         return [f"+{PRUNING}.{key}={value}" for key, value in pruning.items()]
 
