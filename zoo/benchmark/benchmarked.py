@@ -210,8 +210,7 @@ def print_result(result: BenchmarkResult, console: Console) -> None:
     cells = [replace(one, heading=printable(one.heading)) for one in shown.columns]
     title = printable(f"{result.entry}, suite {result.suite}")
     style = {"title": Text(title), "caption": CAPTION, "caption_justify": "left"}
-    table = Table(cells).printed(left=1, box=SIMPLE_HEAD, pad_edge=False, **style)
-    console.print(table)
+    console.print(Table(cells).printed(left=1, box=SIMPLE_HEAD, pad_edge=False, **style))
     digest = f"digest of the drives: {result.digest}"
     for line in (*difference_lines(result), headline_line(result), digest):
         console.print(printable(line), highlight=False, markup=False, soft_wrap=True)

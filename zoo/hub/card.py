@@ -173,8 +173,7 @@ def _what(of: Described) -> list[Block]:
 
 def _drive(of: Described) -> list[Block]:
     fetch = f"pip install 'drivezoo[hub]'\ndrivezoo hub pull {of.repo}\n" if of.repo else ""
-    folder = f"outputs/hub/{of.repo}/" if of.repo else ""
-    file = f"{folder}{of.file}"
+    file = f"outputs/hub/{of.repo}/{of.file}" if of.repo else of.file
     words = next_drive(file, of.checkpoint.data, ["drive", file, "sim=lake", "laps=1"])
     return [Code(f"{fetch}{command_line(['drivezoo', *map(str, words)])}")]
 

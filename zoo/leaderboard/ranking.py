@@ -307,8 +307,7 @@ def ranking_table(
     figures = [_narrow_column(one) for one in shown]
     table, left_out = fitted_table(title, [*names, *settings, *last], figures, width, ALWAYS_SHOWN)
     if left_out and len(settings) > 1:
-        one_column = _in_one_column(settings)
-        identifying = [*names, one_column, *last]
+        identifying = [*names, _in_one_column(settings), *last]
         table, left_out = fitted_table(title, identifying, figures, width, ALWAYS_SHOWN)
     return table, [one.heading for one in shown if one.key in {column.name for column in left_out}]
 

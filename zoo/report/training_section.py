@@ -164,8 +164,7 @@ def network_layers(network: nn.Module, shape: tuple[int, int, int]) -> list[Laye
     height, width, channels = shape
     try:
         with torch.inference_mode():
-            images = torch.zeros(1, channels, height, width)
-            frame_outputs(network.eval(), images, torch.zeros(1))
+            frame_outputs(network.eval(), torch.zeros(1, channels, height, width), torch.zeros(1))
     finally:
         for hook in hooks:
             hook.remove()

@@ -43,8 +43,7 @@ def sweep_search(
         InputError: invalid settings, a study with other values, or a launcher that cannot start.
     """
     folder = Path(config.hydra.sweep.dir)
-    parser = OverridesParser.create(config_loader=context.config_loader)
-    parsed = parser.parse_overrides(arguments)
+    parsed = OverridesParser.create(config_loader=context.config_loader).parse_overrides(arguments)
     # If a key is given twice, the last value counts, as everywhere in Hydra.
     given = {override.get_key_element(): override for override in parsed}
     space = {key: _distribution(given[key]) for key in given if given[key].is_sweep_override()}

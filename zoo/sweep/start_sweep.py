@@ -73,9 +73,9 @@ def go_on(folder: Path, more: list[str]) -> None:
     """Resume a sweep, as `drivezoo sweep resume=FOLDER` does.
 
     Args:
-        folder: folder of the sweep; it can come from another person, see `saved_sweep`.
+        folder: folder of the sweep; it can come from another person, see `zoo.sweep.sweep_record`.
         more: overrides of the launcher or of the number of trials; `trust=...` allows names that
-            `saved_sweep` refuses.
+            `zoo.sweep.sweep_record` refuses.
 
     Raises:
         InputError, StoppedError: see `sweep`; also if `more` changes what is trained, the folder
