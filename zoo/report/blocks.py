@@ -27,27 +27,24 @@ class Block:
 class Text(Block):
     """A paragraph."""
 
+    form = "{}"  # of its Markdown
     text: str
 
     def markdown(self) -> str:
         """Return Markdown, see `Block`."""
-        return plain(self.text)
+        return self.form.format(plain(self.text))
 
 
 class Missing(Text):
     """A line in place of a part that cannot be created."""
 
-    def markdown(self) -> str:
-        """Return Markdown, see `Block`."""
-        return f"*{plain(self.text)}*"
+    form = "*{}*"
 
 
 class Heading(Text):
     """The heading of a part of a section."""
 
-    def markdown(self) -> str:
-        """Return Markdown, see `Block`."""
-        return f"### {plain(self.text)}"
+    form = "### {}"
 
 
 class Code(Text):
