@@ -126,9 +126,7 @@ def fault_of_module(module: str, arguments: list[str]) -> str | None:
 @functools.cache
 def help_of(module: str, *subcommand: str) -> str:
     """Return what `--help` prints."""
-    result = commands.run_here(ROOT, *subcommand, "--help", module=module)
-    assert result.returncode == 0, result.stderr
-    return result.stdout
+    return commands.succeed(commands.run_here(ROOT, *subcommand, "--help", module=module))
 
 
 def fault_of_config(arguments: list[str]) -> str | None:
@@ -257,8 +255,7 @@ def test_a_marked_command_runs(
     for name, place in places.items():
         words = [re.sub(rf"\b{name}\b", str(place), word) for word in words]
     assert words[0] == "drivezoo", "only these can be run"
-    result = commands.run_here(tmp_path, *words[2:], module=drivezoo_commands()[words[1]])
-    assert result.returncode == 0, result.stderr
+    commands.succeed(commands.run_here(tmp_path, *words[2:], module=drivezoo_commands()[words[1]]))
 
 
 def test_some_commands_are_run() -> None:
@@ -336,14 +333,15 @@ def test_the_readme_is_short() -> None:
 def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     pytest.importorskip("sphinx")
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
-    done = subprocess.run(
-        [*command, "-d", str(tmp_path / "doctrees"), str(DOCS), str(tmp_path / "site")],
-        env=commands.environment(),
-        capture_output=True,
-        text=True,
-        check=False,
+    commands.succeed(
+        subprocess.run(
+            [*command, "-d", str(tmp_path / "doctrees"), str(DOCS), str(tmp_path / "site")],
+            env=commands.environment(),
+            capture_output=True,
+            text=True,
+            check=False,
+        )
     )
-    assert done.returncode == 0, done.stderr
     site = tmp_path / "site"
     entries = sidebar(site)
     assert len(entries) > 20

@@ -10,7 +10,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from simulator.__main__ import COMMANDS as SIMULATOR
-from tests.zoo.commands import ROOT, environment, only_line, run
+from tests.zoo.commands import ROOT, environment, only_line, run_here
 from zoo.base.command import Command, command
 from zoo.base.command_keys import Choice, keys_of, meanings_of, read_options, typed
 from zoo.base.errors import InputError, UsageError
@@ -174,7 +174,7 @@ def test_a_text_and_a_value_of_python_mean_the_same(
 def test_wrong_use_is_one_line_with_the_remedy(
     arguments: list[str], words: str, tmp_path: Path
 ) -> None:
-    result = run(tmp_path, *arguments[1:], module=f"zoo.{arguments[0]}")
+    result = run_here(tmp_path, *arguments[1:], module=f"zoo.{arguments[0]}")
     assert result.returncode == 2
     assert words in only_line(result)
 

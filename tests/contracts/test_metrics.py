@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from tests.contracts.outside_package import installed
-from tests.zoo.commands import run
+from tests.zoo.commands import run, succeed
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.parts import take_parts
 from zoo.benchmark.result import DriveRecord
@@ -141,9 +141,8 @@ def test_a_command_measures_and_perturbs_with_the_users_files(tmp_path: Path) ->
     write_constant(tmp_path / "it.ckpt", 0.8)
     named = "parts=[my_metric.py,my_perturbation.py]"
     options = ("perturb=my_perturbation", "laps=0.02", "quality=simple", "workers=2", "out=out")
-    done = run(tmp_path, "it.ckpt", named, *options, module="zoo.evaluate")
-    assert done.returncode == 0, done.stderr
-    assert "my_metric" in done.stdout
+    printed = succeed(run(tmp_path, "it.ckpt", named, *options, module="zoo.evaluate"))
+    assert "my_metric" in printed
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert metrics["tracks"]["lake"]["my_metric"][0] > 0.9
     assert len(metrics["perturbed"]["my_perturbation"]) == 3

@@ -10,11 +10,11 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from datamodules.check import look_at_image
 from tests.recordings import Written, write_recording
-from tests.zoo.commands import ROOT, run
+from tests.zoo.commands import ROOT, run_here
 
 
 def run_check(*arguments: object) -> subprocess.CompletedProcess:
-    return run(ROOT, *map(str, arguments), module="datamodules.check")
+    return run_here(ROOT, *map(str, arguments), module="datamodules.check")
 
 
 @pytest.fixture

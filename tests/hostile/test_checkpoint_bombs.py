@@ -254,11 +254,8 @@ def test_weights_outside_of_an_onnx_files_folder_are_not_read(
         open_session(path, 1)
 
 
-def test_weights_next_to_an_onnx_file_are_read_from_any_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "models").mkdir()
-    (tmp_path / "models" / "w.bin").write_bytes(np.full(400, 3.0, np.float32).tobytes())
-    (tmp_path / "models" / "x.onnx").write_bytes(adding(1.0, "w.bin"))
-    monkeypatch.chdir(tmp_path)
+def test_weights_next_to_an_onnx_file_are_read_from_any_folder(here: Path) -> None:
+    (here / "models").mkdir()
+    (here / "models" / "w.bin").write_bytes(np.full(400, 3.0, np.float32).tobytes())
+    (here / "models" / "x.onnx").write_bytes(adding(1.0, "w.bin"))
     assert added(open_session(Path("models/x.onnx"), 1)) == 3.0

@@ -27,7 +27,7 @@ from datamodules.view import View
 from datamodules.view_store import decode_all
 from simulator.track_file import read_track
 from tests.recordings import Written, write_recording
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import only_line, run, run_here
 from tests.zoo.drive.scans import SCANS, many_scans
 from tests.zoo.trainings import SMALL
 from zoo.base.bounded_files import open_regular, read_regular
@@ -275,6 +275,6 @@ def test_film_names_an_image_that_is_no_regular_file(replaced: Written, tmp_path
     images = tmp_path / "images"
     images.mkdir()
     os.mkfifo(images / "a.jpg")
-    line = only_line(run(tmp_path, str(images), module="zoo.film", timeout=60))
+    line = only_line(run_here(tmp_path, str(images), module="zoo.film"))
     assert f"{images / 'a.jpg'}: " in line
     assert "no regular file" in line

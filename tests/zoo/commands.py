@@ -129,6 +129,12 @@ def forked_commands(code: Path) -> ForkedCommands:
     return ForkedCommands(environment(code), code)
 
 
+def succeed(result: subprocess.CompletedProcess) -> str:
+    """Return what a command printed; fail on another exit status than 0."""
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
 def only_line(result: subprocess.CompletedProcess) -> str:
     """Return the one error line of a command with bad input; fail on a traceback or status 0."""
     assert result.returncode in (1, 2), result.stdout + result.stderr

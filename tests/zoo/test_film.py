@@ -13,7 +13,7 @@ from rich.console import Console
 
 from tests.datamodules.exchange.test_tub import record, write_tub
 from tests.recordings import Written
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import only_line, run_here
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
 from zoo.drives.drive_film import GREEN, RED, draw_overlay
@@ -37,7 +37,7 @@ def decode(path: Path) -> tuple[dict, np.ndarray]:
 
 
 def film(cwd: Path, *arguments: object) -> subprocess.CompletedProcess:
-    return run(cwd, *map(str, arguments), module="zoo.film")
+    return run_here(cwd, *map(str, arguments), module="zoo.film")
 
 
 def test_a_recording_becomes_h264_in_real_time(recorded: Written, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from datamodules.image import read_image
 from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from tests.recordings import Written, write_recording
-from tests.zoo.commands import only_line, run, run_here
+from tests.zoo.commands import only_line, run, run_here, succeed
 from tests.zoo.keras.keras_files import lambda_config, write_h5
 from tests.zoo.keras.test_donkeycar import BINS, donkeycar_layers
 from tests.zoo.keras.test_donkeycar import write as write_donkeycar
@@ -53,9 +53,8 @@ def keras_file(lake: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def imported(keras_file: Path, lake: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Import a file with the command and a recording; return the checkpoint."""
     cwd = tmp_path_factory.mktemp("imported")
-    result = import_file(cwd, str(keras_file), f"recording={lake.folder}")
-    assert result.returncode == 0, result.stderr
-    (cwd / "stdout.txt").write_text(result.stdout)
+    printed = succeed(import_file(cwd, str(keras_file), f"recording={lake.folder}"))
+    (cwd / "stdout.txt").write_text(printed)
     return cwd / "old.ckpt"
 
 
@@ -100,24 +99,21 @@ def test_every_command_takes_the_checkpoint(
     module: str, arguments: list[str], imported: Path, lake: Written, tmp_path: Path
 ) -> None:
     arguments = [str(lake.folder) if one == "RECORDING" else one for one in arguments]
-    result = run(tmp_path, str(imported), *arguments, module=module)
-    assert result.returncode == 0, result.stderr
+    succeed(run(tmp_path, str(imported), *arguments, module=module))
 
 
 def test_the_export_drives_the_same(imported: Path, lake: Written, tmp_path: Path) -> None:
-    result = run(tmp_path, str(imported), f"frames={lake.folder}", module="zoo.export")
-    assert result.returncode == 0, result.stderr
-    assert "yuv_old" in result.stdout
+    printed = succeed(run(tmp_path, str(imported), f"frames={lake.folder}", module="zoo.export"))
+    assert "yuv_old" in printed
     frame = read_image(lake.image(7))
     ours, theirs = (load_policy(one)(frame, 9.0)[0] for one in (imported, tmp_path / "model.onnx"))
     assert ours == pytest.approx(theirs, abs=1e-5)
 
 
 def test_without_a_recording_guesses_are_named(keras_file: Path, tmp_path: Path) -> None:
-    result = import_file(tmp_path, str(keras_file), "out=guessed.ckpt")
-    assert result.returncode == 0, result.stderr
-    assert "colour=rgb and crop=[60,25] are guesses" in result.stdout
-    assert "recording=FOLDER" in result.stdout
+    printed = succeed(import_file(tmp_path, str(keras_file), "out=guessed.ckpt"))
+    assert "colour=rgb and crop=[60,25] are guesses" in printed
+    assert "recording=FOLDER" in printed
     checkpoint = load_checkpoint(tmp_path / "guessed.ckpt")
     assert checkpoint.data == {"fingerprint": None, "rows": 0}
     assert checkpoint.config["data"]["root"] is None
@@ -129,9 +125,8 @@ def test_without_a_recording_guesses_are_named(keras_file: Path, tmp_path: Path)
 
 def test_keys_are_taken_as_given(keras_file: Path, tmp_path: Path) -> None:
     keys = ["colour=bgr", "crop=[50,20]", "resize=linear", "scale=[255,0.5]"]
-    result = import_file(tmp_path, str(keras_file), *keys)
-    assert result.returncode == 0, result.stderr
-    assert "guess" not in result.stdout
+    printed = succeed(import_file(tmp_path, str(keras_file), *keys))
+    assert "guess" not in printed
     checkpoint = load_checkpoint(tmp_path / "old.ckpt")
     assert checkpoint.view == View((50, 20), "bgr", (12, 40), "linear")
     assert checkpoint.config["model"]["scale"] == [255.0, 0.5]
@@ -139,10 +134,9 @@ def test_keys_are_taken_as_given(keras_file: Path, tmp_path: Path) -> None:
 
 def test_a_network_of_donkeycar_needs_no_key_and_drives_with_its_throttle(tmp_path: Path) -> None:
     write_donkeycar(tmp_path, donkeycar_layers(BINS, (15, 20), "softmax"))
-    result = import_file(tmp_path, "pilot.h5", "throttle_range=0.5")
-    assert result.returncode == 0, result.stderr
-    assert "guess" not in result.stdout
-    assert "next: drivezoo replay pilot.ckpt FOLDER" in result.stdout, "no track shows its car"
+    printed = succeed(import_file(tmp_path, "pilot.h5", "throttle_range=0.5"))
+    assert "guess" not in printed
+    assert "next: drivezoo replay pilot.ckpt FOLDER" in printed, "no track shows its car"
     assert load_checkpoint(tmp_path / "pilot.ckpt").view == View(
         (0, 0), "rgb", None, frame=(12, 16)
     )
@@ -169,9 +163,8 @@ def test_a_network_that_never_learned_is_not_convincing(lake: Written, tmp_path:
     weights = rng.normal(size=(12 * 40 * 3, 1)).astype(np.float32) / 1000
     dense = dense_layer(weights, np.zeros(1, np.float32))
     write_h5(tmp_path / "random.h5", [SCALED, ("Flatten", {}, []), dense], shape=(12, 40, 3))
-    result = import_file(tmp_path, "random.h5", f"recording={lake.folder}", "drive=false")
-    assert result.returncode == 0, result.stderr
-    assert "no input is convincing" in result.stdout
+    printed = succeed(import_file(tmp_path, "random.h5", f"recording={lake.folder}", "drive=false"))
+    assert "no input is convincing" in printed
     assert (tmp_path / "random.ckpt").is_file()
 
 
@@ -218,7 +211,6 @@ def test_an_unclear_scale_is_asked_for_by_key(lake: Written, tmp_path: Path) -> 
         assert "set scale=[" in only_line(import_file(tmp_path, name))
         assert import_file(tmp_path, name, "scale=[127.5,1]").returncode == 0
         keys = [f"recording={lake.folder}", "colour=yuv_old", "crop=[60,25]", "drive=false"]
-        result = import_file(tmp_path, name, *keys, "frames=60")
-        assert result.returncode == 0, result.stderr
+        succeed(import_file(tmp_path, name, *keys, "frames=60"))
         checkpoint = load_checkpoint(tmp_path / name.replace(".h5", ".ckpt"))
         assert checkpoint.config["model"]["scale"][1] == 1.0

@@ -56,8 +56,7 @@ def test_a_training_has_the_commands_figures(
 ) -> None:
     data = (f"data.root={recorded.folder}", "data.block_s=0.5", "data.gap_s=0.1")
     keys = ("trainer.max_epochs=1", "score=none", "hydra.run.dir=run")
-    done = commands.run(tmp_path, "model=linear", *data, *keys)
-    assert done.returncode == 0, done.stderr
+    commands.succeed(commands.run(tmp_path, "model=linear", *data, *keys))
     assert figures_of(run.folder) == figures_of(tmp_path / "run")
     assert run.checkpoint == run.folder / "checkpoints" / "best.ckpt"
     assert "linear" in repr(run)
@@ -191,9 +190,8 @@ def test_a_served_drive_returns_its_figures(tmp_path: Path) -> None:
         "found = drivezoo.drive('best.ckpt', sim='lake', laps=0.005, port=0)\n"
         "print(found.folder / 'drive.json', found.table()[0]['driven_m'], repr(found), sep='|')\n"
     )
-    done = commands.run(tmp_path, module=str(tmp_path / "served.py"))
-    assert done.returncode == 0, done.stderr
-    path, driven_m, text = done.stdout.strip().splitlines()[-1].split("|")
+    printed = commands.succeed(commands.run(tmp_path, module=str(tmp_path / "served.py")))
+    path, driven_m, text = printed.strip().splitlines()[-1].split("|")
     assert json.loads((tmp_path / path).read_text())["driven_m"] == float(driven_m) > 0
     assert "ServedDrive in" in text
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import only_line, run, run_here, succeed
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_path import find_checkpoint, find_run, name_latest
@@ -30,13 +30,12 @@ def make_run(folder: Path, started: float, *names: str) -> Path:
 
 
 @pytest.fixture
-def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def work(here: Path) -> Path:
     """Create a working folder with three runs, the newest without a checkpoint."""
-    monkeypatch.chdir(tmp_path)
-    make_run(tmp_path / "outputs" / "late", 2_000, "best.ckpt", "last.ckpt")
-    make_run(tmp_path / "outputs" / "day" / "early", 1_000, "last.ckpt")
-    make_run(tmp_path / "outputs" / "begun", 3_000)
-    return tmp_path
+    make_run(here / "outputs" / "late", 2_000, "best.ckpt", "last.ckpt")
+    make_run(here / "outputs" / "day" / "early", 1_000, "last.ckpt")
+    make_run(here / "outputs" / "begun", 3_000)
+    return here
 
 
 def test_a_file_is_itself(work: Path) -> None:
@@ -169,29 +168,29 @@ def test_every_command_names_the_run_to_take_instead(
     arguments: tuple[str, ...], odd: Path, recorded
 ) -> None:
     module, *rest = (one.format(recording=recorded.folder) for one in arguments)
-    line = only_line(run(odd, *rest, module=module))
+    line = only_line(run_here(odd, *rest, module=module))
     assert "outputs/none: no such checkpoint" in line
     assert f"outputs/{ODD}/checkpoints/best.ckpt" in line
 
 
 def test_report_takes_the_latest_run(odd: Path) -> None:
-    result = run(odd, "latest", module="zoo.report")
-    assert result.returncode == 0, result.stderr
-    assert f"outputs/{ODD}/report/index.html" in result.stdout
+    printed = succeed(run_here(odd, "latest", module="zoo.report"))
+    assert f"outputs/{ODD}/report/index.html" in printed
 
 
 def test_weights_come_from_the_latest_run(odd: Path, recorded) -> None:
-    result = run(
-        odd,
-        "model=nvidia",
-        "model.weights=latest",
-        f"data.root={recorded.folder}",
-        "data.block_s=0.5",
-        "data.gap_s=0.1",
-        "data.batch_size=16",
-        "trainer.max_epochs=0",
-        "score=none",
-        "hydra.run.dir=fine",
+    printed = succeed(
+        run(
+            odd,
+            "model=nvidia",
+            "model.weights=latest",
+            f"data.root={recorded.folder}",
+            "data.block_s=0.5",
+            "data.gap_s=0.1",
+            "data.batch_size=16",
+            "trainer.max_epochs=0",
+            "score=none",
+            "hydra.run.dir=fine",
+        )
     )
-    assert result.returncode == 0, result.stderr
-    assert f"tensors from outputs/{ODD}/checkpoints/best.ckpt" in result.stdout
+    assert f"tensors from outputs/{ODD}/checkpoints/best.ckpt" in printed

@@ -8,7 +8,7 @@ import pytest
 
 import drivezoo
 from benchmarks.study_grid import Study
-from tests.zoo.commands import run
+from tests.zoo.commands import run_here, succeed
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import (
     PACKAGED,
@@ -75,7 +75,6 @@ def test_a_file_of_that_name_goes_first_and_a_line_says_so(
 
 
 def test_they_are_listed(tmp_path: Path) -> None:
-    result = run(tmp_path, "checkpoints", module="zoo.list")
-    assert result.returncode == 0, result.stderr
+    printed = succeed(run_here(tmp_path, "checkpoints", module="zoo.list"))
     for name in packaged_names():
-        assert re.search(rf"^ +{name} +\w+, [\d,]+ parameters", result.stdout, re.MULTILINE)
+        assert re.search(rf"^ +{name} +\w+, [\d,]+ parameters", printed, re.MULTILINE)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import only_line, run_here
 from zoo.cli.compose import choices
 from zoo.cli.console_script import commands, load
 from zoo.completion.shell_scripts import SCRIPTS, command_words
@@ -101,6 +101,6 @@ def test_the_scripts_of_other_shells_have_every_command_and_model(shell: str) ->
 
 
 def test_an_unknown_shell_is_one_line(tmp_path: Path) -> None:
-    result = run(tmp_path, "bsh", module="zoo.completion")
+    result = run_here(tmp_path, "bsh", module="zoo.completion")
     assert "did you mean bash?" in only_line(result)
     assert result.returncode == 2

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from tests.zoo.bomb import Bomb
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import only_line, run_here, succeed
 from tests.zoo.written_checkpoints import write_constant, write_pilotnet
 from zoo.checkpoints.policy import load_policy
 from zoo.doubt.__main__ import doubt
@@ -101,16 +101,15 @@ def test_a_command_that_needs_one_network_names_the_way(
     places = {"FILE": str(ensemble), "RECORDING": str(recorded.folder)}
     for name, place in places.items():
         arguments = [one.replace(name, place) for one in arguments]
-    line = only_line(run(tmp_path, *arguments, module=module))
+    line = only_line(run_here(tmp_path, *arguments, module=module))
     assert f"{ensemble}: is a file of drivezoo doubt" in line
     assert "name a checkpoint that it was written from" in line
 
 
 def test_saliency_is_of_one_network(dropout: Path, ensemble: Path, recorded: object) -> None:
     image, cwd = str(recorded.image(3)), dropout.parent
-    drawn = run(cwd, str(dropout), image, module="zoo.saliency")
-    assert drawn.returncode == 0, drawn.stderr
-    line = only_line(run(cwd, str(ensemble), image, module="zoo.saliency"))
+    succeed(run_here(cwd, str(dropout), image, module="zoo.saliency"))
+    line = only_line(run_here(cwd, str(ensemble), image, module="zoo.saliency"))
     assert "2 Linear and 1 PilotNet: an ONNX file or an ensemble has no" in line
 
 
@@ -119,7 +118,7 @@ def test_an_earlier_file_is_replaced_and_a_checkpoint_is_kept(dropout: Path) -> 
     earlier = member.read_bytes()
     doubt.main([str(member), f"out={dropout}", "samples=7"])
     assert load_policy(dropout).name == "PilotNet with 7 dropout samples"
-    refused = run(dropout.parent, str(member), f"out={member}", module="zoo.doubt")
+    refused = run_here(dropout.parent, str(member), f"out={member}", module="zoo.doubt")
     assert f"out={member}: is an input" in only_line(refused)
     assert member.read_bytes() == earlier
 
@@ -142,7 +141,7 @@ def test_wrong_input_is_one_line(
     write_pilotnet(tmp_path / "pilotnet.ckpt")
     shutil.copy(write_constant(tmp_path / "linear.ckpt", 0.1), tmp_path / "copy.ckpt")
     before = sorted(tmp_path.iterdir())
-    line = only_line(run(tmp_path, *arguments, module="zoo.doubt"))
+    line = only_line(run_here(tmp_path, *arguments, module="zoo.doubt"))
     assert place in line
     assert remedy in line
     assert sorted(tmp_path.iterdir()) == before
@@ -168,7 +167,7 @@ def test_a_changed_file_is_one_line(
     contents = torch.load(dropout, weights_only=True)
     spoil(contents)
     torch.save(contents, dropout)
-    result = run(dropout.parent, str(dropout), "track=lake", module="zoo.evaluate")
+    result = run_here(dropout.parent, str(dropout), "track=lake", module="zoo.evaluate")
     assert words in only_line(result)
 
 
@@ -176,6 +175,6 @@ def test_code_in_a_file_is_not_run(dropout: Path) -> None:
     contents = torch.load(dropout, weights_only=True)
     contents["members"][0]["extra"] = Bomb(dropout.parent / "ran")
     torch.save(contents, dropout)
-    result = run(dropout.parent, str(dropout), "track=lake", module="zoo.evaluate")
+    result = run_here(dropout.parent, str(dropout), "track=lake", module="zoo.evaluate")
     assert "was not run" in only_line(result)
     assert not (dropout.parent / "ran").exists()

@@ -11,7 +11,7 @@ import torch
 
 from datamodules.view import View
 from tests.recordings import Written
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import only_line, run, succeed
 from tests.zoo.keras.test_donkeycar import BINS, LINEAR, SHAPE, donkeycar_layers
 from tests.zoo.keras.test_donkeycar import write as write_donkeycar
 from tests.zoo.written_checkpoints import write_constant
@@ -125,10 +125,9 @@ def test_the_command_prints_what_to_set_in_donkeycar(recorded: Written, tmp_path
     write_donkeycar(tmp_path, donkeycar_layers(LINEAR, (1, 1), "linear"))
     assert run(tmp_path, "pilot.h5", module="zoo.import").returncode == 0
     arguments = ("pilot.ckpt", "out=back.h5", f"frames={recorded.folder}")
-    result = run(tmp_path, *arguments, module="zoo.export")
-    assert result.returncode == 0, result.stderr
+    printed = succeed(run(tmp_path, *arguments, module="zoo.export"))
     for text in ("IMAGE_W = 16", "IMAGE_H = 12", "--model back.h5 --type linear"):
-        assert text in result.stdout
+        assert text in printed
     assert run(tmp_path, "back.h5", "out=again.ckpt", module="zoo.import").returncode == 0
 
 

@@ -16,7 +16,7 @@ from rich.console import Console
 from datamodules.image import decode_image
 from datamodules.view import CONVERSIONS, RESIZES, View
 from tests.recordings import Written
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import only_line, run_here
 from tests.zoo.drive.serve import picture, served
 from tests.zoo.models.test_models_command import build
 from zoo.base.errors import InputError
@@ -59,7 +59,7 @@ def exported(checkpoint: Path, recorded: Written, tmp_path_factory: pytest.TempP
     (cwd / "secret.txt").write_text("mine")
     (cwd / "model.onnx.part").symlink_to("secret.txt")
     write_output(cwd / "model.onnx", b"earlier")
-    result = run(cwd, str(checkpoint), f"frames={recorded.folder}", module="zoo.export")
+    result = run_here(cwd, str(checkpoint), f"frames={recorded.folder}", module="zoo.export")
     assert result.returncode == 0, result.stderr
     assert not result.stderr
     assert (cwd / "secret.txt").read_text() == "mine"
@@ -77,7 +77,7 @@ def exported(checkpoint: Path, recorded: Written, tmp_path_factory: pytest.TempP
 
 def test_a_foreign_file_is_not_replaced(checkpoint: Path, tmp_path: Path) -> None:
     (tmp_path / "model.onnx").write_bytes(b"mine")
-    result = run(tmp_path, str(checkpoint), module="zoo.export")
+    result = run_here(tmp_path, str(checkpoint), module="zoo.export")
     assert "out=model.onnx: exists" in only_line(result)
     assert (tmp_path / "model.onnx").read_bytes() == b"mine"
 
@@ -86,7 +86,7 @@ def test_a_foreign_file_is_not_replaced(checkpoint: Path, tmp_path: Path) -> Non
 def test_a_named_pipe_is_refused_without_waiting(checkpoint: Path, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "model.onnx")
     assert "out=model.onnx: exists" in only_line(
-        run(tmp_path, str(checkpoint), module="zoo.export")
+        run_here(tmp_path, str(checkpoint), module="zoo.export")
     )
 
 
@@ -245,7 +245,7 @@ def test_the_live_page_switches_to_and_from_it(exported: Path, checkpoint: Path)
 
 
 def ask(port: int, method: str, path: str, body: object = None) -> tuple[int, dict]:
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+    connection = http.client.HTTPConnection("127.0.0.1", port)
     kind = {} if body is None else {"Content-Type": "application/json"}
     connection.request(method, path, None if body is None else json.dumps(body), kind)
     answer = connection.getresponse()

@@ -8,7 +8,7 @@ import pytest
 import torch
 import yaml
 
-from tests.zoo.commands import command, only_line, run, run_words
+from tests.zoo.commands import command, only_line, run_here, run_words
 from tests.zoo.hub.stand_in import StandIn, serving
 from tests.zoo.sweeps import write_run
 from tests.zoo.written_checkpoints import write_constant
@@ -35,7 +35,7 @@ def server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[StandIn]
 
 
 def hub(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
-    return run(cwd, *arguments, module="zoo.hub")
+    return run_here(cwd, *arguments, module="zoo.hub")
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.recordings import Written
-from tests.zoo.commands import ROOT, only_line, run
+from tests.zoo.commands import ROOT, only_line, run, run_here, succeed
 from tests.zoo.notebooks import FOLDER as NOTEBOOKS
 from tests.zoo.trainings import SMALL
 from zoo.cli.conf_files import part_folders
@@ -60,9 +60,7 @@ class New:
 
     def run(self, module: str, *arguments: str) -> str:
         """Return the output of a command, which succeeds."""
-        result = run(self.folder, *arguments, module=module, code=self.code, timeout=400)
-        assert result.returncode == 0, result.stdout + result.stderr
-        return result.stdout
+        return succeed(run(self.folder, *arguments, module=module, code=self.code, timeout=400))
 
     def commands(self, *program: str) -> list[list[str]]:
         """Return the arguments of each printed command of a program."""
@@ -147,13 +145,13 @@ def test_a_part_at_the_top_of_a_checkout_brings_no_yaml_files(
 
 @pytest.mark.parametrize(("kind", "source"), [("notebook", "quickstart"), ("study", "study")])
 def test_a_notebook_is_the_one_that_the_tests_run(kind: str, source: str, tmp_path: Path) -> None:
-    result = run(tmp_path, kind, "mine", module="zoo.new")
+    result = run_here(tmp_path, kind, "mine", module="zoo.new")
     assert result.stdout.splitlines()[:2] == [
         "wrote: mine.ipynb",
         "next: jupyter lab mine.ipynb  # open it (pip install jupyterlab)",
     ]
     assert (tmp_path / "mine.ipynb").read_bytes() == (NOTEBOOKS / f"{source}.ipynb").read_bytes()
-    assert "exists" in only_line(run(tmp_path, kind, "mine", module="zoo.new"))
+    assert "exists" in only_line(run_here(tmp_path, kind, "mine", module="zoo.new"))
 
 
 @pytest.mark.parametrize(
@@ -168,7 +166,7 @@ def test_a_notebook_is_the_one_that_the_tests_run(kind: str, source: str, tmp_pa
     ],
 )
 def test_a_wrong_kind_or_name_is_refused(kind: str, name: str, found: str, tmp_path: Path) -> None:
-    assert found in only_line(run(tmp_path, kind, name, module="zoo.new"))
+    assert found in only_line(run_here(tmp_path, kind, name, module="zoo.new"))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -187,6 +185,6 @@ def test_all_files_are_written_or_none_and_none_is_overwritten(
         (tmp_path / name).symlink_to("nowhere")  # a broken link exists, too
     else:
         (tmp_path / name).write_text("mine")
-    assert words in only_line(run(tmp_path, "model", "my_net", module="zoo.new"))
+    assert words in only_line(run_here(tmp_path, "model", "my_net", module="zoo.new"))
     assert [path.name for path in tmp_path.iterdir()] == [name]
     assert name == "my_net.py" or (tmp_path / name).read_text() == "mine"

@@ -9,7 +9,7 @@ import torch
 
 from datamodules.image import decode_image
 from tests.recordings import Written
-from tests.zoo.commands import run
+from tests.zoo.commands import run_here
 from tests.zoo.models.test_models_command import build
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
@@ -108,7 +108,7 @@ def test_the_overlay_is_green_where_it_matters(frame: np.ndarray) -> None:
 
 def test_the_command_draws_a_recording(run_folder: Path, recorded: Written, tmp_path: Path) -> None:
     checkpoint = run_folder / "checkpoints" / "best.ckpt"
-    result = run(tmp_path, str(checkpoint), str(recorded.folder), module="zoo.saliency")
+    result = run_here(tmp_path, str(checkpoint), str(recorded.folder), module="zoo.saliency")
     assert result.stdout.splitlines()[0] == "wrote: saliency.png"
     assert cv2.imread(str(tmp_path / "saliency.png")).shape == (6 * 160, 4 * 320, 3)
 

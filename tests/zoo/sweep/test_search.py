@@ -31,9 +31,8 @@ SEARCH = (
 
 
 @pytest.fixture
-def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> "optuna.Study":
+def study(here: Path) -> "optuna.Study":
     """Return a study with two trials that no other trial can beat."""
-    monkeypatch.chdir(tmp_path)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = optuna.create_study(
         storage="sqlite:///study.db", study_name="drivezoo", direction="minimize"

@@ -15,7 +15,8 @@ from hydra import compose, initialize_config_dir
 from rich.console import Console
 
 from tests.recordings import Written
-from tests.zoo.commands import command, environment, only_line, run
+from tests.zoo import trainings
+from tests.zoo.commands import command, environment, only_line, run, succeed
 from tests.zoo.sweeps import write_run
 from tests.zoo.trainings import data_of
 from zoo.__main__ import train_or_sweep as zoo
@@ -28,24 +29,8 @@ from zoo.sweep.__main__ import sweep as sweep_command
 from zoo.sweep.start_sweep import find_unfinished, refuse_missing
 from zoo.sweep.sweep_record import add_to_record, log_digest, new_record, read_record, write_record
 
-SMALL = (
-    "model=tiny",
-    "data.crop=[50,0]",
-    "data.block_s=0.5",
-    "data.gap_s=0.1",
-    "data.batch_size=16",
-    "callbacks=checkpoints",
-    "+callbacks.progress._target_=zoo.callbacks.progress.TrainingProgress",
-    "logger=csv",
-    "score=none",
-)
-
-
-@pytest.fixture
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the folder in which the test's sweeps run."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+PROGRESS = "+callbacks.progress._target_=zoo.callbacks.progress.TrainingProgress"
+SMALL = (*trainings.SMALL, PROGRESS, "logger=csv")
 
 
 def sweep(recorded: Written, *overrides: str) -> int:
@@ -60,18 +45,18 @@ def status(folder: Path) -> str:
 
 @pytest.mark.slow
 def test_a_killed_sweep_resumes_where_it_stopped(
-    recorded: Written, place: Path, capsys: pytest.CaptureFixture
+    recorded: Written, here: Path, capsys: pytest.CaptureFixture
 ) -> None:
     """Kill a sweep with both its joblib processes, and finish it one by one in this process."""
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     overrides = ("seed=1,2,3", "trainer.max_epochs=12", "data.samples_per_epoch=800")
     pool = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "hydra.sweep.dir=s")
-    folders = [place / "s" / str(number) for number in range(3)]
+    folders = [here / "s" / str(number) for number in range(3)]
     free = {name: value for name, value in environment().items() if name != "OMP_NUM_THREADS"}
-    with (place / "log.txt").open("w") as log:
+    with (here / "log.txt").open("w") as log:
         process = subprocess.Popen(
             command("zoo", "-m", *SMALL, *data_of(recorded), *overrides, *pool),
-            cwd=place,
+            cwd=here,
             env=free,
             stdout=log,
             stderr=log,
@@ -80,7 +65,7 @@ def test_a_killed_sweep_resumes_where_it_stopped(
     try:
         until = time.monotonic() + 120
         while True:
-            log_text = (place / "log.txt").read_text()
+            log_text = (here / "log.txt").read_text()
             if "finished in" in log_text and (folders[2] / "checkpoints" / "last.ckpt").is_file():
                 break
             assert process.poll() is None, log_text
@@ -107,11 +92,11 @@ def test_a_killed_sweep_resumes_where_it_stopped(
     assert (folders[first] / "metrics.json").read_bytes() == metrics, "was trained twice"
     assert (folders[2] / "metrics.1.csv").is_file(), "was not resumed"
     assert "1, 2, 3" in out, "repeats are one row of the table"
-    assert (place / "s" / "ranking.html").is_file()
+    assert (here / "s" / "ranking.html").is_file()
 
 
 def test_the_same_command_runs_failed_jobs_again(
-    recorded: Written, place: Path, capsys: pytest.CaptureFixture
+    recorded: Written, here: Path, capsys: pytest.CaptureFixture
 ) -> None:
     overrides = ("data.batch_size=100000,16", "trainer.max_epochs=1")
     assert sweep(recorded, *overrides) == 1
@@ -121,7 +106,7 @@ def test_the_same_command_runs_failed_jobs_again(
     assert re.fullmatch(r"job 0 \(0 to 1\): data.batch_size=100000: failed: .*", jobs[0])
     assert re.fullmatch(r"job 1 \(0 to 1\): data.batch_size=16: finished in \d+ s, .*", jobs[1])
     assert "train/loss" not in printed.out, "one line a job"
-    (folder,) = place.glob("outputs/sweeps/*/*")
+    (folder,) = here.glob("outputs/sweeps/*/*")
     assert [status(folder / name) for name in "01"] == ["failed", "finished"]
     assert "train/loss" in (folder / "1" / "log.txt").read_text()
     second = (folder / "1" / "metrics.json").read_bytes()
@@ -133,7 +118,7 @@ def test_the_same_command_runs_failed_jobs_again(
     assert sweep(recorded, *overrides[::-1]) == 1  # the order does not matter
 
     assert "1 of 2 jobs are done" in capsys.readouterr().out
-    assert list(place.glob("outputs/sweeps/*/*")) == [folder]
+    assert list(here.glob("outputs/sweeps/*/*")) == [folder]
     assert (folder / "1" / "metrics.json").read_bytes() == second
 
 
@@ -148,9 +133,9 @@ def begun(folder: Path, arguments: list[str], statuses: Sequence[str], **more: o
 
 
 def test_the_newest_unfinished_sweep_of_the_same_command_is_found(
-    place: Path, console: Console
+    here: Path, console: Console
 ) -> None:
-    sweeps = place / "outputs" / "sweeps" / "day"
+    sweeps = here / "outputs" / "sweeps" / "day"
     begun(sweeps / "1", ["seed=1,2", "model=tiny"], ["failed", "finished"])
     begun(sweeps / "2", ["model=tiny", "hydra/launcher=joblib", "seed=1,2"], ["running"])
     begun(sweeps / "3", ["seed=1,2", "model=tiny"], ["finished", "pruned"])
@@ -165,12 +150,12 @@ def test_the_newest_unfinished_sweep_of_the_same_command_is_found(
 
 @pytest.mark.parametrize("change", ["the recording", "a version"])
 def test_a_sweep_whose_inputs_changed_is_not_resumed(
-    change: str, place: Path, console: Console, capsys: pytest.CaptureFixture
+    change: str, here: Path, console: Console, capsys: pytest.CaptureFixture
 ) -> None:
-    log = place / "driving_log.csv"
+    log = here / "driving_log.csv"
     log.write_text("one\n")
-    folder = place / "outputs" / "sweeps" / "day" / "1"
-    begun(folder, ["seed=1,2"], ["failed"], data={str(place): log_digest(str(place))})
+    folder = here / "outputs" / "sweeps" / "day" / "1"
+    begun(folder, ["seed=1,2"], ["failed"], data={str(here): log_digest(str(here))})
     assert find_unfinished(["seed=1,2"], console) is not None
     if change == "the recording":
         log.write_text("two\n")
@@ -183,7 +168,7 @@ def test_a_sweep_whose_inputs_changed_is_not_resumed(
 
 
 def test_an_unexpected_error_is_kept_and_ends_one_job(
-    recorded: Written, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    recorded: Written, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
     import zoo.training.run
 
@@ -198,8 +183,8 @@ def test_an_unexpected_error_is_kept_and_ends_one_job(
     monkeypatch.setattr(zoo.training.run, "run_experiment", out_of_memory)
     assert sweep(recorded, "seed=1,2", "trainer.max_epochs=0", "hydra.sweep.dir=s") == 1
     assert "0: out of memory; the same command" in capsys.readouterr().err
-    assert "in out_of_memory" in (place / "s" / "0" / "error.txt").read_text()
-    assert status(place / "s" / "1") == "finished"
+    assert "in out_of_memory" in (here / "s" / "0" / "error.txt").read_text()
+    assert status(here / "s" / "1") == "finished"
 
 
 @pytest.mark.slow
@@ -208,8 +193,7 @@ def test_a_job_on_two_devices_does_not_start_the_sweep_again(
 ) -> None:
     """Lightning runs the job's command again for the second device, not the sweep's."""
     more = (f"data.root={recorded.folder}", "trainer=ddp_cpu", "trainer.max_epochs=1", "seed=1")
-    result = run(tmp_path, "-m", *SMALL, *more, "hydra.sweep.dir=s")
-    assert result.returncode == 0, result.stderr
+    succeed(run(tmp_path, "-m", *SMALL, *more, "hydra.sweep.dir=s"))
     assert (tmp_path / "s" / "0" / "log.txt").read_text().count("epoch   1/1") == 1
     assert sorted(one.name for one in (tmp_path / "s").iterdir() if one.name.isdigit()) == ["0"]
 
@@ -230,14 +214,14 @@ def test_a_job_on_two_devices_does_not_start_the_sweep_again(
     ],
 )
 def test_a_mistake_gets_one_line_and_leaves_nothing(
-    arguments: list[str], words: str, place: Path, capsys: pytest.CaptureFixture
+    arguments: list[str], words: str, here: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    (place / "other").mkdir()
-    write_record(place / "other", new_record(["seed=7"]))
+    (here / "other").mkdir()
+    write_record(here / "other", new_record(["seed=7"]))
     assert run_command("zoo", zoo, arguments) in (1, 2)
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert words in line
-    assert [one.name for one in place.iterdir()] == ["other"]
+    assert [one.name for one in here.iterdir()] == ["other"]
 
 
 @pytest.mark.parametrize(
@@ -251,13 +235,13 @@ def test_a_mistake_gets_one_line_and_leaves_nothing(
     ],
 )
 def test_a_folder_that_cannot_be_resumed_gets_one_line(
-    arguments: list[str], words: str, place: Path, capsys: pytest.CaptureFixture
+    arguments: list[str], words: str, here: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    write_run(place / "run")
+    write_run(here / "run")
     for name in ("damaged", "other"):
-        (place / name).mkdir()
-        write_record(place / name, new_record(["seed=7"]))
-    (place / "damaged" / "sweep.json").write_text('{"format": 1, "argum')
+        (here / name).mkdir()
+        write_record(here / name, new_record(["seed=7"]))
+    (here / "damaged" / "sweep.json").write_text('{"format": 1, "argum')
     assert run_command("zoo.sweep", sweep_command.main, arguments) in (1, 2)
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert words in line
@@ -271,11 +255,11 @@ def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_a_sweep_that_is_running_is_not_started_twice(
-    place: Path, capsys: pytest.CaptureFixture
+    here: Path, capsys: pytest.CaptureFixture
 ) -> None:
 
-    (place / "s").mkdir()
-    with hold_folder(place / "s"):
+    (here / "s").mkdir()
+    with hold_folder(here / "s"):
         assert run_command("zoo", zoo, ["-m", "seed=1,2", "hydra.sweep.dir=s"]) == 1
     assert "s: another process" in capsys.readouterr().err
 

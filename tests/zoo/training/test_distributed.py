@@ -17,7 +17,7 @@ from rich.console import Console
 from datamodules.balance import BatchKey
 from datamodules.driving import DrivingData
 from tests.recordings import Written
-from tests.zoo.commands import command, environment, run
+from tests.zoo.commands import command, environment, run, succeed
 from tests.zoo.trainings import module_of
 from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config
@@ -139,8 +139,7 @@ def test_processes_that_validate_share_the_rows_and_all_have_the_figures_of_one(
     recorded: Written, tmp_path: Path
 ) -> None:
     arguments = (f"data.root={recorded.folder}", str(tmp_path))
-    result = run(tmp_path, *arguments, module="tests.zoo.training.test_distributed")
-    assert result.returncode == 0, result.stderr
+    succeed(run(tmp_path, *arguments, module="tests.zoo.training.test_distributed"))
     for rows in (2, 50):
         predicted, true, _, figures = kept(tmp_path / str(rows) / "one.npz")
         found = [kept(tmp_path / str(rows) / f"{rank}.npz") for rank in range(3)]

@@ -44,13 +44,6 @@ SMALL = (
 )
 
 
-@pytest.fixture(autouse=True)
-def threads() -> None:
-    before = torch.get_num_threads()
-    yield
-    torch.set_num_threads(before)
-
-
 @pytest.fixture(scope="module")
 def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("cache")

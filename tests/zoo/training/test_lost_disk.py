@@ -2,15 +2,16 @@
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from tests.recordings import Written
-from tests.zoo.trainings import SMALL, zoo_here
+from tests.zoo.trainings import SMALL
 from zoo.checkpoints.checkpoint import load_checkpoint
 
+Zoo = Callable[..., int]
 posix = pytest.mark.skipif(os.name != "posix", reason="limits the size of files")
 
 
@@ -38,13 +39,10 @@ def unlimited() -> Iterator[None]:
 @posix
 @pytest.mark.usefixtures("unlimited")
 def test_a_checkpoint_that_cannot_be_written_is_named_and_the_last_one_kept(
-    arguments: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture,
+    arguments: list[str], tmp_path: Path, zoo: Zoo, capsys: pytest.CaptureFixture
 ) -> None:
     limit = spoiled("LimitFiles", epoch=2, limit=5_000)
-    assert zoo_here(monkeypatch, tmp_path, *arguments, *limit, "hydra.run.dir=run") == 1
+    assert zoo(*arguments, *limit, "hydra.run.dir=run") == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
     checkpoints = tmp_path / "run" / "checkpoints"
     assert f"{checkpoints}/" in line
@@ -58,32 +56,25 @@ def test_a_checkpoint_that_cannot_be_written_is_named_and_the_last_one_kept(
 
 @pytest.mark.parametrize("small_disk", ["8m"], indirect=True)
 def test_a_full_disk_is_named_and_the_run_resumed_when_there_is_room(
-    arguments: list[str],
-    small_disk: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture,
+    arguments: list[str], small_disk: Path, zoo: Zoo, capsys: pytest.CaptureFixture
 ) -> None:
     run = small_disk / "run"
     more = ("callbacks=checkpoints", "logger=csv", *spoiled("FillDisk", epoch=2))
-    assert zoo_here(monkeypatch, tmp_path, *arguments, *more, f"hydra.run.dir={run}") == 1
+    assert zoo(*arguments, *more, f"hydra.run.dir={run}") == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert f"{run}/" in line
     assert "No space left on device" in line
     assert f"{run / 'checkpoints' / 'last.ckpt'} is kept" in line
     (run / "filler").unlink()
-    assert zoo_here(monkeypatch, tmp_path, f"resume={run}", "callbacks.spoil=null") == 0
+    assert zoo(f"resume={run}", "callbacks.spoil=null") == 0
     assert json.loads((run / "metrics.json").read_text())["epochs"] == 4
 
 
 def test_a_folder_removed_in_the_middle_is_named_in_one_line(
-    arguments: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture,
+    arguments: list[str], tmp_path: Path, zoo: Zoo, capsys: pytest.CaptureFixture
 ) -> None:
     remove = spoiled("RemoveFolder", epoch=1)
-    assert zoo_here(monkeypatch, tmp_path, *arguments, *remove, "hydra.run.dir=run") == 1
+    assert zoo(*arguments, *remove, "hydra.run.dir=run") == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert f"{tmp_path / 'run'} was removed" in line
     assert not (tmp_path / "run").exists()

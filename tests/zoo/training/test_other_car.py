@@ -11,7 +11,7 @@ import pytest
 from datamodules.recording_format import read_recordings
 from datamodules.split import split_rows
 from tests.recordings import Written, write_recording
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import only_line, run, succeed
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.command import Command
 from zoo.base.errors import InputError, UsageError
@@ -44,9 +44,8 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Written:
 @pytest.fixture(scope="module")
 def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
     cwd = tmp_path_factory.mktemp("trained")
-    result = run(cwd, *SMALL, f"data.root={recorded.folder}", "hydra.run.dir=run")
-    assert result.returncode == 0, result.stderr
-    (cwd / "run" / "stdout.txt").write_text(result.stdout)
+    printed = succeed(run(cwd, *SMALL, f"data.root={recorded.folder}", "hydra.run.dir=run"))
+    (cwd / "run" / "stdout.txt").write_text(printed)
     return cwd / "run"
 
 
@@ -78,11 +77,9 @@ def test_its_output_and_report_say_what_was_judged(trained: Path) -> None:
 def test_on_a_track_it_is_another_cars_network(trained: Path) -> None:
     checkpoint = str(trained / "checkpoints" / "best.ckpt")
     words = ("track=lake", "laps=0.01", "out=out")
-    result = run(trained, checkpoint, *words, module="zoo.evaluate")
-
-    assert result.returncode == 0, result.stderr
-    assert "another car's network drives lake" in result.stdout
-    assert "my car" in result.stdout
+    printed = succeed(run(trained, checkpoint, *words, module="zoo.evaluate"))
+    assert "another car's network drives lake" in printed
+    assert "my car" in printed
     verdict = json.loads((trained / "out" / "metrics.json").read_text())["verdict"]
     assert (verdict["level"], verdict["causes"]) == ("unknown", [])
 
@@ -115,12 +112,12 @@ def test_no_command_suggests_a_track_for_another_cars_network(trained: Path) -> 
 
 def test_a_replay_of_another_cars_drives_says_so(recorded: Written, tmp_path: Path) -> None:
     foreign = write_constant(tmp_path / "checkpoints" / "best.ckpt", steering=0.0)
-    result = run(tmp_path, str(foreign), str(recorded.folder), "out=out", module="zoo.replay")
-
-    assert result.returncode == 0, result.stderr
-    assert "another car's network drives a replay" in result.stdout
-    assert "guessed: camera" in result.stdout
-    assert "next: drivezoo replay" in result.stdout
+    printed = succeed(
+        run(tmp_path, str(foreign), str(recorded.folder), "out=out", module="zoo.replay")
+    )
+    assert "another car's network drives a replay" in printed
+    assert "guessed: camera" in printed
+    assert "next: drivezoo replay" in printed
 
 
 @pytest.mark.parametrize(

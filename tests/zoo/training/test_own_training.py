@@ -10,7 +10,7 @@ import torch
 
 from tests.recordings import Written
 from tests.zoo.base.user_parts import NETWORK, write_network
-from tests.zoo.commands import ROOT, only_line, run
+from tests.zoo.commands import ROOT, only_line, run, succeed
 from tests.zoo.trainings import SMALL
 from zoo.checkpoints.checkpoint import load_checkpoint
 
@@ -41,8 +41,7 @@ def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path
     usual = [one for one in SMALL if not one.startswith(("model=", "callbacks="))]
     places = (f"data.root={recorded.folder}", "data.cache=null", "hydra.run.dir=run")
     keys = ("module.rise=4", "callbacks.ema.decay=0.9", "trainer.max_epochs=2")
-    result = run(folder, NAMED, *CHOSEN, *usual, *places, *keys)
-    assert result.returncode == 0, result.stderr
+    succeed(run(folder, NAMED, *CHOSEN, *usual, *places, *keys))
     return folder
 
 
@@ -72,8 +71,7 @@ def test_a_resumed_run_needs_the_part(trained: Path) -> None:
     line = only_line(run(trained, "parts=my_net.py", "resume=run", "trainer.max_epochs=3"))
     assert "module._target_='my_training.MyTraining'" in line
     assert "parts=" in line
-    result = run(trained, NAMED, "resume=run", "trainer.max_epochs=3")
-    assert result.returncode == 0, result.stderr
+    succeed(run(trained, NAMED, "resume=run", "trainer.max_epochs=3"))
     assert json.loads((trained / "run" / "metrics.json").read_text())["epochs"] == 3
 
 

@@ -15,7 +15,7 @@ from omegaconf import OmegaConf
 
 from datamodules.balance import BalancedBatches, BatchKey
 from tests.recordings import Written
-from tests.zoo.commands import command, environment, run
+from tests.zoo.commands import command, environment, run, succeed
 from tests.zoo.sweeps import change_status
 from tests.zoo.trainings import SMALL, data_of, zoo_here
 from zoo.base.errors import InputError
@@ -35,12 +35,6 @@ def metrics(run_folder: Path) -> dict:
 
 def times(folder: Path) -> dict[str, int]:
     return {str(path): path.stat().st_mtime_ns for path in [folder, *folder.rglob("*")]}
-
-
-@pytest.fixture
-def zoo(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Zoo:
-    """Run `drivezoo train ARGUMENTS` in a new folder, in this process."""
-    return lambda *arguments: zoo_here(monkeypatch, tmp_path, *arguments)
 
 
 @pytest.fixture(scope="module")
@@ -297,8 +291,7 @@ def test_two_processes_train_in_a_folder_with_an_odd_name(
 ) -> None:
     arguments = (*SMALL, *data_of(recorded), "trainer=ddp_cpu", "trainer.max_epochs=1")
     folder = 'ï it\'s "x"=1'
-    result = run(tmp_path, *arguments, f"hydra.run.dir={folder}", timeout=300)
-    assert result.returncode == 0, result.stderr
+    succeed(run(tmp_path, *arguments, f"hydra.run.dir={folder}", timeout=300))
     assert metrics(tmp_path / folder)["epochs"] == 1
     assert [path.name for path in tmp_path.iterdir() if path.name != "outputs"] == [folder]
 

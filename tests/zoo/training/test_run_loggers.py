@@ -1,5 +1,6 @@
 """What a run's loggers store, read back from their files."""
 
+from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +13,7 @@ from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from tests.recordings import Written
-from tests.zoo.trainings import SMALL, data_of, zoo_here
+from tests.zoo.trainings import SMALL, data_of
 from zoo.training.run_loggers import final_scores, log_results, naming_arguments
 
 CONFIG = {"model": {"name": "lenet"}, "quick": False, "logger": {"mine": {"key": "secret"}}}
@@ -33,10 +34,10 @@ METRICS = {
 
 
 def test_tensorboard_has_the_config_the_scores_and_the_report(
-    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    recorded: Written, tmp_path: Path, zoo: Callable[..., int]
 ) -> None:
     small = (*SMALL, *data_of(recorded), "trainer.max_epochs=1", "optim.lr=0.002")
-    assert zoo_here(monkeypatch, tmp_path, *small, "hydra.run.dir=run") == 0
+    assert zoo(*small, "hydra.run.dir=run") == 0
     stored = yaml.safe_load((tmp_path / "run" / "hparams.yaml").read_text())
     assert (stored["optim.lr"], stored["model.name"]) == (0.002, "tiny")
     events = EventAccumulator(str(tmp_path / "run"))
@@ -46,11 +47,11 @@ def test_tensorboard_has_the_config_the_scores_and_the_report(
 
 
 def test_mlflow_has_the_name_the_config_the_scores_and_the_report(
-    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    recorded: Written, tmp_path: Path, zoo: Callable[..., int]
 ) -> None:
     mlflow = pytest.importorskip("mlflow")
     small = (*SMALL, *data_of(recorded), "trainer.max_epochs=1", "logger=mlflow")
-    assert zoo_here(monkeypatch, tmp_path, *small, "hydra.run.dir=run") == 0
+    assert zoo(*small, "hydra.run.dir=run") == 0
     client = mlflow.MlflowClient(f"sqlite:///{tmp_path}/outputs/mlflow.db")
     (run,) = client.search_runs([client.get_experiment_by_name("drivezoo").experiment_id])
     assert (run.info.run_name, run.data.tags["model"]) == ("run", "tiny")
@@ -59,10 +60,8 @@ def test_mlflow_has_the_name_the_config_the_scores_and_the_report(
     assert [one.path for one in client.list_artifacts(run.info.run_id)] == ["report"]
 
 
-def test_a_sweeps_jobs_are_a_group_with_the_names_of_their_folders(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.usefixtures("here")
+def test_a_sweeps_jobs_are_a_group_with_the_names_of_their_folders() -> None:
     config, job = OmegaConf.create(CONFIG), Path("outputs", "sweep", "3")
     alone = naming_arguments("wandb", config, job.absolute())
     assert (alone["name"], alone["group"], alone["tags"]) == ("sweep/3", None, ["lenet"])

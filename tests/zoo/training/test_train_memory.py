@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.recordings import Written
-from tests.zoo.commands import run
+from tests.zoo.commands import run, succeed
 from tests.zoo.models.test_memory import NAMES
 from zoo.checkpoints.policy import load_policy
 from zoo.export.onnx_file import export_checkpoint
@@ -29,12 +29,23 @@ QUICK = ("cnn_gru", "action_chunk")
 )
 def test_it_trains_and_drives(name: str, recorded: Written, tmp_path: Path, console) -> None:
     width = "model.width=0.25"
-    result = run(
-        tmp_path, f"experiment={name}", width, f"data.root={recorded.folder}", "data.block_s=1",
-        "data.gap_s=0.1", "data.samples_per_epoch=32", "data.batch_size=16", "trainer.max_epochs=1",
-        "score.laps=0.01", "score.film=false", "hydra.run.dir=run", *SMALL[name],
-    )  # fmt: skip
-    assert result.returncode == 0, result.stderr
+    succeed(
+        run(
+            tmp_path,
+            f"experiment={name}",
+            width,
+            f"data.root={recorded.folder}",
+            "data.block_s=1",
+            "data.gap_s=0.1",
+            "data.samples_per_epoch=32",
+            "data.batch_size=16",
+            "trainer.max_epochs=1",
+            "score.laps=0.01",
+            "score.film=false",
+            "hydra.run.dir=run",
+            *SMALL[name],
+        )
+    )
     metrics = read_metrics_file(tmp_path / "run")
     assert metrics["drive"]["drives"], "not driven"
     assert np.isfinite(metrics["open_loop"]["val"]["mse"])

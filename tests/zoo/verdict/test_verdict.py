@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from tests.zoo.commands import run
+from tests.zoo.commands import run_here, succeed
 from tests.zoo.written_checkpoints import write_constant
 from zoo.drives.intervals import ONE_TRACK
 from zoo.verdict.evidence import Evidence, read_evidence, training_command
@@ -242,12 +242,11 @@ def test_an_evaluation_ends_with_the_verdict(tmp_path: Path) -> None:
     )
     path = write_constant(tmp_path / "checkpoints" / "best.ckpt", steering=1.0)
     assert read_evidence(path, {}).metrics["side_response"] == {"test": 0.01}
-    result = run(tmp_path, str(path), "laps=0.05", "out=out", module="zoo.evaluate")
-    assert result.returncode == 0, result.stderr
+    printed = succeed(run_here(tmp_path, str(path), "laps=0.05", "out=out", module="zoo.evaluate"))
     written = json.loads((tmp_path / "out" / "metrics.json").read_text())["verdict"]
     assert written["level"] == "fails"
-    assert "It does not drive the lake." in result.stdout
-    assert f"next: {written['commands'][-1][1]}" in result.stdout.strip().splitlines()[-1]
+    assert "It does not drive the lake." in printed
+    assert f"next: {written['commands'][-1][1]}" in printed.strip().splitlines()[-1]
 
 
 def test_a_run_ends_with_the_verdict_and_its_report_begins_with_it(run_folder: Path) -> None:
