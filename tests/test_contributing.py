@@ -40,9 +40,7 @@ def run(project: Path, tmp_path: Path) -> Run:
     """Return what a command of the copy prints."""
 
     def run_command(module: str, *arguments: str) -> str:
-        done = commands.run(tmp_path, *arguments, module=module, code=project)
-        assert done.returncode == 0, done.stderr
-        return done.stdout
+        return commands.succeed(commands.run(tmp_path, *arguments, module=module, code=project))
 
     return run_command
 

@@ -1,9 +1,13 @@
-"""The networks' pages in `docs/models` agree with the code."""
+"""Pages of the manual about networks, settings and examples."""
 
+import doctest
+import importlib
 import re
 from pathlib import Path
 
 import pytest
+import yaml
+from omegaconf import OmegaConf
 
 from benchmarks.model_tables import (
     NetworkFacts,
@@ -12,6 +16,7 @@ from benchmarks.model_tables import (
     networks_table,
     pages_by_network,
 )
+from zoo.cli.compose import choices, compose_config
 from zoo.list import zoo_table
 
 PAGES = Path(__file__).parents[1] / "docs" / "models"
@@ -64,3 +69,75 @@ def test_a_page_has_what_a_reader_looks_for(page: Path) -> None:
     for heading in ("Layers", "Differences", "Results", "Vary", "Cite"):
         assert any(one.startswith(heading) for one in headings), heading
     assert headings[-1] == "Next"
+
+
+PAGE = (Path(__file__).parents[1] / "docs" / "settings.md").read_text()
+ROWS = re.findall(r"^\| `([\w.]+)` \| `([^`]+)` \|", PAGE, re.M)
+
+
+@pytest.fixture(scope="module")
+def config() -> dict:
+    return compose_config([])
+
+
+@pytest.mark.parametrize(("key", "default"), ROWS)
+def test_a_default_is_the_configs(key: str, default: str, config: dict) -> None:
+    known = OmegaConf.create(config)
+    place, _, last = key.rpartition(".")
+    if key != "experiment":  # it names the recipe and is no key of the composed config
+        assert last in (OmegaConf.select(known, place) if place else known)
+    assert OmegaConf.select(known, key) == yaml.safe_load(default)
+
+
+def test_no_key_of_the_data_is_missing(config: dict) -> None:
+    keys = {f"data.{key}" for key in config["data"] if key not in ("_target_", "augment", "record")}
+    assert keys == {key for key, _ in ROWS if key.startswith("data.")}
+
+
+def named_choices() -> list[tuple[str, str]]:
+    """Return the groups and choices that the page names.
+
+    They stand in headings and in lines that begin with `group=NAME`; those of `augment` in a table,
+    those of `model` in the line below its heading.
+    """
+    named = []
+    for line in PAGE.splitlines():
+        if found := re.match(r"(?:## .*\()?`([a-z]+)=([a-z]\w*)`(.*)", line):
+            group, first, rest = found.groups()
+            named += [(group, name) for name in (first, *re.findall(r"`(\w+)`", rest))]
+    _, _, augment = PAGE.partition("\n## Augmentation")
+    names = re.findall(r"^\| `(\w+)` \|", augment.partition("\n## ")[0], re.M)
+    named += [("augment", name) for name in names]
+    (models,) = re.findall(r"^## Network .*\n\n(.*)\. Each", PAGE, re.M)
+    return named + [("model", name) for name in re.findall(r"`(\w+)`", models)]
+
+
+@pytest.mark.parametrize(("group", "name"), named_choices())
+def test_a_named_choice_exists(group: str, name: str) -> None:
+    assert name in choices(group), f"docs/settings.md names {group}={name}"
+
+
+def test_the_choices_are_found_on_the_page() -> None:
+    groups = {group for group, _ in named_choices()}
+    assert groups >= {"augment", "data", "loss", "model", "schedule", "trainer"}
+
+
+REPOSITORY = Path(__file__).parents[1]
+PACKAGES = ("datamodules", "drivezoo", "simulator", "zoo")
+MODULES = [
+    ".".join(path.relative_to(REPOSITORY).with_suffix("").parts)
+    for package in PACKAGES
+    for path in sorted((REPOSITORY / package).rglob("*.py"))
+    if re.search(r">>> (?!.*\+SKIP)", path.read_text(encoding="utf-8"))
+]
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_the_examples_of_a_module_run(name: str, here: Path) -> None:
+    failed, tried = doctest.testmod(importlib.import_module(name))
+    assert tried
+    assert not failed
+
+
+def test_examples_are_found_in_every_package() -> None:
+    assert {name.partition(".")[0] for name in MODULES} == set(PACKAGES)

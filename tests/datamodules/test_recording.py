@@ -278,14 +278,3 @@ def test_time_counts_from_1970():
 
 def test_impossible_month_is_no_time():
     assert np.isnan(times_from_names(["center_2018_13_01_00_00_00_000.jpg"])).all()
-
-
-def test_the_real_recording_reads():
-    lake = Path(__file__).parents[3] / "shared" / "data" / "lake"
-    if not lake.exists():
-        pytest.skip(f"{lake} is not here")
-    recording = read_recordings(str(lake))
-    assert len(recording) == 2700
-    # awk -F, '$4+0==0' driving_log.csv | wc -l
-    assert (recording.steering == 0).sum() == 1902
-    assert all(Path(path).is_file() for path in recording.images[-1])

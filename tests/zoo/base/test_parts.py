@@ -13,7 +13,7 @@ import pytest
 from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.base.user_parts import write_network
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import only_line, run, succeed
 from tests.zoo.trainings import SMALL
 from zoo.base.errors import InputError
 from zoo.base.parts import _installed, take_parts
@@ -36,9 +36,8 @@ def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path
     write_network(folder)
     usual = [one for one in SMALL if not one.startswith("model=")]
     places = (f"data.root={recorded.folder}", "data.cache=null", "hydra.run.dir=run")
-    result = run(folder, NAMED, "model=my_net", *usual, *places, "trainer.max_epochs=1")
-    assert result.returncode == 0, result.stderr
-    assert NAMED in result.stdout.partition("next: ")[2], "the next command names the part"
+    printed = succeed(run(folder, NAMED, "model=my_net", *usual, *places, "trainer.max_epochs=1"))
+    assert NAMED in printed.partition("next: ")[2], "the next command names the part"
     return folder
 
 
@@ -65,8 +64,7 @@ def test_the_environment_variable_names_it_for_all_commands(
     place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("DRIVEZOO_PARTS", str(place))  # a folder: all its files
-    result = run(place, "resume=run", "trainer.max_epochs=2")
-    assert result.returncode == 0, result.stderr
+    succeed(run(place, "resume=run", "trainer.max_epochs=2"))
     assert json.loads((place / "run" / "metrics.json").read_text())["epochs"] == 2
 
 
@@ -292,8 +290,7 @@ def test_a_yaml_that_hides_one_of_drivezoo_is_refused(tmp_path: Path) -> None:
 
 def test_the_help_lists_the_parts_choices_and_keys(tmp_path: Path) -> None:
     write_network(tmp_path)
-    result = run(tmp_path, NAMED, "model=my_net", "--help")
-    assert result.returncode == 0, result.stderr
-    (models,) = [line for line in result.stdout.splitlines() if line.startswith("model: ")]
+    printed = succeed(run(tmp_path, NAMED, "model=my_net", "--help"))
+    (models,) = [line for line in printed.splitlines() if line.startswith("model: ")]
     assert "my_net" in models.split(": ")[1].split(", ")
-    assert "model.bias=true" in result.stdout
+    assert "model.bias=true" in printed

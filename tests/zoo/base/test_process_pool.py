@@ -1,4 +1,4 @@
-"""Drives in several processes: their results, and how they end."""
+"""Drives in several processes: their number, their results, and how they end."""
 
 import os
 import signal
@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from tests.zoo.commands import ROOT, environment
-from zoo.base import process_pool
+from zoo.base import cores, process_pool
 from zoo.base.errors import InputError
 from zoo.base.process_pool import Pool, opened_pool, run_jobs
 
@@ -182,3 +182,49 @@ def wait_until(true: Callable[[], bool]) -> None:
     while not true():
         assert time.monotonic() < end_s
         time.sleep(0.02)
+
+
+CHILD = "import zoo, time; print('begun', flush=True); time.sleep(300)"
+STARTER = f"""
+import subprocess, sys
+from zoo.base.child_process import child_environment
+subprocess.run([sys.executable, "-c", {CHILD!r}], env=child_environment())
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends POSIX signals")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_command_ends_with_the_command_that_started_it(number: int) -> None:
+    parent = subprocess.Popen(
+        [sys.executable, "-c", STARTER], cwd=ROOT, env=environment(), stdout=subprocess.PIPE
+    )
+    assert parent.stdout.readline() == b"begun\n"
+    parent.send_signal(number)
+    # The pipe ends when the child has ended, too.
+    assert parent.communicate(timeout=60)[0] == b""
+    assert parent.returncode == -number
+
+
+def test_a_process_that_another_one_started_is_left_alone(tmp_path: Path) -> None:
+    """A variable that was inherited over a further process ends nothing."""
+    quiet = "import zoo, time; time.sleep(1.5)"
+    found = subprocess.run(
+        [sys.executable, "-c", quiet],
+        cwd=ROOT,
+        env=environment() | {"DRIVEZOO_PARENT": "1"},
+        check=False,
+    )
+    assert found.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("quota", "found"), [(float("inf"), 4), (16.0, 4), (2.5, 3), (2.0, 2), (0.3, 1)]
+)
+def test_a_container_that_gives_less_time_counts(monkeypatch, quota, found):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2, 3}, raising=False)
+    monkeypatch.setattr(cores, "_container_cores", lambda: quota)
+    assert cores.usable_cores() == found
+
+
+def test_here():
+    assert 1 <= cores.usable_cores() <= os.cpu_count()

@@ -1,4 +1,4 @@
-"""The register of what drivezoo wrote: which file a command may replace."""
+"""Files and folders that commands write: whole, marked, and held by one process."""
 
 import os
 from contextlib import suppress
@@ -6,8 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from zoo.base import whole_file
 from zoo.base.errors import InputError
-from zoo.base.new_folder import command_folder
+from zoo.base.new_folder import (
+    command_folder,
+    is_held,
+    whole_folder,
+)
 from zoo.base.whole_file import write_new, write_output, write_whole
 from zoo.base.written_files import MARK, OUTPUTS, check_output, mark_folder, read_register
 
@@ -109,3 +114,80 @@ def test_a_new_file_replaces_none(tmp_path: Path) -> None:
     with pytest.raises(FileExistsError):
         write_new(tmp_path / "a", b"its")
     assert (tmp_path / "a").read_text() == "mine"
+
+
+def open_for(monkeypatch: pytest.MonkeyPatch, tries: int) -> None:
+    """Let replacing fail as on Windows, while another program has the file open."""
+    refused = [PermissionError(13, "Access is denied")] * tries
+    replace = Path.replace
+
+    def try_to_replace(self: Path, target: Path) -> Path:
+        if refused:
+            raise refused.pop()
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", try_to_replace)
+    monkeypatch.setattr(whole_file, "OPEN_FILES_STAY", True)
+    monkeypatch.setattr(whole_file, "RETRY_S", 0.001)
+
+
+def test_a_file_that_is_closed_in_time_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_whole(tmp_path / "a.txt", "old")
+    open_for(monkeypatch, tries=3)
+    assert write_whole(path, "new").read_text() == "new"
+
+
+def test_a_file_that_stays_open_is_named_and_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_whole(tmp_path / "a.txt", "old")
+    open_for(monkeypatch, tries=10_000)
+    monkeypatch.setattr(whole_file, "REPLACE_S", 0.01)
+    with pytest.raises(OSError, match=r"open in another program; close it.*a\.txt"):
+        write_whole(path, "new")
+    assert path.read_text() == "old"
+    assert not list(tmp_path.glob(".a.txt.*"))
+
+
+def test_a_folder_that_is_not_empty_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with (
+        pytest.raises(InputError, match="is not empty; name another folder with out="),
+        command_folder(tmp_path, "evaluations"),
+    ):
+        pass
+    assert [one.name for one in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_a_folder_with_the_file_to_resume_need_not_be_empty(tmp_path: Path) -> None:
+    for name in ("unfinished.jsonl", "notes.txt"):
+        (tmp_path / name).write_text("")
+    with command_folder(tmp_path, "benchmarks", resumed_by="unfinished.jsonl") as folder:
+        assert is_held(folder)
+    assert not is_held(tmp_path)
+
+
+def test_two_commands_do_not_write_into_one_folder(tmp_path: Path) -> None:
+    with (
+        command_folder(tmp_path / "one", "evaluations"),
+        pytest.raises(InputError, match=r"another process writes there; .* out="),
+        command_folder(tmp_path / "one", "evaluations"),
+    ):
+        pass
+
+
+def test_a_command_that_writes_nothing_leaves_no_folder(tmp_path: Path) -> None:
+    with pytest.raises(KeyError), command_folder(tmp_path / "a" / "b", "evaluations"):
+        raise KeyError
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_whole_folder_knows_all_its_files(tmp_path: Path) -> None:
+    with whole_folder(tmp_path / "lake", "recordings") as folder:
+        (folder / "IMG").mkdir()
+        (folder / "IMG" / "a.jpg").write_text("")
+    found = read_register(tmp_path / "lake" / MARK)
+    assert (found.kind, list(found.files)) == ("recordings", ["IMG/a.jpg"])
+    assert [one.name for one in tmp_path.iterdir()] == ["lake"]

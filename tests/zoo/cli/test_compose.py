@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
-from tests.zoo.commands import only_line, run, run_words
+from tests.zoo.commands import only_line, run_here, run_words
 from zoo.cli.compose import (
     PATH_KEYS,
     compose_config,
@@ -46,7 +46,7 @@ def test_every_yaml_opens_with_a_command(path: Path) -> None:
 def test_a_typo_gets_one_line_with_the_nearest_valid(
     argument: str, words: str, tmp_path: Path
 ) -> None:
-    line = only_line(run(tmp_path, argument))
+    line = only_line(run_here(tmp_path, argument))
     assert words in line
     assert "+" not in line
     assert list(tmp_path.iterdir()) == [], "a typo leaves nothing behind"
@@ -54,7 +54,7 @@ def test_a_typo_gets_one_line_with_the_nearest_valid(
 
 def test_a_file_in_place_of_the_runs_folder_gets_one_line(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("mine")
-    line = only_line(run(tmp_path, "hydra.run.dir=taken"))
+    line = only_line(run_here(tmp_path, "hydra.run.dir=taken"))
     assert "taken: " in line
     assert "hydra.run.dir=" in line
     assert (tmp_path / "taken").read_text() == "mine"
@@ -141,7 +141,7 @@ def test_single_callbacks_are_added_and_switched_off() -> None:
 
 @pytest.mark.parametrize("typed", ["track=lake", "drive=pi"])
 def test_keys_of_another_command_are_not_proposed(typed: str, tmp_path: Path) -> None:
-    line = only_line(run(tmp_path, typed))
+    line = only_line(run_here(tmp_path, typed))
     assert "no such key" in line
     assert f"did you mean {typed.partition('=')[0]}" not in line
 

@@ -1,9 +1,11 @@
-"""Progress that commands show on a terminal and in a log."""
+"""Progress on a terminal, and garbage collection during slow imports."""
 
+import gc
 import io
 import os
 import pty
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +13,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from tests.frozen_objects import count_frozen
 from tests.zoo.commands import command, environment
 from zoo.cli import console_progress
 from zoo.cli.console_progress import loading, progress_bar, working
@@ -126,3 +129,47 @@ def test_the_list_of_networks_shows_that_it_builds_them(tmp_path: Path) -> None:
 def test_a_typo_and_help_are_not_preceded_by_anything(tmp_path: Path) -> None:
     assert "loading" not in on_a_terminal(tmp_path, *command("zoo.evaluate", "none.ckpt"))
     assert "loading" not in on_a_terminal(tmp_path, *command("zoo", "--help"))
+
+
+# In its own process, because the tests' process has frozen its objects.
+SOURCE = """
+import gc
+from zoo.cli.console_progress import loading
+runs = []
+with loading():
+    gc.callbacks.append(lambda phase, info: runs.append(info["generation"]))
+    created = [[] for _ in range(100_000)]
+    print(len(runs))
+print(len(gc.get_objects(generation=0)) < 10_000, len(gc.get_objects(generation=2)) > 100_000)
+print(gc.isenabled(), gc.get_freeze_count())
+"""
+
+
+def test_no_collection_runs_while_loading_and_the_next_one_skips_what_was_loaded():
+    ran = subprocess.run([sys.executable, "-c", SOURCE], capture_output=True, text=True, check=True)
+    assert ran.stdout.split() == ["0", "True", "True", "True", "0"]
+
+
+def test_collection_resumes_after_an_error():
+    def import_nothing() -> None:
+        assert not gc.isenabled()
+        raise ImportError("torch")
+
+    with pytest.raises(ImportError), loading():
+        import_nothing()
+    assert gc.isenabled()
+
+
+def test_what_the_process_has_set_is_kept():
+    frozen = count_frozen()
+    assert frozen  # see tests/conftest.py
+    with loading():
+        pass
+    assert count_frozen() == frozen
+    gc.disable()
+    try:
+        with loading():
+            pass
+        assert not gc.isenabled()
+    finally:
+        gc.enable()

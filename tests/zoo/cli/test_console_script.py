@@ -1,11 +1,13 @@
-"""`drivezoo COMMAND`: the same commands under one name."""
+"""The console script `drivezoo`, and the exit codes of commands."""
 
 import subprocess
 import sys
 from importlib.metadata import version
 from pathlib import Path
 
-from tests.zoo.commands import run, run_words
+import pytest
+
+from tests.zoo.commands import run, run_here, run_words
 from zoo.base.run_command import WRONG_USE
 from zoo.cli.console_script import commands
 
@@ -63,3 +65,33 @@ def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
     assert line.startswith(f"drivezoo {version('drivezoo')} (Python 3.")
     for module in ("zoo", "zoo.evaluate", "zoo.leaderboard"):
         assert run(tmp_path, "--version", module=module).stdout == line
+
+
+@pytest.mark.parametrize(
+    ("status", "command", "remedy"),
+    [
+        (WRONG_USE, "zoo model=lenett", "did you mean lenet"),
+        (WRONG_USE, "zoo.evaluate", "usage"),
+        (WRONG_USE, "zoo.drive drive.port=1", "drivezoo drive CKPT"),
+        (WRONG_USE, "zoo.doctor port=0", "1..65535"),
+        (WRONG_USE, "zoo.demo x", "no arguments"),
+        (WRONG_USE, "zoo.report", "usage"),
+        (WRONG_USE, "zoo.results", "usage"),
+        (WRONG_USE, "simulator recrd", "did you mean record"),
+        (WRONG_USE, "datamodules.check", "usage"),
+        (1, "zoo data.root=nowhere", "nowhere"),
+        (1, "zoo.evaluate no.ckpt", "no.ckpt"),
+        (1, "zoo.drive no.ckpt", "no.ckpt"),
+        (1, "zoo.report nowhere", "nowhere"),
+        (1, "zoo.leaderboard nowhere", "nowhere"),
+        (1, "simulator record out=x track=nowhere", "nowhere"),
+        (1, "datamodules.check nowhere", "nowhere"),
+    ],
+)
+def test_the_exit_status_tells_wrong_use_from_failure(
+    status: int, command: str, remedy: str, tmp_path: Path
+) -> None:
+    module, *arguments = command.split()
+    result = run_here(tmp_path, *arguments, module=module)
+    assert result.returncode == status, result.stderr
+    assert remedy in result.stderr

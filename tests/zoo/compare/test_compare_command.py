@@ -1,18 +1,31 @@
-"""`drivezoo compare A B` on results with known figures."""
+"""`drivezoo compare A B` on results with known figures, and its statistics."""
 
 import json
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import only_line, run_here, succeed
 from tests.zoo.compare.synthetic_results import ROADS, figures, result, summed, write
 from zoo.base.errors import InputError
-from zoo.compare.differences import read_pair
+from zoo.compare.differences import (
+    A_BETTER,
+    B_BETTER,
+    CANNOT_TELL,
+    probability_of_better,
+    read_pair,
+    seeds_needed,
+    verdict_on,
+)
+from zoo.drives.bootstrap import bootstrap, mean
 
-MODULE = "zoo.compare"
+
+def compare(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
+    return run_here(cwd, *arguments, module="zoo.compare")
 
 
 @pytest.fixture
@@ -34,11 +47,9 @@ def test_it_names_the_better_entry_and_writes_all_figures(
     folders: tuple[Path, Path], tmp_path: Path
 ) -> None:
     first, second = folders
-    shown = run(tmp_path, first.name, str(second / "result.json"), module=MODULE)
-
-    assert shown.returncode == 0, shown.stderr
-    assert "verdict: B drives better" in shown.stdout
-    assert "wrote: compare.json" in shown.stdout
+    printed = succeed(compare(tmp_path, first.name, str(second / "result.json")))
+    assert "verdict: B drives better" in printed
+    assert "wrote: compare.json" in printed
     written = json.loads((tmp_path / "compare.json").read_text())
     assert list(written["groups"]) == ["like", "sharp", "dynamics", "laps", "all but laps"]
     overall = written["groups"]["all but laps"]
@@ -54,8 +65,8 @@ def test_exchanged_entries_have_the_opposite_difference(
     folders: tuple[Path, Path], tmp_path: Path
 ) -> None:
     first, second = folders
-    assert run(tmp_path, str(first), str(second), "out=ab.json", module=MODULE).returncode == 0
-    assert run(tmp_path, str(second), str(first), "out=ba.json", module=MODULE).returncode == 0
+    assert compare(tmp_path, str(first), str(second), "out=ab.json").returncode == 0
+    assert compare(tmp_path, str(second), str(first), "out=ba.json").returncode == 0
     ab, ba = (
         json.loads((tmp_path / name).read_text())["groups"] for name in ("ab.json", "ba.json")
     )
@@ -68,10 +79,10 @@ def test_the_order_of_the_drives_does_not_matter(
     folders: tuple[Path, Path], tmp_path: Path
 ) -> None:
     first, second = folders
-    run(tmp_path, str(first), str(second), "out=1.json", module=MODULE)
+    compare(tmp_path, str(first), str(second), "out=1.json")
     found = json.loads((second / "result.json").read_text())
     change(second, **summed(found | {"drives": found["drives"][::-1]}))
-    run(tmp_path, str(first), str(second), "out=2.json", module=MODULE)
+    compare(tmp_path, str(first), str(second), "out=2.json")
 
     assert (tmp_path / "1.json").read_text() == (tmp_path / "2.json").read_text()
 
@@ -82,7 +93,7 @@ def test_it_says_how_many_training_seeds_would_tell(tmp_path: Path) -> None:
     autonomy = 0.6 + offsets + np.zeros(len(ROADS))
     first = write(tmp_path / "a", result(autonomy + 0.1))
     second = write(tmp_path / "b", result(autonomy))
-    shown = run(tmp_path, str(first), str(second), module=MODULE).stdout
+    shown = compare(tmp_path, str(first), str(second)).stdout
 
     assert "verdict: cannot tell" in shown
     needed = json.loads((tmp_path / "compare.json").read_text())["groups"]["like"]["needed"]
@@ -94,7 +105,7 @@ def test_it_says_how_many_training_seeds_would_tell(tmp_path: Path) -> None:
 def test_roads_without_any_difference_are_no_proof_of_equality(tmp_path: Path) -> None:
     perfect = np.ones((3, len(ROADS)))
     first, second = (write(tmp_path / name, result(perfect, name)) for name in "ab")
-    shown = run(tmp_path, str(first), str(second), module=MODULE).stdout
+    shown = compare(tmp_path, str(first), str(second)).stdout
 
     assert "both have the same autonomy" in shown
     groups = json.loads((tmp_path / "compare.json").read_text())["groups"]
@@ -105,7 +116,7 @@ def test_roads_without_any_difference_are_no_proof_of_equality(tmp_path: Path) -
 def test_many_roads_without_exception_decide_and_two_do_not(tmp_path: Path) -> None:
     first = write(tmp_path / "a", result(np.ones((3, len(ROADS)))))
     second = write(tmp_path / "b", result(np.zeros((3, len(ROADS)))))
-    run(tmp_path, str(first), str(second), module=MODULE)
+    compare(tmp_path, str(first), str(second))
 
     groups = json.loads((tmp_path / "compare.json").read_text())["groups"]
     assert groups["like"]["verdict"] == "A drives better"
@@ -117,7 +128,7 @@ def test_one_training_seed_says_nothing_about_other_trainings(tmp_path: Path) ->
     autonomy = figures(rng, 0.6, 1, 0.0, 0.1 * rng.normal(size=len(ROADS)))
     first = write(tmp_path / "a", result(autonomy, "alone"))
     second = write(tmp_path / "b", result(autonomy, "other"))
-    shown = run(tmp_path, str(first), str(second), module=MODULE).stdout
+    shown = compare(tmp_path, str(first), str(second)).stdout
 
     assert "alone and other: one training seed" in shown
     assert "three or more training seeds, to estimate" in shown
@@ -129,7 +140,7 @@ def test_a_baseline_needs_no_further_training_seed(tmp_path: Path) -> None:
     expert = result(np.full((1, len(ROADS)), 0.7), "expert")
     expert["checkpoints"][0]["sha256"] = None
     second = write(tmp_path / "b", expert)
-    shown = run(tmp_path, str(first), str(second), module=MODULE).stdout
+    shown = compare(tmp_path, str(first), str(second)).stdout
 
     assert "a baseline" in shown
     assert "to estimate how many" not in shown
@@ -202,7 +213,7 @@ def test_a_result_without_some_of_its_suites_roads_is_refused(
     first, second = folders
     for one in folders:
         change(one, suite="v1-quick")
-    line = only_line(run(tmp_path, str(first), str(second), module=MODULE))
+    line = only_line(compare(tmp_path, str(first), str(second)))
     assert f"{first / 'result.json'}: roads: digest 0123456789abcdef" in line
     assert not (tmp_path / "compare.json").exists()
 
@@ -211,12 +222,12 @@ def test_a_folder_without_a_result_and_a_wrong_place_are_named(
     folders: tuple[Path, Path], tmp_path: Path
 ) -> None:
     first, second = folders
-    line = only_line(run(tmp_path, str(first), str(tmp_path), module=MODULE))
+    line = only_line(compare(tmp_path, str(first), str(tmp_path)))
     assert str(tmp_path / "result.json") in line
-    line = only_line(run(tmp_path, str(first), str(second), f"out={first}", module=MODULE))
+    line = only_line(compare(tmp_path, str(first), str(second), f"out={first}"))
     assert f"out={first}" in line
     assert "name another file" in line
-    line = only_line(run(tmp_path, "lenet", str(first), module=MODULE))
+    line = only_line(compare(tmp_path, "lenet", str(first)))
     assert line.startswith("drivezoo compare: lenet: no such file; drivezoo benchmark CKPT")
 
 
@@ -232,7 +243,7 @@ def test_neither_an_input_nor_a_foreign_file_is_replaced(
         ("out=mine.json", "exists, and drivezoo did not write it"),
         ("table=thesis.tex", "exists, and drivezoo did not write it"),
     ):
-        line = only_line(run(tmp_path, str(first), str(second), key, module=MODULE))
+        line = only_line(compare(tmp_path, str(first), str(second), key))
         assert f"{key}: {words}; name another file" in line
     assert (first / "result.json").read_bytes() == before
     assert (tmp_path / "thesis.tex").read_text() == (tmp_path / "mine.json").read_text() == "mine"
@@ -243,8 +254,72 @@ def test_names_of_a_result_cannot_write_to_the_terminal(
 ) -> None:
     first, second = folders
     change(first, entry="[red]evil\x1b[2J")
-    shown = run(tmp_path, str(first), str(second), module=MODULE)
+    printed = succeed(compare(tmp_path, str(first), str(second)))
+    assert "\x1b[2J" not in printed
+    assert "[red]evil" in printed
 
-    assert shown.returncode == 0, shown.stderr
-    assert "\x1b[2J" not in shown.stdout
-    assert "[red]evil" in shown.stdout
+
+def drawn(
+    rng: np.random.Generator, difference: float, seeds: int, by_seed: float, roads: int = 20
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the figures of A and B; A's mean is greater by `difference`, the roads vary it."""
+    shared, own = rng.normal(size=roads), 0.2 * rng.normal(size=roads)
+    a, b = (
+        by_seed * rng.normal(size=(seeds, 1)) + shared + 0.3 * rng.normal(size=(seeds, roads))
+        for _ in range(2)
+    )
+    return a + own + difference, b
+
+
+def verdicts(difference: float, seeds: int, by_seed: float, repetitions: int = 300) -> list[str]:
+    rng = np.random.default_rng(3)
+    found = []
+    for _ in range(repetitions):
+        a, b = drawn(rng, difference, seeds, by_seed)
+        found.append(verdict_on(bootstrap(a[:, None] - b[None], mean, draws=500)))
+    return found
+
+
+@pytest.mark.parametrize("by_seed", [0.0, 0.5])
+@pytest.mark.parametrize("seeds", [3, 6])
+def test_equal_entries_are_seldom_told_apart(seeds: int, by_seed: float) -> None:
+    found = verdicts(0.0, seeds, by_seed)
+
+    assert found.count(CANNOT_TELL) / len(found) > 0.92
+
+
+def test_a_great_difference_is_told_both_ways() -> None:
+    assert set(verdicts(3.0, 3, 0.2, 20)) == {A_BETTER}
+    assert set(verdicts(-3.0, 3, 0.2, 20)) == {B_BETTER}
+
+
+def test_the_seeds_needed_decide_in_80_of_100_cases() -> None:
+    # Five training seeds and 20 roads with exactly the variances of `drawn`.
+    of_seeds, own = np.array([-1, -1, 0, 1, 1]), np.linspace(-1, 1, 20)
+    of_seeds = of_seeds * np.sqrt(0.5**2 + 0.3**2 / 20)
+    b = np.tile(of_seeds[:, None], 20)
+    needed = seeds_needed(b + 0.2 * own / own.std(ddof=1) + 0.5, b)
+    assert needed.reason == "seeds"
+
+    found = verdicts(0.5, needed.seeds, 0.5)
+    assert 0.7 < found.count(A_BETTER) / len(found) < 0.9
+
+
+def test_a_difference_that_roads_hide_needs_more_roads() -> None:
+    of_roads = np.linspace(-1, 1, 8)[None].repeat(3, 0)
+    assert seeds_needed(0.1 + of_roads, 0 * of_roads).reason == "roads"
+
+
+def test_no_number_is_given_for_a_tiny_difference() -> None:
+    a = np.array([[-1.0], [0.0], [1.0]]).repeat(8, 1)
+    assert seeds_needed(a + 0.01, a).reason == "many"
+
+
+def test_the_probability_is_that_of_mann_and_whitney() -> None:
+    rng = np.random.default_rng(2)
+    a = rng.integers(5, size=(6, 4)).astype(float)  # with equal values
+    b = rng.integers(5, size=(7, 4)).astype(float)
+    shares = [stats.mannwhitneyu(a[:, road], b[:, road]).statistic / (6 * 7) for road in range(4)]
+
+    assert probability_of_better(a, b).value == pytest.approx(np.mean(shares))
+    assert probability_of_better(b, a).value == pytest.approx(1 - np.mean(shares))

@@ -1,4 +1,4 @@
-"""`drivezoo correct`: its rounds, a person's corrections, and its errors."""
+"""`drivezoo correct`: rounds of correction, and the file that keeps them."""
 
 import csv
 import json
@@ -13,10 +13,13 @@ from omegaconf import OmegaConf
 
 from datamodules.recording_format import read_recordings
 from tests.recordings import Written
+from zoo.base.command_keys import read_options
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.cli.compose import compose_config
 from zoo.correct.__main__ import correct
+from zoo.correct.correct_options import CorrectOptions
+from zoo.correct.correction import open_progress, save
 from zoo.drives.drive_log import DriveWriter
 from zoo.drives.drive_record import PERSON, DriveRow
 from zoo.training.run import run_experiment
@@ -288,3 +291,15 @@ def test_a_drive_without_takeovers_or_images_is_refused(checkpoint: str, tmp_pat
     writer.close()
     with pytest.raises(InputError, match=r"blind: .*record=FOLDER"):
         correct.main([checkpoint, f"drive={tmp_path / 'blind'}"])
+
+
+def test_a_correction_with_other_options_is_not_resumed(tmp_path: Path) -> None:
+    checkpoint, out = tmp_path / "x.ckpt", tmp_path / "out"
+    checkpoint.write_bytes(b"weights")
+    options = read_options(CorrectOptions)
+    new = open_progress(out, str(checkpoint), options, [])
+    save(new, out)
+    assert open_progress(out, str(checkpoint), options, []) == new
+    late = read_options(CorrectOptions, ["delay_s=0.2"])
+    with pytest.raises(InputError, match="delay_s=0"):
+        open_progress(out, str(checkpoint), late, [])

@@ -1,4 +1,4 @@
-"""Speed controllers, and the speed that a car reaches by them."""
+"""Speed controllers, and the filter of the steering."""
 
 import math
 from functools import partial
@@ -14,6 +14,7 @@ from zoo.drives.speed_controller import (
     Constant,
     Network,
     SpeedController,
+    SteeringFilter,
     limit_pedal,
 )
 
@@ -132,3 +133,40 @@ def test_the_integral_does_not_grow_while_a_limit_holds() -> None:
         limited.pedal(Command(0.0, limit_mph=6.0), 6, step / 15)
     after, fresh = (one.throttle(STRAIGHT, 14, 7.0) for one in (limited, free))
     assert after == fresh
+
+
+def test_it_changes_nothing_by_default() -> None:
+    steer = SteeringFilter()
+    assert [steer(value, now) for now, value in enumerate((0.1, -0.7, 1.0))] == [0.1, -0.7, 1.0]
+
+
+def test_steering_is_clamped() -> None:
+    assert SteeringFilter(gain=3)(0.5, 0) == 1
+    assert SteeringFilter()(-1.5, 0) == -1
+
+
+@pytest.mark.parametrize("hz", [15, 120])
+def test_the_rate_limit_goes_by_the_clock(hz: int) -> None:
+    steer = SteeringFilter(rate_per_s=0.5)
+    steer(0.0, 0)
+    assert [steer(1.0, (n + 1) / hz) for n in range(hz)][-1] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("hz", [15, 120])
+def test_the_low_pass_goes_by_the_clock(hz: int) -> None:
+    steer = SteeringFilter(low_pass_s=1.0)
+    steer(0.0, 0)
+    assert [steer(1.0, (n + 1) / hz) for n in range(hz)][-1] == pytest.approx(0.632, abs=1e-3)
+
+
+def test_after_a_reset_the_first_steering_counts_in_full() -> None:
+    steer = SteeringFilter(low_pass_s=1.0, rate_per_s=0.1)
+    steer(0.0, 0)
+    steer.reset()
+    assert steer(0.8, 0.01) == 0.8
+
+
+@pytest.mark.parametrize("setting", ["gain=0", "rate_per_s=-1", "low_pass_s=x"])
+def test_a_value_that_cannot_be_is_named(setting: str) -> None:
+    with pytest.raises(InputError, match=f"steering.{setting}: must be"):
+        read_options(DriveSettings, [f"steering.{setting}"])

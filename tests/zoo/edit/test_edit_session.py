@@ -1,11 +1,22 @@
-"""An editing session: undo and redo, and a recording that is written in the background."""
+"""A session of the editor, its command, and the analysis of frames in the background."""
 
+import shutil
+import signal
+import subprocess
+import time
 from pathlib import Path
+
+import numpy as np
+import pytest
 
 from datamodules.recording_edits import Edits
 from datamodules.recording_format import read_recordings
 from tests.recordings import Written
-from zoo.edit.edit_session import EditSession
+from tests.zoo.commands import command, environment, only_line, run, succeed
+from zoo.base.errors import InputError
+from zoo.checkpoints.command import Command, Policy
+from zoo.edit.edit_page import PageServer
+from zoo.edit.edit_session import EditSession, FrameAnalysis
 
 
 def session_of(recorded: Written, out: Path | None = None) -> EditSession:
@@ -64,3 +75,87 @@ def test_a_second_writing_goes_to_another_folder(recorded: Written, tmp_path: Pa
     for name in ("new", "new_2"):
         session.write()
         assert session.written.folders == (tmp_path / name,)
+
+
+class Counting(Policy):
+    """A policy with a memory: it steers by the number of frames since its last reset."""
+
+    def __init__(self) -> None:
+        self.frames = 0
+
+    def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
+        self.frames += 1
+        return Command(self.frames / 1000)
+
+    def reset(self) -> None:
+        self.frames = 0
+
+
+def test_every_row_is_analysed_in_order_by_a_policy_with_memory(recorded: Written) -> None:
+    recording = read_recordings(str(recorded.folder))
+    analysis = FrameAnalysis(recording, Counting())
+    analysis.start()
+    ends = time.monotonic() + 60
+    while analysis.done < len(recording):
+        assert time.monotonic() < ends
+        time.sleep(0.02)
+    analysis.stop()
+    rows, predicted = analysis.predicted_after(20)
+    assert rows.tolist() == list(range(20, len(recording)))
+    np.testing.assert_allclose(predicted, np.arange(20, len(recording)) / 1000 + 0.001)
+    assert np.isfinite(analysis._differences[1:]).all()
+
+
+def test_without_a_page_it_writes_at_once(recorded: Written, tmp_path: Path) -> None:
+    options = ("drop=11-20,101-", "split=51", "out=new", "page=false")
+    printed = succeed(run(tmp_path, str(recorded.folder), *options, module="zoo.edit"))
+    folders = [str(tmp_path / "new" / name) for name in ("1", "2")]
+    for folder in folders:
+        assert f"wrote: {folder}" in printed
+    assert f"next: drivezoo check {folders[0]} {folders[1]}" in printed
+    assert len(read_recordings(folders)) == 90
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("drop=0-5",), ("drop=0-5", "1..120")),
+        (("keep=many",), ("keep=many", "FIRST-LAST")),
+        (("split=121",), ("split=121", "2..120")),
+        (("out=.",), ("out=.", "another folder")),
+        (("ckpt=no.ckpt",), ("no.ckpt", "no such checkpoint")),
+    ],
+)
+def test_a_wrong_option_is_named(
+    recorded: Written, tmp_path: Path, options: tuple[str, ...], words: tuple[str, str]
+) -> None:
+    line = only_line(run(tmp_path, str(recorded.folder), *options, module="zoo.edit"))
+    assert all(word in line for word in words), line
+
+
+def test_ctrl_c_ends_the_page_and_prints_how_to_resume(recorded: Written, tmp_path: Path) -> None:
+    folder = shutil.copytree(recorded.folder, tmp_path / "my lap")
+    (folder / "IMG" / recorded.image(4).name).unlink()
+    with subprocess.Popen(
+        command("zoo.edit", str(folder), "drop=11-20", "port=0"),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env=environment(),
+    ) as process:
+        lines = [process.stdout.readline() for _ in range(3)]
+        assert "skipped 1 row" in lines[1]
+        assert "open http://127.0.0.1:" in lines[2]
+        process.send_signal(signal.SIGINT)
+        rest, _ = process.communicate(timeout=20)
+    assert process.returncode == 0, rest
+    assert f"next: drivezoo edit '{folder}' drop=11-20" in rest
+    assert "Traceback" not in rest
+
+
+def test_a_port_in_use_is_named_with_its_holder() -> None:
+    with (
+        PageServer(0, lambda *_: []) as first,
+        pytest.raises(InputError, match=rf"port={first.server_port}: held by .*port=0"),
+    ):
+        PageServer(first.server_port, lambda *_: [])

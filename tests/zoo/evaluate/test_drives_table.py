@@ -1,11 +1,17 @@
-"""The table of drives: a deviation needs two drives, and a count has its interval."""
+"""The table and the plots of drives."""
 
 import io
 
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from rich.console import Console
 
+from simulator.expert import Expert
+from zoo.evaluate.drive_plots import birds_eye
 from zoo.evaluate.drives_table import mean_and_spread, print_drives
+from zoo.worlds import drive_loop
+from zoo.worlds.embedded_world import open_embedded
+from zoo.worlds.scenario import Scenario
 
 
 def drive(autonomy: float = 1.0, interventions: int = 0, **more: object) -> dict:
@@ -63,3 +69,18 @@ def test_a_tracks_name_is_no_markup() -> None:
 
     assert "lake [bold]x" in text
     assert "[/red]" in text
+
+
+@pytest.mark.parametrize("name", ["lake", "mountain"])
+def test_the_birds_eye_view_is_as_wide_and_high_as_its_track(name: str) -> None:
+    """Check a high and a wide track: white borders take less than a third of the plot."""
+    scenario = Scenario(name, laps=0.05)
+    world = open_embedded(scenario, "none")
+    simulated, expert = world.simulated, Expert(world.simulated.track)
+    driven = drive_loop.drive(lambda *_: (expert(simulated)[0], None), world, scenario)
+    figure = birds_eye(simulated.track, driven, name)
+    FigureCanvasAgg(figure).draw()
+    bounds = figure.axes[0].get_position()
+    assert bounds.height > 0.75
+    assert bounds.width > 0.65
+    assert max(figure.get_size_inches()) < 8

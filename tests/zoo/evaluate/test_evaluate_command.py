@@ -9,7 +9,7 @@ from PIL import Image
 
 from simulator.track_names import road_folder
 from simulator.weather import CLEAR
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import only_line, run_here
 from zoo.base.command_keys import read_options
 from zoo.base.errors import InputError
 from zoo.evaluate import track_scores
@@ -150,7 +150,7 @@ def test_a_mistake_is_one_line_before_anything_drives(
 
 def test_no_checkpoint_is_said_in_one_line(tmp_path: Path) -> None:
     assert "nowhere.ckpt: no such" in only_line(
-        run(tmp_path, "nowhere.ckpt", module="zoo.evaluate")
+        run_here(tmp_path, "nowhere.ckpt", module="zoo.evaluate")
     )
 
 
@@ -185,7 +185,7 @@ def test_paths_are_printed_as_they_are(checkpoint: str, tmp_path: Path, capsys) 
 
 def test_a_recording_is_scored_too(checkpoint: str, tmp_path: Path) -> None:
     """Pass `replay=` and the other options on to `zoo.replay`."""
-    line = only_line(run(tmp_path, checkpoint, "replay=nowhere", module="zoo.evaluate"))
+    line = only_line(run_here(tmp_path, checkpoint, "replay=nowhere", module="zoo.evaluate"))
     assert "nowhere" in line
-    line = only_line(run(tmp_path, checkpoint, "replay=x", "laps=2", module="zoo.evaluate"))
+    line = only_line(run_here(tmp_path, checkpoint, "replay=x", "laps=2", module="zoo.evaluate"))
     assert "laps: no such key" in line

@@ -1,4 +1,4 @@
-"""The ranking of runs: order, repeats by training seed, and runs that cannot be ranked."""
+"""The ranking of runs: order, repeats by training seed, files, and runs that cannot be ranked."""
 
 import csv
 import json
@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from tests.zoo.commands import only_line, run_here, succeed
 from tests.zoo.compare.synthetic_results import ROADS, figures, result, write
 from tests.zoo.drive.browser import CHROMIUM, Browser
 from tests.zoo.sweeps import change_status, write_run
-from zoo.base.run_command import run_command
 from zoo.benchmark.checked_result import read_result
 from zoo.drives.drive_log import write_drive
 from zoo.drives.drive_record import SOCKET, Drive, DriveRow
@@ -52,11 +52,15 @@ def write_socket_drive(
     return folder
 
 
-def test_a_drive_on_a_socket_is_ranked_among_runs(
-    tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture
+def wide(here: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the test's folder, which is the current one of a wide terminal."""
     monkeypatch.setenv("COLUMNS", "200")
+    return here
+
+
+@pytest.mark.usefixtures("wide")
+def test_a_drive_on_a_socket_is_ranked_among_runs(capsys: pytest.CaptureFixture) -> None:
     write_run(Path("runs/good"), 1.0, cte_m=0.2)
     write_run(Path("runs/bad"), 0.5, cte_m=0.2, overrides=("x=2",))
     write_socket_drive(Path("drives/day/time"), mph=40.0)
@@ -71,11 +75,10 @@ def test_a_drive_on_a_socket_is_ranked_among_runs(
     assert "socket" in Path("runs/leaderboard.html").read_text()
 
 
+@pytest.mark.usefixtures("wide")
 def test_a_short_drive_comes_after_longer_ones_with_its_length(
-    tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+    capsys: pytest.CaptureFixture,
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
     write_evaluation(Path("scores/tenth"), 1.0, "a.ckpt", laps=0.1)
     write_evaluation(Path("scores/whole"), 0.7, "b.ckpt", laps=1.0)
     write_socket_drive(Path("scores/minute"))
@@ -92,10 +95,8 @@ def test_a_short_drive_comes_after_longer_ones_with_its_length(
         assert [row["lake_laps"] for row in csv.DictReader(file)] == ["1.0", "0.1", ""]
 
 
-def test_results_of_the_benchmark_are_ranked(
-    tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.usefixtures("here")
+def test_results_of_the_benchmark_are_ranked(capsys: pytest.CaptureFixture) -> None:
     rng = np.random.default_rng(1)
     for name, autonomy in (("good", 0.9), ("bad", 0.6)):
         found = result(figures(rng, autonomy, 3, 0.01, np.zeros(len(ROADS))), name)
@@ -129,11 +130,8 @@ def write_evaluation(
     return folder
 
 
-def test_an_evaluation_is_one_entry_with_its_means(
-    tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
+@pytest.mark.usefixtures("wide")
+def test_an_evaluation_is_one_entry_with_its_means(capsys: pytest.CaptureFixture) -> None:
     write_evaluation(Path("scores/ann"), 0.7, "submitted/ann.ckpt")
     write_evaluation(Path("scores/bob"), 0.9, "submitted/bob 1.ckpt")
     write_evaluation(Path("scores/cleo"), 0.5, "submitted/cleo.ckpt", world="donkey")
@@ -210,10 +208,7 @@ def test_a_real_run_is_read_whole(run_folder: Path) -> None:
     assert not any(key.startswith("hydra") for key in run.overrides)
 
 
-def test_runs_without_figures_are_counted_and_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_runs_without_figures_are_counted_and_named(tmp_path: Path) -> None:
     outputs = tmp_path / "outputs" / "today"
     write_run(outputs / "good", 0.97)
     write_status(write_run(outputs / "bad", 1.0), "failed", reason="no space left")
@@ -224,9 +219,8 @@ def test_runs_without_figures_are_counted_and_named(
     (write_run(outputs / "broken") / "metrics.json").write_text("{")
     (tmp_path / "outputs" / "cache").mkdir()
 
-    assert run_command("zoo.leaderboard", leaderboard.main, []) == 0
+    out = succeed(run_here(tmp_path, module="zoo.leaderboard"))
 
-    out = capsys.readouterr().out
     assert "6 runs" in out
     assert "97.0%" in out
     for line in (
@@ -252,17 +246,8 @@ def test_runs_are_found_in_sweeps_and_not_below_runs(tmp_path: Path) -> None:
     ("argument", "words"),
     [("nowhere", "nowhere: "), (".", "drivezoo train"), ("--all", "all: no such key")],
 )
-def test_bad_input_gets_one_line(
-    argument: str,
-    words: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert run_command("zoo.leaderboard", leaderboard.main, [argument]) in (1, 2)
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert words in line
+def test_bad_input_gets_one_line(argument: str, words: str, tmp_path: Path) -> None:
+    assert words in only_line(run_here(tmp_path, argument, module="zoo.leaderboard"))
 
 
 def page_of(tmp_path: Path) -> Path:
@@ -411,3 +396,52 @@ def test_a_single_training_shows_no_spread_over_its_start_seeds(tmp_path: Path) 
     (entry,) = rank(read_scored([run])[0])
 
     assert entry.figures["lake/autonomy"] == (0.9, None)
+
+
+def write_sweep(folder: Path) -> Path:
+    """Write three training seeds of two settings that differ in one override."""
+    for seed, autonomy in ((1, 0.9), (2, 1.0), (3, 0.8)):
+        write_run(folder / f"a{seed}", autonomy, seed=seed, start_seeds=1)
+        write_run(folder / f"b{seed}", 0.5, seed=seed, overrides=("model=lenet",), start_seeds=1)
+    return folder
+
+
+def rows_of(path: Path) -> list[list[str]]:
+    """Return the cells of a TeX table's rows, the headings first."""
+    lines = [line for line in path.read_text().splitlines() if line.endswith(r"\\")]
+    return [line.removesuffix(r" \\").split(" & ") for line in lines]
+
+
+def test_the_table_of_a_sweep_for_a_paper_is_short_and_has_an_interval(here: Path) -> None:
+    leaderboard.main([str(write_sweep(here / "sweep")), "table=a.tex"])
+    heads, first, second = rows_of(Path("a.tex"))
+    assert heads[:2] == ["model", "training seeds"]
+    assert len(heads) == 5
+    assert first[:3] == ["tiny", "1, 2, 3 (n = 3)", r"90.0\% (65.2\% to 100.0\%)"]
+    assert second[2] == r"50.0\%"
+    assert str(here) not in Path("a.tex").read_text()
+
+
+def test_the_table_of_a_sweep_for_programs_has_every_figure(here: Path) -> None:
+    leaderboard.main([str(write_sweep(here / "sweep")), "table=a.csv"])
+    with Path("a.csv").open() as file:
+        first, _ = csv.DictReader(file)
+    assert float(first["lake_autonomy_low"]) == pytest.approx(0.652, abs=0.001)
+    assert first["rank"] == "1"
+    assert {"run", "val_mse", "wall_s", "lake_drives_without_intervention"} <= set(first)
+
+
+def test_true_in_capitals_is_no_other_setting(tmp_path: Path) -> None:
+    for seed, word in ((1, "True"), (2, "true")):
+        quick = ("model=tiny", f"quick={word}")
+        write_run(tmp_path / "runs" / str(seed), 0.9, seed=seed, overrides=quick)
+    write_run(tmp_path / "runs" / "3", 0.8, overrides=("model=lenet",))
+    ranking = leaderboard(tmp_path / "runs")
+    assert {row["quick"] for row in ranking.table()} == {"true", None}
+
+
+def test_runs_of_several_folders_are_named_from_the_current_folder(here: Path) -> None:
+    for name in ("a", "b"):
+        write_run(here / name / "today" / "run", 0.9, overrides=(f"x={name}",))
+    ranking = leaderboard(here / "a", here / "b")
+    assert {row["run"] for row in ranking.table()} == {"a/today/run", "b/today/run"}

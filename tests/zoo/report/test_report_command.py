@@ -14,7 +14,7 @@ import pytest
 import torch
 
 from tests.recordings import Written
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import only_line, run_here
 from zoo.base.errors import InputError
 from zoo.drives.drive_log import read_drive
 from zoo.evaluate.drives_table import mean_and_spread
@@ -212,7 +212,9 @@ def test_an_earlier_report_is_replaced_and_other_files_are_kept(undriven: Path) 
 
 
 def test_bad_input_is_one_line(tmp_path: Path, run_folder: Path) -> None:
-    assert "nowhere: no such folder" in only_line(run(tmp_path, "nowhere", module="zoo.report"))
+    assert "nowhere: no such folder" in only_line(
+        run_here(tmp_path, "nowhere", module="zoo.report")
+    )
     sweep = tmp_path / "sweep"
     shutil.copytree(run_folder / ".hydra", sweep / "0" / ".hydra")
     (tmp_path / "empty").mkdir()
@@ -244,7 +246,7 @@ def test_a_report_that_cannot_be_written_is_one_line(undriven: Path) -> None:
 
 
 def test_help_needs_no_torch(tmp_path: Path) -> None:
-    result = run(tmp_path, "--help", module="zoo.report")
+    result = run_here(tmp_path, "--help", module="zoo.report")
     assert result.returncode == 0
     assert "RUN_FOLDER" in result.stdout
 

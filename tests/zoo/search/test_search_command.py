@@ -1,7 +1,8 @@
-"""`drivezoo search`: its files, the replay of the mildest failure, and its errors."""
+"""`drivezoo search`: the command, the space of a search, and what is drawn from it."""
 
 import csv
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +12,19 @@ import yaml
 from PIL import Image
 from rich.console import Console
 
-from simulator.weather import read_weather
-from tests.zoo.commands import only_line, run
+from simulator.road_family import find_family
+from simulator.weather import CLEAR, Weather, read_weather
+from tests.zoo.commands import only_line, run_here
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.command_keys import read_options
+from zoo.base.errors import InputError
 from zoo.drives.drive_log import read_drive
 from zoo.evaluate.__main__ import evaluate_or_replay as evaluate
+from zoo.search.failure_map import Archive
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_report import search_and_report
+from zoo.search.search_run import Driven, Outcome, distance_to_usual, search, usual_features
+from zoo.search.search_space import DAYS, Candidate, SearchSpace, weather_text
 from zoo.worlds.run_drives import all_drives
 from zoo.worlds.scenario import Scenario
 
@@ -105,20 +111,156 @@ def test_the_search_is_the_same_for_every_number_of_workers(
 def test_a_wrong_option_is_named_in_one_line(
     given: str, key: str, remedy: str, checkpoint: Path, tmp_path: Path
 ) -> None:
-    result = run(tmp_path, str(checkpoint), given, module="zoo.search")
+    result = run_here(tmp_path, str(checkpoint), given, module="zoo.search")
     assert result.returncode == 2
     assert key in only_line(result)
     assert remedy in only_line(result)
 
 
 def test_a_feature_of_days_needs_days(checkpoint: Path, tmp_path: Path) -> None:
-    result = run(tmp_path, str(checkpoint), "weather=clear", "x=fog", module="zoo.search")
+    result = run_here(tmp_path, str(checkpoint), "weather=clear", "x=fog", module="zoo.search")
     assert "x=fog: no such feature" in only_line(result)
 
 
 def test_a_used_folder_is_refused(checkpoint: Path, tmp_path: Path) -> None:
     (tmp_path / "kept.txt").write_text("kept")
-    result = run(tmp_path, str(checkpoint), f"out={tmp_path}", module="zoo.search")
+    result = run_here(tmp_path, str(checkpoint), f"out={tmp_path}", module="zoo.search")
     assert result.returncode == 1
     assert "out=" in only_line(result)
     assert [one.name for one in tmp_path.iterdir()] == ["kept.txt"]
+
+
+ALPINE = find_family("alpine")
+
+
+@pytest.mark.parametrize("name", ["alpine", "country", "lakeside"])
+def test_a_road_has_what_was_chosen(name: str) -> None:
+    space = SearchSpace(find_family(name), 100.0, None)
+    rng = np.random.default_rng(0)
+    for share in (0.1, 0.5, 0.9):
+        parameters = {key: one.at(share) for key, one in space.parameters.items()}
+        road = space.draw(rng, parameters)
+        assert road is not None
+        assert not road.track.closed
+        assert road.track.length == pytest.approx(100, abs=12)
+        assert road.features["bend"] > 0.9 * parameters["radius"]
+        assert road.features["width"] >= parameters["width"] - 0.01
+        assert road.features["grade"] <= 100 * parameters["grade"] + 0.1
+        assert road.features["fog"] == max(round(parameters["fog"], 3), 0)
+
+
+def test_the_same_seed_draws_the_same_road() -> None:
+    space = SearchSpace(ALPINE, 100.0, CLEAR)
+    first, second = (space.draw(np.random.default_rng(5), {}) for _ in range(2))
+    assert first.content == second.content
+    assert first.weather == CLEAR
+
+
+def test_a_family_that_always_climbs_can_be_searched() -> None:
+    climbing = ALPINE.model_copy(update={"grade": (0.05, 0.1)})
+    space = SearchSpace(climbing, 100.0, CLEAR)
+    low = {key: one.low for key, one in space.parameters.items()}
+    road = space.draw(np.random.default_rng(0), low | {"radius": 30.0})
+    assert road.features["grade"] == pytest.approx(5, abs=0.2)
+
+
+def test_a_fixed_day_is_no_feature() -> None:
+    assert set(SearchSpace(ALPINE, 100.0, CLEAR).features) == {"bend", "width", "grade"}
+    assert not set(DAYS) & set(SearchSpace(ALPINE, 100.0, CLEAR).parameters)
+
+
+def test_values_beyond_a_range_are_in_the_outer_cells() -> None:
+    features = SearchSpace(ALPINE, 100.0, None).features
+    grid = Archive("bend", "width", features, 4)
+    assert grid.cell({"bend": 1.0, "width": 99.0}) == (0, 3)
+    bends, widths = grid.edges("bend"), grid.edges("width")
+    assert bends[[0, -1]] == pytest.approx(ALPINE.radius)
+    for number in range(4):
+        inside = {"bend": bends[number] * 1.01, "width": widths[number] + 0.01}
+        assert grid.cell(inside) == (number, number)
+
+
+def test_an_archive_counts_cells() -> None:
+    archive = Archive("bend", "width", SearchSpace(ALPINE, 100.0, None).features, 4)
+    for failed in (True, False, True):
+        archive.add({"bend": 8.0, "width": 5.0}, failed)
+    archive.add({"bend": 50.0, "width": 5.0}, False)
+    assert (len(archive.driven), len(archive.failed)) == (2, 1)
+    assert archive.failed[archive.cell({"bend": 8.0, "width": 5.0})] == 2
+
+
+def test_the_usual_road_is_the_mildest() -> None:
+    space = SearchSpace(ALPINE, 100.0, None)
+    usual = usual_features(space)
+    assert distance_to_usual(usual, usual, space) == 0
+    foggy = distance_to_usual(usual | {"fog": 0.3}, usual, space)
+    assert 0 < foggy < distance_to_usual(usual | {"fog": 0.6}, usual, space) < 1
+
+
+@pytest.mark.parametrize(
+    "weather",
+    [CLEAR, Weather(fog=0.123, shadows=False), read_weather("{wet: 1, camera: {pitch_deg: 2.5}}")],
+)
+def test_a_weathers_text_reads_back(weather: Weather) -> None:
+    assert read_weather(weather_text(weather)) == weather
+
+
+def options_of(*given: str) -> SearchOptions:
+    return read_options(SearchOptions, ["length=60", "weather=clear", *given])
+
+
+def narrow_fails(chosen: list[Candidate]) -> list[Outcome]:
+    """Fail on roads narrower than 5.4 m."""
+    widths = [
+        min(width for _, width in one.content.get("widths", [[0, one.content["width"]]]))
+        for one in chosen
+    ]
+    return [
+        Outcome(width < 5.4, 30.0, 5.0, 1.0 if width < 5.4 else 5.4 / width, 0) for width in widths
+    ]
+
+
+def searched(options: SearchOptions) -> tuple[list[Driven], Archive]:
+    space = options.space()
+    archive = options.archive(space)
+    batches: list[int] = []
+    found = search(options, space, archive, narrow_fails, lambda d: batches.append(len(d)))
+    assert batches == [*range(8, options.budget, 8), options.budget]
+    return found, archive
+
+
+def test_the_archive_finds_more_failing_cells_than_random_drawing() -> None:
+    by_sampler = {
+        sampler: sum(
+            len(searched(options_of("budget=80", f"sampler={sampler}", f"seed={seed}"))[1].failed)
+            for seed in range(2)
+        )
+        for sampler in ("archive", "random")
+    }
+    assert by_sampler["archive"] > 1.2 * by_sampler["random"]
+
+
+@pytest.mark.parametrize("sampler", ["archive", "tpe", "random", "family"])
+def test_a_seed_gives_the_same_search(sampler: str) -> None:
+    if sampler == "tpe":
+        pytest.importorskip("optuna")
+    options = options_of("budget=20", f"sampler={sampler}", "seed=3")
+    (first, archive), (second, _) = searched(options), searched(options)
+    assert [one.candidate.content for one in first] == [one.candidate.content for one in second]
+    assert [one.candidate.weather for one in first] == [CLEAR] * 20
+    assert archive.driven.total() == 20
+    other, _ = searched(options_of("budget=20", f"sampler={sampler}", "seed=4"))
+    assert other[0].candidate.content != first[0].candidate.content
+
+
+def test_the_familys_sampler_draws_from_its_whole_ranges() -> None:
+    drives, _ = searched(options_of("budget=24", "sampler=family"))
+    for one in drives:
+        assert one.candidate.parameters["radius"] == one.candidate.features["bend"]
+    assert np.median([one.candidate.features["bend"] for one in drives]) < 25
+
+
+def test_without_optuna_a_line_names_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "optuna", None)
+    with pytest.raises(InputError, match=r"sampler=tpe: .*pip install 'drivezoo\[optuna\]'"):
+        searched(options_of("budget=8", "sampler=tpe"))

@@ -1,15 +1,22 @@
-"""The LightningModule's optimizer: what decays, and what learns at which rate."""
+"""The LightningModule: its optimizer, loss and predictions of windows, and open-loop figures."""
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
 from omegaconf import OmegaConf
+from torch import nn
 
 from tests.recordings import Written
+from tests.zoo.models.test_memory import NAMES, memory_of, windows
 from tests.zoo.trainings import module_of, train_here
 from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config
+from zoo.losses import SteeringWeightedMSE
 from zoo.training.build import build_data
+from zoo.training.open_loop import baseline_metrics, open_loop_metrics, side_response
+from zoo.training.steering_module import SteeringModule, network_targets
 
 
 def groups(recorded: Written, *overrides: str) -> list[dict]:
@@ -77,3 +84,94 @@ def test_loss_and_network_must_agree_on_the_spread(
 ) -> None:
     with pytest.raises(InputError, match=f"^loss: .*{remedy}"):
         groups(recorded, *keys)
+
+
+ROWS = {
+    "pilotnet_stack": [3],
+    "cnn_gru": [0, 1, 2, 3],
+    "ncp": [0, 1, 2, 3],
+    "action_chunk": [3, 4, 5],
+}
+
+
+def network_of(name: str) -> nn.Module:
+    ahead = ["model.ahead=2"] if name == "action_chunk" else []
+    return memory_of(name, "model.sequence=4", *ahead)
+
+
+def module_around(network: nn.Module, loss: nn.Module | None = None) -> SteeringModule:
+    return SteeringModule(network, loss or nn.MSELoss(), optimizer=torch.optim.Adam)
+
+
+def batch_of(network: nn.Module) -> dict[str, torch.Tensor]:
+    rows = network.sequence + network.ahead
+    steering = torch.arange(2 * rows).float().reshape(2, rows) / 20
+    targets = torch.stack([steering, -torch.ones(2, rows)], 2)
+    return {"images": windows(network), "speed": torch.zeros(2), "targets": targets}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_prediction_is_compared_with_the_row_that_it_is_for(name: str) -> None:
+    network = network_of(name)
+    batch = batch_of(network)
+    predicted = network(batch["images"])
+    true = network_targets(network, batch)
+    assert predicted.flatten(0, 1).shape == true.shape == (2 * len(ROWS[name]), 1)
+    assert true[:, 0].tolist() == batch["targets"][:, ROWS[name], 0].flatten().tolist()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_weight_learns_from_windows(name: str) -> None:
+    network = network_of(name).train()
+    module_around(network, SteeringWeightedMSE())._loss(batch_of(network)).backward()
+    assert all(one.grad is not None and one.grad.isfinite().all() for one in network.parameters())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_evaluation_is_of_the_newest_frame(name: str) -> None:
+    network = network_of(name)
+    batch = batch_of(network)
+    with torch.inference_mode():
+        found = module_around(network)({"images": batch["images"], "speed": batch["speed"]})
+        assert torch.equal(found, network.newest(network(batch["images"])))
+    assert found.shape == (2, 1)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_windows_of_one_frame_are_plain_batches(name: str) -> None:
+    """A datamodule without windows has images [N, C, H, W] and targets [N, 2]."""
+    network = memory_of(name, "model.sequence=1", *["model.ahead=0"] * (name == "action_chunk"))
+    images, targets = windows(network)[:, 0], torch.tensor([[0.5, 0.0], [0.25, 0.0]])
+    module = module_around(network)
+    with torch.inference_mode():
+        predicted = module({"images": images})
+        loss = module._loss({"images": images, "targets": targets})
+    assert predicted.shape == (2, 1)
+    assert loss.item() == pytest.approx(float((predicted - targets[:, :1]).square().mean()))
+
+
+def test_figures_of_four_rows_by_hand() -> None:
+    true = np.array([0.0, 0.0, 0.0, 0.5])
+    predicted = np.array([0.1, 0.1, 0.1, 0.1])
+    metrics = open_loop_metrics(predicted, true)
+    assert metrics["mse"] == pytest.approx((3 * 0.01 + 0.16) / 4)
+    assert metrics["mae"] == pytest.approx((3 * 0.1 + 0.4) / 4)
+    assert metrics["balanced_mae"] == pytest.approx((0.1 + 0.4) / 2)
+    assert metrics["bias"] == pytest.approx((0.3 - 0.4) / 4)
+
+
+def test_full_lock_has_a_bin_on_either_side() -> None:
+    metrics = open_loop_metrics(np.zeros(3), np.array([-1.0, 0.0, 1.0]))
+    assert metrics["balanced_mae"] == pytest.approx(2 / 3)
+
+
+def test_baselines_look_at_nothing() -> None:
+    true = np.array([-0.2, 0.6])
+    baselines = baseline_metrics(true, train_mean=0.2)
+    assert baselines["always zero"]["mae"] == pytest.approx(0.4)
+    assert baselines["mean"]["bias"] == pytest.approx(0.0)
+
+
+def test_the_side_response_is_half_of_what_the_left_camera_adds() -> None:
+    assert side_response(np.array([0.3, 0.5]), np.array([-0.3, 0.1])) == pytest.approx(0.25)
+    assert side_response(np.array([]), np.array([])) is None
