@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from simulator.track_file import read_track
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import only_line, run, run_here
 from tests.zoo.sweeps import write_run
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.bounded_files import MOST_JSON_BYTES, MOST_YAML_BYTES, read_json, read_yaml
@@ -81,11 +81,8 @@ def huge(path: Path) -> None:
 LAKE = ("drive", "tracks", "lake")
 DAMAGE = {
     "empty": (METRICS, text(""), "JSON"),
-    "half": (METRICS, text('{"open_loop": '), "JSON"),
     "list": (METRICS, text("[]"), "keys"),
-    "null": (METRICS, text("null"), "keys"),
     "not UTF-8": (METRICS, data(b'{"model": "\xff"}'), "UTF-8"),
-    "NUL": (METRICS, data(bytes(100)), "JSON"),
     "NUL in text": (METRICS, field("model", value="a\0b"), "NUL"),
     "half a character": (METRICS, text('{"model": "\\ud800"}'), "character"),
     "deep": (METRICS, text("[" * 100_000), "64"),
@@ -99,15 +96,12 @@ DAMAGE = {
     "text for figure": (METRICS, field(*LAKE, "autonomy", value="good"), "lake.autonomy: "),
     "number for pair": (METRICS, field(*LAKE, "cte_mean_m", value=0.3), "lake.cte_mean_m: "),
     "NaN": (METRICS, field(*LAKE, "autonomy", value=[float("nan"), 0]), "lake.autonomy.0: "),
-    "null in pair": (METRICS, field(*LAKE, "autonomy", value=[None, 0]), "lake.autonomy.0: "),
     "list of tracks": (METRICS, field("drive", "tracks", value=[1]), "drive.tracks: "),
     "infinite": (METRICS, field("wall_s", value=float("inf")), "wall_s: "),
     "400 digits": (METRICS, field("wall_s", value=10**400), "wall_s: "),
     "no cte_mean_m": (METRICS, lambda path: remove(path, *LAKE, "cte_mean_m"), "lake.cte_mean_m"),
-    "no autonomy": (METRICS, lambda path: remove(path, *LAKE, "autonomy"), "lake.autonomy: "),
     "text for seed": (METRICS, field("seed", value="one"), "seed: "),
     "list for model": (METRICS, field("model", value=[1]), "model: "),
-    "text for scores": (METRICS, field("open_loop", value="x"), "open_loop: "),
     "text for MSE": (METRICS, field("open_loop", "val", "mse", value="x"), "open_loop.val.mse"),
     "negative count": (METRICS, field(*LAKE, "drives", value=-1), "lake.drives: "),
     "alias bomb": (CONFIG, text(LAUGHS), "alias"),
@@ -121,7 +115,6 @@ DAMAGE = {
     "list for data": (CONFIG, field("data", value=[1]), "data: "),
     "number for root": (CONFIG, field("data", "root", value=3), "data.root: "),
     "dict of overrides": (OVERRIDES, text("a: 1"), "list"),
-    "numbers as overrides": (OVERRIDES, text("[1, 2]"), "list"),
     "no hydra": (HYDRA, text("{}"), "hydra: "),
     "text for runtime": (HYDRA, field("hydra", "runtime", value="x"), "hydra.runtime: "),
     "list for status": (STATUS, text("[]"), "keys"),
@@ -159,7 +152,7 @@ def test_the_leaderboard_prints_all_damaged_runs_and_the_table(tmp_path: Path) -
     for name in ("alias bomb", "NaN", "folder", "deep"):
         file, damage, _ = DAMAGE[name]
         damage(write_run(tmp_path / name, 1.0) / file)
-    result = run(tmp_path, ".", module="zoo.leaderboard", timeout=60)
+    result = run_here(tmp_path, ".", module="zoo.leaderboard")
     assert result.returncode == 0, result.stderr
     assert "90.0%" in result.stdout
     assert "4 damaged: " in result.stdout
@@ -271,14 +264,14 @@ def test_film_names_a_log_that_is_no_regular_file(name: str, named: str, tmp_pat
     drive = write_drive(tmp_path / "drive")
     _, damage, words = DRIVES[name]
     damage(drive / "drive.csv")
-    line = only_line(run(tmp_path, str(drive / named), module="zoo.film", timeout=60))
+    line = only_line(run_here(tmp_path, str(drive / named), module="zoo.film"))
     assert f"{drive}/drive.csv: " in line
     assert words in line
 
 
 def test_film_names_a_recordings_log_that_is_a_pipe(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "driving_log.csv")
-    line = only_line(run(tmp_path, str(tmp_path), module="zoo.film", timeout=60))
+    line = only_line(run_here(tmp_path, str(tmp_path), module="zoo.film"))
     assert f"{tmp_path}/driving_log.csv: " in line
     assert "no regular file" in line
 

@@ -15,7 +15,7 @@ import pytest
 import torch
 
 from tests.recordings import Written
-from tests.zoo.commands import command, environment, only_line, run
+from tests.zoo.commands import command, environment, only_line, run, succeed
 from tests.zoo.trainings import SMALL
 from zoo.base.whole_file import remove_parts
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
@@ -104,8 +104,7 @@ def test_a_training_that_is_killed_several_times_resumes(
         # A file that a kill in the middle of a write leaves.
         (last.parent / ".last.ckpt.0123456789abcdef.part").write_bytes(bytes(55_000_000))
     assert epochs == sorted(epochs)
-    result = run(tmp_path, f"resume={folder}", f"trainer.max_epochs={epochs[-1] + 2}")
-    assert result.returncode == 0, result.stderr
+    succeed(run(tmp_path, f"resume={folder}", f"trainer.max_epochs={epochs[-1] + 2}"))
     assert {path.name for path in last.parent.iterdir()} == {"best.ckpt", "last.ckpt"}
 
 
@@ -118,10 +117,9 @@ def test_a_run_killed_between_its_checkpoints_names_the_one_it_has(
     (checkpoints / "last.ckpt").unlink()
     status = tmp_path / "run" / "status.json"
     status.write_text(json.dumps(json.loads(status.read_text()) | {"status": "running", "pid": 0}))
-    result = run(tmp_path, "resume=run")
-    assert result.returncode == 0, result.stderr
-    assert str(checkpoints / "best.ckpt") in result.stdout
-    assert "no last.ckpt" in result.stdout
+    printed = succeed(run(tmp_path, "resume=run"))
+    assert str(checkpoints / "best.ckpt") in printed
+    assert "no last.ckpt" in printed
 
 
 @pytest.mark.parametrize("small_disk", ["5500k"], indirect=True)
@@ -141,8 +139,7 @@ def test_a_disk_too_small_for_a_checkpoint_is_named_and_the_run_resumes_with_roo
     load_checkpoint(best)
     assert [one.name for one in best.parent.iterdir()] == ["best.ckpt"]
     subprocess.run(["mount", "-o", "remount,size=40m", str(small_disk)], check=True)
-    result = run(tmp_path, f"resume={folder}")
-    assert result.returncode == 0, result.stderr
+    succeed(run(tmp_path, f"resume={folder}"))
     assert json.loads((folder / "metrics.json").read_text())["epochs"] == 2
 
 

@@ -185,8 +185,6 @@ def test_the_command_records_and_prints_the_next_command(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["recrod"], "recrod: no such command; did you mean record?"),
-        (["record", "lap=1"], "lap: no such key; did you mean laps?"),
         (["record"], "out: not given; add out=VALUE"),
         (["record", "out=x", "laps=0"], "laps=0: must be a number above 0"),
         (["record", "out=x", "noise=2"], "noise=2: must be a number in 0..1"),

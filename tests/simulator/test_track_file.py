@@ -103,6 +103,15 @@ def test_a_bend_too_tight_for_the_car_is_refused_with_its_place(tmp_path):
         ({"surroundings": {"lakes": [[1, 2, -3]]}}, "lakes, number 1, number 3: -3; must be"),
         ({"centre_line": "no"}, "centre_line: no; must be a valid boolean"),
         ({"points": [*SQUARE[:3], [False, 60, 0]]}, "points, number 4, number 1: False; must be"),
+        ({"points": [[9000 * one for one in place] for place in SQUARE]}, "points: extend over"),
+        (
+            {"points": [[one, 0, 0] for one in range(10_001)]},
+            "points: must have at most 10000 items",
+        ),
+        ({"surroundings": {"lakes": math.nan}}, "surroundings: lakes: "),
+        ({"surroundings": {"lakes": [[0, 0, 1e8]]}}, "surroundings: lakes, number 1"),
+        ({"surroundings": {"lakes": [[one, 0, 9] for one in range(101)]}}, "at most 100"),
+        ({"width": math.nan}, "width: nan"),
     ],
 )
 def test_a_mistake_is_one_line_with_the_file_and_the_key(tmp_path, content, message):
@@ -209,6 +218,10 @@ def test_a_circle_has_its_radius_everywhere_and_left_is_positive(radius, turn, c
     assert centreline["length"] == pytest.approx(2 * np.pi * radius, rel=0.01)
     assert centreline["curvature"] == pytest.approx(turn / radius, rel=0.1)
     assert centreline["grade"] == pytest.approx(0, abs=1e-6)
+
+
+def test_a_long_track_is_accepted():
+    assert make_track("long", {"points": [[30 * one for one in at] for at in SQUARE]}).length > 5000
 
 
 def test_stretches_differ_from_the_rest():

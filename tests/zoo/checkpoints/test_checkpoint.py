@@ -17,7 +17,7 @@ from datamodules.balance import BatchKey
 from datamodules.view import CONVERSIONS, View
 from tests.recordings import Written, write_resized
 from tests.zoo.bomb import Bomb
-from tests.zoo.commands import run
+from tests.zoo.commands import run, succeed
 from tests.zoo.drive.old_client import telemetry
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, make_card, read_checkpoint_file
@@ -51,9 +51,8 @@ def test_a_checkpoint_needs_nothing_but_its_path(best: Path, tmp_path: Path) -> 
         "from zoo.checkpoints.policy import load_policy\n"
         "print(load_policy(sys.argv[1])(np.zeros((160, 320, 3), np.uint8), 9.0).steering)\n"
     )
-    result = run(tmp_path, str(copy), module=str(tmp_path / "load.py"))
-    assert result.returncode == 0, result.stderr
-    steering = float(result.stdout)
+    printed = succeed(run(tmp_path, str(copy), module=str(tmp_path / "load.py")))
+    steering = float(printed)
     assert -1 <= steering <= 1
 
 
@@ -154,15 +153,12 @@ def test_pickled_code_is_refused_and_never_run(tmp_path: Path) -> None:
     assert not (tmp_path / "ran").exists()
 
 
-def test_what_is_no_checkpoint_is_named(best: Path, tmp_path: Path) -> None:
+def test_what_is_no_checkpoint_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such checkpoint"):
         load_checkpoint(tmp_path / "none.ckpt")
-    (tmp_path / "text.ckpt").write_text("steering")
-    (tmp_path / "half.ckpt").write_bytes(best.read_bytes()[:20_000])
     torch.save({"weights": torch.zeros(2)}, tmp_path / "foreign.ckpt")
-    for name in ("text", "half", "foreign"):
-        with pytest.raises(InputError, match=rf"{name}\.ckpt"):
-            load_checkpoint(tmp_path / f"{name}.ckpt")
+    with pytest.raises(InputError, match=r"foreign\.ckpt"):
+        load_checkpoint(tmp_path / "foreign.ckpt")
 
 
 def changed(best: Path, path: Path, change: Callable[[dict], object]) -> Path:

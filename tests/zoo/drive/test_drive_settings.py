@@ -45,11 +45,6 @@ def test_a_number_for_the_speed_is_the_speed_to_hold(typed: str) -> None:
     ).speed.bend_mph
 
 
-@pytest.mark.parametrize("folder", ["a b", "lr=0.1,[x]", "it's", "C:\\x", "~tilde", "${x}"])
-def test_a_folder_to_record_in_is_taken_as_it_stands(folder: str) -> None:
-    assert read_options(DriveSettings, [f"record=/tmp/{folder}"]).record == Path(f"/tmp/{folder}")
-
-
 def test_a_policy_with_a_guard_is_warm_and_has_not_seen_the_black_frames(tmp_path: Path) -> None:
     checkpoint = write_constant(tmp_path / "best.ckpt", 0.1)
     guard = Guard(

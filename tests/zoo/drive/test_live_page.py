@@ -183,9 +183,7 @@ def test_a_switch_takes_a_runs_folder_and_latest(named: str, driver: Served) -> 
     ("body", "status"),
     [
         (b"", 400),
-        (b"{", 400),
         (b"[" * 4000, 400),
-        ([], 400),
         ({}, 400),
         ({"pause": True, "record": True}, 400),
         ({"fly": True}, 400),

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from datamodules.view import View
-from tests.zoo.commands import ROOT, run
+from tests.zoo.commands import ROOT, run_here, succeed
 from tests.zoo.compositions import composed
 from zoo.base.errors import InputError
 from zoo.cli.compose import choices
@@ -123,7 +123,6 @@ def test_vgg_freezes_all_but_the_last_blocks(trainable: int) -> None:
         ("model.resize=cubic", "model.resize=cubic .*linear_first"),
         ("model.scale=[0,1]", r"model.scale=.*set model.scale=\[127.5,1\]"),
         ("model.scale=255", "model.scale=255: .*two finite numbers"),
-        ("model.scale=[.nan,1]", "model.scale="),
         ("model.scale=[true,1]", "model.scale="),
         ("model._target_=os.system", "no network of zoo.models"),
         ("model._target_=zoo.models.layers.activation_layer", "no network of zoo.models"),
@@ -135,9 +134,8 @@ def test_a_wrong_setting_is_refused_with_its_key(override: str, words: str) -> N
 
 
 def test_the_zoo_is_printed_with_its_papers() -> None:
-    result = run(ROOT, "models", module="zoo.list")
-    assert result.returncode == 0, result.stderr
+    printed = succeed(run_here(ROOT, "models", module="zoo.list"))
     for name, parameters in PARAMETERS.items():
-        assert f"{name}: " in result.stdout
-        assert f"{parameters:,}" in result.stdout
-    assert "26,876,342" in result.stdout  # nvidia's multiply-adds: about 27 million in the paper
+        assert f"{name}: " in printed
+        assert f"{parameters:,}" in printed
+    assert "26,876,342" in printed  # nvidia's multiply-adds: about 27 million in the paper

@@ -19,7 +19,7 @@ from omegaconf import OmegaConf
 from PIL import Image
 
 from tests.recordings import Written, write_recording
-from tests.zoo.commands import command, environment, only_line, run, start
+from tests.zoo.commands import command, environment, only_line, run, start, succeed
 from tests.zoo.trainings import SMALL, data_of
 from zoo.__main__ import train_or_sweep as zoo
 from zoo.base.errors import InputError
@@ -122,21 +122,22 @@ def test_csv_logs_hold_every_epoch(run_folder: Path) -> None:
 @pytest.mark.slow
 def test_a_network_learns_the_drawn_road(recorded: Written, tmp_path: Path) -> None:
     """It beats both baselines on held-out rows, which needs the images."""
-    result = run(
-        tmp_path,
-        "model=nvidia",
-        "model.dropout=[0,0]",
-        f"data.root={recorded.folder}",
-        "data.split=random",
-        "data.batch_size=16",
-        "data.samples_per_epoch=1200",
-        "augment=[]",
-        "trainer.max_epochs=6",
-        "score=none",
-        "hydra.run.dir=run",
-        timeout=300,
+    succeed(
+        run(
+            tmp_path,
+            "model=nvidia",
+            "model.dropout=[0,0]",
+            f"data.root={recorded.folder}",
+            "data.split=random",
+            "data.batch_size=16",
+            "data.samples_per_epoch=1200",
+            "augment=[]",
+            "trainer.max_epochs=6",
+            "score=none",
+            "hydra.run.dir=run",
+            timeout=300,
+        )
     )
-    assert result.returncode == 0, result.stderr
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
     for baseline in metrics["baselines"]["test"].values():
         assert metrics["open_loop"]["test"]["mse"] < 0.5 * baseline["mse"]
@@ -154,8 +155,7 @@ def test_a_run_killed_and_resumed_ends_with_the_same_weights(
         "data.samples_per_epoch=1600",
         "trainer.max_epochs=8",
     )
-    whole = run(tmp_path, *overrides, "hydra.run.dir=whole")
-    assert whole.returncode == 0, whole.stderr
+    succeed(run(tmp_path, *overrides, "hydra.run.dir=whole"))
 
     def has_third_epoch() -> bool:
         """Return whether `metrics.csv`, which is written after the checkpoint, has epoch 3."""
@@ -170,9 +170,7 @@ def test_a_run_killed_and_resumed_ends_with_the_same_weights(
     before = torch.load(tmp_path / "killed/checkpoints/last.ckpt", weights_only=True)["epoch"]
     assert before < 7, "killed too late to show anything"
 
-    resumed = run(tmp_path, "resume=killed")
-
-    assert resumed.returncode == 0, resumed.stderr
+    succeed(run(tmp_path, "resume=killed"))
     for name in ("best", "last"):
         assert equal(weights(tmp_path / "whole", name), weights(tmp_path / "killed", name))
     ours, theirs = (
@@ -251,25 +249,25 @@ def test_a_read_only_recording_with_an_odd_name_trains(tmp_path: Path) -> None:
     write_recording(odd, rows=60, style="windows")
     for path in [*odd.rglob("*"), odd]:
         path.chmod(path.stat().st_mode & ~0o222)
-    result = run(tmp_path, *SMALL, f"data.root={odd}", "trainer.max_epochs=1", "hydra.run.dir=run")
-    assert result.returncode == 0, result.stderr
+    succeed(run(tmp_path, *SMALL, f"data.root={odd}", "trainer.max_epochs=1", "hydra.run.dir=run"))
     odd.chmod(0o755)
     (odd / "IMG").chmod(0o755)
 
 
 def test_several_recordings_train_together(recorded: Written, tmp_path: Path) -> None:
     second = write_recording(tmp_path / "second", rows=60, cameras=("center",), style="linux")
-    result = run(
-        tmp_path,
-        *SMALL,
-        f"data.root=[{recorded.folder},{second.folder}]",
-        "trainer.max_epochs=1",
-        "hydra.run.dir=run",
+    printed = succeed(
+        run(
+            tmp_path,
+            *SMALL,
+            f"data.root=[{recorded.folder},{second.folder}]",
+            "trainer.max_epochs=1",
+            "hydra.run.dir=run",
+        )
     )
-    assert result.returncode == 0, result.stderr
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert metrics["data"]["rows"] == 180
-    assert "centre camera only" in result.stdout
+    assert "centre camera only" in printed
 
 
 def test_a_sweep_goes_on_past_a_job_that_fails(recorded: Written, tmp_path: Path) -> None:
@@ -291,65 +289,46 @@ def test_the_weights_of_a_checkpoint_start_another_run(run_folder: Path, tmp_pat
     config = (run_folder / ".hydra" / "config.yaml").read_text()
     root = next(line for line in config.splitlines() if line.strip().startswith("root:"))
     best = run_folder / "checkpoints" / "best.ckpt"
-    result = run(
-        tmp_path,
-        f"data.root={root.split(':', 1)[1].strip()}",
-        f"model.weights={best}",
-        "data.block_s=0.5",
-        "data.gap_s=0.1",
-        "trainer.max_epochs=0",
-        "score=none",
-        "hydra.run.dir=run",
+    succeed(
+        run(
+            tmp_path,
+            f"data.root={root.split(':', 1)[1].strip()}",
+            f"model.weights={best}",
+            "data.block_s=0.5",
+            "data.gap_s=0.1",
+            "trainer.max_epochs=0",
+            "score=none",
+            "hydra.run.dir=run",
+        )
     )
-    assert result.returncode == 0, result.stderr
     assert equal(weights(tmp_path / "run", "best"), weights(run_folder, "best"))
 
 
 @pytest.mark.slow
 def test_two_processes_train_on_the_cpu(recorded: Written, tmp_path: Path) -> None:
-    result = run(
-        tmp_path,
-        *SMALL,
-        f"data.root={recorded.folder}",
-        "trainer=ddp_cpu",
-        "trainer.max_epochs=2",
-        "hydra.run.dir=run",
+    printed = succeed(
+        run(
+            tmp_path,
+            *SMALL,
+            f"data.root={recorded.folder}",
+            "trainer=ddp_cpu",
+            "trainer.max_epochs=2",
+            "hydra.run.dir=run",
+        )
     )
-    assert result.returncode == 0, result.stderr
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["epochs"] == 2
-    assert result.stdout.count("leak: a val") == 1, "one process speaks"
+    assert printed.count("leak: a val") == 1, "one process speaks"
 
 
 def break_nothing(folder: Path) -> None:
     pass
 
 
-def remove_rows(folder: Path) -> None:
-    (folder / "driving_log.csv").write_text("")
-
-
-def cut_a_row(folder: Path) -> None:
-    log = folder / "driving_log.csv"
-    lines = log.read_text().splitlines()
-    lines[6] = ",".join(lines[6].split(",")[:5])
-    log.write_text("\n".join(lines))
-
-
-def write_steering(folder: Path, text: str) -> None:
+def spoil_steering(folder: Path) -> None:
     log = folder / "driving_log.csv"
     lines = log.read_text().splitlines()
     fields = lines[3].split(",")
-    fields[3] = text
-    lines[3] = ",".join(fields)
-    log.write_text("\n".join(lines))
-
-
-def spoil_steering(folder: Path) -> None:
-    write_steering(folder, "nan")
-
-
-def turn_in_degrees(folder: Path) -> None:
-    write_steering(folder, "12.5")
+    log.write_text("\n".join([*lines[:3], ",".join([*fields[:3], "nan", *fields[4:]])]))
 
 
 def truncate_an_image(folder: Path) -> None:
@@ -357,35 +336,13 @@ def truncate_an_image(folder: Path) -> None:
     image.write_bytes(image.read_bytes()[:500])
 
 
-def lose_an_image(folder: Path) -> None:
-    sorted((folder / "IMG").glob("center_*.jpg"))[4].unlink()
-
-
-def lose_the_log(folder: Path) -> None:
-    (folder / "driving_log.csv").unlink()
-
-
 @pytest.mark.parametrize(
     ("fault", "override", "words"),
     [
         (shutil.rmtree, "seed=1", "no such folder"),
-        (lose_the_log, "seed=1", "holds no driving_log.csv"),
-        (remove_rows, "seed=1", "the log has no rows"),
-        (cut_a_row, "seed=1", "driving_log.csv, row 7: 5 columns, expected 7"),
         (spoil_steering, "seed=1", "driving_log.csv, row 4: steering is 'nan'"),
-        (turn_in_degrees, "seed=1", "driving_log.csv, row 4: steering is 12.5, beyond -1..1"),
         (truncate_an_image, "seed=1", "driving_log.csv, row 5: "),
-        (truncate_an_image, "seed=1", "the image is truncated"),
-        (lose_an_image, "seed=1", "driving_log.csv, row 5: no image center_"),
-        (break_nothing, "data.batch_size=5000", "data.batch_size=5000 is larger than the"),
-        (break_nothing, "data.straight_threshold=2", "data.straight_cap=0.5 cannot be held"),
-        (break_nothing, "data.split=weekly", "data.split=weekly is not one of blocks, random"),
-        (break_nothing, "data.split=recording", "needs 3 recordings"),
-        (break_nothing, "data.crop=[100,60]", "leaves nothing of 160 rows"),
-        (break_nothing, "model.colour=cmyk", "model.colour=cmyk is not one of"),
-        (break_nothing, "data.flip=often", "data.flip=often"),
         (break_nothing, "data.offset=left", "data.offset=left"),
-        (break_nothing, "data.batch_size=big", "data.batch_size=big"),
         (break_nothing, "optim.lr=fast", "optim.lr=fast is not a number above 0"),
         (break_nothing, "schedule.factor=7", "optim or schedule: "),
         (break_nothing, "seed=-1", "seed=-1 is not a whole number"),
@@ -404,7 +361,7 @@ def test_bad_input_gets_one_line(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture,
 ) -> None:
-    """Commands run in this process: importing torch 23 times would take minutes."""
+    """All faults of recordings and values have tests of their own, where they are found."""
     written = write_recording(tmp_path / "lake", rows=40)
     fault(written.folder)
     monkeypatch.chdir(tmp_path)
@@ -427,16 +384,17 @@ def test_bad_input_gets_one_line(
 def test_a_bad_image_can_be_skipped(tmp_path: Path) -> None:
     written = write_recording(tmp_path / "lake", rows=60)
     truncate_an_image(written.folder)
-    result = run(
-        tmp_path,
-        *SMALL,
-        f"data.root={written.folder}",
-        "data.on_bad_image=skip",
-        "trainer.max_epochs=1",
-        "hydra.run.dir=run",
+    printed = succeed(
+        run(
+            tmp_path,
+            *SMALL,
+            f"data.root={written.folder}",
+            "data.on_bad_image=skip",
+            "trainer.max_epochs=1",
+            "hydra.run.dir=run",
+        )
     )
-    assert result.returncode == 0, result.stderr
-    assert "skipped 1 rows with a bad image" in result.stdout
+    assert "skipped 1 rows with a bad image" in printed
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert metrics["data"]["rows"] == 59
 
@@ -497,13 +455,14 @@ def test_no_disk_space_is_said_in_one_line(recorded: Written, tmp_path: Path) ->
 
 
 def test_preview_shows_what_will_be_fed(recorded: Written, tmp_path: Path) -> None:
-    result = run(
-        tmp_path,
-        f"data.root={recorded.folder}",
-        "data.block_s=0.5",
-        "augment=[brightness,shadow,shift,blur,noise]",
-        module="zoo.preview",
+    succeed(
+        run(
+            tmp_path,
+            f"data.root={recorded.folder}",
+            "data.block_s=0.5",
+            "augment=[brightness,shadow,shift,blur,noise]",
+            module="zoo.preview",
+        )
     )
-    assert result.returncode == 0, result.stderr
     for name in ("fed_batch", "steering_histogram"):
         assert (tmp_path / "outputs" / "preview" / f"{name}.png").stat().st_size > 10_000

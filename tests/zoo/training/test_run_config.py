@@ -15,7 +15,7 @@ from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from simulator.record import FIRST_TRY, RecordOptions
 from tests.recordings import Written
-from tests.zoo.commands import ROOT, only_line, run
+from tests.zoo.commands import ROOT, only_line, run, succeed
 from tests.zoo.keras.keras_files import INPUT, write_h5, write_json, write_keras
 from tests.zoo.keras.test_keras_layers import IMAGES, REST, SCALE, UNCLEAR, expected
 from tests.zoo.trainings import SMALL, zoo_here
@@ -251,9 +251,8 @@ SHORT = (
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Run `drivezoo train` with a short recording and no other data; return its folder."""
     cwd = tmp_path_factory.mktemp("first_use")
-    result = run(cwd, *SHORT, "hydra.run.dir=run")
-    assert result.returncode == 0, result.stderr
-    assert "recording 1 drives with the embedded simulator" in result.stdout
+    printed = succeed(run(cwd, *SHORT, "hydra.run.dir=run"))
+    assert "recording 1 drives with the embedded simulator" in printed
     return cwd
 
 
@@ -265,9 +264,8 @@ def test_it_trains_without_any_data(trained: Path) -> None:
 def test_it_never_records_twice(trained: Path) -> None:
     log = trained / "outputs" / "recordings" / "lake" / "driving_log.csv"
     before = log.stat().st_mtime_ns
-    result = run(trained, *SHORT, "hydra.run.dir=again")
-    assert result.returncode == 0, result.stderr
-    assert "embedded simulator" not in result.stdout
+    printed = succeed(run(trained, *SHORT, "hydra.run.dir=again"))
+    assert "embedded simulator" not in printed
     assert log.stat().st_mtime_ns == before
 
 
