@@ -202,7 +202,10 @@ def wanted(kind: Any) -> str:
         return ", or ".join("null" if part is type(None) else wanted(part) for part in parts)
     if get_origin(kind) is Literal:
         return bounds(kind)
-    plain = get_args(kind)[0] if get_origin(kind) is Annotated else kind
+    plain, *marks = get_args(kind) if get_origin(kind) is Annotated else [kind]
+    examples = [one for mark in marks for one in getattr(mark, "examples", None) or ()]
+    if examples:
+        return f"as in {', '.join(map(typed, examples))}"
     return f"{_NAMED.get(plain, 'text')} {bounds(kind)}".strip()
 
 
@@ -236,7 +239,9 @@ def convert(name: str, kind: Any, value: Any) -> Any:
 
     if isinstance(value, str) and value in NULLS:
         value = None
-    plain = {get_origin(part) or part for part in (*get_args(kind), kind)}
+    given = value
+    parts = [getattr(part, "__origin__", part) for part in (*get_args(kind), kind)]
+    plain = {get_origin(part) or part for part in parts}
     if isinstance(value, str) and plain & {list, tuple}:
         from zoo.base.bounded_files import parse_yaml  # slow import: YAML
 
@@ -244,7 +249,6 @@ def convert(name: str, kind: Any, value: Any) -> Any:
             value = parse_yaml(value if value.startswith("[") else f"[{value}]")
         except ValueError:
             raise UsageError(f"{name}={value}: must be a list, such as [1,2]") from None
-    given = value
     if str in plain and isinstance(value, list | tuple):
         value = ",".join(map(typed, value))
     elif str in plain and isinstance(value, os.PathLike | Mapping):

@@ -1,23 +1,32 @@
 """Options of `drivezoo import`."""
 
-import re
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
-from zoo.base.errors import UsageError
 from zoo.input_search.combinations import LEAST_ROWS
 from zoo.keras.keras_model import THROTTLE_RANGE
 
 Colour = Literal["rgb", "bgr", "yuv", "yuv_old", "hsv", "gray", "hsv_s"]
-# An example of each pair, and the form of its numbers.
-EXAMPLES = {
-    "crop": ("[60,25]", r"\d{1,4}"),
-    "size": ("[66,200]", r"\d{1,4}"),
-    "scale": ("[127.5,1], the divisor first and not 0", r"-?\d{1,6}(\.\d{1,9})?"),
-}
 Resize = Literal["area", "linear", "area_first", "linear_first", "blur_linear"]
+Pixels = Annotated[int, Field(ge=0, le=9999)]
+Number = Annotated[float, Field(ge=-1e6, le=1e6)]
+
+
+def _divides(scale: tuple[float, float]) -> tuple[float, float]:
+    if not scale[0]:
+        raise ValueError("the divisor is 0")
+    return scale
+
+
+Crop = Annotated[tuple[Pixels, Pixels], Field(examples=[(60, 25)])]
+Size = Annotated[tuple[Pixels, Pixels], Field(examples=[(66, 200)])]
+DividedScale = Annotated[
+    tuple[Number, Number],
+    AfterValidator(_divides),
+    Field(examples=["[127.5,1], the divisor first and not 0"]),
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,46 +54,14 @@ class ImportOptions:
 
     recording: str | None = None
     colour: Colour | None = None
-    crop: str | None = None
-    size: str | None = None
+    crop: Crop | None = None
+    size: Size | None = None
     resize: Resize | None = None
-    scale: str | None = None
-    lambdas: str | None = None
-    outputs: str | None = None
+    scale: DividedScale | None = None
+    lambdas: list[str] | None = None
+    outputs: list[str] | None = None
     throttle_range: Annotated[float, Field(gt=0, le=1)] = THROTTLE_RANGE
     weights: str | None = None
     frames: Annotated[int, Field(ge=LEAST_ROWS, le=2000)] = 300
     drive: bool = True
     out: str | None = None
-
-    def pair(self, key: str) -> tuple[float, float] | None:
-        """Return `crop` or `size` as two whole numbers, or `scale` as divisor and subtracted one.
-
-        Raises:
-            UsageError: it is no such pair.
-        """
-        text = getattr(self, key)
-        words = read_list(text)
-        if words is None:
-            return None
-        example, number = EXAMPLES[key]
-        if (
-            len(words) != 2
-            or not all(re.fullmatch(number, one) for one in words)
-            or (key == "scale" and float(words[0]) == 0)
-        ):
-            raise UsageError(f"{key}={text}: must be two numbers, as in {key}={example}")
-        one, other = map(float if key == "scale" else int, words)
-        return one, other
-
-
-def read_list(text: str | None) -> list[str] | None:
-    """Return the words of a list, with or without brackets; None for None.
-
-    >>> read_list("[60, 25]"), read_list("atan:2"), read_list("[]")
-    (['60', '25'], ['atan:2'], [])
-    """
-    if text is None:
-        return None
-    inner = text.strip().removeprefix("[").removesuffix("]")
-    return [one for one in (word.strip(" '\"") for word in inner.split(",")) if one]

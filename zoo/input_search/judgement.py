@@ -102,7 +102,7 @@ def judge(trials: Trials, driven: tuple[Driven, ...] = ()) -> Judgement:
     """Return the judgement of a search, and of its drives, the best first."""
     chance = chance_correlation(trials)
     first = driven[0].trial if driven else trials.finalists[0]
-    alike = [one for one in trials.finalists if _steer_alike(first, one)]
+    alike = [one for one in trials.finalists if steer_alike(first, one)]
     best = min((one for one in alike if _crops_alike(first, one)), key=_rarity)
     different = [one for one in trials.finalists if one not in alike]
     samples = _resamples(best)
@@ -172,7 +172,8 @@ def _crops_alike(first: Trial, other: Trial) -> bool:
     return (own.colour, own.crop) == (views.colour, views.crop)
 
 
-def _steer_alike(first: Trial, other: Trial) -> bool:
+def steer_alike(first: Trial, other: Trial) -> bool:
+    """Return whether two trials' outputs differ too little to matter in driving."""
     return bool(np.abs(first.outputs - other.outputs).mean() < SAME_STEERING)
 
 

@@ -10,6 +10,7 @@ from torch import nn
 from datamodules.recording import Recording
 from datamodules.recording_format import other_car, read_recordings
 from datamodules.view import FRAME, View
+from zoo.base.command_keys import typed
 from zoo.base.errors import InputError
 from zoo.base.terminal import print_written
 from zoo.checkpoints.checkpoint import PREFIX, make_card
@@ -25,14 +26,14 @@ from zoo.input_search.combinations import (
     likeliest_combination,
     read_trial_frames,
 )
-from zoo.input_search.import_options import ImportOptions, read_list
+from zoo.input_search.import_options import ImportOptions
 from zoo.input_search.import_tables import (
     architecture_table,
     input_table,
     print_judgement,
     trials_table,
 )
-from zoo.input_search.judgement import search
+from zoo.input_search.judgement import Judgement, search
 from zoo.input_search.tied_drives import drive_tied
 from zoo.input_search.trials import Trial
 from zoo.keras.keras_file import KerasModel, read_keras_apart
@@ -62,7 +63,8 @@ def import_network(file: str, options: ImportOptions, console: Console) -> Path:
     if recording is None:
         found = likeliest_combination(known)
     else:
-        found = _search(path, converted, known, recording, options, console)
+        judged = find_input(path, converted, known, recording, options, console)
+        found = judged.best.combination
     rest = GUESS if recording is None else SEARCH
     console.print(input_table(found, _sources(known, options, rest), console.width))
     for line in _guesses(path, known, found) if recording is None else []:
@@ -97,20 +99,21 @@ def _known(
     model: KerasModel, options: ImportOptions, searches: bool
 ) -> tuple[ConvertedKeras, KnownInput]:
     """Convert the model, and return what its file and the user's keys tell of its input."""
-    scale, size = options.pair("scale"), options.pair("size")
-    lambdas, outputs = read_list(options.lambdas), read_list(options.outputs)
+    scale = options.scale
+    given = (options.lambdas, options.outputs, options.size, options.throttle_range)
     try:
-        converted = convert(model, scale, lambdas, outputs, size, options.throttle_range)
+        converted = convert(model, scale, *given)
         scale = converted.scale
     except InputError:
-        if not searches or scale or lambdas:
+        if not searches or scale or options.lambdas:
             raise
         # An unclear Lambda may be the scale, which is then searched.
-        converted = convert(model, SCALES[0], lambdas, outputs, size, options.throttle_range)
-    if size not in (None, converted.input_shape[:2]):
-        height, width, _ = converted.input_shape
+        converted = convert(model, SCALES[0], *given)
+    height, width, _ = converted.input_shape
+    if options.size not in (None, (height, width)):
         raise InputError(
-            f"size={options.size}: the input in {model.path} is {height} x {width}; leave size out"
+            f"size={typed(options.size)}: the input in {model.path} is {height} x {width}; leave "
+            "size out"
         )
     if scale is None and not searches:
         raise InputError(
@@ -120,7 +123,7 @@ def _known(
     known = KnownInput(
         shape=converted.input_shape,
         colour=options.colour,
-        crop=options.pair("crop"),
+        crop=options.crop,
         resize=options.resize,
         scale=scale,
     )
@@ -140,15 +143,27 @@ def _as_donkeycar(known: KnownInput) -> KnownInput:
     )
 
 
-def _search(
+def find_input(
     path: Path,
     converted: ConvertedKeras,
     known: KnownInput,
     recording: Recording,
     options: ImportOptions,
     console: Console,
-) -> Combination:
-    """Try inputs on a recording, drive those that are tied, print both, and return the best."""
+) -> Judgement:
+    """Try inputs on a recording, drive those that are tied, print both, and return the judgement.
+
+    Args:
+        path: network's file, for the checkpoints that drive.
+        converted: converted network.
+        known: facts about its input.
+        recording: recording to try on.
+        options: number of frames, and whether to drive.
+        console: console that shows progress and results.
+
+    Raises:
+        InputError: an image cannot be read, or no input fits.
+    """
 
     def show_best(trial: Trial) -> None:
         text = f"best so far: {trial.combination.text()}, correlation {trial.correlation:.2f}"
@@ -165,7 +180,7 @@ def _search(
         judged = drive_tied(judged, write, console)
     console.print(trials_table(judged, console.width))
     print_judgement(judged, console)
-    return judged.best.combination
+    return judged
 
 
 def _sources(known: KnownInput, options: ImportOptions, rest: str) -> dict[str, str]:

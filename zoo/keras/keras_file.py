@@ -36,7 +36,12 @@ READ_S, BYTES_PER_S = 30.0, 10e6
 FREE_BYTES, COPIES = 1_000_000_000, 4
 H5_SUFFIXES = (".h5", ".hdf5")
 SUFFIXES = (*H5_SUFFIXES, ".keras", ".json")
-TORCH_SUFFIXES = (".pth", ".pt")
+TORCH = "a file of PyTorch, which has weights and no layers; train further from it with {}"
+OTHER_KINDS = {
+    ".pth": TORCH,
+    ".pt": TORCH,
+    ".tflite": "a file of TensorFlow Lite; its training wrote a .h5 or .keras beside it",
+}
 LFS = b"version https://git-lfs"
 CONFIG, METADATA, WEIGHTS = "config.json", "metadata.json", "model.weights.h5"  # of `.keras`
 
@@ -57,11 +62,9 @@ def read_keras(
             or the model is not a chain of layers.
     """
     path = Path(path)
-    if path.suffix.lower() in TORCH_SUFFIXES:
-        raise InputError(
-            f"{path}: is a file of PyTorch, which has weights and no layers; name a network of "
-            f"Keras ({', '.join(SUFFIXES)}), or train further from it with model.weights={path}"
-        )
+    if kind := OTHER_KINDS.get(path.suffix.lower()):
+        kind = kind.format(f"model.weights={path}")
+        raise InputError(f"{path}: is {kind}; name a network of Keras ({', '.join(SUFFIXES)})")
     if path.suffix.lower() == ".json":
         found = Path(weights) if weights is not None else _weights_of(path)
         return replace(_read_h5(found, path, as_chain), path=path)
