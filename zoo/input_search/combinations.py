@@ -18,23 +18,9 @@ Pair = tuple[int, int]
 # most frequent first. (60, 25) and (50, 20) stood before a resize to 66 x 200, (32, 25) before one
 # to 64 x 64; (70, 25) and (50, 20) are the course's own Cropping2D.
 CROPS: tuple[Pair, ...] = (
-    (0, 0),
-    (60, 25),
-    (70, 25),
-    (50, 20),
-    (60, 20),
-    (65, 25),
-    (55, 25),
-    (50, 25),
-    (65, 20),
-    (70, 20),
-    (40, 20),
-    (32, 25),
-    (80, 20),
-    (40, 25),
-    (60, 30),
-    (40, 0),
-)
+    (0, 0), (60, 25), (70, 25), (50, 20), (60, 20), (65, 25), (55, 25), (50, 25),
+    (65, 20), (70, 20), (40, 20), (32, 25), (80, 20), (40, 25), (60, 30), (40, 0),
+)  # fmt: skip
 # The network computes pixel / scale[0] - scale[1]: x/127.5-1, x/255-0.5, x/255, (x-128)/128, x.
 SCALES: tuple[Scale, ...] = ((127.5, 1.0), (255.0, 0.5), (255.0, 0.0), (128.0, 1.0), (1.0, 0.0))
 USUAL_RESIZE = "area"
@@ -112,11 +98,8 @@ def likeliest_combination(known: KnownInput) -> Combination:
 
     It is a view of the cropped frame as it is, or else one after a crop of (60, 25).
     """
-
-    def rank(one: Combination) -> tuple[bool, bool]:
-        return one.view.size is not None, one.view.crop != USUAL_CROP
-
-    return min(combinations(known), key=rank)
+    views = ((one.view, one) for one in combinations(known))
+    return min(views, key=lambda pair: (pair[0].size is not None, pair[0].crop != USUAL_CROP))[1]
 
 
 def with_each_resize(found: Combination, known: KnownInput) -> list[Combination]:

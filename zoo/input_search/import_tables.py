@@ -58,7 +58,7 @@ def trials_table(judged: Judgement, width: int) -> Table:
         (
             one.combination.view.colour,
             "{},{}".format(*one.combination.view.crop),
-            _resize(one),
+            one.combination.view.resize if one.combination.view.size else "-",
             "{:g},{:g}".format(*one.combination.scale),
             *map(_figure, (one.agreement, one.correlation, one.recovery)),
         )
@@ -77,10 +77,11 @@ def print_judgement(judged: Judgement, console: Console) -> None:
     """Print whether the best input is convincing, and which others may be right."""
     best = judged.best
     if judged.doubts:
-        lines = ["no input is convincing; the best is taken, but", *_bullets(judged.doubts)]
-        lines += [
+        lines = [
+            "no input is convincing; the best is taken, but",
+            *(f"- {one}" for one in judged.doubts),
             "was the network trained to steer by one image, on a track as in this recording? Name "
-            "a recording of that track, or set colour=, crop= and scale= if you know them"
+            "a recording of that track, or set colour=, crop= and scale= if you know them",
         ]
     else:
         lines = [
@@ -110,18 +111,10 @@ def print_judgement(judged: Judgement, console: Console) -> None:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
-def _bullets(texts: Sequence[str]) -> list[str]:
-    return [f"- {one}" for one in texts]
-
-
 def _difference(best: Trial, other: Trial) -> str:
     """Return the keys in which another combination differs from the best."""
     own = best.combination.text().split()
     return " ".join(one for one in other.combination.text().split() if one not in own)
-
-
-def _resize(trial: Trial) -> str:
-    return trial.combination.view.resize if trial.combination.view.size else "-"
 
 
 def _figure(value: float | None) -> str:

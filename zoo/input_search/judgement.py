@@ -103,7 +103,10 @@ def judge(trials: Trials, driven: tuple[Driven, ...] = ()) -> Judgement:
     chance = chance_correlation(trials)
     first = driven[0].trial if driven else trials.finalists[0]
     alike = [one for one in trials.finalists if steer_alike(first, one)]
-    best = min((one for one in alike if _crops_alike(first, one)), key=_rarity)
+    own = first.combination.view
+    views = [(one, one.combination.view) for one in alike]
+    usual = [one for one, view in views if (view.colour, view.crop) == (own.colour, own.crop)]
+    best = min(usual, key=_rarity)
     different = [one for one in trials.finalists if one not in alike]
     samples = _resamples(best)
     scores = _scores(best, samples)
@@ -165,11 +168,6 @@ def _rarity(trial: Trial) -> tuple[int, int]:
     resizes, scale = list(RESIZES), trial.combination.scale
     place = SCALES.index(scale) if scale in SCALES else len(SCALES)
     return resizes.index(trial.combination.view.resize), place
-
-
-def _crops_alike(first: Trial, other: Trial) -> bool:
-    own, views = first.combination.view, other.combination.view
-    return (own.colour, own.crop) == (views.colour, views.crop)
 
 
 def steer_alike(first: Trial, other: Trial) -> bool:

@@ -61,14 +61,13 @@ def import_network(file: str, options: ImportOptions, console: Console) -> Path:
     converted, known = _known(model, options, searches=recording is not None)
     console.print(architecture_table(path.name, converted.notes, console.width))
     if recording is None:
-        found = likeliest_combination(known)
+        found, rest = likeliest_combination(known), GUESS
     else:
         judged = find_input(path, converted, known, recording, options, console)
-        found = judged.best.combination
-    rest = GUESS if recording is None else SEARCH
+        found, rest = judged.best.combination, SEARCH
     console.print(input_table(found, _sources(known, options, rest), console.width))
-    for line in _guesses(path, known, found) if recording is None else []:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    if recording is None:
+        _warn_of_guesses(path, known, found, console)
     source = "donkeycar" if model.is_donkeycar else None
     data = _write(out, path, converted, found, recording, source)
     following = next_drive(out, data, ["evaluate", out, "track=udacity_lake"])
@@ -190,18 +189,16 @@ def _sources(known: KnownInput, options: ImportOptions, rest: str) -> dict[str, 
     return {key: KEY if getattr(options, key) else source for key, source in found.items()}
 
 
-def _guesses(path: Path, known: KnownInput, found: Combination) -> list[str]:
-    keys = {"colour": found.view.colour, "crop": str(list(found.view.crop)).replace(" ", "")}
-    if known.shape[:2] == FRAME:
-        keys.pop("crop")  # the whole frame
-    guessed = [f"{key}={keys[key]}" for key in keys if getattr(known, key) is None]
-    if not guessed:
-        return []
-    return [
-        f"warning: {' and '.join(guessed)} {'is a guess' if len(guessed) == 1 else 'are guesses'}: "
-        "the file does not tell. Set them if you know them, or find them out: "
-        f"drivezoo import {path} recording=FOLDER"
+def _warn_of_guesses(path: Path, known: KnownInput, found: Combination, console: Console) -> None:
+    keys = ["colour"] if known.shape[:2] == FRAME else ["colour", "crop"]  # or the whole frame
+    guessed = [
+        f"{key}={typed(getattr(found.view, key))}" for key in keys if getattr(known, key) is None
     ]
+    if guessed:
+        are = "is a guess" if len(guessed) == 1 else "are guesses"
+        text = f"warning: {' and '.join(guessed)} {are}: the file does not tell. Set them if you "
+        text += f"know them, or find them out: drivezoo import {path} recording=FOLDER"
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
 def _model_settings(converted: ConvertedKeras, found: Combination) -> dict:
@@ -209,9 +206,7 @@ def _model_settings(converted: ConvertedKeras, found: Combination) -> dict:
     view = found.view.to_dict()
     return {
         "name": "keras",
-        "colour": view["colour"],
-        "size": view["size"],
-        "resize": view["resize"],
+        **{key: view[key] for key in ("colour", "size", "resize")},
         "weights": None,
         "_target_": "zoo.models.sequential.Sequential",
         "layers": converted.layers,

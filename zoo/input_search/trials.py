@@ -31,6 +31,7 @@ from zoo.input_search.combinations import (
     with_each_resize,
 )
 from zoo.training.open_loop import side_response
+from zoo.worlds.run_drives import one_thread
 
 SIDE_OFFSET = 0.25  # steering that solutions of the course add for the left camera: 0.2 to 0.3
 SPREAD_WEIGHT = 1 / 8  # of the spread and the mean beside the correlation, if the scale is free
@@ -155,8 +156,8 @@ def try_inputs(
     network: Network,
     known: KnownInput,
     frames: TrialFrames,
-    show: Callable[[float], None] = lambda share: None,
-    show_best: Callable[[Trial], None] = lambda trial: None,
+    show: Callable[[float], None],
+    show_best: Callable[[Trial], None],
 ) -> Trials:
     """Try the combinations that fit what is known, and return the trials.
 
@@ -176,12 +177,11 @@ def try_inputs(
 
     def stage(chosen: Sequence[Combination], frames: TrialFrames, *shares: float) -> list[Trial]:
         """Return the trials, the best first, and show the work from one share to another."""
-        first, last = shares
         found = try_all(
-            network, chosen, frames, free, lambda share: show(first + (last - first) * share)
+            network, chosen, frames, free, lambda one: show(np.interp(one, (0, 1), shares))
         )
-        if found:
-            show_best(found[0])
+        for best in found[:1]:
+            show_best(best)
         return found
 
     possible = combinations(known)
@@ -229,15 +229,11 @@ def try_all(
     This is faster than to share each batch among the cores, most of all on a busy machine.
     """
     trials = []
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with ThreadPoolExecutor(min(threads, usable_cores())) as pool:
-            for one in pool.map(lambda one: try_one(network, one, frames, free_scale), chosen):
-                trials.append(one)
-                show(len(trials) / len(chosen))
-    finally:
-        torch.set_num_threads(threads)
+    threads = min(torch.get_num_threads(), usable_cores())
+    with one_thread(), ThreadPoolExecutor(threads) as pool:
+        for one in pool.map(lambda one: try_one(network, one, frames, free_scale), chosen):
+            trials.append(one)
+            show(len(trials) / len(chosen))
     return sorted(trials, key=_score, reverse=True)
 
 

@@ -140,7 +140,7 @@ def packaged_file(source: str, sha256_start: str) -> Path:
             f"pip install {package}, {REMEDY}"
         )
     path = Path(spec.submodule_search_locations[0]) / inner
-    if not path.is_file() or not has_hash(path, sha256_start):
+    if not path.is_file() or not hash_file(path).startswith(sha256_start):
         raise InputError(
             f"{path}: is missing, or is not the file of {package} (another hash); "
             f"pip install --force-reinstall {package}, {REMEDY}"
@@ -173,14 +173,8 @@ def downloaded_file(url: str, sha256_start: str, folder: Path | None = None) -> 
                 f"there, {REMEDY}"
             ) from None
         return path
-    if not has_hash(path, sha256_start):
+    if not hash_file(path).startswith(sha256_start):  # one second for 528 MB
         raise InputError(
             f"{path}: is not the file of {url} (another hash); delete it to download it again"
         )
     return path
-
-
-def has_hash(path: Path, sha256_start: str) -> bool:
-    """Return whether a file's SHA-256 starts with these digits."""
-    # One second for 528 MB; a training of such a network takes minutes.
-    return hash_file(path).startswith(sha256_start)

@@ -5,6 +5,7 @@ The layouts are defined in Keras' `saving/legacy_h5_format.py` (Keras 1, 2; 3's 
 other files, external and virtual datasets are refused.
 """
 
+import itertools
 import math
 import re
 from collections.abc import Iterator
@@ -160,14 +161,10 @@ def _child(group: Any, name: str, source: object) -> Any:
 
 def names(group: Any, attribute: str) -> list[str]:
     """Return the list of names in an attribute; Keras splits a long one into numbered parts."""
-    if attribute in group.attrs:
-        return [text(name) for name in group.attrs[attribute]]
-    found: list[str] = []
-    part = 0
-    while f"{attribute}{part}" in group.attrs:
-        found += [text(name) for name in group.attrs[f"{attribute}{part}"]]
-        part += 1
-    return found
+    numbered = (f"{attribute}{part}" for part in itertools.count())
+    parts = itertools.takewhile(group.attrs.__contains__, numbered)
+    own = [attribute] if attribute in group.attrs else parts
+    return [text(name) for part in own for name in group.attrs[part]]
 
 
 def text(value: bytes | str) -> str:

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from zoo.base.bounded_files import (
     MOST_JSON_BYTES,
@@ -108,7 +108,11 @@ def _read(path: Path, arguments: tuple, most_bytes: int, _report: object) -> Ker
 
 def _read_h5(path: Path, json: Path | None, as_chain: bool) -> KerasModel:
     config = None if json is None else _json_model(json)
-    with _naming_damage(path, "HDF5"), open_binary(path, MOST_BYTES) as raw, _hdf5(raw) as file:
+    with (
+        _naming_damage(path, "HDF5") as hdf5,
+        open_binary(path, MOST_BYTES) as raw,
+        hdf5(raw, "r") as file,
+    ):
         weights = WeightsFile(file, path, raw.seek(0, io.SEEK_END))
         if not weights.is_legacy and not weights.is_keras_3:
             raise InputError(
@@ -122,14 +126,14 @@ def _read_h5(path: Path, json: Path | None, as_chain: bool) -> KerasModel:
 
 
 def _read_zip(path: Path, as_chain: bool) -> KerasModel:
-    with _naming_damage(path, ".keras"), open_binary(path, MOST_BYTES) as raw:
+    with _naming_damage(path, ".keras") as hdf5, open_binary(path, MOST_BYTES) as raw:
         with open_archive(raw, path) as archive:
             config = _checked_model(_member(archive, CONFIG, path).decode(), path)
             if METADATA in archive.namelist():
                 found = parse_json(_member(archive, METADATA, path).decode())
                 config |= found if isinstance(found, dict) else {}
             weights = _member(archive, WEIGHTS, path)
-        with _hdf5(io.BytesIO(weights)) as file:
+        with hdf5(io.BytesIO(weights), "r") as file:
             return _model(path, config, WeightsFile(file, path, len(weights)), as_chain)
 
 
@@ -230,24 +234,16 @@ def _member(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:
 
 
 @contextmanager
-def _hdf5(raw: BinaryIO) -> Iterator[Any]:
-    import h5py
-
-    with h5py.File(raw, "r") as file:
-        yield file
-
-
-@contextmanager
-def _naming_damage(path: Path, kind: str) -> Iterator[None]:
-    """Report any error of reading a damaged file in one line."""
+def _naming_damage(path: Path, kind: str) -> Iterator[Any]:
+    """Yield the class of an HDF5 file; report any error of reading a damaged one in one line."""
     try:
-        import h5py  # noqa: F401
+        import h5py
     except ImportError:
         raise InputError(
             f"{path}: h5py, which reads it, is not installed; pip install h5py"
         ) from None
     try:
-        yield
+        yield h5py.File
     except (InputError, MemoryError):
         raise
     except Exception as error:  # h5py, zipfile and json raise any error on damaged bytes

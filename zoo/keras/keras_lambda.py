@@ -53,8 +53,8 @@ LETTERS = (
 )
 OPERATORS = {0: "+", 10: "-", 5: "*", 11: "/", 13: "+", 23: "-", 18: "*", 24: "/"}
 FUNCTIONS = {
-    "multiply": "*", "mul": "*", "divide": "/", "div": "/", "truediv": "/", "add": "+",
-    "subtract": "-", "sub": "-",
+    "multiply": "*", "mul": "*", "divide": "/", "div": "/", "truediv": "/", "truedivide": "/",
+    "add": "+", "subtract": "-", "sub": "-",
 }  # fmt: skip
 MODULES = (
     "tf", "tensorflow", "K", "keras", "backend", "math", "image", "nn", "activations", "ktf", "np",

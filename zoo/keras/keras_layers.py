@@ -149,7 +149,7 @@ def _input_shape(
     Raises:
         InputError: the file does not have it and `size` is None, or it is not an image's.
     """
-    saved = _saved_shape(model)
+    saved = model.input_shape or [None, None, None]
     if len(saved) != 3:
         raise InputError(
             f"{model.path}: its input is {by(saved)}, not an image of rows, columns and channels; "
@@ -175,16 +175,6 @@ def _input_shape(
             f"{model.path}: its input of {rows!s:.20} x {columns!s:.20} is not 1 to 4096 pixels"
         )
     return (channels, rows, columns) if first else (rows, columns, channels)
-
-
-def _saved_shape(model: KerasModel) -> list:
-    """Return the shape of an image that a layer's config has; None for each unknown side."""
-    for layer in model.layers[:3]:
-        for key in ("batch_input_shape", "batch_shape"):
-            shape = layer.config.get(key)
-            if isinstance(shape, list) and len(shape) > 1:
-                return shape[1:]
-    return [None, None, None]
 
 
 def _kernel_channels(model: KerasModel) -> int | None:

@@ -74,6 +74,16 @@ class KerasModel:
     outputs: dict[str, int] = field(default_factory=dict)
 
     @property
+    def input_shape(self) -> list:
+        """Return the shape of an image in the first layers' configs; empty if they have none."""
+        for layer in self.layers[:3]:
+            for key in ("batch_input_shape", "batch_shape"):
+                shape = layer.config.get(key)
+                if isinstance(shape, list) and len(shape) > 1:
+                    return shape[1:]
+        return []
+
+    @property
     def is_donkeycar(self) -> bool:
         """Return whether it is a network of Donkeycar, which sees pixels / 255 of RGB frames."""
         return list(self.outputs or (self.layers[-1].name,)) in DONKEYCAR

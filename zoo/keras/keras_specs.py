@@ -5,7 +5,9 @@ Values pass as they are: the network checks them when it is built. None stands f
 
 from typing import Any
 
+from zoo.keras.keras_lambda import FUNCTIONS
 from zoo.models.keras_modules import ACTIVATIONS
+from zoo.models.value_layers import ACTIVATIONS
 
 Spec = dict[str, Any]
 
@@ -41,18 +43,12 @@ SETTINGS = {
     "SpatialDropout2D": "rate",
     "GaussianNoise": "stddev",
 }
-# The names of a setting in Keras 1 and 3.
+# Another name of a setting, in Keras 1 or 3.
 OTHER_NAMES = {
-    "filters": ["nb_filter"],
-    "strides": ["subsample"],
-    "dilation_rate": ["atrous_rate"],
-    "padding": ["border_mode"],
-    "use_bias": ["bias"],
-    "units": ["output_dim"],
-    "alpha": ["negative_slope"],
-    "rate": ["p"],
-    "stddev": ["sigma"],
-}
+    "filters": "nb_filter", "strides": "subsample", "dilation_rate": "atrous_rate",
+    "padding": "border_mode", "use_bias": "bias", "units": "output_dim",
+    "alpha": "negative_slope", "rate": "p", "stddev": "sigma",
+}  # fmt: skip
 DEFAULTS = {"padding": "valid", "use_bias": True, "groups": 1, "keepdims": False, "center": True,
             "negative_slope": 0, "threshold": 0}  # fmt: skip
 PAIRS = ("kernel_size", "strides", "dilation_rate", "pool_size")  # of an image: rows and columns
@@ -76,8 +72,8 @@ def plain_kind(kind: str) -> str:
 
 def _setting(kind: str, key: str, config: dict) -> Any:
     """Return the value of a setting; None for the default."""
-    keys = [key, *OTHER_NAMES.get(key, [])]
-    value = next((config[one] for one in keys if config.get(one) is not None), None)
+    value = config.get(key)
+    value = config.get(OTHER_NAMES.get(key, key)) if value is None else value
     if key == "kernel_size" and value is None and "nb_row" in config:
         value = [config.get("nb_row"), config.get("nb_col")]
     if isinstance(value, dict):  # of Keras 2 for numpy's numbers
@@ -128,13 +124,6 @@ IDENTITIES = (
 )  # fmt: skip
 RECURRENT = ("LSTM", "GRU", "SimpleRNN", "RNN", "ConvLSTM2D", "Bidirectional", "TimeDistributed")
 _ACTIVATIONS = {"silu": "swish", "hard_silu": "hard_swish"}
-# Operators of functional models, of Keras 2 (config's `function`) and Keras 3 (class).
-OPERATORS = {
-    "math.truediv": "/", "math.divide": "/", "TrueDivide": "/", "Divide": "/",
-    "math.multiply": "*", "Multiply": "*",
-    "math.subtract": "-", "Subtract": "-",
-    "__operators__.add": "+", "math.add": "+", "Add": "+",
-}  # fmt: skip
 
 
 def specs_of(kind: str, config: dict, version: int) -> list[Spec] | None:
@@ -173,8 +162,13 @@ def specs_of(kind: str, config: dict, version: int) -> list[Spec] | None:
 
 
 def operator_specs(name: str, constants: tuple[float, ...]) -> list[Spec] | None:
-    """Return the specs of an operator with one number, such as `x / 127.5`; None for any other."""
-    sign = OPERATORS.get(name)
+    """Return the specs of an operator with one number, such as `x / 127.5`; None for any other.
+
+    Args:
+        name: Keras 2's function, such as `math.truediv`, or Keras 3's class, such as `TrueDivide`.
+        constants: numbers that it was called with.
+    """
+    sign = FUNCTIONS.get(name.rpartition(".")[2].lower())
     if sign is None or len(constants) != 1 or (sign == "/" and not constants[0]):
         return None
     (number,) = constants

@@ -259,8 +259,4 @@ def _channels_first(model: KerasModel) -> bool | None:
 
 def _input(model: KerasModel) -> str:
     """Return a text on the model's input, such as `; its input is 160 x 320 x 3`."""
-    shapes = [
-        layer.config.get("batch_input_shape") or layer.config.get("batch_shape")
-        for layer in model.layers
-    ]
-    return next((f"; its input is {by(one[1:])}" for one in shapes if isinstance(one, list)), "")
+    return f"; its input is {by(model.input_shape)}" if model.input_shape else ""
