@@ -144,26 +144,21 @@ class TrialFrames:
     """Frames with their recorded steering, in the order of driving.
 
     Attributes:
-        center: frames uint8 [N, H, W, 3] RGB.
-        left, right: frames of the side cameras at the same rows; [0, H, W, 3] without them.
+        cameras: frames of the centre camera, or of the centre, left and right ones, uint8
+            [cameras, N, H, W, 3] RGB.
         steering: recorded steering, -1..1, float64 [N].
     """
 
-    center: np.ndarray
-    left: np.ndarray
-    right: np.ndarray
+    cameras: np.ndarray
     steering: np.ndarray
 
     def every(self, step: int) -> "TrialFrames":
         """Return every `step`-th row."""
-        rows = slice(None, None, step)
-        return TrialFrames(
-            self.center[rows], self.left[rows], self.right[rows], self.steering[rows]
-        )
+        return TrialFrames(self.cameras[:, ::step], self.steering[::step])
 
     def center_only(self) -> "TrialFrames":
         """Return the frames without the side cameras."""
-        return TrialFrames(self.center, self.left[:0], self.right[:0], self.steering)
+        return TrialFrames(self.cameras[:1], self.steering)
 
 
 def choose_rows(recording: Recording, count: int) -> np.ndarray:
@@ -211,5 +206,4 @@ def read_trial_frames(
                     "another recording"
                 ) from None
         show((place + 1) / len(rows))
-    left, right = frames[1:] if has_sides else (frames[0][:0], frames[0][:0])
-    return TrialFrames(frames[0], left, right, recording.steering[rows])
+    return TrialFrames(frames, recording.steering[rows])

@@ -47,8 +47,8 @@ class ImportOptions:
             several.
         throttle_range: MODEL_CATEGORICAL_MAX_THROTTLE_RANGE of a categorical network of Donkeycar.
         weights: .h5 file with the weights of a .json; null: the one in its folder.
-        frames: number of frames to try each input on.
-        drive: false: do not drive the inputs that are too near to tell apart on udacity_lake.
+        frames: largest number of frames to try an input on.
+        drive: false: do not drive the best inputs on udacity_lake.
         out: checkpoint to write; null: FILE's name with .ckpt, in the current folder.
     """
 

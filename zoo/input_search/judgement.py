@@ -126,7 +126,7 @@ def judge(trials: Trials, driven: tuple[Driven, ...] = ()) -> Judgement:
 def chance_correlation(trials: Trials) -> float:
     """Return the correlation that all combinations reach by chance in 1 % of the shifts."""
     steering = trials.coarse[0].steering
-    outputs = np.stack([one.center for one in trials.coarse])
+    outputs = np.stack([one.cameras[0] for one in trials.coarse])
     rows = len(steering)
     shifts = range(rows // 20, rows - rows // 20 + 1)
     highest = [correlations(outputs, np.roll(steering, shift)).max() for shift in shifts]
@@ -152,13 +152,16 @@ def _doubts(
             f"{LEAST_CORRELATION:g}; it is also so low with a wrong colour or crop"
         )
     if best.agreement < LEAST_AGREEMENT:
-        spread = best.center.std() / best.steering.std()
+        spread = best.cameras[0].std() / best.steering.std()
         doubts.append(
             f"its agreement with the steering that the images call for, {best.agreement:.2f}, is "
             f"below {LEAST_AGREEMENT:g}; its steering spreads over {spread:.2g} times the recorded "
             "one"
         )
-    if len(best.left) and _low(np.array([best.rows(rows).recovery for rows in samples])) <= 0:
+    if (
+        len(best.cameras) > 1
+        and _low(np.array([best.rows(rows).recovery for rows in samples])) <= 0
+    ):
         doubts.append(f"its recovery response, {best.recovery:+.3f}, is not surely above 0")
     return doubts
 

@@ -33,7 +33,9 @@ from zoo.input_search.combinations import (
 from zoo.training.open_loop import side_response
 from zoo.worlds.run_drives import one_thread
 
-SIDE_OFFSET = 0.25  # steering that solutions of the course add for the left camera: 0.2 to 0.3
+# Steering that each camera's image calls for more than the centre's; solutions of the course add
+# 0.2 to 0.3 for the left camera.
+SIDE_OFFSETS = np.array([0.0, 0.25, -0.25])
 SPREAD_WEIGHT = 1 / 8  # of the spread and the mean beside the correlation, if the scale is free
 COARSE_ROWS, COARSE_STEP = 100, 3  # rows after the first stage, and every how many in it
 COARSE_SCALES = [one for one in SCALES if one != (128.0, 1.0)]  # it is near (127.5, 1)
@@ -50,35 +52,33 @@ class Trial:
 
     Attributes:
         combination: the view and the scale.
-        center, left, right: steering that the network returns for each camera's frames, float64
-            [N]; the side cameras' are empty without their images.
+        cameras: steering that the network returns for each camera's frames, float64 [cameras, N]:
+            the centre one, or the centre, left and right ones.
         steering: recorded steering, float64 [N].
         free_scale: whether the scale is searched, too.
     """
 
     combination: Combination
-    center: np.ndarray
-    left: np.ndarray
-    right: np.ndarray
+    cameras: np.ndarray
     steering: np.ndarray
     free_scale: bool = False
 
     @cached_property
     def correlation(self) -> float:
         """Return Pearson's correlation of the output with the recorded steering."""
-        return float(correlations(self.center[None], self.steering)[0])
+        return float(correlations(self.cameras[:1], self.steering)[0])
 
     @cached_property
     def recovery(self) -> float | None:
         """Return the recovery response, -1..1; None without side images."""
-        return side_response(self.left, self.right)
+        return side_response(*self.cameras[1:]) if len(self.cameras) > 1 else None
 
     @cached_property
     def agreement(self) -> float:
         """Return the agreement with the steering that each image calls for, see `concordance`.
 
-        It is the recorded steering for the centre, and `SIDE_OFFSET` more or less for the side
-        cameras. So the agreement has the correlation and the recovery response in it.
+        It is the recorded steering for the centre, and more or less for the side cameras, see
+        `SIDE_OFFSETS`. So the agreement has the correlation and the recovery response in it.
         """
         return concordance(self.outputs, self.wanted)
 
@@ -97,19 +97,17 @@ class Trial:
     @property
     def wanted(self) -> np.ndarray:
         """Return the steering that each image of `outputs` calls for, float64."""
-        called = [self.steering, self.steering + SIDE_OFFSET, self.steering - SIDE_OFFSET]
-        return np.concatenate(called) if len(self.left) else self.steering
+        return np.add.outer(SIDE_OFFSETS[: len(self.cameras)], self.steering).ravel()
 
     @property
     def outputs(self) -> np.ndarray:
         """Return the outputs for all cameras, one after the other, float64."""
-        return np.concatenate([self.center, self.left, self.right])
+        return self.cameras.ravel()
 
     def rows(self, rows: np.ndarray) -> "Trial":
         """Return the trial of some rows only, such as a bootstrap's."""
-        sides = [one[rows] if len(one) else one for one in (self.left, self.right)]
-        found = (self.combination, self.center[rows], *sides, self.steering[rows])
-        return Trial(*found, self.free_scale)
+        cameras, steering = self.cameras[:, rows], self.steering[rows]
+        return Trial(self.combination, cameras, steering, self.free_scale)
 
 
 @dataclass(frozen=True)
@@ -243,11 +241,8 @@ def try_one(
 ) -> Trial:
     """Return the trial of a combination."""
     module = network(combination.view, combination.scale)
-    outputs = [
-        _steering(module, combination.view, one)
-        for one in (frames.center, frames.left, frames.right)
-    ]
-    return Trial(combination, *outputs, frames.steering, free_scale)
+    outputs = np.stack([_steering(module, combination.view, one) for one in frames.cameras])
+    return Trial(combination, outputs, frames.steering, free_scale)
 
 
 def _steering(module: nn.Module, view: View, frames: np.ndarray) -> np.ndarray:
@@ -256,7 +251,7 @@ def _steering(module: nn.Module, view: View, frames: np.ndarray) -> np.ndarray:
     for start in range(0, len(frames), BATCH):
         images = np.stack([view(frame) for frame in frames[start : start + BATCH]])
         steering.append(module(torch.from_numpy(images).permute(0, 3, 1, 2))[:, 0].numpy())
-    return np.concatenate(steering).astype(np.float64) if steering else np.empty(0)
+    return np.concatenate(steering).astype(np.float64)
 
 
 def _finalists(coarse: Sequence[Trial]) -> list[Combination]:

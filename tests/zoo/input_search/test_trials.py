@@ -174,7 +174,7 @@ def trial(
     rng = np.random.default_rng(seed)
     center = gain * STEERING + rng.normal(0, noise, ROWS)
     combination = Combination(View(crop, colour, (66, 200), resize), SCALES[0])
-    return Trial(combination, center, center + side, center - side, STEERING)
+    return Trial(combination, np.stack([center, center + side, center - side]), STEERING)
 
 
 def judged(*trials: Trial, driven: tuple[Driven, ...] = ()):
