@@ -36,7 +36,7 @@ from zoo.base.rig import STEERING, SteeringLabel
 
 MOST_WINDOW = 256  # frames, rows or targets of a window
 # Arguments that are checked elsewhere.
-UNTYPED = {"root", "view", "weights", "cameras", "augment", "columns", "steering", "return"}
+UNTYPED = {"root", "view", "weights", "cameras", "augment", "columns", "steering", "each", "return"}
 Share = Annotated[float, Field(ge=0, le=1)]
 Least0 = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(ge=1)]
@@ -66,7 +66,7 @@ class DrivingData(lightning.LightningDataModule):
             augments them; `auto` is `device` if that is no CPU and has all of `augment`.
         on_bad_image: `fail`, or `skip` the row.
         on_bad_row: `fail`, or `skip` a row that cannot be read.
-        format, columns, steering, camera, speed_unit, rig: see `ReadOptions`.
+        format, columns, steering, camera, speed_unit, each, rig: see `ReadOptions`.
         cache: folder of decoded views, and of shards from an address; None keeps views in memory.
         cache_gb: most GB of shards in it.
         window_shards: shards whose images are mixed with each other.
@@ -110,6 +110,7 @@ class DrivingData(lightning.LightningDataModule):
         steering: dict | str | None = None,
         camera: str | None = None,
         speed_unit: Literal["mph", "mps", "kmh"] = "mps",
+        each: dict | str | None = None,
         rig: str | None = None,
         cache: str | None = "outputs/cache",
         cache_gb: Annotated[float, Field(gt=0)] = 20.0,

@@ -59,9 +59,9 @@ def _keyboard(recording: Recording) -> Iterator[str]:
     if share > ZERO_SHARE and not 0 < DISTINCT_SHARE * len(turned) <= values:
         yield (
             f"{share:.0%} of steering is exactly 0 and the other {len(turned):,} rows share "
-            f"{values:,} values, as from a keyboard: a network learns to drive straight and to "
-            "jerk; keep data.straight_cap=0.5, or steer by mouse or gamepad (drivezoo simulator "
-            "drive)"
+            f"{values:,} value{'s' * (values > 1)}, as from a keyboard: a network learns to drive "
+            "straight and to jerk; keep data.straight_cap=0.5, or steer by mouse or gamepad "
+            "(drivezoo simulator drive)"
         )
 
 

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from datamodules.recording import Recording
-from datamodules.split import split_rows
+from datamodules.split import split_rows, split_words
 from zoo.base.errors import InputError
 
 SAMPLED = 400  # held-out rows that are compared: enough for a median
@@ -101,7 +101,7 @@ def leak_lines(recording: Recording) -> list[str]:
     return [
         f"leak: a random split hides {hidden:.0%} of the error: without a look at an image, the "
         f"steering of the nearest training row errs by {errors[0]:.3f} on its validation rows, by "
-        f"{errors[1]:.3f} on those of data.split=blocks"
+        f"{errors[1]:.3f} on those of data.split=blocks, {split_words(recording, 'blocks')}"
     ]
 
 

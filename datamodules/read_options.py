@@ -1,12 +1,16 @@
 """What a user says about a recording: keys that commands and trainings share."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Annotated, Any, Literal
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any, Literal, get_type_hints
 
 from pydantic import Field
 
 from datamodules.steering_unit import SteeringUnit, keys_and_values, read_unit
+from zoo.base.command_keys import convert
+from zoo.base.errors import UsageError
+
+OWN_KEYS = ("format", "columns", "steering", "camera", "speed_unit")  # that `each` may have
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +27,7 @@ class ReadOptions:
             number that steers, as LeRobot's action:0; null: as the format says.
         camera: name of the camera that looks ahead, in a LeRobot dataset; null: found by its name.
         speed_unit: unit of a speed whose name has none.
+        each: keys of single recordings, by number, {2: {format: table, steering: ...}}.
         rig: file of the car's rig; null: rig.yaml beside the recording, or as the format says.
         cache: folder in which shards from an address are kept.
         cache_gb: most GB of shards in it; those used longest ago are deleted.
@@ -36,9 +41,35 @@ class ReadOptions:
     steering: str | Mapping[str, Any] | None = None
     camera: str | None = None
     speed_unit: Literal["mph", "mps", "kmh"] = "mps"
+    each: str | Mapping[Any, Any] | None = None
     rig: str | None = None
     cache: str | None = "outputs/cache"
     cache_gb: Annotated[float, Field(gt=0)] = 20.0
+
+    def of_each(self, roots: int) -> list["ReadOptions"]:
+        """Return what the user says about each of some recordings.
+
+        Raises:
+            UsageError: `each` names no such recording, an unknown key, or an impossible value.
+        """
+        own = {str(one): said for one, said in (keys_and_values("each", self.each) or {}).items()}
+        kinds = get_type_hints(ReadOptions, include_extras=True)
+        found = []
+        for number in map(str, range(1, roots + 1)):
+            said = own.pop(number, {})
+            if not isinstance(said, Mapping) or not set(said) <= set(OWN_KEYS):
+                raise UsageError(f"each: {number}: {said}: expected keys of {', '.join(OWN_KEYS)}")
+            values = {
+                key: convert(f"each: {number}: {key}", kinds[key], value)
+                for key, value in said.items()
+            }
+            found.append(replace(self, **values))
+        if own:
+            raise UsageError(
+                f"each: {', '.join(own)}: data.root names {roots} recordings; their numbers are "
+                f"1..{roots}"
+            )
+        return found
 
     def given(self) -> dict[str, Any]:
         """Return the values that differ from the defaults, by key."""

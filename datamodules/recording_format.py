@@ -146,8 +146,11 @@ def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
     roots = [roots] if isinstance(roots, str) else list(roots)
     if not roots:
         raise InputError("data.root is an empty list: name the folder of a recording")
-    options = ReadOptions(**said)
-    parts = [_read_readable(Path(root).expanduser(), options) for root in roots]
+    options = ReadOptions(**said).of_each(len(roots))
+    parts = [
+        _read_readable(Path(root).expanduser(), own)
+        for root, own in zip(roots, options, strict=True)
+    ]
     if any(part.places is not None for part in parts) and len(parts) > 1:
         parts = [replace(part, places=_places(part)) for part in parts]
     joined: dict[str, Any] = {

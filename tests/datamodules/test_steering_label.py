@@ -10,11 +10,13 @@ from rich.console import Console
 from datamodules.augment import Augment, Shift
 from datamodules.driving import DrivingData
 from datamodules.formats.labels import _with_full_lock
+from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.samples import make_samples
 from datamodules.steering_label import curvature_label, in_label
 from datamodules.steering_unit import SteeringUnit
 from datamodules.view import View
+from tests import foreign_recordings as foreign
 from tests.recordings import Written, recording_in_memory, write_recording
 from zoo.base.errors import UsageError
 from zoo.base.rig import STEERING, UDACITY, Camera, single_camera_rig
@@ -126,3 +128,50 @@ def test_the_users_full_lock_is_that_of_the_rig() -> None:
     wider = _with_full_lock(LONG, stated, SteeringUnit("deg", full=270.0))
     assert wider.steering_deg == LONG.steering_deg / 2
     assert _with_full_lock(LONG, stated, SteeringUnit("servo", full=45.0)) is None
+
+
+def test_formats_with_keys_and_weights_of_their_own_train_on_one_unit(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """A road car, and a toy car that writes a servo's numbers in another format."""
+    road = foreign.challenge2_test(tmp_path / "road")
+    toy = foreign.sullychen(tmp_path / "toy", full=45, zero=90)
+    (toy / "rig.yaml").write_text(RIG_FILE.replace("long", "toy"))
+    servo = {"steering": {"unit": "servo", "zero": 90, "full": 45}}
+    settings = {"cache": None, "batch_size": 16, "block_s": 0.5, "gap_s": 0.1}
+    data = DrivingData(
+        [str(road), str(toy)],
+        View([20, 20], "gray", [16, 32]),
+        label="curvature",
+        each={2: servo},
+        weights=[1, 3],
+        samples_per_epoch=4000,
+        straight_cap=None,
+        **settings,
+    )
+    data.load(Console(soft_wrap=True))
+
+    driven = np.split(data.labelled.steering * data.label.curvature_per_m, 2)
+    for curvature, wheels_deg, wheelbase_m in zip(driven, (31.745, 60), (2.85, 3), strict=True):
+        wheels = np.radians(wheels_deg * foreign.STEERING)
+        np.testing.assert_allclose(curvature, np.tan(wheels) / wheelbase_m, atol=1e-6)
+    keys = data.sampler()
+    drawn = data.samples.row[np.concatenate([key.samples for key in keys])]
+    share = data.recording.recording[data.samples.row].mean()
+    expected = 3 * share / (3 * share + 1 - share)
+    assert data.recording.recording[drawn].mean() == pytest.approx(expected, abs=0.01)
+    assert "GUESSED: camera, full" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("each", "words"),
+    [
+        ("{3: {format: table}}", r"each: 3: data.root names 2"),
+        ({1: {"cache": "x"}}, r"each: 1: .*cache.*format, columns, steering"),
+        ({"1": {"speed_unit": "knots"}}, r"each: 1: speed_unit.*knots"),
+        ({1: "table"}, r"each: 1: table"),
+    ],
+)
+def test_a_key_of_no_recording_is_refused(each: object, words: str) -> None:
+    with pytest.raises(UsageError, match=words):
+        ReadOptions(each=each).of_each(2)
