@@ -3,18 +3,20 @@
 Each is a function: of policies, of the storage of images, and of the embedded world.
 """
 
+import os
 import random
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 import torch
 from scipy.stats import spearmanr
 
-from benchmarks.material import pictures
+from benchmarks.material import linked_recording, pictures
 from benchmarks.measuring import print_table, run_named
 from datamodules.image import decode_image, read_image
 from datamodules.recording_format import read_recordings
@@ -135,6 +137,82 @@ def storage(folder: str | None = None) -> None:
     print_table(["stored", "bytes", "images/s of a core, the best of five rounds"], rows)
 
 
+def formats(rows: str = "20000") -> None:
+    """Measure how fast a recording is read and its images are decoded in order: `formats [ROWS]`.
+
+    Each format has the same images of 320 x 160, in files, in a video, in HDF5 and in Parquet. The
+    seconds are those of the processor, ffmpeg's included.
+    """
+    count, said = int(rows), {"unit": "share", "full": 1.0}
+    columns = {"image": "image", "steering": "turn"}
+    named = {"format": "table", "columns": columns, "steering": said}
+    others: dict[str, tuple[Callable[[Path, int], object], dict]] = {
+        "Motion JPEG video (DeepPicar)": (_video, {}),
+        "HDF5 (comma.ai, 2016)": (_hdf5, {"steering": said}),
+        "Parquet (table with JPEGs)": (_parquet, named),
+    }
+    log = linked_recording(count, ("center",))
+    table = [_read_rates("JPEG files (Udacity's log)", log, {})]
+    for name, (write, keys) in others.items():
+        with TemporaryDirectory(dir=log.parent) as folder:
+            write(Path(folder), count)
+            table.append(_read_rates(name, Path(folder), keys))
+    print_table(["recording", "rows", "s to read the rows", "images/s decoded in order"], table)
+
+
+def _read_rates(name: str, folder: Path, keys: dict) -> list[str]:
+    began = sum(os.times()[:4])
+    recording = read_recordings(str(folder), **keys)
+    read_s = sum(os.times()[:4]) - began
+    for image in recording.images[:, 0]:
+        read_image(image)
+    rows = len(recording)
+    del recording, image  # ends ffmpeg, whose time then counts
+    decoded_s = sum(os.times()[:4]) - began - read_s
+    return [name, f"{rows:,}", f"{read_s:.2f}", f"{rows / decoded_s:,.0f}"]
+
+
+def _drawn(count: int) -> Iterator[bytes]:
+    """Return the JPEGs of the centre camera, again and again."""
+    files = [file.read_bytes() for file in pictures()["center"]]
+    return (files[row % len(files)] for row in range(count))
+
+
+def _turns(count: int) -> list[float]:
+    return np.sin(np.arange(count) / 40).tolist()
+
+
+def _video(folder: Path, count: int) -> None:
+    video, motion_jpeg = str(folder / "out-video.avi"), cv2.VideoWriter_fourcc(*"MJPG")
+    writer = cv2.VideoWriter(video, cv2.CAP_OPENCV_MJPEG, motion_jpeg, 20.0, (320, 160))
+    for data in _drawn(count):
+        writer.write(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR))
+    writer.release()
+    lines = [f"{50 * row},{row + 1},{turn / 2}" for row, turn in enumerate(_turns(count))]
+    (folder / "out-key.csv").write_text("\n".join(["ts_micro,frame,wheel", *lines, ""]))
+
+
+def _hdf5(folder: Path, count: int) -> None:
+    import h5py
+
+    for name in ("camera", "log"):
+        (folder / name).mkdir()
+    with h5py.File(folder / "camera/a.h5", "w") as file:
+        images = file.create_dataset("X", (count, 3, 160, 320), np.uint8, chunks=(1, 3, 160, 320))
+        for row, data in enumerate(_drawn(count)):
+            images[row] = decode_image(data).transpose(2, 0, 1)
+    with h5py.File(folder / "log/a.h5", "w") as file:
+        file["cam1_ptr"], file["steering_angle"] = np.arange(count), np.array(_turns(count))
+        file["speed"], file["times"] = np.full(count, 9.0), np.arange(count) / 20
+
+
+def _parquet(folder: Path, count: int) -> None:
+    import pyarrow.parquet
+
+    columns = pyarrow.table({"image": list(_drawn(count)), "turn": _turns(count)})
+    pyarrow.parquet.write_table(columns, folder / "a.parquet")
+
+
 def roads(count: str = "1000") -> int:
     """Draw roads of each family and let the expert drive them: `roads [ROADS]`.
 
@@ -202,4 +280,4 @@ def expert(*tracks: str) -> None:
 
 
 if __name__ == "__main__":
-    run_named(doubt, expert, replays, roads, storage)
+    run_named(formats, doubt, expert, replays, roads, storage)

@@ -22,7 +22,7 @@ from datamodules.driving_log import CAMERAS
 from datamodules.features import FeatureBatches
 from datamodules.findings import report_lines
 from datamodules.leak import Leak, measure_leak, thumbnail
-from datamodules.read_options import said_in
+from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.row_views import RowViews, load_row_views
@@ -36,7 +36,7 @@ from zoo.base.rig import STEERING, SteeringLabel
 
 MOST_WINDOW = 256  # frames, rows or targets of a window
 # Arguments that are checked elsewhere.
-UNTYPED = {"root", "view", "weights", "cameras", "augment", "columns", "steering", "each", "return"}
+UNTYPED = {"root", "view", "weights", "cameras", "augment", "columns", "steering", "each", "read"}
 Share = Annotated[float, Field(ge=0, le=1)]
 Least0 = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(ge=1)]
@@ -51,7 +51,6 @@ class DrivingData(lightning.LightningDataModule):
         label: `steering`, or `curvature` of the car's path, in one unit for all cars.
         view: view of the network (`data.crop`, `model.colour`, `model.size`,
             `model.resize`).
-        images: folder of the images, if not `IMG` next to each log.
         cameras: names of the cameras to train on.
         offset: steering added for the left camera and subtracted for the right one.
         recover_s: seconds of recovery, from which the offset is derived (see `make_samples`).
@@ -64,17 +63,13 @@ class DrivingData(lightning.LightningDataModule):
         augment: transforms of `conf/augment`, by name.
         augment_on: `cpu`, or `device`: the device that trains keeps the views, if they fit, and
             augments them; `auto` is `device` if that is no CPU and has all of `augment`.
-        on_bad_image: `fail`, or `skip` the row.
-        on_bad_row: `fail`, or `skip` a row that cannot be read.
-        format, columns, steering, camera, speed_unit, each, rig: see `ReadOptions`.
-        cache: folder of decoded views, and of shards from an address; None keeps views in memory.
-        cache_gb: most GB of shards in it.
         window_shards: shards whose images are mixed with each other.
         workers: processes that prepare batches; 0 leaves the cores to the network.
         seed: random seed of order, draws, flips and augmentation.
         sequence: number of frames in a sample's window (see `Windows`); None for 1.
         stride: rows from one frame of a window to the next; None for 1.
         ahead: number of targets after a window's newest frame; None for 0.
+        read: keys of `ReadOptions`; `cache` also keeps decoded views, None keeps them in memory.
 
     Raises:
         InputError: a value is wrong; from `load`, a recording cannot be read.
@@ -86,7 +81,6 @@ class DrivingData(lightning.LightningDataModule):
         view: View,
         weights: list[float] | None = None,
         label: Literal["steering", "curvature"] = "steering",
-        images: str | None = None,
         cameras: Sequence[str] = CAMERAS,
         offset: Annotated[float, Field(ge=-1, le=1)] = 0.275,
         recover_s: Annotated[float, Field(gt=0)] | None = None,
@@ -103,30 +97,23 @@ class DrivingData(lightning.LightningDataModule):
         split_seed: int = 0,
         augment: dict | None = None,
         augment_on: Literal["auto", "cpu", "device"] = "auto",
-        on_bad_image: Literal["fail", "skip"] = "fail",
-        on_bad_row: Literal["fail", "skip"] = "fail",
-        format: str | None = None,
-        columns: dict | str | None = None,
-        steering: dict | str | None = None,
-        camera: str | None = None,
-        speed_unit: Literal["mph", "mps", "kmh"] = "mps",
-        each: dict | str | None = None,
-        rig: str | None = None,
-        cache: str | None = "outputs/cache",
-        cache_gb: Annotated[float, Field(gt=0)] = 20.0,
         window_shards: Count = 64,
         workers: Annotated[int, Field(ge=0)] = 0,
         seed: int = 1,
         sequence: Annotated[int, Field(ge=1, le=MOST_WINDOW)] | None = None,
         stride: Annotated[int, Field(ge=1, le=MOST_WINDOW)] | None = None,
         ahead: Annotated[int, Field(ge=0, le=MOST_WINDOW)] | None = None,
+        **read: Any,
     ) -> None:
-        given = dict(locals())
+        given = {**locals(), **read}
         super().__init__()
         if root is None:
             raise InputError("data.root is not set: name your recording, data.root=FOLDER")
-        kinds = get_type_hints(DrivingData.__init__, include_extras=True)
-        for key in kinds.keys() - UNTYPED:
+        kinds = {
+            **get_type_hints(DrivingData.__init__, include_extras=True),
+            **get_type_hints(ReadOptions, include_extras=True),
+        }
+        for key in (kinds.keys() & given.keys()) - UNTYPED:
             try:
                 convert(f"data.{key}", kinds[key], given[key])
             except UsageError as error:  # exit status 1, as of any other value of the config
@@ -140,7 +127,7 @@ class DrivingData(lightning.LightningDataModule):
         camera_numbers(cameras)
         self.windows = Windows(sequence or 1, stride or 1, ahead or 0)
         self.root, self.view = root, view
-        self.said = said_in(given)
+        self.read = ReadOptions(**read)
         self.weights = None if weights is None else np.array(weights, float)
         self.cameras, self.offset, self.recover_s = list(cameras), offset, recover_s
         self.label_kind: str = label
@@ -161,16 +148,15 @@ class DrivingData(lightning.LightningDataModule):
         transforms = [transform for transform in (augment or {}).values() if transform]
         self.augment = Augment(transforms, view.colour)
         self.augment_on = augment_on
-        self.on_bad_image = on_bad_image
-        self.cache = Path(cache).expanduser() if cache else None
-        self.cache_gb, self.window_shards = cache_gb, window_shards
+        self.cache = Path(self.read.cache).expanduser() if self.read.cache else None
+        self.window_shards = window_shards
         self._batch_device: torch.device | None = None
         self.batches_per_step = 1
         self.features: RowViews | None = None
 
     def load(self, console: Console) -> None:
         """Read the recordings, decode images that are not cached, and split the rows."""
-        recording = read_recordings(self.root, **self.said)
+        recording = read_recordings(self.root, **vars(self.read))
         if size := recording.frame_size():
             self.view = replace(self.view, frame=size)
         # Validation and test always use the centre camera.
@@ -180,7 +166,7 @@ class DrivingData(lightning.LightningDataModule):
         if faults:
             lines = tuple(f"{recording.place(row)}: {faults[row]}" for row in sorted(faults))
             good = ~np.isin(np.arange(len(recording)), list(faults))
-            if self.on_bad_image == "fail" or not good.any():
+            if self.read.on_bad_image == "fail" or not good.any():
                 raise InputError(
                     f"{lines[0]} ({len(lines)} of {len(recording)} rows have a bad image); "
                     "record or copy it again, or set data.on_bad_image=skip"
@@ -243,13 +229,13 @@ class DrivingData(lightning.LightningDataModule):
         remote = [one for one in self.views.shards if one.reader.is_remote]
         largest = max((max(one.reader.bytes.values()) for one in remote), default=0)
         window_gb = world * min(self.window_shards, len(remote)) * largest / 1e9
-        if window_gb > self.cache_gb:
+        if window_gb > self.read.cache_gb:
             raise InputError(
-                f"data.cache_gb={self.cache_gb:g}: the windows of data.window_shards="
+                f"data.cache_gb={self.read.cache_gb:g}: the windows of data.window_shards="
                 f"{self.window_shards} shards of {world} processes take {window_gb:.3g} GB; set "
                 f"data.cache_gb={window_gb * 1.01:.3g} or a smaller data.window_shards"
             )
-        keys.windows_ahead = int(2 * window_gb <= self.cache_gb)
+        keys.windows_ahead = int(2 * window_gb <= self.read.cache_gb)
         return keys
 
     def training_batches(self) -> TrainingBatches:

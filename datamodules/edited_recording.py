@@ -14,21 +14,15 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.driving_log import CAMERAS
-from datamodules.formats.recording_writer import write_frame, write_log
-from datamodules.image import (
-    AnyImage,
-    find_file_fault,
-    link_or_copy,
-    read_image,
-)
-from datamodules.recording import IMAGE_FOLDER, Recording, file_name
+from datamodules.formats.recording_writer import put_image, reported, write_log
+from datamodules.image import find_file_fault
+from datamodules.recording import IMAGE_FOLDER, Recording
 from datamodules.recording_edits import Edits, edit_options
 from datamodules.recording_format import read_source, write_source
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
 
 EDITS_NAME = "edits.json"
-REPORT_ROWS = 50  # rows between two calls of `progress`
 
 
 @dataclass(frozen=True)
@@ -73,13 +67,15 @@ def write_edited(
     total = sum(len(rows) for rows, _ in parts)
     counts, left_out, done = [], [], 0
 
-    def report(before: int, written: int) -> None:
-        progress((before + written) / total)
+    def report(before: int, rows: int, share: float) -> None:
+        progress((before + share * rows) / total)
 
     with whole_folder(out, RECORDINGS) as part:
         places = [part] if len(parts) == 1 else [part / str(one + 1) for one in range(len(parts))]
         for place, (rows, mirrored) in zip(places, parts, strict=True):
-            count, faults = _write_part(recording, place, rows, mirrored, partial(report, done))
+            count, faults = _write_part(
+                recording, place, rows, mirrored, partial(report, done, len(rows))
+            )
             if source := read_source(recording.names):
                 write_source(place, source)
             counts.append(count)
@@ -105,20 +101,17 @@ def _write_part(
     folder: Path,
     rows: np.ndarray,
     mirrored: np.ndarray,
-    report: Callable[[int], None],
+    report: Callable[[float], None],
 ) -> tuple[int, list[str]]:
     """Write a folder: images, then the log. Return its rows, and a line on each left-out row."""
     (folder / IMAGE_FOLDER).mkdir(parents=True)
     names: dict[tuple[str, bool], str] = {}
     written: list[tuple[list[str], list[float]] | None] = []
     left_out, before = [], None
-    for number, (row, turned) in enumerate(zip(rows.tolist(), mirrored.tolist(), strict=True)):
-        if number % REPORT_ROWS == 0:
-            report(number)
-        paths = recording.images[row].tolist()
-        if fault := next(
-            filter(None, (find_file_fault(path) for path in paths if isinstance(path, str))), None
-        ):
+    pairs = list(zip(rows.tolist(), mirrored.tolist(), strict=True))
+    for row, turned in reported(pairs, report):
+        images = recording.images[row].tolist()
+        if fault := next(filter(None, map(find_file_fault, images)), None):
             left_out.append(f"{recording.place(row)}: {fault}")
             continue
         # Where rows are missing and no time shows it, an empty line does: no window reaches over.
@@ -127,38 +120,28 @@ def _write_part(
             written += [] if row == before + 1 and is_next else [None]
         before = row
         if turned:
-            paths = [paths[0], paths[2], paths[1]]  # the left camera sees what the right one saw
-        for camera, path in zip(CAMERAS, paths, strict=True):
-            if path and (path, turned) not in names:
-                stored = not isinstance(path, str)
-                name = f"{path.number + 1}.jpg" if stored else file_name(path)
+            images = [
+                images[0],
+                images[2],
+                images[1],
+            ]  # the left camera sees what the right saw
+        for camera, image in zip(CAMERAS, images, strict=True):
+            if image and (image, turned) not in names:
+                name = Path(image).stem if isinstance(image, str) else str(image.number + 1)
                 name = f"{camera}_mirrored_{name}" if turned else name
-                target = free_name(folder / IMAGE_FOLDER / name)
-                names[path, turned] = f"{IMAGE_FOLDER}/{target.name}"
-                if turned or stored:
-                    _write_image(path, target, recording.place(row), turned)
-                else:
-                    link_or_copy(path, target)
+                names[image, turned] = put_image(
+                    image,
+                    folder / IMAGE_FOLDER / name,
+                    recording.place(row),
+                    _mirrored if turned else None,
+                )
         steering = -recording.steering[row] + 0.0 if turned else recording.steering[row]
         others = (recording.throttle[row], recording.brake[row], recording.speed_mph[row])
-        images = [names[path, turned] if path else "" for path in paths]
-        written.append((images, [steering, *others]))
+        paths = [names[image, turned] if image else "" for image in images]
+        written.append((paths, [steering, *others]))
     write_log(folder, written)
     return len(written) - written.count(None), left_out
 
 
-def free_name(path: Path) -> Path:
-    """Return a file that does not exist; its name ends as the given one, which has the time."""
-    number, found = 1, path
-    while found.exists():
-        number += 1
-        found = path.with_name(f"{number}_{path.name}")
-    return found
-
-
-def _write_image(image: AnyImage, target: Path, place: str, mirrored: bool) -> None:
-    try:
-        pixels = read_image(image)
-    except ValueError as error:
-        raise InputError(f"{place}: {image}: {error}; drop the row") from None
-    write_frame(pixels[:, ::-1] if mirrored else pixels, target)
+def _mirrored(image: np.ndarray) -> np.ndarray:
+    return image[:, ::-1]

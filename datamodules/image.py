@@ -83,8 +83,9 @@ def read_image(image: AnyImage) -> np.ndarray:
 def encode_image(image: np.ndarray, suffix: str = ".jpg", quality: int = 95) -> bytes:
     """Return an image, uint8 [H, W, 3] RGB, as a PNG, or as a JPEG of this quality, 1..100."""
     bgr = np.ascontiguousarray(image[:, :, ::-1])
-    kind = ".png" if suffix.lower() == ".png" else ".jpg"
-    return cv2.imencode(kind, bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
+    if suffix.lower() == ".png":
+        return cv2.imencode(".png", bgr)[1].tobytes()
+    return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
 
 
 def reading_threads(images: Iterable[object], threads: int) -> int:
@@ -187,22 +188,34 @@ def jpeg_size(data: bytes) -> tuple[int, int] | None:
     return None
 
 
-def find_file_fault(path: str) -> str | None:
-    """Return what is wrong with an image by its first and last bytes, or None.
+def read_ends(path: str) -> bytes:
+    """Return a file's first `HEAD` and last `TAIL` bytes, which `find_fault` needs.
 
-    A log, or a link in its folder, may name any file. Only images may get into a new folder.
+    Raises:
+        OSError: the file cannot be read, is no regular one or too large.
     """
+    descriptor, size = open_regular(path, MOST_IMAGE_BYTES)
     try:
-        descriptor, size = open_regular(path, MOST_IMAGE_BYTES)
-        try:
-            head = os.read(descriptor, HEAD)
-            os.lseek(descriptor, max(size - TAIL, 0), os.SEEK_SET)
-            fault = find_fault(head + os.read(descriptor, TAIL))
-        finally:
-            os.close(descriptor)
+        head = os.read(descriptor, HEAD)
+        os.lseek(descriptor, max(size - TAIL, 0), os.SEEK_SET)
+        return head + os.read(descriptor, TAIL)
+    finally:
+        os.close(descriptor)
+
+
+def find_file_fault(image: object) -> str | None:
+    """Return what is wrong with an image file by its first and last bytes, or None.
+
+    A log, or a link in its folder, may name any file. Only images may get into a new folder. An
+    image in a larger file has none here: its reader checks it.
+    """
+    if not isinstance(image, str):
+        return None
+    try:
+        fault = find_fault(read_ends(image))
     except OSError as error:
         fault = error.strerror or str(error)
-    return f"{path}: {fault}" if fault else None
+    return f"{image}: {fault}" if fault else None
 
 
 def link_or_copy(path: str, target: Path) -> None:

@@ -219,3 +219,13 @@ def file_name(written: str) -> str:
     ('center_1.jpg', 'left_1.jpg')
     """
     return written[max(written.rfind("/"), written.rfind("\\")) + 1 :].strip()
+
+
+def list_files(folder: str) -> dict[str, str]:
+    """Return the path of each regular file in a folder, by its name; none of a missing folder."""
+    try:
+        # Opening a pipe would wait for its writer.
+        with os.scandir(folder) as entries:
+            return {entry.name: entry.path for entry in entries if entry.is_file()}
+    except OSError:
+        return {}

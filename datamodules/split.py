@@ -8,13 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from datamodules.driving_log import read_fields
 from datamodules.recording import LOG_NAME, Recording, file_name
 from datamodules.shard_store import shard_of
-from zoo.base.bounded_files import open_text
 from zoo.base.errors import InputError
 from zoo.base.whole_file import write_whole
 
-MOST_SPLIT_BYTES = 500_000_000
 PARTS = ("train", "val", "test")
 KINDS = ("blocks", "random", "recording")
 REDEALS = 100
@@ -208,23 +207,17 @@ def _split_recordings(
 
 
 def _read_split(recording: Recording, path: Path) -> np.ndarray:
-    parts = {}
-    with open_text(path, MOST_SPLIT_BYTES, errors="surrogateescape") as file:
-        reader = csv.reader(file)
-        try:
-            for row in reader:
-                if not row or row == ["image", "part"]:
-                    continue
-                if len(row) != 2 or row[1].strip() not in PARTS:
-                    raise InputError(
-                        f"{path}, row {reader.line_num}: {','.join(row)[:80]!a} is not image,part "
-                        f"with a part of {', '.join(PARTS)}; correct the row"
-                    )
-                parts[file_name(row[0])] = PARTS.index(row[1].strip())
-        except csv.Error as error:
-            raise InputError(
-                f"{path}, row {reader.line_num + 1}: cannot be read ({error}); correct the row"
-            ) from None
+    parts, faults = {}, list[str]()
+    for line, fields in read_fields(path, faults):
+        if len(fields) == 2 and fields[1] in PARTS:
+            parts[file_name(fields[0])] = PARTS.index(fields[1])
+        elif fields != ["image", "part"]:
+            faults.append(
+                f"{path}, row {line}: {','.join(fields)[:80]!a} is not image,part with a part of "
+                f"{', '.join(PARTS)}"
+            )
+        if faults:
+            raise InputError(f"{faults[0]}; correct the row")
     names = [file_name(str(image)) for image in recording.images[:, 0]]
     part = np.array([parts.get(name, -1) for name in names])
     if (part < 0).all():

@@ -16,8 +16,14 @@ import numpy as np
 
 from datamodules.driving_log import BadRows
 from datamodules.formats.json_fields import number, parse, plain_name
-from datamodules.formats.recording_writer import Converted, left_out_note, whole_rows
-from datamodules.image import find_file_fault, link_or_copy
+from datamodules.formats.recording_writer import (
+    Converted,
+    left_out_note,
+    put_image,
+    reported,
+    whole_rows,
+)
+from datamodules.image import find_file_fault
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording, keep_valid, make_recording
 from datamodules.stretches import complete_times, continuous_drives, times_of_drives
@@ -49,7 +55,6 @@ _OLD_RECORD = re.compile(r"record_(\d{1,9})\.json")
 
 title = "Donkeycar tub"
 CATALOG_ROWS = 1000  # records in a catalog, as Donkeycar writes them
-REPORT_ROWS = 50  # rows between two calls of `progress`
 SPEED = SPEEDS_MPS[0]
 TYPES = {
     IMAGE: "image_array",
@@ -219,17 +224,13 @@ def export_tub(
         day = time.strftime("%y-%m-%d", time.gmtime(time_s[0]))
         sessions = [f"{day}_{number}" for number in range(len(drives))]
         lines = []
-        for row in range(len(kept)):
-            if row % REPORT_ROWS == 0:
-                progress(row / len(kept))
-            path = kept.images[row, 0]
-            suffix = ".png" if path.lower().endswith(".png") else ".jpg"
-            name = f"{row}_{IMAGE.replace('/', '_')}_{suffix}"
-            link_or_copy(path, part / IMAGES / name)
+        for row in reported(range(len(kept)), progress):
+            target = part / IMAGES / f"{row}_{IMAGE.replace('/', '_')}_"
+            image = put_image(kept.images[row, 0], target, kept.place(row))
             throttle, brake = float(kept.throttle[row]), float(kept.brake[row])
             speed_mph = float(kept.speed_mph[row])
             record = {
-                IMAGE: name,
+                IMAGE: image.removeprefix(f"{IMAGES}/"),
                 ANGLE: float(kept.steering[row]),
                 THROTTLE: throttle - brake,
                 MODE: "user",

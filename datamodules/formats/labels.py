@@ -1,5 +1,6 @@
 """Recordings whose labels stand in a table beside images or a video: what their formats share."""
 
+import functools
 import math
 import os
 import re
@@ -26,6 +27,7 @@ from datamodules.recording import (
     ForwardReader,
     Recording,
     keep_valid,
+    list_files,
     make_recording,
 )
 from datamodules.sign_evidence import find_sign_evidence
@@ -172,15 +174,13 @@ def _agreement(folder: Path, recording: Recording, unit: SteeringUnit) -> str:
 
 def _with_images(recording: Recording, options: ReadOptions) -> Recording:
     """Return the rows whose centre image exists; a missing side image is none."""
-    names: dict[str, set[str]] = {}
+    files = functools.cache(list_files)
 
     def exists(image: object) -> bool:
         if not isinstance(image, str):
             return image is not None
         folder, name = os.path.split(image)
-        if folder not in names:
-            names[folder] = _files(folder)
-        return name in names[folder]
+        return name in files(folder)
 
     found = np.frompyfunc(exists, 1, 1)(recording.images).astype(bool)
     recording.images[~found] = None
@@ -192,15 +192,6 @@ def _with_images(recording: Recording, options: ReadOptions) -> Recording:
             "there, or set data.on_bad_image=skip"
         )
     return recording.keep(found[:, 0], tuple(missing))
-
-
-def _files(folder: str) -> set[str]:
-    """Return the names of a folder's regular files."""
-    try:
-        with os.scandir(folder) as entries:
-            return {entry.name for entry in entries if entry.is_file()}
-    except OSError:
-        return set()
 
 
 def read_csv(

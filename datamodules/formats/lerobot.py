@@ -20,7 +20,6 @@ from datamodules.formats.lerobot_features import (
     VIDEO_PATH,
     Meaning,
     find_meaning,
-    load_pyarrow,
     video_file,
 )
 from datamodules.formats.parquet_columns import REMEDY, encoded_images, read_table
@@ -53,7 +52,6 @@ def read(path: Path, options: ReadOptions) -> Recording:
         InputError: pyarrow is missing, a file is missing or damaged, or a value is wrong.
         UsageError: the steering or the camera that the user names does not exist.
     """
-    pyarrow = load_pyarrow()
     info = _read_info(path)
     features, place = info["features"], str(path / INFO)
     meaning = find_meaning(
@@ -66,7 +64,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
         raise InputError(f"{path / DATA}: holds no chunk-000/{first}.parquet; {REMEDY}")
     times = [TIME] if TIME in features else []
     keys = ["episode_index", "timestamp", *times, *(one.key for one in meaning.roles.values())]
-    tables = [read_table(file, [*dict.fromkeys(keys)], pyarrow) for file in files]
+    tables = [read_table(file, [*dict.fromkeys(keys)]) for file in files]
     lengths = [len(table["timestamp"]) for table in tables]
     check_most("rows", sum(lengths), path, "divide the dataset")
     if not sum(lengths):
@@ -93,14 +91,17 @@ def read(path: Path, options: ReadOptions) -> Recording:
         rig=UDACITY if meaning.roles["steering"].key == "steering" else None,
     )
     recording = keep_valid(recording, BadRows(options.on_bad_row))
-    good = recording.line - 1
     for camera, key in enumerate(meaning.cameras):
         if key is None:
             continue
-        if features[key].get("dtype") == "video":
-            videos = _old_videos(path, key) if is_old else _video_starts(path, key, pyarrow)
-            frames = ForwardReader(read_frames)
-            for row, at_row in enumerate(good.tolist()):
+        is_video = features[key].get("dtype") == "video"
+        videos: dict[int, tuple[Path, float]] = {}
+        if is_video:
+            videos = _old_videos(path, key) if is_old else _video_starts(path, key)
+        reader = ForwardReader(read_frames if is_video else partial(encoded_images, key=key))
+        for row, at_row in enumerate((recording.line - 1).tolist()):
+            file, position = rows[at_row]
+            if is_video:
                 index, time_s, place = episode[at_row], timestamp[at_row], recording.place(row)
                 if index not in videos:
                     raise InputError(
@@ -110,12 +111,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
                 frame = (start + time_s) * info["fps"]
                 if not -0.5 <= frame < MOST["rows"]:
                     raise InputError(f"{place}: timestamp is {time_s:g} s; correct the row")
-                recording.images[row, camera] = StoredImage(str(file), round(frame), frames)
-        else:
-            reader = ForwardReader(partial(encoded_images, key=key, pyarrow=pyarrow))
-            for row, at_row in enumerate(good.tolist()):
-                file, position = rows[at_row]
-                recording.images[row, camera] = StoredImage(str(file), position, reader)
+                position = round(frame)
+            recording.images[row, camera] = StoredImage(str(file), position, reader)
     return recording
 
 
@@ -168,7 +165,7 @@ def _old_videos(folder: Path, key: str) -> dict[int, tuple[Path, float]]:
     return {int(number): (path, 0.0) for path, number in numbers if number.isdigit()}
 
 
-def _video_starts(folder: Path, key: str, pyarrow: Any) -> dict[int, tuple[Path, float]]:
+def _video_starts(folder: Path, key: str) -> dict[int, tuple[Path, float]]:
     """Return each episode's video file and its first frame's time in it."""
     paths = sorted((folder / EPISODES).glob("chunk-*/file-*.parquet"))
     if not paths:
@@ -176,7 +173,7 @@ def _video_starts(folder: Path, key: str, pyarrow: Any) -> dict[int, tuple[Path,
     about = [f"videos/{key}/{name}" for name in ("chunk_index", "file_index", "from_timestamp")]
     starts = {}
     for path in paths:
-        table = read_table(path, ["episode_index", *about], pyarrow)
+        table = read_table(path, ["episode_index", *about])
         columns = [_component(table[name], 0).tolist() for name in ("episode_index", *about)]
         for row, (episode, chunk, file, start) in enumerate(zip(*columns, strict=True), 1):
             whole = all(0 <= one <= MOST_NUMBER and one == int(one) for one in (chunk, file))

@@ -21,9 +21,9 @@ from datamodules.formats.lerobot_features import (
     TIME,
     VERSION,
     VIDEO_PATH,
-    load_pyarrow,
     video_file,
 )
+from datamodules.formats.parquet_columns import load_pyarrow
 from datamodules.formats.recording_writer import Converted, left_out_note, whole_rows
 from datamodules.formats.video import video_writer
 from datamodules.image import read_image

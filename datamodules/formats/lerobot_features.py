@@ -6,7 +6,6 @@ Written after `lerobot/datasets/utils.py` and `lerobot_dataset.py` of version 0.
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import MPS_PER_MPH
@@ -174,19 +173,3 @@ def _list(names: Iterable[str]) -> str:
 def video_file(key: str, chunk: int, file: int) -> str:
     """Return the path of a camera's video in the dataset."""
     return VIDEO_PATH.format(video_key=key, chunk_index=chunk, file_index=file)
-
-
-def load_pyarrow() -> Any:
-    """Return pyarrow with its Parquet module.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    try:
-        import pyarrow.parquet
-    except ImportError:
-        raise InputError(
-            "LeRobot's datasets are Parquet files, which need pyarrow; "
-            "pip install 'drivezoo[parquet]'"
-        ) from None
-    return pyarrow

@@ -17,13 +17,30 @@ BATCH_ROWS = 16  # rows with images that are read at a time
 REMEDY = "download the dataset again"
 
 
-def open_parquet(path: Path, names: Sequence[str], pyarrow: Any) -> Any:
+def load_pyarrow() -> Any:
+    """Return pyarrow with its Parquet module.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        import pyarrow.parquet
+    except ImportError:
+        raise InputError(
+            "Parquet files, of tables, shards and LeRobot's datasets, need pyarrow; "
+            "pip install 'drivezoo[parquet]'"
+        ) from None
+    return pyarrow
+
+
+def open_parquet(path: Path, names: Sequence[str]) -> Any:
     """Return an opened Parquet file with these columns.
 
     Raises:
         InputError: it is missing, no regular file, damaged, has too many rows or columns, lacks a
             column or has one twice.
     """
+    pyarrow = load_pyarrow()
     try:
         descriptor, _ = open_regular(path, MOST_PARQUET_BYTES)
         file = os.fdopen(descriptor, "rb")
@@ -50,13 +67,13 @@ def _damaged(path: Path, error: Exception) -> InputError:
     return InputError(f"{path}: the Parquet file is damaged ({reason}); {REMEDY}")
 
 
-def read_table(path: Path, names: list[str], pyarrow: Any) -> dict[str, np.ndarray]:
+def read_table(path: Path, names: list[str]) -> dict[str, np.ndarray]:
     """Return columns of numbers, float64 [N] or [N, D].
 
     Raises:
         InputError: a column is missing, has no numbers, or the file is damaged.
     """
-    file = open_parquet(path, names, pyarrow)
+    file, pyarrow = open_parquet(path, names), load_pyarrow()
     # A few bytes can claim millions of equal numbers.
     claimed = sum(_claimed_numbers(file, name) for name in names)
     if claimed > MOST_NUMBERS:
@@ -68,7 +85,7 @@ def read_table(path: Path, names: list[str], pyarrow: Any) -> dict[str, np.ndarr
         table = file.read(columns=names)
     except (OSError, pyarrow.ArrowException) as error:
         raise _damaged(path, error) from None
-    return {name: _numbers(table.column(name), path, name, pyarrow) for name in names}
+    return {name: _numbers(table.column(name), path, name) for name in names}
 
 
 def _claimed_numbers(file: Any, name: str) -> int:
@@ -78,8 +95,8 @@ def _claimed_numbers(file: Any, name: str) -> int:
     return sum(one.num_values for one in chunks if one.path_in_schema.split(".")[0] == name)
 
 
-def _numbers(column: Any, path: Path, name: str, pyarrow: Any) -> np.ndarray:
-    kind = column.type
+def _numbers(column: Any, path: Path, name: str) -> np.ndarray:
+    pyarrow, kind = load_pyarrow(), column.type
     if column.null_count:
         row = column.is_null().index(True).as_py() + 1
         raise InputError(f"{path}, row {row}: {name} is empty; correct or delete the row")
@@ -93,13 +110,13 @@ def _numbers(column: Any, path: Path, name: str, pyarrow: Any) -> np.ndarray:
         raise InputError(f"{path}: {name} has no numbers of one length; {REMEDY}") from None
 
 
-def encoded_images(path: Path, key: str, pyarrow: Any) -> Iterator[bytes]:
+def encoded_images(path: Path, key: str) -> Iterator[bytes]:
     """Yield the encoded images of a column, row by row.
 
     Raises:
         InputError: the file is damaged.
     """
-    file, unpacked = open_parquet(path, [key], pyarrow), 0
+    file, pyarrow, unpacked = open_parquet(path, [key]), load_pyarrow(), 0
     try:
         for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=[key]):
             # A path next to the bytes is never opened.

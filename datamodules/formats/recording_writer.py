@@ -2,20 +2,23 @@
 
 import csv
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, number_text
 from datamodules.image import (
+    AnyImage,
     decode_image,
     encode_image,
     find_fault,
     find_file_fault,
     link_or_copy,
+    read_ends,
+    read_stored,
 )
 from datamodules.read_options import ReadOptions
 from datamodules.recording import IMAGE_FOLDER, LOG_NAME, Recording
@@ -26,10 +29,11 @@ from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.rig import UDACITY
 from zoo.base.whole_file import write_new
 
-REPORT_EVERY = 50  # images between two calls of `progress`
+REPORT_EVERY = 50  # items between two calls of `progress`
 PNG = b"\x89PNG"
 
 Fit = Literal["keep", "pad"]
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,14 @@ class Converted:
     notes: tuple[str, ...] = ()
 
 
+def reported(items: Sequence[Item], progress: Callable[[float], None]) -> Iterator[Item]:
+    """Yield items; call `progress` with the finished share, 0..1."""
+    for number, item in enumerate(items):
+        if number % REPORT_EVERY == 0:
+            progress(number / len(items))
+        yield item
+
+
 def left_out_note(left_out: Iterable[str], what: str) -> list[str]:
     """Return a note on rows that were left out, or none."""
     faults = list(left_out)
@@ -64,8 +76,8 @@ def whole_rows(recording: Recording, cameras: int = len(CAMERAS)) -> tuple[Recor
         InputError: no row is left.
     """
     left_out, mask = [], np.ones(len(recording), bool)
-    for row, paths in enumerate(recording.images[:, :cameras].tolist()):
-        if fault := next(filter(None, (find_file_fault(path) for path in paths if path)), None):
+    for row, images in enumerate(recording.images[:, :cameras].tolist()):
+        if fault := next(filter(None, map(find_file_fault, images)), None):
             left_out.append(f"{recording.place(row)}: {fault}")
             mask[row] = False
     if not mask.any():
@@ -98,14 +110,13 @@ def write_recording(
     """
     stems = image_stems(complete_times(recording))
     written = np.full(recording.images.shape, "", object)
-    order = _reading_order(recording)
+    change = pad_to_two_by_one if fit == "pad" else None
     with whole_folder(out, RECORDINGS) as part:
         (part / IMAGE_FOLDER).mkdir()
-        for count, (row, camera) in enumerate(order):
-            if count % REPORT_EVERY == 0:
-                progress(count / len(order))
-            stem = f"{IMAGE_FOLDER}/{CAMERAS[camera]}_{stems[row]}"
-            written[row, camera] = _write_image(recording, row, camera, part, stem, fit, quality)
+        for row, camera in reported(_reading_order(recording), progress):
+            target = part / IMAGE_FOLDER / f"{CAMERAS[camera]}_{stems[row]}"
+            image, place = recording.images[row, camera], recording.place(row)
+            written[row, camera] = put_image(image, target, place, change, quality)
         columns = (recording.steering, recording.throttle, recording.brake, recording.speed_mph)
         write_log(part, zip(written.tolist(), np.stack(columns, 1).tolist(), strict=True))
         if recording.rig != UDACITY:
@@ -153,12 +164,11 @@ def write_log(folder: Path, rows: Iterable[tuple[list[str], list[float]] | None]
             log.writerow([*row[0], *map(number_text, row[1])] if row else [])
 
 
-def write_frame(image: np.ndarray, target: Path, quality: int = 95, fit: Fit = "keep") -> None:
+def write_frame(image: np.ndarray, target: Path, quality: int = 95) -> None:
     """Write an image, uint8 [H, W, 3] RGB, as a new PNG or a JPEG of this quality, 1..100.
 
     OpenCV's own writer ends the process for a path that is not UTF-8.
     """
-    image = pad_to_two_by_one(image) if fit == "pad" else image
     write_new(target, encode_image(image, target.suffix, quality))
 
 
@@ -186,26 +196,52 @@ def _reading_order(recording: Recording) -> list[tuple[int, int]]:
     return sorted(zip(rows.tolist(), cameras.tolist(), strict=True), key=place)
 
 
-def _write_image(
-    recording: Recording, row: int, camera: int, folder: Path, stem: str, fit: Fit, quality: int
+def put_image(
+    image: AnyImage,
+    target: Path,
+    place: str,
+    change: Callable[[np.ndarray], np.ndarray] | None = None,
+    quality: int = 95,
 ) -> str:
-    """Write an image as it is, or padded, or a video's frame; return its path in the folder."""
-    image = recording.images[row, camera]
+    """Write an image as it is stored, or changed, or a video's frame.
+
+    Args:
+        image: image file, which is linked or copied, or an image in a larger file.
+        target: new file without its suffix, which follows from the contents; a number before its
+            name makes the name a new one, if need be.
+        place: row, for messages.
+        change: function of the pixels, uint8 [H, W, 3] RGB.
+        quality: quality of a JPEG that is encoded, 1..100.
+
+    Returns:
+        The last folder and the file's name.
+
+    Raises:
+        InputError: the image cannot be read.
+    """
+    is_linked = isinstance(image, str) and change is None
     try:
-        stored = recording.stored(row, camera)
-        if fit == "keep" and isinstance(stored, bytes):
+        stored = read_ends(str(image)) if is_linked else read_stored(image)
+        is_png = isinstance(stored, bytes) and stored.startswith(PNG)
+        path = free_name(target.with_name(f"{target.name}{'.png' if is_png else '.jpg'}"))
+        if isinstance(stored, bytes) and change is None:
             if fault := find_fault(stored):
                 raise ValueError(fault)
-            path = f"{stem}{'.png' if stored.startswith(PNG) else '.jpg'}"
-            if isinstance(image, str):
-                link_or_copy(image, folder / path)
-            else:
-                write_new(folder / path, stored)
-            return path
-        pixels = decode_image(stored) if isinstance(stored, bytes) else stored
+            link_or_copy(str(image), path) if is_linked else write_new(path, stored)
+        else:
+            pixels = decode_image(stored) if isinstance(stored, bytes) else stored
+            write_frame(change(pixels) if change else pixels, path, quality)
     except ValueError as error:
-        name = image if isinstance(image, str) else image.file
-        place = recording.place(row)
-        raise InputError(f"{place}: {name}: {error}; delete the row") from None
-    write_frame(pixels, folder / f"{stem}.jpg", quality, fit)
-    return f"{stem}.jpg"
+        raise InputError(
+            f"{place}: {getattr(image, 'file', image)}: {error}; delete the row"
+        ) from None
+    return f"{path.parent.name}/{path.name}"
+
+
+def free_name(path: Path) -> Path:
+    """Return a file that does not exist; its name ends as the given one, which has the time."""
+    number, found = 1, path
+    while found.exists():
+        number += 1
+        found = path.with_name(f"{number}_{path.name}")
+    return found

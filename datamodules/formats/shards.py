@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, BadRows
-from datamodules.formats.lerobot_features import load_pyarrow
-from datamodules.formats.parquet_columns import read_table
-from datamodules.formats.recording_writer import Converted, left_out_note
+from datamodules.formats.parquet_columns import load_pyarrow, read_table
+from datamodules.formats.recording_writer import Converted, left_out_note, reported
 from datamodules.image import Stored, StoredImage, encode_image, find_fault
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording, keep_valid, make_recording
@@ -25,7 +24,6 @@ from zoo.base.rig import UDACITY
 title = "shards"
 LABELS = "labels.parquet"
 NUMBERS = ("steering", "throttle", "brake", "speed_mph", "time_s")
-REPORT_ROWS = 50  # rows between two calls of `progress`
 RIG = "udacity_rig"  # 1 in rows of Udacity's cameras and car, else 0
 
 
@@ -42,9 +40,9 @@ def read(path: Path, options: ReadOptions) -> Recording:
     """
     cache = Path(options.cache).expanduser() if options.cache else None
     store = ShardStore(path, cache, int(options.cache_gb * 1e9))
-    labels, pyarrow = store.fetch(LABELS), load_pyarrow()
+    labels = store.fetch(LABELS)
     columns = [*NUMBERS, *CAMERAS, RIG]
-    table = read_table(labels, columns, pyarrow)
+    table = read_table(labels, columns)
     counts = np.array(list(store.images.values()))
     files = [f"{store.place}/{name}" for name in store.images]
     ends = np.cumsum(counts)
@@ -102,9 +100,7 @@ def export_shards(
     left_out = []
     with whole_folder(out, RECORDINGS) as part:
         writer = BinaryWriter(str(part), chunk_bytes=int(shard_mb * 1e6))
-        for row in range(len(recording)):
-            if row % REPORT_ROWS == 0:
-                progress(row / len(recording))
+        for row in reported(range(len(recording)), progress):
             cameras = np.flatnonzero(recording.images[row]).tolist()
             try:
                 stored = [_encoded(recording.stored(row, one), quality) for one in cameras]

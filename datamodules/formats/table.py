@@ -10,8 +10,7 @@ from typing import Any
 
 from datamodules.driving_log import BadRows
 from datamodules.formats.labels import collect, decimal, inside, labelled_recording, read_csv
-from datamodules.formats.lerobot_features import load_pyarrow
-from datamodules.formats.parquet_columns import encoded_images, open_parquet
+from datamodules.formats.parquet_columns import encoded_images, load_pyarrow, open_parquet
 from datamodules.image import StoredImage
 from datamodules.read_options import ReadOptions
 from datamodules.recording import ForwardReader, Recording
@@ -99,8 +98,9 @@ def _find_table(path: Path) -> Path:
     raise InputError(f"{path}: holds {names or 'no .csv and no .parquet'}; name one file")
 
 
-def _holds_images(kind: Any, pyarrow: Any) -> bool:
+def _holds_images(kind: Any) -> bool:
     """Return whether a Parquet column of this type holds images, not their paths."""
+    pyarrow = load_pyarrow()
     return pyarrow.types.is_struct(kind) or pyarrow.types.is_binary(kind)
 
 
@@ -108,12 +108,11 @@ def _parquet_rows(
     table: Path, columns: Mapping[str, str]
 ) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Yield each row's place and fields; an image that stands in the table is a `StoredImage`."""
-    pyarrow = load_pyarrow()
-    file = open_parquet(table, list(columns.values()), pyarrow)
+    file = open_parquet(table, list(columns.values()))
     stored = {
-        name: ForwardReader(partial(encoded_images, key=name, pyarrow=pyarrow))
+        name: ForwardReader(partial(encoded_images, key=name))
         for key, name in columns.items()
-        if key in IMAGES and _holds_images(file.schema_arrow.field(name).type, pyarrow)
+        if key in IMAGES and _holds_images(file.schema_arrow.field(name).type)
     }
     plain = [name for name in columns.values() if name not in stored]
     number = unpacked = 0

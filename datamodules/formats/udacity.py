@@ -1,7 +1,6 @@
 """The format of Udacity's simulator: a `driving_log.csv` and an `IMG` folder, from any machine."""
 
 import difflib
-import os
 import re
 from pathlib import Path
 
@@ -9,7 +8,7 @@ import numpy as np
 
 from datamodules.driving_log import CAMERAS, BadRows, LogRow, read_log
 from datamodules.read_options import ReadOptions
-from datamodules.recording import LOG_NAME, Recording, file_name, make_recording
+from datamodules.recording import LOG_NAME, Recording, file_name, list_files, make_recording
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
 
@@ -112,7 +111,7 @@ class ImageFinder:
             self._candidates[folder] = self._folders(folder)
         for candidate in self._candidates[folder]:
             if candidate not in self._listings:
-                self._listings[candidate] = self._list(candidate)
+                self._listings[candidate] = list_files(candidate)
             if found := self._listings[candidate].get(name):
                 return found
         return None
@@ -128,16 +127,6 @@ class ImageFinder:
         is_own = re.match(r"([A-Za-z]:)?[\\/](?![\\/])", written) and Path(written).is_absolute()
         found = [*img, *tails, self.root, *([Path(written)] if is_own else [])]
         return [str(folder) for folder in found]
-
-    @staticmethod
-    def _list(folder: str) -> dict[str, str]:
-        """Return the path of each regular file in a folder, by its name."""
-        try:
-            # Opening a pipe would wait for its writer.
-            with os.scandir(folder) as entries:
-                return {entry.name: entry.path for entry in entries if entry.is_file()}
-        except OSError:
-            return {}
 
 
 def times_from_names(names: list[str]) -> np.ndarray:

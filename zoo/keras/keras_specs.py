@@ -7,7 +7,6 @@ from typing import Any
 
 from zoo.keras.keras_lambda import FUNCTIONS
 from zoo.models.keras_modules import ACTIVATIONS
-from zoo.models.value_layers import ACTIVATIONS
 
 Spec = dict[str, Any]
 

@@ -1,17 +1,23 @@
 """Formats of labels beside images: units, signs, and files that are damaged or cut short."""
 
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from rich.console import Console
 
+from datamodules.check import check
+from datamodules.driving import DrivingData
+from datamodules.findings import find_oddities
 from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, Recording
-from datamodules.recording_format import find_format
+from datamodules.recording_format import find_format, read_recordings
 from datamodules.sign_evidence import find_sign_evidence
+from datamodules.view import View
 from tests.foreign_recordings import (
     NS,
     ROWS,
@@ -199,3 +205,39 @@ def test_a_parquet_table_that_repeats_a_long_text_is_refused(tmp_path: Path) -> 
     assert file.stat().st_size < 1_000_000
     with pytest.raises(InputError, match="after decompression"):
         read(file, columns={"image": "view", "steering": "turn"})
+
+
+def test_a_folder_of_two_formats_names_both_and_the_key(tmp_path: Path) -> None:
+    folder = sullychen(tmp_path / "recording")
+    (folder / "driving_log.csv").write_text("0.jpg,,,0,0,0,1\n")
+    with pytest.raises(InputError, match=r"recording: .*udacity .*sullychen .*name one: format="):
+        find_format(folder)
+    assert find_format(folder, "sullychen")[0] == "sullychen"
+
+
+def test_a_video_that_is_shorter_than_its_table_is_named_with_the_row(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    folder = deeppicar(tmp_path / "recording")
+    with (folder / "out-key.csv").open("a") as file:
+        file.writelines(f"{50 * row},{row + 1},0.1\n" for row in range(ROWS, ROWS + 2))
+    place = rf"out-key\.csv, row {ROWS + 2}: .*it has {ROWS} images"
+    data = DrivingData(str(folder), View((20, 20), "gray", (16, 32)), cache=None)
+    with pytest.raises(InputError, match=rf"{place}.*on_bad_image=skip"):
+        data.load(Console(quiet=True))
+    assert not check(str(folder))
+    printed = capsys.readouterr().out
+    assert re.search(place, printed)
+    assert "2 bad images; copy" in printed
+
+
+def test_times_that_run_backward_are_named_with_the_row(tmp_path: Path) -> None:
+    folder = challenge2_training(tmp_path / "recording")
+    log = folder / "interpolated.csv"
+    head, *rows = log.read_text().splitlines()
+    center = [row for row in rows if "center_camera" in row]
+    log.write_text("\n".join([head, *center[:20], *center[40:], *center[20:40], ""]))
+    texts = [one.text for one in find_oddities(read_recordings(str(folder)))]
+    row = len(center) - 20 + 2
+    expected = rf"interpolated\.csv, row {row}: its time is before .*\(1 such rows\).*sort the rows"
+    assert any(re.search(expected, text) for text in texts)
