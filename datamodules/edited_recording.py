@@ -18,7 +18,7 @@ from datamodules.formats.recording_writer import put_image, reported, write_log
 from datamodules.image import find_file_fault
 from datamodules.recording import IMAGE_FOLDER, Recording
 from datamodules.recording_edits import Edits, edit_options
-from datamodules.recording_format import read_source, write_source
+from datamodules.recording_format import write_car
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
 
@@ -76,8 +76,7 @@ def write_edited(
             count, faults = _write_part(
                 recording, place, rows, mirrored, partial(report, done, len(rows))
             )
-            if source := read_source(recording.names):
-                write_source(place, source)
+            write_car(place, recording)
             counts.append(count)
             left_out += faults
             done += len(rows)

@@ -16,7 +16,7 @@ import numpy as np
 
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
-from datamodules.rig_file import find_rig, read_rig
+from datamodules.rig_file import find_rig, read_rig, write_rig
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.rig import UDACITY
@@ -190,9 +190,23 @@ def _read_readable(root: Path, options: ReadOptions) -> Recording:
         ) from None
 
 
-def write_source(folder: Path, source: str) -> None:
-    """Write which format a recording was converted from: its cameras and car are of that rig."""
+def write_car(
+    folder: Path, recording: Recording, source: str = "another_car", keeps_size: bool = True
+) -> None:
+    """Write beside a copy of a recording that its car is not Udacity's, and the rig if it is known.
+
+    Args:
+        folder: folder of the copy, whose format may be that of Udacity's car.
+        recording: recording that was copied.
+        source: its format, unless it is a copy, too.
+        keeps_size: whether the images have the rig's size, without which it is of another camera.
+    """
+    if recording.rig == UDACITY:
+        return
+    source = read_source(recording.names) or source
     (folder / SOURCE_NAME).write_text(f'{{"version": 1, "format": "{source}"}}\n', encoding="utf-8")
+    if recording.rig and keeps_size:
+        write_rig(folder, recording.rig)
 
 
 def read_source(folders: Iterable[str | Path]) -> str | None:

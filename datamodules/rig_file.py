@@ -1,6 +1,7 @@
 """A car's rig in a file: `rig.yaml` beside a recording, or the file that `data.rig=` names."""
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -70,6 +71,20 @@ def read_rig(path: Path) -> Rig:
         for side, right_m in (("left", -aside_m), ("right", aside_m)):
             rig.cameras[side] = replace(camera, right_m=camera.right_m + right_m)
     return rig
+
+
+def write_rig(folder: Path, rig: Rig) -> None:
+    """Write the rig's file beside a recording; JSON is YAML."""
+    centre, right = rig.cameras["center"], rig.cameras.get("right")
+    fields = {
+        "name": rig.name,
+        "camera": asdict(centre),
+        "wheelbase_m": rig.wheelbase_m,
+        "steering_deg": rig.steering_deg,
+        "side_m": right and right.right_m - centre.right_m,
+        "guesses": rig.guesses,
+    }
+    (folder / RIG_NAME).write_text(json.dumps(fields, indent=2) + "\n", encoding="utf-8")
 
 
 def find_rig(folder: Path) -> Rig | None:

@@ -26,6 +26,7 @@ from datamodules.formats.recording_writer import (
 from datamodules.image import find_file_fault
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording, keep_valid, make_recording
+from datamodules.recording_format import write_car
 from datamodules.stretches import complete_times, continuous_drives, times_of_drives
 from zoo.base.bounded_files import MOST_JSON_BYTES, open_text, read_text
 from zoo.base.errors import InputError
@@ -244,6 +245,7 @@ def export_tub(
             }
             lines.append(json.dumps(record, allow_nan=False, sort_keys=True) + "\n")
         _write_catalogs(part, lines, sessions, float(time_s[0]))
+        write_car(part, recording)
     notes = left_out_note(left_out, "their image is damaged")
     if any(path is not None for path in recording.images[:, 1:].flat):
         notes.append("a tub has one camera: the side cameras are left out")

@@ -28,6 +28,7 @@ from datamodules.formats.recording_writer import Converted, left_out_note, whole
 from datamodules.formats.video import video_writer
 from datamodules.image import read_image
 from datamodules.recording import Recording
+from datamodules.recording_format import write_car
 from datamodules.stretches import continuous_drives, mean_rate
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
@@ -109,6 +110,7 @@ def export_lerobot(
         for name, contents in ((STATS, stats), (INFO, info)):
             text = json.dumps(contents, indent=4) + "\n"
             (part / name).write_text(text, encoding="utf-8")
+        write_car(part, recording)
     notes = left_out_note(left_out, "an image is damaged")
     notes += [
         f"{camera} camera left out: {paths.count(None):,} of {len(kept):,} rows have no image of it"

@@ -22,11 +22,10 @@ from datamodules.image import (
 )
 from datamodules.read_options import ReadOptions
 from datamodules.recording import IMAGE_FOLDER, LOG_NAME, Recording
-from datamodules.recording_format import read_recording, write_source
+from datamodules.recording_format import read_recording, write_car
 from datamodules.stretches import complete_times, find_breaks
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
-from zoo.base.rig import UDACITY
 from zoo.base.whole_file import write_new
 
 REPORT_EVERY = 50  # items between two calls of `progress`
@@ -119,8 +118,7 @@ def write_recording(
             written[row, camera] = put_image(image, target, place, change, quality)
         columns = (recording.steering, recording.throttle, recording.brake, recording.speed_mph)
         write_log(part, zip(written.tolist(), np.stack(columns, 1).tolist(), strict=True))
-        if recording.rig != UDACITY:
-            write_source(part, source)
+        write_car(part, recording, source, keeps_size=change is None)
     notes = [
         *left_out_note(recording.bad_rows, "they cannot be read"),
         *left_out_note(recording.bad_images, "their image is damaged or missing"),

@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from datamodules.edited_recording import write_edited
 from datamodules.formats.donkeycar import export_tub
 from datamodules.formats.lerobot_export import export_lerobot
 from datamodules.formats.recording_writer import convert_to_recording
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
-from datamodules.recording_format import OWN, find_format, formats, read_recordings
+from datamodules.recording_edits import Edits
+from datamodules.recording_format import OWN, find_format, formats, other_car, read_recordings
 from tests import foreign_recordings as foreign
 from tests.recordings import write_recording
 from zoo.base.errors import InputError
@@ -270,3 +272,29 @@ def test_a_format_that_cannot_be_imported_is_named(
     assert find_format(Path(source.names[0]))[0] == "udacity", "found before it is imported"
     with pytest.raises(InputError, match="no_such_module: the format lost"):
         find_format(tmp_path)
+
+
+def edited(source: Recording, out: Path) -> None:
+    write_edited(source, Edits(len(source)), out)
+
+
+@pytest.mark.parametrize("copy", [edited, export_lerobot, export_tub, convert_to_recording])
+def test_a_copy_of_another_cars_recording_is_of_that_car(copy: Callable, tmp_path: Path) -> None:
+    if copy is export_lerobot:
+        pytest.importorskip("pyarrow")
+    folder = foreign.deeppicar(tmp_path / "recording")
+    original = read_recordings(str(folder))
+    copy(folder if copy is convert_to_recording else original, tmp_path / "copy")
+    again = read_recordings(str(tmp_path / "copy"))
+    assert again.rig == original.rig
+    assert other_car(again)
+    np.testing.assert_array_equal(again.steering, original.steering)
+    assert np.abs(again.image(9).astype(float) - original.image(9)).mean() < 8
+
+
+def test_a_copy_of_an_unknown_cars_recording_is_not_of_udacitys(tmp_path: Path) -> None:
+    original = read_recordings(str(foreign.jetracer(tmp_path / "recording")))
+    edited(original, tmp_path / "copy")
+    again = read_recordings(str(tmp_path / "copy"))
+    assert again.rig is None
+    assert other_car(again) == "another_car"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from datamodules.rig_file import find_rig, read_rig
+from datamodules.rig_file import find_rig, read_rig, write_rig
 from zoo.base.errors import InputError
 
 TEXT = """\
@@ -49,3 +49,10 @@ def test_an_impossible_number_is_named(old: str, new: str, place: str, tmp_path:
     path.write_text(TEXT.replace(old, new, 1))
     with pytest.raises(InputError, match=rf"rig\.yaml: {place}: .*; correct it"):
         read_rig(path)
+
+
+def test_a_written_rig_is_read_again(tmp_path: Path) -> None:
+    (tmp_path / "rig.yaml").write_text(TEXT + "side_m: 0.5\n")
+    rig = read_rig(tmp_path / "rig.yaml")
+    write_rig(tmp_path, rig)
+    assert read_rig(tmp_path / "rig.yaml") == rig

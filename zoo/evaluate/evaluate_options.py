@@ -1,7 +1,8 @@
 """Keys of `drivezoo evaluate` and their checks."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -84,6 +85,9 @@ class ReplayOptions(TableFiles):
             NVIDIA's, or the height of the camera where that is less, as on a toy car.
         frame_rate: rows per second, for image names without a time; null: read from the names.
         speed: mph in each row, for a recording without speed; null: as recorded.
+        format: name of the format; null: found by the names of the files, or as in the training.
+        steering: what the numbers mean, {unit: deg, full: 540, right: positive}; null: as in the
+            training, if the network was trained on this recording, or as the format says.
         rig: file of the car's rig; null: rig.yaml beside the recording, or as the format says.
         frames: true: keep the frames that the network saw, for drivezoo film.
         out: output folder; null: named by date and time.
@@ -92,6 +96,8 @@ class ReplayOptions(TableFiles):
     margin: Annotated[float, Field(gt=0, le=2)] | None = None
     frame_rate: float | None = None
     speed: ReplayMph | None = None
+    format: str | None = None
+    steering: str | Mapping[str, Any] | None = None
     rig: str | None = None
     frames: bool = False
     out: str | None = None

@@ -157,13 +157,14 @@ def held_out_replay(recording: Recording, split: Split, speed_mph: float | None)
 
 
 def read_as_trained(policy: Policy, folder: str, options: ReplayOptions) -> dict[str, Any]:
-    """Return what the training said of a recording, if it trained on it, and the user's rig."""
+    """Return what the training said of a recording, if it trained on it, and the user's keys."""
     data = policy.config.get("data")
     root = data.get("root") if isinstance(data, dict) else None
     said: dict[str, Any] = {}
     if isinstance(root, str) and Path(root).expanduser().resolve() == Path(folder).resolve():
         said = said_in(data)
-    return said | ({"rig": options.rig} if options.rig else {})
+    typed = {key: getattr(options, key) for key in ("format", "steering", "rig")}
+    return said | {key: value for key, value in typed.items() if value is not None}
 
 
 def keyboard_lines(recording: Recording, on_track: bool) -> list[str]:

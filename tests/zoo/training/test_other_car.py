@@ -16,10 +16,12 @@ from tests.zoo.written_checkpoints import write_constant
 from zoo.base.command import Command
 from zoo.base.errors import InputError, UsageError
 from zoo.checkpoints.checkpoint import load_checkpoint
+from zoo.checkpoints.command import Policy
 from zoo.correct.__main__ import correct
 from zoo.doctor.__main__ import next_step
 from zoo.evaluate.__main__ import evaluate
-from zoo.evaluate.replay_score import held_out_replay
+from zoo.evaluate.evaluate_options import ReplayOptions
+from zoo.evaluate.replay_score import held_out_replay, read_as_trained
 from zoo.guard.__main__ import guard
 from zoo.hub.card import shared_files
 from zoo.report.drive_section import scores
@@ -144,3 +146,18 @@ def test_no_track_chooses_its_checkpoint(recorded: Written, tmp_path: Path) -> N
     monitored = ("callbacks=closed_loop", "callbacks.best.monitor=drive/autonomy")
     keys = (*SMALL, *monitored, f"data.root={recorded.folder}", "hydra.run.dir=run")
     assert "another car than the recording (my car)" in only_line(run(tmp_path, *keys))
+
+
+def test_a_replay_reads_a_recording_as_in_training_unless_the_user_says_otherwise() -> None:
+    trained = Policy()
+    trained.config = {"data": {"root": "drives", "format": "table", "steering": "{unit: rad}"}}
+
+    def said(folder: str, **typed: str) -> dict:
+        return read_as_trained(trained, folder, ReplayOptions(**typed))
+
+    assert said("drives") == {"format": "table", "steering": "{unit: rad}"}
+    assert said("drives", steering="{unit: deg}") == {"format": "table", "steering": "{unit: deg}"}
+    assert said("others", rig="my.yaml", format="udacity") == {
+        "rig": "my.yaml",
+        "format": "udacity",
+    }
