@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.driving_log import CAMERAS
-from datamodules.formats.recording_writer import put_image, reported, write_log
+from datamodules.formats.recording_writer import image_stems, put_image, reported, write_log
+from datamodules.formats.udacity import times_from_names
 from datamodules.image import find_file_fault
 from datamodules.recording import IMAGE_FOLDER, Recording
 from datamodules.recording_edits import Edits, edit_options
@@ -107,6 +108,10 @@ def _write_part(
     names: dict[tuple[str, bool], str] = {}
     written: list[tuple[list[str], list[float]] | None] = []
     left_out, before = [], None
+    # A log's times are those of its images' names.
+    stems = image_stems(np.nan_to_num(recording.time_s))
+    named = times_from_names([str(image) for image in recording.images[:, 0]])
+    is_renamed = (np.isnan(named) & np.isfinite(recording.time_s)).tolist()
     pairs = list(zip(rows.tolist(), mirrored.tolist(), strict=True))
     for row, turned in reported(pairs, report):
         images = recording.images[row].tolist()
@@ -127,6 +132,7 @@ def _write_part(
         for camera, image in zip(CAMERAS, images, strict=True):
             if image and (image, turned) not in names:
                 name = Path(image).stem if isinstance(image, str) else str(image.number + 1)
+                name = f"{camera}_{stems[row]}" if is_renamed[row] else name
                 name = f"{camera}_mirrored_{name}" if turned else name
                 names[image, turned] = put_image(
                     image,

@@ -289,6 +289,7 @@ def test_a_copy_of_another_cars_recording_is_of_that_car(copy: Callable, tmp_pat
     assert again.rig == original.rig
     assert other_car(again)
     np.testing.assert_array_equal(again.steering, original.steering)
+    np.testing.assert_allclose(np.diff(again.time_s), np.diff(original.time_s), atol=0.002)
     assert np.abs(again.image(9).astype(float) - original.image(9)).mean() < 8
 
 
