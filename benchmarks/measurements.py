@@ -1,10 +1,13 @@
 """Measurements that the manual quotes: `python benchmarks/measurements.py NAME ...`.
 
-Each is a function: of policies, of the storage of images, and of the embedded world.
+Each is a function: of policies, of recordings and the storage of images, of the embedded world.
 """
 
+import json
 import os
 import random
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from itertools import chain
@@ -16,7 +19,7 @@ import numpy as np
 import torch
 from scipy.stats import spearmanr
 
-from benchmarks.material import linked_recording, pictures
+from benchmarks.material import OUT, linked_recording, pictures
 from benchmarks.measuring import print_table, run_named
 from datamodules.image import decode_image, read_image
 from datamodules.recording_format import read_recordings
@@ -160,6 +163,39 @@ def formats(rows: str = "20000") -> None:
     print_table(["recording", "rows", "s to read the rows", "images/s decoded in order"], table)
 
 
+def tub(rows: str = "1000000") -> None:
+    """Measure the seconds of a core and the memory of `drivezoo check` on a long tub: `tub [ROWS]`.
+
+    Its records name the same few images. Not on Windows.
+    """
+    import resource
+
+    from datamodules.formats.donkeycar import write_catalogs
+
+    files = pictures()["center"]
+    with TemporaryDirectory(dir=OUT) as place:
+        folder = Path(place)
+        (folder / "images").mkdir()
+        for file in files:
+            (folder / "images" / file.name).hardlink_to(file)
+        records = (
+            {
+                "cam/image_array": files[row % len(files)].name,
+                "user/angle": turn,
+                "user/throttle": 0.5,
+                "_timestamp_ms": 1_600_000_000_000 + 50 * row,
+            }
+            for row, turn in enumerate(_turns(int(rows)))
+        )
+        write_catalogs(folder, [f"{json.dumps(one)}\n" for one in records], ["20-09-13_0"], 1.6e9)
+        command = [sys.executable, "-m", "datamodules.check", str(folder)]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    unit = 1e6 if sys.platform == "darwin" else 1e3
+    figures = [f"{used.ru_utime + used.ru_stime:.0f}", f"{used.ru_maxrss / unit:,.0f}"]
+    print_table(["rows", "s of a core", "MB at most"], [[f"{int(rows):,}", *figures]])
+
+
 def _read_rates(name: str, folder: Path, keys: dict) -> list[str]:
     began = sum(os.times()[:4])
     recording = read_recordings(str(folder), **keys)
@@ -280,4 +316,4 @@ def expert(*tracks: str) -> None:
 
 
 if __name__ == "__main__":
-    run_named(formats, doubt, expert, replays, roads, storage)
+    run_named(doubt, expert, formats, replays, roads, storage, tub)

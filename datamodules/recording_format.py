@@ -203,10 +203,14 @@ def write_car(
     """
     if recording.rig == UDACITY:
         return
-    source = read_source(recording.names) or source
-    (folder / SOURCE_NAME).write_text(f'{{"version": 1, "format": "{source}"}}\n', encoding="utf-8")
+    write_source(folder, read_source(recording.names) or source)
     if recording.rig and keeps_size:
         write_rig(folder, recording.rig)
+
+
+def write_source(folder: Path, source: str) -> None:
+    """Write which car or format the frames of a recording are of, if not Udacity's."""
+    (folder / SOURCE_NAME).write_text(f'{{"version": 1, "format": "{source}"}}\n', encoding="utf-8")
 
 
 def read_source(folders: Iterable[str | Path]) -> str | None:

@@ -244,7 +244,7 @@ def export_tub(
                 "_timestamp_ms": round(time_s[row] * 1000),
             }
             lines.append(json.dumps(record, allow_nan=False, sort_keys=True) + "\n")
-        _write_catalogs(part, lines, sessions, float(time_s[0]))
+        write_catalogs(part, lines, sessions, float(time_s[0]))
         write_car(part, recording)
     notes = left_out_note(left_out, "their image is damaged")
     if any(path is not None for path in recording.images[:, 1:].flat):
@@ -252,7 +252,8 @@ def export_tub(
     return Converted(out, len(kept), len(drives), tuple(notes))
 
 
-def _write_catalogs(folder: Path, lines: list[str], sessions: list[str], created_s: float) -> None:
+def write_catalogs(folder: Path, lines: list[str], sessions: list[str], created_s: float) -> None:
+    """Write a tub's manifest and catalogs from its records' lines."""
     names: list[str] = []
     for first in range(0, len(lines), CATALOG_ROWS):
         rows = lines[first : first + CATALOG_ROWS]
