@@ -149,12 +149,8 @@ class Shift(Change):
         steering_per_pixel: float = 0.004,
         p: float = 0.5,
     ) -> None:
-        self.pixels, self.rows, self.steering_per_pixel, self.p = (
-            pixels,
-            rows,
-            steering_per_pixel,
-            p,
-        )
+        self.pixels, self.rows, self.p = pixels, rows, p
+        self.steering_per_pixel = steering_per_pixel
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
         """Return shifts to the right and down."""

@@ -78,9 +78,8 @@ def _copied(views: RowViews, device: torch.device) -> Tensor:
     copied, done = torch.empty(shape, dtype=torch.uint8, device=device), 0
     for file in views.files:
         for start in range(0, len(file), CHUNK):
-            chunk = np.array(
-                file[start : start + CHUNK]
-            )  # torch needs writable memory, and a mapped file is read-only
+            # torch needs writable memory, and a mapped file is read-only
+            chunk = np.array(file[start : start + CHUNK])
             copied[done : done + len(chunk)].copy_(torch.from_numpy(chunk))
             done += len(chunk)
     return copied

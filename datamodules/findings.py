@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from datamodules.recording import GAP_S, Recording
-from datamodules.stretches import LEAST_CHANGE, find_stretches, steering_returns
+from datamodules.stretches import LEAST_CHANGE, find_breaks, find_stretches, steering_returns
 
 # The thresholds separate the original's keyboard recording (70 % of steering is 0, the other 798
 # rows share 414 values) from the expert's (no 0, as many values as rows).
@@ -229,7 +229,7 @@ def _report(one: Recording, name: str) -> RecordingReport:
         side_cameras=sum(None not in row for row in one.images[:, 1:].tolist()),
         seconds=float(driven.sum()) if len(driven) else float("nan"),
         fps=float(1 / np.median(driven)) if len(driven) else float("nan"),
-        gaps=int(((steps > GAP_S) | (steps < 0)).sum()),
+        gaps=int(find_breaks(one).sum()),
         zero_share=float((one.steering == 0).mean()) if len(one) else float("nan"),
         mean_speed_mph=float(one.speed_mph.mean()) if len(one) else float("nan"),
     )

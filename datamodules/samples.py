@@ -50,9 +50,7 @@ class Windows:
 
     def frames(self, rows: np.ndarray) -> np.ndarray:
         """Return the rows of the frames, int64 [n, sequence]; `rows` if not windowed."""
-        if not self.is_windowed:
-            return rows
-        return rows[:, None] + self.stride * np.arange(1 - self.sequence, 1)
+        return self.targets(rows)[:, : self.sequence] if self.is_windowed else rows
 
     def targets(self, rows: np.ndarray) -> np.ndarray:
         """Return the rows of the targets, int64 [n, sequence + ahead]; `rows` if not windowed."""

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from datamodules.recording import GAP_S, Recording
+from datamodules.recording import Recording
+from datamodules.stretches import find_breaks
 
 PAIRS = 400  # of neighbouring images that are compared, at most
 FORWARD_ROWS = 2_000  # first rows from which they come where images can only be read in order
@@ -87,9 +88,7 @@ def _pairs(recording: Recording) -> np.ndarray:
     """Return rows whose next row shows the same drive a moment later."""
     in_files = isinstance(recording.images[0, 0], str)
     last = len(recording) - 1 if in_files else min(len(recording) - 1, FORWARD_ROWS)
-    time_s, owner = recording.time_s, recording.recording
-    follows = (owner[1:] == owner[:-1]) & ~(np.abs(np.diff(time_s)) > GAP_S)
-    rows = np.flatnonzero(follows[:last])
+    rows = np.flatnonzero(~find_breaks(recording)[:last])
     chosen = np.linspace(0, len(rows) - 1, min(PAIRS, len(rows))).astype(int)
     return rows[np.unique(chosen)]
 
