@@ -58,8 +58,9 @@ def client(*, options: ClientOptions) -> None:
     from rich.console import Console
 
     from simulator.client import run_client
+    from simulator.fork_clients import CLIENTS
 
-    run_client(options, Console())
+    run_client(options, Console(), CLIENTS[options.dialect])
 
 
 @command(name="simulator serve", parts=False)

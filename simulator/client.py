@@ -38,6 +38,7 @@ REPLIES = {
     "steer": '42["steer",{"steering_angle":"0.0500","throttle":"0.2000"}]',
     "manual": '42["manual",{}]',
 }
+Event = tuple[str, object]  # its name and its argument
 
 
 class Client:
@@ -47,7 +48,12 @@ class Client:
         world: world with a renderer.
         options: options of the client.
         console: console for messages to the user; each message is printed once.
+
+    Attributes:
+        control: event that steers the car.
     """
+
+    control = "steer"
 
     def __init__(self, world: World, options: ClientOptions, console: Console) -> None:
         self.world, self.options, self.console = world, options, console
@@ -76,6 +82,11 @@ class Client:
         """Return whether the laps or seconds of the options are driven, or an open road ended."""
         ends = self.world.time >= (self.options.seconds or math.inf)
         return ends or self.world.is_complete(self.options.laps or math.inf)
+
+    @property
+    def driven(self) -> str:
+        """Return how far the car drove, in words."""
+        return f"{self.world.travelled / self.world.track.length:.2f} laps"
 
     def run(self) -> None:
         """Connect and drive until the driver disconnects, or wait for one to connect to."""
@@ -188,21 +199,26 @@ class Client:
     def emit(self, socket: "Socket") -> None:
         """Send telemetry, or null while a simulated person drives."""
         self.counts["telemetry"] += 1
-        if self.manual:
-            socket.emit("telemetry", None)
-            return
-        world, truth = self.world, {}
-        if self.options.truth:  # beyond the original's: the time, and inputs of scoring
-            truth = {
-                "time": world.time,
-                "cte": world.cte,
-                "lane": world.place.width / 2,
-                "wall": float(world.at_wall),
-                "put_back": float(self.options.put_back),
-            }
-        car, comma = world.car, self.options.decimal_comma
+        socket.emit(*(("telemetry", None) if self.manual else self.telemetry()))
+
+    def telemetry(self) -> Event:
+        """Return the event of the car's state and frame."""
+        car, comma = self.world.car, self.options.decimal_comma
         state = car.steering, car.throttle, car.speed_mph
-        socket.emit("telemetry", make_telemetry(self.frame(), *state, comma, truth))
+        return "telemetry", make_telemetry(self.frame(), *state, comma, self.truth())
+
+    def truth(self) -> dict[str, float]:
+        """Return numbers that the original does not send: the time, and inputs of scoring."""
+        world = self.world
+        if not self.options.truth:
+            return {}
+        return {
+            "time": world.time,
+            "cte": world.cte,
+            "lane": world.place.width / 2,
+            "wall": float(world.at_wall),
+            "put_back": float(self.options.put_back),
+        }
 
     def frame(self) -> np.ndarray:
         """Return the centre camera's frame; it is drawn once for each frame of the world."""
@@ -218,13 +234,13 @@ class Client:
 
     def print_summary(self) -> None:
         """Print the figures of the drive."""
-        world, counts = self.world, self.counts
+        counts, frames = self.counts, len(self.cte)
         put_back = f", put back {counts['put back']} times" if self.options.put_back else ""
         cte = np.abs(self.cte) if self.cte else np.zeros(1)
         wall_s = max(time.monotonic() - self.began_s, 1e-9)
         self.print_once(
-            f"{world.travelled / world.track.length:.2f} laps in {world.time:.1f} s of simulated "
-            f"time; {world.frames:,} frames, {world.frames / wall_s:.0f} per second; "
+            f"{self.driven} in {frames * self.world.frame_s:.1f} s of simulated time; "
+            f"{frames:,} frames, {frames / wall_s:.0f} per second; "
             f"{counts['telemetry']:,} telemetry messages; connected {counts['connections']} times; "
             f"taken over by hand {counts['taken over']} times; cross-track error {cte.mean():.2f} "
             f"m on average, {cte.max():.2f} m at most; left the road {counts['off road']} times"
@@ -241,7 +257,7 @@ class Client:
     def _report_silence(self) -> None:
         if not self.opened:
             self._report_no_handshake()
-        expected = REPLIES["manual" if self.manual else "steer"]
+        expected = REPLIES["manual" if self.manual else "steer"].replace("steer", self.control, 1)
         self.print_once(
             f"no reply for {SILENT_S:.0f} s; the client never sends a message twice, so answer "
             f"each one; expected: {expected}"
@@ -254,8 +270,13 @@ class Client:
         )
 
 
-def run_client(options: ClientOptions, console: Console) -> Client:
+def run_client(options: ClientOptions, console: Console, kind: type[Client] = Client) -> Client:
     """Connect and drive, reconnect after each lost connection, and print a summary.
+
+    Args:
+        options: options of the client.
+        console: console for messages to the user.
+        kind: class of the client, that of the options' dialect.
 
     Raises:
         InputError: an option is wrong, no renderer opens, or the film cannot be written.
@@ -263,7 +284,7 @@ def run_client(options: ClientOptions, console: Console) -> Client:
     options.check()
     websocket_address(options.url)
     world = options.open()
-    client = Client(world, options, console)
+    client = kind(world, options, console)
     client.print_once(f"{world.track.name}, drawn by the {world.renderer.name} renderer")
     with ExitStack() as open_things:
         if options.film:

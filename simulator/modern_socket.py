@@ -32,8 +32,7 @@ class ModernSocket:
             request_timeout=HANDSHAKE_S,
             websocket_extra_options={"class_": BoundedWebSocket},
         )
-        for name in ("steer", "manual"):
-            self._client.on(name, lambda *data, name=name: self._take(name, data))
+        self._client.on("*", lambda name, *data: self._take(name, data))
         self._client.on("disconnect", lambda *_: self._queue.put(("disconnect", None)))
         try:
             self._client.connect(url, transports=["websocket"], wait_timeout=HANDSHAKE_S)

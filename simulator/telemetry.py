@@ -41,7 +41,12 @@ def make_telemetry(
     texts = {key: f"{value + 0.0:.4f}" for key, value in numbers.items()}
     if decimal_comma:
         texts = {key: text.replace(".", ",") for key, text in texts.items()}
-    return {**texts, "image": base64.b64encode(encode(frame)).decode()}
+    return {**texts, "image": image_text(frame)}
+
+
+def image_text(frame: np.ndarray) -> str:
+    """Return a frame, uint8 [H, W, 3] RGB, as a base64 JPEG."""
+    return base64.b64encode(encode(frame)).decode()
 
 
 def read_steer(data: object, decimal_comma: bool) -> tuple[float, float]:

@@ -1,9 +1,10 @@
 """A track from the content of its YAML file."""
 
 import math
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -30,6 +31,7 @@ KINDS = ("points", "segments", "survey")
 # The radius of the car's tightest circle, at the car's origin between the axles.
 TIGHTEST_RADIUS_M = math.hypot(WHEELBASE_M / math.tan(math.radians(MAX_STEERING_DEG)), REAR_AXLE_M)
 CLOSING_M = 1.0  # largest gap between the end of a loop's last piece and its first point
+LEAST_STEP_M = 1.0  # between two points of a track
 MOST_SIDE_M = 10_000  # keeps the ground within memory
 SHORTEST_M = 20.0  # length of a road
 
@@ -81,6 +83,23 @@ class TrackKeys(Keys):
     surroundings: Surroundings = Surroundings()
 
 
+def road_content(points: Sequence[Sequence[float]], width: float | None = None) -> dict[str, Any]:
+    """Return the content of a file for an open road through points.
+
+    A point less than 1 m from the last one that is kept is left out.
+
+    Args:
+        points: x, y and, unless the road is level, z of each point, in metres.
+        width: width of the road in metres, 3..30; None for a file's default.
+    """
+    kept = list(points[:1])
+    for point in points[1:]:
+        if not math.dist(point[:2], kept[-1][:2]) < LEAST_STEP_M:  # NaN is kept, and refused later
+            kept.append(point)
+    level = [(*point, 0.0)[:3] for point in kept]
+    return {"points": level, "closed": False, "width": width}
+
+
 def read_survey(given: str, folder: Path) -> np.ndarray:
     """Return a survey's rows, float64 [N, 3]: station, heading in degrees, height.
 
@@ -129,12 +148,13 @@ def _row(place: str, at: int, line: str) -> list[float]:
     return values
 
 
-def read_centreline(keys: TrackKeys, folder: Path) -> dict:
+def read_centreline(keys: TrackKeys, folder: Path, tightest_m: float = TIGHTEST_RADIUS_M) -> dict:
     """Return `Track`'s arrays, length and width from a file's keys.
 
     Args:
         keys: keys of the track's file.
         folder: folder of the track's file, in which a survey lies.
+        tightest_m: smallest allowed radius of a bend.
 
     Raises:
         InputError: a value is wrong, a loop does not close, a bend is too tight for the car,
@@ -158,7 +178,7 @@ def read_centreline(keys: TrackKeys, folder: Path) -> dict:
     if closed:
         _check_closing(kind, ends[-1] - ends[0], math.degrees(turned))
     centreline = make_centreline(follow(closed), closed, fine)
-    _check_bends(kind, centreline)
+    _check_bends(kind, centreline, tightest_m)
     usual, widths = _widths(keys, centreline)
     bridge = _bridges(kind, centreline, widths / 2, closed)
     return {**centreline, "closed": closed, "width": usual, "widths": widths, "bridge": bridge}
@@ -170,11 +190,11 @@ def _points(keys: TrackKeys) -> np.ndarray:
         road = "a closed loop" if keys.closed else "an open road"
         raise InputError(f"points: {len(points)} points; {road} needs {least} or more")
     steps = np.diff(np.vstack([points, points[: keys.closed]]), axis=0)
-    near = np.flatnonzero(np.hypot(steps[:, 0], steps[:, 1]) < 1)
+    near = np.flatnonzero(np.hypot(steps[:, 0], steps[:, 1]) < LEAST_STEP_M)
     if len(near):
         raise InputError(
             f"points: numbers {near[0] + 1} and {(near[0] + 1) % len(points) + 1} are less than "
-            "1 m apart; a loop closes by itself, so do not repeat its first point"
+            f"{LEAST_STEP_M:g} m apart; a loop closes by itself, so do not repeat its first point"
         )
     return points
 
@@ -213,13 +233,13 @@ def _check_extent(kind: str, points: np.ndarray) -> None:
         )
 
 
-def _check_bends(kind: str, centreline: dict) -> None:
+def _check_bends(kind: str, centreline: dict, tightest_m: float) -> None:
     tightest = int(np.abs(centreline["curvature"]).argmax())
     radius = 1 / max(abs(centreline["curvature"][tightest]), 1e-9)
-    if radius < TIGHTEST_RADIUS_M:
+    if radius < tightest_m:
         raise InputError(
             f"{kind}: the bend at {centreline['distance'][tightest]:.0f} m has a radius of "
-            f"{radius:.1f} m; the car needs {TIGHTEST_RADIUS_M:.1f} m: make the bend wider"
+            f"{radius:.1f} m; the car needs {tightest_m:.1f} m: make the bend wider"
         )
 
 
@@ -262,20 +282,26 @@ def _bridges(kind: str, centreline: dict, half_widths: np.ndarray, closed: bool)
     return bridge_samples(np.where(above > 0, first, second), len(distance), closed)
 
 
-def make_track(name: str, content: object, folder: Path = Path()) -> Track:
+def make_track(
+    name: str,
+    content: object,
+    folder: Path = Path(),
+    tightest_m: float = TIGHTEST_RADIUS_M,
+) -> Track:
     """Return the track of a YAML file's content.
 
     Args:
         name: name of the track.
         content: content of the file.
         folder: folder of the file, in which a survey lies.
+        tightest_m: smallest allowed radius of a bend; the car's own by default.
 
     Raises:
         InputError: a key or value is wrong, a bend is too tight for the car, or the road
             crosses itself at one height.
     """
     keys = read_keys(TrackKeys, content)
-    centreline = read_centreline(keys, folder)
+    centreline = read_centreline(keys, folder, tightest_m)
     stretches = []
     for at, one in enumerate(keys.stretches, start=1):
         if not one.start <= one.end <= centreline["length"]:

@@ -35,6 +35,17 @@ def family_names() -> list[str]:
     return sorted(path.stem for path in road_folder().glob("*.yaml"))
 
 
+def is_included(track: str) -> bool:
+    """Return whether a name is that of an included track, or of a road of an included family.
+
+    >>> is_included("lake"), is_included("alpine:17"), is_included("roads/own.yaml:17")
+    (True, True, False)
+    """
+    drawn = DRAWN.fullmatch(track)
+    names = family_names() if drawn else map(recorded_name, track_names())
+    return (drawn[1] if drawn else recorded_name(track)) in names
+
+
 def recorded_name(name: str) -> str:
     """Return the name of a track in records and figures.
 
