@@ -34,6 +34,7 @@ from zoo.runs.table_files import write_table as write_result_table
 
 if TYPE_CHECKING:
     from zoo.benchmark.benchmarked import Benchmarked
+    from zoo.evaluate.driven_road import DrivenRoad
     from zoo.worlds.environments import EnvironmentPolicy
 
 Given = ParamSpec("Given")
@@ -195,6 +196,37 @@ def drive(driver: str | os.PathLike[str], **keys: Any) -> ServedDrive | None:
         for number, handler in handlers.items():
             signal.signal(number, handler)
     return None if folder is None else ServedDrive.read(folder)
+
+
+@one_line_errors
+def drive_road(
+    driver: str | Path | Training | Callable[..., Any],
+    points: Sequence[Sequence[float]],
+    width: float = 8.0,
+    **keys: Any,
+) -> DrivenRoad:
+    """Drive a road through points, and return whether the driver kept its lane up to the end.
+
+    >>> drive_road("lenet", [(0, 0), (0, 50), (20, 80)]).passed  # doctest: +SKIP
+    True
+
+    Args:
+        driver: see `evaluate`.
+        points: x and y in metres of points along the road's middle.
+        width: width of the road in metres, 3..30.
+        **keys: keys of a drive: `speed`, `margin`, `weather`, `frame_rate`, ...
+
+    Raises:
+        InputError: the road cannot be driven, or the checkpoint cannot be loaded.
+        UsageError: a key or value is wrong.
+    """
+    from zoo.checkpoints.checkpoint_path import find_driver
+    from zoo.checkpoints.command import as_policy
+    from zoo.evaluate.driven_road import drive_road as drive
+
+    named = find_driver(driver)
+    policy = named if isinstance(named, str) else as_policy(named)
+    return drive(policy, points, width, **keys)
 
 
 @one_line_errors

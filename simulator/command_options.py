@@ -106,7 +106,7 @@ class ClientOptions(DrawnWorld):
     Args:
         url: address of the driver.
         protocol: legacy (the original's Socket.IO of 2016) or modern (python-socketio).
-        dialect: udacity, or a fork's messages: maxitwo or udacity_gym; see docs/research.md.
+        dialect: udacity, or a fork's messages: maxitwo or udacity_gym; see the manual.
         clock: lockstep (one frame for each reply) or realtime (time passes without replies).
         laps: number of laps until the end; 0 for no end but the end of an open road.
         seconds: seconds of simulated time until the end; 0 for no end.

@@ -91,11 +91,18 @@ def road_content(points: Sequence[Sequence[float]], width: float | None = None) 
     Args:
         points: x, y and, unless the road is level, z of each point, in metres.
         width: width of the road in metres, 3..30; None for a file's default.
+
+    Raises:
+        InputError: a point is no two or three numbers.
     """
     kept = list(points[:1])
-    for point in points[1:]:
-        if not math.dist(point[:2], kept[-1][:2]) < LEAST_STEP_M:  # NaN is kept, and refused later
-            kept.append(point)
+    try:
+        for point in points[1:]:
+            # NaN is kept, and refused when the content is read
+            if not math.dist(point[:2], kept[-1][:2]) < LEAST_STEP_M:
+                kept.append(point)
+    except (TypeError, ValueError):
+        raise InputError("points: each must be x and y, or x, y and z, in metres") from None
     level = [(*point, 0.0)[:3] for point in kept]
     return {"points": level, "closed": False, "width": width}
 
