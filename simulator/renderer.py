@@ -123,6 +123,9 @@ class Renderer:
         """Free the buffer."""
         self.engine.removeWindow(self.buffer)
         self.root.removeNode()
+        # Unused states hold the textures until they are collected: 2 MB for each renderer.
+        core.RenderState.garbageCollect()
+        core.TransformState.garbageCollect()
 
     def _attach(self, mesh: Mesh) -> tuple[Piece, core.NodePath]:
         data = core.GeomVertexData(mesh.material, POINTS, core.Geom.UHDynamic)

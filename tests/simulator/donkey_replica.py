@@ -24,7 +24,8 @@ ANSWERS = {
 def telemetry(number: int, size: tuple[int, int] = (120, 160)) -> dict:
     """Return the telemetry of a car that stands."""
     jpeg = cv2.imencode(".jpg", np.full((*size, 3), 90, np.uint8))[1].tobytes()
-    place = dict.fromkeys(("pos_x", "pos_y", "pos_z", "cte", "activeNode", "steering_angle"), 0.0)
+    place = dict.fromkeys(("pos_x", "pos_y", "pos_z", "cte", "steering_angle"), 0.0)
+    place |= {"activeNode": number, "totalNodes": 100}
     image = base64.b64encode(jpeg).decode()
     return {"msg_type": "telemetry", "time": number / 20, "speed": 1, "image": image, **place}
 

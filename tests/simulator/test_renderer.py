@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from panda3d import core
 
 from simulator.renderer import Renderer
 from simulator.rig import CAMERAS, CameraOffset
@@ -171,6 +172,17 @@ def test_a_track_turns_the_sun_of_every_weather() -> None:
         shown.append(renderer.frame((0.0, 0.0, 0.0, 0.0, 0.0), "center", 0))
         renderer.close()
     assert (shown[0] == shown[1]).all()
+
+
+def test_a_closed_renderer_holds_no_textures() -> None:
+    counts = []
+    for _ in range(5):
+        world = open_world(loop(), "software")
+        world.frame()
+        world.renderer.close()
+        del world
+        counts.append(core.RenderState.getNumStates())
+    assert counts[-1] < 2 * counts[0]
 
 
 def test_a_wrong_renderer_or_quality_is_named() -> None:

@@ -183,6 +183,9 @@ class DonkeyWorld(World):
         time_s = self._number("time") - self._began_s
         has_place = "pos_x" in self._telemetry
         lap = max(self._crossings - 1, 0)
+        along = 0.0
+        if "totalNodes" in self._telemetry:
+            along = self._number("activeNode") / max(self._number("totalNodes"), 1.0)
         return State(
             time_s=time_s,
             speed_mph=self._number("speed") / MPS_PER_MPH,
@@ -191,7 +194,7 @@ class DonkeyWorld(World):
             lap=lap,
             contact=self._telemetry.get("hit", "none") != "none",
             xy=(self._number("pos_x"), self._number("pos_z")) if has_place else None,
-            share=min(lap / self._laps, 1.0),
+            share=min((lap + along) / self._laps, 1.0),
             done=lap >= self._laps or time_s >= self._laps * LONGEST_LAP_S,
         )
 

@@ -28,6 +28,7 @@ def test_numbers_may_have_a_decimal_comma() -> None:
     with donkey_replica(with_commas) as (address, _):
         states = step_through(address)
     assert states[-1].time_s - states[-2].time_s == pytest.approx(0.05)
+    assert 0 < states[-2].share < states[-1].share < 0.2
 
 
 def test_a_negative_throttle_brakes_and_a_car_that_is_left_stands() -> None:
