@@ -10,15 +10,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from simulator.rig import (
-    FRONT_AXLE_M,
-    MASS_KG,
-    MAX_STEERING_DEG,
-    PHYSICS_STEP_S,
-    REAR_AXLE_M,
-    TOP_SPEED_MPH,
-    WHEELBASE_M,
-)
+from simulator import rig
 from zoo.base.rig import MPS_PER_MPH
 
 DRIVE_N = 5400.0  # 2000 Nm at the wheels
@@ -59,7 +51,7 @@ class Car:
     """
 
     def __init__(self, delay_s: float = 0.0, reverses: bool = True) -> None:
-        self.delay_steps, self.reverses = round(delay_s / PHYSICS_STEP_S), reverses
+        self.delay_steps, self.reverses = round(delay_s / rig.PHYSICS_STEP_S), reverses
         self.place(0.0, 0.0, 0.0)
 
     def place(self, x: float, y: float, heading: float, speed_mph: float = 0.0) -> None:
@@ -87,58 +79,60 @@ class Car:
         self.steering, self.throttle = self._waiting.popleft()
         pull = self._pull_mps2(float(grade), surface)
         # Left is positive for angles in the plane, right for commands.
-        wheel = -math.radians(MAX_STEERING_DEG) * self.steering
+        wheel = -math.radians(rig.MAX_STEERING_DEG) * self.steering
         if abs(self.ahead_mps) < ROLLING_BELOW_MPS:
             self._roll(wheel, pull)
         else:
             self._slip(wheel, pull, surface)
         speed = self.speed_mph
-        if speed > TOP_SPEED_MPH:
-            self.ahead_mps *= TOP_SPEED_MPH / speed
-            self.left_mps *= TOP_SPEED_MPH / speed
+        if speed > rig.TOP_SPEED_MPH:
+            self.ahead_mps *= rig.TOP_SPEED_MPH / speed
+            self.left_mps *= rig.TOP_SPEED_MPH / speed
         cos, sin = math.cos(self.heading), math.sin(self.heading)
-        self.x += (self.ahead_mps * cos - self.left_mps * sin) * PHYSICS_STEP_S
-        self.y += (self.ahead_mps * sin + self.left_mps * cos) * PHYSICS_STEP_S
-        self.heading += self.yaw_rate * PHYSICS_STEP_S
+        self.x += (self.ahead_mps * cos - self.left_mps * sin) * rig.PHYSICS_STEP_S
+        self.y += (self.ahead_mps * sin + self.left_mps * cos) * rig.PHYSICS_STEP_S
+        self.heading += self.yaw_rate * rig.PHYSICS_STEP_S
 
     def _pull_mps2(self, grade: float, surface: Surface) -> float:
         """Return the acceleration along the car by engine, brakes, drag, slope and rolling."""
         pull = -DRAG_PER_S * self.ahead_mps - GRAVITY_MPS2 * grade / math.hypot(1, grade)
         resistance = surface.resistance_mps2
         if self.throttle >= 0:
-            pull += self.throttle * min(DRIVE_N / MASS_KG, surface.grip * GRAVITY_MPS2)
+            pull += self.throttle * min(DRIVE_N / rig.MASS_KG, surface.grip * GRAVITY_MPS2)
         elif self.reverses and self.ahead_mps < REVERSE_BELOW_MPH * MPS_PER_MPH:
-            pull += self.throttle * REVERSE_N / MASS_KG
+            pull += self.throttle * REVERSE_N / rig.MASS_KG
         else:
             resistance -= self.throttle * BRAKE_MPS2 * surface.grip
         # Friction stops a car and holds it, but never reverses its motion.
-        after = self.ahead_mps + pull * PHYSICS_STEP_S
-        slowed = math.copysign(max(abs(after) - resistance * PHYSICS_STEP_S, 0.0), after)
-        return (slowed - self.ahead_mps) / PHYSICS_STEP_S
+        after = self.ahead_mps + pull * rig.PHYSICS_STEP_S
+        slowed = math.copysign(max(abs(after) - resistance * rig.PHYSICS_STEP_S, 0.0), after)
+        return (slowed - self.ahead_mps) / rig.PHYSICS_STEP_S
 
     def _roll(self, wheel: float, pull: float) -> None:
         """Apply wheels that roll without slip, at low speed."""
-        self.ahead_mps += pull * PHYSICS_STEP_S
-        self.yaw_rate = self.ahead_mps * math.tan(wheel) / WHEELBASE_M
-        self.left_mps = self.yaw_rate * REAR_AXLE_M
+        self.ahead_mps += pull * rig.PHYSICS_STEP_S
+        self.yaw_rate = self.ahead_mps * math.tan(wheel) / rig.WHEELBASE_M
+        self.left_mps = self.yaw_rate * rig.REAR_AXLE_M
 
     def _slip(self, wheel: float, pull: float, surface: Surface) -> None:
         """Apply the tyres' side forces, which grow with the slip angle up to the grip."""
         ahead = self.ahead_mps
-        down = MASS_KG * GRAVITY_MPS2 + DOWNFORCE_N_PER_MPS * abs(ahead)
+        down = rig.MASS_KG * GRAVITY_MPS2 + DOWNFORCE_N_PER_MPS * abs(ahead)
         front_slip = math.copysign(wheel, wheel * ahead) - math.atan2(
-            self.left_mps + FRONT_AXLE_M * self.yaw_rate, abs(ahead)
+            self.left_mps + rig.FRONT_AXLE_M * self.yaw_rate, abs(ahead)
         )
-        rear_slip = -math.atan2(self.left_mps - REAR_AXLE_M * self.yaw_rate, abs(ahead))
-        front = _tyre_force(front_slip, down * REAR_AXLE_M / WHEELBASE_M * surface.grip)
-        rear = _tyre_force(rear_slip, down * FRONT_AXLE_M / WHEELBASE_M * surface.grip)
-        across = (front * math.cos(wheel) + rear) / MASS_KG - self.yaw_rate * ahead
-        turn = (FRONT_AXLE_M * front * math.cos(wheel) - REAR_AXLE_M * rear) / YAW_INERTIA_KG_M2
+        rear_slip = -math.atan2(self.left_mps - rig.REAR_AXLE_M * self.yaw_rate, abs(ahead))
+        front = _tyre_force(front_slip, down * rig.REAR_AXLE_M / rig.WHEELBASE_M * surface.grip)
+        rear = _tyre_force(rear_slip, down * rig.FRONT_AXLE_M / rig.WHEELBASE_M * surface.grip)
+        across = (front * math.cos(wheel) + rear) / rig.MASS_KG - self.yaw_rate * ahead
+        turn = (
+            rig.FRONT_AXLE_M * front * math.cos(wheel) - rig.REAR_AXLE_M * rear
+        ) / YAW_INERTIA_KG_M2
         self.ahead_mps += (
-            pull + self.yaw_rate * self.left_mps - front * math.sin(wheel) / MASS_KG
-        ) * PHYSICS_STEP_S
-        self.left_mps += across * PHYSICS_STEP_S
-        self.yaw_rate += turn * PHYSICS_STEP_S
+            pull + self.yaw_rate * self.left_mps - front * math.sin(wheel) / rig.MASS_KG
+        ) * rig.PHYSICS_STEP_S
+        self.left_mps += across * rig.PHYSICS_STEP_S
+        self.yaw_rate += turn * rig.PHYSICS_STEP_S
 
 
 def clamp(command: float) -> float:

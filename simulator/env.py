@@ -22,16 +22,8 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from simulator import rig
 from simulator.reward import REWARDS, TERMINATIONS, Info, Reward, Termination, named_function
-from simulator.rig import (
-    CAMERAS,
-    FOV_DEG,
-    FRAME_HEIGHT,
-    FRAME_WIDTH,
-    PIXELS,
-    TOP_SPEED_MPH,
-    VERTICAL_FOV_DEG,
-)
 from simulator.track_names import ANY_ROAD
 from simulator.weather import Weather, read_weather
 from simulator.world import Start, open_world
@@ -99,9 +91,9 @@ class DrivingEnv(gymnasium.Env):
         renderer: str = "auto",
         quality: str = "full",
         render_mode: str | None = None,
-        width: int = FRAME_WIDTH,
-        height: int = FRAME_HEIGHT,
-        vertical_fov_deg: float = VERTICAL_FOV_DEG,
+        width: int = rig.FRAME_WIDTH,
+        height: int = rig.FRAME_HEIGHT,
+        vertical_fov_deg: float = rig.VERTICAL_FOV_DEG,
         reward: str | Reward = "progress",
         termination: str | Termination = "off_road",
     ) -> None:
@@ -115,9 +107,9 @@ class DrivingEnv(gymnasium.Env):
             ("laps", laps, 1, math.inf),
             ("max_seconds", max_seconds, 0, math.inf),
             ("off_road_s", off_road_s, 0, math.inf),
-            ("width", width, *PIXELS),
-            ("height", height, *PIXELS),
-            ("vertical_fov_deg", vertical_fov_deg, *FOV_DEG),
+            ("width", width, *rig.PIXELS),
+            ("height", height, *rig.PIXELS),
+            ("vertical_fov_deg", vertical_fov_deg, *rig.FOV_DEG),
         ):
             if value is not None and not least <= value <= most:
                 limit = "or more; inf for no limit" if most == math.inf else f"to {most:g}"
@@ -147,9 +139,9 @@ class DrivingEnv(gymnasium.Env):
         self.world = open_world(self.track, "none", **self.settings)
         self.images = {"image": "center"}
         if cameras == "all":
-            self.images |= {camera: camera for camera in CAMERAS[1:]}
+            self.images |= {camera: camera for camera in rig.CAMERAS[1:]}
         image = spaces.Box(0, 255, (height, width, 3), np.uint8)
-        speed = spaces.Box(0, TOP_SPEED_MPH, (1,), np.float32)
+        speed = spaces.Box(0, rig.TOP_SPEED_MPH, (1,), np.float32)
         self.observation_space = spaces.Dict({**dict.fromkeys(self.images, image), "speed": speed})
         self.action_space = spaces.Box(-1, 1, (2,), np.float32)
 
@@ -185,8 +177,8 @@ class DrivingEnv(gymnasium.Env):
             start["cte"] = self.np_random.uniform(-0.5, 0.5)
         world_seed = int(self.np_random.integers(2**31))
         begin = Start(**{**start, **options})
-        if not 0 <= begin.speed_mph <= TOP_SPEED_MPH:
-            raise InputError(f"speed_mph={begin.speed_mph}: must be in 0..{TOP_SPEED_MPH:g}")
+        if not 0 <= begin.speed_mph <= rig.TOP_SPEED_MPH:
+            raise InputError(f"speed_mph={begin.speed_mph}: must be in 0..{rig.TOP_SPEED_MPH:g}")
         self.world.reset(world_seed, begin, weather)
         self.off_since: float | None = None
         self.info = self._about(0.0)

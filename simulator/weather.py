@@ -9,15 +9,8 @@ import numpy as np
 from pydantic import Field
 
 from simulator.rig import CameraOffset
+from zoo.base import command_keys
 from zoo.base.bounded_files import parse_yaml
-from zoo.base.command_keys import (
-    Section,
-    check_keys,
-    check_values,
-    constructed,
-    keys_of,
-    typed_keys,
-)
 from zoo.base.errors import InputError, placed_errors
 
 if TYPE_CHECKING:
@@ -56,12 +49,12 @@ class Weather:
     wet: Share = 0.0
     shadows: bool = True
     texture_seed: int = 1
-    camera: Annotated[CameraOffset, Section()] = field(default_factory=CameraOffset)
+    camera: Annotated[CameraOffset, command_keys.Section()] = field(default_factory=CameraOffset)
     noise: Annotated[float, Field(ge=0, le=100)] = 0.0
     blur: Annotated[float, Field(ge=0, le=20)] = 0.0
 
     def __post_init__(self) -> None:
-        check_values(self)
+        command_keys.check_values(self)
 
 
 CLEAR = Weather()
@@ -128,6 +121,6 @@ def read_weather(weather: str | Mapping[str, Any] | Weather) -> Weather | str:
             f"weather={weather}: must be clear, random or settings such as {{fog: 0.4}}"
         )
     with placed_errors("weather"):
-        values = dict(typed_keys(given))
-        check_keys(values, keys_of(Weather))
-        return Weather(**constructed(Weather, values))
+        values = dict(command_keys.typed_keys(given))
+        command_keys.check_keys(values, command_keys.keys_of(Weather))
+        return Weather(**command_keys.constructed(Weather, values))

@@ -5,26 +5,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from simulator.scenery import road, verges
 from simulator.scenery.ground import PALE_ROCK, Ground
 from simulator.scenery.mesh import Mesh, grid_mesh, join
-from simulator.scenery.road import (
-    bands_of_run,
-    half_width,
-    points_along,
-    rightwards,
-    room_at,
-    runs,
-    taper_at,
-)
-from simulator.scenery.verges import (
-    CLEAR_M,
-    CONCRETE,
-    ROCK,
-    SOILS,
-    VERGE_END_M,
-    inner_reach,
-    rise_at,
-)
 from simulator.track import Track
 
 STEP_M = 0.8  # highest step from a verge to the ground without a face
@@ -41,9 +24,9 @@ def edge_meshes(track: Track, ground: Ground) -> list[Mesh]:
     """Return faces below verges, where parts of the road are near each other, and road ends."""
     meshes = []
     if ground.room is not None or track.bridge.any():
-        for start, end in runs(track):
+        for start, end in road.runs(track):
             if not track.on_bridge((start + end) / 2):
-                along = points_along(start, end)
+                along = road.points_along(start, end)
                 meshes += [_outer_face(track, ground, along, side) for side in (-1, 1)]
                 for at, beyond in ((0, along[0] - 0.6), (-1, along[-1] + 0.6)):
                     if track.on_bridge(beyond):
@@ -63,10 +46,10 @@ def surface(track: Track, ground: Ground, xy: np.ndarray) -> np.ndarray:
         return ground.height(xy)
     height = ground.mesh_height(xy)
     apart, nearest = ground.near_standing.query(xy)
-    for number in np.flatnonzero(apart < VERGE_END_M):
+    for number in np.flatnonzero(apart < verges.VERGE_END_M):
         sample = ground.standing[nearest[number]]
         along = track.distance[[sample]]
-        offset = (xy[number] - track.xyz[sample, :2]) @ rightwards(track, along)[0, :2]
+        offset = (xy[number] - track.xyz[sample, :2]) @ road.rightwards(track, along)[0, :2]
         side = 1 if offset > 0 else -1
         away = np.minimum(apart[[number]], _verge_edge(track, ground, along, side))
         verge = track.xyz[sample, 2] + _rise(track, along, side, away)[0]
@@ -76,21 +59,23 @@ def surface(track: Track, ground: Ground, xy: np.ndarray) -> np.ndarray:
 
 def _verge_edge(track: Track, ground: Ground, along: np.ndarray, side: int) -> np.ndarray:
     """Return the distance of a verge's outer edge from the centreline, float [N]."""
-    far = np.minimum(VERGE_END_M, inner_reach(track.curvature_at(along), side))
+    far = np.minimum(verges.VERGE_END_M, verges.inner_reach(track.curvature_at(along), side))
     if ground.room is None:
         return far
-    return np.minimum(far, room_at(track, ground.room[(side + 1) // 2], along))
+    return np.minimum(far, road.room_at(track, ground.room[(side + 1) // 2], along))
 
 
 def _rise(track: Track, along: np.ndarray, side: int, offset: np.ndarray) -> np.ndarray:
     """Return a verge's heights above the road float [N], `offset` metres from the centreline."""
-    rise = rise_at(bands_of_run(track, along, side), offset - half_width(track, along))
-    return rise * taper_at(track, along, side)
+    rise = verges.rise_at(
+        road.bands_of_run(track, along, side), offset - road.half_width(track, along)
+    )
+    return rise * road.taper_at(track, along, side)
 
 
 def _outer_face(track: Track, ground: Ground, along: np.ndarray, side: int) -> Mesh:
     """Return the face from a verge's outer edge down to the ground."""
-    edge, right = _verge_edge(track, ground, along, side), rightwards(track, along)
+    edge, right = _verge_edge(track, ground, along, side), road.rightwards(track, along)
     top = track.at(along) + (side * edge)[:, None] * right
     top[:, 2] += _rise(track, along, side, edge)
     return _face(ground, top, side * right)
@@ -101,13 +86,13 @@ def _cross_face(track: Track, ground: Ground, along: np.ndarray, at: int) -> Mes
     here = along[[at]]
     lateral, rise = [], []
     for side in (-1, 1):
-        half = half_width(track, here)[0]
+        half = road.half_width(track, here)[0]
         away = np.linspace(0, max(_verge_edge(track, ground, here, side)[0] - half, 0), ACROSS)
         lateral.append(side * (half + away))
-        rises = rise_at(bands_of_run(track, along, side), away)
-        rise.append(rises * taper_at(track, here, side))
+        rises = verges.rise_at(road.bands_of_run(track, along, side), away)
+        rise.append(rises * road.taper_at(track, here, side))
     lateral[0], rise[0] = lateral[0][::-1], rise[0][::-1]
-    right = rightwards(track, here)
+    right = road.rightwards(track, here)
     top = track.at(here) + np.concatenate(lateral)[:, None] * right
     top[:, 2] += np.concatenate(rise)
     ahead = np.array([-right[0, 1], right[0, 0], 0.0]) * (1 if at else -1)
@@ -124,7 +109,7 @@ def _face(ground: Ground, top: np.ndarray, normal: np.ndarray) -> Mesh:
     steps = np.linalg.norm(np.diff(top, axis=0), axis=1)
     along = np.concatenate([[0], np.cumsum(steps)]) / 6.0
     uv = np.stack(np.broadcast_arrays(along[:, None], points[..., 2] / 6.0), -1)
-    colour = ROCK if ground.around.ground == "forest" else PALE_ROCK
+    colour = verges.ROCK if ground.around.ground == "forest" else PALE_ROCK
     face = grid_mesh("rock", points, normal[:, None], colour, uv)
     return replace(face, triangles=face.triangles[high[face.triangles // 2].any(1)])
 
@@ -132,21 +117,21 @@ def _face(ground: Ground, top: np.ndarray, normal: np.ndarray) -> Mesh:
 def _road_end(track: Track, ground: Ground, at: int) -> list[Mesh]:
     """Return a round place behind the road's first (0) or last (-1) point, and a barrier on it."""
     here = track.distance[[at]]
-    right = rightwards(track, here)[0]
+    right = road.rightwards(track, here)[0]
     ahead = np.array([-right[1], right[0], 0.0]) * (1 if at else -1)
-    centre, half = track.at(here)[0], float(half_width(track, here)[0])
+    centre, half = track.at(here)[0], float(road.half_width(track, here)[0])
     turn = np.linspace(-np.pi / 2, np.pi / 2, 25)
     spokes = np.cos(turn)[:, None] * ahead + np.sin(turn)[:, None] * right
     apart = track.xyz[:, :2] - centre[:2]
     behind = apart[apart @ ahead[:2] > 1]
     nearest = np.linalg.norm(behind, axis=1).min(initial=np.inf)
-    most = np.clip(nearest - track.widths.max() / 2 - CLEAR_M, half + 1, VERGE_END_M)
+    most = np.clip(nearest - track.widths.max() / 2 - verges.CLEAR_M, half + 1, verges.VERGE_END_M)
     away = np.array([0.0, half, most])
     points = centre + away[:, None] * spokes[:, None]
     points[..., 2] += np.array([0.0, 0.0, 0.2])
-    soil = SOILS[ground.around.ground]
+    soil = verges.SOILS[ground.around.ground]
     place = grid_mesh("ground", points, (0.0, 0.0, 1.0), soil, points[..., :2] / 6.0)
-    run = points_along(*runs(track)[at])
+    run = road.points_along(*road.runs(track)[at])
     cross = _cross_face(track, ground, run, at)
     rim = _face(ground, points[:, -1], spokes)
     return [place, cross, rim, *_barrier(centre + 0.3 * ahead, right, ahead, half + 1.0)]
@@ -164,16 +149,16 @@ def _barrier(foot: np.ndarray, right: np.ndarray, ahead: np.ndarray, half: float
         points = foot + across[:, None, None] * right + np.stack([low, high])[None]
         uv = np.full((len(across), 2, 2), 0.5)
         uv[..., 0] = across[:, None] / 2.0
-        meshes.append(grid_mesh(material, points, normal, CONCRETE, uv))
+        meshes.append(grid_mesh(material, points, normal, verges.CONCRETE, uv))
     return meshes
 
 
 def bridge_meshes(track: Track, ground: Ground) -> list[Mesh]:
     """Return the parts of the track's bridges below the road; the walls are part of the road."""
     meshes = []
-    for start, end in runs(track):
+    for start, end in road.runs(track):
         if track.on_bridge((start + end) / 2):
-            along = points_along(start, end)
+            along = road.points_along(start, end)
             meshes.append(_deck(track, along))
             meshes += _pillars(track, ground, along)
     return meshes
@@ -181,8 +166,8 @@ def bridge_meshes(track: Track, ground: Ground) -> list[Mesh]:
 
 def _deck(track: Track, along: np.ndarray) -> Mesh:
     """Return the side faces and the underside, as a strip around the deck's lower edges."""
-    right = rightwards(track, along)
-    half = half_width(track, along) + WALL_END_M
+    right = road.rightwards(track, along)
+    half = road.half_width(track, along) + WALL_END_M
     up = np.array([0.0, 0.0, 1.0])
     profile = ((-1, WALL_M, -1), (-1, -DECK_M, -1), (-1, -DECK_M, 0), (1, -DECK_M, 0))
     profile += ((1, -DECK_M, 1), (1, WALL_M, 1))
@@ -193,7 +178,7 @@ def _deck(track: Track, along: np.ndarray) -> Mesh:
     grid = np.stack(points, 1)
     around = np.array([0.0, DECK_M, DECK_M, DECK_M + 9, DECK_M + 9, 2 * DECK_M + 9])
     uv = np.stack(np.broadcast_arrays(along[:, None] / 4.0, around / 4.0), -1)
-    return grid_mesh("concrete", grid, np.stack(normals, 1), np.array(CONCRETE) * 0.85, uv)
+    return grid_mesh("concrete", grid, np.stack(normals, 1), np.array(verges.CONCRETE) * 0.85, uv)
 
 
 def _pillars(track: Track, ground: Ground, along: np.ndarray) -> list[Mesh]:
@@ -205,9 +190,9 @@ def _pillars(track: Track, ground: Ground, along: np.ndarray) -> list[Mesh]:
     meshes = []
     for distance in np.linspace(along[0], along[-1], count + 1):
         here = np.array([distance])
-        right = rightwards(track, here)[0]
+        right = road.rightwards(track, here)[0]
         for side in (-1, 1):
-            foot = track.at(here)[0] + side * (half_width(track, here)[0] - 0.2) * right
+            foot = track.at(here)[0] + side * (road.half_width(track, here)[0] - 0.2) * right
             floor = float(ground.mesh_height(foot[None, :2])[0])
             # Only where the road below passes; the nearest ground may be the bridge's own end.
             near, number = below.query(foot[:2])
@@ -228,5 +213,5 @@ def _pillar(foot: np.ndarray, right: np.ndarray, top: float, bottom: float) -> M
         corners = foot + PILLAR_M / 2 * (normal + across * beside)
         points = np.repeat(corners[:, None], 2, axis=1)
         points[..., 2] = z
-        faces.append(grid_mesh("concrete", points, normal, np.array(CONCRETE) * 0.85, uv))
+        faces.append(grid_mesh("concrete", points, normal, np.array(verges.CONCRETE) * 0.85, uv))
     return join(faces)

@@ -4,15 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from simulator.scenery import verges
 from simulator.scenery.mesh import Mesh, grid_mesh, join_materials
-from simulator.scenery.verges import (
-    VERGE_END_M,
-    Band,
-    carriageway,
-    inner_reach,
-    verge_bands,
-    verge_room,
-)
 from simulator.track import Track
 
 ALONG_M = 1.0
@@ -20,11 +13,11 @@ ALONG_M = 1.0
 
 def road_meshes(track: Track) -> list[Mesh]:
     """Return meshes of road, lines, shoulders and verges of the whole road, one per material."""
-    meshes, room = [], verge_room(track)
+    meshes, room = [], verges.verge_room(track)
     for start, end in runs(track):
         along = points_along(start, end)
         half = half_width(track, along)
-        for band in carriageway(half, is_cobbled(track, along), track.centre_line):
+        for band in verges.carriageway(half, is_cobbled(track, along), track.centre_line):
             meshes.append(band_mesh(track, along, band, 1, np.zeros(len(along)), columns=9))
         for number, side in enumerate((-1, 1)):
             most = None if room is None else room_at(track, room[number], along)
@@ -57,13 +50,13 @@ def half_width(track: Track, along: np.ndarray) -> np.ndarray:
     return track.width_at(along) / 2
 
 
-def bands_of_run(track: Track, along: np.ndarray, side: int) -> list[Band]:
+def bands_of_run(track: Track, along: np.ndarray, side: int) -> list[verges.Band]:
     """Return the bands outside the edge of a run; `side` is -1 for the left and 1 for the right."""
     middle = float(along[0] + along[-1]) / 2
     kind = _kind_at(track, middle, side)
-    room = VERGE_END_M - half_width(track, along)
+    room = verges.VERGE_END_M - half_width(track, along)
     cobbled = is_cobbled(track, along)
-    bands = verge_bands(kind, track.shoulder, room, track.surroundings, cobbled)
+    bands = verges.verge_bands(kind, track.shoulder, room, track.surroundings, cobbled)
     # The outer face of a bridge's wall belongs to its deck.
     return bands[:-1] if track.on_bridge(middle) else bands
 
@@ -120,7 +113,7 @@ def rightwards(track: Track, along: np.ndarray) -> np.ndarray:
 def band_mesh(
     track: Track,
     along: np.ndarray,
-    band: Band,
+    band: verges.Band,
     side: int,
     edge: np.ndarray,
     columns: int = 2,
@@ -148,7 +141,7 @@ def band_mesh(
         across = np.clip((offset - (edge + start)[:, None]) / (end - start)[:, None], 0, 1)
         rise = band.rise_start + (band.rise_end - band.rise_start) * across
     right = rightwards(track, along)
-    reach = inner_reach(track.curvature_at(along), side)
+    reach = verges.inner_reach(track.curvature_at(along), side)
     lateral = np.minimum(offset, reach[:, None]) * side
     points = track.at(along)[:, None] + lateral[..., None] * right[:, None]
     points[..., 2] += rise * np.reshape(share, (-1, 1))

@@ -25,17 +25,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Generic, TypeVar, overload
 
-from zoo.base.command_keys import (
-    SECTION,
-    Key,
-    check_keys,
-    choices_of,
-    constructed,
-    help_row,
-    keys_of,
-    meanings_of,
-    read_texts,
-)
+from zoo.base import command_keys
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.parts import MEANING as PARTS
 from zoo.base.run_command import exit_after
@@ -100,7 +90,7 @@ class Command(Generic[Made]):
             return
         arguments, options = self.split(given)
         own, overrides = self._own(options)
-        texts = read_texts(own, self.name)
+        texts = command_keys.read_texts(own, self.name)
         result = self._run([*arguments, *overrides], texts)
         if isinstance(result, Shown):
             result.show()
@@ -113,7 +103,7 @@ class Command(Generic[Made]):
     @property
     def doc(self) -> str:
         """Return the docstring without its sections."""
-        return SECTION.split(inspect.cleandoc(self.function.__doc__ or ""))[0].strip()
+        return command_keys.SECTION.split(inspect.cleandoc(self.function.__doc__ or ""))[0].strip()
 
     @property
     def purpose(self) -> str:
@@ -139,9 +129,9 @@ class Command(Generic[Made]):
         return found
 
     @functools.cached_property
-    def keys(self) -> list[Key]:
+    def keys(self) -> list[command_keys.Key]:
         """Return the keys, of choices those below the default one."""
-        return keys_of(self.function)
+        return command_keys.keys_of(self.function)
 
     @property
     def usage(self) -> str:
@@ -155,15 +145,15 @@ class Command(Generic[Made]):
         Args:
             given: arguments of the shell, of which choices decide the keys below them.
         """
-        meanings = meanings_of(self.function)
+        meanings = command_keys.meanings_of(self.function)
         rows = [
-            help_row(placeholder, meanings.get(parameter.name, ""))
+            command_keys.help_row(placeholder, meanings.get(parameter.name, ""))
             for placeholder, parameter in self.arguments.items()
         ]
         values = dict(argument.split("=", 1) for argument in given if "=" in argument)
-        keys = [key.row for key in keys_of(self.function, given=values)]
+        keys = [key.row for key in command_keys.keys_of(self.function, given=values)]
         if keys and self.parts:
-            keys.append(help_row("parts=null", PARTS))
+            keys.append(command_keys.help_row("parts=null", PARTS))
         blocks = [f"usage: {self.usage}", self.doc, "\n".join(rows), "\n".join(keys)]
         return "\n\n".join(filter(None, blocks))
 
@@ -208,15 +198,15 @@ class Command(Generic[Made]):
         parameters = [*self.arguments.values()]
         for number, argument in enumerate(arguments[: None if parameters else 0]):
             parameter = parameters[min(number, len(parameters) - 1)]
-            choices = choices_of(parameter.annotation)
+            choices = command_keys.choices_of(parameter.annotation)
             if choices and argument not in choices:
                 raise UsageError(
                     f"{argument}: no such {parameter.name}; {hint(argument, choices)}; "
                     f"usage: {self.usage}"
                 )
-        keys = keys_of(self.function, given=values)
-        check_keys(values, keys, f"drivezoo {self.name} --help lists all")
-        return self.function(*arguments, **constructed(self.function, values))
+        keys = command_keys.keys_of(self.function, given=values)
+        command_keys.check_keys(values, keys, f"drivezoo {self.name} --help lists all")
+        return self.function(*arguments, **command_keys.constructed(self.function, values))
 
     def _flat(self, keywords: Mapping[str, Any]) -> dict[str, Any]:
         """Return keywords with `steering={"gain": 2}` as `steering.gain`."""
@@ -258,7 +248,7 @@ def is_help(arguments: Sequence[str]) -> bool:
 
 
 def _placeholder(parameter: inspect.Parameter) -> str:
-    choices = choices_of(parameter.annotation)
+    choices = command_keys.choices_of(parameter.annotation)
     name = "|".join(choices) if 0 < len(choices) <= MOST_NAMED else parameter.name.upper()
     if parameter.kind is parameter.VAR_POSITIONAL:
         return f"[{name}...]"

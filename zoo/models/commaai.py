@@ -2,18 +2,10 @@
 
 from torch import nn
 
-from zoo.models.layers import (
-    SCALE,
-    Dropout,
-    Normalize,
-    OneFrame,
-    SameConv2d,
-    activation_layer,
-    feature_shape,
-)
+from zoo.models import layers
 
 
-class CommaAi(OneFrame):
+class CommaAi(layers.OneFrame):
     """comma.ai's network: 6,621,809 parameters at 3 x 160 x 320.
 
     The first dense layer holds nearly all of them.
@@ -32,23 +24,23 @@ class CommaAi(OneFrame):
         activation: str = "elu",
         dropout: tuple[float, float] = (0.2, 0.5),
         width: float = 1.0,
-        scale: tuple[float, float] = SCALE,
+        scale: tuple[float, float] = layers.SCALE,
     ) -> None:
         super().__init__()
         c1, c2, c3, f1 = (max(1, round(n * width)) for n in (16, 32, 64, 512))
         self.features = nn.Sequential(
-            Normalize(scale),
-            SameConv2d(shape[0], c1, 8, 4),
-            activation_layer(activation),
-            SameConv2d(c1, c2, 5, 2),
-            activation_layer(activation),
-            SameConv2d(c2, c3, 5, 2),
+            layers.Normalize(scale),
+            layers.SameConv2d(shape[0], c1, 8, 4),
+            layers.activation_layer(activation),
+            layers.SameConv2d(c1, c2, 5, 2),
+            layers.activation_layer(activation),
+            layers.SameConv2d(c2, c3, 5, 2),
         )
         self.head = nn.Sequential(
-            Dropout(dropout[0]),
-            activation_layer(activation),
-            nn.Linear(feature_shape(self.features, shape, "CommaAi").numel(), f1),
-            Dropout(dropout[1]),
-            activation_layer(activation),
+            layers.Dropout(dropout[0]),
+            layers.activation_layer(activation),
+            nn.Linear(layers.feature_shape(self.features, shape, "CommaAi").numel(), f1),
+            layers.Dropout(dropout[1]),
+            layers.activation_layer(activation),
             nn.Linear(f1, 1),
         )
