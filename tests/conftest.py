@@ -47,7 +47,7 @@ def _unplotted() -> Iterator[None]:
     """
     with pytest.MonkeyPatch.context() as monkeypatch:
         if "zoo.training.run" in sys.modules:
-            monkeypatch.setattr("zoo.training.run.save_plots", lambda *_: None)
+            monkeypatch.setattr("zoo.training.conclusion.save_plots", lambda *_: None)
         yield
 
 

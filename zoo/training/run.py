@@ -26,31 +26,10 @@ from zoo.evaluate.replay_score import held_out_replay
 from zoo.evaluate.track_scores import run_options, score_run
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.status import run_status
-from zoo.training.build import (
-    build_data,
-    build_feed,
-    build_module,
-    build_network,
-    build_trainer,
-    keep_earlier_log,
-)
+from zoo.training import build, conclusion, interruptions
 from zoo.training.candidates import choose_best, restore_monitored
-from zoo.training.conclusion import (
-    evaluate_rows,
-    print_conclusion,
-    print_open_loop,
-    save_plots,
-    write_metrics,
-)
 from zoo.training.distributed import ending_together
 from zoo.training.host_settings import set_up_process
-from zoo.training.interruptions import (
-    ResumePoint,
-    find_resume_point,
-    naming_lost_files,
-    resume_command,
-    stopped_error,
-)
 from zoo.training.plan import make_plan
 from zoo.training.run_config import settle_config, with_layers
 from zoo.training.run_loggers import log_config, log_results
@@ -78,9 +57,9 @@ def run_experiment(
     if resume:
         refuse_links_out(folder)
     first = is_first_process(needs_processes(config))
-    with naming_lost_files(folder):
+    with interruptions.naming_lost_files(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        with run_status(folder, first), naming_lost_files(folder):
+        with run_status(folder, first), interruptions.naming_lost_files(folder):
             _run(config, folder, first, resume, keep_config, verdict)
 
 
@@ -95,7 +74,7 @@ def _run(
     keep_config = keep_config or asked is not config  # resuming needs no file of weights
     config = settle_config(asked, console)
 
-    data = build_data(config)
+    data = build.build_data(config)
     data.load(console)
     with working("measuring train/validation similarity", console):
         leaks = data.leaks()
@@ -119,15 +98,15 @@ def _run(
                 score, not_replayed = None, str(error)
                 print_line(console, f"no score by driving: {error}")
     card = make_card(OmegaConf.to_container(config, resolve=True), data.view, recorded)
-    resumed = find_resume_point(folder, card, console) if resume else None
+    resumed = interruptions.find_resume_point(folder, card, console) if resume else None
 
     # Lightning's trainer knows the devices and the processes, which the plan depends on.
-    network = build_network(config, data.view, console, resumed and resumed.path)
-    trainer = build_trainer(config, folder, has_validation=len(data.split.val) > 0)
+    network = build.build_network(config, data.view, console, resumed and resumed.path)
+    trainer = build.build_trainer(config, folder, has_validation=len(data.split.val) > 0)
     print_start(card, network, data, leaks, trainer.strategy.root_device, console)
     plan = make_plan(config, data, network, trainer, console)
     print_line(console, plan.line())
-    module = build_module(config, network, plan, card, console)
+    module = build.build_module(config, network, plan, card, console)
     if resumed is not None:
         resumed.check_optimizer(module)
     if first:
@@ -136,8 +115,8 @@ def _run(
     log_config(trainer, card["config"])
 
     set_up_process(plan.threads)
-    data = build_feed(data, plan, console)
-    with ending_together(trainer, folder, resume_command(folder)):
+    data = build.build_feed(data, plan, console)
+    with ending_together(trainer, folder, interruptions.resume_command(folder)):
         _fit(trainer, module, data, resumed, folder)
     if not trainer.is_global_zero:
         return
@@ -145,9 +124,9 @@ def _run(
     choice = choose_best(score, _monitor(trainer), folder, console, source)
     if (best := folder / "checkpoints" / "best.ckpt").is_file():
         module.load_state_dict(read_checkpoint_file(best)["state_dict"])
-    open_loop = evaluate_rows(module, data, console)
-    save_plots(open_loop, folder, console)
-    print_open_loop(open_loop, card["config"]["model"]["name"], console)
+    open_loop = conclusion.evaluate_rows(module, data, console)
+    conclusion.save_plots(open_loop, folder, console)
+    conclusion.print_open_loop(open_loop, card["config"]["model"]["name"], console)
     more = {
         "closed_loop": best_drive(trainer, module, data.view),
         "drive": score_run(score, folder, console, replayed),
@@ -158,8 +137,8 @@ def _run(
         "threads": plan.threads,
         "wall_s": time.perf_counter() - started,
     }
-    metrics, judged = write_metrics(folder, card, data, module, open_loop, more)
-    print_conclusion(folder, metrics, judged if verdict else None, console)
+    metrics, judged = conclusion.write_metrics(folder, card, data, module, open_loop, more)
+    conclusion.print_conclusion(folder, metrics, judged if verdict else None, console)
     log_results(trainer, card["config"], metrics, folder, console)
 
 
@@ -197,7 +176,10 @@ def print_start(
 
 
 def _prepare_folder(
-    folder: Path, asked: DictConfig | None, data: DrivingData, resumed: ResumePoint | None
+    folder: Path,
+    asked: DictConfig | None,
+    data: DrivingData,
+    resumed: interruptions.ResumePoint | None,
 ) -> None:
     """Write the config and the split; move files that training would overwrite."""
     if resumed is not None:
@@ -205,14 +187,14 @@ def _prepare_folder(
     if asked is not None:
         OmegaConf.save(asked, folder / ".hydra" / "config.yaml")
     write_split(folder / "split.csv", data.recording, data.split)
-    keep_earlier_log(folder)
+    build.keep_earlier_log(folder)
 
 
 def _fit(
     trainer: lightning.Trainer,
     module: SteeringModule,
     data: DrivingData,
-    start: ResumePoint | None,
+    start: interruptions.ResumePoint | None,
     folder: Path,
 ) -> None:
     try:
@@ -224,7 +206,7 @@ def _fit(
     except KeyboardInterrupt:
         pass
     if trainer.interrupted:
-        raise stopped_error(folder, trainer.current_epoch + 1)
+        raise interruptions.stopped_error(folder, trainer.current_epoch + 1)
     if trainer.max_epochs == 0:  # no training: only write the weights to checkpoints
         for name in ("best", "last"):
             trainer.save_checkpoint(folder / "checkpoints" / f"{name}.ckpt")

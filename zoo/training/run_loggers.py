@@ -8,13 +8,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import lightning
-from lightning.pytorch.loggers import (
-    CSVLogger,
-    Logger,
-    MLFlowLogger,
-    TensorBoardLogger,
-    WandbLogger,
-)
+from lightning.pytorch import loggers
 from omegaconf import DictConfig
 from rich.console import Console
 
@@ -64,7 +58,7 @@ def log_results(
     """
     scores = dict(final_scores(metrics))
     for logger in trainer.loggers:
-        if isinstance(logger, CSVLogger):  # metrics.json holds the scores
+        if isinstance(logger, loggers.CSVLogger):  # metrics.json holds the scores
             continue
         try:
             _log_result(logger, config, scores, folder / "report", trainer.global_step)
@@ -100,19 +94,19 @@ def final_scores(metrics: dict) -> Iterator[tuple[str, float]]:
 
 
 def _log_result(
-    logger: Logger, config: Mapping, scores: dict[str, float], report: Path, step: int
+    logger: loggers.Logger, config: Mapping, scores: dict[str, float], report: Path, step: int
 ) -> None:
     page = report / "report.md"
-    if isinstance(logger, TensorBoardLogger):
+    if isinstance(logger, loggers.TensorBoardLogger):
         logger.log_hyperparams(dict(_typed_keys(config)), scores)
         if page.is_file():
             logger.experiment.add_text("report", page.read_text(encoding="utf-8"))
         logger.finalize("success")
         return
     logger.log_metrics(scores, step)
-    if isinstance(logger, MLFlowLogger) and report.is_dir():
+    if isinstance(logger, loggers.MLFlowLogger) and report.is_dir():
         logger.experiment.log_artifacts(logger.run_id, str(report), "report")
-    if isinstance(logger, WandbLogger):
+    if isinstance(logger, loggers.WandbLogger):
         run = logger.experiment
         if report.is_dir():
             import wandb
