@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from datamodules.view import RESIZES
-from zoo.input_search.combinations import SCALES, KnownInput, TrialFrames
+from zoo.input_search.combinations import POPULAR, SCALES, KnownInput, TrialFrames
 from zoo.input_search.trials import Network, Trial, Trials, correlations, try_all, try_inputs
 
 NULL_SHARE = 0.99
@@ -23,6 +23,7 @@ LEAST_AGREEMENT = 0.4
 SURE = 0.95
 RESAMPLES = 200
 BLOCKS = 30  # neighbouring frames are alike
+MOST_TIED = 4  # that are tried on all frames
 SAME_STEERING = 0.02  # mean difference of two outputs that makes no difference in driving
 
 
@@ -92,14 +93,25 @@ def search(
     judged = judge(trials)
     if not judged.tied or len(judged.best.steering) == len(frames.steering):
         return judged
-    near = [judged.best, *judged.alike, *judged.tied, *([judged.next] if judged.next else [])]
-    again = try_all(network, [one.combination for one in near], frames, judged.best.free_scale)
+    near = [judged.best, *judged.tied[:MOST_TIED], *([judged.next] if judged.next else [])]
+    chosen = [one.combination for one in near]
+    chosen += [one.combination for one in trials.finalists if one.combination == POPULAR]
+    again = try_all(network, list(dict.fromkeys(chosen)), frames, judged.best.free_scale)
     show_best(again[0])
-    return judge(replace(trials, finalists=tuple(again)))
+    return judge(replace(trials, finalists=tuple(again)), before=judged)
 
 
-def judge(trials: Trials, driven: tuple[Driven, ...] = ()) -> Judgement:
-    """Return the judgement of a search, and of its drives, the best first."""
+def judge(
+    trials: Trials, driven: tuple[Driven, ...] = (), before: Judgement | None = None
+) -> Judgement:
+    """Return the judgement of a search.
+
+    Args:
+        trials: trials of the search.
+        driven: drives of some of them, the best first.
+        before: judgement on fewer frames or without drives; what steers like the best input there
+            is not tried again.
+    """
     chance = chance_correlation(trials)
     first = driven[0].trial if driven else trials.finalists[0]
     alike = [one for one in trials.finalists if steer_alike(first, one)]
@@ -107,6 +119,8 @@ def judge(trials: Trials, driven: tuple[Driven, ...] = ()) -> Judgement:
     views = [(one, one.combination.view) for one in alike]
     usual = [one for one, view in views if (view.colour, view.crop) == (own.colour, own.crop)]
     best = min(usual, key=_rarity)
+    if before and before.best.combination == best.combination:
+        alike += before.alike
     different = [one for one in trials.finalists if one not in alike]
     samples = _resamples(best)
     scores = _scores(best, samples)
@@ -115,7 +129,7 @@ def judge(trials: Trials, driven: tuple[Driven, ...] = ()) -> Judgement:
         best,
         tuple(_doubts(best, chance, samples, driven)),
         chance,
-        tuple(one for one in alike if one is not best),
+        tuple(dict.fromkeys(one for one in alike if one is not best)),
         tuple(tied),
         next((one for one in different if one not in tied), None),
         trials,

@@ -45,7 +45,7 @@ def drive_tied(
     if not all(one.kept for one in driven):
         driven += _drive(chosen[1:], write, console)
     driven.sort(key=lambda one: (not one.kept, -round(one.driven_m, -1), round(one.cte_mean_m, 1)))
-    return judge(judged.trials, tuple(driven))
+    return judge(judged.trials, tuple(driven), judged)
 
 
 def _drive(
