@@ -31,6 +31,7 @@ class StudyOptions:
 
     Args:
         only: names of entries, or their first parts up to `-`, separated by commas; null: all.
+        every: which entries to measure without `only`: every how many of them.
         seeds: largest number of training seeds of an entry.
         quick: whether to cut each training with `quick=true`; such entries stand on their own.
         threads: number of OpenMP threads of a training, and of processes that drive.
@@ -40,6 +41,7 @@ class StudyOptions:
     """
 
     only: str | None = None
+    every: int = 1
     seeds: int = 3
     quick: bool = False
     threads: int = 2
@@ -133,7 +135,7 @@ class Study:
         """
         known = self.entries()
         if self.options.only is None:
-            return known
+            return known[:: self.options.every]
         wanted = self.options.only.split(",")
         groups = {entry.name: entry.name.partition("-")[0] for entry in known}
         if unknown := set(wanted) - {*groups, *groups.values()}:
@@ -227,10 +229,27 @@ def experiments() -> dict[str, tuple[str, ...]]:
     return {name: (f"experiment={name}", *weights.get(name, ())) for name in names}
 
 
+def searched_inputs() -> dict[str, tuple[str, ...]]:
+    """Return each colour and crop that `drivezoo import` tries, with scales and resizes in turn."""
+    from datamodules.view import RESIZES
+    from zoo.input_search.combinations import SCALES, KnownInput, combinations
+
+    found = {}
+    for number, one in enumerate(combinations(KnownInput(shape=(40, 80, 3), scale=SCALES[0]))):
+        way, scale = list(RESIZES)[number % len(RESIZES)], SCALES[number // 3 % len(SCALES)]
+        view = one.view.to_dict()
+        settings = {"model.colour": view["colour"], "data.crop": view["crop"], "model.resize": way}
+        settings |= {"model.size": view["size"], "model.scale": list(scale)}
+        words = tuple(f"{key}={value}".replace(" ", "") for key, value in settings.items())
+        found["-".join([view["colour"], *map(str, view["crop"]), way, f"{scale[0]:g}"])] = words
+    return found
+
+
 # Axes of entries that are listed elsewhere.
 SOURCES: dict[str, Callable[[], dict]] = {
     "baselines": lambda: dict.fromkeys(BASELINES, ()),
     "experiments": experiments,
+    "inputs": searched_inputs,
     "recipes": recipes,
 }
 

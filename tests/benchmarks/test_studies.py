@@ -12,10 +12,12 @@ from benchmarks.measuring import merge, read_csv, write_csv
 from benchmarks.study_grid import FOLDER, Entry, Study
 from datamodules.recording_format import read_recordings
 from datamodules.split import split_rows
+from datamodules.view import RESIZES
 from tests.recordings import Written
 from zoo.base.errors import InputError
 from zoo.benchmark.baselines import BASELINES
 from zoo.benchmark.result import NEEDED, BenchmarkResult, write_result
+from zoo.input_search.combinations import CROPS, SCALES
 
 ROOT = Path(__file__).parents[2]
 FINGERPRINT = "447ba1b97b686b27"
@@ -139,6 +141,15 @@ def test_a_packaged_network_has_the_boards_recipe() -> None:
     board = {entry.name: entry.words for entry in Study("board", []).entries()}
     packaged = {entry.name: entry.words for entry in Study("pretrained", []).entries()}
     assert packaged["tiny41"] == board["tiny41-no_bonnet"]
+
+
+def test_every_colour_and_crop_that_an_import_tries_is_an_entry() -> None:
+    entries = Study("inputs", []).entries()
+    assert len({entry.words[:2] for entry in entries}) == len(entries) == 5 * len(CROPS)
+    some = Study("inputs", ["every=3"]).chosen()
+    assert some == entries[::3]
+    for place, kinds in ((2, RESIZES), (4, SCALES)):
+        assert len({entry.words[place] for entry in some}) == len(kinds)
 
 
 def trained(run: Path) -> None:
