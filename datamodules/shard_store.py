@@ -76,6 +76,7 @@ class ShardStore:
                 self.folder = self.cache / key
                 self.folder.mkdir(exist_ok=True)
                 index = index.replace(self.folder / INDEX)
+                self._make_room(0)  # an earlier command may have had a larger cache
         shards = self._read_index(index)
         self.bytes = {name: int(size) for name, (size, _) in shards.items()}
         self.images = {name: int(count) for name, (_, count) in shards.items()}

@@ -162,6 +162,16 @@ def test_an_address_trains_on_what_the_folder_does_within_its_cache(
     assert cached(shards) > 5 * CACHE_GB * 1e9
 
 
+def test_a_smaller_cache_than_before_deletes_shards(server: Server, tmp_path: Path) -> None:
+    address, cache = "s3://bucket/shards", tmp_path / "cache"
+    recording = read_recordings(address, cache=str(cache))
+    for row in range(ROWS):
+        recording.image(row)
+    whole = cached(cache)
+    read_recordings(address, cache=str(cache), cache_gb=whole / 2e9)
+    assert 0 < cached(cache) <= whole / 2
+
+
 def test_an_epoch_fetches_a_shard_once(shards: Path, server: Server, tmp_path: Path) -> None:
     data = loaded("s3://bucket/shards", tmp_path / "cache")
     server.asked.clear()
