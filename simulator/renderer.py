@@ -28,7 +28,10 @@ from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY, Camera, Rig
 
-SETTINGS = "audio-library-name null\nnotify-level fatal\ntextures-power-2 down"
+SETTINGS = "audio-library-name null\nnotify-level fatal\ntextures-power-2 down\n"
+# Collected states would wait for Panda3D's task manager, which does not run here: 4 kB a frame, and
+# the textures of a closed renderer.
+SETTINGS += "garbage-collect-states false"
 FAR_M = 1500.0
 CELL_M = 90.0
 ORDER = ("asphalt", "plain", "cobbles", "stripes", "concrete", "ground", "rock", "plants", "sky")
@@ -123,9 +126,6 @@ class Renderer:
         """Free the buffer."""
         self.engine.removeWindow(self.buffer)
         self.root.removeNode()
-        # Unused states hold the textures until they are collected: 2 MB for each renderer.
-        core.RenderState.garbageCollect()
-        core.TransformState.garbageCollect()
 
     def _attach(self, mesh: Mesh) -> tuple[Piece, core.NodePath]:
         data = core.GeomVertexData(mesh.material, POINTS, core.Geom.UHDynamic)

@@ -316,3 +316,18 @@ def test_cars_drive_in_worlds_of_their_own(server: tuple[int, subprocess.Popen])
     assert process.stdout is not None
     lines = [process.stdout.readline() for _ in range(3)]
     assert any("refused, 2 drive already" in line for line in lines), lines
+
+
+def test_floods_take_no_frame_from_anybody() -> None:
+    with donkey_simulator("clients=3") as (port, _):
+        cars = Client(port), Client(port)
+        for car in cars:
+            car.load("generated_track")
+        cars[0].socket.sendall(2000 * json.dumps(control(0.1, 0.2)).encode())
+        for _ in range(50):
+            socket.create_connection(("127.0.0.1", port), timeout=60).close()
+        for car in cars:
+            times = [car.wait_for("telemetry")["time"] for _ in range(20)]
+            assert np.diff(times) == pytest.approx(0.05, abs=0.011)
+            car.socket.close()
+            car.lines.close()
