@@ -19,6 +19,7 @@ from datamodules.recording import Recording
 from datamodules.rig_file import find_rig, read_rig, write_rig
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, UsageError, hint
+from zoo.base.parts import installed_entries
 from zoo.base.rig import UDACITY
 
 SOURCE_NAME = "source.json"  # beside the log of a converted recording
@@ -65,9 +66,7 @@ def formats() -> Iterator[tuple[str, Format]]:
     """Yield the name and the reader of each format, those of installed packages last."""
     for name, module in OWN.items():
         yield name, importlib.import_module(module)
-    from importlib.metadata import entry_points  # slow import
-
-    for point in entry_points(group=GROUP):
+    for point in installed_entries(GROUP):
         if point.name in OWN:
             continue
         try:
