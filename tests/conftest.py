@@ -82,11 +82,11 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def zoo(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., int]:
-    """Return a function that runs `drivezoo train ARGUMENTS` here, and returns the exit status."""
-    from tests.zoo.trainings import zoo_here
+def zoo(here: Path) -> Callable[..., subprocess.CompletedProcess]:
+    """Return a function that runs `drivezoo train ARGUMENTS` in the test's folder and process."""
+    from tests.zoo.commands import run_here
 
-    return lambda *arguments: zoo_here(monkeypatch, tmp_path, *arguments)
+    return lambda *arguments: run_here(here, *arguments)
 
 
 @pytest.fixture

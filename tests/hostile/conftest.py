@@ -8,6 +8,8 @@ import pytest
 from tests.zoo.drive.serve import Served, served
 from zoo.base.run_command import run_command
 
+Refusal = Callable[..., str]
+
 
 @pytest.fixture(scope="module")
 def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
@@ -26,7 +28,7 @@ def fresh(tmp_path: Path) -> Iterator[Served]:
 
 
 @pytest.fixture
-def refusal(capsys: pytest.CaptureFixture) -> Callable[..., str]:
+def refusal(capsys: pytest.CaptureFixture) -> Refusal:
     """Return a function that runs a command, which must fail, and returns its one error line."""
 
     def run(name: str, command: Callable[[list[str]], object], arguments: list[str]) -> str:

@@ -8,6 +8,7 @@ import pytest
 from omegaconf import OmegaConf
 from rich.console import Console
 
+from tests.hostile.conftest import Refusal
 from tests.hostile.test_damaged_files import field, huge, pipe, text
 from zoo.base.command_keys import read_options
 from zoo.base.run_command import run_command
@@ -58,7 +59,7 @@ CORRECT = ANY | {
 
 @pytest.mark.parametrize("name", CORRECT)
 def test_a_damaged_correction_is_named_and_not_changed(
-    name: str, tmp_path: Path, refusal: Callable[..., str]
+    name: str, tmp_path: Path, refusal: Refusal
 ) -> None:
     checkpoint = tmp_path / "x.ckpt"
     checkpoint.write_bytes(b"weights")
@@ -107,7 +108,7 @@ def recorded_lake(folder: Path) -> list[str]:
 
 @pytest.mark.parametrize("name", RECIPES)
 def test_a_damaged_recipe_is_named_and_nothing_is_recorded(
-    name: str, tmp_path: Path, refusal: Callable[..., str]
+    name: str, tmp_path: Path, refusal: Refusal
 ) -> None:
     overrides = recorded_lake(tmp_path / "laps")
 

@@ -2,12 +2,12 @@
 
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import torch
 
+from tests.hostile.conftest import Refusal
 from tests.zoo.sweeps import write_run
 from zoo.__main__ import train_or_sweep as zoo
 from zoo.base.errors import InputError
@@ -89,7 +89,7 @@ COMMANDS = {
 @pytest.mark.parametrize("link", ["report", "plots", "hparams.yaml", ".hydra/x", "split.csv"])
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_link_that_leads_out_is_refused_by_name(
-    name: str, link: str, mine: Path, here: Path, refusal: Callable[..., str]
+    name: str, link: str, mine: Path, here: Path, refusal: Refusal
 ) -> None:
     run = write_run(here / "run")
     config = {"data": {"root": None}, "model": {"name": "tiny"}}
@@ -105,7 +105,7 @@ def test_a_link_that_leads_out_is_refused_by_name(
 
 
 def test_a_sweep_with_a_link_that_leads_out_is_not_resumed(
-    mine: Path, here: Path, refusal: Callable[..., str]
+    mine: Path, here: Path, refusal: Refusal
 ) -> None:
     (here / "sweep" / "0").mkdir(parents=True)
     write_record(here / "sweep", new_record(["seed=1,2"]))
@@ -126,9 +126,7 @@ def test_a_link_within_the_folder_is_kept(tmp_path: Path) -> None:
         refuse_links_out(tmp_path / "run")
 
 
-def test_the_leaderboard_refuses_a_link(
-    mine: Path, here: Path, refusal: Callable[..., str]
-) -> None:
+def test_the_leaderboard_refuses_a_link(mine: Path, here: Path, refusal: Refusal) -> None:
     write_run(here / "outputs" / "run", autonomy=1.0)
     page = here / "outputs" / "leaderboard.html"
     page.symlink_to(mine)

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from tests.recordings import Written
-from tests.zoo.commands import command, environment
-from tests.zoo.trainings import SMALL, zoo_here
+from tests.zoo.commands import command, environment, run_here, succeed
+from tests.zoo.trainings import SMALL
 from zoo.training import conclusion
 
 posix = pytest.mark.skipif(os.name != "posix", reason="names of any bytes, /dev/full")
@@ -83,27 +83,21 @@ def test_a_standard_output_that_is_full(buffered: str, recorded: Written, tmp_pa
 
 
 def test_a_report_that_fails_gets_one_line(
-    recorded: Written,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture,
+    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(folder: Path) -> Path:
         raise UnicodeEncodeError("utf-8", "\udcff", 0, 1, "no character")
 
     monkeypatch.setattr(conclusion, "write_report", fail)
-    assert zoo_here(monkeypatch, tmp_path, *arguments(str(recorded.folder))) == 0
-    (line,) = [one for one in capsys.readouterr().out.splitlines() if "report not written" in one]
+    printed = succeed(run_here(tmp_path, *arguments(str(recorded.folder))))
+    (line,) = [one for one in printed.splitlines() if "report not written" in one]
     assert "no character" in line
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["epochs"] == 1
 
 
 @posix
 def test_a_recording_that_is_removed_while_it_trains(
-    recorded: Written,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture,
+    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     root = Path(shutil.copytree(recorded.folder, tmp_path / "laps"))
     before = conclusion.open_loop_metrics
@@ -113,8 +107,8 @@ def test_a_recording_that_is_removed_while_it_trains(
         return before(*given)
 
     monkeypatch.setattr(conclusion, "open_loop_metrics", remove)
-    assert zoo_here(monkeypatch, tmp_path, *arguments(str(root))) == 0
-    assert capsys.readouterr().err == ""
+    result = run_here(tmp_path, *arguments(str(root)))
+    assert (result.returncode, result.stderr) == (0, "")
     check_whole(tmp_path / "run")
 
 

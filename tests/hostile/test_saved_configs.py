@@ -14,6 +14,7 @@ import torch
 from omegaconf import OmegaConf
 
 from datamodules.view import View
+from tests.hostile.conftest import Refusal
 from tests.recordings import Written
 from tests.zoo.bomb import Bomb
 from tests.zoo.commands import (
@@ -21,16 +22,16 @@ from tests.zoo.commands import (
     environment,
     only_line,
     run,
+    run_here,
     run_words,
     succeed,
     train_in_fork,
 )
 from tests.zoo.compositions import composed
 from tests.zoo.sweeps import write_run
-from tests.zoo.trainings import SMALL, zoo_here
+from tests.zoo.trainings import SMALL
 from zoo.__main__ import train_or_sweep as zoo
 from zoo.base.errors import InputError
-from zoo.base.run_command import run_command
 from zoo.cli.compose import choices, compose_config, config_groups
 from zoo.correct.__main__ import correct
 from zoo.models.make_network import make_network
@@ -46,9 +47,7 @@ def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path
     """Train a run of one epoch, which tests copy."""
     cwd = tmp_path_factory.mktemp("trained")
     arguments = (*SMALL, f"data.root={recorded.folder}", f"data.cache={cwd / 'cache'}")
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        ended = zoo_here(monkeypatch, cwd, *arguments, "trainer.max_epochs=1", "hydra.run.dir=run")
-    assert ended == 0
+    succeed(run_here(cwd, *arguments, "trainer.max_epochs=1", "hydra.run.dir=run"))
     return cwd / "run"
 
 
@@ -92,7 +91,7 @@ COMMANDS: dict[str, tuple[Callable[[list[str]], None], list[str]]] = {
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_function_in_a_strangers_config_is_not_called(
-    name: str, strangers: Path, tmp_path: Path, refusal: Callable[..., str]
+    name: str, strangers: Path, tmp_path: Path, refusal: Refusal
 ) -> None:
     ran = tmp_path / "ran"
     torch.save(Bomb(ran), tmp_path / "x.pt")
@@ -182,7 +181,7 @@ def test_values_for_a_large_machine_are_allowed(key: str, value: object) -> None
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_strangers_network_does_not_exhaust_the_machine(
-    name: str, strangers: Path, refusal: Callable[..., str]
+    name: str, strangers: Path, refusal: Refusal
 ) -> None:
     change(strangers, "model.width", 1e9)
     start, arguments = COMMANDS[name]
@@ -221,9 +220,7 @@ def test_a_users_own_track_may_be_anywhere() -> None:
 
 
 @pytest.mark.parametrize("file", ["metrics.json", ".hydra/config.yaml", ".hydra/hydra.yaml"])
-def test_a_damaged_file_of_a_run_gets_one_line(
-    file: str, here: Path, refusal: Callable[..., str]
-) -> None:
+def test_a_damaged_file_of_a_run_gets_one_line(file: str, here: Path, refusal: Refusal) -> None:
     (write_run(here / "run") / file).write_text("[1")
     assert "run" in refusal("zoo.results", results.main, ["run"])
 
@@ -243,19 +240,18 @@ def test_every_choice_that_is_shipped_is_allowed() -> None:
 
 
 def test_a_users_own_class_is_trusted_by_name_or_when_typed(
-    strangers: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    strangers: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "my_losses.py").write_text("from torch.nn import MSELoss as Mine\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     before = OmegaConf.load(strangers / ".hydra" / "config.yaml").loss
     more = ["resume=run", "trainer.max_epochs=2"]
     change(strangers, "loss", {"_target_": "my_losses.Mine"})
-    assert run_command("zoo", zoo, more) == 1
-    assert "trust=my_losses.Mine" in capsys.readouterr().err
-    assert run_command("zoo", zoo, [*more, "trust=my_losses.Mine"]) == 0, capsys.readouterr().err
+    assert "trust=my_losses.Mine" in only_line(run_here(tmp_path, *more), 1)
+    succeed(run_here(tmp_path, *more, "trust=my_losses.Mine"))
     change(strangers, "loss", before)
     more = ["resume=run", "trainer.max_epochs=3", "loss._target_=my_losses.Mine"]
-    assert run_command("zoo", zoo, more) == 0, capsys.readouterr().err
+    succeed(run_here(tmp_path, *more))
 
 
 def test_a_config_that_does_not_resolve_gets_one_line(here: Path) -> None:
@@ -276,7 +272,7 @@ def test_a_network_of_another_module_is_refused(target: str) -> None:
 
 
 def test_a_strangers_recording_is_not_written_to_its_folder(
-    strangers: Path, tmp_path: Path, refusal: Callable[..., str]
+    strangers: Path, tmp_path: Path, refusal: Refusal
 ) -> None:
     """Recording there would remove a folder that ends in .part and empty a .lock file."""
     kept = tmp_path / "laps.part"
@@ -290,7 +286,7 @@ def test_a_strangers_recording_is_not_written_to_its_folder(
 
 @pytest.mark.parametrize("place", ["../../../kept", "/etc/kept"])
 def test_a_checkpoint_does_not_name_files_to_delete(
-    place: str, strangers: Path, tmp_path: Path, refusal: Callable[..., str]
+    place: str, strangers: Path, tmp_path: Path, refusal: Refusal
 ) -> None:
     """Lightning deletes the path of the earlier best checkpoint, which its saved state names."""
     kept = tmp_path / "kept"
@@ -354,7 +350,7 @@ def write_sweep(folder: Path, arguments: list[str]) -> Path:
     ],
 )
 def test_a_strangers_sweep_is_not_resumed(
-    argument: str, trust: str, recorded: Written, here: Path, refusal: Callable[..., str]
+    argument: str, trust: str, recorded: Written, here: Path, refusal: Refusal
 ) -> None:
     own = [*SMALL, f"data.root={recorded.folder}", "seed=1,2", argument]
     folder = write_sweep(here / "sweep", own)

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from tests.zoo.forked_commands import ForkedCommands, ForkedProcess
 from zoo.base.child_process import module_command
 
 ROOT = Path(__file__).parents[2]
+Zoo = Callable[..., subprocess.CompletedProcess]  # of the fixture
 
 
 def environment(code: Path = ROOT) -> dict[str, str]:
@@ -135,9 +137,9 @@ def succeed(result: subprocess.CompletedProcess) -> str:
     return result.stdout
 
 
-def only_line(result: subprocess.CompletedProcess) -> str:
-    """Return the one error line of a command with bad input; fail on a traceback or status 0."""
-    assert result.returncode in (1, 2), result.stdout + result.stderr
+def only_line(result: subprocess.CompletedProcess, *statuses: int) -> str:
+    """Return the one error line of a command; fail on a traceback or another status (1 or 2)."""
+    assert result.returncode in (statuses or (1, 2)), result.stdout + result.stderr
     lines = result.stderr.strip().splitlines()
     assert len(lines) == 1, result.stderr
     return lines[0]

@@ -23,7 +23,14 @@ def run_folder(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> P
             "trainer.max_epochs=2",
             "score.laps=0.02",
             "hydra.run.dir=run",
+            timeout=300,
         )
     )
     (cwd / "run" / "stdout.txt").write_text(printed)
     return cwd / "run"
+
+
+@pytest.fixture(scope="session")
+def checkpoint(run_folder: Path) -> str:
+    """Return the path of the run's best checkpoint."""
+    return str(run_folder / "checkpoints" / "best.ckpt")

@@ -3,7 +3,11 @@
 import json
 from pathlib import Path
 
-from zoo.runs.status import write_status
+from zoo.runs.status import read_status, write_status
+
+
+def status(folder: Path) -> str:
+    return read_status(folder).get("status")
 
 
 def write_run(

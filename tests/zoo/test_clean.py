@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from datamodules.view_store import CACHE
+from tests.zoo.commands import run_here, succeed
 from zoo.base.errors import InputError, UsageError
 from zoo.base.new_folder import RECORDINGS, command_folder, hold_folder, whole_folder
 from zoo.base.whole_file import write_output, write_whole
@@ -52,6 +53,11 @@ def left(folder: Path) -> set[str]:
     return {one.relative_to(folder).as_posix() for one in files}
 
 
+def cleaned(folder: Path) -> str:
+    """Remove all of a folder that `what=all` removes, and return what is printed."""
+    return succeed(run_here(folder, str(folder), "what=all", "remove=true", module="zoo.clean"))
+
+
 def test_it_only_lists_if_not_asked_to_remove(outputs: Path, capsys: pytest.CaptureFixture) -> None:
     before = left(outputs)
     clean.main([str(outputs), "what=all"])
@@ -70,7 +76,7 @@ def test_it_removes_the_cache_alone_if_nothing_is_named(outputs: Path) -> None:
 
 
 def test_all_is_everything_but_recordings(outputs: Path) -> None:
-    clean.main([str(outputs), "what=all", "remove=true"])
+    cleaned(outputs)
     assert left(outputs) == {"recordings/lake/driving_log.csv", "recordings/lake/IMG/center.jpg"}
     assert not (outputs / "evaluations" / "2026-01-03").exists()
 
@@ -96,35 +102,31 @@ def test_a_recording_is_removed_only_by_its_name(outputs: Path) -> None:
         ".lake.0123456789abcdef.part/mine.txt",
     ],
 )
-def test_a_name_like_one_of_drivezoo_is_no_mark(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_name_like_one_of_drivezoo_is_no_mark(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     path.parent.mkdir(parents=True)
     path.write_text("mine")
-    clean.main([str(tmp_path), "what=all", "remove=true"])
+    printed = cleaned(tmp_path)
     assert path.read_text() == "mine"
-    assert str(tmp_path / name.partition("/")[0]) in capsys.readouterr().out
+    assert str(tmp_path / name.partition("/")[0]) in printed
 
 
-def test_the_users_files_in_marked_folders_stay_and_are_listed(
-    outputs: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_the_users_files_in_marked_folders_stay_and_are_listed(outputs: Path) -> None:
     run = outputs / "2026-01-02" / "10-11-12-000000"
     mine = [run / "notes.txt", run / "checkpoints" / "mine.ckpt", outputs / "cache" / "notes.txt"]
     for one in mine:
         one.write_text("mine")
     (run / "link").symlink_to(outputs / "recordings")
-    clean.main([str(outputs), "what=all", "remove=true"])
+    printed = cleaned(outputs)
     assert all(one.read_text() == "mine" for one in mine)
     assert (run / "link").is_symlink()
     assert not (run / "checkpoints" / "best.ckpt").exists()
-    assert str(run / "notes.txt") in capsys.readouterr().out
+    assert str(run / "notes.txt") in printed
 
 
 def test_a_file_that_the_user_changed_stays(outputs: Path) -> None:
     (outputs / "table.csv").write_text("mine")
-    clean.main([str(outputs), "what=all", "remove=true"])
+    cleaned(outputs)
     assert (outputs / "table.csv").read_text() == "mine"
 
 
@@ -137,7 +139,7 @@ def test_a_register_names_no_file_outside_its_folder(outputs: Path, tmp_path: Pa
     with (run / MARK).open("a") as file:
         for name in ("../../../mine.txt", str(tmp_path / "mine.txt"), "in/mine.txt"):
             file.write(f'\n{{"file": "{name}"}}')
-    clean.main([str(outputs), "what=all", "remove=true"])
+    cleaned(outputs)
     assert (tmp_path / "mine.txt").exists()
     assert (tmp_path / "more" / "mine.txt").exists()
 
@@ -145,7 +147,7 @@ def test_a_register_names_no_file_outside_its_folder(outputs: Path, tmp_path: Pa
 def test_a_recording_in_another_folder_stays(outputs: Path) -> None:
     with command_folder(outputs / "corrections", "corrections") as folder:
         write(folder / "correct.json", folder / "round-1" / "recording" / "driving_log.csv")
-    clean.main([str(outputs), "what=all", "remove=true"])
+    cleaned(outputs)
     assert (outputs / "corrections" / "round-1" / "recording" / "driving_log.csv").exists()
     assert not (outputs / "corrections" / "correct.json").exists()
 
@@ -181,18 +183,15 @@ with make(Path(sys.argv[2]), "evaluations") as folder:
 
 
 @pytest.mark.parametrize("make", ["command", "whole"])
-def test_what_a_command_writes_stays_until_it_is_killed(
-    make: str, tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_what_a_command_writes_stays_until_it_is_killed(make: str, tmp_path: Path) -> None:
     command = [sys.executable, "-c", HOLD, make, str(tmp_path / "one")]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "ready\n"
-    clean.main([str(tmp_path), "what=all", "remove=true"])
+    assert f"in use, stays: {tmp_path}" in cleaned(tmp_path)
     assert left(tmp_path), "it is in use"
-    assert f"in use, stays: {tmp_path}" in capsys.readouterr().out
     process.send_signal(signal.SIGKILL)
     process.communicate()
-    clean.main([str(tmp_path), "what=all", "remove=true"])
+    cleaned(tmp_path)
     assert not list(tmp_path.iterdir()), "a dead process's lock is no lock"
 
 

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from tests.datamodules.exchange.test_tub import record, write_tub
 from tests.recordings import Written
-from tests.zoo.commands import only_line, run_here
+from tests.zoo.commands import only_line, run_here, succeed
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
 from zoo.drives.drive_film import GREEN, RED, draw_overlay
@@ -41,10 +41,9 @@ def film(cwd: Path, *arguments: object) -> subprocess.CompletedProcess:
 
 
 def test_a_recording_becomes_h264_in_real_time(recorded: Written, tmp_path: Path) -> None:
-    result = film(tmp_path, recorded.folder, "out=films/lake.mp4")
+    printed = succeed(film(tmp_path, recorded.folder, "out=films/lake.mp4"))
 
-    assert result.returncode == 0, result.stderr
-    assert result.stdout.splitlines()[-1] == "wrote: films/lake.mp4"
+    assert printed.splitlines()[-1] == "wrote: films/lake.mp4"
     meta, frames = decode(tmp_path / "films" / "lake.mp4")
     assert meta["codec"].startswith("h264")
     assert "yuv420p" in meta["pix_fmt"]
@@ -62,12 +61,11 @@ def test_a_folder_of_images_is_filmed_in_the_order_of_time(
         shutil.copy(recorded.image(row), folder / f"{stem}.jpg")
 
     shots = read_shots(folder)
-    result = film(tmp_path, folder, "fps=48")
+    succeed(film(tmp_path, folder, "fps=48"))
 
     assert [shot.path.stem for shot in shots] == [recorded.stems[row] for row in (3, 5, 7)]
     assert shots[0].values == {}
     assert real_fps(shots) == pytest.approx(7.5, abs=0.1)
-    assert result.returncode == 0, result.stderr
     meta, frames = decode(tmp_path / "a=[run] 1.mp4")
     assert meta["fps"] == 48
     assert len(frames) == 3
@@ -103,17 +101,14 @@ def test_a_drive_shows_autonomy_and_distance_from_the_centre(
     assert len(decode(make_film(folder, None, None, console))[1]) == 120
 
 
-def test_a_name_with_rich_markup_is_printed_unchanged(
-    recorded: Written, tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_name_with_rich_markup_is_printed_unchanged(recorded: Written, tmp_path: Path) -> None:
     folder = tmp_path / "[brightness] [red] :car:"
     folder.mkdir()
     shutil.copy(recorded.image(0), folder)
     (folder / recorded.image(1).name).write_bytes(b"")
 
-    film_command.main([str(folder)])
+    out = succeed(run_here(tmp_path, str(folder), module="zoo.film"))
 
-    out = capsys.readouterr().out
     assert out.splitlines()[-1] == f"wrote: {folder}.mp4"
     assert f"{folder / recorded.image(1).name}: " in out
 

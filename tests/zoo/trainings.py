@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import lightning
-import pytest
 import torch
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
@@ -12,8 +11,6 @@ from rich.console import Console
 from datamodules.driving import DrivingData
 from datamodules.view import View
 from tests.recordings import Written
-from zoo.__main__ import train_or_sweep as zoo
-from zoo.base.run_command import run_command
 from zoo.cli.compose import compose_config
 from zoo.training.build import build_data, build_feed, build_module, build_network, build_trainer
 from zoo.training.host_settings import set_up_process
@@ -75,6 +72,14 @@ def planned(
     return module, build_feed(data, plan, console), trainer
 
 
+def weights(run_folder: Path, name: str = "last") -> dict[str, torch.Tensor]:
+    return torch.load(run_folder / "checkpoints" / f"{name}.ckpt", weights_only=True)["state_dict"]
+
+
+def equal(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> bool:
+    return one.keys() == other.keys() and all(torch.equal(one[key], other[key]) for key in one)
+
+
 # A training of seconds; the blocks are short, since the recording is.
 SMALL = (
     "model=tiny",
@@ -85,10 +90,3 @@ SMALL = (
     "callbacks=checkpoints",
     "score=none",
 )
-
-
-def zoo_here(monkeypatch: pytest.MonkeyPatch, cwd: Path, *arguments: str) -> int:
-    """Return the exit status of `drivezoo train ARGUMENTS`, run in this process with its torch."""
-    monkeypatch.chdir(cwd)
-    monkeypatch.setattr("sys.argv", ["zoo", *arguments])
-    return run_command("zoo", zoo, list(arguments))

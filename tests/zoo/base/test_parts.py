@@ -27,6 +27,7 @@ from zoo.sweep.sweep_record import SavedSweep, check_overrides
 
 VIEW = View((0, 0), "gray", (16, 32))
 NAMED = "parts=my_net.py"
+NameFile = Callable[[Path], None]
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +49,7 @@ def place(trained: Path, tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def named_here(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Path], None]]:
+def named_here(monkeypatch: pytest.MonkeyPatch) -> Iterator[NameFile]:
     """Return a function that names a file of the user's in this process."""
     monkeypatch.setattr(sys, "path", sys.path.copy())
     yield lambda path: monkeypatch.setenv("DRIVEZOO_PARTS", str(path))
@@ -81,7 +82,7 @@ def test_a_checkpoint_or_run_runs_no_code_that_the_user_did_not_name(
 
 
 def test_a_checkpoint_drives_with_the_part_named(
-    trained: Path, named_here: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
+    trained: Path, named_here: NameFile, capsys: pytest.CaptureFixture[str]
 ) -> None:
     named_here(trained / "my_net.py")
     command = load_policy(trained / "run")(np.zeros((160, 320, 3), np.uint8), 10.0)
@@ -90,7 +91,7 @@ def test_a_checkpoint_drives_with_the_part_named(
 
 
 def test_a_changed_file_is_reported_and_used(
-    place: Path, named_here: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
+    place: Path, named_here: NameFile, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with (place / "my_net.py").open("a") as file:
         file.write("# changed\n")
@@ -101,7 +102,7 @@ def test_a_changed_file_is_reported_and_used(
 
 
 def test_a_changed_file_whose_weights_do_not_fit_is_refused(
-    place: Path, named_here: Callable[[Path], None]
+    place: Path, named_here: NameFile
 ) -> None:
     code = (place / "my_net.py").read_text().replace("self.head", "self.last")
     (place / "my_net.py").write_text(code)
@@ -135,7 +136,7 @@ def test_a_wrong_name_is_refused(named: str, found: str, here: Path) -> None:
 
 
 def test_a_saved_sweep_may_name_a_choice_of_a_named_part(
-    tmp_path: Path, named_here: Callable[[Path], None]
+    tmp_path: Path, named_here: NameFile
 ) -> None:
     sweep = SavedSweep(tmp_path / "sweep.json", ())
     with pytest.raises(InputError, match=r"model=my_net.*parts=FILE\.py"):
@@ -203,7 +204,7 @@ def test_the_environment_variable_takes_whole_paths(
     ],
 )
 def test_a_mistake_in_the_file_is_one_line(
-    change: tuple[str, str], found: str, tmp_path: Path, named_here: Callable[[Path], None]
+    change: tuple[str, str], found: str, tmp_path: Path, named_here: NameFile
 ) -> None:
     path = write_network(tmp_path)
     path.write_text(path.read_text().replace(*change))
@@ -213,7 +214,7 @@ def test_a_mistake_in_the_file_is_one_line(
 
 
 def test_an_error_of_a_part_while_a_command_runs_is_one_line(
-    tmp_path: Path, named_here: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, named_here: NameFile, capsys: pytest.CaptureFixture[str]
 ) -> None:
     named_here(write_network(tmp_path))
     network = make_network({"_target_": "my_net.MyNet"}, VIEW)
@@ -243,7 +244,7 @@ def test_a_part_without_a_network_is_named(module: str, place: Path) -> None:
 
 
 def test_a_file_with_the_name_of_an_installed_module_is_refused(
-    tmp_path: Path, named_here: Callable[[Path], None]
+    tmp_path: Path, named_here: NameFile
 ) -> None:
     path = write_network(tmp_path)
     named_here(path.rename(path.with_name("wave.py")))  # the name of one of Python's own modules
@@ -252,7 +253,7 @@ def test_a_file_with_the_name_of_an_installed_module_is_refused(
 
 
 def test_a_class_that_the_file_only_imports_is_refused(
-    tmp_path: Path, named_here: Callable[[Path], None]
+    tmp_path: Path, named_here: NameFile
 ) -> None:
     named_here(write_network(tmp_path))
     for name in ("my_net.Tensor", "my_net.nn.Linear", "my_net.nn"):
@@ -264,7 +265,7 @@ def test_a_class_that_the_file_only_imports_is_refused(
     ("section", "allowed"), [("model", True), ("loss", True), ("optim", False), ("trainer", False)]
 )
 def test_a_saved_config_may_name_a_parts_class_of_the_sections_kind(
-    section: str, allowed: bool, tmp_path: Path, named_here: Callable[[Path], None]
+    section: str, allowed: bool, tmp_path: Path, named_here: NameFile
 ) -> None:
     config = {section: {"_target_": "my_net.MyNet"}}
     assert list(find_refusals(config)), "no part is named yet"

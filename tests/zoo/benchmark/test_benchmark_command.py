@@ -13,8 +13,9 @@ import torch
 import yaml
 from rich.console import Console
 
+from datamodules.view import View
 from simulator.track_names import road_folder
-from tests.zoo.written_checkpoints import write_constant
+from tests.zoo.written_checkpoints import write_constant, write_network
 from zoo.base.errors import InputError, StoppedError, UsageError
 from zoo.benchmark.__main__ import benchmark
 from zoo.benchmark.benchmarked import PAGE, groups_table, print_result
@@ -22,6 +23,7 @@ from zoo.benchmark.checked_result import read_result
 from zoo.benchmark.drives import UNFINISHED, drive_figures
 from zoo.benchmark.result import NAME, digest_of_drives, write_result
 from zoo.benchmark.summary import summarize_drives
+from zoo.models.make_network import make_network
 
 
 def write_suite(folder: Path, **changes: object) -> Path:
@@ -350,16 +352,9 @@ def test_wrong_drivers_get_one_line(
 
 
 def write_lenet(path: Path) -> None:
-    from datamodules.view import View
-    from zoo.checkpoints.checkpoint import make_card
-    from zoo.models.make_network import make_network
-
     model = {"_target_": "zoo.models.lenet.LeNet", "name": "lenet", "weights": None}
     view = View([60, 20], "rgb", None)
-    network = make_network(model, view)
-    state = {f"network.{name}": one for name, one in network.state_dict().items()}
-    card = make_card({"model": model}, view, {"fingerprint": "0" * 16, "rows": 10})
-    torch.save({"drivezoo": card, "state_dict": state, "epoch": 0}, path)
+    write_network(path, make_network(model, view), view, {"model": model})
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from datamodules.recording_format import read_recordings
 from tests.recordings import Written
 from tests.simulator.donkey_process import donkey_simulator
 from tests.simulator.donkey_replica import donkey_replica, telemetry
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import only_line, run, succeed
 from tests.zoo.drive.old_client import OldClient
 from tests.zoo.drive.serve import served
 from zoo.checkpoints.policy import load_policy
@@ -153,11 +153,10 @@ def test_other_machines_are_let_in_only_with_a_warning_and_a_drive_without_any_l
 
 def test_the_embedded_simulator_is_driven_until_it_ends(checkpoint: Path, tmp_path: Path) -> None:
     options = ("drive.port=0", "drive.sim=lake", "drive.laps=0.02", "drive.record=drive")
-    result = drive(tmp_path, checkpoint, *options)
-    assert result.returncode == 0, result.stderr
-    assert "listening on http://127.0.0.1:" in result.stdout
-    assert "simulator 1 has connected" in result.stdout
-    assert "autonomy" in result.stdout
+    printed = succeed(drive(tmp_path, checkpoint, *options))
+    assert "listening on http://127.0.0.1:" in printed
+    assert "simulator 1 has connected" in printed
+    assert "autonomy" in printed
     record = read_drive(tmp_path / "drive")
     assert record.summary["clients"] == 1
     assert record.speed_mph.max() > 2
@@ -182,8 +181,7 @@ def test_a_bad_network_gets_the_figures_of_an_evaluation(
     off_the_road: Path, tmp_path: Path
 ) -> None:
     options = ("drive.port=0", "drive.sim=lake", "drive.laps=0.03", "drive.record=drive")
-    result = drive(tmp_path, off_the_road, *options)
-    assert result.returncode == 0, result.stderr
+    printed = succeed(drive(tmp_path, off_the_road, *options))
     policy = load_policy(off_the_road)
     (scored,) = all_drives(policy, [Scenario("lake", laps=0.03, speed=9)])
     wanted = measure(scored)["interventions"]
@@ -193,7 +191,7 @@ def test_a_bad_network_gets_the_figures_of_an_evaluation(
     assert record.summary["interventions"] == record.summary["off_road"] >= wanted
     assert record.summary["autonomy"] < 0.5
     assert record.intervention.sum() == record.summary["interventions"]
-    assert f"{record.summary['interventions']} interventions" in result.stdout
+    assert f"{record.summary['interventions']} interventions" in printed
 
 
 @pytest.mark.slow

@@ -43,11 +43,12 @@ def frame(number: int, **more: object) -> dict:
     return {**telemetry(jpeg=picture((9 * number % 250, 90, 0)), speed="9.0000"), **more}
 
 
+Make = Callable[..., Driver]
 MOVING = telemetry(jpeg=picture((102, 0, 0)), speed="9.0000")
 
 
 @pytest.fixture
-def make(tmp_path: Path) -> Callable[..., Driver]:
+def make(tmp_path: Path) -> Make:
     def make_driver(controller: SpeedController | None = None, **more: object) -> Driver:
         notices = Notices(lambda line: None)
         writer = BackgroundWriter(tmp_path / "drive", notices)
@@ -60,7 +61,7 @@ def make(tmp_path: Path) -> Callable[..., Driver]:
 
 @pytest.mark.parametrize(("shape", "reported"), [((320, 640), 0), ((120, 160), 1)])
 def test_frames_of_another_shape_than_the_trainings_are_reported(
-    shape: tuple[int, int], reported: int, make: Callable[..., Driver]
+    shape: tuple[int, int], reported: int, make: Make
 ) -> None:
     driver = make()
     driver.policy = Counting()
@@ -71,7 +72,7 @@ def test_frames_of_another_shape_than_the_trainings_are_reported(
     assert [driver.notices.counts[kind] for kind in kinds] == [1] * reported
 
 
-def test_pause_brakes_and_steers_on(make: Callable[..., Driver]) -> None:
+def test_pause_brakes_and_steers_on(make: Make) -> None:
     driver = make()
     session = driver.connect("a")
     driver.paused = True
@@ -81,7 +82,7 @@ def test_pause_brakes_and_steers_on(make: Callable[..., Driver]) -> None:
     assert driver.answer(session, MOVING).values["throttle"] == "0.2000"
 
 
-def test_a_guards_limit_brakes_and_is_counted(make: Callable[..., Driver]) -> None:
+def test_a_guards_limit_brakes_and_is_counted(make: Make) -> None:
     driver = make()
     limits = iter([None, 4.0, 4.0, None, 4.0])
     driver.policy = as_policy(lambda frame, mph: Command(0.0, None, None, next(limits)))
@@ -94,7 +95,7 @@ def test_a_guards_limit_brakes_and_is_counted(make: Callable[..., Driver]) -> No
     assert driver.alarms == 2
 
 
-def test_set_speed_reaches_all_sessions_that_are_and_will_be(make: Callable[..., Driver]) -> None:
+def test_set_speed_reaches_all_sessions_that_are_and_will_be(make: Make) -> None:
     driver = make(PI(9, 0.1))
     before = driver.connect("a")
     driver.set_speed(12)
@@ -105,14 +106,12 @@ def test_set_speed_reaches_all_sessions_that_are_and_will_be(make: Callable[...,
         driver.set_speed(float("nan"))
 
 
-def test_set_speed_of_a_controller_without_one_is_refused(make: Callable[..., Driver]) -> None:
+def test_set_speed_of_a_controller_without_one_is_refused(make: Make) -> None:
     with pytest.raises(ValueError, match=r"restart with speed=pi"):
         make().set_speed(12)
 
 
-def test_switching_keeps_the_old_checkpoint_if_the_new_does_not_load(
-    make: Callable[..., Driver],
-) -> None:
+def test_switching_keeps_the_old_checkpoint_if_the_new_does_not_load(make: Make) -> None:
     def load(path: Path) -> Callable:
         if path.name == "bad":
             raise InputError("no checkpoint")
@@ -129,9 +128,7 @@ def test_switching_keeps_the_old_checkpoint_if_the_new_does_not_load(
     assert driver.latest().checkpoint == "good"
 
 
-def test_the_latest_state_is_that_of_the_first_simulator_that_drives(
-    make: Callable[..., Driver],
-) -> None:
+def test_the_latest_state_is_that_of_the_first_simulator_that_drives(make: Make) -> None:
     driver = make()
     assert driver.latest().frame is None
     assert driver.latest().autonomy is None
@@ -148,7 +145,7 @@ def test_the_latest_state_is_that_of_the_first_simulator_that_drives(
     assert driver.latest().steering == pytest.approx(0.2, abs=0.01), "the first has gone silent"
 
 
-def test_only_one_simulator_is_recorded(make: Callable[..., Driver]) -> None:
+def test_only_one_simulator_is_recorded(make: Make) -> None:
     driver = make(record=True)
     first, second = driver.connect("a"), driver.connect("b")
     assert driver.answer(first, MOVING, 0.0).image
@@ -157,7 +154,7 @@ def test_only_one_simulator_is_recorded(make: Callable[..., Driver]) -> None:
     assert driver.answer(first, MOVING, 0.2).image is None
 
 
-def test_autonomy_counts_stretches_and_driven_time(make: Callable[..., Driver]) -> None:
+def test_autonomy_counts_stretches_and_driven_time(make: Make) -> None:
     driver = make()
     session = driver.connect("a")
     for step in range(601):
@@ -170,7 +167,7 @@ def test_autonomy_counts_stretches_and_driven_time(make: Callable[..., Driver]) 
     assert state.autonomy == pytest.approx(0.8, abs=0.01)
 
 
-def test_time_is_the_simulators_own_where_it_tells_it(make: Callable[..., Driver]) -> None:
+def test_time_is_the_simulators_own_where_it_tells_it(make: Make) -> None:
     """Drive 60 s of simulated time in 1 s: a simulator that waits for replies can be that fast."""
     driver = make()
     session = driver.connect("a")
@@ -182,9 +179,7 @@ def test_time_is_the_simulators_own_where_it_tells_it(make: Callable[..., Driver
     assert driver.tally.figures()["autonomy"] == pytest.approx(0.9, abs=0.001)
 
 
-def test_a_simulator_that_begins_anew_does_not_turn_the_clock_back(
-    make: Callable[..., Driver],
-) -> None:
+def test_a_simulator_that_begins_anew_does_not_turn_the_clock_back(make: Make) -> None:
     driver = make()
     session = driver.connect("a")
     rows = [
@@ -194,7 +189,7 @@ def test_a_simulator_that_begins_anew_does_not_turn_the_clock_back(
     assert rows == sorted(rows)
 
 
-def test_a_picture_that_is_sent_again_is_looked_at_once(make: Callable[..., Driver]) -> None:
+def test_a_picture_that_is_sent_again_is_looked_at_once(make: Make) -> None:
     driver = make()
     looks: list[float] = []
 
@@ -219,7 +214,7 @@ def test_a_picture_that_is_sent_again_is_looked_at_once(make: Callable[..., Driv
 
 
 @pytest.fixture
-def remembering(make: Callable[..., Driver]) -> Driver:
+def remembering(make: Make) -> Driver:
     driver = make()
     driver.policy = Counting()
     return driver
@@ -254,9 +249,7 @@ def test_a_policy_forgets_when_the_car_is_put_back(remembering: Driver) -> None:
     assert steer(remembering, session, frame(2, cte="0.0000"), 0.2) == 0.01
 
 
-def test_a_policy_forgets_after_a_pause_and_a_restart_of_the_simulator(
-    remembering: Driver,
-) -> None:
+def test_a_policy_forgets_after_a_pause_and_a_restart_of_the_simulator(remembering: Driver) -> None:
     session = remembering.connect("a")
     times = {"5.0": 0.01, "5.1": 0.02, "7.0": 0.01, "7.1": 0.02, "0.0": 0.01, "0.1": 0.02}
     for number, (time, steering) in enumerate(times.items()):

@@ -58,8 +58,11 @@ class Drive:
         return json.loads((self.folder / "drive.json").read_text())
 
 
+Begin = Callable[..., Drive]
+
+
 @pytest.fixture
-def begin(tmp_path: Path) -> Callable[..., Drive]:
+def begin(tmp_path: Path) -> Begin:
     def begin_drive(controller: SpeedController | None = None, **options: object) -> Drive:
         return Drive(tmp_path / "drive", controller or PI(9, 0.1), **options)
 
@@ -106,7 +109,7 @@ def test_a_car_that_is_put_back_may_leave_again_at_once() -> None:
     assert rule.judge(0.1, 9.0, 4.0) == OFF_ROAD
 
 
-def test_leaving_the_road_is_counted_shown_and_written(begin: Callable[..., Drive]) -> None:
+def test_leaving_the_road_is_counted_shown_and_written(begin: Begin) -> None:
     drive = begin()
     drive.send(30, cte="0.5000", lane="3.2000")
     assert drive.driver.latest().autonomy == 1
@@ -128,7 +131,7 @@ def test_leaving_the_road_is_counted_shown_and_written(begin: Callable[..., Driv
     assert record.driver[300] == "policy"
 
 
-def test_autonomy_falls_to_the_share_of_time_on_the_road(begin: Callable[..., Drive]) -> None:
+def test_autonomy_falls_to_the_share_of_time_on_the_road(begin: Begin) -> None:
     drive = begin()
     drive.send(30, cte="0.0000")
     drive.send(90, cte="9.0000")
@@ -136,7 +139,7 @@ def test_autonomy_falls_to_the_share_of_time_on_the_road(begin: Callable[..., Dr
     assert drive.driver.latest().autonomy <= 0.25
 
 
-def test_a_wall_is_counted(begin: Callable[..., Drive]) -> None:
+def test_a_wall_is_counted(begin: Begin) -> None:
     drive = begin()
     drive.send(1, cte="2.9000", lane="3.2000", wall="1.0000")
     assert drive.driver.latest().off_road == 1
@@ -153,14 +156,14 @@ def test_a_wall_is_counted(begin: Callable[..., Drive]) -> None:
     ],
 )
 def test_the_margin_is_the_clients_lane_or_what_was_asked_for(
-    begin: Callable[..., Drive], margin_m: float | None, lane: dict, lost: bool
+    begin: Begin, margin_m: float | None, lane: dict, lost: bool
 ) -> None:
     drive = begin(margin_m=margin_m)
     drive.send(1, cte="2.5000", **lane)
     assert drive.driver.latest().off_road == lost
 
 
-def test_standing_still_is_counted_and_shown(begin: Callable[..., Drive]) -> None:
+def test_standing_still_is_counted_and_shown(begin: Begin) -> None:
     drive = begin()
     drive.send(11, speed="0.2000", cte="0.0000")
     state = drive.driver.latest()
@@ -169,7 +172,7 @@ def test_standing_still_is_counted_and_shown(begin: Callable[..., Drive]) -> Non
 
 
 @pytest.mark.parametrize("why", ["paused", "set speed 0"])
-def test_a_car_that_the_driver_holds_does_not_stall(begin: Callable[..., Drive], why: str) -> None:
+def test_a_car_that_the_driver_holds_does_not_stall(begin: Begin, why: str) -> None:
     drive = begin(PI(0 if why == "set speed 0" else 9, 0.1))
     drive.driver.paused = why == "paused"
     drive.send(11, speed="0.0000", cte="0.0000")
@@ -177,9 +180,7 @@ def test_a_car_that_the_driver_holds_does_not_stall(begin: Callable[..., Drive],
     assert drive.driver.latest().lost is None
 
 
-def test_a_simulator_without_cross_track_error_measures_no_autonomy(
-    begin: Callable[..., Drive],
-) -> None:
+def test_a_simulator_without_cross_track_error_measures_no_autonomy(begin: Begin) -> None:
     drive = begin()
     drive.send(20)
     drive.send(10, speed="0.0000")
@@ -194,9 +195,7 @@ def test_a_simulator_without_cross_track_error_measures_no_autonomy(
     assert drive.json["interventions"] == 0
 
 
-def test_a_takeover_measures_autonomy_without_cross_track_error(
-    begin: Callable[..., Drive],
-) -> None:
+def test_a_takeover_measures_autonomy_without_cross_track_error(begin: Begin) -> None:
     drive = begin()
     drive.send(40)
     drive.take_over()
@@ -207,7 +206,7 @@ def test_a_takeover_measures_autonomy_without_cross_track_error(
 
 
 @pytest.mark.parametrize("cte", [{}, {"cte": "0.0000"}])
-def test_a_single_telemetry_prints_no_nan(begin: Callable[..., Drive], cte: dict) -> None:
+def test_a_single_telemetry_prints_no_nan(begin: Begin, cte: dict) -> None:
     drive = begin()
     drive.send(**cte)
     said = drive.end()
@@ -218,9 +217,7 @@ def test_a_single_telemetry_prints_no_nan(begin: Callable[..., Drive], cte: dict
     assert drive.driver.latest().autonomy is None
 
 
-def test_only_a_simulator_that_can_is_asked_to_put_the_car_back(
-    begin: Callable[..., Drive],
-) -> None:
+def test_only_a_simulator_that_can_is_asked_to_put_the_car_back(begin: Begin) -> None:
     drive = begin(PI(12, 0.1))
     assert set(drive.send(cte="5.0000")) == {"steering_angle", "throttle"}
     drive.send(cte="0.0000")
@@ -231,7 +228,7 @@ def test_only_a_simulator_that_can_is_asked_to_put_the_car_back(
     assert drive.driver.latest().off_road == 2
 
 
-def test_a_policy_that_fails_off_the_road_is_counted(begin: Callable[..., Drive]) -> None:
+def test_a_policy_that_fails_off_the_road_is_counted(begin: Begin) -> None:
     drive = begin()
     drive.driver.policy = as_policy(lambda frame, speed_mph: (math.nan, None))
     drive.send(1, cte="5.0000")

@@ -79,8 +79,7 @@ def test_the_expert_beside_it_drives_with_its_own_throttle_too() -> None:
     assert per_s[0] < per_s[1], "it is faster, and so in more bends a second"
 
 
-def test_it_is_said_in_one_line(run_folder, tmp_path) -> None:
-    checkpoint = str(run_folder / "checkpoints" / "best.ckpt")
+def test_it_is_said_in_one_line(checkpoint, tmp_path) -> None:
     line = only_line(run_here(tmp_path, checkpoint, "throttle=network", module="zoo.evaluate"))
     assert "no throttle; train model=nvidia_speed" in line
     assert list(tmp_path.iterdir()) == []

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import only_line, run_here
 from tests.zoo.guard.roads import write_daylight, write_road
 from tests.zoo.written_checkpoints import write_pilotnet
 from zoo.base.errors import InputError, UsageError
@@ -153,9 +153,8 @@ def test_a_method_that_the_network_lacks_is_refused_before_a_drive(
 
 
 def test_a_guard_that_does_not_fit_is_one_line(checkpoint: Path, tmp_path: Path) -> None:
-    result = run(tmp_path, str(checkpoint), f"guard={checkpoint}", module="zoo.evaluate")
-    assert result.returncode == 1
-    assert "is not a guard file" in only_line(result)
+    result = run_here(tmp_path, str(checkpoint), f"guard={checkpoint}", module="zoo.evaluate")
+    assert "is not a guard file" in only_line(result, 1)
 
 
 def test_too_few_nominal_windows_are_one_line(checkpoint: Path, track: str, tmp_path: Path) -> None:

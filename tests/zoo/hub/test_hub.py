@@ -8,7 +8,7 @@ import pytest
 import torch
 import yaml
 
-from tests.zoo.commands import command, only_line, run_here, run_words
+from tests.zoo.commands import command, only_line, run_here, run_words, succeed
 from tests.zoo.hub.stand_in import StandIn, serving
 from tests.zoo.sweeps import write_run
 from tests.zoo.written_checkpoints import write_constant
@@ -58,13 +58,11 @@ def test_what_was_sent_is_fetched_and_is_the_same_network(
     server: StandIn, ran: Path, tmp_path: Path
 ) -> None:
     sent = hub(tmp_path, "push", str(ran), "repo=ann/tiny", "license=mit", "send=true")
-    assert sent.returncode == 0, sent.stderr
-    assert f"wrote: {server.url}/ann/tiny" in sent.stdout
+    assert f"wrote: {server.url}/ann/tiny" in succeed(sent)
     files = server.repositories["ann/tiny"]
     assert set(files) == {"tiny.ckpt", "README.md"}
-    fetched = hub(tmp_path, "pull", "ann/tiny")
-    assert fetched.returncode == 0, fetched.stderr
-    assert f"next: drivezoo evaluate {PLACE}/tiny.ckpt track=lake" in fetched.stdout
+    fetched = succeed(hub(tmp_path, "pull", "ann/tiny"))
+    assert f"next: drivezoo evaluate {PLACE}/tiny.ckpt track=lake" in fetched
     for name, contents in files.items():
         assert (tmp_path / PLACE / name).read_bytes() == contents
     before = load_checkpoint(ran).network.state_dict()
@@ -75,8 +73,7 @@ def test_what_was_sent_is_fetched_and_is_the_same_network(
 
 
 def test_the_card_says_what_it_is_and_how_it_drives(ran: Path, tmp_path: Path) -> None:
-    result = hub(tmp_path, "push", str(ran), "repo=./card", "license=cc-by-4.0")
-    assert result.returncode == 0, result.stderr
+    succeed(hub(tmp_path, "push", str(ran), "repo=./card", "license=cc-by-4.0"))
     _, header, text = (tmp_path / "card" / "README.md").read_text().split("---\n", 2)
     header = yaml.safe_load(header)
     assert header["license"] == "cc-by-4.0"
@@ -107,10 +104,9 @@ def test_no_private_name_and_no_optimizer_is_in_the_files(ran: Path, tmp_path: P
 
 
 def test_nothing_is_sent_before_it_is_asked_for(server: StandIn, ran: Path, tmp_path: Path) -> None:
-    shown = hub(tmp_path, "push", str(ran), "repo=ann/tiny")
-    assert shown.returncode == 0, shown.stderr
-    assert "library_name: drivezoo" in shown.stdout
-    assert shown.stdout.strip().endswith("repo=ann/tiny send=true")
+    shown = succeed(hub(tmp_path, "push", str(ran), "repo=ann/tiny"))
+    assert "library_name: drivezoo" in shown
+    assert shown.strip().endswith("repo=ann/tiny send=true")
     assert server.requests == []
 
 
@@ -180,8 +176,7 @@ def test_one_of_several_checkpoints_is_named(shared: StandIn, tmp_path: Path) ->
     path = write_constant(tmp_path / "other.ckpt", 0.5)
     shared.repositories["ann/tiny"]["other.ckpt"] = path.read_bytes()
     assert "other.ckpt, tiny.ckpt; name one with file=" in refused(shared, tmp_path)
-    fetched = hub(tmp_path, "pull", "ann/tiny", "file=other.ckpt", "out=mine")
-    assert fetched.returncode == 0, fetched.stderr
+    succeed(hub(tmp_path, "pull", "ann/tiny", "file=other.ckpt", "out=mine"))
     assert (tmp_path / "mine" / "other.ckpt").is_file()
 
 

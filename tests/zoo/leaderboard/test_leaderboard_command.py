@@ -52,6 +52,12 @@ def write_socket_drive(
     return folder
 
 
+def ranked_lines(cwd: Path, *arguments: str) -> list[str]:
+    """Return the printed lines of the first three places."""
+    printed = succeed(run_here(cwd, *arguments, module="zoo.leaderboard"))
+    return re.findall(r"^│ [123] .*$", printed, re.MULTILINE)
+
+
 @pytest.fixture
 def wide(here: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the test's folder, which is the current one of a wide terminal."""
@@ -59,13 +65,11 @@ def wide(here: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return here
 
 
-@pytest.mark.usefixtures("wide")
-def test_a_drive_on_a_socket_is_ranked_among_runs(capsys: pytest.CaptureFixture) -> None:
+def test_a_drive_on_a_socket_is_ranked_among_runs(wide: Path) -> None:
     write_run(Path("runs/good"), 1.0, cte_m=0.2)
     write_run(Path("runs/bad"), 0.5, cte_m=0.2, overrides=("x=2",))
     write_socket_drive(Path("drives/day/time"), mph=40.0)
-    leaderboard.main(["runs", "drives"])
-    lines = re.findall(r"^│ [123] .*$", capsys.readouterr().out, re.MULTILINE)
+    lines = ranked_lines(wide, "runs", "drives")
     (place,) = [number for number, one in enumerate(lines) if "socket" in one]
     assert "90.0%" in lines[place]
     assert "0.10" in lines[place]
@@ -75,15 +79,11 @@ def test_a_drive_on_a_socket_is_ranked_among_runs(capsys: pytest.CaptureFixture)
     assert "socket" in Path("runs/leaderboard.html").read_text()
 
 
-@pytest.mark.usefixtures("wide")
-def test_a_short_drive_comes_after_longer_ones_with_its_length(
-    capsys: pytest.CaptureFixture,
-) -> None:
+def test_a_short_drive_comes_after_longer_ones_with_its_length(wide: Path) -> None:
     write_evaluation(Path("scores/tenth"), 1.0, "a.ckpt", laps=0.1)
     write_evaluation(Path("scores/whole"), 0.7, "b.ckpt", laps=1.0)
     write_socket_drive(Path("scores/minute"))
-    leaderboard.main(["scores", "table=a.csv"])
-    first, second, third = re.findall(r"^│ [123] .*$", capsys.readouterr().out, re.MULTILINE)
+    first, second, third = ranked_lines(wide, "scores", "table=a.csv")
     assert "whole" in first
     assert "70.0%" in first
     assert " of " not in first.replace("1 of 2", "")

@@ -16,6 +16,7 @@ from torch import nn
 from datamodules.recording import Recording
 from datamodules.stretches import STRETCH_S
 from tests.recordings import FPS, recording_in_memory
+from tests.zoo.commands import run_here, succeed
 from tests.zoo.compositions import composed
 from zoo.base.errors import InputError
 from zoo.cli.compose import choices
@@ -157,13 +158,12 @@ def test_an_intervention_is_worse_than_any_distance() -> None:
 
 
 def test_a_scored_drive_is_filmed_on_request(
-    run_folder: Path, tmp_path: Path, console: Console, capsys: pytest.CaptureFixture
+    checkpoint: str, tmp_path: Path, console: Console
 ) -> None:
-    checkpoint = str(run_folder / "checkpoints" / "best.ckpt")
     options = ("laps=0.03", "speed=25", "quality=simple", "workers=1")
-    command([checkpoint, *options, "film=true", "film_speed=3", f"out={tmp_path / 'filmed'}"])
-    film = tmp_path / "filmed" / "lake-0" / "film.mp4"
-    assert f"wrote: {film}" in capsys.readouterr().out.splitlines()
+    filmed = (*options, "film=true", "film_speed=3", "out=filmed")
+    printed = succeed(run_here(tmp_path, checkpoint, *filmed, module="zoo.evaluate"))
+    assert "wrote: filmed/lake-0/film.mp4" in printed.splitlines()
     command([checkpoint, *options, f"out={tmp_path / 'plain'}"])
     filmed, plain = (read_drive(tmp_path / name / "lake-0") for name in ("filmed", "plain"))
     assert filmed.steering.tolist() == plain.steering.tolist()
@@ -195,8 +195,7 @@ def test_ten_moments_are_not_a_film(tmp_path: Path, console: Console) -> None:
 
 @pytest.mark.parametrize("speed", ["0.5", "101"])
 def test_a_wrong_film_speed_is_refused_before_driving(
-    speed: str, run_folder: Path, tmp_path: Path
+    speed: str, checkpoint: str, tmp_path: Path
 ) -> None:
-    checkpoint = str(run_folder / "checkpoints" / "best.ckpt")
     with pytest.raises(InputError, match=r"film_speed=.* 1\.\.100"):
         command([checkpoint, "film=true", f"film_speed={speed}", f"out={tmp_path / 'out'}"])

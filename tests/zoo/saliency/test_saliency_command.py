@@ -106,9 +106,8 @@ def test_the_overlay_is_green_where_it_matters(frame: np.ndarray) -> None:
     assert np.array_equal(overlay(frame, where), frame)
 
 
-def test_the_command_draws_a_recording(run_folder: Path, recorded: Written, tmp_path: Path) -> None:
-    checkpoint = run_folder / "checkpoints" / "best.ckpt"
-    result = run_here(tmp_path, str(checkpoint), str(recorded.folder), module="zoo.saliency")
+def test_the_command_draws_a_recording(checkpoint: str, recorded: Written, tmp_path: Path) -> None:
+    result = run_here(tmp_path, checkpoint, str(recorded.folder), module="zoo.saliency")
     assert result.stdout.splitlines()[0] == "wrote: saliency.png"
     assert cv2.imread(str(tmp_path / "saliency.png")).shape == (6 * 160, 4 * 320, 3)
 
@@ -128,9 +127,9 @@ def test_it_draws_a_picture_beside_its_saliency(
 
 
 def test_only_an_image_of_drivezoo_is_replaced(
-    run_folder: Path, recorded: Written, tmp_path: Path
+    checkpoint: str, recorded: Written, tmp_path: Path
 ) -> None:
-    given = [str(run_folder / "checkpoints" / "best.ckpt"), str(recorded.image(3))]
+    given = [checkpoint, str(recorded.image(3))]
     out = tmp_path / "saliency.png"
     out.write_text("mine")
     with pytest.raises(InputError, match=r"out=.*saliency\.png: exists"):
@@ -143,8 +142,7 @@ def test_only_an_image_of_drivezoo_is_replaced(
         saliency_command.main([given[0], str(out), f"out={out}"])
 
 
-def test_a_mistake_is_said_with_what_to_do(run_folder: Path, tmp_path: Path) -> None:
-    checkpoint = str(run_folder / "checkpoints" / "best.ckpt")
+def test_a_mistake_is_said_with_what_to_do(checkpoint: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="usage"):
         saliency_command.main([checkpoint])
     (tmp_path / "no.png").write_bytes(b"no picture")

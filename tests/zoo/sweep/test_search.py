@@ -2,16 +2,15 @@
 
 import json
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
 
 from tests.recordings import Written
-from tests.zoo.sweep.test_sweep_command import SMALL
+from tests.zoo.commands import only_line, succeed
+from tests.zoo.sweep.test_sweep_command import sweep
 from tests.zoo.sweeps import write_run
-from tests.zoo.trainings import data_of
-from zoo.__main__ import train_or_sweep as zoo
-from zoo.base.run_command import run_command
 from zoo.runs.status import read_status
 from zoo.sweep.search import _value
 
@@ -49,22 +48,18 @@ def study(here: Path) -> "optuna.Study":
     return study
 
 
-def search(recorded: Written, *overrides: str) -> int:
-    arguments = ["-m", *SMALL, *data_of(recorded), *SEARCH, *overrides]
-    return run_command("zoo", zoo, arguments)
+def search(recorded: Written, *overrides: str) -> subprocess.CompletedProcess:
+    return sweep(recorded, *SEARCH, *overrides)
 
 
-def test_a_trial_that_others_beat_is_pruned(
-    recorded: Written, study: "optuna.Study", capsys: pytest.CaptureFixture
-) -> None:
-    assert search(recorded, "hydra.sweeper.n_trials=3") == 0
+def test_a_trial_that_others_beat_is_pruned(recorded: Written, study: "optuna.Study") -> None:
+    out = succeed(search(recorded, "hydra.sweeper.n_trials=3"))
     trial = study.get_trials()[2]
     assert trial.state is optuna.trial.TrialState.PRUNED
     assert list(trial.intermediate_values) == [0], "after its first epoch"
     status = read_status(Path("s/2"))
     assert status["status"] == "pruned"
     assert re.match("pruned after epoch 1: .*val/mse", status["reason"])
-    out = capsys.readouterr().out
     assert "1 pruned: 2 (" in out
     assert "study: 3 of 3 trials, 2 complete, 1 pruned" in out
 
@@ -77,7 +72,7 @@ def test_a_trial_that_a_killed_process_left_is_resumed(
     other = study.ask({"optim.lr": RATES})
     other.set_user_attr("folder", "/another/machine")
 
-    assert search(recorded, "hydra.sweeper.n_trials=4", "hydra.sweeper.pruner=none") == 0
+    succeed(search(recorded, "hydra.sweeper.n_trials=4", "hydra.sweeper.pruner=none"))
 
     states = [one.state.name for one in study.get_trials()]
     assert states == ["COMPLETE", "COMPLETE", "COMPLETE", "RUNNING"]
@@ -112,11 +107,10 @@ def test_ties_of_autonomy_are_broken_and_no_error_outweighs_an_intervention(
 
 
 def test_a_study_of_another_figure_is_refused_and_kept(
-    recorded: Written, study: "optuna.Study", capsys: pytest.CaptureFixture
+    recorded: Written, study: "optuna.Study"
 ) -> None:
     study.set_user_attr("monitor", "drive/cte_mean")
-    assert search(recorded, "hydra.sweeper.n_trials=3") in (1, 2)
-    (line,) = capsys.readouterr().err.strip().splitlines()
+    line = only_line(search(recorded, "hydra.sweeper.n_trials=3"))
     assert "study drivezoo" in line
     assert "hydra.sweeper.monitor=drive/cte_mean" in line
     assert len(study.get_trials()) == 2
@@ -141,11 +135,8 @@ def test_bad_input_gets_one_line(
     words: str,
     recorded: Written,
     study: "optuna.Study",
-    capsys: pytest.CaptureFixture,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("zoo.sweep.search.ATTEMPTS", 1)
-    assert search(recorded, override) in (1, 2)
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert words in line
+    assert words in only_line(search(recorded, override))
     assert {one.name for one in Path.cwd().iterdir()} <= {"study.db"}

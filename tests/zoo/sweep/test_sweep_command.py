@@ -1,31 +1,34 @@
-"""Sweeps that finish after being killed, failed or repeated, in one process or several."""
+"""Sweeps that finish after being killed, failed or repeated, and their jobs in processes."""
 
 import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
+import psutil
 import pytest
 from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
 from rich.console import Console
 
 from tests.recordings import Written
 from tests.zoo import trainings
-from tests.zoo.commands import command, environment, only_line, run, succeed
-from tests.zoo.sweeps import write_run
+from tests.zoo.commands import command, environment, only_line, run, run_here, succeed
+from tests.zoo.sweeps import change_status, status, write_run
 from tests.zoo.trainings import data_of
-from zoo.__main__ import train_or_sweep as zoo
 from zoo.base.errors import InputError
 from zoo.base.new_folder import hold_folder
-from zoo.base.run_command import run_command
 from zoo.cli.compose import choices, conf_folder
-from zoo.runs.status import read_status, write_status
-from zoo.sweep.__main__ import sweep as sweep_command
+from zoo.cli.process_ranks import needs_processes
+from zoo.runs.status import GONE_S, is_alive, read_status, write_status
+from zoo.sweep.jobs import Job, launch_all
 from zoo.sweep.start_sweep import find_unfinished, refuse_missing
 from zoo.sweep.sweep_record import add_to_record, log_digest, new_record, read_record, write_record
 
@@ -33,20 +36,13 @@ PROGRESS = "+callbacks.progress._target_=zoo.callbacks.progress.TrainingProgress
 SMALL = (*trainings.SMALL, PROGRESS, "logger=csv")
 
 
-def sweep(recorded: Written, *overrides: str) -> int:
+def sweep(recorded: Written, *overrides: str) -> subprocess.CompletedProcess:
     """Run a sweep in this process: importing torch each time would cost minutes."""
-    arguments = ["-m", *SMALL, *data_of(recorded), *overrides]
-    return run_command("zoo", zoo, arguments)
-
-
-def status(folder: Path) -> str:
-    return read_status(folder).get("status")
+    return run_here(Path.cwd(), "-m", *SMALL, *data_of(recorded), *overrides)
 
 
 @pytest.mark.slow
-def test_a_killed_sweep_resumes_where_it_stopped(
-    recorded: Written, here: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_killed_sweep_resumes_where_it_stopped(recorded: Written, here: Path) -> None:
     """Kill a sweep with both its joblib processes, and finish it one by one in this process."""
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     overrides = ("seed=1,2,3", "trainer.max_epochs=12", "data.samples_per_epoch=800")
@@ -84,9 +80,8 @@ def test_a_killed_sweep_resumes_where_it_stopped(
     assert "train/loss" not in log_text
     assert "train/loss" in (folders[first] / "log.txt").read_text()
 
-    assert run_command("zoo.sweep", sweep_command.main, ["resume=s", "hydra/launcher=basic"]) == 0
+    out = succeed(run_here(here, "resume=s", "hydra/launcher=basic", module="zoo.sweep"))
 
-    out = capsys.readouterr().out
     assert f"{before.count('finished')} of 3 jobs are done" in out
     assert [status(folder) for folder in folders] == ["finished"] * 3
     assert (folders[first] / "metrics.json").read_bytes() == metrics, "was trained twice"
@@ -95,17 +90,16 @@ def test_a_killed_sweep_resumes_where_it_stopped(
     assert (here / "s" / "ranking.html").is_file()
 
 
-def test_the_same_command_runs_failed_jobs_again(
-    recorded: Written, here: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_the_same_command_runs_failed_jobs_again(recorded: Written, here: Path) -> None:
     overrides = ("data.batch_size=100000,16", "trainer.max_epochs=1")
-    assert sweep(recorded, *overrides) == 1
-    printed = capsys.readouterr()
-    assert "1 of 2 jobs failed: 0: data.batch_size=100000" in printed.err
-    jobs = [line for line in printed.out.splitlines() if line.startswith("job ")]
-    assert re.fullmatch(r"job 0 \(0 to 1\): data.batch_size=100000: failed: .*", jobs[0])
+    result = sweep(recorded, *overrides)
+    assert "1 of 2 jobs failed: 0: data.batch_size=100000" in only_line(result, 1)
+    jobs = [line for line in result.stdout.splitlines() if line.startswith("job ")]
+    assert re.fullmatch(
+        r"job 0 \(0 to 1\): data.batch_size=100000: failed: .*larger than the.*", jobs[0]
+    )
     assert re.fullmatch(r"job 1 \(0 to 1\): data.batch_size=16: finished in \d+ s, .*", jobs[1])
-    assert "train/loss" not in printed.out, "one line a job"
+    assert "train/loss" not in result.stdout, "one line a job"
     (folder,) = here.glob("outputs/sweeps/*/*")
     assert [status(folder / name) for name in "01"] == ["failed", "finished"]
     assert "train/loss" in (folder / "1" / "log.txt").read_text()
@@ -115,9 +109,10 @@ def test_the_same_command_runs_failed_jobs_again(
     assert sizes == ["data.batch_size=100000", "data.batch_size=16"]
     assert list(record.data) == [str(recorded.folder)]
 
-    assert sweep(recorded, *overrides[::-1]) == 1  # the order does not matter
+    again = sweep(recorded, *overrides[::-1])  # the order does not matter
 
-    assert "1 of 2 jobs are done" in capsys.readouterr().out
+    only_line(again, 1)
+    assert "1 of 2 jobs are done" in again.stdout
     assert list(here.glob("outputs/sweeps/*/*")) == [folder]
     assert (folder / "1" / "metrics.json").read_bytes() == second
 
@@ -150,7 +145,7 @@ def test_the_newest_unfinished_sweep_of_the_same_command_is_found(
 
 @pytest.mark.parametrize("change", ["the recording", "a version"])
 def test_a_sweep_whose_inputs_changed_is_not_resumed(
-    change: str, here: Path, console: Console, capsys: pytest.CaptureFixture
+    change: str, here: Path, console: Console
 ) -> None:
     log = here / "driving_log.csv"
     log.write_text("one\n")
@@ -163,12 +158,11 @@ def test_a_sweep_whose_inputs_changed_is_not_resumed(
         add_to_record(folder, versions={"torch": "0.1"})
     assert find_unfinished(["seed=1,2"], console) is None
     assert "new sweep" in console.file.getvalue()
-    assert run_command("zoo.sweep", sweep_command.main, [f"resume={folder}"]) == 1
-    assert "new sweep" in capsys.readouterr().err
+    assert "new sweep" in only_line(run_here(here, f"resume={folder}", module="zoo.sweep"), 1)
 
 
 def test_an_unexpected_error_is_kept_and_ends_one_job(
-    recorded: Written, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    recorded: Written, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import zoo.training.run
 
@@ -181,8 +175,8 @@ def test_an_unexpected_error_is_kept_and_ends_one_job(
         return real(config, folder, resume)
 
     monkeypatch.setattr(zoo.training.run, "run_experiment", out_of_memory)
-    assert sweep(recorded, "seed=1,2", "trainer.max_epochs=0", "hydra.sweep.dir=s") == 1
-    assert "0: out of memory; the same command" in capsys.readouterr().err
+    result = sweep(recorded, "seed=1,2", "trainer.max_epochs=0", "hydra.sweep.dir=s")
+    assert "0: out of memory; the same command" in only_line(result, 1)
     assert "in out_of_memory" in (here / "s" / "0" / "error.txt").read_text()
     assert status(here / "s" / "1") == "finished"
 
@@ -214,13 +208,11 @@ def test_a_job_on_two_devices_does_not_start_the_sweep_again(
     ],
 )
 def test_a_mistake_gets_one_line_and_leaves_nothing(
-    arguments: list[str], words: str, here: Path, capsys: pytest.CaptureFixture
+    arguments: list[str], words: str, here: Path
 ) -> None:
     (here / "other").mkdir()
     write_record(here / "other", new_record(["seed=7"]))
-    assert run_command("zoo", zoo, arguments) in (1, 2)
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert words in line
+    assert words in only_line(run_here(here, *arguments))
     assert [one.name for one in here.iterdir()] == ["other"]
 
 
@@ -235,16 +227,14 @@ def test_a_mistake_gets_one_line_and_leaves_nothing(
     ],
 )
 def test_a_folder_that_cannot_be_resumed_gets_one_line(
-    arguments: list[str], words: str, here: Path, capsys: pytest.CaptureFixture
+    arguments: list[str], words: str, here: Path
 ) -> None:
     write_run(here / "run")
     for name in ("damaged", "other"):
         (here / name).mkdir()
         write_record(here / name, new_record(["seed=7"]))
     (here / "damaged" / "sweep.json").write_text('{"format": 1, "argum')
-    assert run_command("zoo.sweep", sweep_command.main, arguments) in (1, 2)
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert words in line
+    assert words in only_line(run_here(here, *arguments, module="zoo.sweep"))
 
 
 def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -254,14 +244,11 @@ def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> 
             refuse_missing([f"hydra/{choice}"])
 
 
-def test_a_sweep_that_is_running_is_not_started_twice(
-    here: Path, capsys: pytest.CaptureFixture
-) -> None:
-
+def test_a_sweep_that_is_running_is_not_started_twice(here: Path) -> None:
     (here / "s").mkdir()
     with hold_folder(here / "s"):
-        assert run_command("zoo", zoo, ["-m", "seed=1,2", "hydra.sweep.dir=s"]) == 1
-    assert "s: another process" in capsys.readouterr().err
+        result = run_here(here, "-m", "seed=1,2", "hydra.sweep.dir=s")
+    assert "s: another process" in only_line(result, 1)
 
 
 @pytest.mark.parametrize("group", ["launcher", "sweeper"])
@@ -292,3 +279,100 @@ def test_help_and_typos_do_not_import_torch(tmp_path: Path) -> None:
     assert len(result.stderr.strip().splitlines()) == 3
     line = only_line(run(tmp_path, "resume=no", module="zoo.sweep"))
     assert line.startswith("drivezoo sweep: no: ")
+
+
+def test_the_process_of_a_run_is_known_by_its_number_and_start(tmp_path: Path) -> None:
+    write_status(tmp_path, "running")
+    assert is_alive(tmp_path)
+    change_status(tmp_path, process_started=read_status(tmp_path)["process_started"] - 100)
+    assert not is_alive(tmp_path), "another process was given its number"
+    write_status(tmp_path, "finished")
+    assert not is_alive(tmp_path)
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    write_status(tmp_path, "running")
+    change_status(tmp_path, pid=ended.pid)
+    assert not is_alive(tmp_path)
+
+
+def test_a_run_on_another_machine_lives_while_it_touches_its_file(tmp_path: Path) -> None:
+    write_status(tmp_path, "running")
+    change_status(tmp_path, host=f"not-{socket.gethostname()}", pid=1)
+    assert is_alive(tmp_path)
+    long_ago = time.time() - GONE_S - 1
+    os.utime(tmp_path / "status.json", (long_ago, long_ago))
+    assert not is_alive(tmp_path)
+
+
+def jobs_in(folder: Path, count: int) -> list[Job]:
+    jobs = [Job(number, (f"seed={number}",), folder / str(number)) for number in range(count)]
+    for job in jobs:
+        job.folder.mkdir()
+    return jobs
+
+
+def begin_and_die(job: Job) -> None:
+    write_status(job.folder, "running")
+    change_status(job.folder, process_started=1.0)
+
+
+def test_a_process_that_dies_fails_its_job_and_the_others_are_launched_again(
+    tmp_path: Path, console: Console
+) -> None:
+    """One killed process ends the whole pool."""
+    jobs = jobs_in(tmp_path, 3)
+    launched: list[list[int]] = []
+
+    def launch(some: Sequence[Job]) -> None:
+        launched.append([job.number for job in some])
+        for job in some:
+            if job.number == 1:
+                begin_and_die(job)
+                raise ChildProcessError("a process of the pool ended abruptly")
+            write_status(job.folder, "finished")
+
+    launch_all(launch, jobs, console)
+    assert [status(job.folder) for job in jobs] == ["finished", "failed", "finished"]
+    assert launched == [[0, 1, 2], [2]]
+    assert "killed" in read_status(jobs[1].folder)["reason"]
+
+
+def test_a_launcher_that_starts_no_job_is_an_error(tmp_path: Path, console: Console) -> None:
+    def launch(some: Sequence[Job]) -> None:
+        raise FileNotFoundError("there is no sbatch here")
+
+    with pytest.raises(InputError, match=r"launcher .*there is no sbatch"):
+        launch_all(launch, jobs_in(tmp_path, 2), console)
+
+
+def test_a_job_that_a_living_process_trains_is_not_started_twice(
+    tmp_path: Path, console: Console
+) -> None:
+    (job,) = jobs_in(tmp_path, 1)
+    other = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    try:
+        write_status(job.folder, "running")
+        started = psutil.Process(other.pid).create_time()
+        change_status(job.folder, pid=other.pid, process_started=started)
+        threading.Timer(0.3, lambda: write_status(job.folder, "finished")).start()
+        launch_all(lambda some: pytest.fail("started twice"), [job], console)
+    finally:
+        other.kill()
+        other.wait()
+    assert f"waiting for process {other.pid}" in console.file.getvalue()
+    assert status(job.folder) == "finished"
+
+
+@pytest.mark.parametrize(
+    ("trainer", "several"),
+    [
+        ({"devices": 1, "strategy": "auto"}, False),
+        ({"devices": [0], "strategy": "auto"}, False),
+        ({"devices": 2, "strategy": "auto"}, True),
+        ({"devices": "auto", "strategy": "auto"}, True),
+        ({"devices": 1, "strategy": "ddp"}, True),
+        ({"devices": 1, "strategy": "auto", "num_nodes": 2}, True),
+    ],
+)
+def test_jobs_on_several_devices_need_processes(trainer: dict, several: bool) -> None:
+    assert needs_processes(OmegaConf.create({"trainer": trainer})) is several

@@ -15,9 +15,8 @@ from datamodules.image import decode_image
 from datamodules.samples import CENTER
 from datamodules.view import View
 from tests.recordings import Written
-from tests.zoo.trainings import planned
+from tests.zoo.trainings import equal, planned, weights
 from zoo.base.errors import InputError
-from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.cli.compose import compose_config
 from zoo.models.vgg import Vgg16
 from zoo.training.build import build_data
@@ -52,10 +51,6 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def compose(recorded: Written, cache: Path, *overrides: str) -> OmegaConf:
     places = (f"data.root={recorded.folder}", f"data.cache={cache}")
     return OmegaConf.create(compose_config([*SMALL, *places, *overrides]))
-
-
-def weights(folder: Path) -> dict[str, torch.Tensor]:
-    return read_checkpoint_file(folder / "checkpoints" / "last.ckpt")["state_dict"]
 
 
 def prepare(
@@ -181,8 +176,7 @@ def test_a_run_that_goes_on_is_fed_the_features_of_its_own_front(
     files = set(cache.iterdir())
     run_experiment(whole.copy(), tmp_path / "halves", resume=True)
     assert set(cache.iterdir()) == files, "nothing was computed again"
-    one, other = weights(tmp_path / "whole"), weights(tmp_path / "halves")
-    assert all(torch.equal(one[name], other[name]) for name in one)
+    assert equal(weights(tmp_path / "whole"), weights(tmp_path / "halves"))
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 from datamodules.recording_format import read_recordings
 from datamodules.split import split_rows
 from tests.recordings import Written, write_recording
-from tests.zoo.commands import only_line, run, succeed
+from tests.zoo.commands import only_line, run, run_here, succeed
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.command import Command
 from zoo.base.errors import InputError, UsageError
@@ -79,7 +79,7 @@ def test_its_output_and_report_say_what_was_judged(trained: Path) -> None:
 def test_on_a_track_it_is_another_cars_network(trained: Path) -> None:
     checkpoint = str(trained / "checkpoints" / "best.ckpt")
     words = ("track=lake", "laps=0.01", "out=out")
-    printed = succeed(run(trained, checkpoint, *words, module="zoo.evaluate"))
+    printed = succeed(run_here(trained, checkpoint, *words, module="zoo.evaluate"))
     assert "another car's network drives lake" in printed
     assert "my car" in printed
     verdict = json.loads((trained / "out" / "metrics.json").read_text())["verdict"]

@@ -14,7 +14,8 @@ from rich.console import Console
 
 from datamodules.batches import GROUP
 from tests.recordings import Written
-from tests.zoo.trainings import SMALL, data_of, planned, train_here, zoo_here
+from tests.zoo.commands import run_here, succeed
+from tests.zoo.trainings import SMALL, data_of, planned, train_here
 from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config
 from zoo.training import plan
@@ -118,19 +119,16 @@ class Counter(lightning.Callback):
 
 
 def test_a_users_callback_gets_each_batch_and_step(
-    recorded: Written,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "counter.py").write_text(COUNTER)
     monkeypatch.setattr("sys.path", sys.path.copy())
     monkeypatch.delenv("DRIVEZOO_PARTS", raising=False)
     mine = ("parts=counter.py", "+callbacks.mine._target_=counter.Counter")
     small = (*SMALL, *data_of(recorded), "trainer.max_epochs=1", "data.samples_per_epoch=48")
-    assert zoo_here(monkeypatch, tmp_path, *small, *mine) == 0
+    printed = succeed(run_here(tmp_path, *small, *mine))
     monkeypatch.delenv("DRIVEZOO_PARTS", raising=False)
-    found = [one for one in capsys.readouterr().out.splitlines() if one.startswith("batch ")]
+    found = [one for one in printed.splitlines() if one.startswith("batch ")]
     assert found == [f"batch {number} of 16 at step {number + 1}" for number in range(3)]
 
 

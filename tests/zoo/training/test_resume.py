@@ -1,32 +1,26 @@
-"""Resuming a run: finished, moved, or trained by another process."""
+"""Resuming a run: finished, moved, trained by another process, or after its disk was full."""
 
 import json
 import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
 import pytest
-import torch
 from omegaconf import OmegaConf
 
 from datamodules.balance import BalancedBatches, BatchKey
 from tests.recordings import Written
-from tests.zoo.commands import command, environment, run, succeed
+from tests.zoo.commands import Zoo, command, environment, only_line, run, run_here, succeed
 from tests.zoo.sweeps import change_status
-from tests.zoo.trainings import SMALL, data_of, zoo_here
+from tests.zoo.trainings import SMALL, data_of, equal, weights
 from zoo.base.errors import InputError
+from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.leaderboard.scored import read_scored
 from zoo.runs.status import read_status, write_status
-
-Zoo = Callable[..., int]
-
-
-def weights(run_folder: Path, name: str) -> dict[str, torch.Tensor]:
-    return torch.load(run_folder / "checkpoints" / f"{name}.ckpt", weights_only=True)["state_dict"]
 
 
 def metrics(run_folder: Path) -> dict:
@@ -42,9 +36,7 @@ def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path
     """Train for two epochs; tests copy the run."""
     cwd = tmp_path_factory.mktemp("trained")
     arguments = (*SMALL, *data_of(recorded))
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        ended = zoo_here(monkeypatch, cwd, *arguments, "trainer.max_epochs=2", "hydra.run.dir=run")
-    assert ended == 0
+    succeed(run_here(cwd, *arguments, "trainer.max_epochs=2", "hydra.run.dir=run"))
     return cwd / "run"
 
 
@@ -62,82 +54,75 @@ def other_process() -> Iterator[int]:
     process.communicate()
 
 
-def test_a_finished_run_is_left_as_it_is(
-    two_epochs: Path, zoo: Zoo, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_finished_run_is_left_as_it_is(two_epochs: Path, zoo: Zoo) -> None:
     before = times(two_epochs)
-    capsys.readouterr()
     for overrides in ([], ["trainer.max_epochs=2"]):
-        assert zoo(f"resume={two_epochs}", *overrides) == 0
-        said = capsys.readouterr()
-        assert "after 2 epochs" in said.out
-        assert str(two_epochs / "checkpoints" / "best.ckpt") in said.out
-        assert str(two_epochs / "report" / "index.html") in said.out
-        assert f"resume={two_epochs} trainer.max_epochs=4" in said.out
-        assert said.err == ""
+        result = zoo(f"resume={two_epochs}", *overrides)
+        said = succeed(result)
+        assert "after 2 epochs" in said
+        assert str(two_epochs / "checkpoints" / "best.ckpt") in said
+        assert str(two_epochs / "report" / "index.html") in said
+        assert f"resume={two_epochs} trainer.max_epochs=4" in said
+        assert result.stderr == ""
     assert times(two_epochs) == before
 
 
 def test_more_epochs_train_a_finished_run_further(two_epochs: Path, zoo: Zoo) -> None:
-    assert zoo("resume=run", "trainer.max_epochs=3") == 0
+    succeed(zoo("resume=run", "trainer.max_epochs=3"))
     assert metrics(two_epochs)["epochs"] == 3
     assert read_status(two_epochs)["status"] == "finished"
     config = OmegaConf.load(two_epochs / ".hydra" / "config.yaml")
     assert config.trainer.max_epochs == 3, "a run that is stopped again needs it"
 
 
-def test_a_run_that_was_stopped_early_is_finished(
-    two_epochs: Path, zoo: Zoo, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_run_that_was_stopped_early_is_finished(two_epochs: Path, zoo: Zoo) -> None:
     saved = two_epochs / ".hydra" / "config.yaml"
     config = OmegaConf.load(saved)
     config.trainer.max_epochs = 30
     config.callbacks.early_stopping = {"_target_": "lightning.pytorch.callbacks.EarlyStopping"}
     OmegaConf.save(config, saved)
-    assert zoo("resume=run") == 0
-    said = capsys.readouterr().out
+    said = succeed(zoo("resume=run"))
     assert "after 2 epochs of 30" in said
     assert "resume=run callbacks.early_stopping=null" in said
     assert metrics(two_epochs)["epochs"] == 2
 
 
 def test_a_finished_run_that_fails_to_train_further_keeps_its_figures_and_rank(
-    two_epochs: Path, zoo: Zoo, capsys: pytest.CaptureFixture
+    two_epochs: Path, zoo: Zoo
 ) -> None:
     before = metrics(two_epochs)
-    assert zoo("resume=run", "trainer.max_epochs=3", "optim.l2=0.1") == 1
+    only_line(zoo("resume=run", "trainer.max_epochs=3", "optim.l2=0.1"), 1)
     assert metrics(two_epochs) == before
     status = read_status(two_epochs)
     assert (status["status"], status["finished_epochs"]) == ("failed", 2)
     (run,), unranked = read_scored([two_epochs])
     assert (run.folder, unranked) == (two_epochs, [])
-    assert zoo("resume=run", "trainer.max_epochs=3") == 0
+    succeed(zoo("resume=run", "trainer.max_epochs=3"))
     assert "finished_epochs" not in read_status(two_epochs)
 
 
 def test_ctrl_c_while_training_further_names_the_figures_that_stand(
-    two_epochs: Path, zoo: Zoo, capsys: pytest.CaptureFixture
+    two_epochs: Path, zoo: Zoo
 ) -> None:
     before = metrics(two_epochs)
     interrupt = "+callbacks.stop._target_=tests.zoo.spoil.Interrupt"
-    assert zoo("resume=run", "trainer.max_epochs=4", interrupt, "+callbacks.stop.epoch=3") == 130
-    (line,) = capsys.readouterr().err.strip().splitlines()
+    stop = (interrupt, "+callbacks.stop.epoch=3")
+    line = only_line(zoo("resume=run", "trainer.max_epochs=4", *stop), 130)
     assert "metrics.json" in line
     assert f"resume={two_epochs}" in line
     assert metrics(two_epochs) == before
     (ranked,), _ = read_scored([two_epochs])
     assert ranked.folder == two_epochs
-    assert zoo("resume=run", "callbacks.stop=null") == 0
+    succeed(zoo("resume=run", "callbacks.stop=null"))
     assert metrics(two_epochs)["epochs"] == 4, "it goes on with what was asked for"
 
 
 def test_a_finished_run_without_its_last_checkpoint_does_not_begin_again(
-    two_epochs: Path, zoo: Zoo, capsys: pytest.CaptureFixture
+    two_epochs: Path, zoo: Zoo
 ) -> None:
     (two_epochs / "checkpoints" / "last.ckpt").unlink()
     before = times(two_epochs)
-    assert zoo("resume=run", "trainer.max_epochs=3") == 1
-    said = capsys.readouterr().err
+    said = only_line(zoo("resume=run", "trainer.max_epochs=3"), 1)
     assert "last.ckpt" in said
     assert "model.weights=run/checkpoints/best.ckpt" in said
     assert times(two_epochs) == before
@@ -149,16 +134,15 @@ def test_a_moved_run_ends_with_the_best_checkpoint_of_an_unbroken_one(
     # The greatest error counts as best, so that the best epoch is the first, before the move.
     overrides = (*SMALL, *data_of(recorded), "callbacks.best.mode=max")
     for folder, epochs in (("whole", 4), ("old", 2)):
-        assert zoo(*overrides, f"trainer.max_epochs={epochs}", f"hydra.run.dir={folder}") == 0
+        succeed(zoo(*overrides, f"trainer.max_epochs={epochs}", f"hydra.run.dir={folder}"))
     shutil.move(tmp_path / "old", tmp_path / "new")
     capfd.readouterr()
-    assert zoo("resume=new", "trainer.max_epochs=4") == 0
+    succeed(zoo("resume=new", "trainer.max_epochs=4"))
     assert capfd.readouterr().err == ""
     assert metrics(tmp_path / "whole")["best_epoch"] == 1, "the setting shows nothing"
     assert metrics(tmp_path / "new")["best_epoch"] == 1
     for name in ("best", "last"):
-        ours, theirs = weights(tmp_path / "new", name), weights(tmp_path / "whole", name)
-        assert all(torch.equal(ours[key], theirs[key]) for key in theirs)
+        assert equal(weights(tmp_path / "new", name), weights(tmp_path / "whole", name))
     assert not (tmp_path / "old").exists()
 
 
@@ -168,7 +152,7 @@ def test_a_run_that_fails_inside_an_epoch_resumes_inside_it(
     own = ("callbacks=inside_epoch", "callbacks.inside.every_n_train_steps=3")
     # LeNet has no dropout, whose random numbers begin with an epoch.
     overrides = (*SMALL, *data_of(recorded), *own, "model=lenet", "trainer.max_epochs=3")
-    assert zoo(*overrides, "hydra.run.dir=whole") == 0
+    succeed(zoo(*overrides, "hydra.run.dir=whole"))
     batches, fed = BalancedBatches.__iter__, list[tuple[int, int]]()
     away = [True]
 
@@ -180,28 +164,24 @@ def test_a_run_that_fails_inside_an_epoch_resumes_inside_it(
             yield key
 
     monkeypatch.setattr(BalancedBatches, "__iter__", failing)
-    assert zoo(*overrides, "hydra.run.dir=failed") == 1
+    only_line(zoo(*overrides, "hydra.run.dir=failed"), 1)
     fed.clear()
     away.clear()
-    assert zoo("resume=failed") == 0
+    succeed(zoo("resume=failed"))
     # 17 batches an epoch: the last checkpoint follows step 24, the seventh of epoch 1.
     assert next(one for one in fed if one[0] == 1) == (1, 7)
     assert next(one for one in fed if one[0] == 2) == (2, 0), "a later epoch is whole"
     for name in ("best", "last"):
-        ours, theirs = weights(tmp_path / "failed", name), weights(tmp_path / "whole", name)
-        assert all(torch.equal(ours[key], theirs[key]) for key in theirs)
+        assert equal(weights(tmp_path / "failed", name), weights(tmp_path / "whole", name))
 
 
 @pytest.mark.parametrize("trace", [".hydra", "status.json", "checkpoints"])
-def test_a_new_run_does_not_replace_another(
-    trace: str, zoo: Zoo, tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_new_run_does_not_replace_another(trace: str, zoo: Zoo, tmp_path: Path) -> None:
     folder = tmp_path / "my run=1"
     folder.mkdir()
     (folder / trace).mkdir()
     before = times(folder)
-    assert zoo("model=tiny", f"hydra.run.dir={folder}") == 1
-    (line,) = capsys.readouterr().err.strip().splitlines()
+    line = only_line(zoo("model=tiny", f"hydra.run.dir={folder}"), 1)
     assert str(folder) in line
     assert "resume=" in line
     assert "hydra.run.dir=FOLDER" in line
@@ -212,63 +192,56 @@ def test_a_folder_without_a_run_takes_one(zoo: Zoo, recorded: Written, tmp_path:
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "log.txt").write_text("mine")
     arguments = (*SMALL, f"data.root={recorded.folder}", "trainer.max_epochs=0")
-    assert zoo(*arguments, "hydra.run.dir=run") == 0
+    succeed(zoo(*arguments, "hydra.run.dir=run"))
     assert (tmp_path / "run" / "log.txt").read_text() == "mine"
 
 
 def test_a_run_replaces_no_file_that_is_there(zoo: Zoo, recorded: Written, tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "metrics.json").write_text("mine")
-    assert zoo(*SMALL, f"data.root={recorded.folder}", "hydra.run.dir=run") == 1
+    only_line(zoo(*SMALL, f"data.root={recorded.folder}", "hydra.run.dir=run"), 1)
     assert [one.name for one in (tmp_path / "run").iterdir()] == ["metrics.json"]
     assert (tmp_path / "run" / "metrics.json").read_text() == "mine"
 
 
 def test_a_run_that_another_process_trains_is_not_resumed(
-    two_epochs: Path, zoo: Zoo, other_process: int, capsys: pytest.CaptureFixture
+    two_epochs: Path, zoo: Zoo, other_process: int
 ) -> None:
     write_status(two_epochs, "running")
     started = psutil.Process(other_process).create_time()
     change_status(two_epochs, pid=other_process, process_started=started)
-    before = weights(two_epochs, "last")
-    assert zoo("resume=run", "trainer.max_epochs=3") == 1
-    (line,) = capsys.readouterr().err.strip().splitlines()
+    before = weights(two_epochs)
+    line = only_line(zoo("resume=run", "trainer.max_epochs=3"), 1)
     assert f"process {other_process} on {os.uname().nodename}" in line
     assert "hydra.run.dir=FOLDER" in line
     assert read_status(two_epochs)["pid"] == other_process
-    assert all(torch.equal(one, weights(two_epochs, "last")[key]) for key, one in before.items())
+    assert equal(weights(two_epochs), before)
 
 
 @pytest.mark.slow
-def test_odd_names_are_trained_in_and_resumed(
-    zoo: Zoo, recorded: Written, tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_odd_names_are_trained_in_and_resumed(zoo: Zoo, recorded: Written, tmp_path: Path) -> None:
     """The recording, its cache, its split and the run have such names."""
     odd = tmp_path / "a${b} 'ï' [x]=1"
     odd.mkdir()
     (odd / "lake").symlink_to(recorded.folder)
     places = (f"data.root={odd / 'lake'}", f"data.cache={odd / 'cache'}")
     new = "b 'ï' [x]=1"  # is not there yet
-    assert zoo(*SMALL, *places, "trainer.max_epochs=1", f"hydra.run.dir={new}") == 0
-    assert str(Path(new) / "checkpoints" / "best.ckpt") in capsys.readouterr().out
+    said = succeed(zoo(*SMALL, *places, "trainer.max_epochs=1", f"hydra.run.dir={new}"))
+    assert str(Path(new) / "checkpoints" / "best.ckpt") in said
     shutil.move(tmp_path / new, odd / "run")
-    assert zoo(f"resume={odd / 'run'}", "trainer.max_epochs=2") == 0
+    succeed(zoo(f"resume={odd / 'run'}", "trainer.max_epochs=2"))
     assert metrics(odd / "run")["epochs"] == 2
     again = (f"data.split={odd / 'run' / 'split.csv'}", "trainer.max_epochs=0")
     start = f"model.weights={odd / 'run' / 'checkpoints' / 'best.ckpt'}"
-    assert zoo(*SMALL, *places, *again, start, "hydra.run.dir=again") == 0
-    best = weights(odd / "run", "best")
-    assert all(
-        torch.equal(one, best[key]) for key, one in weights(tmp_path / "again", "last").items()
-    )
+    succeed(zoo(*SMALL, *places, *again, start, "hydra.run.dir=again"))
+    assert equal(weights(tmp_path / "again"), weights(odd / "run", "best"))
 
 
 @pytest.mark.parametrize(("typed", "name"), [("a\\${b}", "a${b}"), ("a\udcff", "a\\udcff")])
 def test_a_name_that_no_run_can_have_is_refused(
-    zoo: Zoo, typed: str, name: str, tmp_path: Path, capsys: pytest.CaptureFixture
+    zoo: Zoo, typed: str, name: str, tmp_path: Path
 ) -> None:
-    assert zoo(f"hydra.run.dir={typed}") == 1
-    (line,) = capsys.readouterr().err.strip().splitlines()
+    line = only_line(zoo(f"hydra.run.dir={typed}"), 1)
     assert f"{tmp_path / name}: " in line
     assert "cannot write" in line
     assert "hydra.run.dir=FOLDER" in line
@@ -276,13 +249,11 @@ def test_a_name_that_no_run_can_have_is_refused(
 
 
 def test_no_checkpoint_is_named_that_is_not_there(
-    zoo: Zoo, recorded: Written, tmp_path: Path, capsys: pytest.CaptureFixture
+    zoo: Zoo, recorded: Written, tmp_path: Path
 ) -> None:
     arguments = (*SMALL, *data_of(recorded), "trainer.max_epochs=1")
-    assert zoo(*arguments, "callbacks.best=null", "hydra.run.dir=run") == 0
-    assert "best.ckpt" not in capsys.readouterr().out
-    assert zoo("resume=run") == 0
-    assert "best.ckpt" not in capsys.readouterr().out
+    assert "best.ckpt" not in succeed(zoo(*arguments, "callbacks.best=null", "hydra.run.dir=run"))
+    assert "best.ckpt" not in succeed(zoo("resume=run"))
 
 
 @pytest.mark.slow
@@ -317,3 +288,68 @@ def test_of_two_new_runs_in_one_folder_one_is_refused(recorded: Written, tmp_pat
     assert "run: " in said[codes.index(1)]
     assert OmegaConf.load(tmp_path / "run" / ".hydra" / "config.yaml").seed == trained
     assert metrics(tmp_path / "run")["seed"] == trained
+
+
+posix = pytest.mark.skipif(os.name != "posix", reason="limits the size of files")
+
+
+def spoiled(name: str, **settings: object) -> list[str]:
+    given = [f"+callbacks.spoil.{key}={value}" for key, value in settings.items()]
+    return [f"+callbacks.spoil._target_=tests.zoo.spoil.{name}", *given]
+
+
+@pytest.fixture
+def arguments(recorded: Written, tmp_path: Path) -> list[str]:
+    cache = f"data.cache={tmp_path / 'cache'}"
+    return [*SMALL, f"data.root={recorded.folder}", cache, "trainer.max_epochs=4"]
+
+
+@pytest.fixture
+def unlimited() -> Iterator[None]:
+    """Restore the limit on the size of files after the test."""
+    import resource
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@posix
+@pytest.mark.usefixtures("unlimited")
+def test_a_checkpoint_that_cannot_be_written_is_named_and_the_last_one_kept(
+    arguments: list[str], tmp_path: Path, zoo: Zoo
+) -> None:
+    limit = spoiled("LimitFiles", epoch=2, limit=5_000)
+    line = only_line(zoo(*arguments, *limit, "hydra.run.dir=run"), 1)
+    checkpoints = tmp_path / "run" / "checkpoints"
+    assert f"{checkpoints}/" in line
+    assert "File too large" in line
+    assert f"{checkpoints / 'last.ckpt'} is kept" in line
+    assert f"resume={tmp_path / 'run'}" in line
+    assert {path.name for path in checkpoints.iterdir()} == {"best.ckpt", "last.ckpt"}
+    assert load_checkpoint(checkpoints / "last.ckpt").network is not None
+    assert json.loads((tmp_path / "run" / "status.json").read_text())["status"] == "failed"
+
+
+@pytest.mark.parametrize("small_disk", ["8m"], indirect=True)
+def test_a_full_disk_is_named_and_the_run_resumed_when_there_is_room(
+    arguments: list[str], small_disk: Path, zoo: Zoo
+) -> None:
+    run = small_disk / "run"
+    more = ("callbacks=checkpoints", "logger=csv", *spoiled("FillDisk", epoch=2))
+    line = only_line(zoo(*arguments, *more, f"hydra.run.dir={run}"), 1)
+    assert f"{run}/" in line
+    assert "No space left on device" in line
+    assert f"{run / 'checkpoints' / 'last.ckpt'} is kept" in line
+    (run / "filler").unlink()
+    succeed(zoo(f"resume={run}", "callbacks.spoil=null"))
+    assert json.loads((run / "metrics.json").read_text())["epochs"] == 4
+
+
+def test_a_folder_removed_in_the_middle_is_named_in_one_line(
+    arguments: list[str], tmp_path: Path, zoo: Zoo
+) -> None:
+    remove = spoiled("RemoveFolder", epoch=1)
+    line = only_line(zoo(*arguments, *remove, "hydra.run.dir=run"), 1)
+    assert f"{tmp_path / 'run'} was removed" in line
+    assert not (tmp_path / "run").exists()

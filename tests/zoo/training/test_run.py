@@ -15,28 +15,15 @@ from pathlib import Path
 
 import pytest
 import torch
-from omegaconf import OmegaConf
 from PIL import Image
 
 from tests.recordings import Written, write_recording
-from tests.zoo.commands import command, environment, only_line, run, start, succeed
-from tests.zoo.trainings import SMALL, data_of
-from zoo.__main__ import train_or_sweep as zoo
+from tests.zoo.commands import Zoo, command, environment, only_line, run, run_here, start, succeed
+from tests.zoo.trainings import SMALL, data_of, equal, weights
 from zoo.base.errors import InputError
-from zoo.base.run_command import run_command
 from zoo.checkpoints.checkpoint import load_checkpoint
-from zoo.cli.compose import compose_config
 from zoo.training.conclusion import read_curves
 from zoo.training.resume import resume
-from zoo.training.run import run_experiment
-
-
-def weights(run_folder: Path, name: str = "last") -> dict[str, torch.Tensor]:
-    return torch.load(run_folder / "checkpoints" / f"{name}.ckpt", weights_only=True)["state_dict"]
-
-
-def equal(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> bool:
-    return one.keys() == other.keys() and all(torch.equal(one[key], other[key]) for key in one)
 
 
 @contextmanager
@@ -201,10 +188,9 @@ def test_ctrl_c_saves_and_prints_how_to_resume(recorded: Written, tmp_path: Path
 
 
 def test_a_loss_that_is_not_finite_stops_and_keeps_the_last_good_checkpoint(
-    recorded: Written, tmp_path: Path
+    recorded: Written, tmp_path: Path, zoo: Zoo
 ) -> None:
-    overrides = (*SMALL, *data_of(recorded), "trainer.max_epochs=1")
-    assert run(tmp_path, *overrides, "hydra.run.dir=run").returncode == 0
+    succeed(zoo(*SMALL, *data_of(recorded), "trainer.max_epochs=1", "hydra.run.dir=run"))
     good = weights(tmp_path / "run")
     # Go on with a rate at which weights overflow.
     checkpoint = tmp_path / "run" / "checkpoints" / "last.ckpt"
@@ -214,7 +200,7 @@ def test_a_loss_that_is_not_finite_stops_and_keeps_the_last_good_checkpoint(
     contents["lr_schedulers"][0]["_last_lr"] = [1e38, 1e38]
     contents["lr_schedulers"][0]["base_lrs"] = [1e38, 1e38]
     torch.save(contents, checkpoint)
-    line = only_line(run(tmp_path, "resume=run", "trainer.max_epochs=3"))
+    line = only_line(zoo("resume=run", "trainer.max_epochs=3"))
     assert "the loss is not finite in epoch 2" in line
     assert equal(weights(tmp_path / "run"), good)
     status = json.loads((tmp_path / "run" / "status.json").read_text())
@@ -244,63 +230,34 @@ def test_two_trainings_at_once_on_an_empty_cache_agree(recorded: Written, tmp_pa
     assert len(list(tmp_path.glob("outputs/cache/*.npy"))) == 3, "one file a camera"
 
 
-def test_a_read_only_recording_with_an_odd_name_trains(tmp_path: Path) -> None:
+def test_a_read_only_recording_with_an_odd_name_trains(tmp_path: Path, zoo: Zoo) -> None:
     odd = tmp_path / "my laps=1 [a], (b)"
     write_recording(odd, rows=60, style="windows")
     for path in [*odd.rglob("*"), odd]:
         path.chmod(path.stat().st_mode & ~0o222)
-    succeed(run(tmp_path, *SMALL, f"data.root={odd}", "trainer.max_epochs=1", "hydra.run.dir=run"))
+    succeed(zoo(*SMALL, f"data.root={odd}", "trainer.max_epochs=1", "hydra.run.dir=run"))
     odd.chmod(0o755)
     (odd / "IMG").chmod(0o755)
 
 
-def test_several_recordings_train_together(recorded: Written, tmp_path: Path) -> None:
+def test_several_recordings_train_together(recorded: Written, tmp_path: Path, zoo: Zoo) -> None:
     second = write_recording(tmp_path / "second", rows=60, cameras=("center",), style="linux")
-    printed = succeed(
-        run(
-            tmp_path,
-            *SMALL,
-            f"data.root=[{recorded.folder},{second.folder}]",
-            "trainer.max_epochs=1",
-            "hydra.run.dir=run",
-        )
-    )
+    both = f"data.root=[{recorded.folder},{second.folder}]"
+    printed = succeed(zoo(*SMALL, both, "trainer.max_epochs=1", "hydra.run.dir=run"))
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert metrics["data"]["rows"] == 180
     assert "centre camera only" in printed
 
 
-def test_a_sweep_goes_on_past_a_job_that_fails(recorded: Written, tmp_path: Path) -> None:
-    result = run(
-        tmp_path,
-        "-m",
-        *SMALL,
-        *data_of(recorded),
-        "data.batch_size=100000,16",
-        "trainer.max_epochs=1",
-        "hydra.sweep.dir=sweep",
-    )
-    assert "larger than the" in only_line(result)
-    statuses = [json.loads((tmp_path / f"sweep/{job}/status.json").read_text()) for job in (0, 1)]
-    assert [status["status"] for status in statuses] == ["failed", "finished"]
-
-
-def test_the_weights_of_a_checkpoint_start_another_run(run_folder: Path, tmp_path: Path) -> None:
+def test_the_weights_of_a_checkpoint_start_another_run(
+    run_folder: Path, tmp_path: Path, zoo: Zoo
+) -> None:
     config = (run_folder / ".hydra" / "config.yaml").read_text()
     root = next(line for line in config.splitlines() if line.strip().startswith("root:"))
     best = run_folder / "checkpoints" / "best.ckpt"
-    succeed(
-        run(
-            tmp_path,
-            f"data.root={root.split(':', 1)[1].strip()}",
-            f"model.weights={best}",
-            "data.block_s=0.5",
-            "data.gap_s=0.1",
-            "trainer.max_epochs=0",
-            "score=none",
-            "hydra.run.dir=run",
-        )
-    )
+    blocks = ("data.block_s=0.5", "data.gap_s=0.1")
+    start = (f"data.root={root.split(':', 1)[1].strip()}", f"model.weights={best}", *blocks)
+    succeed(zoo(*start, "trainer.max_epochs=0", "score=none", "hydra.run.dir=run"))
     assert equal(weights(tmp_path / "run", "best"), weights(run_folder, "best"))
 
 
@@ -358,22 +315,12 @@ def test_bad_input_gets_one_line(
     override: str,
     words: str,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture,
+    zoo: Zoo,
 ) -> None:
     """All faults of recordings and values have tests of their own, where they are found."""
     written = write_recording(tmp_path / "lake", rows=40)
     fault(written.folder)
-    monkeypatch.chdir(tmp_path)
-    arguments = [
-        *SMALL,
-        f"data.root={written.folder}",
-        "trainer.max_epochs=1",
-        override,
-    ]
-    monkeypatch.setattr("sys.argv", ["zoo", *arguments])
-    assert run_command("zoo", zoo, arguments) in (1, 2)
-    (line,) = capsys.readouterr().err.strip().splitlines()
+    line = only_line(zoo(*SMALL, f"data.root={written.folder}", "trainer.max_epochs=1", override))
     assert words in line
     for path in tmp_path.glob("outputs/*/*/status.json"):
         status = json.loads(path.read_text())
@@ -381,36 +328,38 @@ def test_bad_input_gets_one_line(
         assert status["reason"] in line
 
 
-def test_a_bad_image_can_be_skipped(tmp_path: Path) -> None:
+def test_a_bad_image_can_be_skipped(tmp_path: Path, zoo: Zoo) -> None:
     written = write_recording(tmp_path / "lake", rows=60)
     truncate_an_image(written.folder)
-    printed = succeed(
-        run(
-            tmp_path,
-            *SMALL,
-            f"data.root={written.folder}",
-            "data.on_bad_image=skip",
-            "trainer.max_epochs=1",
-            "hydra.run.dir=run",
-        )
-    )
+    skip = ("data.on_bad_image=skip", "trainer.max_epochs=1", "hydra.run.dir=run")
+    printed = succeed(zoo(*SMALL, f"data.root={written.folder}", *skip))
     assert "skipped 1 rows with a bad image" in printed
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert metrics["data"]["rows"] == 59
 
 
-def test_resuming_on_another_recording_is_refused(recorded: Written, tmp_path: Path) -> None:
+def test_resuming_on_another_recording_is_refused(
+    recorded: Written, tmp_path: Path, zoo: Zoo
+) -> None:
     moved = tmp_path / "lake"
     shutil.copytree(recorded.folder, moved)
-    overrides = (*SMALL, f"data.root={moved}", "trainer.max_epochs=1", "hydra.run.dir=run")
-    assert run(tmp_path, *overrides).returncode == 0
+    succeed(zoo(*SMALL, f"data.root={moved}", "trainer.max_epochs=1", "hydra.run.dir=run"))
     before = weights(tmp_path / "run")
     log = moved / "driving_log.csv"
     log.write_text("\n".join(log.read_text().splitlines()[:-10]))
-    line = only_line(run(tmp_path, "resume=run", "trainer.max_epochs=2"))
+    line = only_line(zoo("resume=run", "trainer.max_epochs=2"))
     assert "was trained on 120 rows" in line
     assert "now holds 110" in line
     assert equal(weights(tmp_path / "run"), before)
+
+
+@pytest.fixture(scope="module")
+def once(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train for an epoch, and return the run's folder, which tests must not change."""
+    cwd = tmp_path_factory.mktemp("once")
+    short = (*data_of(recorded), "trainer.max_epochs=1", "hydra.run.dir=run")
+    succeed(run_here(cwd, *SMALL, *short))
+    return cwd / "run"
 
 
 @pytest.mark.parametrize(
@@ -421,19 +370,11 @@ def test_resuming_on_another_recording_is_refused(recorded: Written, tmp_path: P
         ("model=lenet", "a resumed run keeps"),
     ],
 )
-def test_resuming_as_what_it_was_not_is_refused(
-    recorded: Written, tmp_path: Path, override: str, words: str
-) -> None:
-    overrides = [*SMALL, *data_of(recorded), "trainer.max_epochs=1"]
-    folder = tmp_path / "run"
-    (folder / ".hydra").mkdir(parents=True)
-    config = OmegaConf.create(compose_config(overrides))
-    OmegaConf.save(config, folder / ".hydra" / "config.yaml")
-    run_experiment(config, folder)
-    before = weights(folder)
+def test_resuming_as_what_it_was_not_is_refused(once: Path, override: str, words: str) -> None:
+    before = weights(once)
     with pytest.raises(InputError, match=re.escape(words)):
-        resume(folder, ["trainer.max_epochs=2", override])
-    assert equal(weights(folder), before)
+        resume(once, ["trainer.max_epochs=2", override])
+    assert equal(weights(once), before)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits the size of files")
@@ -455,14 +396,8 @@ def test_no_disk_space_is_said_in_one_line(recorded: Written, tmp_path: Path) ->
 
 
 def test_preview_shows_what_will_be_fed(recorded: Written, tmp_path: Path) -> None:
-    succeed(
-        run(
-            tmp_path,
-            f"data.root={recorded.folder}",
-            "data.block_s=0.5",
-            "augment=[brightness,shadow,shift,blur,noise]",
-            module="zoo.preview",
-        )
-    )
+    arguments = ("data.block_s=0.5", "augment=[brightness,shadow,shift,blur,noise]")
+    root = f"data.root={recorded.folder}"
+    succeed(run_here(tmp_path, root, *arguments, module="zoo.preview"))
     for name in ("fed_batch", "steering_histogram"):
         assert (tmp_path / "outputs" / "preview" / f"{name}.png").stat().st_size > 10_000

@@ -15,10 +15,10 @@ from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from simulator.record import FIRST_TRY, RecordOptions
 from tests.recordings import Written
-from tests.zoo.commands import ROOT, only_line, run, succeed
+from tests.zoo.commands import ROOT, only_line, run, run_here, succeed
 from tests.zoo.keras.keras_files import INPUT, write_h5, write_json, write_keras
 from tests.zoo.keras.test_keras_layers import IMAGES, REST, SCALE, UNCLEAR, expected
-from tests.zoo.trainings import SMALL, zoo_here
+from tests.zoo.trainings import SMALL
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, make_card
 from zoo.cli.compose import ABOUT, compose_config, conf_folder
@@ -40,13 +40,13 @@ def outputs(network: torch.nn.Module) -> np.ndarray:
 
 
 def test_a_training_starts_from_a_keras_model_and_resumes_without_it(
-    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    recorded: Written, tmp_path: Path
 ) -> None:
     source = write_h5(tmp_path / "old.h5", [SCALE, *REST])
     run = tmp_path / "run"
     start = [*USUAL, *KERAS, f"data.root={recorded.folder}", f"hydra.run.dir={run}"]
     start += [f"model.weights={source}", "optim.l2=0"]
-    assert zoo_here(monkeypatch, tmp_path, *start, "trainer.max_epochs=0") == 0
+    succeed(run_here(tmp_path, *start, "trainer.max_epochs=0"))
     checkpoint = load_checkpoint(run / "checkpoints" / "best.ckpt")
     np.testing.assert_allclose(outputs(checkpoint.network), expected(REST), atol=1e-5)
     assert checkpoint.config["model"]["scale"] == [127.5, 1.0]
@@ -54,7 +54,7 @@ def test_a_training_starts_from_a_keras_model_and_resumes_without_it(
     assert [one["layer"] for one in layers] == ["Conv2D", "Flatten", "Dropout", "Dense"]
 
     source.unlink()
-    assert zoo_here(monkeypatch, tmp_path, f"resume={run}", "trainer.max_epochs=1") == 0
+    succeed(run_here(tmp_path, f"resume={run}", "trainer.max_epochs=1"))
     trained = load_checkpoint(run / "checkpoints" / "last.ckpt")
     assert trained.config["model"]["layers"] == layers
     assert not np.allclose(outputs(trained.network), expected(REST), atol=1e-5)
@@ -63,7 +63,7 @@ def test_a_training_starts_from_a_keras_model_and_resumes_without_it(
     again = [one.replace(str(run), str(other)) for one in start]
     again = [one for one in again if not one.startswith("model.weights")]
     again += [f"model.weights={run / 'checkpoints' / 'last.ckpt'}", "trainer.max_epochs=0"]
-    assert zoo_here(monkeypatch, tmp_path, *again) == 0
+    succeed(run_here(tmp_path, *again))
     copied = load_checkpoint(other / "checkpoints" / "best.ckpt")
     np.testing.assert_array_equal(outputs(copied.network), outputs(trained.network))
 

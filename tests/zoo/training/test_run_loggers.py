@@ -1,6 +1,5 @@
 """What a run's loggers store, read back from their files."""
 
-from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,6 +12,7 @@ from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from tests.recordings import Written
+from tests.zoo.commands import Zoo, succeed
 from tests.zoo.trainings import SMALL, data_of
 from zoo.training.run_loggers import final_scores, log_results, naming_arguments
 
@@ -34,10 +34,10 @@ METRICS = {
 
 
 def test_tensorboard_has_the_config_the_scores_and_the_report(
-    recorded: Written, tmp_path: Path, zoo: Callable[..., int]
+    recorded: Written, tmp_path: Path, zoo: Zoo
 ) -> None:
     small = (*SMALL, *data_of(recorded), "trainer.max_epochs=1", "optim.lr=0.002")
-    assert zoo(*small, "hydra.run.dir=run") == 0
+    succeed(zoo(*small, "hydra.run.dir=run"))
     stored = yaml.safe_load((tmp_path / "run" / "hparams.yaml").read_text())
     assert (stored["optim.lr"], stored["model.name"]) == (0.002, "tiny")
     events = EventAccumulator(str(tmp_path / "run"))
@@ -47,11 +47,11 @@ def test_tensorboard_has_the_config_the_scores_and_the_report(
 
 
 def test_mlflow_has_the_name_the_config_the_scores_and_the_report(
-    recorded: Written, tmp_path: Path, zoo: Callable[..., int]
+    recorded: Written, tmp_path: Path, zoo: Zoo
 ) -> None:
     mlflow = pytest.importorskip("mlflow")
     small = (*SMALL, *data_of(recorded), "trainer.max_epochs=1", "logger=mlflow")
-    assert zoo(*small, "hydra.run.dir=run") == 0
+    succeed(zoo(*small, "hydra.run.dir=run"))
     client = mlflow.MlflowClient(f"sqlite:///{tmp_path}/outputs/mlflow.db")
     (run,) = client.search_runs([client.get_experiment_by_name("drivezoo").experiment_id])
     assert (run.info.run_name, run.data.tags["model"]) == ("run", "tiny")

@@ -203,9 +203,8 @@ def test_a_damaged_picture_is_named_with_its_row(tmp_path):
 
 
 def test_the_command_prints_a_table_and_leaves_figures_a_drive_and_frames(
-    tmp_path, run_folder, folder
+    tmp_path, checkpoint, folder
 ):
-    checkpoint = str(run_folder / "checkpoints" / "best.ckpt")
     options = ("out=a b", "frames=true", "margin=0.8")
     result = run(tmp_path, checkpoint, str(folder), *options, module="zoo.replay")
 
@@ -240,12 +239,11 @@ def test_a_keyboards_recording_is_said_to_mean_little(recording, share, lines):
         assert "drivezoo evaluate CKPT track=" in line
 
 
-def test_the_replay_command_warns_of_a_keyboard(tmp_path, run_folder, capsys):
+def test_the_replay_command_warns_of_a_keyboard(tmp_path, checkpoint, capsys):
     written = write_recording(tmp_path / "keys[/red]", rows=ROWS)
     log = written.folder / "driving_log.csv"
     rows = [line.split(",") for line in log.read_text().splitlines()]
     log.write_text("\n".join(",".join([*row[:3], "0", *row[4:]]) for row in rows) + "\n")
-    checkpoint = str(run_folder / "checkpoints" / "best.ckpt")
 
     replay_command.main([checkpoint, str(written.folder), f"out={tmp_path / 'out'}"])
 
@@ -253,8 +251,7 @@ def test_the_replay_command_warns_of_a_keyboard(tmp_path, run_folder, capsys):
     assert text.index("autonomy") < text.index("keys[/red]: 100% of the steering is exactly 0")
 
 
-def test_a_wrong_command_is_one_line(tmp_path, run_folder, folder):
-    checkpoint = str(run_folder / "checkpoints" / "best.ckpt")
+def test_a_wrong_command_is_one_line(tmp_path, checkpoint, folder):
     for arguments, message in (
         ((checkpoint,), "usage: drivezoo replay"),
         ((checkpoint, str(folder), "marign=2"), "did you mean margin?"),
