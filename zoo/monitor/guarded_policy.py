@@ -81,14 +81,14 @@ def read_guard(path: str | Path) -> Guard:
     try:
         score = make_score(method, found["state"])
     except (
-        KeyError,
+        LookupError,
         TypeError,
         ValueError,
         ArithmeticError,
         RuntimeError,
         AttributeError,
     ) as error:
-        reason = str(error).splitlines()[0]
+        reason = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(f"guard={path}: state: is damaged ({reason}); {REMEDY}") from None
     return Guard(score, **{key: found[key] for key in _NUMBERS}, sha256=sha256)
 

@@ -217,6 +217,7 @@ def test_a_guard_of_a_network_fits_only_its_checkpoint(tmp_path: Path) -> None:
         ({"samples": 10**8}, "samples"),
         ({"state": {"shape": [3, 8 * 10**6, 8 * 10**6], "weights": {}}}, "state"),
         ({"method": "attention_mean", "state": {"mean": "much"}}, "state"),
+        ({"method": "attention_mean", "state": torch.tensor(1.0)}, "state"),
     ],
 )
 def test_a_damaged_guard_file_is_one_line(tmp_path: Path, change: dict, words: str) -> None:
