@@ -12,7 +12,7 @@ import psutil
 from benchmarks.measuring import Row, medians, take_turns
 from datamodules.driving_log import CAMERAS
 from zoo.base.child_process import end_module, start_module
-from zoo.worlds.open_world import open_world as open_any
+from zoo.worlds.open_world import open_world
 from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import World
 
@@ -43,7 +43,7 @@ def measure(short: bool) -> list[Row]:
         costs: dict[str, list[float]] = {name: [] for name in scenarios}
         measures = {}
         for name, scenario in scenarios.items():
-            world = open_any(scenario)
+            world = open_world(scenario)
             stack.callback(world.close)
             cameras = CAMERAS if "3 cameras" in name else CAMERAS[:1]
             measures[name] = partial(frames_per_second, world, scenario, cameras, costs[name])

@@ -6,8 +6,6 @@ wheel's angle in radians on two halves, public and private, whose frames interle
 Source: https://github.com/udacity/self-driving-car, challenges/challenge-2.
 """
 
-import csv
-import io
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
@@ -172,8 +170,11 @@ def score_challenge(
     steered = {name: own, **baselines(test.angles, rows), **teams}
     rmse = {one: test.rmse(rows, angles) for one, angles in steered.items()}
     with command_folder(options.out, "challenges") as out:
-        ids = [test.frame_ids[row] for row in rows]
-        write_whole(out / "submission.csv", submission(ids, own))
+        submission = [
+            {"frame_id": test.frame_ids[row], "steering_angle": angle}
+            for row, angle in zip(rows, own.tolist(), strict=True)
+        ]
+        write_whole(out / "submission.csv", Table.of_figures(submission).csv())
         scores = {
             one: {half: asdict(found) for half, found in by_half.items()}
             for one, by_half in rmse.items()
@@ -338,15 +339,6 @@ def of_frames(path: Path, numbers: Mapping[str, float], frame_ids: list[str]) ->
             "frames lack one); complete it, or move it to another folder"
         )
     return np.array([numbers[one] for one in frame_ids])
-
-
-def submission(frame_ids: list[str], angles: np.ndarray) -> str:
-    """Return the text of a submission in the challenge's layout."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(HEADER)
-    writer.writerows([one, f"{angle:.9g}"] for one, angle in zip(frame_ids, angles, strict=True))
-    return text.getvalue()
 
 
 def assumptions(
