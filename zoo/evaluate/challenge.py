@@ -167,7 +167,7 @@ def score_challenge(
     car = car_of(policy, test, name)
     teams = {team: angles[rows] for team, angles in team_angles(folder, test.frame_ids)}
     own = steer_rows(policy, test, rows, car, options.speed, console)
-    steered = {name: own, **baselines(test.angles, rows), **teams}
+    steered = {**baselines(test.angles, rows), **teams, name: own}
     rmse = {one: test.rmse(rows, angles) for one, angles in steered.items()}
     with command_folder(options.out, "challenges") as out:
         submission = [

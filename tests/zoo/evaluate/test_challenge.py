@@ -72,6 +72,12 @@ def test_the_errors_are_those_of_the_angles_of_each_half(folder: Path, tmp_path:
     assert saved["rmse_rad"]["team"]["private"]["value"] == pytest.approx(0.25)
 
 
+def test_a_teams_file_does_not_take_the_networks_place(folder: Path, tmp_path: Path) -> None:
+    write_team(folder, "policy.csv", frames_of(folder)[1])
+    result = drivezoo.challenge(RightHalf(), folder, out=tmp_path / "out")
+    assert result.rmse["policy"]["private"].value > 0.1
+
+
 def test_the_true_angles_come_back_from_the_recording(folder: Path) -> None:
     assert read_test(folder).angles == pytest.approx(frames_of(folder)[1])
 
