@@ -114,8 +114,11 @@ def test_ctrl_c_at_once_ends_a_command_with_one_line(
     first = "_multiarray" if arguments[0] in ("check", "simulator") else FIRST
     maps = Path(f"/proc/{process.pid}/maps")
     until = time.monotonic() + 20
-    while not re.search(first, maps.read_text()) and time.monotonic() < until:
-        time.sleep(0.002)  # until it imports the first of its libraries
+    # Until it imports the first of its libraries, or has ended.
+    while process.poll() is None and time.monotonic() < until:
+        if re.search(first, maps.read_text()):
+            break
+        time.sleep(0.002)
     time.sleep(after_s)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)

@@ -66,6 +66,8 @@ def donkey_replica(change: Change, each: int = 1) -> Iterator[tuple[str, list[di
                         return
                     send(*filter(None, changed))
 
-    threading.Thread(target=serve, daemon=True).start()
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
     with listener:
         yield f"127.0.0.1:{listener.getsockname()[1]}/oval", received
+        thread.join(5)  # until it has read what the client sent before it left

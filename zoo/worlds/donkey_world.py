@@ -25,6 +25,7 @@ ADDRESS = re.compile(r"(?:(?P<host>[\w.-]+)(?::(?P<port>\d{1,5}))?/)?(?P<scene>\
 HOST, PORT = "127.0.0.1", 9091
 START = "start it, or: drivezoo simulator serve"
 SILENT_S = 20.0  # for a simulator to answer; it loads a scene in seconds
+LEAVING_S = 1.0  # for a simulator to take the last control
 MOST_LINE = 16_000_000  # bytes of a message
 MOST_OLD = 100  # telemetry messages that are skipped for a newer one
 LONGEST_LAP_S = 300.0
@@ -101,6 +102,13 @@ class DonkeyWorld(World):
         """Brake, and leave the simulator, where a car keeps its last control."""
         with suppress(InputError):
             self._send("control", **BRAKE)
+        with suppress(OSError):
+            # A connection that is closed with telemetry unread is reset, and the brake is lost.
+            self._socket.shutdown(socket.SHUT_WR)
+            self._socket.settimeout(LEAVING_S)
+            until = time.monotonic() + LEAVING_S
+            while time.monotonic() < until and self._socket.recv(65_536):
+                pass
         self._lines.close()
         self._socket.close()
 
