@@ -31,12 +31,12 @@ class Change:
     Attributes:
         p: probability that a sample is changed, 0..1.
         lighting: whether it changes the light alone, which saturation does not show.
-        rig: car whose steering it corrects.
+        rig: car of the steering that it adds, for other labels; None if it adds the label itself.
     """
 
     p: float
     lighting = False
-    rig: Rig = UDACITY
+    rig: Rig | None = None
 
     def fit(self, crop: tuple[int, int], rig: Rig | None) -> None:
         """Take a view's crop and a recording's rig; most changes depend on neither."""
@@ -138,9 +138,11 @@ class Shift(Change):
     Args:
         pixels: largest shift to either side, in 320ths of a frame's width.
         rows: largest shift up or down, in rows of the view.
-        steering_per_pixel: steering added for each 320th of a shift.
+        steering_per_pixel: steering of Udacity's car added for each 320th of a shift.
         p: probability that a sample is changed, 0..1.
     """
+
+    rig = UDACITY
 
     def __init__(
         self,
@@ -281,7 +283,7 @@ class Augment:
 
     def _corrected(self, change: Change, labels: np.ndarray, drawn: np.ndarray) -> np.ndarray:
         """Return the labels of changed images, [n, targets]."""
-        if self.label.is_steering:
+        if self.label.is_steering or change.rig is None:
             return change.steer(labels, drawn)
         added = change.steer(np.zeros_like(labels), drawn)
         return np.clip(labels + self.label.of(added, change.rig), -1, 1)

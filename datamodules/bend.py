@@ -13,7 +13,7 @@ from datamodules.augment import Change
 from datamodules.device_augment import moved
 from datamodules.view import FRAME
 from zoo.base.errors import InputError
-from zoo.base.rig import UDACITY, Camera, Rig
+from zoo.base.rig import Camera, Rig
 
 FARTHEST_M = 60.0
 
@@ -68,6 +68,9 @@ class Bend(Change):
         rig: car whose centre camera sees the road; set by `fit`.
     """
 
+    crop: tuple[int, int]
+    rig: Rig
+
     def __init__(
         self,
         curvature: float = 0.12,
@@ -78,7 +81,6 @@ class Bend(Change):
     ) -> None:
         self.curvature, self.length_m, self.ahead_m = curvature, tuple(length_m), ahead_m
         self.begun, self.p = begun, p
-        self.crop, self.rig = (0, 0), UDACITY
 
     def fit(self, crop: tuple[int, int], rig: Rig | None) -> None:
         """Take a view's crop and a recording's rig.

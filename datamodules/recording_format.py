@@ -20,7 +20,7 @@ from datamodules.rig_file import find_rig, read_rig, write_rig
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.parts import installed_entries
-from zoo.base.rig import UDACITY
+from zoo.base.rig import UDACITY, Rig
 
 SOURCE_NAME = "source.json"  # beside the log of a converted recording
 GROUP = "drivezoo.formats"  # entry points of installed packages
@@ -200,16 +200,18 @@ def write_car(
         source: its format, unless it is a copy, too.
         keeps_size: whether the images have the rig's size, without which it is of another camera.
     """
-    if recording.rig == UDACITY:
+    known = read_source(recording.names) or source
+    write_rig_of(folder, recording.rig, known, keeps_size)
+
+
+def write_rig_of(folder: Path, rig: Rig | None, source: str, keeps_size: bool = True) -> None:
+    """Write the car or format of a log's frames, and the rig if it is known, if not Udacity's."""
+    if rig == UDACITY:
         return
-    write_source(folder, read_source(recording.names) or source)
-    if recording.rig and keeps_size:
-        write_rig(folder, recording.rig)
-
-
-def write_source(folder: Path, source: str) -> None:
-    """Write which car or format the frames of a recording are of, if not Udacity's."""
-    (folder / SOURCE_NAME).write_text(f'{{"version": 1, "format": "{source}"}}\n', encoding="utf-8")
+    text = f'{{"version": 1, "format": "{source}"}}\n'
+    (folder / SOURCE_NAME).write_text(text, encoding="utf-8")
+    if rig and keeps_size:
+        write_rig(folder, rig)
 
 
 def read_source(folders: Iterable[str | Path]) -> str | None:

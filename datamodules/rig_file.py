@@ -1,7 +1,7 @@
 """A car's rig in a file: `rig.yaml` beside a recording, or the file that `data.rig=` names."""
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +15,8 @@ RIG_NAME = "rig.yaml"
 
 Pixels = Annotated[int, Field(ge=8, le=8192)]
 Angle = Annotated[float, Field(ge=-90, le=90)]
+Coordinate = Annotated[float, Field(ge=0, le=8192)]
+Corners = Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3, max_length=100)]
 
 
 class _Fields(BaseModel):
@@ -32,6 +34,7 @@ class CameraFields(_Fields):
     pitch_down_deg: Angle = 0.0
     yaw_right_deg: Angle = 0.0
     roll_deg: Angle = 0.0
+    own_car: Annotated[tuple[Corners, ...], Field(max_length=20)] = ()
 
 
 class RigFields(_Fields):
@@ -69,7 +72,7 @@ def read_rig(path: Path) -> Rig:
     )
     if aside_m := fields.side_m:
         for side, right_m in (("left", -aside_m), ("right", aside_m)):
-            rig.cameras[side] = replace(camera, right_m=camera.right_m + right_m)
+            rig.cameras[side] = camera.changed(right_m=camera.right_m + right_m)
     return rig
 
 

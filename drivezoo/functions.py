@@ -267,6 +267,7 @@ def policy(
         InputError: the checkpoint cannot be loaded, or predicts no throttle although it must.
         UsageError: a value is wrong.
     """
+    from zoo.base.rig import UDACITY
     from zoo.checkpoints.checkpoint_path import find_driver
     from zoo.checkpoints.command import as_policy
     from zoo.checkpoints.policy import load_policy
@@ -279,6 +280,7 @@ def policy(
     settings = EvaluateOptions(**constructed(EvaluateOptions, keys))
     named = find_driver(driver)
     steering = load_policy(named) if isinstance(named, str) else as_policy(named)
+    steering.in_car(UDACITY)
     check_throttle(steering, settings.throttle)
     return EnvironmentPolicy(steering, speed_controller(settings), settings.frame_rate)
 

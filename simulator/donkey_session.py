@@ -42,7 +42,7 @@ LINE_M = 1.0  # of the starting line; a drive begins before it
 AGAIN_M = 20.0  # before the line, from where a car can cross it again; more than a frame's way
 GRAVITY_MPS2 = 9.81
 ENCODINGS = {"JPG": ".jpg", "PNG": ".png"}
-CAMERA = replace(UDACITY.cameras["center"], size=(160, 120), yaw_right_deg=0.0, roll_deg=0.0)
+CAMERA = UDACITY.cameras["center"].changed(size=(160, 120), yaw_right_deg=0.0, roll_deg=0.0)
 
 Message = dict[str, Any]
 

@@ -122,7 +122,7 @@ class DrivingEnv(gymnasium.Env):
         ends = {"off_road": self._is_lost, **TERMINATIONS}
         self.termination = named_function("termination", termination, ends)
         lens = {"size": (width, height), "vertical_fov_deg": vertical_fov_deg}
-        cameras_of = {name: replace(camera, **lens) for name, camera in UDACITY.cameras.items()}
+        cameras_of = {name: camera.changed(**lens) for name, camera in UDACITY.cameras.items()}
         self.rig, self.renderer = replace(UDACITY, cameras=cameras_of), renderer
         self.settings = {
             "quality": quality,

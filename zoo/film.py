@@ -16,11 +16,12 @@ from datamodules.recording import LOG_NAME
 from datamodules.recording_format import known_format, read_recordings
 from zoo.base.command import command
 from zoo.base.errors import InputError
+from zoo.base.rig import UDACITY
 from zoo.base.terminal import print_line, print_written
 from zoo.cli.console_progress import progress_bar
 from zoo.drives import drive_log
 from zoo.drives.drive_film import MOMENTS, draw_overlay
-from zoo.drives.drive_record import FALLBACK, PERSON, REPLAY
+from zoo.drives.drive_record import EMBEDDED, FALLBACK, PERSON, REPLAY, SOCKET
 from zoo.drives.tally import LONGEST_STEP_S, autonomy
 
 USUAL_FPS = 15.0  # the simulator's recorder; used if the images have no times
@@ -143,8 +144,10 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
         values["cte_m"] = float(drive.cross_track_m[row])
         lately = "intervention" if drive.time_s[row] - lost_s < SHOWN_S else None
         values["note"] = notes.get(str(drive.driver[row]), lately)
-        if drive.source == REPLAY:  # of any car, whose steering range the drive does not have
-            values |= {"rig": None, "recorded": float(drive.expert_steering[row])}
+        # In other worlds it is any car, whose steering range the drive does not have.
+        values["rig"] = UDACITY if drive.source in ("", EMBEDDED, SOCKET) else None
+        if drive.source == REPLAY:
+            values["recorded"] = float(drive.expert_steering[row])
         shots.append(Shot(folder / frame, float(drive.time_s[row]), values))
     if not shots or len(shots) <= MOMENTS < len(drive) / 10:
         raise InputError(

@@ -40,6 +40,7 @@ def test_side_cameras_stand_to_the_left_and_right_of_the_centre_one(tmp_path: Pa
         ("[640, 480]", "[640, 0]", "camera.size.1"),
         ("vertical_fov_deg: 40", "fov: 40", "camera.vertical_fov_deg"),
         ("2.85", "-1", "wheelbase_m"),
+        ("{size", "{own_car: [[[0, 9], [9, -1], [9, 9]]], size", "camera.own_car.0.1.1"),
         ("31.7", ".nan", "steering_deg"),
         ("name", "cars", "cars"),
     ],
@@ -51,8 +52,13 @@ def test_an_impossible_number_is_named(old: str, new: str, place: str, tmp_path:
         read_rig(path)
 
 
+BONNET = "own_car: [[[0, 480], [320, 400.5], [640, 480]]]"
+
+
 def test_a_written_rig_is_read_again(tmp_path: Path) -> None:
-    (tmp_path / "rig.yaml").write_text(TEXT + "side_m: 0.5\n")
+    (tmp_path / "rig.yaml").write_text(TEXT.replace("size", f"{BONNET}, size") + "side_m: 0.5\n")
     rig = read_rig(tmp_path / "rig.yaml")
+    assert rig.cameras["center"].own_car == (((0, 480), (320, 400.5), (640, 480)),)
+    assert rig.cameras["left"].own_car == ()
     write_rig(tmp_path, rig)
     assert read_rig(tmp_path / "rig.yaml") == rig

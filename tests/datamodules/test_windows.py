@@ -144,11 +144,17 @@ class Turn(albumentations.ImageOnlyTransform):
         return steering + value / 100
 
 
+def fitted_bend() -> Bend:
+    bend = Bend(p=0.6)
+    bend.fit((0, 0), UDACITY)
+    return bend
+
+
 TRANSFORMS = {
     "brightness": lambda: Brightness(p=0.6),
     "shadow": lambda: Shadow(num_shadows_limit=(1, 2), p=0.6),
     "shift": lambda: Shift(p=0.6),
-    "bend": lambda: Bend(p=0.6),
+    "bend": lambda: fitted_bend(),
     "blur": lambda: albumentations.GaussianBlur(p=0.6),
     "noise": lambda: albumentations.GaussNoise(p=0.6),
     "turn": lambda: Turn(p=0.6),

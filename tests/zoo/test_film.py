@@ -22,6 +22,8 @@ from zoo.drives.drive_record import PERSON, REPLAY, Drive, DriveRow
 from zoo.evaluate.track_scores import KeptDrive
 from zoo.film import film as film_command
 from zoo.film import make_film, read_shots, real_fps
+from zoo.worlds.open_world import open_world
+from zoo.worlds.scenario import Scenario
 
 GREY = np.full((160, 320, 3), 90, np.uint8)
 
@@ -165,6 +167,7 @@ def test_a_full_disk_gets_one_line_and_leaves_no_film(recorded: Written, small_d
 def test_a_full_disk_during_a_scored_drive_gets_one_line(small_disk: Path) -> None:
     (small_disk / "mine").write_bytes(bytes(4096))
     kept = KeptDrive(small_disk, film_speed=1).__enter__()
+    kept.begin(open_world(Scenario("lake"), "none"))
     kept.show(GREY, DriveRow(0.0, speed_mph=9.0, cross_track_m=0.0))
     with pytest.raises(InputError, match=r"film\.mp4.*full"):
         kept.__exit__(None, None, None)

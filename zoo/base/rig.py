@@ -1,12 +1,13 @@
 """Rigs: the cameras and the steering of a car, which give a recording's numbers their meaning."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from zoo.base.errors import UsageError
 
 MPS_PER_MPH = 0.44704
+Outline = tuple[tuple[float, float], ...]  # x, y in pixels of a frame
 CURVATURE = "curvature_per_m"  # in a checkpoint's facts on its recording, see `SteeringLabel`
 
 
@@ -19,6 +20,7 @@ class Camera:
         size: width and height of its frames, pixels.
         vertical_fov_deg: angle of view from the top to the bottom of a frame.
         pitch_down_deg, yaw_right_deg, roll_deg: direction; a positive roll lifts the right side.
+        own_car: outlines of the car's own parts in the frames, such as a bonnet.
     """
 
     right_m: float
@@ -29,6 +31,12 @@ class Camera:
     pitch_down_deg: float = 0.0
     yaw_right_deg: float = 0.0
     roll_deg: float = 0.0
+    own_car: tuple[Outline, ...] = ()
+
+    def changed(self, **values: Any) -> "Camera":
+        """Return the camera with other values, in whose frames the car's own parts are unknown."""
+        other = replace(self, **values)
+        return self if other == self else replace(other, own_car=())
 
     @property
     def focal_px(self) -> float:
@@ -133,17 +141,60 @@ class SteeringLabel:
 STEERING = SteeringLabel()
 
 
-def _udacity_camera(right_m: float, ahead_m: float) -> Camera:
-    return Camera(right_m, 1.2, ahead_m, pitch_down_deg=9.5, yaw_right_deg=0.72, roll_deg=1.2)
+# Outlines of the car's own parts, from back to front, measured on the median of 80 of the
+# original's frames: x,y in pixels of 320 x 160.
+_OWN_CAR = {
+    "center": (
+        "36,160 45,155.5 67,150 88,146 105,143 117,139.5 130,137.5 172,137.5 185,140.5 "
+        "200,144 215,146.5 238,151 264,160",
+        "60,160 85,154 100,151 118,146 140,143.7 180,144.5 200,148 220,153 240,160",
+        "91,160 117,153.5 133,151.5 150,150.5 185,151.7 218,160",
+        "99,160 121,153.8 150,151.6 185,152.8 215,160",
+    ),
+    "left": (
+        "185,160 187,154.5 195,149.5 207,144.5 222,143 240,141 255,139 270,137.5 295,137.5 "
+        "320,140 320,160",
+        "255,139 270,137.5 295,137.5 320,140 320,145 270,142",
+        "186,160 188,154.5 197,149.5 200,155 200,160",
+        "198,149 207,144.5 222,143.5 217,149 213,153 206,153",
+        "303,160 304,154.5 310,152 320,151 320,160",
+    ),
+    "right": (
+        "0,135 35,135 48,137.5 65,140.5 82,143 100,143 110,147.5 120,151 124,160 0,160",
+        "0,135 35,135 55,141 30,139 0,142",
+        "110,148.5 120,151 124,160 111,160",
+        "86,143 105,145.5 109,150 103,157.5 94,151",
+        "0,145 10,147.5 9,160 0,160",
+    ),
+}
+
+
+def _outline(text: str) -> Outline:
+    return tuple((float(x), float(y)) for x, y in (corner.split(",") for corner in text.split()))
+
+
+def _udacity_camera(name: str, right_m: float, ahead_m: float) -> Camera:
+    return Camera(
+        right_m,
+        1.2,
+        ahead_m,
+        pitch_down_deg=9.5,
+        yaw_right_deg=0.72,
+        roll_deg=1.2,
+        own_car=tuple(map(_outline, _OWN_CAR[name])),
+    )
 
 
 # Measured on the original simulator, as the embedded one has it.
 UDACITY = Rig(
     name="udacity",
     cameras={
-        "center": _udacity_camera(0.0, 1.0),
-        "left": _udacity_camera(-0.806, 0.984),
-        "right": _udacity_camera(0.825, 0.999),
+        name: _udacity_camera(name, right_m, ahead_m)
+        for name, right_m, ahead_m in (
+            ("center", 0.0, 1.0),
+            ("left", -0.806, 0.984),
+            ("right", 0.825, 0.999),
+        )
     },
     front_axle_m=1.27,
     rear_axle_m=1.60,

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from zoo.base.rig import CURVATURE, UDACITY, Rig, SteeringLabel
+from zoo.base.rig import CURVATURE, Rig, SteeringLabel
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Policy:
         view: what the network sees of a frame; None without a network.
         config, data: the experiment's config, and the recording's `fingerprint` and `rows`; empty
             without a checkpoint.
-        rig: driven car, which a drive sets for all `members`; None if it is unknown.
+        rig: driven car, see `in_car`; None if it is unknown.
     """
 
     name: str = "policy"
@@ -73,7 +73,7 @@ class Policy:
     view: Any = None
     config: Mapping[str, Any] = MappingProxyType({})
     data: Mapping[str, Any] = MappingProxyType({})
-    rig: Rig | None = UDACITY
+    rig: Rig | None = None
 
     def __call__(self, frame: Any, speed_mph: float) -> Command:
         """Return the command for a frame.
@@ -102,6 +102,12 @@ class Policy:
     def members(self) -> tuple["Policy", ...]:
         """Return the policies of an ensemble, or the policy itself."""
         return (self,)
+
+    def in_car(self, rig: Rig | None) -> "Policy":
+        """Set the driven car of all members, None if it is unknown, and return the policy."""
+        for member in self.members:
+            member.rig = rig
+        return self
 
     @property
     def label(self) -> SteeringLabel:

@@ -221,13 +221,14 @@ def load_warm_policy(
     import torch
 
     from datamodules.view import FRAME
+    from zoo.base.rig import UDACITY
     from zoo.checkpoints.policy import load_policy
     from zoo.monitor.guarded_policy import guarded
 
     # torch keeps this number for each thread that loads a policy. Its default, one thread per
     # core, took 128 ms a frame instead of 1.9 ms on four shared cores.
     torch.set_num_threads(threads)
-    policy = load_policy(path, threads)
+    policy = load_policy(path, threads).in_car(UDACITY)
     watched = policy if guard is None else guarded(policy, path, guard)
     for _ in range(3):
         answer = watched(np.zeros((*FRAME, 3), np.uint8), 0.0)

@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from datamodules.formats.recording_writer import write_frame
-from zoo.base.rig import UDACITY, Rig
+from zoo.base.rig import Rig
 from zoo.base.video import Film
 from zoo.drives.drive_record import BAND, DriveRow
 from zoo.drives.tally import autonomy
@@ -20,6 +20,7 @@ FILM_WIDTH = 640  # at 960 a lap takes twice the bytes
 MOMENTS, APART_S = 10, 2.0
 WIDTH = 960  # of a drawn frame
 WHEEL_RATIO = 6.0  # angle of the drawn steering wheel per angle of the front wheels
+UNKNOWN_LOCK_DEG = 25.0  # drawn of a car of unknown rig
 WHITE, GREY, GREEN, RED, AMBER = (
     (255, 255, 255),
     (190, 196, 204),
@@ -84,13 +85,14 @@ class DriveFilm(Film):
         folder: folder of the drive.
         frame_rate: frames per second of simulated time.
         speed: playing speed as a multiple of the driven speed; 3 writes every third frame.
+        rig: see `draw_overlay`.
 
     Raises:
         InputError: the film cannot be written.
     """
 
-    def __init__(self, folder: Path, frame_rate: float, speed: float = 1.0) -> None:
-        self.every = max(1, round(speed))
+    def __init__(self, folder: Path, frame_rate: float, speed: float, rig: Rig | None) -> None:
+        self.every, self.rig = max(1, round(speed)), rig
         self.number = self.interventions = 0
         super().__init__(folder / FILM_NAME, frame_rate * speed / self.every)
 
@@ -110,6 +112,7 @@ class DriveFilm(Film):
             share,
             row.cross_track_m,
             spread=row.spread,
+            rig=self.rig,
         )
         size = FILM_WIDTH, len(image) * FILM_WIDTH // WIDTH
         self.add(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
@@ -124,7 +127,7 @@ def draw_overlay(
     cte_m: float | None = None,
     note: str | None = None,
     spread: float | None = None,
-    rig: Rig | None = UDACITY,
+    rig: Rig | None = None,
     recorded: float | None = None,
 ) -> np.ndarray:
     """Return an enlarged camera frame with the drive's state drawn in.
@@ -160,7 +163,7 @@ def draw_overlay(
         light = 1 - 0.72 * np.linspace(0, 1, PANEL) ** 0.6
         image[-PANEL:] = (image[-PANEL:] * light[:, None, None]).astype(np.uint8)
     if steering is not None:
-        lock_deg = UDACITY.steering_deg if rig is None else rig.steering_deg
+        lock_deg = UNKNOWN_LOCK_DEG if rig is None else rig.steering_deg
         _draw_wheel(image, (70, height - 54), 40, steering * lock_deg * WHEEL_RATIO)
         factor, form = (1.0, "{:+.2f}") if rig is None else (rig.steering_deg, "{:+.1f}°")
         angle = form.format(steering * factor + 0.0).replace("-", "\N{MINUS SIGN}")

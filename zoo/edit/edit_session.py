@@ -164,9 +164,7 @@ class FrameAnalysis:
     """
 
     def __init__(self, recording: Recording, policy: Policy | None = None) -> None:
-        self.recording, self.policy = recording, policy
-        for member in policy.members if policy else ():
-            member.rig = recording.rig
+        self.recording, self.policy = recording, policy and policy.in_car(recording.rig)
         self.predicted = np.full(len(recording), np.nan, np.float32)
         self._differences = np.full(len(recording), np.nan)
         self._last: np.ndarray | None = None

@@ -215,8 +215,7 @@ def car_of(policy: Policy, test: OfficialTest, name: str) -> Rig:
     Raises:
         InputError: the car is unknown.
     """
-    for member in policy.members:
-        member.rig = test.rig
+    policy.in_car(test.rig)
     source = source_of(policy.data)
     if source == test.rig.name or not policy.label.is_steering:
         return test.rig

@@ -12,13 +12,12 @@ from omegaconf import DictConfig, OmegaConf
 from pydantic import Field
 from rich.console import Console
 
-from datamodules.recording_format import write_source
+from datamodules.recording_format import write_rig_of
 from simulator.recorder import Recorder, split_pedals
 from simulator.track_names import file_name
 from simulator.weather import CLEAR
 from zoo.base.command_keys import check_keys, constructed, keys_of
 from zoo.base.errors import InputError
-from zoo.base.rig import UDACITY
 from zoo.base.terminal import print_line
 from zoo.base.written_files import remove_written
 from zoo.checkpoints.command import Policy
@@ -49,7 +48,6 @@ class KeptDrive(Keep):
 
     Args:
         folder: folder to write to; None writes nothing.
-        frame_rate: frames per second of simulated time.
         film_speed: playing speed of the film as a multiple of the driven speed; 0 for no film.
         record: whether to write a recording of the centre camera and the commands.
     """
@@ -57,19 +55,14 @@ class KeptDrive(Keep):
     def __init__(
         self,
         folder: Path | None = None,
-        frame_rate: float = 15.0,
         film_speed: float = 0.0,
         record: bool = False,
     ) -> None:
-        self.folder, self.frame_rate, self.film_speed = folder, frame_rate, film_speed
-        self.record = record
+        self.folder, self.film_speed, self.record = folder, film_speed, record
 
     def __enter__(self) -> "KeptDrive":
         self.moments, self.held = WorstMoments(), ExitStack()
         self.film = self.recorder = None
-        if self.folder is not None and self.film_speed:
-            film = DriveFilm(self.folder, self.frame_rate, self.film_speed)
-            self.film = self.held.enter_context(film)
         if self.folder is not None and self.record:
             self.recorder = self.held.enter_context(Recorder(self.folder, relative=True))
         self.put_back = False
@@ -77,6 +70,12 @@ class KeptDrive(Keep):
 
     def __exit__(self, *error: Any) -> None:
         self.held.__exit__(*error)
+
+    def begin(self, world: World) -> None:
+        """Open the film, at the world's frame rate."""
+        if self.folder is not None and self.film_speed:
+            film = DriveFilm(self.folder, world.frame_rate, self.film_speed, world.rig)
+            self.film = self.held.enter_context(film)
 
     def show(self, frame: np.ndarray, row: DriveRow) -> None:
         """Take the next frame and its row."""
@@ -96,8 +95,8 @@ class KeptDrive(Keep):
         """Write the drive, and return its figures."""
         alarms = {} if policy.alarms is None else {"guard_alarms": policy.alarms}
         figures = summarize(drive) | alarms
-        if self.recorder is not None and world.rig != UDACITY:
-            write_source(self.folder, file_name(drive.track))
+        if self.recorder is not None:
+            write_rig_of(self.folder, world.rig, file_name(drive.track))
         if self.folder is not None:
             names = drive.frame.astype(object)
             for number, name in self.moments.write(self.folder).items():
@@ -179,7 +178,7 @@ def score_on_tracks(
     # A scenario that occurs twice, such as the usual one in several sweeps, is driven once.
     more = [one for one in dict.fromkeys(more) if one not in scenarios]
     keeps = [
-        KeptDrive(folder / f"{file_name(one.track)}-{one.seed}", one.frame_rate, film_speed, record)
+        KeptDrive(folder / f"{file_name(one.track)}-{one.seed}", film_speed, record)
         for one in scenarios
     ]
     keeps += [KeptDrive()] * len(more)

@@ -79,7 +79,7 @@ class Observed(Noisy):
     def policy(self, world: World, scenario: Scenario) -> Observer:
         """Return the observer."""
         policy = super().policy(world, scenario)
-        others = [load_policy(one) for one in self.ensemble]
+        others = [load_policy(one).in_car(world.rig) for one in self.ensemble]
         return Observer(policy, signal_sources(policy, self.samples, others)[0])
 
 

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 
 from simulator.rig import camera_matrix
-from simulator.scenery.frame_effects import bonnet_image
-from zoo.base.rig import UDACITY, Camera, Rig
+from simulator.scenery.frame_effects import own_car_cover
+from zoo.base.rig import Camera, Rig
 
 BONNET_EDGE_PX = 5  # width of the bonnet's edge that JPEG blurs
 
@@ -22,13 +22,14 @@ class Warp:
 
     The frame of the nearest camera is warped. Pixels that its bonnet or border hides come from the
     next nearest camera. Pixels that no camera saw repeat the nearest camera's border. The bonnet is
-    that of the centre frame; only Udacity's is known.
+    that of the centre frame.
 
     Args:
         rig: cameras of the car.
         size: height and width of the frames. Where they differ from the rig's, the recorded frames
             were stretched.
 
+    >>> from zoo.base.rig import UDACITY
     >>> frames = {"center": np.full((160, 320, 3), 90, np.uint8)}
     >>> int(Warp(UDACITY, (160, 320))(frames.__getitem__, ["center"], 0.5, 0.02).mean())
     90
@@ -43,7 +44,9 @@ class Warp:
         below = np.minimum(_matrix(rig.cameras["center"])[1] @ rays, 0)
         # Ray of each pixel, and its part below the horizon, which no turn of the car changes.
         self._rays = np.concatenate([rays, below[None]]).astype(np.float32)
-        self._hidden = {camera: _own_car(rig, camera, size).ravel() for camera in rig.cameras}
+        self._hidden = {
+            name: _own_car(camera, size).ravel() for name, camera in rig.cameras.items()
+        }
         self._bonnet = np.flatnonzero(self._hidden["center"])
         # Only the ground is filled in from other cameras: above the horizon all see the same.
         self._is_ground = (below < 0) & ~self._hidden["center"]
@@ -153,9 +156,7 @@ def _matrix(camera: Camera) -> np.ndarray:
     return camera_matrix(camera.pitch_down_deg, camera.yaw_right_deg, camera.roll_deg)
 
 
-def _own_car(rig: Rig, camera: str, size: tuple[int, int]) -> np.ndarray:
-    """Return where a camera sees its own car, bool [H, W]; known for Udacity's only."""
-    if rig != UDACITY:
-        return np.zeros(size, bool)
-    cover = cv2.resize(bonnet_image(camera)[1], size[::-1], interpolation=cv2.INTER_NEAREST)
+def _own_car(camera: Camera, size: tuple[int, int]) -> np.ndarray:
+    """Return where a camera sees its own car, bool [H, W]."""
+    cover = cv2.resize(own_car_cover(camera), size[::-1], interpolation=cv2.INTER_NEAREST)
     return cv2.dilate(np.uint8(cover > 0), np.ones((BONNET_EDGE_PX, BONNET_EDGE_PX), np.uint8)) > 0

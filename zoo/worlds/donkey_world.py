@@ -29,6 +29,7 @@ LEAVING_S = 1.0  # for a simulator to take the last control
 MOST_LINE = 16_000_000  # bytes of a message
 MOST_OLD = 100  # telemetry messages that are skipped for a newer one
 LONGEST_LAP_S = 300.0
+RATE = 20.0  # telemetry messages per second of the Unity program
 BRAKE = {"steering": 0, "throttle": 0, "brake": 1}
 
 Message = dict[str, Any]
@@ -50,6 +51,8 @@ class DonkeyWorld(World):
     Raises:
         InputError: no simulator answers there, or it has no such scene.
     """
+
+    frame_rate = RATE
 
     def __init__(self, address: str, sockets: Any = socket) -> None:
         parts = ADDRESS.fullmatch(address)

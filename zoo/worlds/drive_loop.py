@@ -54,8 +54,7 @@ def drive(
     """
     policy, speed = as_policy(policy), speed or speed_controller(scenario)
     state = world.reset(scenario)
-    for member in policy.members:
-        member.rig = world.rig
+    policy.in_car(world.rig)
     speed.reset()
     policy.reset()
     meter = latency_meter(policy)

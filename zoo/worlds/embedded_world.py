@@ -31,7 +31,7 @@ class EmbeddedWorld(World):
     rig = UDACITY
 
     def __init__(self, simulated: simulator_world.World) -> None:
-        self.simulated = simulated
+        self.simulated, self.frame_rate = simulated, 1 / simulated.frame_s
         self._expert: Expert | None = None
         self._laps = self._longest_s = 0.0
 

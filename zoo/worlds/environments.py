@@ -46,7 +46,8 @@ class EnvironmentWorld(World):
         mapping: Environment | None = None,
         frame_rate: float = 15.0,
     ) -> None:
-        self.environment, self.mapping, self.frame_rate = environment, mapping, frame_rate
+        self.environment, self.mapping = environment, mapping
+        self.frame_rate = (mapping and mapping.frame_rate) or frame_rate
         unwrapped = environment.unwrapped
         self.rig = unwrapped.rig if isinstance(unwrapped, DrivingEnv) else None
 
@@ -124,7 +125,7 @@ class EnvironmentWorld(World):
         self.sources |= {"observation": observation, "info": info}
         self.sources |= {"terminated": terminated, "truncated": truncated}
         known, speed_mph = self.known, self._number(self.known.speed)
-        time_s = self.steps / (known.frame_rate or self.frame_rate)
+        time_s = self.steps / self.frame_rate
         stopped = [self._value(place) for place in known.interventions]
         is_stopped = any(value != "none" and bool(value) for value in stopped)
         lap = self._number(known.lap)

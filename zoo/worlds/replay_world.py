@@ -31,7 +31,7 @@ from datamodules.driving_log import CAMERAS
 from datamodules.image import read_image
 from datamodules.recording import GAP_S, Recording
 from zoo.base.errors import InputError
-from zoo.base.rig import MPS_PER_MPH, UDACITY, Rig
+from zoo.base.rig import MPS_PER_MPH, Rig
 from zoo.drives.drive_record import REPLAY
 from zoo.drives.interventions import INTERVENTION_S
 from zoo.worlds.camera_warp import Warp
@@ -50,14 +50,14 @@ class VirtualCar:
     """A car next to the recorded car, at the same distance along the path; both roll without slip.
 
     Attributes:
+        rig: axles and steering of both cars.
         right_m: distance right of the recorded path at the rear axle, in metres.
         heading_rad: angle to the right of the recorded car's heading, in radians.
-        rig: axles and steering of both cars.
     """
 
+    rig: Rig
     right_m: float = 0.0
     heading_rad: float = 0.0
-    rig: Rig = UDACITY
 
     @property
     def cte_m(self) -> float:
@@ -143,6 +143,7 @@ class ReplayWorld(World):
                 f"recording of {SHORTEST_S:g} s or more, since each intervention counts as "
                 f"{INTERVENTION_S:g} s"
             )
+        self.frame_rate = len(driven_s) / self.driven_s
         self._speed_mps = self.recording.speed_mph * MPS_PER_MPH
         self._warp = cache(partial(Warp, self.rig))
 
@@ -170,7 +171,7 @@ class ReplayWorld(World):
         if margin_m is not None and not 0 < margin_m <= GREATEST_MARGIN_M:
             raise InputError(f"margin={margin_m:g}: must be above 0, up to {GREATEST_MARGIN_M:g} m")
         self.row, self.now_s = 0, 0.0
-        self.car, self.metres = VirtualCar(rig=self.rig), 0.0
+        self.car, self.metres = VirtualCar(self.rig), 0.0
         return self._state()
 
     def frame(self, camera: str = "center") -> np.ndarray:
@@ -199,7 +200,7 @@ class ReplayWorld(World):
 
     def put_back(self, speed_mph: float) -> State:
         """Put the virtual car on the path, at the next row."""
-        self.car = VirtualCar(rig=self.rig)
+        self.car = VirtualCar(self.rig)
         return self._advance(None)
 
     def facts(self, scenario: Scenario) -> dict[str, Any]:
@@ -221,7 +222,7 @@ class ReplayWorld(World):
         row, seconds = self.row, float(self.elapsed_s[self.row])
         self.row += 1
         if math.isnan(seconds):
-            self.car = VirtualCar(rig=self.rig)
+            self.car = VirtualCar(self.rig)
             return self._state(moved=True)
         recorded = float(self.recording.steering[row])
         metres = float(self._speed_mps[row] + self._speed_mps[row + 1]) / 2 * seconds

@@ -13,6 +13,7 @@ from rich.console import Console
 from datamodules.view import FRAME
 from zoo.base.errors import InputError
 from zoo.base.process_pool import Pool, ThisProcess, opened_pool, run_jobs
+from zoo.base.rig import UDACITY
 from zoo.checkpoints.command import Policy
 from zoo.cli.console_progress import progress_bar
 from zoo.drives.drive_record import Drive, DriveRow
@@ -37,6 +38,9 @@ class Keep:
 
     It is entered before the drive, and left after it.
     """
+
+    def begin(self, world: World) -> None:
+        """Take the world of the drive, before its first frame."""
 
     def __enter__(self) -> Any:
         return self
@@ -125,8 +129,10 @@ def check_throttle(policy: Policy, throttle: str) -> None:
     Raises:
         InputError: `throttle` is `network`, and the network predicts none.
     """
-    frame = np.zeros((*FRAME, 3), np.uint8)
-    if throttle == "network" and policy(frame, 0.0).throttle is None:
+    if throttle != "network":
+        return
+    # In any car: only the throttle is asked for.
+    if policy.in_car(UDACITY)(np.zeros((*FRAME, 3), np.uint8), 0.0).throttle is None:
         raise InputError(
             "throttle=network: this network predicts no throttle; train model=nvidia_speed, or use "
             "throttle=hold"
@@ -163,6 +169,7 @@ def _drive_once(
             stack.callback(world.close)
         policy = _policy(driver, world, scenario, speed is None)
         with keep:
+            keep.begin(world)
             driven = drive(policy, world, scenario, keep.show, report, first_only, speed)
             return keep.result(driven, policy, world)
 

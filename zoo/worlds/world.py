@@ -59,9 +59,11 @@ class World(ABC):
 
     Attributes:
         rig: car that is driven; None if it is unknown.
+        frame_rate: frames per second of the world's time, at which a film plays.
     """
 
     rig: Rig | None = None
+    frame_rate: float = Scenario.frame_rate
 
     @abstractmethod
     def reset(self, scenario: Scenario) -> State:

@@ -113,6 +113,18 @@ def test_no_other_bonnet_is_smeared_over_the_road():
     assert warped.max() == 90
 
 
+def test_the_own_car_of_any_rig_stays_where_the_camera_sees_it():
+    bonnet = ((0, 480), (0, 400), (640, 400), (640, 480))
+    camera = Camera(0.0, 1.4, 0.4, size=(640, 480), own_car=(bonnet,))
+    frame = np.random.default_rng(0).integers(0, 256, (240, 320, 3), np.uint8)
+    warp = Warp(single_camera_rig("car", camera, 2.85, 30.0), (240, 320))
+
+    warped = warp(lambda _: frame, ["center"], 0.5, 0.1)
+
+    same = (warped == frame).all((1, 2))
+    assert np.flatnonzero(same).tolist() == list(range(198, 240))
+
+
 @pytest.mark.parametrize("stretched", [(480, 640), (240, 640)])
 def test_the_ground_moves_by_the_rigs_own_camera(stretched):
     """A point that a camera 1.4 m above it sees 10 m ahead moves by f / 10 for a metre aside."""

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import imageio_ffmpeg
 import numpy as np
 import pytest
 from gymnasium import spaces
@@ -133,6 +134,14 @@ def test_a_drive_is_recorded_without_the_frames_of_its_interventions(tmp_path: P
     assert set(recording.brake) == {0.5}
     assert recording.image(0).shape == (8, 12, 3)
     assert other_car(recording) == "small", "the embedded tracks show another camera"
+
+
+def test_a_film_plays_at_the_environments_own_rate(tmp_path: Path) -> None:
+    Path("small.yaml").write_text(MAPPED + ROAD)
+    scenario = Scenario(world="small.yaml", throttle="network")
+    all_drives(as_policy(lambda frame, mph: (0.1, -0.5)), [scenario], KeptDrive(tmp_path / "a", 1))
+    meta = next(imageio_ffmpeg.read_frames(str(tmp_path / "a/film.mp4")))
+    assert meta["fps"] == 10
 
 
 @pytest.mark.parametrize(

@@ -109,7 +109,7 @@ def test_a_recording_of_the_centre_camera_alone_will_do(tmp_path):
 
 @given(besides=st.floats(-0.3, 0.3), metres=st.floats(0.1, 6))
 def test_on_a_straight_path_the_car_drives_the_circle_of_its_steering(besides, metres):
-    car = VirtualCar()
+    car = VirtualCar(UDACITY)
     radius = 1 / UDACITY.curvature(besides) if abs(besides) > 1e-6 else math.inf
     car.step(besides, 0.0, metres, 200)
     if math.isinf(radius):
@@ -125,7 +125,7 @@ def test_a_car_outside_of_a_bend_with_its_radius_stays_beside_the_path():
     recorded = 0.2
     radius = 1 / UDACITY.curvature(recorded)
     own = math.degrees(math.atan(2.87 / (radius + 0.5))) / 25  # half a metre farther outside
-    car = VirtualCar(right_m=-0.5)
+    car = VirtualCar(UDACITY, right_m=-0.5)
 
     car.step(own, recorded, 40.0, 400)
 
