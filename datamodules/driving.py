@@ -118,17 +118,11 @@ class DrivingData(lightning.LightningDataModule):
                 convert(f"data.{key}", kinds[key], given[key])
             except UsageError as error:  # exit status 1, as of any other value of the config
                 raise InputError(error) from None
-        roots = 1 if isinstance(root, str) else len(root)
-        if weights is not None and not _are_weights(weights, roots):
-            raise InputError(
-                f"data.weights={weights} is not null, or a list of {roots} numbers above 0, one "
-                "for each recording of data.root"
-            )
         camera_numbers(cameras)
         self.windows = Windows(sequence or 1, stride or 1, ahead or 0)
         self.root, self.view = root, view
         self.read = ReadOptions(**read)
-        self.weights = None if weights is None else np.array(weights, float)
+        self.weights = weights
         self.cameras, self.offset, self.recover_s = list(cameras), offset, recover_s
         self.label_kind: str = label
         self.flip, self.batch_size, self.workers, self.seed = flip, batch_size, workers, seed
@@ -157,6 +151,12 @@ class DrivingData(lightning.LightningDataModule):
     def load(self, console: Console) -> None:
         """Read the recordings, decode images that are not cached, and split the rows."""
         recording = read_recordings(self.root, **vars(self.read))
+        count = len(recording.names)
+        if self.weights is not None and not _are_weights(self.weights, count):
+            raise InputError(
+                f"data.weights={self.weights} is not null, or a list of {count} numbers above 0, "
+                "one for each recording of data.root"
+            )
         if size := recording.frame_size():
             self.view = replace(self.view, frame=size)
         # Validation and test always use the centre camera.
@@ -205,16 +205,15 @@ class DrivingData(lightning.LightningDataModule):
         )
         if self.weights is not None:
             number = recording.recording[self.samples.row]
-            self.balance["weights"] = self.weights[number]
+            self.balance["weights"] = np.array(self.weights, float)[number]
         if views.shards:
             shard = views.file[self.samples.row, self.samples.camera]
             self.balance |= {"shard": shard, "window_shards": self.window_shards}
         count = self.balance["samples_per_epoch"] or len(self.samples)
         if self.batch_size > count:
-            raise InputError(
-                f"data.batch_size={self.batch_size} is larger than the {count} training samples; "
-                f"set data.batch_size={count} or less"
-            )
+            line = f"data.batch_size={self.batch_size}: there are {count} training samples"
+            console.print(f"{line}, which are one batch", highlight=False)
+            self.batch_size = count
         next(iter(self.sampler()))  # to report a wrong straight_cap now
 
     def sampler(self, rank: int = 0, world: int = 1) -> BalancedBatches:

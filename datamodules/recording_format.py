@@ -128,7 +128,7 @@ def read_recording(path: Path, options: ReadOptions) -> tuple[str, Recording]:
     rig = read_rig(Path(options.rig).expanduser()) if options.rig else find_rig(folder)
     if rig is None and read_source(recording.names):
         return name, replace(recording, rig=None)  # converted: the log's format is not the car's
-    return name, replace(recording, rig=rig) if rig else recording
+    return name, replace(recording, rig=rig, rigs=()) if rig else recording
 
 
 def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
@@ -155,10 +155,11 @@ def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
     joined: dict[str, Any] = {
         name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns
     }
-    joined["recording"] = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-    rigs = [part.rig for part in parts]
+    rigs = [rig for part in parts for rig in part.each_rig]
+    first = itertools.accumulate((len(part.names) for part in parts[:-1]), initial=0)
+    joined["recording"] += np.repeat(list(first), [len(part) for part in parts])
     whole = Recording(
-        names=tuple(part.names[0] for part in parts),
+        names=tuple(name for part in parts for name in part.names),
         bad_images=tuple(line for part in parts for line in part.bad_images),
         bad_rows=tuple(line for part in parts for line in part.bad_rows),
         rig=rigs[0] if rigs.count(rigs[0]) == len(rigs) else None,

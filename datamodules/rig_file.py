@@ -3,7 +3,7 @@
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -59,8 +59,13 @@ def read_rig(path: Path) -> Rig:
     Raises:
         InputError: the file is missing or damaged, or a number is impossible for a car.
     """
+    return make_rig(read_yaml(path), path)
+
+
+def make_rig(found: Any, path: object) -> Rig:
+    """Return the rig of a file's contents; see `read_rig`."""
     try:
-        fields = RigFields.model_validate(read_yaml(path))
+        fields = RigFields.model_validate(found)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"])) or "the file"
@@ -76,10 +81,10 @@ def read_rig(path: Path) -> Rig:
     return rig
 
 
-def write_rig(folder: Path, rig: Rig) -> None:
-    """Write the rig's file beside a recording; JSON is YAML."""
+def rig_fields(rig: Rig) -> dict[str, Any]:
+    """Return the contents of a rig's file."""
     centre, right = rig.cameras["center"], rig.cameras.get("right")
-    fields = {
+    return {
         "name": rig.name,
         "camera": asdict(centre),
         "wheelbase_m": rig.wheelbase_m,
@@ -87,7 +92,12 @@ def write_rig(folder: Path, rig: Rig) -> None:
         "side_m": right and right.right_m - centre.right_m,
         "guesses": rig.guesses,
     }
-    (folder / RIG_NAME).write_text(json.dumps(fields, indent=2) + "\n", encoding="utf-8")
+
+
+def write_rig(folder: Path, rig: Rig) -> None:
+    """Write the rig's file beside a recording; JSON is YAML."""
+    text = json.dumps(rig_fields(rig), indent=2) + "\n"
+    (folder / RIG_NAME).write_text(text, encoding="utf-8")
 
 
 def find_rig(folder: Path) -> Rig | None:

@@ -1,8 +1,10 @@
 """Shards of images that LitData writes, and a Parquet file of labels, in a folder or at an address.
 
-A shard holds the images of neighbouring rows, those of all cameras.
+A shard holds the images of neighbouring rows, those of all cameras. The recordings that were
+converted stay apart, each with its rig.
 """
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,16 +17,20 @@ from datamodules.formats.recording_writer import Converted, left_out_note, repor
 from datamodules.image import Stored, StoredImage, encode_image, find_fault
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording, keep_valid, make_recording
+from datamodules.rig_file import make_rig, rig_fields
 from datamodules.shard_store import EXTRA, INDEX, REMEDY, ShardStore, is_address
 from datamodules.stretches import complete_times, find_breaks
+from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
-from zoo.base.rig import UDACITY
+from zoo.base.rig import UDACITY, Rig
 
 title = "shards"
 LABELS = "labels.parquet"
 NUMBERS = ("steering", "throttle", "brake", "speed_mph", "time_s")
-RIG = "udacity_rig"  # 1 in rows of Udacity's cameras and car, else 0
+RECORDING = "recording"  # number of the recording in `RIGS`, from 0
+MOST_RECORDINGS = 10_000
+RIGS = "rigs.json"  # of each recording: contents of rig.yaml, `udacity`, or null if it is unknown
 
 
 def detect(path: Path) -> bool:
@@ -41,7 +47,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
     cache = Path(options.cache).expanduser() if options.cache else None
     store = ShardStore(path, cache, int(options.cache_gb * 1e9))
     labels = store.fetch(LABELS)
-    columns = [*NUMBERS, *CAMERAS, RIG]
+    rigs = _read_rigs(store)
+    columns = [*NUMBERS, *CAMERAS, RECORDING]
     table = read_table(labels, columns)
     counts = np.array(list(store.images.values()))
     files = [f"{store.place}/{name}" for name in store.images]
@@ -64,10 +71,15 @@ def read(path: Path, options: ReadOptions) -> Recording:
         path,
         {name: table[name] for name in NUMBERS},
         images,
-        places=np.array([f"{place}, row {row + 1}" for row in range(len(table[RIG]))], object),
-        rig=UDACITY if (table[RIG] == 1).all() else None,
+        places=np.array([f"{place}, row {row + 1}" for row in range(len(number))], object),
+        recording=table[RECORDING].astype(np.int64),
     )
-    recording = replace(recording, names=(store.place,))
+    if not np.isin(recording.recording, range(len(rigs))).all():
+        raise InputError(f"{place}: has rows of recordings that {RIGS} lacks; {REMEDY}")
+    rig = rigs[0] if rigs.count(rigs[0]) == len(rigs) else None
+    several = [f"{store.place}#{one + 1}" for one in range(len(rigs))]
+    names = tuple(several) if len(rigs) > 1 else (store.place,)
+    recording = replace(recording, names=names, rig=rig, rigs=rigs)
     return keep_valid(recording, BadRows(options.on_bad_row))
 
 
@@ -119,12 +131,23 @@ def export_shards(
         kept = recording.keep(good)
         columns = {name: getattr(kept, name) for name in NUMBERS} | {"time_s": times[good]}
         columns |= {camera: item[good, number] for number, camera in enumerate(CAMERAS)}
-        columns[RIG] = np.full(len(kept), int(recording.rig == UDACITY))
+        columns[RECORDING] = kept.recording
         pyarrow.parquet.write_table(pyarrow.table(columns), part / LABELS)
+        rigs = [
+            UDACITY.name if rig == UDACITY else rig and rig_fields(rig)
+            for rig in recording.each_rig
+        ]
+        (part / RIGS).write_text(json.dumps(rigs, indent=2) + "\n", encoding="utf-8")
     notes = left_out_note(left_out, "their image is damaged")
-    if recording.rig != UDACITY:
-        notes.append("the shards do not hold the car's rig; name it in training: data.rig=FILE")
     return Converted(out, len(kept), 1 + int(find_breaks(kept).sum()), tuple(notes))
+
+
+def _read_rigs(store: ShardStore) -> tuple[Rig | None, ...]:
+    found, place = read_json(store.fetch(RIGS)), f"{store.place}/{RIGS}"
+    if not isinstance(found, list) or not 0 < len(found) <= MOST_RECORDINGS:
+        raise InputError(f"{place}: is no list of 1 to {MOST_RECORDINGS:,} rigs; {REMEDY}")
+    known = [UDACITY if one == UDACITY.name else one for one in found]
+    return tuple(one if one in (None, UDACITY) else make_rig(one, place) for one in known)
 
 
 def _encoded(stored: Stored, quality: int) -> bytes:

@@ -12,6 +12,7 @@ from datamodules.edited_recording import write_edited
 from datamodules.formats.donkeycar import export_tub
 from datamodules.formats.lerobot_export import export_lerobot
 from datamodules.formats.recording_writer import convert_to_recording
+from datamodules.formats.shards import export_shards
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.recording_edits import Edits
@@ -278,10 +279,15 @@ def edited(source: Recording, out: Path) -> None:
     write_edited(source, Edits(len(source)), out)
 
 
-@pytest.mark.parametrize("copy", [edited, export_lerobot, export_tub, convert_to_recording])
+COPIES = [edited, export_lerobot, export_tub, export_shards, convert_to_recording]
+
+
+@pytest.mark.parametrize("copy", COPIES)
 def test_a_copy_of_another_cars_recording_is_of_that_car(copy: Callable, tmp_path: Path) -> None:
-    if copy is export_lerobot:
-        pytest.importorskip("pyarrow")
+    for needed in {export_lerobot: ["pyarrow"], export_shards: ["pyarrow", "litdata"]}.get(
+        copy, []
+    ):
+        pytest.importorskip(needed)
     folder = foreign.deeppicar(tmp_path / "recording")
     original = read_recordings(str(folder))
     copy(folder if copy is convert_to_recording else original, tmp_path / "copy")

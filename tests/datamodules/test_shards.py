@@ -18,6 +18,7 @@ from datamodules.formats.shards import LABELS, export_shards
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.samples import make_samples
+from tests.foreign_recordings import deeppicar, jetracer
 from tests.recordings import Written, write_recording
 from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config
@@ -127,6 +128,27 @@ def test_labels_come_back_to_the_bit_and_images_as_they_were_stored(
         assert after.stored(row, camera) == before.stored(row, camera)
     assert after.rig == before.rig
     assert len(list(shards.glob("*.bin"))) > 20
+
+
+def test_recordings_of_different_cars_stay_apart(source: Written, tmp_path: Path) -> None:
+    roads = [str(source.folder), str(deeppicar(tmp_path / "a")), str(jetracer(tmp_path / "b"))]
+    before = read_recordings(roads)
+    export_shards(before, tmp_path / "shards")
+    after = read_recordings(str(tmp_path / "shards"))
+    assert after.rigs == before.rigs
+    assert len(set(after.rigs)) == 3
+    np.testing.assert_array_equal(after.recording, before.recording)
+    both = read_recordings([str(tmp_path / "shards"), roads[1]])
+    assert both.each_rig == (*before.rigs, before.rigs[1])
+    assert both.recording[-1] == 3
+
+
+@pytest.mark.parametrize("rigs", ["[]", "{}", '["mine"]', '[null, {"name": 3}]', "[null]"])
+def test_damaged_rigs_are_one_line(rigs: str, source: Written, tmp_path: Path) -> None:
+    export_shards(read_recordings([str(source.folder)] * 2), tmp_path / "shards")
+    (tmp_path / "shards/rigs.json").write_text(rigs)
+    with pytest.raises(InputError, match=r"rigs\.json"):
+        read_recordings(str(tmp_path / "shards"))
 
 
 def test_litdata_itself_reads_the_shards(shards: Path) -> None:

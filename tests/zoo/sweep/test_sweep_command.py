@@ -91,22 +91,24 @@ def test_a_killed_sweep_resumes_where_it_stopped(recorded: Written, here: Path) 
 
 
 def test_the_same_command_runs_failed_jobs_again(recorded: Written, here: Path) -> None:
-    overrides = ("data.batch_size=100000,16", "trainer.max_epochs=1")
+    overrides = ("data.straight_threshold=2.0,0.1", "trainer.max_epochs=1")
     result = sweep(recorded, *overrides)
-    assert "1 of 2 jobs failed: 0: data.batch_size=100000" in only_line(result, 1)
+    assert "1 of 2 jobs failed: 0: data.straight_threshold=2.0" in only_line(result, 1)
     jobs = [line for line in result.stdout.splitlines() if line.startswith("job ")]
     assert re.fullmatch(
-        r"job 0 \(0 to 1\): data.batch_size=100000: failed: .*larger than the.*", jobs[0]
+        r"job 0 \(0 to 1\): data.straight_threshold=2.0: failed: .*cannot be held.*", jobs[0]
     )
-    assert re.fullmatch(r"job 1 \(0 to 1\): data.batch_size=16: finished in \d+ s, .*", jobs[1])
+    assert re.fullmatch(
+        r"job 1 \(0 to 1\): data.straight_threshold=0.1: finished in \d+ s, .*", jobs[1]
+    )
     assert "train/loss" not in result.stdout, "one line a job"
     (folder,) = here.glob("outputs/sweeps/*/*")
     assert [status(folder / name) for name in "01"] == ["failed", "finished"]
     assert "train/loss" in (folder / "1" / "log.txt").read_text()
     second = (folder / "1" / "metrics.json").read_bytes()
     record = read_record(folder)
-    sizes = [next(one for one in job if "batch_size" in one) for job in record.jobs]
-    assert sizes == ["data.batch_size=100000", "data.batch_size=16"]
+    sizes = [next(one for one in job if "straight_threshold" in one) for job in record.jobs]
+    assert sizes == ["data.straight_threshold=2.0", "data.straight_threshold=0.1"]
     assert list(record.data) == [str(recorded.folder)]
 
     again = sweep(recorded, *overrides[::-1])  # the order does not matter
