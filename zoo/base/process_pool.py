@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
 import threading
@@ -20,7 +21,7 @@ import numpy as np
 
 from zoo.base.child_process import wait_for_parent
 from zoo.base.cores import usable_cores
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, UsageError
 
 Result = TypeVar("Result")
 LOOK_S = 0.2  # seconds between two updates of the progress
@@ -78,13 +79,22 @@ class ProcessPool:
             function: function at the top level of a module; it may call `report(share)` with the
                 share of the job that is done, 0..1.
             arguments: arguments that can be pickled.
+
+        Raises:
+            UsageError: an argument cannot be pickled, such as an object of a script's own class.
         """
         number, others = self._submitted, {*multiprocessing.active_children()}
         try:
             with _hidden_script(), _held_interrupt():
-                future = self._executor.submit(_run, number, function, arguments)
+                job = pickle.dumps((function, arguments))
+                future = self._executor.submit(_run, number, job)
         except BrokenProcessPool:
             raise self._killed() from None
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise UsageError(
+                f"{self.key}={self.processes}: {error}; define it in a module that your script "
+                f"imports, or set {self.key}=1"
+            ) from None
         self._children |= {*multiprocessing.active_children()} - others
         self._numbers[future] = number
         self._submitted += 1
@@ -267,8 +277,9 @@ def _end_after(parent: int) -> None:
     os._exit(1)
 
 
-def _run(number: int, function: Callable, arguments: tuple) -> Any:
-    """Run a job in a process of a pool; send at most five shares a second."""
+def _run(number: int, job: bytes) -> Any:
+    """Run a pickled job in a process of a pool; send at most five shares a second."""
+    function, arguments = pickle.loads(job)  # of the process that started this one
     next_s = 0.0
 
     def report(share: float) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from tests.zoo.commands import ROOT, environment
 from zoo.base import cores, process_pool
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, UsageError
 from zoo.base.process_pool import Pool, opened_pool, run_jobs
 
 
@@ -33,6 +33,12 @@ def run_all(function: Callable, jobs: list[tuple], workers: int, **more: Any) ->
 def half(number: int, report: Callable[[float], None]) -> tuple[float, int]:
     """Return at once, in place of a drive."""
     return number / 2, os.getpid()
+
+
+def test_what_cannot_be_sent_to_a_process_is_one_line_with_the_remedy() -> None:
+    pools = opened_pool(2, most=2)
+    with pools as pool, pytest.raises(UsageError, match=r"^workers=2: .*lambda.*a module that"):
+        list(run_jobs(pool, half, [(lambda: 1,), (2,)]))
 
 
 def end(number: int, report: Callable[[float], None]) -> None:
