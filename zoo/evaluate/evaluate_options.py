@@ -1,12 +1,13 @@
 """Keys of `drivezoo evaluate` and their checks."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Literal
 
 from pydantic import Field
 
+from datamodules.read_options import ReadOptions
 from simulator.world_settings import WorldSettings
+from zoo.base.command_keys import Section
 from zoo.base.errors import InputError, UsageError
 from zoo.runs.table_files import ResultFiles, TableFiles
 from zoo.worlds.cluster_pool import Executor
@@ -85,10 +86,8 @@ class ReplayOptions(TableFiles):
             NVIDIA's, or the height of the camera where that is less, as on a toy car.
         frame_rate: rows per second, for image names without a time; null: read from the names.
         speed: mph in each row, for a recording without speed; null: as recorded.
-        format: name of the format; null: found by the names of the files, or as in the training.
-        steering: what the numbers mean, {unit: deg, full: 540, right: positive}; null: as in the
-            training, if the network was trained on this recording, or as the format says.
-        rig: file of the car's rig; null: rig.yaml beside the recording, or as the format says.
+        data: see `ReadOptions`; not given: as in the training, if the network was trained on this
+            recording.
         frames: true: keep the frames that the network saw, for drivezoo film.
         out: output folder; null: named by date and time.
     """
@@ -96,9 +95,7 @@ class ReplayOptions(TableFiles):
     margin: Annotated[float, Field(gt=0, le=2)] | None = None
     frame_rate: float | None = None
     speed: ReplayMph | None = None
-    format: str | None = None
-    steering: str | Mapping[str, Any] | None = None
-    rig: str | None = None
+    data: Annotated[ReadOptions, Section()] = field(default_factory=ReadOptions)
     frames: bool = False
     out: str | None = None
 

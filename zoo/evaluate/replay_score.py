@@ -163,8 +163,7 @@ def read_as_trained(policy: Policy, folder: str, options: ReplayOptions) -> dict
     said: dict[str, Any] = {}
     if isinstance(root, str) and Path(root).expanduser().resolve() == Path(folder).resolve():
         said = said_in(data)
-    typed = {key: getattr(options, key) for key in ("format", "steering", "rig")}
-    return said | {key: value for key, value in typed.items() if value is not None}
+    return said | options.data.given()
 
 
 def keyboard_lines(recording: Recording, on_track: bool) -> list[str]:

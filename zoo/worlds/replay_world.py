@@ -126,7 +126,7 @@ class ReplayWorld(World):
         if recording.rig is None:
             raise InputError(
                 f"{names}: the rig is unknown, so that it cannot be replayed; describe camera and "
-                "car in rig.yaml beside it, or in rig=FILE (data.rig=FILE in a training)"
+                "car in rig.yaml beside it, or in data.rig=FILE"
             )
         self.rig, self.stretches, self.speed_mph = recording.rig, stretches, speed_mph
         self.recording = with_speed(recording, speed_mph)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from datamodules.read_options import ReadOptions
 from datamodules.recording_format import read_recordings
 from datamodules.split import split_rows
 from tests.recordings import Written, write_recording
@@ -153,11 +154,9 @@ def test_a_replay_reads_a_recording_as_in_training_unless_the_user_says_otherwis
     trained.config = {"data": {"root": "drives", "format": "table", "steering": "{unit: rad}"}}
 
     def said(folder: str, **typed: str) -> dict:
-        return read_as_trained(trained, folder, ReplayOptions(**typed))
+        return read_as_trained(trained, folder, ReplayOptions(data=ReadOptions(**typed)))
 
     assert said("drives") == {"format": "table", "steering": "{unit: rad}"}
     assert said("drives", steering="{unit: deg}") == {"format": "table", "steering": "{unit: deg}"}
-    assert said("others", rig="my.yaml", format="udacity") == {
-        "rig": "my.yaml",
-        "format": "udacity",
-    }
+    table = {"rig": "my.yaml", "format": "table", "columns": "{image: path, steering: angle}"}
+    assert said("others", **table) == table
