@@ -20,7 +20,7 @@ from datamodules.formats.labels import decimal, read_csv
 from datamodules.image import read_image
 from datamodules.recording import Recording, file_name
 from datamodules.recording_format import read_recordings
-from datamodules.split import rows_per_second, split_rows
+from datamodules.split import KINDS, rows_per_second, split_rows
 from datamodules.stretches import find_breaks
 from zoo.base.bounded_files import open_text
 from zoo.base.errors import InputError, UsageError
@@ -194,19 +194,30 @@ def scored_rows(policy: Policy, recording: Recording, split: str | None) -> np.n
 
     Raises:
         InputError: the split's file is wrong.
-        UsageError: the network was trained on the recording, and no split is named.
+        UsageError: the network was trained on the recording, and no split is named, or one of whose
+            test rows it was trained on some.
     """
-    if split is not None:
-        rows = split_rows(recording, split, val_share=0, test_share=0).test
-        if not len(rows):
-            raise InputError(f"{split}: has no test rows of this recording; name another split=")
-        return rows
-    if policy.data.get("fingerprint") == recording.fingerprint():
-        raise UsageError(
-            "this network was trained on frames of the test; score it on those that it did not "
-            "see: split=RUN/split.csv"
-        )
-    return np.arange(len(recording))
+    is_trained_on = policy.data.get("fingerprint") == recording.fingerprint()
+    if split is None:
+        if is_trained_on:
+            raise UsageError(
+                "this network was trained on frames of the test; score it on those that it did not "
+                "see: split=RUN/split.csv"
+            )
+        return np.arange(len(recording))
+    rows = split_rows(recording, split, val_share=0, test_share=0).test
+    if not len(rows):
+        raise InputError(f"{split}: has no test rows of this recording; name another split=")
+    said = policy.config.get("data", {})
+    if is_trained_on and said.get("split") in KINDS:
+        own = {key: said[key] for key in ("val_share", "test_share", "block_s", "gap_s")}
+        train = split_rows(recording, said["split"], **own, seed=said["split_seed"]).train
+        if seen := np.isin(rows, train).sum():
+            raise UsageError(
+                f"{split}: the network was trained on {seen:,} of its {len(rows):,} test rows; "
+                "name the split.csv of the network's own run"
+            )
+    return rows
 
 
 def car_of(policy: Policy, test: OfficialTest, name: str) -> Rig:

@@ -9,6 +9,7 @@ import pytest
 
 import drivezoo
 from datamodules.recording_format import read_recordings
+from datamodules.split import split_rows, write_split
 from tests.foreign_recordings import challenge2_test
 from zoo.base.errors import InputError, UsageError
 from zoo.checkpoints.command import Command, Policy
@@ -101,6 +102,19 @@ def test_a_network_of_these_frames_needs_a_split(folder: Path, tmp_path: Path) -
     (tmp_path / "split.csv").write_text("".join(["image,part\n", *rows]))
     result = drivezoo.challenge(policy, folder, split=tmp_path / "split.csv", out=tmp_path / "out")
     assert result.frames == 4
+
+
+def test_a_split_of_another_run_is_refused(folder: Path, tmp_path: Path) -> None:
+    recording, policy = read_recordings(str(folder)), RightHalf()
+    shares = {"val_share": 0.1, "test_share": 0.3}
+    trained = {"split": "random", "split_seed": 0, "block_s": None, "gap_s": None, **shares}
+    policy.data, policy.config = {"fingerprint": recording.fingerprint()}, {"data": trained}
+    for seed in (0, 1):
+        found = split_rows(recording, "random", seed=seed, **shares)
+        write_split(tmp_path / f"{seed}.csv", recording, found)
+    assert drivezoo.challenge(policy, folder, split=tmp_path / "0.csv", out=tmp_path / "out").frames
+    with pytest.raises(UsageError, match=r"1\.csv: .*trained on \d+ of its \d+ test rows"):
+        drivezoo.challenge(policy, folder, split=tmp_path / "1.csv", out=tmp_path / "out")
 
 
 def test_a_car_whose_steering_range_is_unknown_is_refused(folder: Path) -> None:
