@@ -14,6 +14,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
+from multiprocessing.reduction import ForkingPickler
 from types import ModuleType
 from typing import Any, Protocol, TypeVar
 
@@ -86,7 +87,7 @@ class ProcessPool:
         number, others = self._submitted, {*multiprocessing.active_children()}
         try:
             with _hidden_script(), _held_interrupt():
-                job = pickle.dumps((function, arguments))
+                job = bytes(ForkingPickler.dumps((function, arguments)))  # also sockets
                 future = self._executor.submit(_run, number, job)
         except BrokenProcessPool:
             raise self._killed() from None
