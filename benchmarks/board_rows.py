@@ -18,6 +18,8 @@ from zoo.runs.metrics_file import read_metrics_file
 
 Row = dict[str, object]
 SUITE = "v1"  # of the board
+# The last epoch: no drive chooses it, and a score of the training does not change it.
+CHECKPOINT = "last.ckpt"
 FIGURES = ("autonomy", "m_per_intervention", "without_intervention", "cte_mean_m", "steering_per_s")
 GROUPS = ("like", "sharp", "looks", "dynamics", "laps")  # of the board's roads
 
@@ -28,7 +30,7 @@ def board_rows(study: Study, entry: Entry) -> list[Row]:
     Raises:
         InputError: the drives failed, or a checkpoint was trained on other rows.
     """
-    drivers = [str(run / "checkpoints" / "best.ckpt") for run in entry.finished] or [entry.name]
+    drivers = [str(run / "checkpoints" / CHECKPOINT) for run in entry.finished] or [entry.name]
     suite = study.options.suite
     folder = entry.folder / f"{Path(suite).stem}-{len(drivers)}"
     if not (folder / "result.json").is_file():
