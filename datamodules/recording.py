@@ -15,6 +15,7 @@ from datamodules.image import Stored, read_image, read_stored
 from zoo.base.rig import Rig
 
 LOG_NAME, IMAGE_FOLDER = "driving_log.csv", "IMG"
+LABEL_DECIMALS = 6  # of a fingerprint
 GAP_S = 1.0  # a longer time between two rows is a gap in the recording
 LAST_S = 253_402_300_800.0  # 10000-01-01: image names have four digits for the year
 
@@ -158,10 +159,14 @@ class Recording:
         return f"{log}, row {self.line[row]}"
 
     def fingerprint(self) -> str:
-        """Return 16 hex digits of labels and image names, the same wherever the folder is."""
+        """Return 16 hex digits of labels and image names, the same wherever the folder is.
+
+        The labels are rounded: the expert's zeros are 1e-16 with other digits on another processor.
+        """
         digest = hashlib.sha256()
         for name in ("steering", "throttle", "brake", "speed_mph", "recording"):
-            digest.update(np.ascontiguousarray(getattr(self, name)).tobytes())
+            rounded = np.round(getattr(self, name), LABEL_DECIMALS) + 0  # no negative zeros
+            digest.update(np.ascontiguousarray(rounded).tobytes())
         names = (os.path.basename(str(path)) if path else "" for path in self.images.flat)  # noqa: PTH119
         digest.update("\n".join(names).encode())
         return digest.hexdigest()[:16]

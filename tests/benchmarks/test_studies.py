@@ -20,7 +20,7 @@ from zoo.benchmark.result import NEEDED, BenchmarkResult, write_result
 from zoo.input_search.combinations import CROPS, SCALES
 
 ROOT = Path(__file__).parents[2]
-FINGERPRINT = "447ba1b97b686b27"
+FINGERPRINT = "d799b34fbcd58066"
 CLAIM = {
     "recipe": "C",
     "experiment": "tiny41",
