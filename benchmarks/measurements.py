@@ -1,6 +1,7 @@
 """Measurements that the manual quotes: `python benchmarks/measurements.py NAME ...`.
 
-Each is a function: of policies, of recordings and the storage of images, of the embedded world.
+Each is a function: of intervals, of policies, of recordings and the storage of images, of the
+embedded world.
 """
 
 import json
@@ -19,6 +20,7 @@ import numpy as np
 import torch
 from scipy.stats import spearmanr
 
+from benchmarks.coverage import coverage
 from benchmarks.material import OUT, linked_recording, pictures
 from benchmarks.measuring import print_table, run_named
 from datamodules.image import decode_image, read_image
@@ -316,4 +318,4 @@ def expert(*tracks: str) -> None:
 
 
 if __name__ == "__main__":
-    run_named(doubt, expert, formats, replays, roads, storage, tub)
+    run_named(coverage, doubt, expert, formats, replays, roads, storage, tub)

@@ -19,6 +19,7 @@ from zoo.benchmark.benchmark_options import BenchmarkOptions
 from zoo.benchmark.checked_result import read_result
 from zoo.benchmark.drives import UNFINISHED, FinishedDrives, drive_suite, find_drivers
 from zoo.benchmark.result import (
+    ANALYSIS,
     VERSION,
     BenchmarkResult,
     Driver,
@@ -26,8 +27,8 @@ from zoo.benchmark.result import (
     digest_of_drives,
     write_result,
 )
-from zoo.benchmark.suite import LAPS, read_suite
-from zoo.benchmark.summary import FIGURES, outside_metrics, summarize_drives
+from zoo.benchmark.suite import OVERALL, read_suite
+from zoo.benchmark.summary import FIGURES, drives_of, outside_metrics, summarize_drives
 from zoo.drives.metrics import DRIVES, METRICS
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.page import Page
@@ -38,10 +39,10 @@ from zoo.verdict.evidence import other_car_line
 from zoo.worlds.run_drives import load_kept
 
 PAGE = "benchmark.html"
-SHORT = ("autonomy", "m_per_intervention", "cte_mean_m")
+SHORT = ("interventions_per_km", "without_intervention", "autonomy")
 INTERVALS = (
-    "95 % interval. Means: bootstrap over roads and training seeds; counts: exact Poisson and "
-    "Wilson. Fewer than 3 roads: no interval."
+    "95 % interval for new roads of the families and, with several training seeds, for new "
+    "trainings; of one training alone with one. Fewer than 3 roads: no interval."
 )
 CAPTION = f"Below or behind each figure: its {INTERVALS}"
 
@@ -75,9 +76,9 @@ class Benchmarked(Result):
         return cls(path if path.is_dir() else path.parent, read_result(path), [])
 
     @property
-    def headline(self) -> Interval:
-        """Return the interquartile mean of the autonomy over all roads but the laps."""
-        return self.result.headline
+    def overall(self) -> dict[str, Interval]:
+        """Return the figures of all groups but the laps; of the laps where there are no others."""
+        return overall(self.result)
 
     @property
     def problem(self) -> str:
@@ -90,7 +91,7 @@ class Benchmarked(Result):
 
     def __repr__(self) -> str:
         name = f"{self.result.entry}, suite {self.result.suite}"
-        return f"Benchmarked in {self.folder}: {name}\n  {headline_line(self.result)}"
+        return f"Benchmarked in {self.folder}: {name}\n  {overall_line(self.result)}"
 
     def show(self) -> None:
         """Print the figures, the marks that are reached, and what was written."""
@@ -145,6 +146,7 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
             ) from None
         result = BenchmarkResult(
             version=VERSION,
+            analysis=ANALYSIS,
             suite=suite.name,
             roads=suite.roads,
             code=code,
@@ -174,7 +176,7 @@ def write_entry(folder: Path, result: BenchmarkResult) -> list[Path]:
     page = Page(Path(__file__).with_name("static") / PAGE).render(
         title=f"{result.entry}, suite {result.suite}",
         result=result,
-        lead=headline_line(result),
+        lead=overall_line(result),
         groups=groups_table(result),
         differences=difference_lines(result),
         caption=CAPTION,
@@ -187,7 +189,7 @@ def write_entry(folder: Path, result: BenchmarkResult) -> list[Path]:
 def groups_table(result: BenchmarkResult) -> Table:
     """Return a row for each group of roads."""
     groups = result.groups.values()
-    counts = [len(result.of_group(name)) for name in result.groups]
+    counts = [len(drives_of(result.drives, name)) for name in result.groups]
     columns = [
         Column("group", "group", list(result.groups)),
         Column("drives", "drives", list(map(str, counts)), {"drives": counts}),
@@ -205,14 +207,14 @@ def groups_table(result: BenchmarkResult) -> Table:
 
 
 def print_result(result: BenchmarkResult, console: Console) -> None:
-    """Print the main figures of each group, the differences, headline and digest."""
+    """Print the main figures of each group and of all, the differences, and the digest."""
     shown = groups_table(result).short().narrow()
     cells = [replace(one, heading=printable(one.heading)) for one in shown.columns]
     title = printable(f"{result.entry}, suite {result.suite}")
     style = {"title": Text(title), "caption": CAPTION, "caption_justify": "left"}
     console.print(Table(cells).printed(left=1, box=SIMPLE_HEAD, pad_edge=False, **style))
     digest = f"digest of the drives: {result.digest}"
-    for line in (*difference_lines(result), headline_line(result), digest):
+    for line in (*difference_lines(result), overall_line(result), digest):
         console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
 
 
@@ -228,15 +230,24 @@ def difference_lines(result: BenchmarkResult) -> list[str]:
     return lines
 
 
-def headline_line(result: BenchmarkResult) -> str:
-    """Return the headline as a sentence."""
+def overall(result: BenchmarkResult) -> dict[str, Interval]:
+    """Return the figures of all groups but the laps; of the laps where there are no others."""
+    return result.groups.get(OVERALL) or next(iter(result.groups.values()))
+
+
+def overall_line(result: BenchmarkResult) -> str:
+    """Return the figures over all roads as a sentence."""
     seeds = len(result.checkpoints)
     trained = any(driver.sha256 for driver in result.checkpoints)
     by = f"{seeds} training seed{'' if seeds == 1 else 's'}" if trained else "without training"
-    first = result.of_checkpoint(0)
-    roads = sum(drive.group != LAPS for drive in first) or len(first)
-    autonomy = with_interval(result.headline, "{:.1f}", 100)
-    return f"autonomy, interquartile mean over {roads} roads: {autonomy} %; {by}"
+    own = drives_of(result.drives, OVERALL) or result.drives
+    clean = sum(not one.figures["interventions"] for one in own)
+    rate = with_interval(overall(result)["interventions_per_km"], "{:.2f}")
+    roads = len({one.track for one in own})
+    return (
+        f"interventions per km: {rate}; drives without one: {clean} of {len(own)}, on {roads} "
+        f"roads; {by}"
+    )
 
 
 def nan_line(result: BenchmarkResult) -> str:

@@ -13,6 +13,7 @@ from zoo.base.terminal import printable
 from zoo.benchmark.baselines import BASELINES
 from zoo.benchmark.drives import check_distinct, drive_suite, read_driver
 from zoo.benchmark.result import (
+    ANALYSIS,
     NAME,
     NEEDED,
     VERSION,
@@ -35,6 +36,8 @@ _AGAIN = "run the benchmark again"
 def read_result(path: Path) -> BenchmarkResult:
     """Return a result whose figures and digest are those of its drives.
 
+    The figures of an older analysis are computed again from the drives, which are the same.
+
     Args:
         path: file, or folder that contains `result.json`.
 
@@ -55,6 +58,9 @@ def read_result(path: Path) -> BenchmarkResult:
                 check_most(key, len(many), path, "benchmark a smaller suite, or fewer checkpoints")
     result = check_fields(BenchmarkResult, found, path)
     _check_drives(result, path)
+    if result.analysis < ANALYSIS:
+        figures = vars(summarize_drives(result.drives))
+        result = result.model_copy(update={"analysis": ANALYSIS, **figures})
     check_distinct(result.checkpoints, f"{path}: checkpoints: ")
     _check_sums(result, path)
     _check_included_suite(result, path)
@@ -138,7 +144,7 @@ def _check_sums(result: BenchmarkResult, path: Path) -> None:
     """Check that the digest and the figures are those of the result's own drives."""
     if result.digest != digest_of_drives(result.drives):
         raise InputError(f"{path}: digest: is not that of its drives; the file was changed")
-    given = Summary(result.groups, result.differences, result.headline).flat()
+    given = Summary(result.groups, result.differences).flat()
     for name, own in summarize_drives(result.drives).flat().items():
         one = given.get(name)
         if one is None or not all(

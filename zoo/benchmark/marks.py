@@ -1,7 +1,7 @@
 """Pass marks of a course: figures that an entry of the benchmark must reach, and their files.
 
 A suite's file has them by group: `marks: {like: {autonomy: 0.9, cte_mean_m: 0.8}}`. The group
-`headline` has the autonomy of the whole suite. A figure that is better when it is lower, such as
+`all but laps` has the figures of the whole suite. A figure that is better when it is lower, such as
 `cte_mean_m`, must not be above its mark.
 """
 
@@ -14,8 +14,8 @@ from pathlib import Path
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import json_text, write_whole
 from zoo.benchmark.result import BenchmarkResult, DriveRecord, Interval
-from zoo.benchmark.suite import HEADLINE, Marks
-from zoo.benchmark.summary import FIGURES
+from zoo.benchmark.suite import Marks
+from zoo.benchmark.summary import FIGURES, drives_of
 from zoo.drives.metrics import DRIVES, METRICS
 from zoo.runs.page import Page
 from zoo.runs.table import Table, with_interval
@@ -30,7 +30,7 @@ class Reached:
     """A mark, and what an entry reached.
 
     Attributes:
-        group: group of the suite, or `headline`.
+        group: group of the suite, or `all but laps`.
         figure: name of the figure, one of `FIGURES`.
         value: smallest value that passes; the largest one where lower is better.
         interval: what was reached, with its 95 % interval.
@@ -67,12 +67,7 @@ class Reached:
 def reached_marks(result: BenchmarkResult, marks: Mapping[str, Marks]) -> list[Reached]:
     """Return what an entry reached for each mark of the same suite."""
     return [
-        Reached(
-            group,
-            figure,
-            value,
-            result.headline if group == HEADLINE else result.groups[group][figure],
-        )
+        Reached(group, figure, value, result.groups[group][figure])
         for group, own in marks.items()
         for figure, value in own.model_dump(exclude_unset=True).items()
     ]
@@ -90,14 +85,7 @@ def missed_line(reached: Sequence[Reached]) -> str:
 
 def marks_table(reached: Sequence[Reached]) -> Table:
     """Return a row for each mark: what was reached, with its 95 % interval."""
-    rows = [
-        [
-            "whole suite" if mark.group == HEADLINE else mark.group,
-            *mark.texts,
-            "passed" if mark.passed else "missed",
-        ]
-        for mark in reached
-    ]
+    rows = [[mark.group, *mark.texts, "passed" if mark.passed else "missed"] for mark in reached]
     return Table.of(["group", "figure", "mark", "reached (95 % interval)", ""], rows)
 
 
@@ -154,7 +142,7 @@ def typed_settings(drive: DriveRecord) -> list[str]:
 
 def _worst(result: BenchmarkResult, group: str) -> tuple[Table, str]:
     """Return a group's drives with most interventions and largest errors, and how to film one."""
-    drives = [drive for drive in result.drives if group in (drive.group, HEADLINE)]
+    drives = drives_of(result.drives, group)
     drives.sort(key=lambda one: (-one.figures["interventions"], -one.figures["cte_mean_m"]))
     first, checkpoint = drives[0], result.checkpoints[drives[0].checkpoint]
     words = [checkpoint.file, f"track={first.track}", *typed_settings(first), "film=true"]

@@ -11,6 +11,7 @@ from zoo.runs.record_fields import Count, Fields, Number, Whole
 
 NAME = "result.json"
 VERSION = 1
+ANALYSIS = 2  # 1: other intervals, and an interquartile mean as the headline
 MOST = 1e6  # metres, seconds or interventions of a drive
 NEEDED = {  # figures of every drive, with their smallest and largest value
     "autonomy": (0, 1),
@@ -72,9 +73,9 @@ class BenchmarkResult(Fields):
         entry: name of the entry.
         checkpoints: drivers, one for each training seed.
         drives: drives of each checkpoint in turn.
-        groups: by group and figure, the figure with its interval.
+        analysis: version of the figures that are computed from the drives.
+        groups: by group and figure, the figure with its interval; also of all but the laps.
         differences: by group and figure, the mean difference to the clean partners.
-        headline: interquartile mean of the autonomy over all roads but the laps.
         digest: 16 hexadecimal digits of the digests of all drives.
     """
 
@@ -85,14 +86,10 @@ class BenchmarkResult(Fields):
     entry: str
     checkpoints: list[Driver]
     drives: list[DriveRecord]
+    analysis: Whole = 1
     groups: dict[str, dict[str, Interval]]
     differences: dict[str, dict[str, Interval]] = Field(default_factory=dict)
-    headline: Interval
     digest: str
-
-    def of_group(self, group: str) -> list[DriveRecord]:
-        """Return the drives of a group."""
-        return [one for one in self.drives if one.group == group]
 
     def of_checkpoint(self, number: int) -> list[DriveRecord]:
         """Return the drives of a checkpoint."""

@@ -18,11 +18,11 @@ from zoo.runs.table_files import Result
 
 VERSION = 1  # of the JSON file
 INTERVALS = (
-    "95 % interval (bootstrap over roads and training seeds), from three roads on. Each verdict "
-    "is by autonomy and for its row alone: one of 20 equal pairs is told apart by chance. To tell: "
-    "training seeds of each entry that would decide with a probability of 80 %."
+    "95 % interval over roads and training seeds, from three roads on. p: of the autonomy; those "
+    "of the groups are corrected for their number (Holm). To tell: training seeds of each entry "
+    "that would decide with a probability of 80 %."
 )
-COLUMNS = ("group", "roads", "autonomy", "cte_mean_m", "a_better", "verdict")
+COLUMNS = ("group", "roads", "autonomy", "a_better", "p", "verdict")
 NEEDED = {
     "decided": "",
     "equal": "harder roads: both have the same autonomy",
@@ -68,8 +68,8 @@ class ComparedEntries(Result):
         pair = (self.a, self.b)
         if single := [one.result.entry for one in pair if one.seeds == 1 and one.is_trained]:
             lines.append(
-                f"{' and '.join(single)}: one training seed: the intervals leave out how trainings "
-                "differ, so another training may drive better or worse"
+                f"{' and '.join(single)}: one training seed: how trainings differ is unknown, so "
+                "that neither drives better"
             )
         if self.a.result.code.get("hash") != self.b.result.code.get("hash"):
             lines.append("A and B were driven by different versions of the code; drive both by one")
@@ -116,6 +116,7 @@ class ComparedEntries(Result):
         texts = [
             f"{one.verdict.replace(' drives', '')}\n{needed_text(one.needed)}" for one in compared
         ]
+        p_values = [one.p for one in compared]
         figures: dict[str, Sequence[Cell]] = {
             "verdict": verdicts,
             "needed": [one.needed.reason for one in compared],
@@ -125,8 +126,8 @@ class ComparedEntries(Result):
             Column("group", "group", list(self.groups)),
             Column("roads", "drives", list(map(str, roads)), {"roads": roads}),
             self._column("autonomy", "autonomy,\npoints", "{:+.1f}", 100),
-            self._column("cte_mean_m", "mean error,\nm", "{:+.2f}"),
             self._column("a_better", "A better,\n%", "{:.0f}", 100),
+            Column("p", "p", list(map("{:.3f}".format, p_values)), {"p": p_values}),
             Column("verdict", "verdict,\nto tell", texts, figures),
         ]
         return Table(columns, f"A minus B; {self._names}. In brackets: {INTERVALS}")

@@ -1,7 +1,9 @@
 """Two entries on the same roads: paired drives, differences and the training seeds needed."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -11,16 +13,14 @@ from scipy import special
 from zoo.base.errors import InputError
 from zoo.benchmark.checked_result import read_result, roads_of, shown
 from zoo.benchmark.result import BenchmarkResult, DriveRecord
-from zoo.benchmark.suite import Road
-from zoo.drives.bootstrap import FEWEST_ROADS, Estimate, bootstrap, mean
-from zoo.drives.intervals import wilson_interval
+from zoo.benchmark.suite import LAPS, OVERALL, Road
+from zoo.drives.bootstrap import FEWEST_ROADS, Estimate
+from zoo.drives.clustered import EQUAL, SHARE, clustered, holm, p_value, satterthwaite
 
 A_BETTER, B_BETTER, CANNOT_TELL = "A drives better", "B drives better", "cannot tell"
-LAPS = "laps"  # left out of the overall figures, as in the benchmark's headline
-OVERALL = "all but laps"
+SIGNIFICANT = 0.05
 POWER = 0.8  # probability that a comparison with the needed training seeds decides
 MOST_SEEDS = 100
-EQUAL = 1e-9  # greatest difference of equal figures, by rounding
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ class Entry:
         """Return whether a training made it; a baseline has no checkpoint file with a hash."""
         return any(one.sha256 is not None for one in self.result.checkpoints)
 
-    def table(self, figure: str, roads: list[Road]) -> np.ndarray:
-        """Return a figure of the drives, float64 [training seeds, roads]."""
-        values = [[one.figures[figure] for one in self.drives[road]] for road in roads]
+    def autonomy(self, roads: list[Road]) -> np.ndarray:
+        """Return the autonomy of the drives, float64 [training seeds, roads]."""
+        values = [[one.figures["autonomy"] for one in self.drives[road]] for road in roads]
         return np.array(values, np.float64).T
 
 
@@ -97,14 +97,15 @@ class Comparison:
 
     Attributes:
         roads: number of drives of each training seed.
-        a: A's mean autonomy and mean cross-track error in metres.
+        a: A's mean autonomy.
         b: B's.
         autonomy: mean difference, A minus B.
-        cte_mean_m: mean difference in metres, A minus B; A is nearer to the centre below 0.
         a_better: probability that a training of A has a higher autonomy than one of B on the same
             road; equal autonomy counts half.
-        verdict: `A drives better`, `B drives better`; `cannot tell` if the interval of `autonomy`
-            contains 0.
+        p: p-value of `autonomy`, 0..1, corrected for the number of groups (Holm); that of all
+            groups but the laps stands for itself. 1 for fewer than three places.
+        verdict: `A drives better`, `B drives better`; `cannot tell` if `p` is 0.05 or more, or an
+            entry has one training alone.
         needed: training seeds that would decide.
     """
 
@@ -112,8 +113,8 @@ class Comparison:
     a: dict[str, float]
     b: dict[str, float]
     autonomy: Estimate
-    cte_mean_m: Estimate
     a_better: Estimate
+    p: float
     verdict: str
     needed: Needed
 
@@ -126,59 +127,54 @@ def compare_entries(a: Entry, b: Entry) -> dict[str, Comparison]:
     overall = [road for road in a.drives if road.group != LAPS]
     if overall and len(groups) > 1:
         groups[OVERALL] = overall
-    return {name: compare_roads(a, b, roads) for name, roads in groups.items()}
+    p_values = {name: _p_value(a, b, roads) for name, roads in groups.items()}
+    tested = [name for name, roads in groups.items() if name != OVERALL and _has_interval(roads)]
+    p_values |= zip(tested, holm([p_values[name] for name in tested]), strict=True)
+    return {name: compare_roads(a, b, roads, p_values[name]) for name, roads in groups.items()}
 
 
-def compare_roads(a: Entry, b: Entry, roads: list[Road]) -> Comparison:
-    """Return the comparison on some roads."""
-    autonomy_a, autonomy_b = (one.table("autonomy", roads) for one in (a, b))
-    error_a, error_b = (one.table("cte_mean_m", roads) for one in (a, b))
-    difference = _estimate(_differences(autonomy_a, autonomy_b), (-1, 1))
-    verdict = verdict_on(difference)
+def _has_interval(roads: list[Road]) -> bool:
+    return len({road.track for road in roads}) >= FEWEST_ROADS
+
+
+def _p_value(a: Entry, b: Entry, roads: list[Road]) -> float:
+    """Return the p-value of the difference in autonomy; 1 for too few places."""
+    if not _has_interval(roads):
+        return 1.0
+    places, groups = [road.track for road in roads], [road.group for road in roads]
+    return p_value(_differences(*(one.autonomy(roads) for one in (a, b))), places, groups)
+
+
+def compare_roads(a: Entry, b: Entry, roads: list[Road], p: float | None = None) -> Comparison:
+    """Return the comparison on some roads; with a p-value that is corrected for their number."""
+    places, groups = [road.track for road in roads], [road.group for road in roads]
+    autonomy_a, autonomy_b = (one.autonomy(roads) for one in (a, b))
+    difference = _differences(autonomy_a, autonomy_b)
+    p = _p_value(a, b, roads) if p is None else p
+    verdict = CANNOT_TELL
+    alone = any(one.seeds == 1 and one.is_trained for one in (a, b))
+    if p < SIGNIFICANT and not alone:
+        verdict = A_BETTER if difference.mean() > 0 else B_BETTER
     if verdict != CANNOT_TELL:
         needed = Needed(None, "decided")
-    elif len(roads) < FEWEST_ROADS:
+    elif not _has_interval(roads):
         needed = Needed(None, "roads")
-    elif any(one.seeds == 1 and one.is_trained for one in (a, b)):
+    elif alone:
         needed = Needed(None, "unknown")
     else:
-        needed = seeds_needed(autonomy_a, autonomy_b)
+        needed = seeds_needed(*(_by_place(one, places) for one in (autonomy_a, autonomy_b)))
+    estimate = partial(clustered, places=places, groups=groups)
     return Comparison(
         roads=len(roads),
-        a={"autonomy": float(autonomy_a.mean()), "cte_mean_m": float(error_a.mean())},
-        b={"autonomy": float(autonomy_b.mean()), "cte_mean_m": float(error_b.mean())},
-        autonomy=difference,
-        cte_mean_m=bootstrap(_differences(error_a, error_b), mean),
-        a_better=probability_of_better(autonomy_a, autonomy_b),
+        a={"autonomy": float(autonomy_a.mean())},
+        b={"autonomy": float(autonomy_b.mean())},
+        autonomy=estimate(difference, limits=(-1, 1)),
+        # Agarwal et al. 2021, arXiv:2108.13264: the probability of improvement.
+        a_better=estimate((difference > 0) + (difference == 0) / 2, limits=SHARE),
+        p=p,
         verdict=verdict,
         needed=needed,
     )
-
-
-def verdict_on(difference: Estimate) -> str:
-    """Return which entry drives better, by the interval of A's figure minus B's.
-
-    >>> verdict_on(Estimate(0.2, 0.1, 0.3)), verdict_on(Estimate(0.2, -0.1, 0.5))
-    ('A drives better', 'cannot tell')
-    """
-    if difference.low > 0:
-        return A_BETTER
-    return B_BETTER if difference.high < 0 else CANNOT_TELL
-
-
-def probability_of_better(a: np.ndarray, b: np.ndarray) -> Estimate:
-    """Estimate the probability that a training of A has a higher figure than one of B.
-
-    Formula: mean over roads of P(A > B) + P(A = B) / 2, each over all pairs of training seeds.
-
-    Source: Agarwal et al. 2021, arXiv:2108.13264, probability of improvement.
-
-    Args:
-        a: A's figures, float64 [training seeds, roads].
-        b: B's figures, float64 [training seeds, roads].
-    """
-    differences = _differences(a, b)
-    return _estimate((differences > 0) + (differences == 0) / 2, (0, 1))
 
 
 def seeds_needed(a: np.ndarray, b: np.ndarray) -> Needed:
@@ -188,8 +184,8 @@ def seeds_needed(a: np.ndarray, b: np.ndarray) -> Needed:
     rough number. An entry with one seed counts as one that no training varies.
 
     Args:
-        a: A's figures, float64 [training seeds, roads].
-        b: B's figures, float64 [training seeds, roads].
+        a: A's figures, float64 [training seeds, places].
+        b: B's figures, float64 [training seeds, places].
     """
     difference = abs(float(a.mean() - b.mean()))
     if difference < EQUAL:
@@ -210,18 +206,12 @@ def seeds_needed(a: np.ndarray, b: np.ndarray) -> Needed:
     return Needed(None, "many")
 
 
-def _estimate(values: np.ndarray, limits: tuple[float, float]) -> Estimate:
-    """Return the mean with its bootstrap interval, widened if all n roads are equal.
-
-    The share of further roads that differ from them then has Wilson's interval of 0 of n. The
-    bounds are the means with the greatest such share at a limit.
-    """
-    found = bootstrap(values, mean, limits=limits)
-    if math.isnan(found.low) or found.high - found.low > EQUAL:
-        return found
-    share = wilson_interval(0, values.shape[-1])[1]
-    low, high = (found.value + share * (limit - found.value) for limit in limits)
-    return Estimate(found.value, low, high)
+def _by_place(table: np.ndarray, places: Sequence[str]) -> np.ndarray:
+    """Return drives [seeds, drives] as places [seeds, places] with the same mean."""
+    order = list(dict.fromkeys(places))
+    found = np.zeros((len(table), len(order)))
+    np.add.at(found, (slice(None), [order.index(place) for place in places]), table)
+    return found * len(order) / len(places)
 
 
 def _differences(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -246,8 +236,7 @@ def _least_difference(parts: list[tuple[float, int]]) -> float:
         parts: variance and degrees of freedom of each part of the difference's variance.
     """
     known = [(variance, freedom) for variance, freedom in parts if variance > 0]
-    total = sum(variance for variance, _ in known)
-    if not total:
+    if not known:
         return 0.0
-    freedom = total**2 / sum(variance**2 / freedom for variance, freedom in known)
-    return math.sqrt(total) * float(special.stdtrit(freedom, 0.975) + special.ndtri(POWER))
+    critical = special.stdtrit(satterthwaite(known), 0.975) + special.ndtri(POWER)
+    return math.sqrt(sum(variance for variance, _ in known)) * float(critical)

@@ -32,7 +32,7 @@ from zoo.checkpoints.checkpoint_path import short_name
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.checkpoints.policy import load_policy
 from zoo.cli.console_progress import progress_bar
-from zoo.drives.bootstrap import Estimate, bootstrap, mean
+from zoo.drives.bootstrap import Estimate, bootstrap
 from zoo.evaluate.evaluate_options import ChallengeOptions
 from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.table import Column, Table, interval_column
@@ -292,7 +292,7 @@ def block_rmse(errors: np.ndarray, block: np.ndarray) -> Estimate:
     _, place = np.unique(block, return_inverse=True)
     # A block's sum of squares, scaled so that the mean over blocks is the mean over frames.
     sums = np.bincount(place, errors**2)
-    squares = bootstrap(sums[None] * (len(sums) / max(len(errors), 1)), mean, limits=(0, math.inf))
+    squares = bootstrap(sums * (len(sums) / max(len(errors), 1)), limits=(0, math.inf))
     return Estimate(*np.sqrt([squares.value, squares.low, squares.high]).tolist())
 
 

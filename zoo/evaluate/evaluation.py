@@ -14,7 +14,7 @@ from zoo.base.new_folder import command_folder
 from zoo.base.terminal import print_written
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.checkpoints.policy import load_policy
-from zoo.drives.bootstrap import Estimate, bootstrap, mean
+from zoo.drives.bootstrap import Estimate, bootstrap
 from zoo.drives.metrics import METRICS
 from zoo.evaluate.drive_plots import degradation_curves, figures_by_track
 from zoo.evaluate.drives_table import COUNTS, DEVIATION, figure_columns, nan_line, print_drives
@@ -195,7 +195,7 @@ def guard_effect(guard: str, guarded: Sequence[dict], without: Sequence[dict]) -
         "alarms": sum(drive["guard_alarms"] for drive in guarded),
         "interventions": int(lost.sum()),
         "interventions_without": int(lost_without.sum()),
-        "prevented_per_drive": asdict(bootstrap(np.array([by_track]), mean)),
+        "prevented_per_drive": asdict(bootstrap(np.array(by_track))),
         "speed_mph": float(np.mean([drive["speed_mph"] for drive in guarded])),
         "speed_mph_without": float(np.mean([drive["speed_mph"] for drive in without])),
     }

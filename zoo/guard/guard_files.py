@@ -12,7 +12,7 @@ from rich.console import Console
 from zoo.base.bounded_files import hash_file
 from zoo.base.terminal import printable
 from zoo.base.whole_file import json_text, write_whole
-from zoo.drives.bootstrap import bootstrap, mean
+from zoo.drives.bootstrap import bootstrap
 from zoo.guard.conditions import DEGRADED, NOMINAL, WEATHER
 from zoo.guard.guard_drives import GuardResult, ScoredDrive, joined, of_group
 from zoo.guard.warning_figures import FIGURES, LEADS_S
@@ -220,7 +220,7 @@ def sentences(result: GuardResult) -> list[str]:
         for which in ("without", "guarded", "slower")
     )
     by_guard, by_speed = (
-        with_interval(bootstrap((without - one)[None], mean), "{:.2f}") for one in (guarded, slower)
+        with_interval(bootstrap(without - one), "{:.2f}") for one in (guarded, slower)
     )
     alarms = sum(one["guarded"]["alarms"] for one in result.pairs)
     prevented = (

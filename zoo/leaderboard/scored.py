@@ -236,24 +236,23 @@ def load_evaluation(folder: Path) -> Scored:
 def load_benchmark(folder: Path) -> Scored:
     """Return the figures of an entry of the benchmark.
 
-    Its autonomy is the headline: the interquartile mean over all roads but the laps. The suite with
-    the digest of its roads stands for the track.
+    Its figures are those of all roads but the laps. The suite with the digest of its roads stands
+    for the track.
 
     Raises:
         InputError: `result.json` cannot be read.
     """
     from zoo.benchmark.checked_result import read_result
-    from zoo.benchmark.suite import LAPS
+    from zoo.benchmark.suite import OVERALL
+    from zoo.benchmark.summary import drives_of
 
     result = read_result(folder)
-    drives = [one.figures for one in result.drives if one.group != LAPS]
-    drives = drives or [one.figures for one in result.drives]
+    own = drives_of(result.drives, OVERALL) or result.drives
+    drives = [one.figures for one in own]
     figures = {
         name: sum(float(one[name] or 0) for one in drives) / len(drives)
-        for name in ("cte_mean_m", "interventions", "driven_s")
+        for name in ("autonomy", "cte_mean_m", "interventions", "driven_s")
     }
-    if result.headline.value is not None:
-        figures["autonomy"] = result.headline.value
     suite = f"{result.suite} {result.roads[:6]}"
     clean = sum(not one["interventions"] for one in drives)
     return Scored(

@@ -18,11 +18,11 @@ from simulator.track_names import road_folder
 from tests.zoo.written_checkpoints import write_constant, write_network
 from zoo.base.errors import InputError, StoppedError, UsageError
 from zoo.benchmark.__main__ import benchmark
-from zoo.benchmark.benchmarked import PAGE, groups_table, print_result
+from zoo.benchmark.benchmarked import PAGE, groups_table, overall, print_result
 from zoo.benchmark.checked_result import read_result
 from zoo.benchmark.drives import UNFINISHED, drive_figures
 from zoo.benchmark.result import NAME, digest_of_drives, write_result
-from zoo.benchmark.summary import summarize_drives
+from zoo.benchmark.summary import drives_of, summarize_drives
 from zoo.models.make_network import make_network
 
 
@@ -222,9 +222,18 @@ def set_key(*keys: str | int, value: object) -> Callable[[dict], None]:
         (set_key("roads", value="0" * 16), "roads: digest 0000000000000000 is not that of"),
         (set_key("suite", value="v0"), "suite: v0 is not included.*suite=PATH"),
         (set_key("digest", value="0" * 16), "digest: is not that of its drives"),
-        (set_key("headline", "value", value=0.5), "headline: is not that of its drives"),
-        (set_key("headline", "low", value=0.99), "headline: is not that of its drives"),
-        (set_key("groups", "like", value={}), "groups.like.autonomy: is not that of its"),
+        (
+            set_key("groups", "all but laps", "autonomy", "value", value=0.5),
+            "all but laps.autonomy: is not that of its drives",
+        ),
+        (
+            set_key("groups", "like", "autonomy", "low", value=0.99),
+            "like.autonomy: is not that of its drives",
+        ),
+        (
+            set_key("groups", "like", value={}),
+            "groups.like.interventions_per_km: is not that of its",
+        ),
         (
             set_key("drives", 0, "settings", value={"speed": 9.0}),
             "each checkpoint must have it once",
@@ -290,15 +299,18 @@ def test_the_baselines_have_their_order(tmp_path: Path) -> None:
         for name in ("zero", "mean", "expert", "expert_late")
     }
     for name in ("zero", "mean"):
-        assert found[name].headline.value < 0.5
+        assert overall(found[name])["autonomy"].value < 0.5
         assert not any(one.figures["interventions"] == 0 for one in found[name].drives)
     assert all(one.figures["interventions"] == 0 for one in found["expert"].drives)
-    assert found["expert"].headline.value == 1
-    assert found["expert"].headline.low < 1  # no failure in four drives is no certainty
+    autonomy = overall(found["expert"])["autonomy"]
+    assert autonomy.value == 1
+    assert autonomy.low < 1  # no failure in four drives is no certainty
     for good, late in zip(found["expert"].drives, found["expert_late"].drives, strict=True):
         assert late.figures["autonomy"] <= good.figures["autonomy"]
         assert late.figures["steering_per_s"] > good.figures["steering_per_s"]
-    (good,), (late,) = (found[one].of_group("dynamics") for one in ("expert", "expert_late"))
+    (good,), (late,) = (
+        drives_of(found[one].drives, "dynamics") for one in ("expert", "expert_late")
+    )
     assert late.figures["cte_mean_m"] > 2 * good.figures["cte_mean_m"]
 
 

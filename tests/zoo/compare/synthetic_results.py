@@ -29,6 +29,7 @@ def result(autonomy: np.ndarray, entry: str = "lenet", roads: Sequence = ROADS) 
     """Return a result as plain containers; the cross-track error falls as the autonomy rises."""
     found = {
         "version": 1,
+        "analysis": 2,
         "suite": "own",
         "roads": "0123456789abcdef",
         "code": {"hash": "a1", "commit": None},

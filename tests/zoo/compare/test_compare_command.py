@@ -16,12 +16,12 @@ from zoo.compare.differences import (
     A_BETTER,
     B_BETTER,
     CANNOT_TELL,
-    probability_of_better,
+    compare_entries,
+    compare_roads,
     read_pair,
     seeds_needed,
-    verdict_on,
 )
-from zoo.drives.bootstrap import bootstrap, mean
+from zoo.drives.clustered import p_value
 
 
 def compare(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
@@ -55,7 +55,7 @@ def test_it_names_the_better_entry_and_writes_all_figures(
     overall = written["groups"]["all but laps"]
     assert overall["roads"] == 28
     assert overall["autonomy"]["low"] < -0.2 < overall["autonomy"]["high"] < 0
-    assert overall["cte_mean_m"]["low"] > 0
+    assert overall["p"] < 0.01
     assert overall["a_better"]["value"] < 0.05
     assert overall["verdict"] == "B drives better"
     assert overall["needed"] == {"seeds": None, "reason": "decided"}
@@ -191,7 +191,7 @@ AGAIN = "run the benchmark again"
         (without_a_road, ("alpine:703", "which", AGAIN)),
         (figure("autonomy", 1.2), ("drives.3.figures.autonomy: is 1.2",)),
         (figure("cte_mean_m", -1.0), ("drives.3.figures.cte_mean_m: is -1",)),
-        (figure("autonomy", 1.0), ("headline: is not that of its drives",)),
+        (figure("autonomy", 1.0), ("like.autonomy: is not that of its drives",)),
     ],
 )
 def test_results_of_other_roads_or_with_wrong_drives_are_refused(
@@ -276,7 +276,10 @@ def verdicts(difference: float, seeds: int, by_seed: float, repetitions: int = 3
     found = []
     for _ in range(repetitions):
         a, b = drawn(rng, difference, seeds, by_seed)
-        found.append(verdict_on(bootstrap(a[:, None] - b[None], mean, draws=500)))
+        differences = a[:, None] - b[None]
+        told = p_value(differences, range(a.shape[1]), [""] * a.shape[1]) < 0.05
+        better = A_BETTER if differences.mean() > 0 else B_BETTER
+        found.append(better if told else CANNOT_TELL)
     return found
 
 
@@ -315,11 +318,33 @@ def test_no_number_is_given_for_a_tiny_difference() -> None:
     assert seeds_needed(a + 0.01, a).reason == "many"
 
 
-def test_the_probability_is_that_of_mann_and_whitney() -> None:
+def test_the_probability_is_that_of_mann_and_whitney(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
-    a = rng.integers(5, size=(6, 4)).astype(float)  # with equal values
-    b = rng.integers(5, size=(7, 4)).astype(float)
-    shares = [stats.mannwhitneyu(a[:, road], b[:, road]).statistic / (6 * 7) for road in range(4)]
+    a, b = (rng.integers(5, size=(seeds, len(ROADS))) / 4 for seeds in (6, 7))  # with equal values
+    entries = [write(tmp_path / name, result(one)) for name, one in (("a", a), ("b", b))]
+    roads = [road for road, (group, *_) in enumerate(ROADS) if group == "sharp"]
+    shares = [stats.mannwhitneyu(a[:, road], b[:, road]).statistic / (6 * 7) for road in roads]
 
-    assert probability_of_better(a, b).value == pytest.approx(np.mean(shares))
-    assert probability_of_better(b, a).value == pytest.approx(1 - np.mean(shares))
+    found = compare_entries(*read_pair(*entries))["sharp"]
+
+    assert found.a_better.value == pytest.approx(np.mean(shares))
+
+
+def test_the_p_values_of_groups_are_corrected_for_their_number(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    drawn = [figures(rng, mean, 3, 0.01, np.zeros(len(ROADS))) for mean in (0.6, 0.62)]
+    a, b = read_pair(*(write(tmp_path / f"{one.mean()}", result(one)) for one in drawn))
+    together = compare_entries(a, b)
+    roads = [road for road in a.drives if road.group == "sharp"]
+
+    assert together["sharp"].p > compare_roads(a, b, roads).p
+    assert together["laps"].p == 1  # two places
+
+
+def test_one_training_is_never_better(tmp_path: Path) -> None:
+    first = write(tmp_path / "a", result(np.ones((1, len(ROADS)))))
+    second = write(tmp_path / "b", result(np.zeros((3, len(ROADS)))))
+    found = compare_entries(*read_pair(first, second))["all but laps"]
+
+    assert found.p < 0.05
+    assert found.verdict == CANNOT_TELL

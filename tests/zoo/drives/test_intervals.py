@@ -3,20 +3,13 @@
 import io
 import math
 import warnings
-from dataclasses import asdict
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from zoo.drives.bootstrap import (
-    Estimate,
-    Statistic,
-    bootstrap,
-    interquartile_mean,
-    mean,
-    poisson_rate,
-)
+from zoo.drives.bootstrap import Estimate, bootstrap, poisson_rate
+from zoo.drives.clustered import ANY, POSITIVE, SHARE, clustered, holm, p_value
 from zoo.drives.intervals import wilson_interval
 from zoo.runs.plots import interval_plot
 
@@ -41,13 +34,6 @@ def test_a_count_outside_its_trials_is_refused(successes: int, trials: int) -> N
 RNG = np.random.default_rng(7)
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 4, 7, 30])
-def test_the_interquartile_mean_is_scipys(count: int) -> None:
-    values = RNG.normal(size=(5, count))
-
-    assert interquartile_mean(values) == pytest.approx(stats.trim_mean(values, 0.25, axis=-1))
-
-
 @pytest.mark.parametrize("count", [0, 1, 3, 40])
 def test_the_interval_of_a_rate_is_scipys(count: int) -> None:
     low = stats.chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
@@ -64,92 +50,109 @@ def test_a_rate_without_exposure_is_unknown() -> None:
         poisson_rate(-1, 2.0)
 
 
-def test_the_interval_of_many_roads_is_scipys() -> None:
+def test_the_bootstrap_of_many_units_is_scipys() -> None:
     values = RNG.exponential(size=200)
     theirs = stats.bootstrap((values,), np.mean, method="percentile", rng=1).confidence_interval
 
-    ours = bootstrap(values[None], mean)
+    ours = bootstrap(values)
 
     assert ours.value == pytest.approx(values.mean())
     assert ours.low == pytest.approx(theirs.low, abs=0.02)
     assert ours.high == pytest.approx(theirs.high, abs=0.02)
 
 
-@pytest.mark.parametrize("statistic", [mean, interquartile_mean])
-@pytest.mark.parametrize(
-    ("seeds", "roads", "by_seed", "by_road", "noise"),
-    [
-        (3, 30, 1.0, 0.0, 0.0),  # training seeds decide
-        (3, 30, 0.3, 1.0, 0.5),
-        (3, 8, 0.3, 1.0, 0.5),
-        (2, 30, 0.3, 1.0, 0.5),
-        (1, 8, 0.0, 1.0, 0.5),  # roads alone
-    ],
-)
-def test_95_of_100_intervals_contain_the_truth(
-    statistic: Statistic, seeds: int, roads: int, by_seed: float, by_road: float, noise: float
-) -> None:
-    rng = np.random.default_rng(1)
-    contained, repetitions = 0, 300
-    for _ in range(repetitions):
-        values = by_seed * rng.normal(size=(seeds, 1)) + by_road * rng.normal(size=(1, roads))
-        values = values + noise * rng.normal(size=(seeds, roads))
-        found = bootstrap(values, statistic, draws=500)
-        contained += found.low <= 0 <= found.high
+def test_a_bootstrap_stays_within_its_limits() -> None:
+    found = bootstrap(np.array([0.2, 1.0, 1.0]), limits=(0, 1))
 
-    assert 0.92 <= contained / repetitions <= 0.99
+    assert (found.low, found.high) == (0, 1)
 
 
-def test_the_seeds_of_two_entries_are_resampled_apart() -> None:
+def test_a_mean_of_independent_places_has_the_interval_of_students_t() -> None:
+    values = RNG.normal(size=(1, 9))
+    low, high = stats.t.interval(0.95, 8, values.mean(), stats.sem(values[0]))
+
+    found = clustered(values, places=range(9))
+
+    assert (found.value, found.low, found.high) == pytest.approx((values.mean(), low, high))
+
+
+def test_drives_of_one_place_are_one_observation() -> None:
+    values = RNG.normal(size=(3, 9))
+    places = [*range(9), *range(9)]
+
+    once = clustered(values, places=places[:9])
+    twice = clustered(np.tile(values, 2), places=places)
+
+    assert (twice.low, twice.high) == pytest.approx((once.low, once.high))
+
+
+def test_groups_that_differ_do_not_widen_the_interval() -> None:
+    values = np.array([[0.1, 0.2, 0.3, 0.2, 5.1, 5.2, 5.3, 5.2]])
+    groups = ["like"] * 4 + ["sharp"] * 4
+
+    one, strata = (clustered(values, places=range(8), groups=own) for own in (None, groups))
+
+    assert strata.high - strata.low < (one.high - one.low) / 10
+
+
+def test_trainings_that_differ_widen_the_interval() -> None:
     """Seeds that differ by 1 for both entries: the variance of their difference is the sum."""
-    by_seed = np.linspace(-1, 1, 12)
-    roads = np.zeros(20)
-    difference = by_seed[:, None, None] - by_seed[None, :, None] + roads
-    alone = bootstrap(by_seed[:, None] + roads, mean)
-    both = bootstrap(difference, mean)
+    by_seed, places = np.linspace(-1, 1, 12), range(20)
+    alone = clustered(by_seed[:, None] + np.zeros(20), places=places)
+    difference = by_seed[:, None, None] - by_seed[None, :, None] + np.zeros(20)
+    both = clustered(difference, places=places)
 
     # Student's t has twice the degrees of freedom, so the ratio is a little below sqrt(2).
     assert 1.25 < (both.high - both.low) / (alone.high - alone.low) < 1.45
 
 
-def test_the_same_values_give_the_same_estimate() -> None:
-    values = RNG.normal(size=(3, 9))
+@pytest.mark.parametrize(("failures", "limits"), [([0] * 30, SHARE), ([0] * 30, POSITIVE)])
+def test_no_failure_has_the_exact_bound_of_its_places(failures: list, limits: tuple) -> None:
+    exact = stats.binomtest(0, 30).proportion_ci(method="exact").high
 
-    assert bootstrap(values, mean) == bootstrap(values, mean)
-    assert bootstrap(values, mean) != bootstrap(values, mean, seed=1)
+    found = clustered(np.array([failures] * 3), places=range(30), limits=limits, one_failure=1.0)
+
+    assert (found.value, found.low) == (0, 0)
+    assert found.high == pytest.approx(exact)
 
 
-def test_a_share_stays_within_its_limits() -> None:
-    found = bootstrap(np.array([[0.2, 1.0, 1.0]]), mean, limits=(0, 1))
+def test_an_entry_that_never_failed_is_not_surer_than_one_that_did() -> None:
+    highs = []
+    for failures in range(4):
+        values = np.zeros((3, 30))
+        values[0, :failures] = 1
+        found = clustered(values, places=range(30), limits=POSITIVE, one_failure=1.0)
+        highs.append(found.high)
+        assert found.low <= found.value <= found.high
 
-    assert (found.low, found.high) == (0, 1)
+    assert highs[0] <= min(highs)
 
 
 @pytest.mark.parametrize("values", [np.zeros((0, 4)), np.zeros((1, 0)), np.array([[0.5, np.nan]])])
 def test_unknown_values_give_an_unknown_estimate(values: np.ndarray) -> None:
-    found = bootstrap(values, interquartile_mean)
+    found = clustered(values, places=range(values.shape[1]))
 
     assert all(map(math.isnan, (found.value, found.low, found.high)))
 
 
-def test_equal_values_give_an_interval_of_no_width() -> None:
-    assert bootstrap(np.full((3, 8), 0.75), interquartile_mean) == Estimate(0.75, 0.75, 0.75)
+def test_equal_values_are_no_proof_that_further_places_are_equal() -> None:
+    found = clustered(np.full((3, 8), 0.5), places=range(8), limits=(-1, 1))
+    assert found.low < 0.5 < found.high
+    assert math.isnan(clustered(np.full((3, 8), 0.5), places=range(8), limits=ANY).low)
 
 
-def test_a_statistic_of_all_axes_is_refused() -> None:
-    with pytest.raises(ValueError, match="last axis"):
-        bootstrap(np.zeros((3, 8)), np.mean)
+def test_a_p_value_is_below_5_percent_where_the_interval_leaves_out_0() -> None:
+    for difference in (np.full((2, 2, 12), 0.6), np.full((2, 2, 12), 0.2), RNG.normal(size=(1, 9))):
+        places = range(difference.shape[-1])
+        found = clustered(difference, places=places, limits=(-1, 1))
+        p = p_value(difference, places, [""] * len(places))
+        assert (p < 0.05) == (found.low > 0 or found.high < 0)
 
 
-@pytest.mark.parametrize("shape", [(3, 700), (2, 3, 400)])
-def test_draws_in_parts_do_not_change_the_interval(
-    shape: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    values = np.random.default_rng(0).random(shape)
-    whole = asdict(bootstrap(values, interquartile_mean, draws=500))
-    monkeypatch.setattr("zoo.drives.bootstrap.MOST_VALUES", 1000)
-    parts = asdict(bootstrap(values, interquartile_mean, draws=500))
-    assert parts == pytest.approx(whole)
+def test_a_correction_for_one_pair_changes_nothing() -> None:
+    assert holm([]) == []
+    assert holm([0.03]) == [0.03]
+    assert holm([0.9, 0.04, 0.9]) == pytest.approx([1.0, 0.12, 1.0])
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,124 @@
+"""How often the benchmark's intervals contain the truth, on simulated drives of the suite v1.
+
+Most places have no intervention, some have several: the variance of the counts is two to four times
+their mean, as in the board's entries. The drives of a place share a factor, and so do those of a
+training; the counts are Poisson's. A place of `sharp` has twice the interventions of another.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache, partial
+
+import numpy as np
+
+from benchmarks.measuring import markdown_table
+from zoo.benchmark.suite import LAPS, read_suite
+from zoo.drives.bootstrap import Estimate, bootstrap, poisson_rate
+from zoo.drives.clustered import POSITIVE, SHARE, clustered, p_value
+
+
+@dataclass(frozen=True)
+class Drives:
+    """Simulated drives.
+
+    Attributes:
+        seeds: number of training seeds.
+        mean: expected interventions of a drive.
+        hard: share of the places where interventions occur.
+        by_seed: standard deviation of the logarithm of a training's factor.
+    """
+
+    seeds: int
+    mean: float
+    hard: float
+    by_seed: float = 0.3
+
+    def draw(self, rng: np.random.Generator, entries: int = 1) -> Iterator[np.ndarray]:
+        """Yield the interventions of entries on the same places, float64 [seeds, drives]."""
+        _, place = np.unique(suite()[0], return_inverse=True)
+        sharp = np.where(np.array(suite()[1]) == "sharp", 2.0, 1.0)
+        hard = rng.random(place.max() + 1) < self.hard
+        # One training is a rate of its own, whose interval leaves out how trainings differ.
+        spread = self.by_seed if self.seeds > 1 else 0.0
+        for _ in range(entries):
+            rates = self.mean * (hard * rng.exponential(size=len(hard)) / self.hard)[place]
+            trained = np.exp(spread * rng.normal(size=(self.seeds, 1)) - spread**2 / 2)
+            yield rng.poisson(rates * sharp / sharp.mean() * trained).astype(float)
+
+
+CASES = [
+    Drives(seeds, mean, hard)
+    for seeds in (1, 3, 5)
+    for mean, hard in ((0.05, 0.2), (0.2, 0.2), (0.5, 0.3), (1.0, 0.5))
+]
+
+
+@cache
+def suite() -> tuple[list[str], list[str]]:
+    """Return the place and the group of each drive of v1 but the laps."""
+    drives = [one for one in read_suite("v1").drives if one.group != LAPS]
+    return [one.track for one in drives], [one.group for one in drives]
+
+
+def rate(drawn: np.ndarray) -> Estimate:
+    """Return the interventions of a drive with the benchmark's interval."""
+    places, groups = suite()
+    return clustered(drawn, places=places, groups=groups, limits=POSITIVE, one_failure=1.0)
+
+
+def failed(drawn: np.ndarray) -> Estimate:
+    """Return the share of drives with an intervention, with the benchmark's interval."""
+    places, groups = suite()
+    share = (drawn > 0) * 1.0
+    return clustered(share, places=places, groups=groups, limits=SHARE, one_failure=1.0)
+
+
+def of_group(group: str, drawn: np.ndarray) -> Estimate:
+    """Return the interventions of a drive of a group with the benchmark's interval."""
+    chosen = [number for number, one in enumerate(suite()[1]) if one == group]
+    places = [suite()[0][number] for number in chosen]
+    return clustered(drawn[:, chosen], places=places, limits=POSITIVE, one_failure=1.0)
+
+
+METHODS: dict[str, Callable[[np.ndarray], Estimate]] = {
+    "interventions": rate,
+    "drives with one": failed,
+    "interventions, `looks`": partial(of_group, "looks"),
+    "Garwood": lambda drawn: poisson_rate(int(drawn.sum()), drawn.size),
+    "bootstrap over drives": lambda drawn: bootstrap(drawn.mean(0), 500, (0.0, np.inf)),
+}
+
+
+def contained(case: Drives, truths: Mapping[str, float], count: int) -> list[float]:
+    """Return the share of simulated suites whose interval contains the truth, by method."""
+    rng, hits = np.random.default_rng(1), np.zeros(len(truths))
+    for _ in range(count):
+        (drawn,) = case.draw(rng)
+        found = [(METHODS[name](drawn), truth) for name, truth in truths.items()]
+        hits += [one.low <= truth <= one.high for one, truth in found]
+    return (hits / count).tolist()
+
+
+def told_apart(case: Drives, count: int) -> float:
+    """Return the share of pairs of equal entries of which one is found to drive better."""
+    rng, found = np.random.default_rng(2), 0
+    for _ in range(count):
+        a, b = (np.maximum(0.0, 1 - 6 * one / 20) for one in case.draw(rng, 2))
+        found += p_value(a[:, None] - b[None], *suite()) < 0.05
+    return found / count
+
+
+def coverage(count: str = "1000") -> None:
+    """Print how often intervals contain the truth, as a Markdown table: `coverage [COUNT]`."""
+    lines = []
+    for case in CASES:
+        rng = np.random.default_rng(0)
+        drawn = np.array([next(case.draw(rng)) for _ in range(4000)])
+        overdispersion = np.mean([one.var() / one.mean() for one in drawn if one.any()])
+        cells = [str(case.seeds), f"{case.mean:g}", f"{overdispersion:.1f}"]
+        truths = dict.fromkeys(METHODS, case.mean) | {"drives with one": (drawn > 0).mean()}
+        truths["interventions, `looks`"] = drawn[..., np.array(suite()[1]) == "looks"].mean()
+        shares = [*contained(case, truths, int(count)), told_apart(case, int(count))]
+        lines.append([*cells, *(f"{share:.1%}" for share in shares)])
+    head = ["seeds", "interventions of a drive", "variance / mean", *METHODS, "equal told apart"]
+    print(markdown_table(head, lines, left=0))
