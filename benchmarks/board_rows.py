@@ -1,31 +1,43 @@
-"""The benchmark's board, rows and page, and the networks that come trained."""
+"""The benchmark's board, its results and page, and the networks that come trained."""
 
 import hashlib
 import itertools
 import re
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
 
 from benchmarks.measuring import Rows, grouped
 from benchmarks.study_grid import Entry, Study, run_logged
-from benchmarks.study_tables import CELLS, headline, of_group
+from benchmarks.study_tables import CELLS, of_group
 from zoo.base.errors import InputError
 from zoo.base.whole_file import json_text, write_whole
+from zoo.benchmark.result import NAME, NEEDED, BenchmarkResult
+from zoo.benchmark.suite import OVERALL
 from zoo.cli.compose import compose_config
 from zoo.runs.metrics_file import read_metrics_file
 
 Row = dict[str, object]
+RESULTS = Path("benchmarks/board")  # a folder for each entry, as a submission has it
+COMMAND = "command.txt"
 SUITE = "v1"  # of the board
 # The last epoch: no drive chooses it, and a score of the training does not change it.
 CHECKPOINT = "last.ckpt"
-FIGURES = ("autonomy", "m_per_intervention", "without_intervention", "cte_mean_m", "steering_per_s")
-GROUPS = ("like", "sharp", "looks", "dynamics", "laps")  # of the board's roads
+FIGURES = (
+    "interventions_per_km",
+    "without_intervention",
+    "shortfall",
+    "cte_mean_m",
+    "steering_per_s",
+)
+GROUPS = (OVERALL, "like", "sharp", "looks", "dynamics", "laps")  # of the board's roads
+RANKED, ONE_SEED, BASELINE = "ranked", "one training seed", "baseline"
 
 
 def board_rows(study: Study, entry: Entry) -> list[Row]:
-    """Drive the suite with an entry's checkpoints; return its headline and a row for each group.
+    """Drive the suite with an entry's checkpoints, and keep the result for `rows_of_board`.
 
     Raises:
         InputError: the drives failed, or a checkpoint was trained on other rows.
@@ -33,28 +45,23 @@ def board_rows(study: Study, entry: Entry) -> list[Row]:
     drivers = [str(run / "checkpoints" / CHECKPOINT) for run in entry.finished] or [entry.name]
     suite = study.options.suite
     folder = entry.folder / f"{Path(suite).stem}-{len(drivers)}"
-    if not (folder / "result.json").is_file():
+    if not (folder / NAME).is_file():
         words = ["zoo.benchmark", *drivers, f"suite={suite}", f"entry={entry.folder.name}"]
         words += [f"out={folder}", f"workers={study.options.threads}"]
         run_logged(entry.folder / f"{folder.name}.txt", words, 1)
         print(f"{folder}: driven", flush=True)
-    if suite != SUITE:
-        return []
-    if not entry.words:
-        return rows_of_result(folder, entry.name, "", "")
-    command = shlex.join(["drivezoo", "train", *study.command(entry)])
-    training = "quick" if study.options.quick else "whole"
-    return rows_of_result(folder, entry.name, training, command)
+    if suite == SUITE and not study.options.quick:
+        command = shlex.join(["drivezoo", "train", *study.command(entry)]) if entry.words else ""
+        keep_result(folder, command)
+    return []
 
 
-def rows_of_result(folder: Path, name: str, training: str, command: str) -> list[Row]:
-    """Return the rows of an entry: its headline, then a row for each group.
+def keep_result(folder: Path, command: str) -> None:
+    """Write the result of a folder to the board's results, with few figures of each drive.
 
     Args:
         folder: folder with the `result.json`.
-        name: name of the entry.
-        training: `whole`, `quick` or `submitted`; empty for a baseline.
-        command: command that trains it, without the seed.
+        command: command that trains the entry, without the seed; empty for a baseline.
 
     Raises:
         InputError: `result.json` is damaged, or a checkpoint was trained on other rows.
@@ -62,42 +69,115 @@ def rows_of_result(folder: Path, name: str, training: str, command: str) -> list
     from zoo.benchmark.checked_result import read_result
 
     result = read_result(folder)
-    first = result.checkpoints[0]
     trained_on = " ".join(dict.fromkeys(driver.data for driver in result.checkpoints))
     wanted = compose_config(["data=bench_v1"])["data"]["record"]["fingerprint"]
-    if training and trained_on != wanted:
+    if command and trained_on != wanted:
         raise InputError(
             f"{folder}: trained on rows with the fingerprint {trained_on or 'unknown'}, bench_v1 "
             f"has {wanted}; train on data=bench_v1 alone"
         )
+    own = RESULTS / result.entry
+    own.mkdir(parents=True, exist_ok=True)
+    if command:
+        write_whole(own / COMMAND, f"{command}\n")
+    drives = [
+        one.model_copy(update={"figures": {name: one.figures[name] for name in NEEDED}})
+        for one in result.drives
+    ]
+    lines = ",\n".join(one.model_dump_json() for one in drives)  # a line for each drive
+    known = set(BenchmarkResult.model_fields)
+    text = result.model_copy(update={"drives": []}).model_dump_json(include=known)
+    write_whole(own / NAME, text.replace('"drives":[]', f'"drives":[\n{lines}\n]', 1) + "\n")
+
+
+def rows_of_board() -> list[Row]:
+    """Return a row for each entry of the board and group of roads, the ranked entries first.
+
+    An entry with fewer interventions per km stands above. Its rank is an interval: entries whose
+    autonomy is not told apart from its own, corrected for the number of pairs (Holm), may be above.
+
+    Raises:
+        InputError: a result is damaged.
+    """
+    from zoo.benchmark.checked_result import read_result
+
+    results = [read_result(path.parent) for path in sorted(RESULTS.glob(f"*/{NAME}"))]
+    kinds = [_kind(result) for result in results]
+    order = sorted(
+        range(len(results)),
+        key=lambda one: (
+            (RANKED, ONE_SEED, BASELINE).index(kinds[one]),
+            results[one].groups[OVERALL]["interventions_per_km"].value,
+        ),
+    )
+    ranked = [results[one] for one in order if kinds[one] == RANKED]
+    ranks = dict(zip([result.entry for result in ranked], _ranks(ranked), strict=True))
+    return [
+        {"rank": ranks.get(results[one].entry, ""), "kind": kinds[one], **row}
+        for one in order
+        for row in rows_of_result(results[one])
+    ]
+
+
+def _kind(result: BenchmarkResult) -> str:
+    if not any(one.sha256 for one in result.checkpoints):
+        return BASELINE
+    return RANKED if len(result.checkpoints) > 1 else ONE_SEED
+
+
+def _ranks(results: Sequence[BenchmarkResult]) -> list[str]:
+    """Return the ranks that each entry may have, such as `2 to 4`."""
+    from zoo.compare.differences import A_BETTER, CANNOT_TELL, SIGNIFICANT, Entry, compare_entries
+    from zoo.drives.clustered import holm
+
+    entries = [Entry.of(RESULTS / result.entry, result) for result in results]
+    pairs = list(itertools.combinations(range(len(entries)), 2))
+    found = [compare_entries(entries[a], entries[b])[OVERALL] for a, b in pairs]
+    corrected = holm([one.p for one in found])
+    above, below = [0] * len(entries), [0] * len(entries)
+    for (a, b), one, p in zip(pairs, found, corrected, strict=True):
+        if p < SIGNIFICANT and one.verdict != CANNOT_TELL:
+            better, worse = (a, b) if one.verdict == A_BETTER else (b, a)
+            above[worse] += 1
+            below[better] += 1
+    bounds = [(1 + one, len(entries) - other) for one, other in zip(above, below, strict=True)]
+    return [f"{first} to {last}" if first < last else f"{first}" for first, last in bounds]
+
+
+def rows_of_result(result: BenchmarkResult) -> list[Row]:
+    """Return the rows of an entry, one for each group, the first for all but the laps."""
+    from zoo.benchmark.summary import drives_of
+
+    first, path = result.checkpoints[0], RESULTS / result.entry / COMMAND
     entry = {
-        "entry": name,
-        "training": training,
+        "entry": result.entry,
         "network": first.model,
-        "parameters": str(first.parameters),
-        "training_seeds": str(len(result.checkpoints)),
+        "parameters": str(first.parameters) if first.sha256 else "",
+        "training_seeds": str(len(result.checkpoints)) if first.sha256 else "",
         "suite": result.suite,
         "roads": result.roads,
-        "data": trained_on,
+        "data": first.data,
         "code": str(result.code.get("hash")),
         "digest": result.digest,
-        "command": command,
+        "command": path.read_text().strip() if path.is_file() else "",
     }
     rows = []
-    for group, figures in {"headline": {"autonomy": result.headline}, **result.groups}.items():
-        roads = [drive for drive in result.drives if drive.group != "laps"]  # the headline's
-        row = entry | {"group": group, "drives": str(len(result.of_group(group) or roads))}
-        for figure, (bound, key) in itertools.product(
+    for group in GROUPS:
+        row = entry | {"group": group, "drives": str(len(drives_of(result.drives, group)))}
+        figures = {name: one.model_dump() for name, one in result.groups[group].items()}
+        less = {key: None if one is None else 1 - one for key, one in figures["autonomy"].items()}
+        figures["shortfall"] = less | {"low": less["high"], "high": less["low"]}
+        for figure, (end, key) in itertools.product(
             FIGURES, (("", "value"), ("_low", "low"), ("_high", "high"))
         ):
-            value = getattr(figures.get(figure), key, None)
-            row[figure + bound] = "" if value is None else f"{value:.4f}"
+            value = figures[figure][key]
+            row[figure + end] = "" if value is None else f"{value:.4f}"
         rows.append(row)
     return rows
 
 
-def submitted_rows(folder: Path) -> list[Row]:
-    """Drive all drives of a submitted entry again; return its rows if each digest is the same.
+def add_submission(folder: Path) -> None:
+    """Drive all drives of a submitted entry again; add it to the board if all are the same.
 
     Raises:
         InputError: a file is missing or damaged, or a drive differs.
@@ -108,14 +188,13 @@ def submitted_rows(folder: Path) -> list[Row]:
     if result.suite != SUITE:
         raise InputError(f"{folder}: drove the suite {result.suite}; the board has only {SUITE}")
     for text in (result.entry, result.checkpoints[0].model):
-        if not re.fullmatch(r"[\w.-]{1,60}", text):  # it stands in Markdown
+        if not re.fullmatch(r"\w[\w.-]{0,59}", text):  # it stands in Markdown, and names a folder
             raise InputError(f"{folder}: {text[:60]!r}: name it with letters, digits, _, . and -")
-    for path in (folder / "card.md", folder / "command.txt"):
+    for path in (folder / "card.md", folder / COMMAND):
         if not path.is_file():
             raise InputError(f"{path}: does not exist; docs/benchmark.md says what it contains")
     verify(folder, SUITE, 0, 0, Console(emoji=False))
-    command = (folder / "command.txt").read_text().strip()
-    return rows_of_result(folder, result.entry, "submitted", command)
+    keep_result(folder, (folder / COMMAND).read_text().strip())
 
 
 def board_page(rows: Rows, path: Path) -> None:
@@ -123,35 +202,32 @@ def board_page(rows: Rows, path: Path) -> None:
     from zoo.leaderboard.ranking_page import PAGE
 
     # Heading, cell, and its arguments.
-    cells = [(name, "text", f"{{{name}}}") for name in ("entry", "training", "network")]
+    cells = [(name, "text", f"{{{name}}}") for name in ("rank", "entry", "network")]
     cells += [
         (name.replace("_", " "), "trained", name) for name in ("parameters", "training_seeds")
     ]
-    cells += [(group, "percent", group, "autonomy") for group in ("headline", *GROUPS)]
-    for group in GROUPS:
-        for figure in FIGURES[1:]:
-            cell = "percent" if figure == "without_intervention" else "number"
-            cells.append((f"{group}: {figure}", cell, group, figure))
-    entries = sorted(grouped(rows, ["entry", "training"]), key=lambda rows: -headline(rows))
+    shares = ("without_intervention", "shortfall")
+    for group, figure in itertools.product(GROUPS, FIGURES):
+        cell = "percent" if figure in shares else "number"
+        cells.append((f"{group}: {figure.replace('_', ' ')}", cell, group, figure))
     lines, scripted = [], []
-    for entry in entries:
+    for entry in grouped(rows, ["entry"]):
         line: list[tuple[str, float | None]] = []
         for _, cell, *given in cells:
             value = of_group(entry, *given)[0] if len(given) > 1 else entry[0].get(given[0])
             line.append((CELLS[cell](entry, *given), float(value) if value else None))
         lines.append(line)
-        name = f"{entry[0]['entry']} {entry[0]['training']}"
-        values = {row["group"]: float(row["autonomy"]) for row in entry if row["autonomy"]}
-        scripted.append({"name": name, "values": values, "runs": []})
+        values = {row["group"]: float(row["interventions_per_km"]) for row in entry}
+        scripted.append({"name": entry[0]["entry"], "values": values, "runs": []})
     axes = [
-        {"key": group, "heading": group, "kind": "figure", "less": False, "share": True}
-        for group in ("headline", *GROUPS)
+        {"key": group, "heading": group, "kind": "figure", "less": True, "share": False}
+        for group in GROUPS
     ]
     page = PAGE.render(
         title="drivezoo-bench v1",
         where="docs/benchmark.csv",
-        lead="Autonomy by group of roads, with 95 % intervals over roads and training seeds. "
-        "Click a heading to sort.",
+        lead="Interventions per km by group of roads. In brackets: 95 % intervals for new roads of "
+        "the families and new trainings. Click a heading to sort.",
         heads=[(heading, cell == "text") for heading, cell, *_ in cells],
         rows=lines,
         data={"axes": axes, "entries": scripted, "curves": []},
@@ -210,7 +286,6 @@ def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
                     "command": f"drivezoo benchmark {entry.name} suite=quick",
                     "drives": len(result.drives),
                     "kept": sum(not drive.figures["interventions"] for drive in result.drives),
-                    "headline": result.headline.model_dump(),
                     "digest": result.digest,
                 },
             },

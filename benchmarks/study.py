@@ -10,6 +10,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from benchmarks.board_rows import add_submission, board_page, rows_of_board
 from benchmarks.measuring import merge, print_table, read_csv, write_csv
 from benchmarks.study_grid import Entry, Study
 from benchmarks.study_tables import packaged, write_tables
@@ -64,11 +65,11 @@ def write_results(study: Study) -> list[Path]:
     A study without a table is printed.
     """
     config = study.config
+    if study.name == "board":  # of the committed results alone
+        write_csv(Path(config["csv"]), rows_of_board())
     rows = read_csv(Path(config["csv"])) if "csv" in config else packaged()
     pages = write_tables(config.get("tables", []), rows)
     if "page" in config:
-        from benchmarks.board_rows import board_page
-
         board_page(rows, Path(config["page"]))
         pages.append(Path(config["page"]))
     if rows and not pages:
@@ -85,9 +86,7 @@ def main(arguments: list[str]) -> None:
     name, *options = arguments or ["no name given"]
     study, failed = Study(name, options), []
     if study.values.get("add"):
-        from benchmarks.board_rows import submitted_rows
-
-        add_rows(study, submitted_rows(Path(study.values["add"])))
+        add_submission(Path(study.values["add"]))
     elif study.options.runs and "grids" in study.config:
         failed = make_runs(study)
     if study.options.drive:

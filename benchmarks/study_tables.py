@@ -11,6 +11,7 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from benchmarks.measuring import Rows, TextRow, grouped, markdown_table, write_between
+from zoo.benchmark.suite import OVERALL
 from zoo.drives.bootstrap import Estimate, mean_over_seeds
 from zoo.drives.intervals import count_with_interval
 from zoo.runs.table import with_interval
@@ -77,12 +78,12 @@ def mean_with_interval(rows: Rows, key: str) -> str:
 def of_group(rows: Rows, group: str, figure: str) -> list[str]:
     """Return a figure of a group of roads, and its lower and upper bound; empty without one."""
     found = [row for row in rows if row["group"] == group]
-    return [found[0][figure + bound] if found else "" for bound in ("", "_low", "_high")]
+    return [found[0].get(figure + end, "") if found else "" for end in ("", "_low", "_high")]
 
 
 def trained(rows: Rows, key: str) -> str:
     """Return a whole number; `-` for a baseline, which is not trained."""
-    return f"{int(rows[0][key]):,}" if rows[0]["training"] else "-"
+    return f"{int(rows[0][key]):,}" if rows[0][key] else "-"
 
 
 def number(rows: Rows, group: str, figure: str, form: str = "", scale: int = 1) -> str:
@@ -123,27 +124,10 @@ def percent(rows: Rows, group: str, figure: str) -> str:
 
 
 def clean_drives(rows: Rows) -> str:
-    """Return how many of an entry's drives had no intervention, with Wilson's interval."""
-    counts = [
-        (float(row["without_intervention"]), int(row["drives"]))
-        for row in rows
-        if row["group"] != "headline"
-    ]
-    clean = sum(round(share * drives) for share, drives in counts)
-    return count_with_interval(clean, sum(drives for _, drives in counts)).replace("95 %: ", "")
-
-
-def headline(rows: Rows) -> float:
-    """Return an entry's interquartile mean of the autonomy."""
-    return float(of_group(rows, "headline", "autonomy")[0])
-
-
-def best_of_network(entries: Sequence[Rows]) -> list[Rows]:
-    """Return the first entry of each network."""
-    best: dict[str, Rows] = {}
-    for entry in entries:
-        best.setdefault(entry[0]["network"], entry)
-    return list(best.values())
+    """Return how many of an entry's drives but the laps had no intervention, with the interval."""
+    share, low, high = (100 * float(one) for one in of_group(rows, OVERALL, "without_intervention"))
+    drives = int(of_group(rows, OVERALL, "drives")[0])
+    return f"{round(share * drives / 100)} of {drives} ({low:.0f} to {high:.0f} %)"
 
 
 def longest(entries: Sequence[Rows]) -> list[Rows]:
@@ -201,7 +185,6 @@ def packaged() -> list[dict]:
         unseen = facts["drives"]["unseen"]
         row = {**facts, **facts["drives"], "name": name, "kB": facts["bytes"] / 1000}
         row["kept"] = count_with_interval(unseen["kept"], unseen["drives"])
-        row["percent"] = {key: 100 * value for key, value in unseen["headline"].items()}
         rows.append(row)
     return sorted(rows, key=lambda row: row["parameters"])
 
@@ -293,15 +276,13 @@ CELLS: dict[str, Callable[..., str]] = {
     "number": number,
     "percent": percent,
     "ratio": lambda rows, key, to: f"{np.mean(np.divide(floats(rows, key), floats(rows, to))):.2f}",
-    "share": lambda *cell: percent(*cell).partition(" (")[0],
     "stalls_or_autonomy": stalls_or_autonomy,
     "text": lambda rows, form: form.format(**rows[0]) or "-",
     "trained": trained,
+    "value": lambda *cell: number(*cell).partition(" (")[0],
 }
 CHOICES: dict[str, Callable[[Sequence[Rows]], list[Rows]]] = {
-    "best_of_network": best_of_network,
     "by_frame_rate": lambda entries: sorted(entries, key=lambda rows: floats(rows, "frame_rate")),
-    "by_headline": lambda entries: sorted(entries, key=lambda rows: -headline(rows)),
     "longest": longest,
 }
 TEXTS: dict[str, Callable[[Rows], str]] = {

@@ -31,6 +31,11 @@ class Entry:
     result: BenchmarkResult
     drives: dict[Road, list[DriveRecord]]
 
+    @classmethod
+    def of(cls, path: Path, result: BenchmarkResult) -> "Entry":
+        """Return the entry of a result that was read from a path."""
+        return cls(path, result, roads_of(result))
+
     @property
     def seeds(self) -> int:
         """Return the number of training seeds."""
@@ -57,8 +62,7 @@ def read_pair(first: Path, second: Path) -> tuple[Entry, Entry]:
     Raises:
         InputError: a file cannot be read, a drive is missing, or suite or roads differ.
     """
-    results = ((path, read_result(path)) for path in (first, second))
-    a, b = (Entry(path, result, roads_of(result)) for path, result in results)
+    a, b = (Entry.of(path, read_result(path)) for path in (first, second))
     for key in ("suite", "roads"):
         own, other = getattr(a.result, key), getattr(b.result, key)
         if own != other:
