@@ -1,6 +1,6 @@
 """Evidence on a network besides its drives, likely causes, and commands that train it again."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -192,6 +192,34 @@ class Cause:
     text: str
     changes: Mapping[str, str | None] = field(default_factory=dict)
     augment: tuple[str, ...] = ()
+
+
+def known_tracks(evidence: Evidence) -> dict[str, str]:
+    """Return by track what it was used for: `chosen`, `trained`, or `trained and chosen`.
+
+    A drive of the track that chose the checkpoint, or that the training recorded, says little.
+    """
+    from simulator.track_names import recorded_name, short_name
+
+    found: dict[str, list[str]] = {}
+
+    def note(tracks: Iterable[str], use: str) -> None:
+        for one in tracks:
+            found.setdefault(recorded_name(short_name(str(one))), []).append(use)
+
+    # Config and metrics may lack these keys, or are another program's and hold anything.
+    with suppress(TypeError, ValueError, LookupError, AttributeError):
+        record = evidence.at("data.record")
+        if evidence.at("data.root") in (None, record["out"]):  # not another recording
+            note([one["track"] for one in record["passes"]], "trained")
+    with suppress(TypeError, ValueError, LookupError, AttributeError):
+        if evidence.metrics["choice"]["drives"]:
+            tracks = evidence.at("score.track")
+            note((tracks.split(",") if isinstance(tracks, str) else tracks)[:1], "chosen")
+    with suppress(TypeError, ValueError, LookupError, AttributeError):
+        if evidence.at("callbacks.best.monitor").startswith("drive/"):
+            note([evidence.at("callbacks.closed_loop.track")], "chosen")
+    return {track: " and ".join(dict.fromkeys(uses)) for track, uses in found.items()}
 
 
 def likely_causes(evidence: Evidence, tracks: Sequence[str]) -> list[Cause]:

@@ -56,6 +56,43 @@ def test_each_track_has_its_own_verdict_and_the_worst_comes_first() -> None:
     assert "track=mountain" in verdict.commands[-1][1]
 
 
+def test_clean_laps_of_the_track_that_chose_the_checkpoint_are_named_as_such() -> None:
+    choice = {"drives": [{"file": "best.ckpt"}]}
+    known = evidence({"score": {"track": "zoo_lake,mountain"}}, choice=choice)
+    verdict = judge([drive(), drive(0, "mountain")], known)
+    assert verdict.headline == (
+        "It drove 2 of 2 laps of the mountain and the lake, the track that it was chosen on."
+    )
+    record = {"out": "expert", "passes": [{"track": "mountain"}]}
+    for root, words in ((None, ", the track that it was trained on"), ("own", "")):
+        own = evidence({"data": {"root": root, "record": record}})
+        headline = judge([drive(0, "mountain")], own).headline
+        assert headline == f"It drove 1 of 1 laps of the mountain{words}."
+
+
+@pytest.mark.parametrize(
+    ("roads", "lost", "begin"),
+    [
+        (16, 0, "It drives: 16 of 16 roads"),
+        (15, 0, "It drove 15 of 15 laps of"),
+        (16, 9, "It does not drive the lakeside:0."),
+        (16, 1, "It drove, with interventions, the lakeside:0."),
+    ],
+)
+def test_it_drives_only_after_16_of_16_clean_roads(roads: int, lost: int, begin: str) -> None:
+    drives = [drive(0 if road else lost, f"lakeside:{road}") for road in range(roads)]
+    assert judge(drives, evidence()).headline.startswith(begin)
+    # The track that chose the checkpoint does not count.
+    own = evidence({"score": {"track": "lakeside:1"}}, choice={"drives": [{}]})
+    assert "It drives" not in judge(drives, own).headline
+
+
+def test_a_clean_lake_does_not_make_up_for_a_jungle_without_autonomy() -> None:
+    verdict = judge([drive(), drive(90, "jungle")], evidence())
+    assert verdict.headline == "It does not drive the jungle."
+    assert "nearly" not in " ".join([verdict.headline, *verdict.tracks])
+
+
 def test_a_drive_without_autonomy_was_not_measured() -> None:
     assert judge([drive() | {"autonomy": None}], evidence()).level == "unknown"
 
