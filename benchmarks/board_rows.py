@@ -162,7 +162,7 @@ def rows_of_result(result: BenchmarkResult) -> list[Row]:
         "command": path.read_text().strip() if path.is_file() else "",
     }
     rows = []
-    for group in GROUPS:
+    for group in (one for one in GROUPS if one in result.groups):
         row = entry | {"group": group, "drives": str(len(drives_of(result.drives, group)))}
         figures = {name: one.model_dump() for name, one in result.groups[group].items()}
         less = {key: None if one is None else 1 - one for key, one in figures["autonomy"].items()}

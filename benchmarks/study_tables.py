@@ -68,8 +68,9 @@ def mean_with_interval(rows: Rows, key: str) -> str:
     if count < 2:
         return f"{mean:.1f} %"
     interval = mean_over_seeds(mean, float(np.std(percents, ddof=1)), count, (0, 100))
-    low, high = (mean, mean) if math.isnan(interval.low) else (interval.low, interval.high)
-    return f"{mean:.1f} % ({low:.1f} to {high:.1f})"
+    if math.isnan(interval.low):  # all are equal, which says little about a further one
+        return f"{mean:.1f} %"
+    return f"{mean:.1f} % ({interval.low:.1f} to {interval.high:.1f})"
 
 
 # Cells of the board, whose entries have a row for each group of roads.
@@ -184,7 +185,7 @@ def packaged() -> list[dict]:
         facts = read_facts(name)
         unseen = facts["drives"]["unseen"]
         row = {**facts, **facts["drives"], "name": name, "kB": facts["bytes"] / 1000}
-        row["kept"] = count_with_interval(unseen["kept"], unseen["drives"])
+        row["kept"] = f"{unseen['kept']} of {unseen['drives']}"
         rows.append(row)
     return sorted(rows, key=lambda row: row["parameters"])
 
@@ -211,6 +212,7 @@ DRIVEN = {
     "mountain_autonomy": ("mountain, autonomy", -1),
 }
 RESAMPLINGS, FEWEST = 2_000, 8
+ALTERED = ("camera", "offset")  # words of the settings that alter the side cameras
 
 
 def networks(rows: Rows) -> list[TextRow]:
@@ -233,13 +235,20 @@ def column(rows: Rows, key: str, sign: int = 1) -> np.ndarray:
     return sign * np.array([abs_of(row, key) for row in rows])
 
 
-def rank_correlation(offline: np.ndarray, driven: np.ndarray) -> tuple[float, float, float]:
-    """Return Spearman's correlation and its 95 % interval; NaN if all drives are equal."""
+def rank_correlation(
+    offline: np.ndarray, driven: np.ndarray, recipes: Sequence[str]
+) -> tuple[float, float, float]:
+    """Return Spearman's correlation and its 95 % interval; NaN if all drives are equal.
+
+    Recipes are drawn again, each with all of its training seeds: these are alike.
+    """
     if len(set(driven)) < 2:
         return math.nan, math.nan, math.nan
     rng, drawn = np.random.default_rng(0), []
+    of_recipes = [np.flatnonzero(np.array(recipes) == one) for one in dict.fromkeys(recipes)]
     for _ in range(RESAMPLINGS):
-        chosen = rng.integers(0, len(offline), len(offline))
+        places = rng.integers(0, len(of_recipes), len(of_recipes))
+        chosen = np.concatenate([of_recipes[place] for place in places])
         if len(set(offline[chosen])) > 1 and len(set(driven[chosen])) > 1:
             drawn.append(spearmanr(offline[chosen], driven[chosen]).statistic)
     low, high = np.quantile(drawn, [0.025, 0.975])
@@ -247,20 +256,35 @@ def rank_correlation(offline: np.ndarray, driven: np.ndarray) -> tuple[float, fl
 
 
 def correlation_table(rows: Rows, where: str, head: list[str]) -> str:
-    """Return a Markdown table with a line for each metric on some rows, and split of those."""
-    lines, groups = [], {"": networks(rows)}
+    """Return a Markdown table with a line for each metric on some rows, and split of those.
+
+    A second one is of the networks whose side cameras are the usual ones.
+    """
+    driven = networks(rows)
+    usual = [row for row in driven if not any(word in row["setting"] for word in ALTERED)]
+    tables = [_correlations(own, where, head) for own in (driven, usual)]
+    left_out = len(driven) - len(usual)
+    return f"\n\nWithout the {left_out} networks with altered cameras:\n\n".join(tables)
+
+
+def _correlations(driven: Rows, where: str, head: list[str]) -> str:
+    lines, groups = [], {"": driven}
     if "split" in head:
-        of_splits = grouped(networks(rows), ["split"])
+        of_splits = grouped(driven, ["split"])
         groups = {group[0]["split"]: group for group in of_splits if len(group) >= FEWEST}
     for metric, (label, sign) in METRICS.items():
         for split, own in groups.items() if metric.startswith(where) else ():
-            cells = [label, split, str(len(own))] if split else [label, str(len(own))]
+            recipes = [" ".join([row["model"], row["setting"], row["split"]]) for row in own]
+            counts = [str(len(own)), str(len(set(recipes)))]
+            cells = [label, split, *counts] if split else [label, *counts]
             for key, (_, worse) in DRIVEN.items():
-                found = rank_correlation(column(own, metric, sign), column(own, key, worse))
-                cells.append("{:+.2f} ({:+.2f} to {:+.2f})".format(*found))
+                pair = column(own, metric, sign), column(own, key, worse)
+                cells.append(
+                    "{:+.2f} ({:+.2f} to {:+.2f})".format(*rank_correlation(*pair, recipes))
+                )
             lines.append(cells)
     labels = [label for label, _ in DRIVEN.values()]
-    return markdown_table([*head, "networks", *labels], lines, left=len(head))
+    return markdown_table([*head, "networks", "recipes", *labels], lines, left=len(head))
 
 
 CELLS: dict[str, Callable[..., str]] = {

@@ -14,9 +14,11 @@ from datamodules.recording_format import read_recordings
 from datamodules.split import split_rows
 from datamodules.view import RESIZES
 from tests.recordings import Written
+from tests.zoo.compare.synthetic_results import ROADS, figures, result, write
+from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError
 from zoo.benchmark.baselines import BASELINES
-from zoo.benchmark.result import NEEDED, BenchmarkResult, write_result
+from zoo.benchmark.checked_result import read_result
 from zoo.input_search.combinations import CROPS, SCALES
 
 ROOT = Path(__file__).parents[2]
@@ -62,10 +64,9 @@ TRANSFER = {
 def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a folder with copies of the manual's pages, which is the current folder.
 
-    The results of these tests have figures that are not those of their only drive.
+    The results of these tests have not all roads of the suite that they name.
     """
-    for check in ("_check_sums", "_check_included_suite"):
-        monkeypatch.setattr(f"zoo.benchmark.checked_result.{check}", lambda *_: None)
+    monkeypatch.setattr("zoo.benchmark.checked_result._check_included_suite", lambda *_: None)
     monkeypatch.chdir(tmp_path)
     left_out = shutil.ignore_patterns("_build", "*.csv", "*.png", "images", "api")
     shutil.copytree(ROOT / "docs", "docs", ignore=left_out)
@@ -87,13 +88,14 @@ def test_the_committed_pages_are_those_of_the_committed_figures(
 ) -> None:
     for path in (ROOT / "docs").glob("*.csv"):
         shutil.copy(path, "docs")
+    shutil.copytree(ROOT / board_rows.RESULTS, board_rows.RESULTS)
     if name == "offline_metrics":  # bootstraps for half a minute
         monkeypatch.setattr("benchmarks.study_tables.RESAMPLINGS", 2)
     study.main([name, "runs=false"])
     written = capsys.readouterr().out.strip().split(", ")
     assert len(written) > 1 or name == "pretrained"
     if name == "offline_metrics":
-        line = line_of("docs/offline_metrics.md", "| balanced MAE | random | 35 | +0.61 (")
+        line = line_of("docs/offline_metrics.md", "| balanced MAE | random | 35 | 20 | +0.61 (")
         assert line != line_of(str(ROOT / "docs/offline_metrics.md"), line.partition("(")[0])
         return
     for path in map(Path, written):
@@ -234,90 +236,75 @@ def test_a_smaller_share_has_rows_of_the_larger_one(recorded: Written) -> None:
         assert np.array_equal(part.val, whole.val)
 
 
-def interval(value: float | None, low: float | None, high: float | None) -> dict:
-    return {"value": value, "low": low, "high": high}
-
-
-def write_entry(folder: Path, headline: float = 0.9, **changes: object) -> Path:
-    """Write the `result.json` of an entry with one checkpoint and one road."""
-    checkpoint = {
-        "file": "best.ckpt",
-        "sha256": "0" * 64,
-        "model": "LeNet",
-        "parameters": 137741,
-        "training_seed": 1,
-        "data": FINGERPRINT,
-    }
-    drive = {"checkpoint": 0, "group": "like", "track": "lakeside:501", "settings": {}}
-    like = {
-        "autonomy": interval(0.9, 0.85, 1.0),
-        "m_per_intervention": interval(None, 812.4, None),
-        "without_intervention": interval(0.0, 0.0, 0.79),
-        "cte_mean_m": interval(0.2, 0.15, 0.25),
-        "steering_per_s": interval(0.1, 0.1, 0.1),
-    }
-    result = {
-        "version": 1,
-        "suite": "v1",
-        "roads": "ab" * 8,
-        "code": {"hash": "abc", "commit": None},
-        "entry": "mine",
-        "checkpoints": [checkpoint],
-        "drives": [{**drive, "figures": dict.fromkeys(NEEDED, 1.0), "digest": "cd" * 8}],
-        "groups": {"like": like},
-        "headline": interval(headline, 0.8, 1.0),
-        "digest": "ef" * 8,
-    }
-    folder.mkdir(parents=True)
-    write_result(folder, BenchmarkResult(**{**result, **changes}))
+def write_entry(folder: Path, autonomy: float = 0.9, seeds: int = 3, **changes: object) -> Path:
+    """Write an entry's folder: a result of known autonomy and the command of its training."""
+    rng, name = np.random.default_rng(1), folder.name
+    found = result(np.clip(figures(rng, autonomy, seeds, 0.01, np.zeros(len(ROADS))), 0, 1), name)
+    for checkpoint in found["checkpoints"]:
+        checkpoint["data"] = FINGERPRINT
+    write(folder, found | {"suite": "v1"} | changes)
+    (folder / board_rows.COMMAND).write_text("drivezoo train experiment=lenet data=bench_v1\n")
     return folder
 
 
-def add_entry(folder: Path, name: str, training: str = "whole") -> None:
-    rows = board_rows.rows_of_result(folder, name, training, "drivezoo train")
-    study.add_rows(Study("board", []), rows)
+def add_entry(folder: Path) -> None:
+    board_rows.keep_result(folder, (folder / board_rows.COMMAND).read_text().strip())
 
 
 def test_an_entry_stands_in_all_pages_of_the_board(pages: Path) -> None:
-    add_entry(write_entry(pages / "entry"), "lenet")
+    add_entry(write_entry(pages / "mine"))
     study.main(["board", "runs=false"])
     page = Path("docs/benchmark.md").read_text()
-    assert "| `lenet` | whole | 137,741 | 1 | 90.0 % (80.0 to 100.0) | 90.0 % (85.0 to" in page
-    assert "0 of 1 (79 % or less)" in page
-    assert "| 812 or more | 0.0 % (0.0 to 79.0) | 0.20 (0.15 to 0.25) |" in page
-    assert "| LeNet | `lenet` | 137,741 | 90.0 % (80.0 to 100.0) |" in Path("README.md").read_text()
-    assert ">lenet</td>" in Path("docs/_static/board.html").read_text()
+    assert "| 1 | `mine` | 1,000 | 3 | 2." in page
+    assert "| 1 | LeNet | `mine` | 1,000 | 2." in Path("README.md").read_text()
+    assert ">mine</td>" in Path("docs/_static/board.html").read_text()
+    row = read_csv(Path("docs/benchmark.csv"))[0]
+    assert row["group"] == "all but laps"
+    assert float(row["shortfall_low"]) < 0.1 < float(row["shortfall_high"])
+    assert row["command"] == "drivezoo train experiment=lenet data=bench_v1"
 
 
-def test_the_best_headline_stands_first_and_for_its_network(pages: Path) -> None:
-    for name, best in (("bad", 0.5), ("good", 0.8), ("worse", 0.4)):
-        add_entry(write_entry(pages / name, best), name)
-    study.main(["board", "runs=false"])
-    page = Path("docs/benchmark.md").read_text()
-    assert page.index("`good`") < page.index("`bad`") < page.index("`worse`")
-    readme = Path("README.md").read_text()
-    assert "`good`" in readme
-    assert "`bad`" not in readme
-
-
-def test_a_newer_result_replaces_the_older_and_those_on_other_roads(pages: Path) -> None:
-    add_entry(write_entry(pages / "roads", roads="0" * 16), "tiny41")
-    add_entry(write_entry(pages / "old", 0.5), "lenet")
-    add_entry(write_entry(pages / "quick", 0.3), "lenet", "quick")
-    add_entry(write_entry(pages / "new", 0.8), "lenet")
-    rows = [row for row in read_csv(Path("docs/benchmark.csv")) if row["group"] == "headline"]
-    assert [(row["entry"], row["autonomy"]) for row in rows] == [
-        ("lenet", "0.3000"),
-        ("lenet", "0.8000"),
+def test_the_fewest_interventions_stand_first_and_ties_share_a_rank(pages: Path) -> None:
+    for name, autonomy in (("a_worst", 0.4), ("tied", 0.9), ("alike", 0.899)):
+        add_entry(write_entry(pages / name, autonomy))
+    rows = board_rows.rows_of_board()
+    assert list(dict.fromkeys((row["entry"], row["rank"]) for row in rows)) == [
+        ("tied", "1 to 2"),
+        ("alike", "1 to 2"),
+        ("a_worst", "3"),
     ]
+
+
+def test_baselines_and_entries_of_one_training_have_no_rank(pages: Path) -> None:
+    add_entry(write_entry(pages / "ranked", 0.5))
+    add_entry(write_entry(pages / "alone", 0.9, seeds=1))
+    expert = read_json(write_entry(pages / "expert", 1.0, seeds=1) / "result.json")
+    expert["checkpoints"][0]["sha256"] = None
+    write(pages / "known", expert)
+    board_rows.keep_result(pages / "known", "")
+    rows = board_rows.rows_of_board()
+    assert list(dict.fromkeys((row["entry"], row["kind"], row["rank"]) for row in rows)) == [
+        ("ranked", "ranked", "1"),
+        ("alone", "one training seed", ""),
+        ("expert", "baseline", ""),
+    ]
+
+
+def test_a_kept_result_has_every_drive_and_its_digest(pages: Path) -> None:
+    folder = write_entry(pages / "mine")
+    add_entry(folder)
+    kept, given = (read_result(one) for one in (board_rows.RESULTS / "mine", folder))
+    assert kept.digest == given.digest
+    assert kept.groups == given.groups
+    assert len(kept.drives) == 3 * len(ROADS)
 
 
 def test_an_entry_trained_on_other_rows_is_refused(pages: Path) -> None:
     folder = write_entry(pages / "entry")
-    result = folder / "result.json"
-    result.write_text(result.read_text().replace(FINGERPRINT, "0" * 16))
+    path = folder / "result.json"
+    path.write_text(path.read_text().replace(FINGERPRINT, "0" * 16))
     with pytest.raises(InputError, match=r"0{16}.*data=bench_v1"):
-        add_entry(folder, "lenet")
+        add_entry(folder)
 
 
 @pytest.mark.parametrize(
@@ -330,7 +317,7 @@ def test_a_submission_that_lacks_something_is_refused(
     """A name stands in Markdown; an entry of another suite is no line of the board."""
     with pytest.raises(InputError, match=named):
         study.main(["board", f"add={write_entry(pages / 'entry', **changes)}"])
-    assert not Path("docs/benchmark.csv").exists()
+    assert not board_rows.RESULTS.exists()
 
 
 # The pages

@@ -14,7 +14,6 @@ from rich.console import Console
 
 from zoo.base.terminal import print_line
 from zoo.checkpoints.checkpoint_path import short_name
-from zoo.drives.intervals import wilson_interval
 
 SWEEP = "sweep.json"  # a sweep's record, in the folder of its jobs
 FINAL = "final"  # first part of the scores' names
@@ -73,8 +72,7 @@ def log_results(
 def final_scores(metrics: dict) -> Iterator[tuple[str, float]]:
     """Yield the name and value of each score in `metrics.json`.
 
-    A figure of several drives has its standard deviation as `..._std`. The share of drives without
-    an intervention has the bounds of its 95 % interval as `..._low` and `..._high`.
+    A figure of several drives has its standard deviation as `..._std`.
     """
     for part, figures in metrics["open_loop"].items():
         yield from ((f"{FINAL}/{part}/{key}", float(value)) for key, value in figures.items())
@@ -88,9 +86,7 @@ def final_scores(metrics: dict) -> Iterator[tuple[str, float]]:
                 yield f"{place}/{key}_std", float(deviation)
         kept, drives = figures.get("drives_without_intervention"), figures["drives"]
         if kept is not None:
-            bounds = (kept / drives, *wilson_interval(kept, drives))
-            for end, bound in zip(("", "_low", "_high"), bounds, strict=True):
-                yield f"{place}/share_without_intervention{end}", bound
+            yield f"{place}/share_without_intervention", kept / drives
 
 
 def _log_result(
