@@ -123,7 +123,7 @@ def no_failure(trials: int) -> float:
     >>> round(no_failure(30), 3), round(no_failure(3), 3)
     (0.116, 0.708)
     """
-    return 1 - TAIL ** (1 / trials)
+    return 1 - float(TAIL ** (1 / trials))
 
 
 def p_value(difference: np.ndarray, places: Sequence[str], groups: Sequence[str]) -> float:
