@@ -25,7 +25,7 @@ from rich.console import Console
 
 from benchmarks import measuring
 from zoo.base.child_process import child_environment
-from zoo.base.cores import usable_cores
+from zoo.base.cores import processor_name, usable_cores
 
 HERE = Path(__file__).parent
 OUT = Path("outputs/bench.json")
@@ -78,12 +78,8 @@ def end(number: int, _: object) -> None:
 
 def machine() -> dict:
     """Return the facts about the machine that the figures depend on."""
-    model = platform.processor() or platform.machine()
-    with suppress(OSError, StopIteration):
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        model = next(line.split(": ")[1] for line in lines if line.startswith("model name"))
     return {
-        "processor": model,
+        "processor": processor_name(),
         "cores": usable_cores(),
         "threads": os.environ.get("OMP_NUM_THREADS", "not set"),
         "load_before": os.getloadavg(),

@@ -2,6 +2,8 @@
 
 import math
 import os
+import platform
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -26,3 +28,11 @@ def _container_cores() -> float:
         except OSError:
             return math.inf
     return math.inf if quota in ("max", "-1") else int(quota) / int(period)
+
+
+def processor_name() -> str:
+    """Return the name of the processor's model, or of its architecture where none is known."""
+    with suppress(OSError, StopIteration):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        return next(line.split(": ")[1] for line in lines if line.startswith("model name"))
+    return platform.processor() or platform.machine()

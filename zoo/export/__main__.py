@@ -1,6 +1,7 @@
-"""`drivezoo export`: write a checkpoint as an ONNX file."""
+"""`drivezoo export`: write a checkpoint as an ONNX file, for Donkeycar, or as C."""
 
 from pathlib import Path
+from typing import Literal
 
 from rich.console import Console
 
@@ -8,27 +9,42 @@ from zoo.base.command import command
 
 
 @command
-def export(ckpt: str, *, out: str = "model.onnx", frames: str | None = None) -> Path:
-    """Write a checkpoint as an ONNX file, or for Donkeycar.
+def export(
+    ckpt: str,
+    *,
+    to: Literal["onnx", "donkeycar", "c"] | None = None,
+    out: str | None = None,
+    weights: Literal["float", "int8"] = "float",
+    frames: str | None = None,
+) -> Path:
+    """Write a checkpoint as an ONNX file, for Donkeycar, or as C.
 
-    Every command that drives takes the file in place of the checkpoint; its metadata has view and
-    config. If its steering (-1..1) differs from the checkpoint's by more than 0.0001, writes
-    nothing.
+    Every command that drives takes an ONNX file in place of the checkpoint. A C file holds view and
+    network, and needs no library. If the steering (-1..1) of the file differs from the checkpoint's
+    by more than 0.0001, writes nothing.
+
+      drivezoo export latest out=model.onnx
+      drivezoo export latest to=c out=steer.c weights=int8
 
     Args:
         ckpt: checkpoint: a .ckpt file, a run's folder, or latest.
-        out: file to write: .onnx, or .h5 for Donkeycar's manage.py drive --model; an existing one
-            is replaced only after the comparison.
+        to: onnx; donkeycar: for its manage.py drive --model; c: a C99 file and its header; null:
+            by the ending of out.
+        out: file to write: .onnx, .h5 for Donkeycar, .c, with the name of the C function; an
+            existing one is replaced only after the comparison; null: model.onnx, pilot.h5 or
+            steer.c.
+        weights: c: int8: a quarter of the size; the steering changes a little, which is printed.
         frames: recording whose frames are compared; null: the training's recording, else the
             embedded lake's, else new frames of the embedded lake.
 
     Raises:
         InputError: the checkpoint or recording does not exist, a package is not installed, the
             file cannot be written, or it steers differently from the checkpoint.
+        UsageError: the ending does not fit, or weights=int8 for another kind.
     """
-    from zoo.export.onnx_file import export_checkpoint
+    from zoo.export.exported_file import export_checkpoint
 
-    return export_checkpoint(ckpt, out, frames, Console())
+    return export_checkpoint(ckpt, out, frames, Console(), to, weights)
 
 
 if __name__ == "__main__":

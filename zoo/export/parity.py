@@ -2,6 +2,7 @@
 
 import statistics
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,14 +10,18 @@ import torch
 
 from datamodules.image import read_image
 from datamodules.recording_format import read_recordings
+from zoo.base.cores import processor_name
 from zoo.base.errors import InputError
+from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.command import Command
+from zoo.checkpoints.frame_memory import SessionPolicy
 from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy import CheckpointPolicy
 
 FRAMES = 64
 RENDERED = 24
 WARM_UP = 3
+PYTORCH = "PyTorch"
 
 
 @dataclass(frozen=True)
@@ -41,12 +46,14 @@ class Parity:
     Attributes:
         difference: largest difference of steering or throttle, each -1..1; NaN if a policy
             returned NaN.
-        checkpoint_ms, onnx_ms: median times per frame, with the view.
+        mean: mean difference over the frames.
+        checkpoint_ms, exported_ms: median times per frame, with the view.
     """
 
     difference: float
+    mean: float
     checkpoint_ms: float
-    onnx_ms: float
+    exported_ms: float
 
 
 def take_frames(recording: str | None, config: dict) -> Frames:
@@ -70,9 +77,7 @@ def take_frames(recording: str | None, config: dict) -> Frames:
     return _rendered_frames()
 
 
-def compare(
-    policy: CheckpointPolicy, exported: OnnxPolicy | CheckpointPolicy, frames: Frames
-) -> Parity:
+def compare(policy: CheckpointPolicy, exported: SessionPolicy, frames: Frames) -> Parity:
     """Compare two policies on each frame, and time them on one thread.
 
     Policies with memory get the frames as one drive, and those that predict ahead are asked for
@@ -109,9 +114,26 @@ def compare(
         differences.append(np.abs(batched - in_batch).max())
     return Parity(
         difference=float(np.max(differences)),
+        mean=float(np.abs(found - expected).mean()),
         checkpoint_ms=statistics.median(times_ms[0]),
-        onnx_ms=statistics.median(times_ms[1]),
+        exported_ms=statistics.median(times_ms[1]),
     )
+
+
+def latency(times_ms: Mapping[str, float], frames: int) -> str:
+    """Return a sentence on the time that a frame takes with each engine, by the engine's name."""
+    times = ", ".join(f"{time_ms:.2f} ms with {engine}" for engine, time_ms in times_ms.items())
+    return (
+        f"Latency: a frame takes {times}, on one thread of {processor_name()} (median of {frames})."
+    )
+
+
+def own_latency(checkpoint: Checkpoint) -> str:
+    """Return a sentence on the time that a frame takes with PyTorch, measured on noise."""
+    frame = np.random.default_rng(0).integers(0, 256, (*checkpoint.view.frame, 3), np.uint8)
+    policy = CheckpointPolicy(checkpoint)
+    frames = Frames([frame] * RENDERED, [0.0] * RENDERED, "of noise")
+    return latency({PYTORCH: compare(policy, policy, frames).checkpoint_ms}, RENDERED)
 
 
 def _outputs(command: Command) -> list[float]:

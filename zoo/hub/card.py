@@ -16,12 +16,11 @@ from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import write_whole
-from zoo.checkpoints.checkpoint import Checkpoint, build_checkpoint, read_checkpoint_file
-from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents, without_folders
-from zoo.evaluate.drives_table import drives_table
-from zoo.report.blocks import Block, Bullets, Code, Rows, Section, Text, to_markdown
-from zoo.report.training_section import INTENDED_USE
-from zoo.verdict.evidence import Evidence, next_drive, read_evidence
+from zoo.checkpoints.new_checkpoint import checkpoint_bytes
+from zoo.export.parity import own_latency
+from zoo.report.blocks import Block, Code, Section, to_markdown
+from zoo.report.model_card import Described, card_sections, describe
+from zoo.verdict.evidence import next_drive
 
 HUB = "hub"  # kind of folder
 CARD = "README.md"
@@ -31,36 +30,26 @@ SHOWN = {"autonomy": "Autonomy", "interventions": "Interventions per drive"}
 
 
 @dataclass(frozen=True)
-class Described:
-    """What a card describes.
+class SharedFile:
+    """A checkpoint's file on the Hub.
 
     Attributes:
-        file, data: name and contents of the shared checkpoint.
-        checkpoint: checkpoint of the training.
-        card: card within the shared checkpoint, without private paths.
-        evidence: metrics and command of the run.
+        of: what its card describes.
+        file, data: name and contents.
         repo: repository, `user/name`; None for none.
         license: abbreviation of the weights' licence; None for none.
     """
 
+    of: Described
     file: str
     data: bytes
-    checkpoint: Checkpoint
-    card: Mapping
-    evidence: Evidence
     repo: str | None
     license: str | None
 
     @property
     def sha256(self) -> str:
-        """Return the hash of the shared checkpoint."""
+        """Return the hash of the contents."""
         return hashlib.sha256(self.data).hexdigest()
-
-    @property
-    def tracks(self) -> dict[str, Mapping]:
-        """Return the figures of each track that the run drove."""
-        tracks = (self.evidence.metrics.get("drive") or {}).get("tracks") or {}
-        return {name: one for name, one in tracks.items() if one and one.get("autonomy")}
 
 
 def shared_files(path: Path, repo: str | None, license_name: str | None) -> dict[str, bytes]:
@@ -74,20 +63,11 @@ def shared_files(path: Path, repo: str | None, license_name: str | None) -> dict
     Raises:
         InputError: the checkpoint cannot be loaded.
     """
-    contents = read_checkpoint_file(path)
-    checkpoint = build_checkpoint(contents, path)
-    lean = lean_contents(contents)
-    name = re.sub(r"\W", "_", str(checkpoint.config["model"].get("name") or "network"))[:60]
-    described = Described(
-        file=f"{name}.ckpt",
-        data=checkpoint_bytes(lean),
-        checkpoint=checkpoint,
-        card=lean["drivezoo"],
-        evidence=read_evidence(path, checkpoint.config, checkpoint.data),
-        repo=repo,
-        license=license_name,
-    )
-    return {described.file: described.data, CARD: card_text(described).encode()}
+    of = describe(path)
+    name = re.sub(r"\W", "_", of.name)[:60]
+    file = f"{name}.ckpt"
+    shared = SharedFile(of, file, checkpoint_bytes(of.contents), repo, license_name)
+    return {file: shared.data, CARD: card_text(shared).encode()}
 
 
 def write_files(files: Mapping[str, bytes], out: str) -> list[Path]:
@@ -103,17 +83,12 @@ def write_files(files: Mapping[str, bytes], out: str) -> list[Path]:
             raise InputError(f"{folder}: {error.strerror}; name another folder") from None
 
 
-def card_text(of: Described) -> str:
+def card_text(shared: SharedFile) -> str:
     """Return the text of the card."""
-    sections = [
-        Section("", _what(of)),
-        Section("Drive it", _drive(of)),
-        Section("How it drives", _scores(of)),
-        Section("Training", _training(of)),
-        Section("Intended use", [Text(INTENDED_USE)]),
-    ]
-    header = yaml.safe_dump(_header(of), sort_keys=False, allow_unicode=True)
-    return f"---\n{header}---\n\n{to_markdown(_title(of), sections)}"
+    first, *others = card_sections(shared.of, _file(shared))
+    sections = [first, Section("Drive it", _drive(shared)), *others]
+    header = yaml.safe_dump(_header(shared), sort_keys=False, allow_unicode=True)
+    return f"---\n{header}---\n\n{to_markdown(_title(shared), sections)}"
 
 
 def described_hash(text: str) -> str | None:
@@ -126,8 +101,9 @@ def described_hash(text: str) -> str | None:
     return found[0] if len(found) == 1 else None
 
 
-def _header(of: Described) -> dict:
-    header: dict = {"license": of.license} if of.license else {}
+def _header(shared: SharedFile) -> dict:
+    of = shared.of
+    header: dict = {"license": shared.license} if shared.license else {}
     header |= {"library_name": "drivezoo", "tags": TAGS, "pipeline_tag": "robotics"}
     header["metrics"] = [key for key in SHOWN if any(one.get(key) for one in of.tracks.values())]
     results = [
@@ -143,60 +119,34 @@ def _header(of: Described) -> dict:
         for name, figures in of.tracks.items()
     ]
     if results:
-        header["model-index"] = [{"name": _title(of), "results": results}]
-    trained_on = of.card["data"].get("fingerprint")
-    return header | {"drivezoo": {"file": of.file, "sha256": of.sha256, "data": trained_on}}
+        header["model-index"] = [{"name": _title(shared), "results": results}]
+    trained_on = of.contents["drivezoo"]["data"].get("fingerprint")
+    return header | {"drivezoo": {"file": shared.file, "sha256": shared.sha256, "data": trained_on}}
 
 
-def _title(of: Described) -> str:
-    return Path(of.file).stem
+def _title(shared: SharedFile) -> str:
+    return Path(shared.file).stem
 
 
-def _what(of: Described) -> list[Block]:
-    network, view = of.checkpoint.network, of.checkpoint.view
-    parameters = sum(one.numel() for one in network.parameters())
-    height, width, _ = view.shape
+def _file(shared: SharedFile) -> list[str]:
+    """Return sentences on the file and on what it does not hold."""
     points = [
-        f"Network: {type(network).__name__}, {parameters:,} parameters. It steers a car from the "
-        "images of one camera.",
-        f"View: without {view.crop_text}, colour {view.colour}, resized to {height} x {width}.",
-        f"File: {of.file}, {len(of.data):,} bytes, SHA-256 {of.sha256}. It holds weights and "
-        "settings, and no code.",
+        f"File: {shared.file}, {len(shared.data):,} bytes, SHA-256 {shared.sha256}. It holds "
+        "weights and settings, and no code.",
+        own_latency(shared.of.checkpoint),
     ]
     points += [
         f"The network's code is not in the file: {one['name']} (SHA-256 begins with "
         f"{one['sha256']}), which its author has. Add it with parts=FILE."
-        for one in of.card.get("parts") or ()
+        for one in shared.of.contents["drivezoo"].get("parts") or ()
     ]
-    return [Bullets(points)]
+    return points
 
 
-def _drive(of: Described) -> list[Block]:
-    fetch = f"pip install 'drivezoo[hub]'\ndrivezoo hub pull {of.repo}\n" if of.repo else ""
-    file = f"outputs/hub/{of.repo}/{of.file}" if of.repo else of.file
-    words = next_drive(file, of.checkpoint.data, ["drive", file, "sim=lake", "laps=1"])
+def _drive(shared: SharedFile) -> list[Block]:
+    repo, file = shared.repo, shared.file
+    fetch = f"pip install 'drivezoo[hub]'\ndrivezoo hub pull {repo}\n" if repo else ""
+    file = f"outputs/hub/{repo}/{file}" if repo else file
+    data = shared.of.checkpoint.data
+    words = next_drive(file, data, ["drive", file, "sim=lake", "laps=1"])
     return [Code(f"{fetch}{command_line(['drivezoo', *map(str, words)])}")]
-
-
-def _scores(of: Described) -> list[Block]:
-    if not of.tracks:
-        return [Text("Its run has no drives: nothing here shows that it stays on a road.")]
-    scored = of.evidence.metrics.get("drive") or {}
-    speed = scored.get("speed_mph")
-    where = scored.get("replayed") or "Drives of its run in drivezoo's embedded simulator"
-    text = f"{where}, at {speed:g} mph." if speed else f"{where}."
-    return [Text(text), Rows(drives_table(dict(of.tracks)))]
-
-
-def _training(of: Described) -> list[Block]:
-    data, code = of.card["data"], of.evidence.metrics.get("code") or {}
-    rows = f"{data['rows']:,} rows" if data.get("rows") else "rows of an unknown number"
-    points = [f"Recording: {rows} with fingerprint {data.get('fingerprint') or 'unknown'}."]
-    if (seed := of.card["config"].get("seed")) is not None:
-        points.append(f"Training seed: {seed}.")
-    if code:
-        points.append(f"Code: {code.get('hash')}, commit {code.get('commit') or 'unknown'}.")
-    blocks: list[Block] = [Bullets(points)]
-    if command := of.evidence.again({}):
-        blocks.append(Code(without_folders(command)))
-    return blocks

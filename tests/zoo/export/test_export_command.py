@@ -39,7 +39,8 @@ from zoo.evaluate import __main__ as evaluate
 from zoo.export import onnx_file
 from zoo.export.__main__ import export
 from zoo.export.donkeycar_file import donkeycar_bytes, donkeycar_policy
-from zoo.export.onnx_file import COLOURS, export_checkpoint, onnx_bytes
+from zoo.export.exported_file import export_checkpoint
+from zoo.export.onnx_file import COLOURS, onnx_bytes
 from zoo.export.parity import RENDERED, Frames, compare, take_frames
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert
@@ -168,7 +169,7 @@ def test_a_file_that_steers_differently_is_removed(
     other = load_checkpoint(checkpoint)
     with torch.no_grad():
         other.network.head[-1].bias += 0.001
-    monkeypatch.setattr(onnx_file, "onnx_bytes", lambda _: onnx_bytes(other))
+    monkeypatch.setattr(onnx_file, "onnx_bytes", lambda *_: onnx_bytes(other))
     files = str(tmp_path / "model.onnx"), str(recorded.folder)
 
     with pytest.raises(InputError, match=r" 0\.001 .* 0\.0001"):

@@ -9,7 +9,7 @@ from tests.recordings import Written
 from tests.zoo.commands import run, succeed
 from tests.zoo.models.test_memory import NAMES
 from zoo.checkpoints.policy import load_policy
-from zoo.export.onnx_file import export_checkpoint
+from zoo.export.exported_file import export_checkpoint
 from zoo.runs.metrics_file import read_metrics_file
 
 SMALL = {

@@ -1,0 +1,405 @@
+"""A checkpoint as a C99 file and its header: the view and the network, without a library.
+
+The operations are those of the network's ONNX graph. All values lie in one array, `work`, and a
+tensor is the array of its values' places in it. So an operation that only moves values, such as a
+transposition, moves places here and needs no C. Images lie with their channels last.
+"""
+
+import copy
+import textwrap
+from dataclasses import replace
+from string import Template
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zoo.base.errors import InputError
+from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.onnx_policy import IMAGES, SPEED
+from zoo.export.c_source import CSource, c_number, read_parts
+from zoo.export.c_view import write_view
+from zoo.export.onnx_file import graph_bytes
+from zoo.models.memory import Memory
+
+if TYPE_CHECKING:
+    import onnx
+
+WIDTH = 97  # of a comment
+MOST = 127  # of a weight of 8 bits
+MOST_LANES = 8  # outputs that are summed at a time: two vector registers of 128 bits
+OTHERWISE = "name a file that ends in .onnx"
+# Operations that only move values; onnx computes them on places.
+MOVES = {"Flatten", "Gather", "Identity", "Reshape", "Slice", "Squeeze", "Transpose", "Unsqueeze"}
+SCALARS = {"Add": "+", "Div": "/", "Mul": "*", "Sub": "-"}  # of a value and a constant
+FUNCTIONS = {
+    "Elu": "v > 0.0f ? v : {alpha} * (exponential(v) - 1.0f)",
+    "LeakyRelu": "v > 0.0f ? v : {alpha} * v",
+    "Relu": "v > 0.0f ? v : 0.0f",
+    "Sigmoid": "1.0f / (1.0f + exponential(-v))",
+    "Tanh": "1.0f - 2.0f / (exponential(2.0f * v) + 1.0f)",
+}
+ALPHA = {"Elu": 1.0, "LeakyRelu": 0.01}  # ONNX's defaults
+POOLS = {"MaxPool": "pool_max", "AveragePool": "pool_mean", "GlobalAveragePool": "pool_mean"}
+
+
+def rounded(checkpoint: Checkpoint) -> Checkpoint:
+    """Return a checkpoint whose weights are whole numbers of 8 bits times a scale.
+
+    Each output of a convolution or a dense layer has a scale: its largest weight is 127 times it.
+    Biases stay.
+    """
+    import torch
+
+    network = copy.deepcopy(checkpoint.network)
+    with torch.no_grad():
+        for one in network.parameters():
+            if one.ndim > 1:
+                whole, scale = whole_weights(one.numpy())
+                one.copy_(torch.from_numpy(whole * scale.reshape(-1, *[1] * (one.ndim - 1))))
+    return replace(checkpoint, network=network)
+
+
+def whole_weights(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return weights [outputs, ...] as whole numbers -127..127, and the scale of each output."""
+    flat = weights.reshape(len(weights), -1)
+    scale = (np.abs(flat).max(1) / np.float32(MOST)).astype(np.float32)
+    scale[scale == 0] = 1
+    return np.rint(flat / scale[:, None]).reshape(weights.shape).astype(np.float32), scale
+
+
+def c_source(checkpoint: Checkpoint, name: str, weights: str) -> str:
+    """Return the C file of a checkpoint.
+
+    Args:
+        checkpoint: checkpoint; see `rounded` for weights of 8 bits.
+        name: name of the function and the header.
+        weights: type of the stored weights, `float` or `int8`.
+
+    Raises:
+        InputError: the network takes several frames, returns a spread or a curvature, or has an
+            operation that the file lacks; names the layer.
+    """
+    network, out = checkpoint.network, CSource()
+    kind, upper = type(network).__name__, name.upper()
+    if isinstance(network, Memory):
+        raise InputError(f"{kind} keeps earlier frames, which a C file does not; {OTHERWISE}")
+    if getattr(network, "predicts_spread", False):
+        raise InputError(f"{kind} returns a spread, which a C file does not; {OTHERWISE}")
+    write_view(checkpoint.view, out)
+    out.need(f"type {weights}")
+    graph = graph_bytes(checkpoint, one_frame=True)
+    steering, *throttle = _Graph(graph, kind, out, weights).write()
+    out.need("end")
+    lines = [
+        f"float {name}(const uint8_t *rgb, int width, int height, float speed_mph)",
+        "{",
+        f"    if (!rgb || width != {upper}_WIDTH || height != {upper}_HEIGHT) {{",
+        "        return not_a_number();",
+        "    }",
+        "    view(rgb, work);",
+        *(f"    {one}" for one in out.calls),
+        *(f"    throttle = clipped(work[{place}]);" for place in throttle),
+        f"    return clipped(work[{steering}]);",
+        "}",
+    ]
+    if throttle:
+        lines = ["static float throttle;", "", *lines]
+        lines += ["", f"float {name}_throttle(void)", "{", "    return throttle;", "}"]
+    head = f'/* Written by drivezoo export; {name}.h describes it. */\n#include "{name}.h"'
+    return out.text(head, "\n".join(lines))
+
+
+def c_header(checkpoint: Checkpoint, name: str, model_card: str) -> str:
+    """Return the header of a C file, with a card for people as its comment."""
+    network, (rows, columns) = checkpoint.network, checkpoint.view.frame
+    values = {
+        "name": name,
+        "UPPER": name.upper(),
+        "card": _comment(model_card),
+        "rows": rows,
+        "columns": columns,
+        "speed": "the car's speed" if network.takes_speed else "not used by this network",
+    }
+    parts = read_parts()
+    text = Template(parts["header"]).substitute(values)
+    throttle = Template(parts["header throttle"]).substitute(values)
+    return text.replace("THROTTLE", f"{throttle}\n\n" if network.outputs > 1 else "") + "\n"
+
+
+def _comment(text: str) -> str:
+    """Return text that may come from another person as lines of a C comment, which it cannot end.
+
+    >>> _comment("a */ b")
+    ' * a * / b'
+    """
+    plain = text.encode("ascii", "replace").decode().replace("\\", "").replace("??", "? ?")
+    plain = plain.replace("*/", "* /").replace("/*", "/ *")
+    lines = []
+    for line in ("".join(filter(str.isprintable, one)) for one in plain.splitlines()):
+        is_whole = line.startswith(("drivezoo ", "|"))  # a command, or a row of a table
+        lines += [line] if is_whole else textwrap.wrap(line, WIDTH, subsequent_indent="  ") or [""]
+    return "\n".join(f" * {line}".rstrip() for line in lines)
+
+
+class _Graph:
+    """A graph whose operations are written as calls, one after the other.
+
+    Args:
+        graph: ONNX file with a batch of one.
+        kind: network's class, for messages.
+        out: file to write to, whose function `view` writes the first values of `work`.
+        weights: type of the stored weights, `float` or `int8`.
+    """
+
+    def __init__(self, graph: bytes, kind: str, out: CSource, weights: str) -> None:
+        import onnx
+
+        self.onnx, self.kind, self.out, self.weights = onnx, kind, out, weights
+        self.graph = onnx.load_from_string(graph).graph
+        self.opset = onnx.load_from_string(graph).opset_import
+        arrays = onnx.numpy_helper.to_array
+        self.constants = {one.name: arrays(one) for one in self.graph.initializer}
+        outputs = [len(one) for one in self.constants.values() if one.ndim > 1]
+        out.constants["LANES"] = min(MOST_LANES, max(outputs, default=1))
+        self.places: dict[str, np.ndarray] = {}
+        self.number = 0  # of the operation that is being written
+        self.last = {
+            name: number for number, node in enumerate(self.graph.node) for name in node.input
+        }
+        self.last |= {one.name: len(self.graph.node) for one in self.graph.output}
+
+    def write(self) -> list[int]:
+        """Write all operations; return the places of the network's outputs."""
+        of = self.out.constants
+        shape = of["VIEW_HEIGHT"], of["VIEW_WIDTH"], of["CHANNELS"]
+        self.places[IMAGES] = self._channels_last(self._block(int(np.prod(shape))), *shape)
+        if SPEED in self.last:
+            place = self._block(1)
+            self.places[SPEED] = np.array([place])
+            self.out.calls.append(f"work[{place}] = speed_mph;")
+        else:
+            self.out.calls.append("(void)speed_mph;")
+        for number, node in enumerate(self.graph.node):
+            self.number = number
+            self._write(node)
+        return [int(place) for place in self.places[self.graph.output[0].name].ravel()]
+
+    def _write(self, node: "onnx.NodeProto") -> None:
+        operation, result = node.op_type, node.output[0]
+        attributes = {one.name: self.onnx.helper.get_attribute_value(one) for one in node.attribute}
+        inputs = [one for one in node.input if one]
+        moved = [one for one in inputs if one in self.places]
+        constants = [self.constants[one] for one in inputs if one in self.constants]
+        if operation == "Shape":
+            self.constants[result] = np.array(self.places[inputs[0]].shape)
+        elif operation == "Cast" and moved:
+            self.places[result] = self.places[inputs[0]]
+        elif not moved:
+            self.constants[result] = self._evaluated(node, self.constants)
+        elif operation in MOVES and moved == inputs[:1]:
+            self.places[result] = self._evaluated(node, self.constants | self.places)
+        elif operation == "Concat" and moved == inputs:
+            joined = np.concatenate([self.places[one] for one in inputs], attributes["axis"])
+            self.places[result] = self._copied(joined)
+        elif operation in SCALARS and len(moved) == 1 and constants[0].size == 1:
+            sides = ["v" if one in moved else c_number(constants[0].item()) for one in inputs]
+            self._each(result, moved[0], f" {SCALARS[operation]} ".join(sides))
+        elif operation in FUNCTIONS:
+            alpha = c_number(attributes.get("alpha", ALPHA.get(operation, 0.0)))
+            if "exponential" in FUNCTIONS[operation]:
+                self.out.need("exponential")
+            self._each(result, inputs[0], FUNCTIONS[operation].format(alpha=alpha))
+        elif operation == "Conv" and attributes.get("group", 1) == 1 and moved == inputs[:1]:
+            self._convolve(result, inputs[0], *constants, **attributes)
+        elif operation == "Gemm" and attributes.get("transB") and moved == inputs[:1]:
+            self._dense(result, inputs[0], *constants)
+        elif operation in POOLS and self._is_plain(attributes):
+            self._pool(result, inputs[0], POOLS[operation], **attributes)
+        else:
+            raise InputError(
+                f"{self.kind}: its layer {_layer(node)} computes {operation}, which a C file "
+                f"lacks; {OTHERWISE}"
+            )
+
+    def _evaluated(self, node: "onnx.NodeProto", known: dict[str, np.ndarray]) -> np.ndarray:
+        from onnx.reference import ReferenceEvaluator
+
+        feed = {one: known[one] for one in node.input if one}
+        info = [
+            self.onnx.helper.make_tensor_value_info(
+                one, self.onnx.helper.np_dtype_to_tensor_dtype(array.dtype), array.shape
+            )
+            for one, array in feed.items()
+        ]
+        ends = [self.onnx.helper.make_empty_tensor_value_info(node.output[0])]
+        graph = self.onnx.helper.make_graph([node], "one", info, ends)
+        model = self.onnx.helper.make_model(graph, opset_imports=self.opset)
+        return ReferenceEvaluator(model).run(None, feed)[0]
+
+    @staticmethod
+    def _is_plain(attributes: dict[str, Any]) -> bool:
+        """Return whether a pooling is like torch's default one."""
+        padded = any(attributes.get("pads", ())) and not attributes.get("count_include_pad", 1)
+        return not padded and not attributes.get("ceil_mode")
+
+    @staticmethod
+    def _channels_last(start: int, height: int, width: int, channels: int) -> np.ndarray:
+        """Return the places [1, channels, height, width] of an image."""
+        places = start + np.arange(height * width * channels)
+        return places.reshape(1, height, width, channels).transpose(0, 3, 1, 2)
+
+    def _block(self, size: int) -> int:
+        """Return the first place of as many that no value needs from now on."""
+        needed = [
+            (int(one.min()), int(one.max()) + 1)
+            for name, one in self.places.items()
+            if self.last.get(name, -1) >= self.number
+        ]
+        starts = sorted([0, *(end for _, end in needed)])
+        start = next(
+            one for one in starts if all(end <= one or one + size <= begin for begin, end in needed)
+        )
+        self.out.floats = max(self.out.floats, start + size)
+        return start
+
+    def _copied(self, places: np.ndarray) -> np.ndarray:
+        """Write copies of values to a block of their own; return their places."""
+        flat = places.ravel()
+        start = self._block(len(flat))
+        self.out.need("copy")
+        done = 0
+        while done < len(flat):
+            steps = np.diff(flat[done:])
+            same = np.flatnonzero(steps != steps[0]) if len(steps) else []
+            count = int(same[0]) + 1 if len(same) else len(flat) - done
+            step = int(steps[0]) if count > 1 else 1
+            target = start + done
+            self.out.calls.append(f"copy(work + {flat[done]}, {step}, {count}, work + {target});")
+            done += count
+        return start + np.arange(len(flat)).reshape(places.shape)
+
+    def _each(self, result: str, name: str, expression: str) -> None:
+        """Write a function of each value, in place where no other operation needs it."""
+        places = self.places[name]
+        low, high = int(places.min()), int(places.max()) + 1
+        needed = [
+            one
+            for key, one in self.places.items()
+            if self.last.get(key, -1) > self.number and one.min() < high and one.max() >= low
+        ]
+        if needed or high - low != places.size:
+            places = self._copied(places)
+            low, high = int(places.min()), int(places.max()) + 1
+        self.out.calls.append(
+            f"for (int i = {low}; i < {high}; i++) {{ float v = work[i]; work[i] = {expression}; }}"
+        )
+        self.places[result] = places
+
+    def _dense(
+        self, result: str, name: str, weights: np.ndarray, bias: np.ndarray | None = None
+    ) -> None:
+        """Write a dense layer: a convolution over one pixel, its channels in memory's order."""
+        places = self.places[name].ravel()
+        if places.max() - places.min() + 1 != len(places):
+            places = self._copied(places)
+        image = np.sort(places).reshape(1, -1, 1, 1)
+        image_name = f"{name} in order"
+        self.places[image_name], self.last[image_name] = image, self.number
+        ordered = weights[:, np.argsort(places)]
+        self._convolve(result, image_name, ordered[:, :, None, None], bias)
+        self.places[result] = self.places[result].reshape(1, -1)
+
+    def _convolve(
+        self,
+        result: str,
+        name: str,
+        weights: np.ndarray,
+        bias: np.ndarray | None = None,
+        **settings: Any,
+    ) -> None:
+        outputs, kernel = len(weights), weights.shape[2:]
+        weights = weights.reshape(*weights.shape[:2], *[1] * (4 - weights.ndim), *kernel)
+        scale, number = "0", self.number
+        kind = "float" if self.weights == "float" else "int8_t"
+        if self.weights == "int8":
+            weights, scales = whole_weights(weights)
+            scale = self.out.table(f"scale_{number}", "float", scales)
+        # [outputs, channels, rows, columns] -> [blocks, rows, columns, channels, lanes]
+        lanes = self.out.constants["LANES"]
+        padded = np.concatenate([weights, np.zeros((-outputs % lanes, *weights.shape[1:]))])
+        lying = padded.reshape(-1, lanes, *weights.shape[1:]).transpose(0, 3, 4, 2, 1).ravel()
+        bias = np.zeros(outputs) if bias is None else bias
+        tables = [
+            self.out.table(f"weights_{number}", kind, lying),
+            scale,
+            self.out.table(f"bias_{number}", "float", bias),
+        ]
+        self._slide(result, name, "convolve", tables, outputs, kernel, settings)
+
+    def _pool(self, result: str, name: str, function: str, **settings: Any) -> None:
+        _, channels, *size = self.places[name].shape
+        kernel = settings.get("kernel_shape", size)
+        self._slide(result, name, function, [], channels, kernel, settings)
+
+    def _slide(
+        self,
+        result: str,
+        name: str,
+        function: str,
+        tables: list[str],
+        outputs: int,
+        kernel: Any,
+        settings: dict[str, Any],
+    ) -> None:
+        """Write the call of a function that moves a window over an image, or over a line."""
+        places = self.places[name]
+        is_line = places.ndim == 3
+        strides, dilations = (
+            settings.get(key, [1] * len(kernel)) for key in ("strides", "dilations")
+        )
+        pads = settings.get("pads", [0] * 2 * len(kernel))
+        image = places[0] if not is_line else places[0][:, None]
+        steps = _steps(image)
+        if steps is None:
+            image = self._copied(image)
+            steps = _steps(image)
+        channels, *size = image.shape
+        if is_line:
+            kernel, strides, dilations = [1, *kernel], [1, *strides], [1, *dilations]
+            pads = [0, pads[0], 0, pads[1]]
+        counts = [
+            (length + before + after - (reach - 1) * dilation - 1) // stride + 1
+            for length, before, after, reach, dilation, stride in zip(
+                size, pads[:2], pads[2:], kernel, dilations, strides, strict=True
+            )
+        ]
+        start = self._block(counts[0] * counts[1] * outputs)
+        numbers = [channels, *size, *steps, outputs, *counts, *kernel, *strides, *dilations]
+        numbers += pads[:2]
+        text = ", ".join(str(int(one)) for one in numbers)
+        window = f"window_{self.number}"
+        self.out.need("type window", "under", function)
+        self.out.tables.append(f"static const window {window} = {{{text}}};")
+        arguments = [f"&{window}", *tables, f"work + {int(image.min())}", f"work + {start}"]
+        self.out.calls.append(f"{function}({', '.join(arguments)});")
+        found = self._channels_last(start, *counts, outputs)
+        self.places[result] = found[:, :, 0] if is_line else found
+
+
+def _steps(image: np.ndarray) -> tuple[int, ...] | None:
+    """Return the steps between places [channels, rows, columns] along each axis; None if uneven."""
+    steps = [
+        int(np.take(image, 1, axis).flat[0] - image.flat[0]) if image.shape[axis] > 1 else 0
+        for axis in range(3)
+    ]
+    even = image.flat[0] + np.tensordot(steps, np.indices(image.shape), 1)
+    return tuple(steps) if np.array_equal(even, image) and min(steps) >= 0 else None
+
+
+def _layer(node: "onnx.NodeProto") -> str:
+    """Return the name of an operation's layer, as in a state dict.
+
+    The exporter names an operation by its modules: /features/features.0/Conv.
+    """
+    modules = node.name.strip("/").split("/")[:-1]
+    return modules[-1] if modules else node.name
