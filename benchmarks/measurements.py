@@ -75,36 +75,55 @@ def doubt(folder: str, *checkpoints: str) -> None:
     print_table(["policy", "error", "spread", "within", "correlation", "CPU ms"], rows)
 
 
-def replays(folder: str, *checkpoints: str) -> None:
-    """Compare replays with drives: `replays RECORDING CKPT...`.
+def replays(
+    folder: str,
+    *checkpoints: str,
+    world: str = "embedded",
+    track: str = "lake",
+    rig: str | None = None,
+    frame_rate: str = "nan",
+) -> None:
+    """Compare replays with drives: `replays RECORDING CKPT... [world=donkey track=...]`.
 
-    RECORDING is of the embedded lake (`drivezoo simulator record track=lake laps=1 out=FOLDER`).
-    Each checkpoint is replayed on it, and drives a lap of the lake twice: with the replay's speed
-    and interventions at 1 m, and with the settings of `drivezoo evaluate`. Rank correlations
-    (Spearman) show whether the interventions of replays, and the mean squared errors on the same
-    rows, order the checkpoints as drives do.
+    RECORDING is of a lap of the track, with the car of `rig` if its format does not tell, and with
+    `frame_rate` rows a second if the names of its images do not tell. Each checkpoint is replayed
+    on it, and drives a lap of the track with the replay's speed and interventions at 1 m. Rank
+    correlations (Spearman) show whether the interventions of replays, and the mean squared errors
+    on the same rows, order the checkpoints as drives do. Their 95 % intervals are bootstraps over
+    the checkpoints.
     """
+    from benchmarks.study_tables import rank_correlation
     from zoo.drives.metrics import measure
     from zoo.worlds.replay_world import ReplayWorld
 
-    recording = read_recordings(folder)
+    recording, rate = read_recordings(folder, rig=rig), float(frame_rate)
     frames, speeds, true = frames_of(folder, len(recording))
-    same = Scenario("lake", speed=float(np.median(speeds)), margin=1.0)
+    same = Scenario(track, world=world, speed=float(np.median(speeds).round(1)), margin=1.0)
     rows = []
     for checkpoint in map(find_checkpoint, checkpoints):
         policy = load_policy(checkpoint)
-        drives = all_drives(policy, [Scenario()], world=ReplayWorld(recording))
-        drives += all_drives(str(checkpoint), [same, Scenario("lake")])
+        replay = ReplayWorld(recording, None if np.isnan(rate) else rate)
+        drives = all_drives(policy, [Scenario(margin=1.0)], world=replay)
+        drives += all_drives(policy, [same])
         steering = [policy(*pair)[0] for pair in zip(frames, speeds, strict=True)]
         mse = np.mean((np.array(steering) - true) ** 2)
-        rows.append([mse, *(measure(drive)["interventions"] for drive in drives)])
-        print(checkpoint, *rows[-1], flush=True)
-    mse, replayed, *driven = np.transpose(rows)
+        found = [[measure(one)[key] for key in ("interventions", "cte_mean_m")] for one in drives]
+        rows.append([mse, *np.ravel(found)])
+        print(checkpoint, *(f"{number:.4g}" for number in rows[-1]), flush=True)
+    mse, replayed, replayed_m, driven, driven_m = np.transpose(rows)
+    names = f"interventions of {len(rows)} drives", "their mean error, m"
+    ordered = {"interventions of replays": replayed, "mean error, m": replayed_m, "MSE": mse}
     lines = [
-        [name, *(f"{spearmanr(offline, drives).statistic:+.2f}" for offline in (replayed, mse))]
-        for name, drives in zip(("same speed and margin", "evaluate"), driven, strict=True)
+        [
+            name,
+            *(
+                "{:+.2f} ({:+.2f} to {:+.2f})".format(*rank_correlation(offline, drives))
+                for offline in ordered.values()
+            ),
+        ]
+        for name, drives in zip(names, (driven, driven_m), strict=True)
     ]
-    print_table(["rank correlation with drives", "interventions of replays", "MSE"], lines)
+    print_table(["rank correlation (95 %)", *ordered], lines)
 
 
 def storage(folder: str | None = None) -> None:

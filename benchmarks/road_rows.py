@@ -1,5 +1,6 @@
 """A real road: cross-validated scores on the official test of Challenge 2, beside its teams'."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -7,10 +8,9 @@ import numpy as np
 from benchmarks.board_rows import Row
 from benchmarks.measuring import make_console
 from benchmarks.study_grid import Entry, Study
-from datamodules.recording_format import read_recordings
-from datamodules.split import Split, rows_per_second, without_gaps, write_split
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_path import find_driver
+from zoo.drives.bootstrap import Estimate, poisson_rate
 from zoo.evaluate.challenge import (
     OfficialTest,
     baselines,
@@ -22,9 +22,6 @@ from zoo.evaluate.challenge import (
 from zoo.evaluate.evaluate_options import ChallengeOptions
 from zoo.runs.metrics_file import read_metrics_file
 from zoo.runs.table import interval_figures
-
-BLOCKS, GAP_S = 10, 3.0
-TRAIN, VAL, TEST = range(3)
 
 
 def root_of(study: Study) -> str:
@@ -38,31 +35,17 @@ def root_of(study: Study) -> str:
     return study.options.root
 
 
-def folds(study: Study) -> dict[str, str]:
-    """Write a split for each fold: of ten blocks two are test rows, and one validates."""
-    recording = read_recordings(root_of(study))
-    block = np.arange(len(recording)) * BLOCKS // len(recording)
-    gap, half = round(GAP_S * rows_per_second(recording)), BLOCKS // 2
-    for fold in range(half):
-        part = np.where(block == (fold + 2) % BLOCKS, VAL, TRAIN)
-        part[block % half == fold] = TEST
-        kept = without_gaps(part, recording.recording, gap)
-        path = Path(study.config["runs"], f"fold-{fold + 1}.csv")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_split(path, recording, Split(*(np.flatnonzero(kept == one) for one in range(3))))
-    return {}
-
-
 def road_rows(study: Study, entry: Entry) -> list[Row]:
     """Return the row of a network, or those of the baselines and the teams."""
     test, kind = read_test(root_of(study)), entry.labels["kind"]
     rows = np.arange(len(test.recording))
+    unknown: Row = columns_of("replay_per_min", Estimate(math.nan), 2)
     if kind == "reference":
         known = baselines(test.angles, rows)
         known |= dict(team_angles(root_of(study), test.frame_ids))
         kinds = ["baseline"] * 3 + ["team"] * (len(known) - 3)
         return [
-            {"kind": one, "steering": name, **errors(test, angles), "replay_per_min": ""}
+            {**entry.labels, "kind": one, "steering": name, **errors(test, angles), **unknown}
             for one, (name, angles) in zip(kinds, known.items(), strict=True)
         ]
     runs = entry.finished if entry.words else [entry.folder]
@@ -71,17 +54,13 @@ def road_rows(study: Study, entry: Entry) -> list[Row]:
     pooled: dict[str, float] = {}
     for run in runs:
         pooled |= submission_of(study, entry, run)
-    replays = [read_metrics_file(run)["drive"] for run in entry.finished]
-    lost = sum(drive["interventions"] for replay in replays for drive in replay["drives"])
-    minutes = sum(drive["driven_s"] for replay in replays for drive in replay["drives"]) / 60
     angles = np.array([pooled[one] for one in test.frame_ids])
-    return [
-        {
-            **entry.labels,
-            **errors(test, angles),
-            "replay_per_min": lost / minutes if minutes else "",
-        }
-    ]
+    row = {**entry.labels, **errors(test, angles), **unknown}
+    if kind == "cross-validated":
+        drives = [one for run in runs for one in read_metrics_file(run)["drive"]["drives"]]
+        lost, driven_s = (sum(one[key] for one in drives) for key in ("interventions", "driven_s"))
+        row |= columns_of("replay_per_min", poisson_rate(lost, driven_s / 60), 2)
+    return [row]
 
 
 def submission_of(study: Study, entry: Entry, run: Path) -> dict[str, float]:
@@ -90,7 +69,9 @@ def submission_of(study: Study, entry: Entry, run: Path) -> dict[str, float]:
     if not (out / "submission.csv").is_file():
         driver, split = entry.name.partition("_")[0], None
         if entry.words:
-            driver, split = str(run / "checkpoints" / "best.ckpt"), str(run / "split.csv")
+            driver = str(run / "checkpoints" / "best.ckpt")
+        if entry.labels["kind"] == "cross-validated":
+            split = str(run / "split.csv")
         options = ChallengeOptions(split=split, out=str(out))
         score_challenge(find_driver(driver), root_of(study), options, make_console())
     return read_column(out / "submission.csv", "steering_angle")
@@ -99,9 +80,16 @@ def submission_of(study: Study, entry: Entry, run: Path) -> dict[str, float]:
 def errors(test: OfficialTest, angles: np.ndarray) -> Row:
     """Return the columns of both halves' errors."""
     rmse = test.rmse(np.arange(len(angles)), angles)
-    columns = {f"{half}_rmse_rad": found for half, found in rmse.items()}
+    halves = {f"{half}_rmse_rad": found for half, found in rmse.items()}
+    columns: Row = {}
+    for key, found in halves.items():
+        columns |= columns_of(key, found, 6)
+    return columns
+
+
+def columns_of(name: str, figure: Estimate, digits: int) -> Row:
+    """Return the columns of a figure and its interval, rounded; empty where it is not known."""
     return {
-        name: round(value, 6)
-        for key, found in columns.items()
-        for name, (value,) in interval_figures(key, [found]).items()
+        key: "" if value is None else round(value, digits)
+        for key, (value,) in interval_figures(name, [figure]).items()
     }

@@ -21,12 +21,12 @@ from rich.console import Console
 
 from benchmarks.board_rows import Row, board_rows, pretrained_rows
 from benchmarks.input_rows import input_rows
-from benchmarks.road_rows import folds, road_rows
+from benchmarks.road_rows import road_rows, root_of
 from benchmarks.study_grid import Entry, Study, kept, run_logged
 from datamodules.image import read_image
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
-from datamodules.split import Split, split_rows, write_split
+from datamodules.split import Split, rows_per_second, split_rows, without_gaps, write_split
 from simulator.hand_control import REACTION_S
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError
@@ -41,6 +41,8 @@ from zoo.worlds.scenario import Scenario
 console = Console(soft_wrap=True)
 CHUNK_ROWS = 75  # five seconds: rows of a share are drawn in such pieces, not one by one
 STALLED_S = 30.0
+BLOCKS, GAP_S, SHARES = 10, 3.0, (0.1, 0.3, 1.0)  # of the road's rows
+TRAIN, VAL, TEST = range(3)
 # An expert that sways off its line and returns drives laps of the lake, which no training uses. The
 # networks' own test rows differ by split and by the offset of the labels: they cannot be compared.
 RECOVERIES = {
@@ -84,6 +86,26 @@ def shares(study: Study) -> dict[str, int]:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_split(path, recording, reduced(recording, whole, share))
     return {"samples_per_epoch": samples}
+
+
+def folds(study: Study) -> dict[str, str]:
+    """Write the splits of five folds, each with three shares of its training rows.
+
+    Of ten blocks two are test rows, and one validates.
+    """
+    recording, name = read_recordings(root_of(study)), "fold-{}-{:.0f}.csv"
+    block = np.arange(len(recording)) * BLOCKS // len(recording)
+    gap, half = round(GAP_S * rows_per_second(recording)), BLOCKS // 2
+    Path(study.config["runs"]).mkdir(parents=True, exist_ok=True)
+    for fold in range(half):
+        part = np.where(block == (fold + 2) % BLOCKS, VAL, TRAIN)
+        part[block % half == fold] = TEST
+        kept = without_gaps(part, recording.recording, gap)
+        whole = Split(*(np.flatnonzero(kept == one) for one in range(3)))
+        for share in SHARES:
+            path = Path(study.config["runs"], name.format(fold + 1, 100 * share))
+            write_split(path, recording, reduced(recording, whole, share))
+    return {}
 
 
 def reduced(recording: Recording, split: Split, share: float) -> Split:

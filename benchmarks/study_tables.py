@@ -106,12 +106,14 @@ def number(rows: Rows, group: str, figure: str, form: str = "", scale: int = 1) 
 
 
 def estimate(rows: Rows, key: str, form: str = "{:.4f}") -> str:
-    """Return a figure of one row with its interval.
+    """Return a figure of one row with its interval; `-` without one.
 
     >>> estimate([{"x": "0.25", "x_low": "0.2", "x_high": "0.31"}], "x", "{:.2f}")
     '0.25 (0.20 to 0.31)'
+    >>> estimate([{"x": "", "x_low": "", "x_high": ""}], "x")
+    '-'
     """
-    bounds = [float(rows[0][key + end]) for end in ("", "_low", "_high")]
+    bounds = [float(rows[0][key + end] or "nan") for end in ("", "_low", "_high")]
     return with_interval(Estimate(*bounds), form)
 
 
@@ -236,15 +238,17 @@ def column(rows: Rows, key: str, sign: int = 1) -> np.ndarray:
 
 
 def rank_correlation(
-    offline: np.ndarray, driven: np.ndarray, recipes: Sequence[str]
+    offline: np.ndarray, driven: np.ndarray, recipes: Sequence[object] | None = None
 ) -> tuple[float, float, float]:
-    """Return Spearman's correlation and its 95 % interval; NaN if all drives are equal.
+    """Return Spearman's correlation and its 95 % interval; NaN if all figures are equal.
 
-    Recipes are drawn again, each with all of its training seeds: these are alike.
+    Recipes are drawn again, each with all of its training seeds: these are alike. Without recipes,
+    each network is one.
     """
-    if len(set(driven)) < 2:
+    if min(len(set(offline)), len(set(driven))) < 2:
         return math.nan, math.nan, math.nan
     rng, drawn = np.random.default_rng(0), []
+    recipes = range(len(offline)) if recipes is None else recipes
     of_recipes = [np.flatnonzero(np.array(recipes) == one) for one in dict.fromkeys(recipes)]
     for _ in range(RESAMPLINGS):
         places = rng.integers(0, len(of_recipes), len(of_recipes))
@@ -348,7 +352,7 @@ def write_tables(specs: Sequence[Mapping], rows: Rows) -> list[Path]:
         shown = [
             row
             for row in rows
-            if all(row[key] == value for key, value in spec.get("where", {}).items())
+            if all(row[key] in values for key, values in spec.get("where", {}).items())
             and ("needs" not in spec or row[spec["needs"]])
         ]
         if "each" not in spec:

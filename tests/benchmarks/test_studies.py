@@ -236,6 +236,24 @@ def test_a_smaller_share_has_rows_of_the_larger_one(recorded: Written) -> None:
         assert np.array_equal(part.val, whole.val)
 
 
+def test_each_row_of_a_road_is_tested_once_by_a_network_that_saw_none_near_it(
+    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(study_rows, "GAP_S", 0.1)
+    opened = Study("real_roads", [f"root={recorded.folder}"])
+    study_rows.folds(opened)
+    recording, tested = read_recordings(str(recorded.folder)), []
+    for fold in range(1, 6):
+        split = split_rows(recording, f"outputs/real_roads/fold-{fold}-100.csv")
+        few = split_rows(recording, f"outputs/real_roads/fold-{fold}-10.csv")
+        assert set(few.train) < set(split.train)
+        assert np.array_equal(few.test, split.test)
+        assert np.abs(split.train[:, None] - split.test).min() > 1
+        tested += split.test.tolist()
+    assert sorted(tested) == list(range(len(recording)))
+
+
 def write_entry(folder: Path, autonomy: float = 0.9, seeds: int = 3, **changes: object) -> Path:
     """Write an entry's folder: a result of known autonomy and the command of its training."""
     rng, name = np.random.default_rng(1), folder.name
