@@ -1,6 +1,8 @@
 """A world: a track, a car and its cameras, in steps of simulated time."""
 
 import math
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -55,6 +57,8 @@ class World:
         delay_s: seconds from a command to the wheels, 0..2.
         direction: forward (or 1), as in the file, or backward (or -1).
         reverses: see `simulator.car.Car`.
+        loop: seconds from each frame to the next, and from a frame to the arrival of its command;
+            repeated, from a place that the seed draws. None for a constant frame rate.
     """
 
     def __init__(
@@ -65,11 +69,14 @@ class World:
         delay_s: float = 0.0,
         direction: int | str = 1,
         reverses: bool = True,
+        loop: Sequence[tuple[float, float]] | None = None,
     ) -> None:
         settings = WorldSettings(frame_rate=frame_rate, delay_s=delay_s, direction=direction)
         settings.check()
         self.track, self.renderer, self.direction = track, renderer, int(settings.direction)
-        self.frame_s = 1 / frame_rate
+        self.loop = tuple(loop or [(1 / frame_rate, 0.0)])
+        self._ends_s = np.cumsum([0.0, *(period for period, _ in self.loop)]).tolist()
+        self.frame_s = self._ends_s[-1] / len(self.loop)  # on average
         self.car = Car(delay_s, reverses)
         self.weather = CLEAR
         self.reset(0)
@@ -84,6 +91,7 @@ class World:
             self.renderer.set_weather(self.weather, int(rng.integers(2**31)))
         start = start or Start()
         self.steps = self.frames = self.lap = 0
+        self._first = int(np.random.default_rng((seed, 2)).integers(len(self.loop)))
         self.travelled = 0.0
         self.put_back(start)
         if self.at_end:
@@ -105,19 +113,28 @@ class World:
         if self.direction < 0:
             heading += np.pi
         self.car.place(x, y, heading - np.radians(start.heading_deg), start.speed_mph)
+        self._command = (0.0, 0.0)
+        self._sent: deque[tuple[int, tuple[float, float]]] = deque()
         self.place = self.track.locate(x, y, distance)
         self.at_wall = False
 
     def step(self, steering: float, throttle: float) -> None:
         """Advance by one frame."""
+        _, late_s = self.loop[(self._first + self.frames) % len(self.loop)]
+        arrives = self.steps + round(late_s / PHYSICS_STEP_S)
+        if self._sent:  # commands arrive in their order
+            arrives = max(arrives, self._sent[-1][0])
+        self._sent.append((arrives, (steering, throttle)))
         self.frames += 1
-        until = round(self.frames * self.frame_s / PHYSICS_STEP_S)
+        until = round(self._loop_s(self.frames) / PHYSICS_STEP_S)
         while self.steps < until:
             self.steps += 1
+            while self._sent and self._sent[0][0] < self.steps:
+                self._command = self._sent.popleft()[1]
             before = self.place
             ahead = math.cos(self.car.heading - before.heading)
             surface = ROAD if not self.off_road else OFF_ROAD
-            self.car.step(steering, throttle, before.grade * ahead, surface)
+            self.car.step(*self._command, before.grade * ahead, surface)
             self.place = self.track.locate(self.car.x, self.car.y, before.distance)
             self._keep_within_walls()
             self._count(before)
@@ -190,6 +207,11 @@ class World:
         pitch = float(np.arctan(self.place.grade * ahead))
         return self.car.x, self.car.y, self.place.z, self.car.heading, pitch
 
+    def _loop_s(self, frames: int) -> float:
+        """Return the seconds from `reset` to a frame."""
+        repeated, part = divmod(self._first + frames, len(self.loop))
+        return repeated * self._ends_s[-1] + self._ends_s[part] - self._ends_s[self._first]
+
     def _keep_within_walls(self) -> None:
         verge = self.track.verge_at(self.place.distance)
         kind, side = (verge.right, 1) if self.place.cte > 0 else (verge.left, -1)
@@ -225,6 +247,7 @@ def open_world(
     seed: int = 0,
     reverses: bool = True,
     rig: Rig = UDACITY,
+    loop: Sequence[tuple[float, float]] | None = None,
 ) -> World:
     """Open a world of a track, or of its name or file; `renderer="none"` gives no frames.
 
@@ -239,6 +262,6 @@ def open_world(
         from simulator.renderer import Renderer  # slow import: a training only checks worlds
 
         opened = Renderer(course, renderer, quality, rig)
-    world = World(course, opened, frame_rate, delay_s, direction, reverses)
+    world = World(course, opened, frame_rate, delay_s, direction, reverses, loop)
     world.reset(seed)
     return world

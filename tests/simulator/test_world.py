@@ -205,3 +205,53 @@ def test_a_direction_has_a_name_and_a_number(kind: type, typed: str, direction: 
     options.check()
     assert options.direction == direction
     assert "forward" in [key.typed for key in keys_of(kind) if key.name == "direction"]
+
+
+def test_equal_loops_are_a_frame_rate_and_a_delay():
+    worlds = World(loop(), frame_rate=15, delay_s=0.4), World(loop(), loop=[(1 / 15, 0.4)])
+    for world in worlds:
+        world.put_back(Start(10, speed_mph=20))
+    for frame in range(60):
+        for world in worlds:
+            world.step(0.3 * np.sin(frame / 4), 0.5)
+        first, second = (one.car for one in worlds)
+        assert (first.x, first.y, first.heading) == (second.x, second.y, second.heading)
+
+
+def test_each_loop_has_its_own_duration_and_delay():
+    world = World(loop(), loop=[(0.04, 0.0), (0.2, 0.1), (0.06, 0.3)])
+    seconds, late_s = [0.04, 0.2, 0.06], [0.0, 0.1, 0.3]
+    taken, arrived = [], []
+    for _ in range(6):
+        before = world.time
+        world.step(0.5, 0)
+        taken.append(round(world.time - before, 2))
+        arrived.append(world.car.steering)
+        world.put_back(Start(10))  # forgets the command
+    first = seconds.index(taken[0])
+    order = [(first + number) % 3 for number in range(6)]
+    assert taken == [seconds[one] for one in order]
+    assert arrived == [0.5 if late_s[one] < seconds[one] else 0.0 for one in order]
+
+
+def test_a_later_command_never_overtakes_an_earlier_one():
+    world = World(loop(), loop=[(0.04, 0.3), (0.04, 0.0)])
+    for seed in range(20):
+        world.reset(seed, Start(10))
+        world.step(0.1, 0)
+        if world.car.steering == 0:
+            break  # the late loop is the first
+    world.step(0.2, 0)
+    assert world.car.steering == 0
+    drive(world, 0.7, steering=0.2)
+    assert world.car.steering == 0.2
+
+
+def test_the_seed_draws_where_loop_times_begin():
+    world = World(loop(), loop=[(0.02 * part, 0.0) for part in range(1, 51)])
+    first = []
+    for seed in (1, 2, 1):
+        world.reset(seed)
+        world.step(0, 0)
+        first.append(world.steps)
+    assert first[0] == first[2] != first[1]

@@ -1,6 +1,7 @@
 """Confidence intervals of a share, for counts of few drives."""
 
 import math
+from collections.abc import Sequence
 from statistics import NormalDist
 
 # A network does not vary and neither does a track: with other start seeds it fails in the same
@@ -61,3 +62,28 @@ def count_with_interval(successes: int, trials: int) -> str:
     if successes == 0:
         return f"{counted} (95 %: {high} % or less)"
     return f"{counted} (95 %: {low} to {high} %)"
+
+
+def median_interval(values: Sequence[float], confidence: float = 0.95) -> tuple[float, float]:
+    """Return an interval of the median, from two of the values; NaN of fewer than 6 at 95 %.
+
+    It holds for any distribution, because the number of values below the median is binomial.
+    Source: Conover 1999, "Practical Nonparametric Statistics", section 3.2.
+
+    Args:
+        values: independent values, such as a figure of each start.
+        confidence: smallest share of such intervals that contain the true median, 0..1.
+
+    >>> median_interval([5, 1, 4, 2, 6, 3])
+    (1, 6)
+    >>> median_interval(range(12))
+    (2, 9)
+    """
+    count, below, rank = len(values), 0.5 ** len(values), 0
+    while below <= (1 - confidence) / 2:
+        rank += 1
+        below += math.comb(count, rank) * 0.5**count
+    if not rank:
+        return math.nan, math.nan
+    ordered = sorted(values)
+    return ordered[rank - 1], ordered[count - rank]

@@ -47,7 +47,7 @@ def steering_histogram(before: np.ndarray, after: np.ndarray, threshold: float) 
         axis.set_xlabel("steering (negative: left)")
         axis.set_ylabel("samples")
         axis.set_xticks([-1, -0.5, 0, 0.5, 1])
-        _plain(axis)
+        plain_axis(axis)
     return figure
 
 
@@ -70,7 +70,7 @@ def predicted_against_true(predicted: np.ndarray, true: np.ndarray, title: str) 
     axis.set_ylabel("predicted steering")
     axis.set_title(title)
     axis.legend(frameon=False, loc="upper left")
-    _plain(axis)
+    plain_axis(axis)
     return figure
 
 
@@ -95,7 +95,7 @@ def training_curves(train: dict[int, float], val: dict[int, float], baseline: fl
     axis.set_ylabel("mean squared error (log scale)" if is_error else "loss")
     axis.set_title("Training curves")
     axis.legend(frameon=False)
-    _plain(axis)
+    plain_axis(axis)
     return figure
 
 
@@ -158,7 +158,7 @@ def interval_plot(figures: Mapping[str, Any], label: str, line: float | None = N
         axis.plot(value, row, "o", color=BLUE)
     axis.set_yticks(range(len(figures)), list(figures))
     axis.set(xlabel=f"{label}; bar: 95 % interval", ylim=(rows - 0.5, -0.5))
-    _plain(axis, "x")
+    plain_axis(axis, "x")
     return figure
 
 
@@ -171,6 +171,7 @@ def save_figure(figure: Figure, path: Path) -> Path:
     return write_whole(path, contents.getbuffer())
 
 
-def _plain(axis: Axes, grid: Literal["both", "x"] = "both") -> None:
+def plain_axis(axis: Axes, grid: Literal["both", "x"] = "both") -> None:
+    """Remove the upper and right line of an axis, and draw a faint grid."""
     axis.spines[["top", "right"]].set_visible(False)
     axis.grid(axis=grid, alpha=0.2)

@@ -106,7 +106,7 @@ def open_embedded(scenario: Scenario, renderer: str = "auto") -> EmbeddedWorld:
     place = scenario.place
     if scenario.road is not None:
         place["track"] = make_track(ROAD, scenario.road)
-    return EmbeddedWorld(simulator_world.open_world(renderer=renderer, **place))
+    return EmbeddedWorld(simulator_world.open_world(renderer=renderer, loop=scenario.loop, **place))
 
 
 def instant_expert(world: simulator_world.World, speed_mph: float = TOP_SPEED_MPH) -> Expert:

@@ -1,6 +1,6 @@
 """What a drive depends on besides its policy, with the keys that users type."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, Literal
 
@@ -42,6 +42,7 @@ class Scenario(WorldSettings):
             environment), FILE.yaml (which maps one), donkey (a Donkeycar simulator; track= is
             HOST:PORT/SCENE), or a world of an installed package.
         road: content of the YAML file of a track, in place of `track`.
+        loop: see `simulator.world.World`, in place of `frame_rate`.
     """
 
     track: str = "lake"
@@ -57,6 +58,7 @@ class Scenario(WorldSettings):
     guard: str | None = None
     world: str = "embedded"
     road: Annotated[Mapping[str, Any] | None, Untyped()] = field(default=None, hash=False)
+    loop: Annotated[Sequence[tuple[float, float]] | None, Untyped()] = None
 
     def __post_init__(self) -> None:
         """Write `gymnasium:ID` and `FILE.yaml` as the world gymnasium, and its track.

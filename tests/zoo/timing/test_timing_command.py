@@ -1,0 +1,80 @@
+"""`drivezoo timing`: the search for the highest speed, and what it writes."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.zoo.commands import only_line, run_here, succeed
+from tests.zoo.written_checkpoints import write_constant
+from zoo.timing import highest_speed
+from zoo.timing.highest_speed import MEASURED, Timing, highest_speeds
+from zoo.timing.loop_times import LoopTimes
+from zoo.timing.timing_options import TimingOptions
+from zoo.worlds.scenario import Scenario
+
+
+def timing_of(speeds: dict[str, list[int]]) -> Timing:
+    times = LoopTimes("times.csv", np.full(9, 100.0), np.full(9, 90.0), np.zeros(9, bool))
+    return Timing("lenet", TimingOptions(), dict.fromkeys(speeds, times), speeds)
+
+
+def test_the_highest_clean_speed_is_found_by_bisection(monkeypatch: pytest.MonkeyPatch) -> None:
+    limits, driven = {0: 4, 1: 5, 2: 17, 3: 29, 4: 99}, []
+
+    def drives(checkpoint: str, scenarios: Sequence[Scenario], **_: object) -> list:
+        driven.extend(scenarios)
+        failed = [np.array([one.speed > limits[one.seed]]) for one in scenarios]
+        return [SimpleNamespace(intervention=one) for one in failed]
+
+    monkeypatch.setattr(highest_speed, "all_drives", drives)
+    scenarios = [Scenario(seed=seed) for seed in limits]
+    assert highest_speeds("lenet", scenarios, 5, 30) == [4, 5, 17, 29, 30]
+    assert len(driven) <= 5 * len(limits)
+
+
+def test_only_a_sure_improvement_is_advised() -> None:
+    measured = [10, 11, 12, 13, 14, 15, 16, 17]
+    better = [one + 4 for one in measured]
+    unsure = [30, 11, 12, 13, 14, 15, 16, 16]
+    found = timing_of(
+        {MEASURED: measured, "half the delay": better, "no jitter": unsure, "both": better}
+    )
+    assert "half the delay, +4 (+4 to +4) mph" in found.advice
+    assert "13.5 (10 to 17) mph" in found.lines[0]
+    assert "up to 10 mph on each" in found.lines[0]
+    unsurely = timing_of({MEASURED: measured, "no jitter": unsure, "both": better})
+    assert "no single improvement" in unsurely.advice
+    fast = timing_of({MEASURED: [30] * 8, "both": [30] * 8})
+    assert "nothing to improve" in fast.advice
+    slow = timing_of({MEASURED: [4] * 8, "both": [4] * 8})
+    assert "up to less than 5 mph on the median" in slow.lines[0]
+
+
+def test_a_search_writes_its_figures_and_its_plot(tmp_path: Path) -> None:
+    checkpoint = write_constant(tmp_path / "best.ckpt", 0.4)
+    (tmp_path / "times.csv").write_text("latency_ms\n100\nlost\n")
+    settings = ("length=60", "quality=simple", "least=29", "roads=6", "workers=1", "out=found")
+    printed = succeed(
+        run_here(tmp_path, str(checkpoint), "times.csv", *settings, module="zoo.timing")
+    )
+    assert "2 times, of which 1 lost" in printed
+    found = json.loads((tmp_path / "found" / "timing.json").read_text())
+    assert found["speeds_mph"][MEASURED] == [28] * 6
+    assert set(found["speeds_mph"]) > {"no lost frames", "both"}
+    assert "less than 29 mph" in found["lines"][0]
+    with Image.open(tmp_path / "found" / "timing.png") as image:
+        assert min(image.size) > 300
+
+
+@pytest.mark.parametrize("key", ["most=4", "family=alpin", "roads=5", "part=Pilot"])
+def test_a_wrong_key_is_named_before_anything_is_driven(key: str, tmp_path: Path) -> None:
+    (tmp_path / "times.csv").write_text("100\n")
+    checkpoint = write_constant(tmp_path / "best.ckpt", 0.4)
+    result = run_here(tmp_path, str(checkpoint), "times.csv", key, module="zoo.timing")
+    assert key.partition("=")[2] in only_line(result, 2)
+    assert not (tmp_path / "outputs").exists()

@@ -1,0 +1,1 @@
+"""How fast a network drives on a computer with measured loop times."""

@@ -1,0 +1,264 @@
+"""The highest speed at which a network drives with the times of a loop, and what would help."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from zoo.base.new_folder import command_folder
+from zoo.base.process_pool import Pool, opened_pool
+from zoo.base.terminal import print_line, print_written, printable
+from zoo.base.whole_file import json_text, write_whole
+from zoo.checkpoints.checkpoint_path import short_name
+from zoo.checkpoints.policy import load_policy
+from zoo.cli.console_progress import progress_bar
+from zoo.drives.bootstrap import Estimate
+from zoo.drives.intervals import median_interval
+from zoo.runs.plots import BLUE, GREY, ORANGE, NotebookFigure, plain_axis, save_figure
+from zoo.runs.table import Column, Table, interval_figures, with_interval
+from zoo.runs.table_files import Result
+from zoo.timing.loop_times import LoopTimes
+from zoo.timing.timing_options import TimingOptions
+from zoo.verdict.evidence import other_car_line
+from zoo.worlds.run_drives import all_drives
+from zoo.worlds.scenario import Scenario
+
+VERSION = 1  # of timing.json
+RESULT, PLOT = "timing.json", "timing.png"
+MEASURED = "as measured"
+COLUMNS = ("times", "rate_hz", "delay_ms", "speed_mph", "gain_mph", "every_road_mph")
+
+
+@dataclass(frozen=True, repr=False)
+class Timing(Result):
+    """Highest speeds without an intervention, with measured and with improved loop times.
+
+    Attributes:
+        checkpoint: name of the checkpoint.
+        options: options of the search.
+        times: loop times by what was improved; the first are those measured.
+        speeds: highest clean speed of each road, in whole mph, by the same names; one less than
+            the lowest speed that was tried where none was clean.
+        written: paths of the files written.
+    """
+
+    checkpoint: str
+    options: TimingOptions
+    times: Mapping[str, LoopTimes]
+    speeds: Mapping[str, Sequence[int]]
+    written: list[Path] = field(default_factory=list)
+
+    @property
+    def lines(self) -> list[str]:
+        """Return the highest speed and what would help most, in sentences."""
+        options, measured = self.options, self.speeds[MEASURED]
+        return [
+            f"{self.checkpoint} drives without an intervention up to {self._speed(MEASURED)} on "
+            f"the median of {options.roads} {options.family} roads, and up to "
+            f"{self._mph(min(measured))} on each of them",
+            self.advice,
+        ]
+
+    @property
+    def advice(self) -> str:
+        """Return which one improvement raises the speed most, if any surely does."""
+        if min(self.speeds[MEASURED]) >= int(self.options.most):
+            return "it drives the highest speed that was tried on each road: nothing to improve"
+        gains = {name: self.gain(name) for name in self.speeds if name != MEASURED}
+        surely = {name: gain for name, gain in gains.items() if gain.low > 0 and name != "both"}
+        both = f"; both, as of a computer twice as fast: {_difference(gains['both'])}"
+        if not surely:
+            return f"no single improvement raises the speed on nearly all roads{both}"
+        best = max(surely, key=lambda name: surely[name].value)
+        return f"what helps most: {best}, {_difference(surely[best])}{both}"
+
+    def gain(self, name: str) -> Estimate:
+        """Return the median gain of an improvement over the roads, in mph."""
+        pairs = zip(self.speeds[name], self.speeds[MEASURED], strict=True)
+        return _median([one - own for one, own in pairs])
+
+    def __repr__(self) -> str:
+        return "\n".join([f"Timing of {self.checkpoint}", *(f"  {one}" for one in self.lines)])
+
+    def show(self) -> None:
+        """Print the table, the sentences and what was written."""
+        console, times = Console(emoji=False, soft_wrap=True), self.times[MEASURED]
+        print_line(console, printable(f"{times.name}: {times.words}"))
+        console.print(self.result_table().printed(left=1))
+        for line in self.lines:
+            print_line(console, printable(line))
+        print_written(self.written, console=console)
+
+    def result_table(self) -> Table:
+        """Return a row for the measured times, and for each improvement."""
+        names, times = list(self.speeds), self.times.values()
+        speeds = [_median(one) for one in self.speeds.values()]
+        gains = [self.gain(name) for name in names]
+        gained = ["" if name == MEASURED else _difference(self.gain(name)) for name in names]
+        least = [min(one) for one in self.speeds.values()]
+        rates, delays = [one.rate_hz for one in times], [one.delay_ms for one in times]
+        columns = [
+            Column("times", "loop times", names),
+            Column("rate_hz", "frames/s", [f"{one:.1f}" for one in rates], {"rate_hz": rates}),
+            Column("delay_ms", "delay, ms", [f"{one:.0f}" for one in delays], {"delay_ms": delays}),
+            Column(
+                "speed_mph",
+                "highest speed, median road",
+                list(map(self._speed, names)),
+                interval_figures("speed_mph", speeds),
+            ),
+            Column("gain_mph", "gain", gained, interval_figures("gain_mph", gains)),
+            Column(
+                "every_road_mph",
+                "every road",
+                list(map(self._mph, least)),
+                {"every_road_mph": least},
+            ),
+        ]
+        return Table(columns, f"Highest speeds of {self.checkpoint}; brackets: 95 % intervals.")
+
+    def plot(self) -> Figure:
+        """Draw the loop times, and the highest speeds with their intervals."""
+        measured, options = self.times[MEASURED], self.options
+        figure = NotebookFigure(figsize=(10, 4.2), layout="constrained")
+        figure.suptitle(
+            f"{self.checkpoint} on {options.family}: up to {self._speed(MEASURED)} at "
+            f"{measured.rate_hz:.1f} frames per second"
+        )
+        left, right = figure.subplots(1, 2, width_ratios=[1, 1.4])
+        edges = np.linspace(0, max(measured.loop_ms.max(), measured.latency_ms.max()) * 1.05, 41)
+        left.hist(measured.loop_ms, edges, color=GREY, label="frame to next frame")
+        left.hist(
+            measured.latency_ms[~measured.lost],
+            edges,
+            histtype="step",
+            color=ORANGE,
+            lw=1.6,
+            label="frame to steering",
+        )
+        left.set(xlabel="ms", ylabel="loops", title="measured loop times")
+        left.legend(frameon=False)
+        for row, (name, speeds) in enumerate(self.speeds.items()):
+            colour = BLUE if name == MEASURED else GREY
+            right.plot(median_interval(speeds), [row, row], color=colour, lw=2)
+            right.plot(median(speeds), row, "o", color=colour)
+            right.plot(speeds, [row + 0.22] * len(speeds), "|", color=colour, alpha=0.6)
+        right.set_yticks(range(len(self.speeds)), list(self.speeds))
+        right.set(
+            xlabel="highest speed without an intervention, mph",
+            xlim=(0, options.most + 1),
+            ylim=(len(self.speeds) - 0.5, -0.5),
+            title="median of the roads, 95 % interval; a stroke is a road",
+        )
+        plain_axis(left)
+        plain_axis(right, "x")
+        return figure
+
+    def content(self) -> dict:
+        """Return the content of `timing.json`."""
+        return {
+            "version": VERSION,
+            "checkpoint": self.checkpoint,
+            "options": asdict(self.options),
+            "times": self.times[MEASURED].name,
+            "rows": self.table(),
+            "speeds_mph": {name: list(one) for name, one in self.speeds.items()},
+            "lines": self.lines,
+        }
+
+    def _mph(self, speed: float) -> str:
+        if speed < self.options.least:
+            return f"less than {self.options.least:g} mph"
+        return f"{speed:g} mph"
+
+    def _speed(self, name: str) -> str:
+        """Return the median speed with its interval, such as `17 (14 to 20) mph`."""
+        found = _median(self.speeds[name])
+        if found.value < self.options.least:
+            return self._mph(found.value)
+        return f"{with_interval(found, '{:g}')} mph"
+
+
+def _median(values: Sequence[int]) -> Estimate:
+    return Estimate(float(median(values)), *median_interval(values))
+
+
+def _difference(gain: Estimate) -> str:
+    return f"{with_interval(gain, '{:+g}')} mph"
+
+
+def find_highest_speeds(
+    checkpoint: str, measured: LoopTimes, options: TimingOptions, console: Console
+) -> Timing:
+    """Search the highest speeds of a checkpoint, and write the result.
+
+    Raises:
+        UsageError: an option is wrong.
+        InputError: the checkpoint cannot be used.
+    """
+    options.check_files(COLUMNS)
+    roads = options.scenarios()
+    times = {MEASURED: measured, **measured.improved()}
+    policy = load_policy(checkpoint)  # reports a wrong file before processes start
+    if line := other_car_line(policy.data, options.family):
+        print_line(console, printable(line))
+    with command_folder(options.out, "timings") as folder:
+        scenarios = [replace(road, loop=one.loop) for one in times.values() for road in roads]
+        with (
+            opened_pool(options.workers, most=len(scenarios)) as pool,
+            progress_bar("search for the highest speed", console) as show,
+        ):
+            found = highest_speeds(
+                checkpoint, scenarios, int(options.least), int(options.most), pool, show
+            )
+        by_name = np.array(found).reshape(len(times), options.roads).tolist()
+        result = Timing(
+            short_name(Path(checkpoint)), options, times, dict(zip(times, by_name, strict=True))
+        )
+        result.written.append(write_whole(folder / RESULT, json_text(result.content())))
+        result.written.append(save_figure(result.plot(), folder / PLOT))
+        result.written.extend(options.write_files(result))
+    return result
+
+
+def highest_speeds(
+    checkpoint: str,
+    scenarios: Sequence[Scenario],
+    least: int,
+    most: int,
+    pool: Pool | None = None,
+    show: Callable[[float], None] = lambda share: None,
+) -> list[int]:
+    """Return the highest speed of each scenario without an intervention, by bisection.
+
+    It takes for granted that a network which fails at a speed fails at higher ones.
+
+    Args:
+        checkpoint: path of the checkpoint.
+        scenarios: scenarios to drive, at other speeds than their own.
+        least: lowest speed, in whole mph.
+        most: highest speed, in whole mph.
+        pool: open pool of processes.
+        show: function called with the finished share.
+
+    Returns:
+        Speeds in whole mph; `least - 1` where the lowest is not clean.
+    """
+    clean, failed = [least - 1] * len(scenarios), [most + 1] * len(scenarios)
+    rounds = int(np.ceil(np.log2(most - least + 2)))
+    for number in range(rounds):
+        tried = [
+            (index, (low + high) // 2)
+            for index, (low, high) in enumerate(zip(clean, failed, strict=True))
+            if high - low > 1
+        ]
+        speeds = [replace(scenarios[index], speed=float(speed)) for index, speed in tried]
+        drives = all_drives(checkpoint, speeds, first_only=True, pool=pool)
+        for (index, speed), drive in zip(tried, drives, strict=True):
+            (failed if drive.intervention.any() else clean)[index] = speed
+        show((number + 1) / rounds)
+    return clean
