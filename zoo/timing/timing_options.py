@@ -39,7 +39,7 @@ class TimingOptions(ResultFiles):
 
     family: str = "lakeside"
     roads: Annotated[int, Field(ge=LEAST_ROADS, le=1000)] = 8
-    length: Annotated[float, Field(ge=60, le=20_000)] = 300.0
+    length: Annotated[float, Field(ge=60, le=20_000)] = 200.0
     rate: Annotated[float, Field(ge=1, le=50)] = 20.0
     part: str | None = None
     delay_s: float = 0.0
