@@ -135,7 +135,13 @@ def typed(value: object) -> str:
 def changed(options: object) -> list[str]:
     """Return the options that differ from the defaults of their class, as users type them."""
     given, usual = vars(options).items(), type(options)()
-    return [f"{key}={typed(value)}" for key, value in given if value != getattr(usual, key)]
+    words = []
+    for key, value in given:
+        if is_dataclass(value):
+            words += [f"{key}.{word}" for word in changed(value)]
+        elif value != getattr(usual, key):
+            words.append(f"{key}={typed(value)}")
+    return words
 
 
 def typed_keys(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:

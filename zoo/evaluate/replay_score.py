@@ -14,6 +14,7 @@ from datamodules.recording import Recording
 from datamodules.recording_format import other_car, read_recordings
 from datamodules.split import Split
 from datamodules.stretches import STRETCH_S, long_stretches
+from zoo.base.command_keys import changed
 from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
 from zoo.base.terminal import print_written
@@ -130,7 +131,8 @@ def replay_recording(
         notes = [world.words] * (source is not None) + keyboard_lines(recording, on_track)
         following = ["film", folder] if options.frames else ["evaluate", name]
         if not on_track and not options.frames:
-            following = ["replay", name, recording_folder, "frames=true"]
+            more = replace(options, frames=True, out=None, table=None, columns=None)
+            following = ["replay", name, recording_folder, *changed(more)]
         result = Replay(folder, figures, notes, name, problem, following)
         result.written.extend(options.write_files(result))
         return result
