@@ -41,8 +41,8 @@ from zoo.worlds.run_drives import load_kept
 PAGE = "benchmark.html"
 SHORT = ("interventions_per_km", "without_intervention", "autonomy")
 INTERVALS = (
-    "95 % interval for new roads of the families and, with several training seeds, for new "
-    "trainings; of one training alone with one. Fewer than 3 roads: no interval."
+    "95 % interval for new roads of the families and new trainings; with one training seed, for "
+    "this training. Fewer than 3 roads: no interval."
 )
 CAPTION = f"Below or behind each figure: its {INTERVALS}"
 
