@@ -1,9 +1,9 @@
-"""Draw the images of the README and the manual: `python docs/draw_images.py RUN`.
+"""Draw the images of the README and the manual: `python docs/draw_images.py [RUN]`.
 
-RUN is a run's folder: its best checkpoint drives a lap of the embedded lake over the socket, while
-headless Chromium shows the live page. Writes `docs/images/lap.webp` (the lap as an animation),
-`live_page.webp`, `report.webp` and `edit_page.webp` (the editing page, with a lap of the expert).
-Takes some four minutes on two cores.
+Writes `docs/images/board.webp` from `docs/benchmark.csv`. RUN is a run's folder: its best checkpoint
+drives a lap of the embedded lake over the socket, while headless Chromium shows the live page. This
+writes `lap.webp` (the lap as an animation), `live_page.webp`, `report.webp` and `edit_page.webp`
+(the editing page, with a lap of the expert), in some four minutes on two cores.
 """
 
 import csv
@@ -17,6 +17,9 @@ import imageio_ffmpeg
 from PIL import Image
 
 from tests.zoo.drive.browser import Browser
+from zoo.benchmark.suite import OVERALL
+from zoo.drives.bootstrap import Estimate
+from zoo.runs.plots import interval_plot
 
 ROOT = Path(__file__).parents[1]
 IMAGES = ROOT / "docs" / "images"
@@ -80,8 +83,27 @@ def animate(folder: Path, path: Path) -> None:
     )
 
 
+def draw_board() -> None:
+    """Draw the interventions per km of the board's entries, the best entry first."""
+    with (ROOT / "docs" / "benchmark.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["group"] == OVERALL]
+    name = "interventions_per_km"
+    figures = {
+        f"{row['entry']} ({row['kind']})": Estimate(
+            *(float(row[f"{name}{end}"]) for end in ("", "_low", "_high"))
+        )
+        for row in sorted(rows, key=lambda row: float(row[name]))
+        if row["entry"] not in ("zero", "mean")  # 40 per km
+    }
+    figure = interval_plot(figures, "interventions per km of 30 roads", factor=1)
+    figure.savefig(IMAGES / "board.png", dpi=150)
+    with Image.open(IMAGES / "board.png") as image:
+        image.convert("RGB").save(IMAGES / "board.webp", quality=85, method=6)
+    (IMAGES / "board.png").unlink()
+
+
 def main(run: Path) -> None:
-    """Draw all of them."""
+    """Draw all but the board."""
     report = run / "report" / "index.html"
     if not report.is_file():
         raise SystemExit(f"{report}: no such file; name a finished run")
@@ -105,4 +127,6 @@ def main(run: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    draw_board()
+    if len(sys.argv) > 1:
+        main(Path(sys.argv[1]))

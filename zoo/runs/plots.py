@@ -138,22 +138,25 @@ def fed_batch(images: np.ndarray, steering: np.ndarray, colour: str, title: str)
     return figure
 
 
-def interval_plot(figures: Mapping[str, Any], label: str, line: float | None = None) -> Figure:
-    """Draw a row for each share: its value as a dot and its interval, both in percent.
+def interval_plot(
+    figures: Mapping[str, Any], label: str, line: float | None = None, factor: float = 100
+) -> Figure:
+    """Draw a row for each figure: its value as a dot and its interval, by default in percent.
 
     Args:
-        figures: shares by the name of the row, from top to bottom.
+        figures: figures by the name of the row, from top to bottom.
         label: label of the axis.
-        line: share to mark by a line; None for none.
+        line: figure to mark by a line; None for none.
+        factor: what the figures are multiplied by.
     """
     rows = max(len(figures), 1)  # an axis needs a height without figures, too
     figure = NotebookFigure(figsize=(6, 0.9 + 0.35 * rows), layout="constrained")
     axis = figure.subplots()
     if line is not None:
-        axis.axvline(100 * line, color=GREY, ls=":", lw=1)
-    for row, share in enumerate(figures.values()):
+        axis.axvline(factor * line, color=GREY, ls=":", lw=1)
+    for row, one in enumerate(figures.values()):
         # NaN, also of None, is not drawn.
-        low, value, high = 100 * np.array([share.low, share.value, share.high], float)
+        low, value, high = factor * np.array([one.low, one.value, one.high], float)
         axis.plot([low, high], [row, row], color=BLUE, lw=1.5)
         axis.plot(value, row, "o", color=BLUE)
     axis.set_yticks(range(len(figures)), list(figures))
