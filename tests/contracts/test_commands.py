@@ -12,10 +12,10 @@ from pydantic import TypeAdapter
 from simulator.__main__ import COMMANDS as SIMULATOR
 from tests.zoo.commands import ROOT, environment, only_line, run_here
 from zoo.base.command import Command, command
-from zoo.base.command_keys import Choice, keys_of, meanings_of, read_options, typed
+from zoo.base.command_keys import Choice, changed, keys_of, meanings_of, read_options, typed
 from zoo.base.errors import InputError, UsageError
 from zoo.cli.console_script import ALIASES, GROUPS, LISTED, load, places
-from zoo.evaluate.evaluate_options import EvaluateOptions
+from zoo.evaluate.evaluate_options import EvaluateOptions, ReplayOptions
 
 MOST_SHOWN = 26
 # Trainings have a config in place of a signature, `simulator` has three commands below it.
@@ -177,6 +177,11 @@ def test_wrong_use_is_one_line_with_the_remedy(
     result = run_here(tmp_path, *arguments[1:], module=f"zoo.{arguments[0]}")
     assert result.returncode == 2
     assert words in only_line(result)
+
+
+def test_changed_keys_are_typed_with_the_name_of_their_section() -> None:
+    words = ["margin=0.5", "data.format=table", "data.columns={image: path, steering: angle}"]
+    assert changed(read_options(ReplayOptions, words)) == words
 
 
 def test_a_default_is_typed_as_users_type_it() -> None:

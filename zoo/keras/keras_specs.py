@@ -145,7 +145,7 @@ def specs_of(kind: str, config: dict, version: int) -> list[Spec] | None:
     if kind not in (*SETTINGS, "Resizing"):
         return None
     if kind == "BatchNormalization" and config.get("mode") not in (None, 0):
-        raise UnknownValueError(f"its mode is {config['mode']!s:.20}; only mode 0 can be converted")
+        raise UnknownValueError(f"its mode is {config['mode']!s:.20}, not 0")
     keys = SETTINGS.get(kind, "").split()
     spec: Spec = {"layer": kind} | {key: _setting(kind, key, config) for key in keys}
     if kind == "Resizing":
