@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,13 @@ def test_labels_are_those_written(tmp_path, decimal_comma):
     recording = read_recordings(str(written.folder))
     for name in ("steering", "throttle", "brake", "speed_mph"):
         np.testing.assert_array_equal(getattr(recording, name), getattr(written, name))
+
+
+def test_a_fingerprint_holds_no_digits_that_processors_compute_differently(tmp_path):
+    recording = read_recordings(str(write_recording(tmp_path / "lake", rows=9).folder))
+    others = (replace(recording, steering=recording.steering + change) for change in (-2e-16, 1e-4))
+    same = [one.fingerprint() == recording.fingerprint() for one in others]
+    assert same == [True, False]
 
 
 @pytest.mark.parametrize("name", ["my lake", "lr=0.1,x", "[lake] {1}", "Straße %20 'n'"])

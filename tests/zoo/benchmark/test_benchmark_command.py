@@ -254,6 +254,15 @@ def test_verify_refuses_a_changed_result(
     assert "\n" not in str(caught.value)
 
 
+def test_figures_of_an_older_analysis_are_computed_again(entry: Path, tmp_path: Path) -> None:
+    def age(found: dict) -> None:
+        del found["analysis"]
+        found |= {"headline": {"value": 1.0, "low": 1.0, "high": 1.0}}
+        found["groups"]["like"]["autonomy"]["low"] = 1.0
+
+    assert read_result(changed(entry, tmp_path, age)).groups == read_result(entry).groups
+
+
 def test_verify_refuses_a_checkpoint_that_stands_for_two_seeds(
     suite: Path, checkpoint: Path, tmp_path: Path
 ) -> None:
