@@ -13,6 +13,7 @@ Pearson 1934), so that a network that never failed is not surer than one that fa
 """
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -39,8 +40,8 @@ def clustered(
             comparison of two entries. A single training seed gives an interval over places alone.
         weights: array of the same shape; None for 1, so that the figure is a mean.
         places: place of each drive; drives of one place are one cluster.
-        groups: group of each drive; places that are driven in the same groups are a stratum. None
-            for one stratum.
+        groups: group of each drive. Places that are driven in the same groups are a stratum, if
+            every stratum has five places or more; None for one stratum.
         limits: `POSITIVE`, `SHARE`, `ANY`, or the smallest and the greatest difference.
         one_failure: figure if each drive had one failure, for a figure that is 0 without any
             failure; it is the scale of the exact bound.
@@ -107,6 +108,7 @@ def moments(
 
 
 EQUAL = 1e-9  # greatest difference of equal figures, by rounding
+SMALLEST = 5  # places of a stratum; with few degrees of freedom Student's t says nothing
 
 
 def satterthwaite(parts: Sequence[tuple[float, float]]) -> float:
@@ -160,16 +162,15 @@ def _variance(sums: np.ndarray) -> tuple[float, float]:
 def _strata(
     places: Sequence[str], groups: Sequence[str] | None
 ) -> list[tuple[list[int], list[str]]]:
-    """Return the drives of each stratum and their places; strata of one place are one."""
-    driven: dict[str, list[str]] = {}
+    """Return the drives of each stratum and their places."""
+    driven: dict[str, set[str]] = {}
     for place, group in zip(places, groups or [""] * len(places), strict=True):
-        driven.setdefault(place, []).append(group)
+        driven.setdefault(place, set()).add(group)
     kinds = {place: " ".join(sorted(own)) for place, own in driven.items()}
-    counts = [*kinds.values()]
-    kinds = {place: kind if counts.count(kind) > 1 else "" for place, kind in kinds.items()}
+    is_fine = min(Counter(kinds.values()).values()) >= SMALLEST
     drives: dict[str, list[int]] = {}
     for number, place in enumerate(places):
-        drives.setdefault(kinds[place], []).append(number)
+        drives.setdefault(kinds[place] if is_fine else "", []).append(number)
     return [(own, [places[number] for number in own]) for own in drives.values()]
 
 

@@ -87,12 +87,21 @@ def test_drives_of_one_place_are_one_observation() -> None:
 
 
 def test_groups_that_differ_do_not_widen_the_interval() -> None:
-    values = np.array([[0.1, 0.2, 0.3, 0.2, 5.1, 5.2, 5.3, 5.2]])
-    groups = ["like"] * 4 + ["sharp"] * 4
+    values = np.array([[0.1, 0.2, 0.3, 0.2, 0.1, 5.1, 5.2, 5.3, 5.2, 5.1]])
+    groups = ["like"] * 5 + ["sharp"] * 5
 
-    one, strata = (clustered(values, places=range(8), groups=own) for own in (None, groups))
+    one, strata = (clustered(values, places=range(10), groups=own) for own in (None, groups))
 
     assert strata.high - strata.low < (one.high - one.low) / 10
+
+
+def test_a_failure_in_a_stratum_of_two_places_leaves_an_interval_of_use() -> None:
+    values = np.array([[0.0] * 7 + [0.0, 1.0]])
+    groups = ["like"] * 7 + ["dynamics"] * 2
+
+    found = clustered(values, places=range(9), groups=groups, limits=POSITIVE, one_failure=1.0)
+
+    assert found.high < 2
 
 
 def test_trainings_that_differ_widen_the_interval() -> None:
