@@ -1,6 +1,6 @@
 """Draw the images of the README and the manual: `python docs/draw_images.py [RUN]`.
 
-Writes `docs/images/board.webp` from `docs/benchmark.csv`. RUN is a run's folder: its best checkpoint
+Writes `docs/images/board.webp` from `docs/benchmark.csv`. RUN is a run's folder: its checkpoint
 drives a lap of the embedded lake over the socket, while headless Chromium shows the live page. This
 writes `lap.webp` (the lap as an animation), `live_page.webp`, `report.webp` and `edit_page.webp`
 (the editing page, with a lap of the expert), in some four minutes on two cores.

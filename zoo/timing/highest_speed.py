@@ -19,7 +19,7 @@ from zoo.cli.console_progress import progress_bar
 from zoo.drives.bootstrap import Estimate
 from zoo.drives.intervals import median_interval
 from zoo.runs.plots import BLUE, GREY, ORANGE, NotebookFigure, plain_axis, save_figure
-from zoo.runs.table import Column, Table, interval_figures, with_interval
+from zoo.runs.table import Column, Table, interval_column, with_interval
 from zoo.runs.table_files import Result
 from zoo.timing.loop_times import LoopTimes
 from zoo.timing.timing_options import TimingOptions
@@ -88,7 +88,7 @@ class Timing(Result):
         """Print the table, the sentences and what was written."""
         console, times = Console(emoji=False, soft_wrap=True), self.times[MEASURED]
         print_line(console, printable(f"{times.name}: {times.words}"))
-        console.print(self.result_table().printed(left=1))
+        console.print(self.result_table().narrow().printed(left=1))
         for line in self.lines:
             print_line(console, printable(line))
         print_written(self.written, console=console)
@@ -98,28 +98,22 @@ class Timing(Result):
         names, times = list(self.speeds), self.times.values()
         speeds = [_median(one) for one in self.speeds.values()]
         gains = [self.gain(name) for name in names]
-        gained = ["" if name == MEASURED else _difference(self.gain(name)) for name in names]
         least = [min(one) for one in self.speeds.values()]
         rates, delays = [one.rate_hz for one in times], [one.delay_ms for one in times]
         columns = [
             Column("times", "loop times", names),
             Column("rate_hz", "frames/s", [f"{one:.1f}" for one in rates], {"rate_hz": rates}),
             Column("delay_ms", "delay, ms", [f"{one:.0f}" for one in delays], {"delay_ms": delays}),
-            Column(
-                "speed_mph",
-                "highest speed, median road",
-                list(map(self._speed, names)),
-                interval_figures("speed_mph", speeds),
-            ),
-            Column("gain_mph", "gain", gained, interval_figures("gain_mph", gains)),
+            interval_column("speed_mph", "highest speed, mph", speeds, "{:g}"),
+            interval_column("gain_mph", "gain, mph", gains, "{:+g}"),
             Column(
                 "every_road_mph",
-                "every road",
-                list(map(self._mph, least)),
+                "every road, mph",
+                [f"{one:g}" for one in least],
                 {"every_road_mph": least},
             ),
         ]
-        return Table(columns, f"Highest speeds of {self.checkpoint}; brackets: 95 % intervals.")
+        return Table(columns, f"Highest clean speeds of {self.checkpoint}, median of the roads.")
 
     def plot(self) -> Figure:
         """Draw the loop times, and the highest speeds with their intervals."""
