@@ -75,6 +75,18 @@ def doubt(folder: str, *checkpoints: str) -> None:
     print_table(["policy", "error", "spread", "within", "correlation", "CPU ms"], rows)
 
 
+def c_files(folder: str, *networks: str) -> None:
+    """Measure the C files of `drivezoo export`: `c_files RECORDING [NETWORK...]`.
+
+    Of all networks that come with drivezoo, over 1,000 frames, it writes the table of
+    `docs/onto_the_car.md`; with names it prints theirs. It takes an hour with ARM under qemu.
+    """
+    from benchmarks.c_files import measure_c_files
+
+    frames, speeds, _ = frames_of(folder, 1000)
+    measure_c_files(frames, speeds, networks, write=not networks)
+
+
 def replays(
     folder: str,
     *checkpoints: str,
@@ -337,4 +349,4 @@ def expert(*tracks: str) -> None:
 
 
 if __name__ == "__main__":
-    run_named(coverage, doubt, expert, formats, replays, roads, storage, tub)
+    run_named(c_files, coverage, doubt, expert, formats, replays, roads, storage, tub)

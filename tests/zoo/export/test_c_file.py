@@ -1,0 +1,264 @@
+"""Checkpoints exported as C: the same view and steering, no warning, a line for each refusal."""
+
+import ctypes
+import math
+import platform
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from rich.console import Console
+from torch import nn
+
+from datamodules.view import CONVERSIONS, RESIZES, View
+from tests.recordings import Written
+from tests.zoo.commands import only_line, run, succeed
+from tests.zoo.models.test_models_command import build
+from tests.zoo.written_checkpoints import write_constant
+from zoo.base.errors import InputError, UsageError
+from zoo.base.rig import CURVATURE
+from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
+from zoo.checkpoints.policy import CheckpointPolicy
+from zoo.drives.metrics import measure
+from zoo.export import compiled_policy
+from zoo.export.c_file import c_header, c_source, rounded
+from zoo.export.c_source import CSource, function_name
+from zoo.export.c_view import write_view
+from zoo.export.compiled_policy import CompiledPolicy, find_compiler
+from zoo.export.exported_file import export_checkpoint
+from zoo.export.parity import Frames, compare
+from zoo.models.layers import Normalize
+from zoo.worlds.run_drives import all_drives
+from zoo.worlds.scenario import Scenario
+
+COMPILER = find_compiler()
+STRICT = ("-std=c99", "-O1", "-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror")
+pytestmark = pytest.mark.skipif(not COMPILER, reason="no C compiler")
+
+
+def drawn_frames(size: tuple[int, int], count: int = 3) -> list[np.ndarray]:
+    """Return frames of noise, and one of few colours, uint8 [H, W, 3]."""
+    rng = np.random.default_rng(0)
+    frames = [rng.integers(0, 256, (*size, 3), np.uint8) for _ in range(count)]
+    return [*frames, np.where(frames[0] > 127, 255, 0).astype(np.uint8)]
+
+
+def compiled(checkpoint: Checkpoint, folder: Path, weights: str = "float") -> CompiledPolicy:
+    """Write a checkpoint as C and compile it without warnings."""
+    (folder / "steer.c").write_text(c_source(checkpoint, "steer", weights))
+    (folder / "steer.h").write_text(c_header(checkpoint, "steer", "# card"))
+    return CompiledPolicy(checkpoint, folder / "steer.c", STRICT)
+
+
+def difference(checkpoint: Checkpoint, folder: Path, weights: str = "float") -> float:
+    """Return the largest difference of steering and throttle from the checkpoint's."""
+    images = drawn_frames(checkpoint.view.frame)
+    frames = Frames(images, [3.0 * number for number in range(len(images))], "drawn")
+    policy = CheckpointPolicy(checkpoint)
+    assert np.std([policy(image, 9.0).steering for image in images]) > 0
+    return compare(policy, compiled(checkpoint, folder, weights), frames).difference
+
+
+def checkpoint_of(network: nn.Module, view: View) -> Checkpoint:
+    return Checkpoint(network.eval(), view, {"model": {"name": "net"}}, {"rows": 3})
+
+
+def random_checkpoint(name: str, *keys: str) -> Checkpoint:
+    torch.manual_seed(1)
+    return checkpoint_of(*build(name, *keys))
+
+
+CASES = [
+    *((colour, "area", (160, 320)) for colour in CONVERSIONS),
+    *(("yuv_old", resize, (160, 320)) for resize in RESIZES),
+    ("gray", "area", (121, 163)),
+    ("hsv", "linear_first", (50, 70)),  # enlarged
+    ("rgb", "area", (50, 70)),
+]
+
+
+@pytest.mark.parametrize(("colour", "resize", "frame"), CASES)
+def test_the_view_is_opencvs_to_the_bit(
+    colour: str, resize: str, frame: tuple[int, int], tmp_path: Path
+) -> None:
+    for number, (crop, size) in enumerate([((60, 40), (33, 64)), ((0, 0), (80, 160))]):
+        view, source = View(crop, colour, size, resize, frame), CSource(floats=1)
+        write_view(view, source)
+        function = "void seen(const uint8_t *rgb, float *out)"
+        text = source.text(
+            "#include <stdint.h>", f"{function};\n{function}\n{{\n(void)work; view(rgb, out);\n}}"
+        )
+        file, library = tmp_path / "view.c", tmp_path / f"view{number}.so"
+        file.write_text(text)
+        words = [str(COMPILER), *STRICT, "-shared", "-fPIC", str(file), "-o", str(library)]
+        subprocess.run(words, check=True)
+        seen = ctypes.CDLL(str(library)).seen
+        out = np.zeros(view.shape, np.float32)
+        for image in drawn_frames(frame, 2):
+            seen(ctypes.c_void_p(image.ctypes.data), ctypes.c_void_p(out.ctypes.data))
+            # On ARM, OpenCV multiplies and adds in one step.
+            exact = platform.machine() in ("x86_64", "AMD64")
+            assert np.abs(out - view(image)).max() <= (0 if exact else 1)
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        ["linear"],
+        ["tiny"],
+        ["tiny63"],
+        ["lenet", "model.width=0.5"],
+        ["nvidia", "model.width=0.25"],
+        ["nvidia", "model.width=0.25", "model.activation=relu", "model.colour=gray"],
+        ["nvidia_speed", "model.width=0.25"],
+        ["keras"],
+    ],
+)
+def test_a_network_steers_as_its_checkpoint(keys: list[str], tmp_path: Path) -> None:
+    # A sum of 153,600 pixels differs by more than one of a few.
+    assert difference(random_checkpoint(*keys), tmp_path) < (1e-5 if keys == ["keras"] else 1e-6)
+
+
+class Various(nn.Sequential):
+    """Layers that no network of the list has."""
+
+    takes_speed, outputs = False, 1
+
+
+def test_other_layers_are_exact_too(tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    layers = [
+        Normalize(),
+        nn.Conv2d(3, 5, 3, padding=(2, 1), dilation=2, stride=(1, 2)),
+        nn.BatchNorm2d(5),
+        nn.Tanh(),
+        nn.AvgPool2d(2, padding=1),
+        nn.Conv2d(5, 9, (1, 3), bias=False),
+        nn.LeakyReLU(0.2),
+        nn.MaxPool2d(3, stride=1, padding=1),
+        nn.Sigmoid(),
+        nn.AdaptiveAvgPool2d(1),
+        nn.Flatten(),
+        nn.Linear(9, 1),
+    ]
+    layers[2].running_mean += 0.3
+    view = View((0, 0), "rgb", (20, 30), frame=(40, 60))
+    assert difference(checkpoint_of(Various(*layers), view), tmp_path) < 1e-6
+
+
+@pytest.mark.parametrize("name", ["tiny", "lenet"])
+def test_weights_of_8_bits_steer_as_the_rounded_network(name: str, tmp_path: Path) -> None:
+    checkpoint = random_checkpoint(name)
+    small = rounded(checkpoint)
+    assert difference(small, tmp_path, "int8") < 1e-6
+    for one, other in zip(checkpoint.network.parameters(), small.network.parameters(), strict=True):
+        assert (one - other).abs().max() <= one.abs().max() / 254 * 1.001
+    assert "int8_t weights_" in (tmp_path / "steer.c").read_text()
+
+
+def test_a_frame_of_another_size_is_nan(tmp_path: Path) -> None:
+    policy = compiled(load_checkpoint("tiny41"), tmp_path)
+    assert math.isnan(policy._steer(None, 320, 160, 9.0))
+    with pytest.raises(InputError, match=r"160 x 120 pixels.* 320 x 160"):
+        policy(np.zeros((120, 160, 3), np.uint8), 9.0)
+    assert math.isfinite(policy(np.zeros((160, 320, 3), np.uint8), 9.0).steering)
+
+
+def test_it_drives_as_its_checkpoint(tmp_path: Path) -> None:
+    checkpoint = load_checkpoint("tiny41")
+    scenario = Scenario("lake", laps=0.01, quality="simple")
+    found, expected = (
+        measure(all_drives(policy, [scenario])[0])
+        for policy in (compiled(checkpoint, tmp_path), CheckpointPolicy(checkpoint))
+    )
+    assert found["cte_mean_m"] == pytest.approx(expected["cte_mean_m"], rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        (["commaai", "model.width=0.1"], r"CommaAi: its layer .* computes Pad"),
+        (["cnn_gru"], "keeps earlier frames"),
+        (["nvidia_gaussian"], "spread"),
+    ],
+)
+def test_what_c_cannot_have_is_named(keys: list[str], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        c_source(random_checkpoint(*keys), "steer", "float")
+
+
+def test_a_layer_is_named_as_in_the_state_dict() -> None:
+    network = Various(Normalize(), nn.Conv2d(3, 4, 3, groups=1), nn.GELU(), nn.Flatten())
+    with pytest.raises(InputError, match=r"its layer 2 computes Erf"):
+        c_source(checkpoint_of(network, View((0, 0), "rgb", (8, 8))), "steer", "float")
+
+
+@pytest.mark.parametrize("name", ["int.c", "1net.c", "my net.c", "view.c", "läufer.c"])
+def test_a_name_that_c_refuses_is_refused(name: str) -> None:
+    with pytest.raises(UsageError, match=r"steer\.c"):
+        function_name(Path(name))
+
+
+def test_a_card_cannot_leave_its_comment(tmp_path: Path) -> None:
+    checkpoint = load_checkpoint("tiny41")
+    card = "a */ int evil; /* b\n*\\\n/ int evil;\n??/\n\x00\x1b é *\\/ int evil;"
+    (tmp_path / "steer.h").write_text(c_header(checkpoint, "steer", card))
+    words = [str(COMPILER), "-E", "-P", "-std=c99", str(tmp_path / "steer.h")]
+    left = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    assert "evil" not in left
+    assert "float steer(" in left
+
+
+def test_the_command_writes_both_files_with_the_card(recorded: Written, tmp_path: Path) -> None:
+    words = ("tiny41", "to=c", "weights=int8", f"frames={recorded.folder}")
+    printed = succeed(run(tmp_path, *words, module="zoo.export"))
+    for part in ("wrote: steer.h", "wrote: steer.c", "8 bits", "steer(rgb, 320, 160, speed_mph)"):
+        assert part in printed
+    header = (tmp_path / "steer.h").read_text()
+    for part in ("41 parameters", "negative is left", "25 degrees", "3 of 3 laps", "8 bits"):
+        assert part in header
+    assert "Latency: a frame takes" in header
+
+
+def test_a_foreign_header_is_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "steer.h").write_text("mine")
+    path = write_constant(tmp_path / "constant.ckpt", 0.1)
+    assert "steer.h: exists" in only_line(run(tmp_path, str(path), "to=c", module="zoo.export"))
+    assert {one.name for one in tmp_path.iterdir()} == {"steer.h", "constant.ckpt"}
+
+
+def test_without_a_compiler_it_says_that_nothing_was_compared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setattr(compiled_policy, "COMPILERS", ())
+    frames = str(tmp_path / "nowhere")
+    monkeypatch.setattr(
+        "zoo.export.parity.take_frames",
+        lambda *_: Frames(drawn_frames((160, 320)), [0.0] * 4, frames),
+    )
+    export_checkpoint("tiny41", str(tmp_path / "steer.c"), None, Console(), to="c")
+    assert "not compared" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["out=model.onnx", "weights=int8"], "weights=int8"),
+        (["to=c", "out=model.onnx"], "must end in .c"),
+        (["to=donkeycar", "out=steer.c"], "must end in .h5"),
+    ],
+)
+def test_keys_that_do_not_fit_are_refused(words: list[str], text: str, tmp_path: Path) -> None:
+    write_constant(tmp_path / "constant.ckpt", 0.1)
+    assert text in only_line(run(tmp_path, "constant.ckpt", *words, module="zoo.export"))
+
+
+def test_a_curvature_is_not_written_as_steering(tmp_path: Path) -> None:
+    path = write_constant(tmp_path / "constant.ckpt", 0.1)
+    contents = torch.load(path, weights_only=True)
+    contents["drivezoo"]["data"][CURVATURE] = 0.1
+    torch.save(contents, path)
+    with pytest.raises(InputError, match=r"data\.label=steering"):
+        export_checkpoint(str(path), str(tmp_path / "steer.c"), None, Console(quiet=True))
