@@ -53,6 +53,7 @@ def drive(delay: int, told: bool) -> list[float]:
     """Return the distance from the line in 10 s, for a delay in frames of 0.1 s."""
     car = Car(0.8)
     policy = Ahead(car)
+    policy.in_car(UDACITY)
     meter = LatencyMeter(policy)
     wheels, passed = deque([0.0] * (delay + 1)), []
     for frame in range(100):
@@ -105,6 +106,7 @@ def test_steps_of_a_faster_recording_take_longer() -> None:
 
 def test_a_session_and_a_reset_have_no_commands_before() -> None:
     policy = SessionPolicy()
+    policy.in_car(UDACITY)
     policy.keep_memory((), Window(ahead=3), {"rows_per_s": 10.0})
     policy.latency_s = 0.2
     policy.expect(np.full(10, 0.5))
