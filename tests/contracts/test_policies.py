@@ -10,6 +10,7 @@ import torch
 from tests.zoo.models.test_memory import NAMES
 from tests.zoo.models.test_models_command import build
 from tests.zoo.written_checkpoints import write_pilotnet
+from zoo.base.rig import UDACITY
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
 from zoo.checkpoints.command import Command, Policy, PolicyWrapper, as_policy
 from zoo.checkpoints.doubt_policy import DropoutPolicy, EnsemblePolicy
@@ -124,7 +125,7 @@ def test_a_policy_states_its_facts(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("wrap", WRAPPERS)
 def test_a_wrapper_forwards_all_methods_and_facts(wrap: str) -> None:
-    policy = ensemble()
+    policy = ensemble().in_car(UDACITY)
     wrapper = WRAPPERS[wrap](policy)
     wrapper.reset()
     first = steering(wrapper)

@@ -11,7 +11,7 @@ from torch import nn
 from datamodules.view import FRAME
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
-from zoo.checkpoints.command import Command, Policy
+from zoo.checkpoints.command import Command, Policy, as_policy
 from zoo.checkpoints.frozen_graph import network_inputs
 from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy import CheckpointPolicy
@@ -141,6 +141,6 @@ def command_spread(policy: Policy) -> Source:
         InputError: the policy returns none.
     """
     # In any car: only whether there is a spread is asked for.
-    if policy.in_car(UDACITY)(np.zeros((*FRAME, 3), np.uint8), 0.0).spread is None:
+    if as_policy(policy).in_car(UDACITY)(np.zeros((*FRAME, 3), np.uint8), 0.0).spread is None:
         raise InputError("the policy returns none; drivezoo doubt writes one that does")
     return lambda frame, mph, command: float(command.spread or 0.0)
