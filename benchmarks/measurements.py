@@ -5,12 +5,14 @@ embedded world.
 """
 
 import json
+import math
 import os
 import random
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -25,13 +27,16 @@ from benchmarks.material import OUT, linked_recording, pictures
 from benchmarks.measuring import print_table, run_named
 from datamodules.image import decode_image, read_image
 from datamodules.recording_format import read_recordings
+from datamodules.rig_file import write_rig
 from datamodules.view import View
 from simulator.expert import Expert, ExpertSettings
+from simulator.recorder import Recorder
 from simulator.road_family import draw_road, family_names, find_family
 from simulator.track import Track
 from simulator.track_names import track_names
 from simulator.world import World as Embedded
 from simulator.world import open_world
+from zoo.base.rig import UDACITY, single_camera_rig
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.policy import load_policy
 from zoo.worlds.run_drives import all_drives
@@ -92,25 +97,25 @@ def replays(
     *checkpoints: str,
     world: str = "embedded",
     track: str = "lake",
-    rig: str | None = None,
     frame_rate: str = "nan",
+    laps: str = "1",
 ) -> None:
     """Compare replays with drives: `replays RECORDING CKPT... [world=donkey track=...]`.
 
-    RECORDING is of a lap of the track, with the car of `rig` if its format does not tell, and with
-    `frame_rate` rows a second if the names of its images do not tell. Each checkpoint is replayed
-    on it, and drives a lap of the track with the replay's speed and interventions at 1 m. Rank
-    correlations (Spearman) show whether the interventions of replays, and the mean squared errors
-    on the same rows, order the checkpoints as drives do. Their 95 % intervals are bootstraps over
-    the checkpoints.
+    RECORDING is of `laps` of the track, with `frame_rate` rows a second if the names of its images
+    do not tell. Each checkpoint is replayed on it, and drives the same laps at the replay's speed;
+    an intervention is at 1 m in both. Rank correlations (Spearman) show whether the replays, and
+    the mean squared errors on the same rows, order the checkpoints as drives do. Their 95 %
+    intervals are bootstraps over the checkpoints.
     """
     from benchmarks.study_tables import rank_correlation
     from zoo.drives.metrics import measure
     from zoo.worlds.replay_world import ReplayWorld
 
-    recording, rate = read_recordings(folder, rig=rig), float(frame_rate)
+    recording, rate = read_recordings(folder), float(frame_rate)
     frames, speeds, true = frames_of(folder, len(recording))
-    same = Scenario(track, world=world, speed=float(np.median(speeds).round(1)), margin=1.0)
+    speed = float(np.median(speeds).round(1))
+    same = Scenario(track, world=world, laps=float(laps), speed=speed, margin=1.0)
     rows = []
     for checkpoint in map(find_checkpoint, checkpoints):
         policy = load_policy(checkpoint)
@@ -136,6 +141,30 @@ def replays(
         for name, drives in zip(names, (driven, driven_m), strict=True)
     ]
     print_table(["rank correlation (95 %)", *ordered], lines)
+
+
+def middle(folder: str, track: str, laps: str = "1") -> None:
+    """Record a drive along the middle of a Donkeycar simulator's road: `middle FOLDER SCENE`.
+
+    The driver steers by the simulator's cross-track error, and holds 15 mph. `drivezoo simulator
+    serve` must run; FOLDER gets the rig of its usual camera.
+    """
+    from simulator.donkey_session import CAMERA, STEERING_DEG
+    from zoo.worlds.donkey_world import DonkeyWorld
+
+    scenario = Scenario(track, world="donkey", laps=float(laps))
+    with closing(DonkeyWorld(track)) as world, Recorder(folder, relative=True) as recorder:
+        state, right_m, past_s = world.reset(scenario), 0.0, -math.inf
+        while not state.done:
+            change = ((state.cross_track_m or 0.0) - right_m) / (state.time_s - past_s)
+            right_m, past_s = state.cross_track_m or 0.0, state.time_s
+            steering = min(max(-1.4 * right_m - 0.9 * change, -1.0), 1.0)
+            throttle = float(state.speed_mph < scenario.speed)
+            frames = {"center": world.frame()}
+            recorder.add(frames, steering, throttle, 0.0, state.speed_mph, past_s)
+            state = world.step(steering, throttle)
+    car = "Donkeycar simulator", CAMERA, UDACITY.wheelbase_m, STEERING_DEG
+    write_rig(Path(folder), single_camera_rig(*car))
 
 
 def storage(folder: str | None = None) -> None:
@@ -349,4 +378,4 @@ def expert(*tracks: str) -> None:
 
 
 if __name__ == "__main__":
-    run_named(c_files, coverage, doubt, expert, formats, replays, roads, storage, tub)
+    run_named(c_files, coverage, doubt, expert, formats, middle, replays, roads, storage, tub)

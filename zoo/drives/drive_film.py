@@ -190,7 +190,8 @@ def draw_overlay(
         lines.append(("AUTONOMY", f"{autonomy:.1%}", colour))
     if cte_m is not None:
         side = "right" if cte_m > 0 else "left"
-        lines.append(("OFF CENTRE", f"{abs(cte_m):.2f} m {side}", WHITE))
+        line = "OFF CENTRE" if recorded is None else "OFF PATH"
+        lines.append((line, f"{abs(cte_m):.2f} m {side}", WHITE))
     left, right = width - 288, width - 20
     boxes = [(left, 18, right, 32 + 30 * len(lines))] if lines else []
     for y, (label, text, colour) in zip(range(40, 130, 30), lines, strict=False):
