@@ -36,7 +36,7 @@ BUILDS = {
     "32-bit x86": (["i686-linux-gnu-gcc", "-static"], []),
     "ARM": ([f"{ARM}gcc", "-static"], ["qemu-arm"]),
 }
-EMULATED = 3_000_000_000  # most multiply-adds under qemu, a hundred times slower: fewer frames
+EMULATED = 300_000_000  # most multiply-adds under qemu, a hundred times slower: fewer frames
 SMALL = ("-std=c99", "-Os", "-mthumb", "-c")  # for the size on a microcontroller
 SEEDS = 1  # of one track, further ones show nothing new
 # Reads frames and speeds from its input, and prints a steering for each.

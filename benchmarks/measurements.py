@@ -80,16 +80,16 @@ def doubt(folder: str, *checkpoints: str) -> None:
     print_table(["policy", "error", "spread", "within", "correlation", "CPU ms"], rows)
 
 
-def c_files(folder: str, *networks: str) -> None:
-    """Measure the C files of `drivezoo export`: `c_files RECORDING [NETWORK...]`.
+def c_files(folder: str, *networks: str, frames: str = "1000") -> None:
+    """Measure the C files of `drivezoo export`: `c_files RECORDING [NETWORK...] [frames=1000]`.
 
-    Of all networks that come with drivezoo, over 1,000 frames, it writes the table of
-    `docs/onto_the_car.md`; with names it prints theirs. It takes an hour with ARM under qemu.
+    Of all networks that come with drivezoo it writes the table of `docs/onto_the_car.md`; with
+    names it prints theirs.
     """
     from benchmarks.c_files import measure_c_files
 
-    frames, speeds, _ = frames_of(folder, 1000)
-    measure_c_files(frames, speeds, networks, write=not networks)
+    seen, speeds, _ = frames_of(folder, int(frames))
+    measure_c_files(seen, speeds, networks, write=not networks)
 
 
 def replays(

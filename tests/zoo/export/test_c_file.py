@@ -14,7 +14,7 @@ from torch import nn
 
 from datamodules.view import CONVERSIONS, RESIZES, View
 from tests.recordings import Written
-from tests.zoo.commands import only_line, run, succeed
+from tests.zoo.commands import only_line, run_here, succeed
 from tests.zoo.models.test_models_command import build
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError, UsageError
@@ -213,7 +213,7 @@ def test_a_card_cannot_leave_its_comment(tmp_path: Path) -> None:
 
 def test_the_command_writes_both_files_with_the_card(recorded: Written, tmp_path: Path) -> None:
     words = ("tiny41", "to=c", "weights=int8", f"frames={recorded.folder}")
-    printed = succeed(run(tmp_path, *words, module="zoo.export"))
+    printed = succeed(run_here(tmp_path, *words, module="zoo.export"))
     for part in ("wrote: steer.h", "wrote: steer.c", "8 bits", "steer(rgb, 320, 160, speed_mph)"):
         assert part in printed
     header = (tmp_path / "steer.h").read_text()
@@ -225,7 +225,9 @@ def test_the_command_writes_both_files_with_the_card(recorded: Written, tmp_path
 def test_a_foreign_header_is_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "steer.h").write_text("mine")
     path = write_constant(tmp_path / "constant.ckpt", 0.1)
-    assert "steer.h: exists" in only_line(run(tmp_path, str(path), "to=c", module="zoo.export"))
+    assert "steer.h: exists" in only_line(
+        run_here(tmp_path, str(path), "to=c", module="zoo.export")
+    )
     assert {one.name for one in tmp_path.iterdir()} == {"steer.h", "constant.ckpt"}
 
 
@@ -252,7 +254,7 @@ def test_without_a_compiler_it_says_that_nothing_was_compared(
 )
 def test_keys_that_do_not_fit_are_refused(words: list[str], text: str, tmp_path: Path) -> None:
     write_constant(tmp_path / "constant.ckpt", 0.1)
-    assert text in only_line(run(tmp_path, "constant.ckpt", *words, module="zoo.export"))
+    assert text in only_line(run_here(tmp_path, "constant.ckpt", *words, module="zoo.export"))
 
 
 def test_a_curvature_is_not_written_as_steering(tmp_path: Path) -> None:

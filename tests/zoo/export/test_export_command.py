@@ -40,7 +40,7 @@ from zoo.export import onnx_file
 from zoo.export.__main__ import export
 from zoo.export.donkeycar_file import donkeycar_bytes, donkeycar_policy
 from zoo.export.exported_file import export_checkpoint
-from zoo.export.onnx_file import COLOURS, onnx_bytes
+from zoo.export.onnx_file import COLOURS, MODEL_CARD, onnx_bytes
 from zoo.export.parity import RENDERED, Frames, compare, take_frames
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert
@@ -129,7 +129,10 @@ def test_every_model_steers_as_its_checkpoint(name: str, frames: Frames, tmp_pat
 
 def test_the_file_describes_its_network(exported: Path, checkpoint: Path) -> None:
     model = onnx.load(exported)
-    card = json.loads({one.key: one.value for one in model.metadata_props}[CARD])
+    texts = {one.key: one.value for one in model.metadata_props}
+    card = json.loads(texts[CARD])
+    for part in ("252,219 parameters", "negative is left", "with onnxruntime", "Intended use"):
+        assert part in texts[MODEL_CARD]
     original = read_checkpoint_file(checkpoint)["drivezoo"]
     for key in ("format", "config", "view", "data"):
         assert card[key] == original[key]

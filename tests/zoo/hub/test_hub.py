@@ -83,6 +83,15 @@ def test_the_card_says_what_it_is_and_how_it_drives(ran: Path, tmp_path: Path) -
     assert {one["type"] for one in result["metrics"]} == {"autonomy", "interventions"}
     for part in ("41 parameters", "13,938 rows", "drivezoo drive tiny.ckpt", "0 of 1"):
         assert part in text
+    for part in ("negative is left", "25 degrees", "320 x 160 pixels", "Latency: a frame takes"):
+        assert part in text
+
+
+def test_the_card_of_a_packaged_network_has_its_drives(tmp_path: Path) -> None:
+    succeed(hub(tmp_path, "push", "lenet", "repo=./card"))
+    text = (tmp_path / "card" / "README.md").read_text()
+    for part in ("3 of 3 laps", "100.0 (92.3 to 100.0) %", "12 of 13 (95 %", "drivezoo train"):
+        assert part in text
 
 
 def test_huggingface_hub_reads_the_header(ran: Path, tmp_path: Path) -> None:
