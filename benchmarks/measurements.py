@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -90,6 +91,24 @@ def c_files(folder: str, *networks: str, frames: str = "1000") -> None:
 
     seen, speeds, _ = frames_of(folder, int(frames))
     measure_c_files(seen, speeds, networks, write=not networks)
+
+
+def speeds(checkpoint: str, times: str) -> None:
+    """Drive each whole speed of `drivezoo timing`, not its bisection alone: `speeds CKPT TIMES`.
+
+    Prints how often a road is clean at a higher speed than one at which it is not.
+    """
+    from zoo.timing.loop_times import read_loop_times
+    from zoo.timing.timing_options import TimingOptions
+
+    options, driver = TimingOptions(), str(find_checkpoint(checkpoint))
+    loop, tried = read_loop_times(times, options.rate).loop, range(5, 31)
+    for road in options.scenarios():
+        scenarios = [replace(road, loop=loop, speed=float(speed)) for speed in tried]
+        drives = all_drives(driver, scenarios, first_only=True)
+        clean = [not drive.intervention.any() for drive in drives]
+        first = clean.index(False) if False in clean else len(clean)
+        print(f"{road.track}: clean to {tried[0] + first - 1} mph, above: {sum(clean[first:])}")
 
 
 def replays(
@@ -378,4 +397,6 @@ def expert(*tracks: str) -> None:
 
 
 if __name__ == "__main__":
-    run_named(c_files, coverage, doubt, expert, formats, middle, replays, roads, storage, tub)
+    run_named(
+        c_files, coverage, doubt, expert, formats, middle, replays, roads, speeds, storage, tub
+    )
