@@ -89,7 +89,7 @@ def draw_board() -> None:
         rows = [row for row in csv.DictReader(file) if row["group"] == OVERALL]
     name = "interventions_per_km"
     figures = {
-        f"{row['entry']} ({row['kind']})": Estimate(
+        row["entry"] + ("" if row["kind"] == "ranked" else f" ({row['kind']})"): Estimate(
             *(float(row[f"{name}{end}"]) for end in ("", "_low", "_high"))
         )
         for row in sorted(rows, key=lambda row: float(row[name]))

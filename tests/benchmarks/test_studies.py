@@ -70,7 +70,6 @@ def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     left_out = shutil.ignore_patterns("_build", "*.csv", "*.png", "images", "api")
     shutil.copytree(ROOT / "docs", "docs", ignore=left_out)
-    shutil.copy(ROOT / "README.md", "README.md")
     return tmp_path
 
 
@@ -274,7 +273,6 @@ def test_an_entry_stands_in_all_pages_of_the_board(pages: Path) -> None:
     study.main(["board", "runs=false"])
     page = Path("docs/benchmark.md").read_text()
     assert "| 1 | `mine` | 1,000 | 3 | 2." in page
-    assert "| 1 | LeNet | `mine` | 1,000 | 2." in Path("README.md").read_text()
     assert ">mine</td>" in Path("docs/_static/board.html").read_text()
     row = read_csv(Path("docs/benchmark.csv"))[0]
     assert row["group"] == "all but laps"
