@@ -26,6 +26,7 @@ from scipy.stats import spearmanr
 from benchmarks.coverage import coverage
 from benchmarks.material import OUT, linked_recording, pictures
 from benchmarks.measuring import print_table, run_named
+from datamodules.driving_log import CAMERAS
 from datamodules.image import decode_image, read_image
 from datamodules.recording_format import read_recordings
 from datamodules.rig_file import write_rig
@@ -35,11 +36,12 @@ from simulator.recorder import Recorder
 from simulator.road_family import draw_road, family_names, find_family
 from simulator.track import Track
 from simulator.track_names import track_names
+from simulator.world import Start, open_world
 from simulator.world import World as Embedded
-from simulator.world import open_world
 from zoo.base.rig import UDACITY, single_camera_rig
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.policy import load_policy
+from zoo.worlds.camera_warp import Warp
 from zoo.worlds.run_drives import all_drives
 from zoo.worlds.scenario import Scenario
 
@@ -184,6 +186,70 @@ def middle(folder: str, track: str, laps: str = "1") -> None:
             state = world.step(steering, throttle)
     car = "Donkeycar simulator", CAMERA, UDACITY.wheelbase_m, STEERING_DEG
     write_rig(Path(folder), single_camera_rig(*car))
+
+
+def warp(folder: str | None = None) -> None:
+    """Compare warped with real frames of a car that is displaced: `warp [RECORDING]`.
+
+    In the embedded world the car is displaced; a recording has side cameras. Over 40 places: the
+    correlation of the grey levels of the ground, which the own car does not hide, and the mean
+    difference of the steering that two networks give for a frame and the real frame, each without
+    and with the warp.
+    """
+    networks = [load_policy(find_checkpoint(name)) for name in ("lenet", "pilotnet")]
+    rows = []
+    for metres, pairs in _displaced(folder):
+        figures = []
+        for real, plain, warped in pairs:
+            ground = [
+                cv2.cvtColor(one, cv2.COLOR_RGB2GRAY)[65:130] for one in (real, plain, warped)
+            ]
+            small = [
+                cv2.resize(one, (80, 16), interpolation=cv2.INTER_AREA).ravel() for one in ground
+            ]
+            figures.append([np.corrcoef(small[0], one)[0, 1] for one in small[1:]])
+            for network in networks:
+                true, *others = (network(one, 15.0)[0] for one in (real, plain, warped))
+                figures[-1] += [abs(other - true) for other in others]
+        rows.append([metres, *(f"{one:.2f}" for one in np.mean(figures, axis=0))])
+    head = ["moved, m", "correlation, not warped", "warped", "LeNet's error, not warped", "warped"]
+    print_table([*head, "PilotNet's, not warped", "warped"], rows)
+
+
+def _displaced(folder: str | None) -> Iterator[tuple[str, list[tuple[np.ndarray, ...]]]]:
+    """Yield displacements, each with pairs of a real, an unwarped and a warped frame."""
+    mover = Warp(UDACITY, (160, 320))
+    if folder is None:
+        world = open_world("lake", "auto")
+        for metres in (-2.0, -1.5, -1.0, -0.5, -0.2, 0.2, 0.5, 1.0, 1.5, 2.0):
+            pairs = []
+            for place in np.linspace(0, 0.97 * world.track.length, 40):
+                frames = []
+                for cte in (metres, 0.0):
+                    world.put_back(Start(float(place), cte))
+                    frames.append(world.frame())
+                plain = frames[1]
+                pairs.append(
+                    (*frames, mover({"center": plain}.__getitem__, ["center"], metres, 0.0))
+                )
+            yield f"{metres:+.1f}", pairs
+        return
+    recording = read_recordings(folder)
+    chosen = np.linspace(0, len(recording) - 1, 40).astype(int).tolist()
+    for source, target in (
+        ("center", "left"),
+        ("center", "right"),
+        ("left", "center"),
+        ("right", "center"),
+    ):
+        pairs = []
+        for row in chosen:
+            frames = {name: recording.image(row, CAMERAS.index(name)) for name in CAMERAS}
+            moved = UDACITY.cameras[target].right_m or 1e-6  # 0 is the recorded frame itself
+            warped = mover(frames.__getitem__, [source], moved, 0.0)
+            pairs.append((frames[target], frames[source], warped))
+        moved = UDACITY.cameras[target].right_m - UDACITY.cameras[source].right_m
+        yield f"{source} to {target}, {moved:+.2f}", pairs
 
 
 def storage(folder: str | None = None) -> None:
@@ -398,5 +464,16 @@ def expert(*tracks: str) -> None:
 
 if __name__ == "__main__":
     run_named(
-        c_files, coverage, doubt, expert, formats, middle, replays, roads, speeds, storage, tub
+        c_files,
+        coverage,
+        doubt,
+        expert,
+        formats,
+        middle,
+        replays,
+        roads,
+        speeds,
+        storage,
+        tub,
+        warp,
     )

@@ -30,7 +30,7 @@ from datamodules.driving_log import CAMERAS
 from datamodules.image import read_image
 from datamodules.recording import GAP_S, Recording
 from zoo.base.errors import InputError
-from zoo.base.rig import MPS_PER_MPH, Rig
+from zoo.base.rig import MPS_PER_MPH, UDACITY, Rig
 from zoo.drives.drive_record import REPLAY
 from zoo.drives.interventions import INTERVENTION_S
 from zoo.worlds.camera_warp import Warp
@@ -41,6 +41,9 @@ MARGIN_M = 1.0  # NVIDIA's margin; on a car with a lower camera, such as a toy, 
 GREATEST_MARGIN_M = 2.0  # farther off the path, a warped frame differs much from a real one
 LOST_RAD = math.radians(45)  # heading error of an intervention
 STEP_S = 0.02  # longest step of the car's motion
+# Metres off the path up to which networks steer by a warped frame as by a real one, by the rig;
+# measured by `python benchmarks/measurements.py warp`.
+BELIEVABLE_M = {UDACITY.name: 1.5}
 SHORTEST_S = 2 * INTERVENTION_S  # in a shorter replay one intervention decides the score
 
 
@@ -162,7 +165,12 @@ class ReplayWorld(World):
             what = f"{len(self.stretches)} held-out stretches of {what}"
         speed = f", at an assumed {self.speed_mph:g} mph" if self.speed_mph else ""
         guesses = f" (guessed: {', '.join(self.rig.guesses)})" if self.rig.guesses else ""
-        return f"replay of {what}, {self.driven_s:.0f} s{speed}; rig: {self.rig.name}{guesses}"
+        metres = BELIEVABLE_M.get(self.rig.name)
+        limit = "not measured" if metres is None else f"believable up to {metres:g} m"
+        return (
+            f"replay of {what}, {self.driven_s:.0f} s{speed}; rig: {self.rig.name}{guesses}; "
+            f"warped frames: {limit}"
+        )
 
     def reset(self, scenario: Scenario) -> State:
         """Begin at the first row."""

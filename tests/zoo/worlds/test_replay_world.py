@@ -107,6 +107,12 @@ def test_a_recording_of_the_centre_camera_alone_will_do(tmp_path):
     assert 0 < max(abs(row.cross_track_m) for row in driven.rows) < 2
 
 
+def test_the_limit_of_the_warp_is_stated_for_the_rig_on_which_it_was_measured(recording):
+    assert "believable up to 1.5 m" in ReplayWorld(recording).words
+    other = replace(recording, rig=replace(UDACITY, name="a van"))
+    assert "a van; warped frames: not measured" in ReplayWorld(other).words
+
+
 @given(besides=st.floats(-0.3, 0.3), metres=st.floats(0.1, 6))
 def test_on_a_straight_path_the_car_drives_the_circle_of_its_steering(besides, metres):
     car = VirtualCar(UDACITY)
