@@ -205,6 +205,12 @@ class Command(Generic[Made]):
                     f"usage: {self.usage}"
                 )
         keys = command_keys.keys_of(self.function, given=values)
+        known = {key.name for key in keys}
+        # What a recording means has the same keys in all commands, here without `data.`, too.
+        values = {
+            f"data.{name}" if name not in known and f"data.{name}" in known else name: value
+            for name, value in values.items()
+        }
         command_keys.check_keys(values, keys, f"drivezoo {self.name} --help lists all")
         return self.function(*arguments, **command_keys.constructed(self.function, values))
 

@@ -262,6 +262,8 @@ def test_a_wrong_command_is_one_line(tmp_path, checkpoint, folder):
         ((checkpoint,), "usage: drivezoo replay"),
         ((checkpoint, str(folder), "marign=2"), "did you mean margin?"),
         ((checkpoint, str(folder), "margin=9"), "margin=9: must be a number above 0, up to 2"),
+        ((checkpoint, str(folder), "format=nonsense"), "format=nonsense: no such format"),
+        ((checkpoint, str(folder), "data.format=other"), "format=other: no such format"),
         ((checkpoint, "nowhere"), "nowhere: no such folder"),
         (("nothing.ckpt", str(folder)), "nothing.ckpt"),
     ):
