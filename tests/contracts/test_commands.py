@@ -17,7 +17,7 @@ from zoo.base.errors import InputError, UsageError
 from zoo.cli.console_script import ALIASES, GROUPS, LISTED, load, places
 from zoo.evaluate.evaluate_options import EvaluateOptions, ReplayOptions
 
-MOST_SHOWN = 26
+MOST_SHOWN = 27
 # Trainings have a config in place of a signature, `simulator` has three commands below it.
 PLACES = places()
 SPECIAL = ("train", "simulator")

@@ -8,13 +8,11 @@ from zoo.base.rig import CURVATURE, UDACITY
 from zoo.checkpoints.checkpoint import Checkpoint, build_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import packaged_name, read_facts
 from zoo.checkpoints.new_checkpoint import lean_contents, without_folders
-from zoo.drives.bootstrap import Estimate
-from zoo.drives.intervals import ONE_TRACK, count_with_interval
+from zoo.drives.intervals import ONE_TRACK
 from zoo.evaluate.drives_table import drives_table
 from zoo.models.make_network import multiply_adds
 from zoo.report.blocks import Block, Bullets, Code, Rows, Section, Text, to_markdown
 from zoo.report.training_section import INTENDED_USE
-from zoo.runs.table import with_interval
 from zoo.verdict.evidence import Evidence, read_evidence
 
 
@@ -121,14 +119,12 @@ def _units(checkpoint: Checkpoint) -> list[str]:
 def _scores(of: Described) -> list[Block]:
     if of.facts:
         lake, unseen = (of.facts["drives"][key] for key in ("lake", "unseen"))
-        autonomy = with_interval(Estimate(**unseen["headline"]), "{:.1f}", 100)
         points = [
             f"Track of its simulator: {lake['kept']} of {lake['drives']} laps without an "
             f"intervention, mean cross-track error {lake['cte_mean_m']:.2f} m. {ONE_TRACK} "
             f"Measured by: {lake['command']}.",
-            f"Roads that it was not trained on: autonomy {autonomy} %, "
-            f"{count_with_interval(unseen['kept'], unseen['drives'])} drives without an "
-            f"intervention. Measured by: {unseen['command']}.",
+            f"Roads that it was not trained on: {unseen['kept']} of {unseen['drives']} drives "
+            f"without an intervention. Measured by: {unseen['command']}.",
         ]
         return [Bullets(points)]
     if not of.tracks:

@@ -5,7 +5,6 @@ from typing import Annotated
 
 from pydantic import Field
 
-from simulator.road_family import draw_road, find_family
 from simulator.weather import read_weather
 from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError, UsageError
@@ -57,6 +56,8 @@ class TimingOptions(ResultFiles):
         Raises:
             UsageError: there is no such family, or a value is not allowed.
         """
+        from simulator.road_family import draw_road, find_family  # slow import: scipy
+
         if int(self.most) <= int(self.least):
             raise UsageError(f"most={self.most:g}: must be above least={self.least:g}")
         try:

@@ -90,7 +90,7 @@ def test_the_card_says_what_it_is_and_how_it_drives(ran: Path, tmp_path: Path) -
 def test_the_card_of_a_packaged_network_has_its_drives(tmp_path: Path) -> None:
     succeed(hub(tmp_path, "push", "lenet", "repo=./card"))
     text = (tmp_path / "card" / "README.md").read_text()
-    for part in ("3 of 3 laps", "100.0 (92.3 to 100.0) %", "12 of 13 (95 %", "drivezoo train"):
+    for part in ("3 of 3 laps", "12 of 13 drives", "drivezoo train"):
         assert part in text
 
 

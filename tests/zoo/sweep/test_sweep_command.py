@@ -93,7 +93,7 @@ def test_a_killed_sweep_resumes_where_it_stopped(recorded: Written, here: Path) 
 def test_the_same_command_runs_failed_jobs_again(recorded: Written, here: Path) -> None:
     overrides = ("data.straight_threshold=2.0,0.1", "trainer.max_epochs=1")
     result = sweep(recorded, *overrides)
-    assert "1 of 2 jobs failed: 0: data.straight_threshold=2.0" in only_line(result, 1)
+    assert "1 of 2 jobs failed: 0: data.straight_cap=0.5 cannot be held" in only_line(result, 1)
     jobs = [line for line in result.stdout.splitlines() if line.startswith("job ")]
     assert re.fullmatch(
         r"job 0 \(0 to 1\): data.straight_threshold=2.0: failed: .*cannot be held.*", jobs[0]
