@@ -318,6 +318,7 @@ def test_cars_drive_in_worlds_of_their_own(server: tuple[int, subprocess.Popen])
     assert any("refused, 2 drive already" in line for line in lines), lines
 
 
+@pytest.mark.slow  # real time: beside other work it takes longer, and can fail
 def test_floods_take_no_frame_from_anybody() -> None:
     with donkey_simulator("clients=3") as (port, _):
         cars = Client(port), Client(port)

@@ -124,6 +124,7 @@ def test_evaluate_shows_what_it_does_from_loading_to_the_last_drive(
     assert 0 <= loads < drives < table
 
 
+@pytest.mark.slow
 def test_the_list_of_networks_shows_that_it_builds_them(tmp_path: Path) -> None:
     printed = on_a_terminal(tmp_path, *command("zoo.list", "models"))
     assert 0 <= printed.find("building the networks") < printed.find("multiply-adds")
