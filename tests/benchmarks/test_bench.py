@@ -68,6 +68,7 @@ def test_a_part_that_there_is_none_of_is_named(tmp_path: Path) -> None:
     assert result.stdout.startswith("bench: fed: no such part; available: feed, training, tiny,")
 
 
+@pytest.mark.slow
 def test_the_part_that_needs_keras_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -109,6 +109,7 @@ def test_a_session_that_drives_is_not_ended(impatient: Served) -> None:
         assert client.reply() == FINE
 
 
+@pytest.mark.slow
 def test_a_current_client_is_driven_beyond_the_time_limit(impatient: Served) -> None:
     for transports in (["polling"], ["polling", "websocket"]):
         client = socketio.SimpleClient()

@@ -180,6 +180,7 @@ def test_a_head_of_a_megabyte_is_not_kept(served: ServedPage) -> None:
         assert is_closed(connection)
 
 
+@pytest.mark.slow
 def test_unfinished_requests_do_not_keep_others_out(served: ServedPage) -> None:
     held = [begin(served.port, b"GET / HT") for _ in range(MOST_REQUESTS + 2)]
     assert served.read("/state.json")

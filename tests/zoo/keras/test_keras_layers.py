@@ -509,6 +509,7 @@ VALUES = [None, 0, -1, 2.5, 1e308, 10**12, "x", "", [], [1], [1, 2], [[1, 2], [3
           [None], ["a"], float("nan"), "same", {"class_name": "Conv2D", "config": {}}]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_changed_config_converts_or_is_refused_in_one_line(tmp_path: Path) -> None:
     """Every setting of every layer is replaced by values of other types."""
     layers: list[Layer] = [

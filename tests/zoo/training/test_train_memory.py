@@ -21,7 +21,7 @@ SMALL = {
 
 
 # The other two differ in their network alone; `test_memory` and `test_export_command` have all.
-QUICK = ("cnn_gru", "action_chunk")
+QUICK = ("action_chunk",)
 
 
 @pytest.mark.parametrize(

@@ -80,6 +80,7 @@ def test_who_steers_farther_right_leaves_the_path_there_and_is_put_back(recordin
     assert measure(driven)["autonomy"] == max(0, autonomy)
 
 
+@pytest.mark.slow
 def test_a_smaller_margin_finds_more_interventions(recording):
     counts = [
         sum(row.intervention for row in replay(Recorded(recording, 0.05), recording, margin).rows)
