@@ -7,7 +7,6 @@ The code uses plain floats and `math`, because numpy's scalars make a step seven
 """
 
 import math
-from collections import deque
 from dataclasses import dataclass
 
 from simulator import rig
@@ -45,13 +44,12 @@ class Car:
     are the commands in effect.
 
     Args:
-        delay_s: seconds from a command to its effect.
         reverses: whether a throttle below 0 reverses below 5 mph, as in the original; otherwise it
             brakes until the car stands.
     """
 
-    def __init__(self, delay_s: float = 0.0, reverses: bool = True) -> None:
-        self.delay_steps, self.reverses = round(delay_s / rig.PHYSICS_STEP_S), reverses
+    def __init__(self, reverses: bool = True) -> None:
+        self.reverses = reverses
         self.place(0.0, 0.0, 0.0)
 
     def place(self, x: float, y: float, heading: float, speed_mph: float = 0.0) -> None:
@@ -59,7 +57,6 @@ class Car:
         self.x, self.y, self.heading = float(x), float(y), float(heading)
         self.ahead_mps, self.left_mps, self.yaw_rate = float(speed_mph) * MPS_PER_MPH, 0.0, 0.0
         self.steering = self.throttle = 0.0
-        self._waiting = deque([(0.0, 0.0)] * self.delay_steps)
 
     @property
     def speed_mph(self) -> float:
@@ -75,8 +72,7 @@ class Car:
             grade: rise of the road ahead, per metre.
             surface: surface under the wheels.
         """
-        self._waiting.append((clamp(steering), clamp(throttle)))
-        self.steering, self.throttle = self._waiting.popleft()
+        self.steering, self.throttle = clamp(steering), clamp(throttle)
         pull = self._pull_mps2(float(grade), surface)
         # Left is positive for angles in the plane, right for commands.
         wheel = -math.radians(rig.MAX_STEERING_DEG) * self.steering

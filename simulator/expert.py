@@ -7,7 +7,13 @@ import numpy as np
 from pydantic import Field
 
 from simulator.car import DRAG_PER_S, DRIVE_N, GRAVITY_MPS2, REVERSE_BELOW_MPH
-from simulator.rig import MASS_KG, MAX_STEERING_DEG, TOP_SPEED_MPH, WHEELBASE_M
+from simulator.rig import (
+    MASS_KG,
+    MAX_STEERING_DEG,
+    PHYSICS_STEP_S,
+    TOP_SPEED_MPH,
+    WHEELBASE_M,
+)
 from simulator.track import Track
 from simulator.world import World
 from zoo.base.command_keys import check_values
@@ -115,8 +121,8 @@ class Expert:
         """Return steering for the line's curvature ahead and a second-order return to the line."""
         car, way, track = world.car, world.direction, self.track
         speed = max(car.ahead_mps, 1.0)
-        # A command takes effect after the car's delay and lasts for a frame.
-        late = car.delay_steps * 0.02 + world.frame_s / 2 + self.settings.reaction_s
+        # A command takes effect after the world's delay and lasts for a frame.
+        late = world.delay_steps * PHYSICS_STEP_S + world.frame_s / 2 + self.settings.reaction_s
         # The direction of motion, not of the car: they differ in bends, where the car slips.
         course = world.heading_error - float(np.arctan2(car.left_mps, speed))
         distance = world.place.distance

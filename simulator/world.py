@@ -77,7 +77,8 @@ class World:
         self.loop = tuple(loop or [(1 / frame_rate, 0.0)])
         self._ends_s = np.cumsum([0.0, *(period for period, _ in self.loop)]).tolist()
         self.frame_s = self._ends_s[-1] / len(self.loop)  # on average
-        self.car = Car(delay_s, reverses)
+        self.delay_steps = round(delay_s / PHYSICS_STEP_S)
+        self.car = Car(reverses)
         self.weather = CLEAR
         self.reset(0)
 
@@ -121,7 +122,7 @@ class World:
     def step(self, steering: float, throttle: float) -> None:
         """Advance by one frame."""
         _, late_s = self.loop[(self._first + self.frames) % len(self.loop)]
-        arrives = self.steps + round(late_s / PHYSICS_STEP_S)
+        arrives = self.steps + round(late_s / PHYSICS_STEP_S) + self.delay_steps
         if self._sent:  # commands arrive in their order
             arrives = max(arrives, self._sent[-1][0])
         self._sent.append((arrives, (steering, throttle)))

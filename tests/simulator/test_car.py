@@ -25,8 +25,8 @@ def drive(
     return car
 
 
-def rolling(speed_mph: float, delay_s: float = 0.0) -> Car:
-    car = Car(delay_s)
+def rolling(speed_mph: float) -> Car:
+    car = Car()
     car.place(0.0, 0.0, 0.0, speed_mph)
     return car
 
@@ -110,15 +110,6 @@ def test_it_holds_a_gentle_slope_by_friction_alone():
 def test_off_the_road_it_slows_down():
     on_road, off_road = drive(rolling(20), 2), drive(rolling(20), 2, surface=OFF_ROAD)
     assert off_road.speed_mph < on_road.speed_mph - 8
-
-
-@pytest.mark.parametrize("delay_s", [0.02, 0.1, 0.5])
-def test_a_command_takes_effect_after_the_delay(delay_s):
-    car = drive(rolling(20, delay_s), delay_s, steering=0.3)
-    assert (car.y, car.steering) == (0, 0)
-    drive(car, 0.02, steering=0.3)
-    assert car.steering == 0.3
-    assert car.y < 0
 
 
 def test_commands_beyond_full_are_full():
