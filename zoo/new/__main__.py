@@ -14,8 +14,9 @@ def new(kind: str, name: str) -> None:
     prints what to type next.
 
     Args:
-        kind: model, augmentation, loss, callback, metric, perturbation, track, notebook (train a
-            network and let it drive) or study (a notebook that compares networks).
+        kind: model, augmentation, loss, callback, metric, perturbation, track, donkeycar (the pilot
+            of a Donkeycar), notebook (train a network and let it drive) or study (a notebook that
+            compares networks).
         name: name in small letters, such as my_net.
 
     Raises:

@@ -23,8 +23,8 @@ class Kind:
     """A kind of part, or a notebook.
 
     Attributes:
-        group: group of its YAML file in `conf`; a track is one file outside of it. None for a
-            notebook, a metric and a perturbation, which have none.
+        group: group of its YAML file in `conf`; a track is one file outside of it. None for the
+            other kinds, which have none.
         files: path of each file to write, by its template; `$name` is the part's name, `$here` its
             folder in a checkout.
         following: commands to type next, with the purpose of each.
@@ -79,6 +79,14 @@ KINDS = {
             ("drivezoo simulator drive track=$here$name.yaml", "drive on it"),
             ("drivezoo simulator record track=$here$name.yaml out=FOLDER", "record laps"),
             ("drivezoo evaluate latest track=$here$name.yaml", "let a network drive on it"),
+        ),
+    ),
+    "donkeycar": Kind(
+        None,
+        {"donkeycar.py": "$here$name.py"},
+        (
+            ("drivezoo export latest out=$here$name.onnx", "write the network"),
+            ("python manage.py drive", "on the car, after the edit that $name.py names"),
         ),
     ),
     "notebook": _notebook("quickstart"),
