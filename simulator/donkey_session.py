@@ -159,7 +159,7 @@ class DonkeySession:
     def telemetry(self) -> Message:
         """Return the message of the car's state and frames."""
         world, car = self._world, self._world.car
-        _, up, _, _, climb = world.pose()
+        _, _, up, _, climb = world.pose()
         east, north = np.array([math.cos(car.heading), math.sin(car.heading)])
         ahead, left = car.ahead_mps, car.left_mps
         velocity = np.array([ahead * east - left * north, 0.0, ahead * north + left * east])

@@ -204,6 +204,9 @@ def test_a_node_is_a_place_to_put_the_car(session: DonkeySession) -> None:
     drive(session, 60, throttle=1)
     put_on_node(session, 40)
     telemetry = drive(session, 1)
+    (node,) = say(session, "node_position", index=40)
+    for place in ("pos_x", "pos_y", "pos_z"):
+        assert telemetry[place] == pytest.approx(node[place], abs=0.3), place
     assert telemetry["activeNode"] == 40
     assert telemetry["cte"] == pytest.approx(0, abs=0.05)
     assert session.world is not None
