@@ -86,7 +86,7 @@ KINDS = {
         {"donkeycar.py": "$here$name.py"},
         (
             ("drivezoo export latest out=$here$name.onnx", "write the network"),
-            ("python manage.py drive", "on the car, after the edit that $name.py names"),
+            ("python manage.py drive", "on the car, after the edit that the file describes"),
         ),
     ),
     "notebook": _notebook("quickstart"),
