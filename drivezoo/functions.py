@@ -33,6 +33,9 @@ from zoo.runs.table_files import Result
 from zoo.runs.table_files import write_table as write_result_table
 
 if TYPE_CHECKING:
+    import gymnasium
+    import numpy as np
+
     from zoo.benchmark.benchmarked import Benchmarked
     from zoo.evaluate.driven_road import DrivenRoad
     from zoo.worlds.environments import EnvironmentPolicy
@@ -283,6 +286,42 @@ def policy(
     steering.in_car(UDACITY)
     check_throttle(steering, settings.throttle)
     return EnvironmentPolicy(steering, speed_controller(settings), settings.frame_rate)
+
+
+@one_line_errors
+def expert(env: gymnasium.Env, speed: float = 15.0) -> Callable[..., np.ndarray]:
+    """Return the driver that knows the road, for one of the simulator's Gymnasium environments.
+
+    It is called as a policy is, once a step, but looks at the environment instead of the
+    observation; its action is float32 [2].
+
+    >>> act = expert(env)  # doctest: +SKIP
+    >>> observation, reward, *rest = env.step(act(observation))  # doctest: +SKIP
+
+    Args:
+        env: environment, wrapped or not.
+        speed: speed on straights in mph; it is slower in bends.
+
+    Raises:
+        UsageError: the environment is not the simulator's, or the speed is not allowed.
+    """
+    import numpy as np
+
+    from simulator.env import DrivingEnv
+    from simulator.expert import Expert, ExpertSettings
+
+    inner, settings = env.unwrapped, ExpertSettings(speed)
+    if not isinstance(inner, DrivingEnv):
+        raise UsageError(f"env: is {type(inner).__name__}; name one of ours, as drivezoo/Lake-v0")
+    driver = Expert(inner.world.track, settings)
+
+    def act(observation: Any = None) -> np.ndarray:
+        nonlocal driver
+        if inner.world.time == 0:  # an episode begins, perhaps on another road
+            driver = Expert(inner.world.track, settings)
+        return np.array(driver(inner.world), np.float32)
+
+    return act
 
 
 @one_line_errors

@@ -135,6 +135,21 @@ def test_a_policy_drives_an_environment(tmp_path: Path) -> None:
         act(observation | {"image": observation["image"] / 255})
 
 
+def test_the_expert_drives_each_road_of_a_family() -> None:
+    env = gymnasium.make("Alpine-v0", quality="simple", width=32, height=16)
+    act = drivezoo.expert(env, speed=20)
+    for seed in (1, 2):
+        observation, _ = env.reset(seed=seed)
+        for _ in range(90):
+            observation, _, terminated, _, info = env.step(act(observation))
+        assert not terminated
+        assert abs(info["cte"]) < 1
+        assert 15 < info["speed_mph"] < 21
+    env.close()
+    with pytest.raises(drivezoo.UsageError, match="drivezoo/Lake-v0"):
+        drivezoo.expert(gymnasium.make("CartPole-v1"))
+
+
 def test_a_recording_is_replayed(tmp_path: Path) -> None:
     folder = write_recording(tmp_path / "lake", rows=190).folder
     keys = {"out": tmp_path / "a", "table": tmp_path / "a.tex"}
