@@ -14,9 +14,9 @@ from zoo.base.rig import UDACITY
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
 from zoo.checkpoints.command import Command, Policy, PolicyWrapper, as_policy
 from zoo.checkpoints.doubt_policy import DropoutPolicy, EnsemblePolicy
+from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.policy import CheckpointPolicy, load_policy
 from zoo.correct.collecting import LabellingPolicy
-from zoo.export.onnx_file import onnx_bytes
 from zoo.guard.guard_drives import Observer
 from zoo.monitor.guarded_policy import Guard, GuardedPolicy
 from zoo.monitor.scores import make_score

@@ -15,10 +15,10 @@ import numpy as np
 
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.onnx_file import graph_bytes
 from zoo.checkpoints.onnx_policy import IMAGES, SPEED
 from zoo.export.c_source import CSource, c_number, read_parts
 from zoo.export.c_view import write_view
-from zoo.export.onnx_file import graph_bytes
 from zoo.models.memory import Memory
 
 if TYPE_CHECKING:

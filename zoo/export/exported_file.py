@@ -92,7 +92,7 @@ class OnnxFile(ExportedFile):
 
     def files(self, model_card: str) -> Mapping[str, bytes]:
         """Return the file, see `ExportedFile`."""
-        from zoo.export.onnx_file import onnx_bytes
+        from zoo.checkpoints.onnx_file import onnx_bytes
 
         return {SUFFIX: onnx_bytes(self.checkpoint, model_card)}
 

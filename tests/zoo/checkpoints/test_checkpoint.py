@@ -21,10 +21,10 @@ from tests.zoo.commands import run, succeed
 from tests.zoo.drive.old_client import telemetry
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, make_card, read_checkpoint_file
+from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.policy import load_policy
 from zoo.cli.compose import compose_config
 from zoo.drive.telemetry_message import read_telemetry
-from zoo.export.onnx_file import onnx_bytes
 from zoo.training.build import build_data, build_network
 
 

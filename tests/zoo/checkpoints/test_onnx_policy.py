@@ -11,10 +11,10 @@ from tests.zoo.commands import only_line, run
 from tests.zoo.models.test_models_command import build
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.onnx_policy import CARD, OnnxPolicy
 from zoo.checkpoints.policy import load_policy
 from zoo.evaluate import __main__ as evaluate
-from zoo.export.onnx_file import onnx_bytes
 
 
 def write_foreign(path: Path, **metadata: str) -> Path:

@@ -20,10 +20,10 @@ from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
 from zoo.checkpoints.command import Command, Policy, as_policy
 from zoo.checkpoints.doubt_policy import EnsemblePolicy
 from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
+from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy import CheckpointPolicy
 from zoo.cli.compose import choices
-from zoo.export.onnx_file import onnx_bytes
 from zoo.models.lenet import LeNet
 from zoo.models.make_network import make_network
 from zoo.models.memory import Memory

@@ -27,7 +27,9 @@ from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
 from zoo.base.whole_file import write_output
 from zoo.base.written_files import OUTPUTS
+from zoo.checkpoints import onnx_file
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint, read_checkpoint_file
+from zoo.checkpoints.onnx_file import COLOURS, MODEL_CARD, onnx_bytes
 from zoo.checkpoints.onnx_policy import CARD
 from zoo.checkpoints.policy import CheckpointPolicy, load_policy
 from zoo.cli.compose import choices
@@ -36,11 +38,9 @@ from zoo.doctor.machine import OK
 from zoo.drive.__main__ import load_warm_policy, view_line
 from zoo.drive.live_page import list_checkpoints
 from zoo.evaluate import __main__ as evaluate
-from zoo.export import onnx_file
 from zoo.export.__main__ import export
 from zoo.export.donkeycar_file import donkeycar_bytes, donkeycar_policy
 from zoo.export.exported_file import export_checkpoint
-from zoo.export.onnx_file import COLOURS, MODEL_CARD, onnx_bytes
 from zoo.export.parity import RENDERED, Frames, compare, take_frames
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert

@@ -136,8 +136,8 @@ RICH: list[Layer] = [
 
 
 def test_a_network_of_many_layers_explains_itself_and_exports(tmp_path) -> None:
+    from zoo.checkpoints.onnx_file import onnx_bytes
     from zoo.checkpoints.policy import load_policy
-    from zoo.export.onnx_file import onnx_bytes
 
     network = network_of(whole(RICH), tmp_path / "model.h5")
     view = View([0, 0], "rgb", SHAPE[:2])
