@@ -34,6 +34,7 @@ FACTS = (
     "view",
     "config",
     "data",
+    "engine",
 )
 
 

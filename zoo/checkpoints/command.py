@@ -60,6 +60,7 @@ class Policy:
         view: what the network sees of a frame; None without a network.
         config, data: the experiment's config, and the recording's `fingerprint` and `rows`; empty
             without a checkpoint.
+        engine: facts about what runs the network, see `chosen_forward`; empty without a network.
         rig: driven car, see `in_car`; None if it is unknown.
     """
 
@@ -73,6 +74,7 @@ class Policy:
     view: Any = None
     config: Mapping[str, Any] = MappingProxyType({})
     data: Mapping[str, Any] = MappingProxyType({})
+    engine: Mapping[str, Any] = MappingProxyType({})
     rig: Rig | None = None
 
     def __call__(self, frame: Any, speed_mph: float) -> Command:
@@ -172,7 +174,7 @@ class PolicyWrapper(Policy):
     name, parameters, outputs = map(_forwarded, ("name", "parameters", "outputs"))
     takes_speed, predicts_spread = map(_forwarded, ("takes_speed", "predicts_spread"))
     latency_s, alarms = map(_forwarded, ("latency_s", "alarms"))
-    view, config, data = map(_forwarded, ("view", "config", "data"))
+    view, config, data, engine = map(_forwarded, ("view", "config", "data", "engine"))
     members = _forwarded("members")
 
     def __call__(self, frame: Any, speed_mph: float) -> Command:

@@ -7,6 +7,7 @@ Ghahramani 2016, "Dropout as a Bayesian approximation".
 import copy
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,8 @@ from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.command import Command, Policy, mixture, output_command
-from zoo.checkpoints.frozen_graph import NetworkPolicy, network_inputs, quick_forward
+from zoo.checkpoints.engine import Engine, chosen_forward
+from zoo.checkpoints.frozen_graph import NetworkPolicy, network_inputs
 
 
 class EnsemblePolicy(Policy):
@@ -98,6 +100,7 @@ class DropoutPolicy(NetworkPolicy):
         checkpoint: checkpoint of a network with dropout.
         samples: number of masks.
         seed: random seed of the masks.
+        engine, threads: see `chosen_forward`.
 
     Attributes:
         network: network in evaluation mode, without dropout; must not be changed.
@@ -107,15 +110,23 @@ class DropoutPolicy(NetworkPolicy):
         InputError: the network has no dropout, or remembers frames.
     """
 
-    def __init__(self, checkpoint: Checkpoint, samples: int, seed: int) -> None:
+    def __init__(
+        self,
+        checkpoint: Checkpoint,
+        samples: int,
+        seed: int,
+        engine: Engine = "torch",
+        threads: int = 1,
+    ) -> None:
         super().__init__(checkpoint)
         self.predicts_spread = True
         self.name = f"{self.name} with {samples} dropout samples"
         model = {**checkpoint.config.get("model", {}), "name": self.name}
         self.config = checkpoint.config | {"model": model}
-        self.forward = quick_forward(
-            SampledNetwork(self.network, self.view, samples, seed), self.view
+        sampled = replace(
+            checkpoint, network=SampledNetwork(self.network, self.view, samples, seed)
         )
+        self.forward, self.engine = chosen_forward(sampled, engine, threads)
 
     @torch.inference_mode()
     def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:

@@ -47,14 +47,14 @@ def quick_forward(network: nn.Module, view: View) -> Callable[..., Any]:
     2.15), of the frozen graph, of the network in the images' layout, and of `torch.export`:
     PilotNet 1.89, 2.11, 2.58; LeNet 0.42, 0.48, 0.91; tiny 0.06, 0.08, 0.26.
     """
-    step = Step(network) if isinstance(network, Memory) else network
+    step = as_step(network)
     try:
-        inputs, wanted = _trials(network, step, view)
+        inputs, wanted = trials(network, step, view)
         # The images' layout; values stay. (torch's type stubs lack memory_format alone.)
         network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         forward = _frozen(step, inputs[0])
         with torch.inference_mode():  # torch optimizes the graph in its first runs
-            outs = [_tensors(forward(*one)) for one in inputs]
+            outs = [tensors(forward(*one)) for one in inputs]
         same = all(
             torch.equal(*pair)
             for out, one in zip(outs, wanted, strict=True)
@@ -76,8 +76,13 @@ def _frozen(step: nn.Module, inputs: tuple[Tensor, ...]) -> Callable[..., Any]:
         return torch.jit.freeze(torch.jit.trace(step, inputs, check_trace=False))
 
 
+def as_step(network: nn.Module) -> nn.Module:
+    """Return the step of a network with memory, and any other network as it is."""
+    return Step(network) if isinstance(network, Memory) else network
+
+
 @torch.inference_mode()
-def _trials(
+def trials(
     network: nn.Module, step: nn.Module, view: View
 ) -> tuple[list[tuple[Tensor, ...]], list[tuple[Tensor, ...]]]:
     """Return the inputs and outputs of three frames of noise, one after the other."""
@@ -87,12 +92,13 @@ def _trials(
     inputs, wanted = [], []
     for image in images:
         inputs.append((*network_inputs(image, speed), *state))
-        wanted.append(_tensors(step(*inputs[-1])))
+        wanted.append(tensors(step(*inputs[-1])))
         state = wanted[-1][1:]
     return inputs, wanted
 
 
-def _tensors(outputs: Tensor | tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+def tensors(outputs: Tensor | tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+    """Return a network's output and the state that its step returns, if it does."""
     return (outputs,) if isinstance(outputs, Tensor) else outputs
 
 

@@ -3,7 +3,7 @@
 import io
 import json
 import warnings
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from zoo.base.errors import InputError
 from zoo.base.rig import CURVATURE
@@ -35,12 +35,13 @@ WAYS = {
 }
 
 
-def onnx_bytes(checkpoint: "Checkpoint", model_card: str = "") -> bytes:
+def onnx_bytes(checkpoint: "Checkpoint", model_card: str = "", graph: bytes = b"") -> bytes:
     """Return a checkpoint's network and card as an ONNX file with a variable batch size.
 
     Args:
         checkpoint: checkpoint.
         model_card: text for people, see `zoo.report.model_card`; empty for none.
+        graph: ONNX file without a card; empty: `graph_bytes` writes it.
 
     Raises:
         InputError: the network has an operation that ONNX lacks.
@@ -58,7 +59,7 @@ def onnx_bytes(checkpoint: "Checkpoint", model_card: str = "") -> bytes:
     }
     if isinstance(network, Memory):
         card["window"] = vars(network.window)
-    model = onnx.load_from_string(graph_bytes(checkpoint))
+    model = onnx.load_from_string(graph or graph_bytes(checkpoint))
     texts = {CARD: json.dumps(card)} | ({MODEL_CARD: model_card} if model_card else {})
     onnx.helper.set_model_props(model, texts)
     model.doc_string = _how_to_feed(checkpoint)
@@ -70,7 +71,8 @@ def _how_to_feed(checkpoint: "Checkpoint") -> str:
     """Describe inputs and outputs for other programs that run the file."""
     from zoo.models.memory import Memory
 
-    network, view = checkpoint.network, checkpoint.view
+    network: Any = checkpoint.network
+    view = checkpoint.view
     height, width, channels = view.shape
     colour, way = COLOURS[view.colour], view.resize.removesuffix("_first")
     steps = [f"in {colour}", f"resized by {WAYS[way]}"] if view.size else [f"in {colour}"]
@@ -131,7 +133,7 @@ def graph_bytes(checkpoint: "Checkpoint", one_frame: bool = False) -> bytes:
             torch.onnx.export(
                 network,
                 tuple(inputs.values()),
-                buffer,
+                buffer,  # type: ignore[arg-type]  # newer stubs lack files
                 input_names=list(inputs),
                 output_names=outputs,
                 dynamic_axes=None if one_frame else variable,

@@ -5,6 +5,7 @@ The frame passes through the same `View` as in training; onnxruntime runs only t
 
 import math
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
     import onnxruntime
 
 SUFFIX = ".onnx"
+ONNX = "onnx"  # name of the engine
+# Largest difference of steering and throttle (-1..1): the last digit sent to a simulator.
+TOLERANCE = 1e-4
 MOST_BYTES = 2_000_000_000  # ONNX's limit for a single file
 CARD = "drivezoo"  # key in the metadata; the value is JSON
 IMAGES, SPEED = "images", "speed"  # the graph's inputs
@@ -42,11 +46,14 @@ class OnnxPolicy(SessionPolicy):
     Attributes:
         path: ONNX file.
         onnx: session of onnxruntime.
+        engine: facts about what runs it, as in `CheckpointPolicy`.
 
     Raises:
         InputError: the file does not exist, is not an ONNX file of drivezoo or returns NaN; or
             onnxruntime is not installed.
     """
+
+    engine = MappingProxyType({"name": ONNX})
 
     def __init__(self, path: str | Path, threads: int = 1) -> None:
         self.path = Path(path)
@@ -147,21 +154,36 @@ def open_session(path: Path, threads: int) -> "onnxruntime.InferenceSession":
         model = read_regular(path, MOST_BYTES)
     if not model:
         raise InputError(f"{path}: is empty (0 bytes); export it again")
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
-    options.log_severity_level = 4  # errors are raised; do not print them, too
-    # Read external weights only from the model's own folder.
-    options.add_session_config_entry(
-        "session.model_external_initializers_file_folder_path", str(path.absolute().parent)
-    )
     try:
-        return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        return start_session(model, threads, path.absolute().parent)
     except Exception as error:  # onnxruntime raises any error on damaged bytes
         reason = type(error).__name__
         raise InputError(
             f"{path}: is damaged, or onnxruntime {onnxruntime.__version__} cannot run it "
             f"({reason}); export it again"
         ) from None
+
+
+def start_session(
+    model: bytes, threads: int, folder: Path | None = None
+) -> "onnxruntime.InferenceSession":
+    """Return a session of onnxruntime on the CPU.
+
+    Args:
+        model: contents of an ONNX file.
+        threads: number of threads.
+        folder: folder from which weights outside the file are read.
+    """
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+    options.log_severity_level = 4  # errors are raised; do not print them, too
+    if folder:  # read no weights elsewhere
+        options.add_session_config_entry(
+            "session.model_external_initializers_file_folder_path", str(folder)
+        )
+    return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
 
 
 def _read_card(path: Path, session: "onnxruntime.InferenceSession") -> dict:

@@ -29,8 +29,9 @@ from zoo.checkpoints.checkpoint import (
 )
 from zoo.checkpoints.command import Command, output_command
 from zoo.checkpoints.doubt_policy import DropoutPolicy, EnsemblePolicy
+from zoo.checkpoints.engine import Engine, chosen_forward
 from zoo.checkpoints.frame_memory import SessionPolicy
-from zoo.checkpoints.frozen_graph import NetworkPolicy, network_inputs, quick_forward
+from zoo.checkpoints.frozen_graph import NetworkPolicy, network_inputs
 from zoo.checkpoints.onnx_policy import OnnxPolicy, is_onnx
 from zoo.models.memory import Memory
 from zoo.runs.record_fields import Fields, check_fields
@@ -53,9 +54,9 @@ class CheckpointPolicy(NetworkPolicy, SessionPolicy):
             `OnnxPolicy`.
     """
 
-    def __init__(self, checkpoint: Checkpoint) -> None:
+    def __init__(self, checkpoint: Checkpoint, engine: Engine = "torch", threads: int = 1) -> None:
         super().__init__(checkpoint)
-        self.forward = quick_forward(self.network, self.view)
+        self.forward, self.engine = chosen_forward(checkpoint, engine, threads)
         if isinstance(self.network, Memory):
             self.keep_memory(self.network.first_state(), self.network.window, self.data)
 
@@ -76,28 +77,33 @@ class CheckpointPolicy(NetworkPolicy, SessionPolicy):
 
 
 def load_policy(
-    path: str | Path, threads: int = 1
+    path: str | Path, threads: int = 1, engine: Engine = "torch"
 ) -> CheckpointPolicy | OnnxPolicy | DropoutPolicy | EnsemblePolicy:
     """Return the policy of a checkpoint, or of a file of `drivezoo export` or `drivezoo doubt`.
 
     Args:
         path: file, run's folder, or `latest`; see `find_checkpoint`.
         threads: number of onnxruntime's threads; `torch.set_num_threads` sets torch's.
+        engine: engine that runs a checkpoint's network, see `chosen_forward`; torch gives the same
+            figures on each call.
 
     Raises:
-        InputError: see `zoo.checkpoints.checkpoint.load_checkpoint`, `OnnxPolicy`, `build_doubt`
-            and `DropoutPolicy`.
+        InputError: see `zoo.checkpoints.checkpoint.load_checkpoint`, `OnnxPolicy`, `build_doubt`,
+            `DropoutPolicy` and `chosen_forward`.
     """
     if is_onnx(path):
         return OnnxPolicy(path, threads)
     path = find_checkpoint(path)
     contents = load_plain(path)
     if doubt_members(contents) is None:
-        return CheckpointPolicy(build_checkpoint(checked_contents(contents, path), path))
-    return doubt_policy(contents, path)
+        checkpoint = build_checkpoint(checked_contents(contents, path), path)
+        return CheckpointPolicy(checkpoint, engine, threads)
+    return doubt_policy(contents, path, threads, engine)
 
 
-def doubt_policy(contents: dict, path: Path) -> DropoutPolicy | EnsemblePolicy:
+def doubt_policy(
+    contents: dict, path: Path, threads: int = 1, engine: Engine = "torch"
+) -> DropoutPolicy | EnsemblePolicy:
     """Return the policy of the contents of a file of `drivezoo doubt`.
 
     Raises:
@@ -105,9 +111,9 @@ def doubt_policy(contents: dict, path: Path) -> DropoutPolicy | EnsemblePolicy:
     """
     members, settings = build_doubt(contents, path)
     if len(members) > 1:
-        return EnsemblePolicy([CheckpointPolicy(one) for one in members])
+        return EnsemblePolicy([CheckpointPolicy(one, engine, threads) for one in members])
     with placed_errors(path):
-        return DropoutPolicy(members[0], settings.samples, settings.seed)
+        return DropoutPolicy(members[0], settings.samples, settings.seed, engine, threads)
 
 
 class DoubtSettings(Fields):

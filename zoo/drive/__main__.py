@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from eventlet.greenio import GreenSocket
 
     from zoo.checkpoints.command import Policy
+    from zoo.checkpoints.engine import Engine
 
 
 @command
@@ -75,6 +76,7 @@ def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
     load = functools.partial(
         load_warm_policy,
         threads=settings.threads,
+        engine=settings.engine,
         needs_spread=settings.speed.needs_spread,
         guard=settings.guard,
     )
@@ -204,7 +206,11 @@ def open_port(host: str, port: int, key: str = "port") -> "GreenSocket":
 
 
 def load_warm_policy(
-    path: Path, threads: int, needs_spread: bool = False, guard: Path | None = None
+    path: Path,
+    threads: int,
+    needs_spread: bool = False,
+    guard: Path | None = None,
+    engine: "Engine" = "torch",
 ) -> "Policy":
     """Load a policy and call it three times, because the first call is the slowest.
 
@@ -213,6 +219,7 @@ def load_warm_policy(
         threads: threads of the network.
         needs_spread: whether the policy must predict a spread.
         guard: guard file that watches the policy; None for none.
+        engine: engine that runs the network, see `load_policy`.
 
     Raises:
         InputError: the checkpoint cannot be loaded, or predicts no spread although it must.
@@ -228,7 +235,7 @@ def load_warm_policy(
     # torch keeps this number for each thread that loads a policy. Its default, one thread per
     # core, took 128 ms a frame instead of 1.9 ms on four shared cores.
     torch.set_num_threads(threads)
-    policy = load_policy(path, threads).in_car(UDACITY)
+    policy = load_policy(path, threads, engine).in_car(UDACITY)
     watched = policy if guard is None else guarded(policy, path, guard)
     for _ in range(3):
         answer = watched(np.zeros((*FRAME, 3), np.uint8), 0.0)
@@ -244,12 +251,15 @@ def load_warm_policy(
 
 def view_line(policy: "Policy") -> str:
     """Describe a policy in one line."""
+    from zoo.checkpoints.engine import engine_text  # imports torch
+
     seen = []
     for one in policy.members:
         height, width, _ = one.view.shape
         seen.append(f"{width} x {height} {one.view.colour}")
     what = f"{policy.name} of {policy.parameters:,} parameters"
-    return f"{what}, sees {' and '.join(dict.fromkeys(seen))}"
+    took = dict.fromkeys(engine_text(one.engine) for one in policy.members)
+    return "; ".join([f"{what}, sees {' and '.join(dict.fromkeys(seen))}", *filter(None, took)])
 
 
 def local_name(host: str) -> str:

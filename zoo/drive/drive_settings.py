@@ -56,6 +56,8 @@ class DriveSettings:
         record: folder for frames and driving_log.csv; null: write only drive.csv.
         guard: guard file of drivezoo guard: slows the car down while it fires.
         threads: threads of the network; 2 are faster, unless a simulator needs the same cores.
+        engine: torch, or onnx for onnxruntime; auto: onnxruntime where it is installed, steers the
+            same and is faster.
         steering: filter of the network's steering.
         speed: speed to hold in mph, or what controls the throttle.
     """
@@ -73,6 +75,7 @@ class DriveSettings:
     record: Path | None = None
     guard: Path | None = None
     threads: Annotated[int, Field(ge=1, le=64)] = 1
+    engine: Literal["auto", "torch", "onnx"] = "auto"
     steering: Annotated[SteeringFilter, Section()]
     speed: Annotated[SpeedController, Choice(CONTROLLERS, default="pi", number="set_mph")]
 

@@ -249,6 +249,7 @@ class Driver:
         figures = self.tally.figures() | {
             "track": self.track,
             "checkpoint": self.checkpoint,
+            "engines": [dict(one.engine) for one in self.policy.members if one.engine],
             "began": began.isoformat(timespec="seconds"),
             "clients": self.clients,
             "set_mph": self.set_mph,

@@ -15,16 +15,18 @@ def export(
     to: Literal["onnx", "donkeycar", "c"] | None = None,
     out: str | None = None,
     weights: Literal["float", "int8"] = "float",
+    calibration: str | None = None,
     frames: str | None = None,
 ) -> Path:
     """Write a checkpoint as an ONNX file, for Donkeycar, or as C.
 
     Every command that drives takes an ONNX file in place of the checkpoint. A C file holds view and
     network, and needs no library. If the steering (-1..1) of the file differs from the checkpoint's
-    by more than 0.0001, writes nothing.
+    by more than 0.0001 (0.1 for an ONNX file of 8 bits), writes nothing.
 
       drivezoo export latest out=model.onnx
       drivezoo export latest to=c out=steer.c weights=int8
+      drivezoo export latest to=onnx weights=int8 calibration=RECORDING
 
     Args:
         ckpt: checkpoint: a .ckpt file, a run's folder, or latest.
@@ -33,7 +35,10 @@ def export(
         out: file to write: .onnx, .h5 for Donkeycar, .c, with the name of the C function; an
             existing one is replaced only after the comparison; null: model.onnx, pilot.h5 or
             steer.c.
-        weights: c: int8: a quarter of the size; the steering changes a little, which is printed.
+        weights: int8: c and onnx: a quarter of the size; the steering changes a little, which is
+            printed.
+        calibration: recording whose frames give the ranges of values of weights=int8 in an ONNX
+            file; null: as frames.
         frames: recording whose frames are compared; null: the training's recording, else the
             embedded lake's, else new frames of the embedded lake.
 
@@ -44,7 +49,7 @@ def export(
     """
     from zoo.export.exported_file import export_checkpoint
 
-    return export_checkpoint(ckpt, out, frames, Console(), to, weights)
+    return export_checkpoint(ckpt, out, frames, Console(), to, weights, calibration)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from zoo.base.terminal import print_written
 from zoo.base.whole_file import write_output
 from zoo.base.written_files import check_output, checked_file
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.checkpoints.onnx_policy import INSTALL, SUFFIX, OnnxPolicy, is_onnx
+from zoo.checkpoints.onnx_policy import INSTALL, SUFFIX, TOLERANCE, OnnxPolicy, is_onnx
 from zoo.cli.console_progress import loading
 from zoo.verdict.evidence import next_drive
 
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from zoo.checkpoints.frame_memory import SessionPolicy
     from zoo.export.parity import Frames, Parity
 
-# Largest difference of steering and throttle (-1..1): the last digit sent to a simulator.
-TOLERANCE = 1e-4
-# The same where Keras computes the view, which is not rounded to whole numbers.
+# The largest difference where Keras computes the view, which is not rounded to whole numbers.
 ROUNDED_TOLERANCE = 0.02
+# The largest difference of a network whose values have 8 bits.
+INT8_TOLERANCE = 0.1
 HEADER = ".h"
 
 
@@ -40,6 +40,8 @@ class ExportedFile:
     Args:
         checkpoint: checkpoint to write.
         out: file to write.
+        calibration: recording whose frames give the ranges of values of 8 bits; None for the
+            training's.
 
     Attributes:
         default: name of the file if the user names none.
@@ -47,6 +49,7 @@ class ExportedFile:
         install: command that installs them.
         engine: what runs the file.
         tolerance: largest allowed difference from the checkpoint.
+        remedy: what to do after a larger difference.
     """
 
     default: str
@@ -54,9 +57,10 @@ class ExportedFile:
     install = INSTALL
     engine: str
     tolerance = TOLERANCE
+    remedy = "try another version of what runs it"
 
-    def __init__(self, checkpoint: "Checkpoint", out: Path) -> None:
-        self.checkpoint, self.out = checkpoint, out
+    def __init__(self, checkpoint: "Checkpoint", out: Path, calibration: str | None = None) -> None:
+        self.checkpoint, self.out, self.calibration = checkpoint, out, calibration
 
     @classmethod
     def check_name(cls, out: Path, inputs: Sequence[Path]) -> None:
@@ -89,16 +93,37 @@ class OnnxFile(ExportedFile):
     default = f"model{SUFFIX}"
     packages = ("onnx", "onnxruntime")
     engine = "onnxruntime"
+    graph = b""
 
     def files(self, model_card: str) -> Mapping[str, bytes]:
         """Return the file, see `ExportedFile`."""
         from zoo.checkpoints.onnx_file import onnx_bytes
 
-        return {SUFFIX: onnx_bytes(self.checkpoint, model_card)}
+        return {SUFFIX: onnx_bytes(self.checkpoint, model_card, self.graph)}
 
     def policy(self, path: Path) -> OnnxPolicy:
         """Return the policy, see `ExportedFile`."""
         return OnnxPolicy(path)
+
+
+class Int8OnnxFile(OnnxFile):
+    """A checkpoint as an ONNX file of 8 bits."""
+
+    tolerance = INT8_TOLERANCE
+    remedy = "name frames of more places, calibration=RECORDING, or leave weights=int8 out"
+
+    @cached_property
+    def graph(self) -> bytes:  # type: ignore[override]
+        """Return the graph of 8 bits."""
+        from zoo.export.int8_onnx import int8_graph
+        from zoo.export.parity import CALIBRATION, take_frames
+
+        frames = take_frames(self.calibration, self.checkpoint.config, CALIBRATION)
+        return int8_graph(self.checkpoint, frames)
+
+    def changes(self, original: "Checkpoint", frames: "Frames") -> list[str]:
+        """Return that it has 8 bits, see `ExportedFile`."""
+        return ["Weights, and values between the layers: 8 bits."]
 
 
 class DonkeycarFile(ExportedFile):
@@ -109,8 +134,8 @@ class DonkeycarFile(ExportedFile):
     install = "pip install h5py"
     engine = "the file's layers"
 
-    def __init__(self, checkpoint: "Checkpoint", out: Path) -> None:
-        super().__init__(checkpoint, out)
+    def __init__(self, checkpoint: "Checkpoint", out: Path, calibration: str | None = None) -> None:
+        super().__init__(checkpoint, out, calibration)
         if checkpoint.view.size or checkpoint.view.colour != "rgb":
             self.tolerance = ROUNDED_TOLERANCE
 
@@ -196,10 +221,10 @@ class Int8CFile(CFile):
 
     weights = "int8"
 
-    def __init__(self, checkpoint: "Checkpoint", out: Path) -> None:
+    def __init__(self, checkpoint: "Checkpoint", out: Path, calibration: str | None = None) -> None:
         from zoo.export.c_file import rounded
 
-        super().__init__(rounded(checkpoint), out)
+        super().__init__(rounded(checkpoint), out, calibration)
 
     def changes(self, original: "Checkpoint", frames: "Frames") -> list[str]:
         """Return what the rounding changes, see `ExportedFile`."""
@@ -214,6 +239,7 @@ class Int8CFile(CFile):
 
 
 KINDS: dict[str, type[ExportedFile]] = {"onnx": OnnxFile, "donkeycar": DonkeycarFile, "c": CFile}
+INT8: dict[type[ExportedFile], type[ExportedFile]] = {OnnxFile: Int8OnnxFile, CFile: Int8CFile}
 
 
 def export_checkpoint(
@@ -223,6 +249,7 @@ def export_checkpoint(
     console: Console,
     to: str | None = None,
     weights: str = "float",
+    calibration: str | None = None,
 ) -> Path:
     """Export a checkpoint, print the comparison with it, and return the file's path.
 
@@ -233,13 +260,14 @@ def export_checkpoint(
         console: console to print on.
         to: kind of the file; None for that of the file's ending.
         weights: type of the weights in the file.
+        calibration: recording for the ranges of values of 8 bits; None for the training's.
 
     Raises:
         InputError: the checkpoint or recording does not exist, a package is not installed, the
             file cannot be written, or it steers differently from the checkpoint.
     """
     path = find_checkpoint(checkpoint_path)
-    kind, out = _checked_out(path, file, to, weights)
+    kind, out = _checked_out(path, file, to, weights, calibration)
     with loading():
         from zoo.checkpoints.policy import CheckpointPolicy
         from zoo.export.parity import PYTORCH, compare, latency, own_latency, take_frames
@@ -247,12 +275,12 @@ def export_checkpoint(
 
         described = describe(path)
         checkpoint = described.checkpoint
-        if CURVATURE in checkpoint.data and kind is not OnnxFile:
+        if CURVATURE in checkpoint.data and not issubclass(kind, OnnxFile):
             raise InputError(
                 f"{path}: its curvature is converted to the steering of a car by drivezoo alone; "
                 f"train with data.label=steering, or name a file that ends in {SUFFIX}"
             )
-        exported = kind(checkpoint, out)
+        exported = kind(checkpoint, out, calibration)
         files = exported.files("")
         frames = exported.shown(take_frames(recording, checkpoint.config))
         with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
@@ -264,13 +292,13 @@ def export_checkpoint(
                 policy.data = checkpoint.data | {CURVATURE: None}
                 own = CheckpointPolicy(replace(exported.checkpoint, data=policy.data))
                 parity = compare(own, policy, frames)
-                _check_parity(path, parity, exported.tolerance)
+                _check_parity(path, parity, exported)
                 times_ms = {PYTORCH: parity.checkpoint_ms, kind.engine: parity.exported_ms}
                 took = latency(times_ms, len(frames.frames))
                 agrees = (
                     f"largest difference from the checkpoint {parity.difference:.1e} "
-                    f"({exported.tolerance:g} allowed), over {len(frames.frames)} frames "
-                    f"{frames.source}"
+                    f"({exported.tolerance:g} allowed), mean {parity.mean:.1e}, over "
+                    f"{len(frames.frames)} frames {frames.source}"
                 )
             else:
                 took = own_latency(checkpoint)
@@ -293,12 +321,12 @@ def export_checkpoint(
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     following = next_drive(out, checkpoint.data, ["drive", out])
     written = [out.with_suffix(suffix) for suffix in files]
-    print_written(written, following if kind is OnnxFile else [], console)
+    print_written(written, following if issubclass(kind, OnnxFile) else [], console)
     return out
 
 
 def _checked_out(
-    path: Path, name: str | None, to: str | None, weights: str
+    path: Path, name: str | None, to: str | None, weights: str, calibration: str | None
 ) -> tuple[type[ExportedFile], Path]:
     """Return the kind and the path to write; report wrong arguments before torch is imported."""
     if is_onnx(path):
@@ -312,20 +340,22 @@ def _checked_out(
     if missing:
         raise InputError(f"exporting needs {' and '.join(missing)}: {kind.install}")
     if weights == "int8":
-        if kind is not CFile:
-            raise UsageError("weights=int8: belongs to to=c; leave it out")
-        kind = Int8CFile
+        if kind not in INT8:
+            raise UsageError("weights=int8: belongs to to=c and to=onnx; leave it out")
+        kind = INT8[kind]
+    if calibration is not None and kind is not Int8OnnxFile:
+        raise UsageError("calibration: belongs to to=onnx weights=int8; leave it out")
     return kind, out
 
 
-def _check_parity(path: Path, parity: "Parity", allowed: float) -> None:
+def _check_parity(path: Path, parity: "Parity", exported: ExportedFile) -> None:
     if not math.isfinite(parity.difference):
         raise InputError(
             f"{path}: steers NaN because its training diverged; nothing was written: train again "
             "with a smaller optim.lr"
         )
-    if parity.difference > allowed:
+    if parity.difference > exported.tolerance:
         raise InputError(
             f"{path}: the file differs by {parity.difference:.2g} from the checkpoint, more "
-            f"than {allowed:g}; nothing was written: try another version of what runs it"
+            f"than {exported.tolerance:g}; nothing was written: {exported.remedy}"
         )

@@ -19,6 +19,7 @@ from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy import CheckpointPolicy
 
 FRAMES = 64
+CALIBRATION = 200
 RENDERED = 24
 WARM_UP = 3
 PYTORCH = "PyTorch"
@@ -56,22 +57,23 @@ class Parity:
     exported_ms: float
 
 
-def take_frames(recording: str | None, config: dict) -> Frames:
+def take_frames(recording: str | None, config: dict, count: int = FRAMES) -> Frames:
     """Return frames of a recording, or rendered frames if no recording can be read.
 
     Args:
         recording: folder to read; None tries the recording of the training, then the embedded
             lake's.
         config: config of the checkpoint.
+        count: largest number of frames.
 
     Raises:
         InputError: the given recording cannot be read, or rendering fails.
     """
     if recording is not None:
-        return _frames_of(recording)
+        return _frames_of(recording, count)
     for folder, images in _known_recordings(config):
         try:
-            return _frames_of(folder, images)
+            return _frames_of(folder, count, images)
         except (InputError, OSError):  # on another machine, or incomplete
             continue
     return _rendered_frames()
@@ -151,9 +153,9 @@ def _first_steps(policy: CheckpointPolicy, images: np.ndarray) -> np.ndarray:
     return steps.clamp(-1, 1).numpy()
 
 
-def _frames_of(folder: str | list[str], images: str | None = None) -> Frames:
+def _frames_of(folder: str | list[str], count: int, images: str | None = None) -> Frames:
     recording = read_recordings(folder, images=images, on_bad_image="skip")
-    rows = np.unique(np.linspace(0, len(recording) - 1, FRAMES).round().astype(int))
+    rows = np.unique(np.linspace(0, len(recording) - 1, count).round().astype(int))
     frames = []
     for row in rows:
         path = recording.images[row, 0]

@@ -79,7 +79,9 @@ def test_a_drive_from_start_to_end(checkpoint: Path, recorded: Written, tmp_path
     assert record.intervention.sum() == record.intervention[20] == 1
     assert (folder / record.frame[5]).read_bytes() == pictures[5]
     assert record.summary["recorded_rows"] == 20
-    assert json.loads((folder / "drive.json").read_text())["interventions"] == 1
+    summary = json.loads((folder / "drive.json").read_text())
+    assert summary["interventions"] == 1
+    assert [one["name"] for one in summary["engines"]] == ["torch"]
 
 
 def test_a_drive_leaves_its_log_among_the_outputs(checkpoint: Path, tmp_path: Path) -> None:

@@ -247,7 +247,8 @@ def test_without_a_compiler_it_says_that_nothing_was_compared(
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["out=model.onnx", "weights=int8"], "weights=int8"),
+        (["out=pilot.h5", "weights=int8"], "weights=int8"),
+        (["out=model.onnx", "calibration=FOLDER"], "weights=int8"),
         (["to=c", "out=model.onnx"], "must end in .c"),
         (["to=donkeycar", "out=steer.c"], "must end in .h5"),
     ],

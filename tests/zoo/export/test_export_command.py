@@ -40,7 +40,7 @@ from zoo.drive.live_page import list_checkpoints
 from zoo.evaluate import __main__ as evaluate
 from zoo.export.__main__ import export
 from zoo.export.donkeycar_file import donkeycar_bytes, donkeycar_policy
-from zoo.export.exported_file import export_checkpoint
+from zoo.export.exported_file import Int8OnnxFile, export_checkpoint
 from zoo.export.parity import RENDERED, Frames, compare, take_frames
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert
@@ -179,6 +179,34 @@ def test_a_file_that_steers_differently_is_removed(
         export_checkpoint(str(checkpoint), *files, Console(quiet=True))
 
     assert not list(tmp_path.glob("*.onnx"))
+
+
+@pytest.mark.parametrize("name", ["lenet", "cnn_gru"])
+def test_a_file_of_8_bits_steers_nearly_as_its_checkpoint(
+    name: str, frames: Frames, recorded: Written, tmp_path: Path
+) -> None:
+    torch.manual_seed(1)
+    network, view = build(name, *(["model.sequence=4"] if name == "cnn_gru" else []))
+    checkpoint = Checkpoint(network.eval(), view, {}, {"rows": 3})
+    kind = Int8OnnxFile(checkpoint, tmp_path / "model.onnx", str(recorded.folder))
+    contents = kind.files("# card")[".onnx"]
+    assert len(contents) < 0.4 * len(onnx_bytes(checkpoint))
+    (tmp_path / "model.onnx").write_bytes(contents)
+    policy = load_policy(tmp_path / "model.onnx")
+    assert policy.view == view
+    assert 0 < compare(CheckpointPolicy(checkpoint), policy, frames).difference < 0.1
+
+
+def test_a_calibration_that_cannot_be_read_is_named(checkpoint: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="nowhere"):
+        export_checkpoint(
+            str(checkpoint),
+            str(tmp_path / "model.onnx"),
+            None,
+            Console(quiet=True),
+            weights="int8",
+            calibration="nowhere",
+        )
 
 
 def test_frames_are_those_of_training_or_else_rendered(
