@@ -17,10 +17,13 @@ from benchmarks.material import random_policy
 from benchmarks.measuring import Row
 from simulator.legacy_socket import OPENED, LegacySocket
 from simulator.telemetry import make_telemetry
+from zoo.checkpoints.engine import Engine
 from zoo.cli.compose import choices
 
 FPS, SECONDS = 60, 1.0
 CONSTANT = "a constant"
+SLOW = ("efficientnet_lite0", "vgg")  # compared with PyTorch, too
+TORCH = " on torch"
 
 
 def measure(short: bool) -> list[Row]:
@@ -28,7 +31,9 @@ def measure(short: bool) -> list[Row]:
 
     One process serves all networks, because torch loads slowly.
     """
-    names = ["nvidia"] if short else [CONSTANT, *choices("model")]
+    names = ["nvidia"]
+    if not short:
+        names = [CONSTANT, *choices("model"), *(f"{name}{TORCH}" for name in SLOW)]
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=serve_each, args=(names, theirs))
@@ -74,6 +79,20 @@ def noise_telemetry(count: int) -> list[dict]:
     return [make_telemetry(frame.astype(np.uint8), 0.0, 0.0, 9.0, False) for frame in frames]
 
 
+def constant(frame: np.ndarray, speed_mph: float) -> tuple[float, None]:
+    """Steer a little to the right."""
+    return 0.1, None
+
+
+def engine_of(name: str) -> tuple[str, Engine]:
+    """Return the network and the engine of a name.
+
+    >>> engine_of("vgg on torch")
+    ('vgg', 'torch')
+    """
+    return name.removesuffix(TORCH), "torch" if name.endswith(TORCH) else "auto"
+
+
 def serve_each(names: list[str], pipe: Connection) -> None:
     """Serve networks with random weights; send the port, then the latency of each, in ms."""
     from zoo.drive.drive_writer import BackgroundWriter
@@ -86,7 +105,7 @@ def serve_each(names: list[str], pipe: Connection) -> None:
         notices = Notices(lambda line: None)
         with tempfile.TemporaryDirectory() as folder:
             writer = BackgroundWriter(Path(folder) / "drive", notices)
-            policy = (lambda frame, speed: (0.1, None)) if name == CONSTANT else random_policy(name)
+            policy = constant if name == CONSTANT else random_policy(*engine_of(name))
             driver = Driver(policy, PI(9, 0.1, 0.002), SteeringFilter(), writer, notices)
             server = DriveServer(driver, listen("127.0.0.1", 0))
             server.serve(lambda server=server: pipe.send(server.port), pipe.poll)

@@ -13,6 +13,8 @@ from datamodules.image import read_image
 from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from simulator.recorder import image_name
+from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.engine import Engine
 from zoo.checkpoints.policy import CheckpointPolicy
 from zoo.cli.compose import compose_config
 
@@ -104,13 +106,17 @@ def random_network(name: str) -> tuple[torch.nn.Module, View, dict]:
     return make_network(config["model"], view), view, config
 
 
-def random_policy(name: str) -> CheckpointPolicy:
-    """Return the untrained network of `model=name` as a policy on one thread."""
-    from zoo.checkpoints.checkpoint import Checkpoint
-
-    torch.set_num_threads(1)
+def random_checkpoint(name: str) -> Checkpoint:
+    """Return the untrained network of `model=name` as a checkpoint."""
+    torch.manual_seed(0)
     network, view, config = random_network(name)
-    policy = CheckpointPolicy(Checkpoint(network.eval(), view, config, {}))
+    return Checkpoint(network.eval(), view, config, {})
+
+
+def random_policy(name: str, engine: Engine = "torch") -> CheckpointPolicy:
+    """Return the untrained network of `model=name` as a policy on one thread."""
+    torch.set_num_threads(1)
+    policy = CheckpointPolicy(random_checkpoint(name), engine)
     for _ in range(3):
         policy(np.zeros((160, 320, 3), np.uint8), 0.0)
     return policy

@@ -68,16 +68,15 @@ def doubt(folder: str, *checkpoints: str) -> None:
     print_table(["policy", "error", "spread", "within", "correlation", "CPU ms"], rows)
 
 
-def c_files(folder: str, *networks: str, frames: str = "1000") -> None:
-    """Measure the C files of `drivezoo export`: `c_files RECORDING [NETWORK...] [frames=1000]`.
+def exports(folder: str, *networks: str, frames: str = "1000", only: str = "") -> None:
+    """Measure the files of `drivezoo export`: `exports RECORDING [NETWORK...] [frames=1000]`.
 
     Of all networks that come with drivezoo it writes the table of `docs/onto_the_car.md`; with
-    names it prints theirs.
+    names, or `only="C;ONNX, int8"`, it prints those rows.
     """
-    from benchmarks.c_files import measure_c_files
+    from benchmarks.exports import measure_exports
 
-    seen, speeds, _ = frames_of(folder, int(frames))
-    measure_c_files(seen, speeds, networks, write=not networks)
+    measure_exports(folder, int(frames), networks, only)
 
 
 def speeds(checkpoint: str, times: str) -> None:
@@ -310,7 +309,7 @@ def expert(*tracks: str) -> None:
 
 if __name__ == "__main__":
     run_named(
-        c_files,
+        exports,
         coverage,
         doubt,
         expert,
