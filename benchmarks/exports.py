@@ -72,7 +72,9 @@ HEAD = ["network", "file", "size, kB", "memory, kB", "multiply-adds", "ms"]
 HEAD += [*(f"difference, {build}" for build in BUILDS), "autonomy, %", "cross-track error, m"]
 
 
-def measure_exports(folder: str, frames: int, networks: tuple[str, ...], only: str) -> None:
+def measure_exports(
+    folder: str, frames: int, networks: tuple[str, ...], only: str, laps: float
+) -> None:
     """Print the table of the files, and write it to the manual if it is whole.
 
     Args:
@@ -80,13 +82,14 @@ def measure_exports(folder: str, frames: int, networks: tuple[str, ...], only: s
         frames: number of frames.
         networks: names of networks; empty for all.
         only: files to measure, such as `C;ONNX, int8`; empty for all.
+        laps: laps of the lake that each file drives; 0 for none.
     """
     torch.set_num_threads(1)
     images, speeds, _ = frames_of(folder, frames)
     chosen = only.split(";") if only else [CHECKPOINT, *FILES]
     rows = []
     for name in networks or NETWORKS:
-        for row in _rows(name, folder, images, speeds, chosen):
+        for row in _rows(name, folder, images, speeds, chosen, laps):
             print(" | ".join(row), flush=True)
             rows.append(row)
     if not networks and not only:
@@ -94,7 +97,12 @@ def measure_exports(folder: str, frames: int, networks: tuple[str, ...], only: s
 
 
 def _rows(
-    name: str, folder: str, frames: list[np.ndarray], speeds: np.ndarray, files: list[str]
+    name: str,
+    folder: str,
+    frames: list[np.ndarray],
+    speeds: np.ndarray,
+    files: list[str],
+    laps: float,
 ) -> Iterator[list[str]]:
     """Yield a row for each file."""
     checkpoint = load_checkpoint(name) if name not in RANDOM else random_checkpoint(name)
@@ -125,7 +133,7 @@ def _rows(
                     found["x86-64"] = _answers(policy, frames, speeds)
         row = [name, file, *sizes, f"{operations:,}", _ms(policy, frames)]
         row += [_difference(found.get(build), wanted) for build in BUILDS]
-        yield [*row, *(["-", "-"] if name in RANDOM else _drives(policy))]
+        yield [*row, *(["-", "-"] if name in RANDOM or not laps else _drives(policy, laps))]
 
 
 def _difference(found: np.ndarray | None, wanted: np.ndarray) -> str:
@@ -175,7 +183,7 @@ def _ms(policy: Policy, frames: list[np.ndarray]) -> str:
     return f"{np.median(times):.2f}"
 
 
-def _drives(policy: Policy) -> list[str]:
+def _drives(policy: Policy, laps: float) -> list[str]:
     """Return the autonomy on the lake in percent, and the mean cross-track error."""
-    figures = measure(*all_drives(policy, [Scenario("lake")]))
+    figures = measure(*all_drives(policy, [Scenario("lake", laps=laps)]))
     return [f"{100 * figures['autonomy']:.1f}", f"{figures['cte_mean_m']:.3f}"]

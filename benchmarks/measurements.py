@@ -68,15 +68,17 @@ def doubt(folder: str, *checkpoints: str) -> None:
     print_table(["policy", "error", "spread", "within", "correlation", "CPU ms"], rows)
 
 
-def exports(folder: str, *networks: str, frames: str = "1000", only: str = "") -> None:
+def exports(
+    folder: str, *networks: str, frames: str = "1000", only: str = "", laps: str = "1"
+) -> None:
     """Measure the files of `drivezoo export`: `exports RECORDING [NETWORK...] [frames=1000]`.
 
     Of all networks that come with drivezoo it writes the table of `docs/onto_the_car.md`; with
-    names, or `only="C;ONNX, int8"`, it prints those rows.
+    names, or `only="C;ONNX, int8" laps=0`, it prints those rows.
     """
     from benchmarks.exports import measure_exports
 
-    measure_exports(folder, int(frames), networks, only)
+    measure_exports(folder, int(frames), networks, only, float(laps))
 
 
 def speeds(checkpoint: str, times: str) -> None:

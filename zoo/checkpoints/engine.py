@@ -5,6 +5,7 @@ Milliseconds per frame of random weights on one thread: see `make bench ONLY=dri
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from typing import Any, Literal
 
 import torch
@@ -55,7 +56,8 @@ def chosen_forward(
         onnx = _onnx_forward(checkpoint, threads)
         _check_equal([onnx(*one) for one in inputs], wanted)
     except Exception as error:  # onnxruntime raises any error on a graph that it cannot run
-        note = f"onnxruntime does not run it ({str(error).splitlines()[0]:.200})"
+        reason = next(iter(str(error).splitlines()), type(error).__name__)
+        note = f"onnxruntime does not run it ({reason:.200})"
         if isinstance(error, ImportError):
             note = f"onnxruntime is not tried: {INSTALL}"
         if engine == ONNX:
@@ -81,6 +83,8 @@ def engine_text(facts: Mapping[str, Any]) -> str:
 
 def _onnx_forward(checkpoint: Checkpoint, threads: int) -> Callable[..., Any]:
     """Return a network, or its step if it has memory, as a function that onnxruntime runs."""
+    for package in ("onnx", "onnxruntime"):  # before the slow export
+        import_module(package)
     session = start_session(graph_bytes(checkpoint, one_frame=True), threads)
     names = [one.name for one in session.get_inputs()]
 
