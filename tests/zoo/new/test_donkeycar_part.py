@@ -97,9 +97,9 @@ def test_a_network_that_it_cannot_run_is_refused(
 def test_a_c_file_steers_as_its_checkpoint_and_refuses_another_size(
     part: ModuleType, tmp_path: Path
 ) -> None:
-    checkpoint, library = checkpoint_of("tiny63"), tmp_path / "my_pilot.so"
-    library.with_suffix(".c").write_text(c_source(checkpoint, "my_pilot", "float"))
-    library.with_suffix(".h").write_text(c_header(checkpoint, "my_pilot", ""))
+    checkpoint, library = checkpoint_of("tiny63"), tmp_path / "steer.so"
+    library.with_suffix(".c").write_text(c_source(checkpoint, "steer", "float"))
+    library.with_suffix(".h").write_text(c_header(checkpoint, "steer", ""))
     source = [str(library.with_suffix(".c")), "-o", str(library)]
     subprocess.run([find_compiler(), *FLAGS, "-shared", "-fPIC", *source], check=True)
     pilot, policy = part.MyPilot(str(library)), CheckpointPolicy(checkpoint)
