@@ -17,6 +17,7 @@ from zoo.base.parts import take_parts
 from zoo.benchmark.result import DriveRecord
 from zoo.benchmark.summary import summarize_drives
 from zoo.drives.drive_record import SOCKET, Drive, DriveRow
+from zoo.drives.drives_table import mean_and_spread, print_drives
 from zoo.drives.metrics import (
     DRIVES,
     HIGHER,
@@ -28,7 +29,6 @@ from zoo.drives.metrics import (
     measure,
     metrics_page,
 )
-from zoo.evaluate.drives_table import mean_and_spread, print_drives
 from zoo.evaluate.robustness import PERTURBATIONS, perturbations_named, sweeps
 from zoo.new.part_files import TEMPLATES
 from zoo.worlds.scenario import Scenario

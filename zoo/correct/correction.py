@@ -23,7 +23,7 @@ from zoo.correct.collecting import collect
 from zoo.correct.correct_options import FIRST_SEED, CorrectOptions
 from zoo.correct.correct_training import own_config, train_round, training_config, write_own_split
 from zoo.correct.person_corrections import ask_person, check_person, corrections_of_a_person
-from zoo.evaluate.drives_table import with_deviation
+from zoo.drives.drives_table import with_deviation
 from zoo.evaluate.track_scores import how_well, score_on_tracks
 from zoo.runs.record_fields import Fields, Figures, Pair, Whole, check_fields, plain
 from zoo.runs.saved_config import TRUST, split_trust

@@ -15,9 +15,9 @@ from zoo.base.terminal import print_written
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.checkpoints.policy import load_policy
 from zoo.drives.bootstrap import Estimate, bootstrap
+from zoo.drives.drives_table import COUNTS, DEVIATION, figure_columns, nan_line, print_drives
 from zoo.drives.metrics import METRICS
 from zoo.evaluate.drive_plots import degradation_curves, figures_by_track
-from zoo.evaluate.drives_table import COUNTS, DEVIATION, figure_columns, nan_line, print_drives
 from zoo.evaluate.evaluate_options import EvaluateOptions, check_world
 from zoo.evaluate.robustness import PERTURBATIONS, perturbations_named, sweep_table, sweeps
 from zoo.evaluate.track_scores import how_well, score_on_tracks

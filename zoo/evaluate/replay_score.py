@@ -22,9 +22,9 @@ from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.checkpoints.policy import load_policy
 from zoo.drives.drive_log import write_drive
 from zoo.drives.drive_record import Drive, DriveRow
+from zoo.drives.drives_table import figure_columns, mean_and_spread, nan_line, print_drives
 from zoo.drives.metrics import METRICS, REPLAYS, measure
 from zoo.evaluate.drive_plots import error_over_distance
-from zoo.evaluate.drives_table import figure_columns, mean_and_spread, nan_line, print_drives
 from zoo.evaluate.evaluate_options import ReplayOptions
 from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.plots import save_figure

@@ -25,9 +25,9 @@ from zoo.cli.console_progress import working
 from zoo.drives.drive_film import DriveFilm, WorstMoments
 from zoo.drives.drive_log import summarize, write_drive
 from zoo.drives.drive_record import Drive, DriveRow
+from zoo.drives.drives_table import mean_and_spread, nan_line, with_deviation
 from zoo.drives.metrics import steering_per_s
 from zoo.evaluate.drive_plots import birds_eye, error_over_distance
-from zoo.evaluate.drives_table import mean_and_spread, nan_line, with_deviation
 from zoo.evaluate.evaluate_options import EvaluateOptions, ReplayMph, check_world
 from zoo.runs.plots import save_figure
 from zoo.runs.table import known

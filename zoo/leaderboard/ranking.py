@@ -13,8 +13,8 @@ from rich.table import Table
 
 from zoo.drives.bootstrap import Estimate, mean_over_seeds
 from zoo.drives.drive_record import EMBEDDED
+from zoo.drives.drives_table import mean_and_deviation, with_deviation
 from zoo.drives.metrics import LOWER, Metric, leaderboard_metrics
-from zoo.evaluate.drives_table import mean_and_deviation, with_deviation
 from zoo.leaderboard.scored import Scored
 from zoo.runs.fitted_table import fitted_table
 from zoo.runs.record_fields import Spread

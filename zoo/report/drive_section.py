@@ -7,8 +7,8 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.policy import CheckpointPolicy
 from zoo.drives.drive_film import APART_S, FILM_NAME, MOMENTS
 from zoo.drives.drive_record import Drive
+from zoo.drives.drives_table import drives_table
 from zoo.drives.intervals import ONE_TRACK
-from zoo.evaluate.drives_table import drives_table
 from zoo.report.blocks import Block, Film, Fold, Heading, Image, Images, Missing, Rows, Text
 from zoo.report.reported_run import ReportedRun
 from zoo.saliency.visual_backprop import Saliency, overlay

@@ -8,8 +8,8 @@ from zoo.base.rig import CURVATURE, UDACITY
 from zoo.checkpoints.checkpoint import Checkpoint, build_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import packaged_name, read_facts
 from zoo.checkpoints.new_checkpoint import lean_contents, without_folders
+from zoo.drives.drives_table import drives_table
 from zoo.drives.intervals import ONE_TRACK
-from zoo.evaluate.drives_table import drives_table
 from zoo.models.make_network import multiply_adds
 from zoo.report.blocks import Block, Bullets, Code, Rows, Section, Text, to_markdown
 from zoo.report.training_section import INTENDED_USE

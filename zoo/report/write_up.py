@@ -5,7 +5,7 @@ from pathlib import Path
 
 from zoo.base.errors import InputError
 from zoo.base.whole_file import refuse_links_out, write_whole
-from zoo.evaluate.drives_table import with_deviation
+from zoo.drives.drives_table import with_deviation
 from zoo.report import blocks, data_section, drive_section, training_section
 from zoo.report.reported_run import ReportedRun
 from zoo.verdict.evidence import evidence_of_run

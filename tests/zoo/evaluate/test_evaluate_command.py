@@ -13,9 +13,9 @@ from simulator.weather import CLEAR
 from tests.zoo.commands import only_line, run_here, succeed
 from zoo.base.command_keys import read_options
 from zoo.base.errors import InputError
+from zoo.drives.drives_table import table_rows
 from zoo.evaluate import track_scores
 from zoo.evaluate.__main__ import evaluate_or_replay as command
-from zoo.evaluate.drives_table import table_rows
 from zoo.evaluate.evaluate_options import EvaluateOptions
 from zoo.evaluate.robustness import PERTURBATIONS, perturbations_named, sweeps
 from zoo.worlds.scenario import Scenario

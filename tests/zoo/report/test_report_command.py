@@ -17,7 +17,7 @@ from tests.recordings import Written
 from tests.zoo.commands import only_line, run_here
 from zoo.base.errors import InputError
 from zoo.drives.drive_log import read_drive
-from zoo.evaluate.drives_table import mean_and_spread
+from zoo.drives.drives_table import mean_and_spread
 from zoo.evaluate.track_scores import KeptDrive
 from zoo.report.blocks import Image, Images, Rows, Section, Text, to_html, to_markdown
 from zoo.report.write_up import write_report

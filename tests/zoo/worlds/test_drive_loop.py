@@ -8,10 +8,10 @@ from simulator.world import World
 from tests.simulator.tracks import loop, open_road
 from zoo.checkpoints.command import Command
 from zoo.drives.drive_record import Drive
+from zoo.drives.drives_table import mean_and_spread
 from zoo.drives.metrics import measure
 from zoo.drives.speed_controller import PI, Constant
 from zoo.evaluate.drive_plots import birds_eye
-from zoo.evaluate.drives_table import mean_and_spread
 from zoo.evaluate.track_scores import expert_steering_per_s
 from zoo.worlds.drive_loop import drive
 from zoo.worlds.embedded_world import EmbeddedWorld

@@ -13,8 +13,8 @@ from gymnasium import spaces
 from datamodules.recording_format import other_car, read_recordings
 from zoo.base.errors import InputError
 from zoo.checkpoints.command import as_policy
+from zoo.drives.drives_table import mean_and_spread
 from zoo.drives.metrics import measure
-from zoo.evaluate.drives_table import mean_and_spread
 from zoo.evaluate.track_scores import KeptDrive, how_well
 from zoo.worlds.drive_loop import drive
 from zoo.worlds.open_world import open_world

@@ -48,9 +48,8 @@ def mean_and_spread(drives: list[dict]) -> dict[str, Spread | int | None]:
         if key not in METRICS:
             continue
         values = [one[key] for one in drives if one[key] is not None and math.isfinite(one[key])]
-        found[key] = mean_and_deviation(values) if values else None
-        if values and len(values) < len(drives):
-            found[key] = found[key][0], None
+        mean, deviation = mean_and_deviation(values) if values else (math.nan, None)
+        found[key] = (mean, deviation if len(values) == len(drives) else None) if values else None
     for key, one in METRICS.items():
         if one.pool and found.get(key):
             found[key] = one.pool(drives), None

@@ -7,8 +7,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from rich.console import Console
 
 from simulator.expert import Expert
+from zoo.drives.drives_table import mean_and_spread, print_drives
 from zoo.evaluate.drive_plots import birds_eye
-from zoo.evaluate.drives_table import mean_and_spread, print_drives
 from zoo.worlds import drive_loop
 from zoo.worlds.embedded_world import open_embedded
 from zoo.worlds.scenario import Scenario
