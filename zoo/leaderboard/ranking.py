@@ -307,7 +307,7 @@ def ranking_table(
     figures = [_narrow_column(one) for one in shown]
     table, left_out = fitted_table(title, [*names, *settings, *last], figures, width, ALWAYS_SHOWN)
     if left_out and len(settings) > 1:
-        identifying = [*names, _in_one_column(settings), *last]
+        identifying = [*names, in_one_column(settings), *last]
         table, left_out = fitted_table(title, identifying, figures, width, ALWAYS_SHOWN)
     return table, [one.heading for one in shown if one.key in {column.name for column in left_out}]
 
@@ -319,7 +319,7 @@ def _narrow_column(figure: Figure) -> Column:
     return Column(figure.key, heading, cells)
 
 
-def _in_one_column(settings: Sequence[Column]) -> Column:
+def in_one_column(settings: Sequence[Column]) -> Column:
     """Return all settings as one column of `key=value` lines."""
     cells = []
     for values in zip(*(column.cells for column in settings), strict=True):

@@ -16,6 +16,7 @@ from zoo.leaderboard.ranking import (
     Entry,
     Figure,
     folder_label,
+    in_one_column,
     named_columns,
     rank,
     ranked_figures,
@@ -33,6 +34,7 @@ from zoo.runs.table_files import Result
 # A page with a table that sorts, parallel coordinates and curves; its values:
 # heads: headings of the table, each with whether the column holds text.
 # rows: rows of cells, each a text and the number to sort by (None: sort by the text).
+# more: titles of tables that a reader unfolds, and the tables.
 # data: `axes`, `entries` and `curves` that the script draws.
 PAGE = Page(Path(__file__).with_name("static") / "ranking.html", "ranking.js")
 CURVES = ("drive/autonomy", "drive/cte_mean", "val/mse", "train/loss")
@@ -40,7 +42,7 @@ CAPTION = (
     "Ranking by autonomy. In brackets: 95 % interval over training seeds (Student's t); ±: sample "
     "standard deviation over training seeds."
 )
-FEW = 3  # settings that stand for the run's folder in a TeX table
+FEW = 3  # settings that have columns of their own, and stand for the run's folder in a TeX table
 WIDTH = 140  # of a table that is not printed on a terminal
 NAMED = 5  # unranked runs that a line names; it counts the others
 
@@ -121,7 +123,8 @@ class Ranking(Result):
         """
         entries, figures = self.entries, ranked_figures(self.entries)
         settings = setting_columns(entries)
-        names = [*named_columns(entries, self.under), *settings, seeds_column(entries)]
+        shown = [in_one_column(settings)] if len(settings) > FEW else settings
+        names = [*named_columns(entries, self.under), *shown, seeds_column(entries)]
         cells = [[(cell, None) for cell in column.cells] for column in names]
         cells += [list(zip(one.texts, one.values, strict=True)) for one in figures]
         axes = [{"key": one.name, "heading": one.name, "kind": "setting"} for one in settings]
@@ -136,7 +139,9 @@ class Ranking(Result):
             for one in figures
             if one.form  # counts have no axis: it could not show of how many drives they are
         ]
-        curves = {name for entry in entries for run in entry.runs for name in run.curves}
+        # A curve of one epoch would be a dot in an empty plane.
+        runs = [run for entry in entries for run in entry.runs]
+        curves = {name for run in runs for name, curve in run.curves.items() if len(curve) > 1}
         page = PAGE.render(
             title=title,
             where=f"{self.under.resolve()} \N{MIDDLE DOT} {datetime.now():%Y-%m-%d %H:%M}",
@@ -144,6 +149,7 @@ class Ranking(Result):
             heads=[(one.heading, True) for one in names]
             + [(one.heading, False) for one in figures],
             rows=list(zip(*cells, strict=True)),
+            more=[],
             data={
                 "axes": axes,
                 "entries": [

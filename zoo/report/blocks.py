@@ -1,11 +1,13 @@
 """The blocks of a report, and the page and the Markdown that are rendered from them."""
 
-import base64
+import io
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import PIL.Image
+from markupsafe import Markup
 
 from datamodules.image import encode_image
 from zoo.runs.page import Page
@@ -119,6 +121,18 @@ class Image:
         return cls(name, encode_image(pixels, quality=QUALITY), caption)
 
     @property
+    def size(self) -> str:
+        """Return its size as HTML's attributes, so that it keeps its place while a page loads.
+
+        Empty for a damaged file, of a run of any origin.
+        """
+        try:
+            with PIL.Image.open(io.BytesIO(self.data)) as image:
+                return Markup('width="{}" height="{}"').format(*image.size)
+        except (OSError, ValueError, PIL.Image.DecompressionBombError):
+            return Markup()
+
+    @property
     def kind(self) -> str:
         """Return the media type."""
         return "image/png" if self.name.endswith(".png") else "image/jpeg"
@@ -146,11 +160,19 @@ class Images(Block):
 
 @dataclass(frozen=True)
 class Film(Block):
-    """A film: embedded in the page if `data` is set, else a link to its file."""
+    """A film: embedded in the page if `data` is set, else a link to its file.
+
+    Attributes:
+        link: path of its file, from the page's folder.
+        caption: text below the film.
+        data: bytes of the file.
+        poster: image that stands in its place until it plays; None for its first frame.
+    """
 
     link: str
     caption: str
     data: bytes | None = None
+    poster: Image | None = None
 
     def markdown(self) -> str:
         """Return Markdown, see `Block`."""
@@ -197,10 +219,11 @@ class Fold(Block):
 
 @dataclass(frozen=True)
 class Section:
-    """A section of the report with its own heading."""
+    """A section of the report with its own heading; a folded one shows it alone until clicked."""
 
     title: str
     blocks: list[Block] = field(default_factory=list)
+    folded: bool = False
 
     @property
     def anchor(self) -> str:
@@ -239,7 +262,6 @@ def to_html(title: str, sections: Sequence[Section], footer: str) -> str:
     page = Page(
         Path(__file__).with_name("static") / "report.html",
         sources="img-src data:; media-src data: 'self' file:; ",
-        filters={"base64": lambda data: base64.b64encode(data).decode()},
         tests={"a": lambda block, name: type(block).__name__ == name},
     )
     return page.render(title=title, sections=sections, footer=footer)

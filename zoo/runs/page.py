@@ -22,14 +22,12 @@ class Page:
         template: file of the template, in Jinja's language, which extends `base.html`.
         script: name of the script's file, beside the template; empty for none.
         sources: further sources that the policy allows, such as `img-src data:; `.
-        filters: filters of the template by name.
         tests: tests of the template by name.
     """
 
     template: Path
     script: str = ""
     sources: str = ""
-    filters: Mapping[str, Callable] = field(default_factory=dict)
     tests: Mapping[str, Callable] = field(default_factory=dict)
 
     def render(self, title: str, **values: Any) -> str:
@@ -42,7 +40,7 @@ class Page:
             trim_blocks=True,
             lstrip_blocks=True,
         )
-        environment.filters |= {"indented": indented, **self.filters}
+        environment.filters |= {"indented": indented, "base64": _base64}
         environment.tests |= self.tests
         style = (SHARED / "style.css").read_text(encoding="utf-8")
         script = (folder / self.script).read_text(encoding="utf-8") if self.script else ""
@@ -57,4 +55,8 @@ class Page:
 
 def hash_source(text: str) -> str:
     """Return the source with which a Content-Security-Policy allows only this inline text."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+    return f"'sha256-{_base64(hashlib.sha256(text.encode()).digest())}'"
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode()

@@ -26,7 +26,7 @@ class NotebookFigure(Figure):
 
 
 def steering_histogram(before: np.ndarray, after: np.ndarray, threshold: float) -> Figure:
-    """Plot histograms of the steering before and after balancing, side by side.
+    """Plot the shares of the steering before and after balancing, side by side on one scale.
 
     Args:
         before: steering of all training samples, float [N].
@@ -35,17 +35,19 @@ def steering_histogram(before: np.ndarray, after: np.ndarray, threshold: float) 
     """
     figure = Figure(figsize=(9, 3.6))  # fixed margins: layout="constrained" takes 0.1 s longer
     figure.subplots_adjust(left=0.1, right=0.975, bottom=0.14, top=0.92, wspace=0.28)
-    axes = figure.subplots(1, 2, sharex=True)
+    axes = figure.subplots(1, 2, sharex=True, sharey=True)
     titles = ("All training samples", "One balanced epoch")
     for axis, steering, title, colour in zip(
         axes, (before, after), titles, (GREY, BLUE), strict=True
     ):
-        axis.stairs(*np.histogram(steering, np.linspace(-1, 1, 41)), fill=True, color=colour)
+        counts, edges = np.histogram(steering, np.linspace(-1, 1, 41))
+        share = 100 * counts / max(len(steering), 1)
+        axis.stairs(share, edges, fill=True, color=colour)
         straight = np.mean(np.abs(steering) < threshold)
         axis.axvspan(-threshold, threshold, color=ORANGE, alpha=0.15, lw=0)
         axis.set_title(f"{title} ({len(steering):,}): {straight:.0%} within ±{threshold:g}")
         axis.set_xlabel("steering (negative: left)")
-        axis.set_ylabel("samples")
+        axis.set_ylabel("samples (%)")
         axis.set_xticks([-1, -0.5, 0, 0.5, 1])
         plain_axis(axis)
     return figure

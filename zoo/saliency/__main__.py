@@ -16,6 +16,7 @@ from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
 from zoo.cli.console_progress import loading
 
 SHOWN = 12  # frames of a recording that are drawn
+CAPTION = 24  # height in pixels of the line below a pair
 
 # torch, a slow import, comes late: --help and typos answer at once.
 
@@ -27,7 +28,7 @@ def saliency(
     """Draw what a network looks at.
 
     Writes a PNG file: one image, or twelve frames of a recording, each with its saliency to the
-    right.
+    right and a line below that names it.
 
     Args:
         ckpt: checkpoint: a .ckpt or .onnx file, a run's folder, latest, or a network that comes
@@ -47,8 +48,8 @@ def saliency(
         policy = load_policy(checkpoint)
         look = Saliency(policy, published)
         pairs = [
-            np.hstack([frame, overlay(frame, look(frame, speed))])
-            for frame, speed in _frames(source)
+            _captioned(np.hstack([frame, overlay(frame, look(frame, speed))]), caption)
+            for frame, speed, caption in _frames(source)
         ]
     columns = 1 if len(pairs) < 3 else 2
     pairs += [np.zeros_like(pairs[0])] * (-len(pairs) % columns)
@@ -59,13 +60,26 @@ def saliency(
     print_written([image], following)
 
 
-def _frames(source: Path) -> list[tuple[np.ndarray, float]]:
-    """Return frames with their speed in mph: one image, or `SHOWN` rows across a recording."""
+def _captioned(pair: np.ndarray, caption: str) -> np.ndarray:
+    line = np.full((CAPTION, pair.shape[1], 3), 255, np.uint8)
+    style = cv2.FONT_HERSHEY_SIMPLEX, 0.45, (40, 40, 40), 1, cv2.LINE_AA
+    return np.vstack([pair, cv2.putText(line, caption, (6, CAPTION - 8), *style)])
+
+
+def _frames(source: Path) -> list[tuple[np.ndarray, float, str]]:
+    """Return frames, speeds in mph and names: one image, or `SHOWN` rows across a recording."""
     if source.is_file() and source.suffix != ".csv":
-        return [(_read_frame(source), 0.0)]
+        return [(_read_frame(source), 0.0, f"{source.name}; right: what the steering depends on")]
     recording = read_recordings(str(source), on_bad_image="skip")
     rows = np.unique(np.linspace(0, len(recording) - 1, SHOWN).round().astype(int))
-    return [(_read_frame(recording.images[r, 0]), recording.speed_mph[r]) for r in rows]
+    return [
+        (
+            _read_frame(recording.images[row, 0]),
+            recording.speed_mph[row],
+            f"row {row + 1}, recorded steering {recording.steering[row] + 0.0:+.2f}",
+        )
+        for row in rows
+    ]
 
 
 def _read_frame(path: AnyImage) -> np.ndarray:

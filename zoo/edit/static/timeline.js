@@ -126,9 +126,15 @@ export class Timeline {
     const x = (row) => ((row - first) / (end - first)) * width;
     this.drawLayer(this.detail, pen, String(this.view), (own) => this.drawCurves(own, x, width, height));
     if (this.selection) {
+      // A frame with little colour: filled, it would turn the colours of the edits into others.
       const [left, right] = this.selection.map(x);
-      pen.fillStyle = colour("--accent", 0.22);
-      pen.fillRect(left, 0, Math.max(right - left, 1), height);
+      const width = Math.max(right - left, 1);
+      pen.fillStyle = colour("--text", 0.06);
+      pen.fillRect(left, 0, width, height);
+      pen.strokeStyle = colour("--accent");
+      pen.lineWidth = 2;
+      pen.strokeRect(left, 1, width, height - 2);
+      pen.lineWidth = 1;
     }
     pen.strokeStyle = colour("--text");
     const now = x(this.row + 0.5);
@@ -142,7 +148,7 @@ export class Timeline {
     const middle = (TOP + lane) / 2;
     const range = niceRange(greatest(steering, first, end));
     const clipped = (value) => Math.max(Math.min(value, range), -range);
-    const steeringY = (value) => middle + (clipped(value) / range) * (lane - TOP - 10) / 2;
+    const steeringY = (value) => middle - (clipped(value) / range) * (lane - TOP - 10) / 2; // + is up
     const fastest = Math.max(Math.ceil(greatest(speed, 0, rows) / 10) * 10, 10);
     const speedY = (value) => height - 4 - (value / fastest) * (height - lane - 26); // below its label
     this.shadeEdits(pen, x, height);
@@ -158,7 +164,7 @@ export class Timeline {
       if (values) curve(pen, values, this.view, x, y, width);
     }
     this.drawSplits(pen, x, height);
-    const labels = [[`${range} left`, steeringY(-range) + 10], [`${range} right`, steeringY(range) - 2], [`${fastest} mph`, lane + 17]];
+    const labels = [[`+${range} right`, steeringY(range) + 10], [`−${range} left`, steeringY(-range) - 2], [`${fastest} mph`, lane + 17]];
     pen.fillStyle = colour("--soft");
     pen.font = font();
     for (const [text, y] of labels) pen.fillText(text, 8, y);
@@ -172,7 +178,7 @@ export class Timeline {
     const x = (row) => (row / rows) * width;
     this.drawLayer(this.overview, pen, "", (own) => {
       const range = niceRange(greatest(steering, 0, rows));
-      const y = (value) => height / 2 + (value / range) * (height / 2 - 3);
+      const y = (value) => height / 2 - (value / range) * (height / 2 - 3);
       this.shadeEdits(own, x, height);
       own.strokeStyle = colour("--accent");
       curve(own, steering, [0, rows], x, y, width);
@@ -208,6 +214,8 @@ export class Timeline {
     for (const [stretches, name] of [[this.edits.mirrored, "--mirrored"], [this.edits.dropped, "--bad"]]) {
       pen.fillStyle = colour(name, 0.28);
       for (const [first, end] of stretches) pen.fillRect(x(first), 0, Math.max(x(end) - x(first), 1), height);
+      pen.fillStyle = colour(name);
+      for (const [first, end] of stretches) pen.fillRect(x(first), height - 4, Math.max(x(end) - x(first), 1), 4);
     }
   }
 

@@ -61,7 +61,7 @@ function drawParallel() {
   const svg = document.getElementById("parallel");
   if (!data.entries.length || data.axes.length < 2) return document.getElementById("parallel-panel").remove();
   const width = Math.max(svg.parentNode.clientWidth, 150 * data.axes.length), height = 410;
-  const [left, right, top, bottom] = [60, 140, 56, 14];
+  const [left, right, top, bottom] = [60, 140, 66, 14];
   // Labels are cut to the distance of two axes, and left out where they would overlap.
   const gap = (width - left - right) / (data.axes.length - 1), letter = 8, line = 15;
   const cut = (text, fits) => text.length > fits ? `${text.slice(0, fits - 1)}…` : text;
@@ -97,7 +97,8 @@ function drawParallel() {
       draw(svg, "line", { class: "axis", x1: x(number), x2: x(number) + 5, y1: y(part), y2: y(part) });
       if (y(part) - above < line) continue;
       above = y(part);
-      const text = draw(svg, "text", { x: x(number) + 9, y: y(part) + 5 }, cut(label, fits - 2));
+      // Above its tick: a line through the tick would strike it through.
+      const text = draw(svg, "text", { x: x(number) + 8, y: y(part) - 5 }, cut(label, fits - 2));
       draw(text, "title", {}, label);
     }
     const brush = draw(svg, "rect", { class: "brush", x: x(number) - 9, width: 18, y: 0, height: 0 });
