@@ -42,6 +42,7 @@ class Known(Fields):
     track: str | None = None
     seed: Whole | None = None
     nan_frames: Whole | None = None
+    infractions: dict[str, Whole] | None = None
     checkpoint: str | None = None
     set_mph: Number | None = None
     latency_percentiles_ms: dict[str, Number | None] | None = None
@@ -93,8 +94,9 @@ def read_summary(path: Path) -> dict:
 
 
 def summarize(drive: Drive) -> dict:
-    """Return a drive's track, seed and metrics, and `nan_frames` if the policy returned NaN."""
+    """Return a drive's track, seed, metrics and infractions, and `nan_frames` if there are some."""
     figures = {"track": drive.track, "seed": drive.seed, **measure(drive)}
+    figures |= {"infractions": drive.infractions} if drive.infractions else {}
     return figures | ({"nan_frames": drive.nan_frames} if drive.nan_frames else {})
 
 

@@ -1,7 +1,7 @@
 """`Drive`: the record of a drive on a socket, in the embedded world or in a replay."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from operator import attrgetter
@@ -74,6 +74,7 @@ class Drive:
         lap_s: simulated seconds of each whole lap.
         nan_frames: number of frames for which the policy returned NaN; the car was steered
             straight on instead.
+        infractions: number of interventions by what they correct, see `INFRACTIONS`.
         episode_return: sum of the rewards per episode of a Gymnasium environment.
         expert_steering_per_s: steering change per second of the expert, or of a replay's recorded
             driver.
@@ -106,6 +107,7 @@ class Drive:
     driven_m: float = math.nan
     lap_s: Sequence[float] = ()
     nan_frames: int = 0
+    infractions: Mapping[str, int] = field(default_factory=dict)
     episode_return: float = math.nan
     expert_steering_per_s: float = math.nan
     xy: np.ndarray | None = None

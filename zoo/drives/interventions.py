@@ -8,6 +8,13 @@ import math
 INTERVENTION_S = 6.0  # duration of an intervention in NVIDIA's autonomy (Bojarski et al. 2016)
 OFF_ROAD, STANDSTILL, TAKEOVER = "off_road", "standstill", "takeover"
 WORDS = {OFF_ROAD: "off the road", STANDSTILL: "standing still", TAKEOVER: "taken over by hand"}
+LEFT, RIGHT, WALL = "left", "right", "wall"  # sides of the road on which it was left, and a wall
+INFRACTIONS = {
+    LEFT: "left the road to the left",
+    RIGHT: "left the road to the right",
+    STANDSTILL: "stood still",
+    WALL: "held by a wall, or turned away",
+}
 STALLED_BELOW_MPH, STALLED_S = 1.0, 5.0
 LEAST_MARGIN_M = 0.2  # smallest margin of the options; a car is put back to 1 mm of the centre
 HALF_M = 1.0  # the mean cross-track error that counts as half an intervention
@@ -31,6 +38,8 @@ class InterventionRule:
     >>> rule = InterventionRule(3.0)
     >>> [rule.judge(time_s, 9.0, 4.0) for time_s in (0.0, 1.0, 6.0)]
     ['off_road', None, 'off_road']
+    >>> rule.infraction("off_road", 4.0), rule.infraction("off_road", -1.0)
+    ('right', 'wall')
     """
 
     def __init__(self, margin_m: float) -> None:
@@ -71,6 +80,13 @@ class InterventionRule:
             return None
         self._stalled_s = time_s
         return STANDSTILL
+
+    def infraction(self, kind: str, cross_track_m: float) -> str:
+        """Return what an intervention of a kind corrects, a key of `INFRACTIONS`."""
+        if kind == STANDSTILL:
+            return kind
+        side = RIGHT if cross_track_m > 0 else LEFT
+        return side if abs(cross_track_m) > self.margin_m else WALL
 
 
 def driving_score(interventions: float, driven_s: float, cte_mean_m: float) -> float:

@@ -29,6 +29,7 @@ class EvaluateOptions(ResultFiles, Scenario):
         film: true: write film.mp4 in each drive's folder.
         film_speed: playing speed of the film as a multiple of the driven speed.
         record: true: write frames and controls as a recording in each drive's folder, to train on.
+        page: false: write no report; true: write report/index.html, see drivezoo report.
         perturb: perturbations to sweep on the first track: names separated by commas, or all.
         replay: recording to score on instead, without a simulator; world=FOLDER does the same; see
             drivezoo replay.
@@ -49,6 +50,7 @@ class EvaluateOptions(ResultFiles, Scenario):
     film: bool = False
     film_speed: Annotated[float, Field(ge=1, le=100)] = 1.0
     record: bool = False
+    page: bool = True
     perturb: str | None = None
     replay: str | None = None
     challenge: Literal["ch2"] | None = None

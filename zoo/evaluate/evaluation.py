@@ -22,6 +22,7 @@ from zoo.evaluate.evaluate_options import EvaluateOptions, check_world
 from zoo.evaluate.robustness import PERTURBATIONS, perturbations_named, sweep_table, sweeps
 from zoo.evaluate.track_scores import how_well, score_on_tracks
 from zoo.monitor.guarded_policy import guarded
+from zoo.report.write_up import write_report
 from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.plots import save_figure
 from zoo.runs.table import Column, Table, with_interval
@@ -165,9 +166,10 @@ def score_driver(
         verdict = judge(scores.drives, evidence, options.tracks, options.world)
         metrics["verdict"] = verdict.plain()
         write_metrics_file(folder, metrics)
+        pages = [write_report(folder)] if options.page else []
         nan = nan_line(list(scores.by_scenario.values()))
         problem = f"{name}: {nan}" if nan else ""
-        result = Evaluation(folder, metrics, verdict, usual, results, problem)
+        result = Evaluation(folder, metrics, verdict, usual, results, problem, pages)
         result.written.extend(options.write_files(result))
         return result
 

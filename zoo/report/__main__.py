@@ -8,13 +8,13 @@ from zoo.cli.console_progress import loading
 
 @command
 def report(run_folder: str) -> None:
-    """Write a run's report as a page and as Markdown.
+    """Write the report of a run or an evaluation as a page and as Markdown.
 
     RUN_FOLDER/report/index.html contains its images and film and loads nothing else;
     RUN_FOLDER/report/report.md uses image files in the same folder.
 
     Args:
-        run_folder: run's folder, or latest: the newest below outputs.
+        run_folder: folder of a run or of an evaluation, or latest: the newest run below outputs.
     """
     run = find_run(run_folder)
     with loading("writing the report"):

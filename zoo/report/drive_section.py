@@ -1,19 +1,26 @@
 """The section on driving: figures, film, path and worst moments."""
 
+import os
+from collections import Counter
+from pathlib import Path
+
+import cv2
 import numpy as np
 
 from datamodules.image import read_image
 from zoo.base.errors import InputError
-from zoo.checkpoints.policy import CheckpointPolicy
-from zoo.drives.drive_film import APART_S, FILM_NAME, MOMENTS
-from zoo.drives.drive_record import Drive
+from zoo.drives.drive_film import APART_S, FILM_NAME, FILM_WIDTH, draw_overlay
+from zoo.drives.drive_record import EMBEDDED, Drive
 from zoo.drives.drives_table import drives_table
 from zoo.drives.intervals import ONE_TRACK
+from zoo.drives.interventions import INFRACTIONS
 from zoo.report.blocks import Block, Film, Fold, Heading, Image, Images, Missing, Rows, Text
-from zoo.report.reported_run import ReportedRun
+from zoo.report.reported_run import ReportedDrives
+from zoo.runs.table import Table
 from zoo.saliency.visual_backprop import Saliency, overlay
 from zoo.verdict.evidence import no_verdict, source_of
 
+SHOWN, OTHERS = 6, 5  # worst moments of a track, and drives with other start seeds
 FILMS_BYTES = 10_000_000  # total of films embedded in the page; base64 adds a third
 PLOTS = {
     "track": "The car's path, coloured by cross-track error. Crosses mark interventions.",
@@ -21,7 +28,7 @@ PLOTS = {
 }
 
 
-def scores(run: ReportedRun) -> list[Block]:
+def scores(run: ReportedDrives) -> list[Block]:
     """Return the figures of all drives."""
     if not run.tracks:
         source = source_of(run.metrics.get("data"))
@@ -30,7 +37,9 @@ def scores(run: ReportedRun) -> list[Block]:
         raise InputError(f"Not driven, only open-loop figures ({why}); {remedy}.")
     scored = run.metrics.get("drive") or {}
     keys = [f"{key}={scored[key]:g}" for key in ("speed_mph", "laps", "seeds") if scored.get(key)]
-    where = f"Driven in the embedded simulator, in simulated time: {', '.join(keys)}."
+    world = run.metrics.get("world") or EMBEDDED
+    where = f"Driven in the {'embedded simulator' if world == EMBEDDED else f'world {world}'}, in "
+    where += f"simulated time{': ' if keys else ''}{', '.join(keys)}."
     if run.replayed:
         where = f"Judged by NVIDIA's method: {run.replayed}, each frame warped to the steered car."
     return [
@@ -44,7 +53,7 @@ def scores(run: ReportedRun) -> list[Block]:
     ]
 
 
-def tracks(run: ReportedRun) -> list[Block]:
+def tracks(run: ReportedDrives) -> list[Block]:
     """Return each track's film, plots and worst moments."""
     blocks: list[Block] = [Missing(f"A drive cannot be read: {one}.") for one in run.damaged_drives]
     if run.tracks and not run.drives and not blocks:
@@ -52,11 +61,13 @@ def tracks(run: ReportedRun) -> list[Block]:
     left = FILMS_BYTES
     for track in dict.fromkeys(drive.track for drive in run.drives):
         drives = [drive for drive in run.drives if drive.track == track]
-        film = _film(drives[0], left)
+        film = _film(run, drives[0], left)
         left -= len(film.data or b"") if isinstance(film, Film) else 0
         blocks += [Heading(f"Drive on the {track}"), film, *_plots(drives[0])]
-        if others := [block for drive in drives[1:] for block in _plots(drive)]:
-            blocks.append(Fold(f"Drives with other start seeds: {len(drives) - 1}", others))
+        others = sorted(drives[1:], key=_lost, reverse=True)[:OTHERS]
+        if plots := [block for drive in others for block in _plots(drive)]:
+            title = f"Drives with other start seeds: the {len(others)} worst of {len(drives) - 1}"
+            blocks.append(Fold(title, plots))
         try:
             blocks += _worst(run, track, drives)
         except (InputError, OSError) as missing:
@@ -64,13 +75,46 @@ def tracks(run: ReportedRun) -> list[Block]:
     return blocks
 
 
-def _film(drive: Drive, budget: int) -> Block:
+def infractions(run: ReportedDrives) -> list[Block]:
+    """Return for each track what its interventions corrected; nothing without any."""
+    counts: dict[str, Counter] = {track: Counter() for track in run.tracks}
+    for drive in run.drives:
+        counts.setdefault(drive.track, Counter()).update(drive.summary.get("infractions") or {})
+    if not any(counts.values()):
+        return []
+    rows = [
+        [words, *(str(one[key]) for one in counts.values())] for key, words in INFRACTIONS.items()
+    ]
+    return [Heading("Interventions by cause"), Rows(Table.of(["cause", *counts], rows))]
+
+
+def _film(run: ReportedDrives, drive: Drive, budget: int) -> Block:
     path = drive.folder / FILM_NAME
     if not path.is_file():
         return Missing("The drive was not filmed (score.film; film=true in drivezoo evaluate).")
     is_small = path.stat().st_size <= budget
-    link = f"../drives/{drive.folder.name}/{FILM_NAME}"
-    return Film(link, "Film of the scored drive.", path.read_bytes() if is_small else None)
+    link = Path(os.path.relpath(path, run.folder / "report")).as_posix()
+    data = path.read_bytes() if is_small else None
+    return Film(link, "Film of the scored drive.", data, worst_moment(drive))
+
+
+def worst_moment(drive: Drive) -> Image | None:
+    """Return the worst moment as the film shows it; None if its frame was not kept."""
+    rows = sorted(_moments(drive), key=lambda row: _badness(drive, row), reverse=True)
+    for row in rows[:1]:
+        values = drive.rows[row]
+        pixels = draw_overlay(
+            read_image(drive.folder / str(drive.frame[row])),
+            values.steering,
+            values.throttle,
+            values.speed_mph,
+            cte_m=values.cross_track_m,
+        )
+        size = FILM_WIDTH, len(pixels) * FILM_WIDTH // pixels.shape[1]
+        lost = ": an intervention" if values.intervention else ""
+        caption = f"The worst moment, after {values.time_s:.1f} s{lost}."
+        return Image.jpeg(f"{drive.folder.name}_poster.jpg", cv2.resize(pixels, size), caption)
+    return None
 
 
 def _plots(drive: Drive) -> list[Block]:
@@ -84,22 +128,23 @@ def _plots(drive: Drive) -> list[Block]:
     return [Images([one]) for one in images]
 
 
-def _worst(run: ReportedRun, track: str, drives: list[Drive]) -> list[Block]:
-    """Return the worst moments of a track's drives, each with its saliency map."""
-    found = [
-        (drive, row)
-        for drive in drives
-        for row in np.flatnonzero((drive.frame != "") & np.isfinite(drive.cross_track_m)).tolist()
-    ]
+def _worst(run: ReportedDrives, track: str, drives: list[Drive]) -> list[Block]:
+    """Return the worst moments of a track's drives, each with its saliency map if there is one."""
+    found = [(drive, row) for drive in drives for row in _moments(drive)]
     if not found:
         raise InputError("The drive saved no images of its worst moments.")
     found.sort(key=lambda one: _badness(*one), reverse=True)
-    saliency = Saliency(CheckpointPolicy(run.checkpoint))
+    saliency, why = None, "The right half shows in green what the steering depends on."
+    try:
+        saliency = Saliency(run.policy)
+    except InputError as error:
+        why = f"Without saliency: {error}."
     images = []
-    for number, (drive, row) in enumerate(found[:MOMENTS], 1):
+    for number, (drive, row) in enumerate(found[:SHOWN], 1):
         frame = read_image(drive.folder / str(drive.frame[row]))
-        where = saliency(frame, float(drive.speed_mph[row]))
-        pair = np.hstack([frame, overlay(frame, where)])
+        if saliency is not None:
+            where = saliency(frame, float(drive.speed_mph[row]))
+            frame = np.hstack([frame, overlay(frame, where)])
         lost = "Intervention. " if drive.intervention[row] else ""
         caption = (
             f"{lost}{drive.time_s[row]:.1f} s, start seed {drive.seed}, "
@@ -107,15 +152,24 @@ def _worst(run: ReportedRun, track: str, drives: list[Drive]) -> list[Block]:
             f"{drive.steering[row] + 0.0:+.2f}, {drive.speed_mph[row]:.0f} mph"
         )
         name = f"{drives[0].folder.name}_worst_{number}.jpg"
-        images.append(Image.jpeg(name, pair, caption))
+        images.append(Image.jpeg(name, frame, caption))
     return [
         Heading(f"Worst moments on the {track}"),
         Text(
             "Interventions come first, then the largest cross-track errors, at least "
-            f"{APART_S:g} s apart. The right half shows in green what the steering depends on."
+            f"{APART_S:g} s apart. {why}"
         ),
         Images(images, columns=2),
     ]
+
+
+def _moments(drive: Drive) -> list[int]:
+    """Return the rows of a drive's kept frames."""
+    return np.flatnonzero((drive.frame != "") & np.isfinite(drive.cross_track_m)).tolist()
+
+
+def _lost(drive: Drive) -> tuple[float, float]:
+    return drive.summary.get("interventions") or 0, drive.summary.get("cte_max_m") or 0
 
 
 def _badness(drive: Drive, row: int) -> tuple[bool, float]:

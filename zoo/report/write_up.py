@@ -2,23 +2,20 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from zoo.base.errors import InputError
 from zoo.base.whole_file import refuse_links_out, write_whole
 from zoo.drives.drives_table import with_deviation
 from zoo.report import blocks, data_section, drive_section, training_section
-from zoo.report.reported_run import ReportedRun
+from zoo.report.reported_run import ReportedDrives, ReportedEvaluation, ReportedRun
+from zoo.runs.metrics_file import NAME
+from zoo.runs.run import HYDRA
 from zoo.verdict.evidence import evidence_of_run
-from zoo.verdict.judgement import judge
+from zoo.verdict.judgement import Verdict, judge
 
 FOLDER, PAGE, MARKDOWN = "report", "index.html", "report.md"
-Part = Callable[[ReportedRun], list[blocks.Block]]
-
-
-def title_of(run: ReportedRun) -> str:
-    """Return the report's title: the experiment's name, or the model's."""
-    name = run.choices.get("experiment") or run.config["model"]["name"]
-    return f"{name}, quick" if run.config.get("quick") else str(name)
+Part = Callable[[Any], list[blocks.Block]]
 
 
 def headline(run: ReportedRun) -> list[blocks.Block]:
@@ -33,15 +30,35 @@ def headline(run: ReportedRun) -> list[blocks.Block]:
     return [*shown, blocks.Tiles(tiles)] if tiles else shown
 
 
+def evaluated(run: ReportedEvaluation) -> list[blocks.Block]:
+    """Return the verdict of an evaluation, and its figures."""
+    verdict = Verdict(**(run.metrics.get("verdict") or {}))
+    return [_box(verdict), blocks.Tiles(main_figures(run))]
+
+
+def perturbed(run: ReportedEvaluation) -> list[blocks.Block]:
+    """Return the curves of an evaluation's perturbations; nothing without any."""
+    path = run.folder / "robustness.png"
+    if not run.metrics.get("perturbed"):
+        return []
+    caption = "Autonomy and mean cross-track error over each quantity, changed alone."
+    image = blocks.Image(path.name, path.read_bytes(), caption, plot=True)
+    return [blocks.Heading("Perturbations"), blocks.Images([image])]
+
+
 def _verdict(run: ReportedRun) -> blocks.Block:
     evidence = evidence_of_run(run.folder, run.config, run.metrics)
-    verdict = judge([drive.summary for drive in run.drives], evidence, replayed=run.replayed)
+    drives = [drive.summary for drive in run.drives]
+    return _box(judge(drives, evidence, replayed=run.replayed))
+
+
+def _box(verdict: Verdict) -> blocks.Block:
     lines = [*verdict.tracks, verdict.certainty]
     lines += ["Likely causes:"] if verdict.causes else []
     return blocks.Box(verdict.level, verdict.headline, lines, verdict.causes, verdict.commands)
 
 
-def main_figures(run: ReportedRun) -> list[tuple[str, str, str]]:
+def main_figures(run: ReportedDrives) -> list[tuple[str, str, str]]:
     """Return name, value and details of the figures: first those of driving."""
     first, second = [], []
     for track, figures in run.tracks.items():
@@ -65,10 +82,15 @@ def main_figures(run: ReportedRun) -> list[tuple[str, str, str]]:
     return first + second
 
 
+DRIVING = drive_section.scores, drive_section.infractions, drive_section.tracks
+OF_EVALUATION: dict[str, Sequence[Part]] = {
+    "Headline": (evaluated,),
+    "Driving": (*DRIVING, perturbed),
+}
 SECTIONS: dict[str, Sequence[Part]] = {
     "Headline": (headline,),
     # With the film, which readers look for.
-    "Driving": (drive_section.scores, drive_section.tracks),
+    "Driving": DRIVING,
     "Data": (
         data_section.recordings,
         data_section.split,
@@ -84,34 +106,41 @@ SECTIONS: dict[str, Sequence[Part]] = {
     "Settings": (training_section.command, training_section.settings),
     "Model card": (training_section.use, training_section.limits),
 }
+FOLDED = "Network", "Settings"  # long tables, which fill a phone
 
 
 def write_report(folder: Path) -> Path:
-    """Write the report of a finished or unfinished run in its folder, and return the page's path.
+    """Write the report of a run, finished or not, or of an evaluation; return the page's path.
 
     A missing part is replaced by a line with the reason.
 
     Raises:
-        InputError: the folder is not a run's, a link in it leads out of it, or the report cannot
-            be written.
+        InputError: the folder is neither, a link in it leads out of it, or the report cannot be
+            written.
     """
-    run, place = ReportedRun.open(Path(folder)), Path(folder) / FOLDER
+    folder = Path(folder)
+    is_evaluation = (folder / NAME).is_file() and not (folder / HYDRA).is_dir()
+    run = ReportedEvaluation(folder) if is_evaluation else ReportedRun.open(folder)
+    place, parts_of = folder / FOLDER, OF_EVALUATION if is_evaluation else SECTIONS
     refuse_links_out(run.folder)
-    sections = [blocks.Section(name, _blocks(run, parts)) for name, parts in SECTIONS.items()]
+    sections = [
+        blocks.Section(name, _blocks(run, parts), name in FOLDED)
+        for name, parts in parts_of.items()
+    ]
     versions, when = run.metrics.get("versions") or {}, run.status.get("time") or ""
-    title, footer = title_of(run), f"drivezoo {versions.get('drivezoo') or ''} {when[:10]}"
+    footer = f"drivezoo {versions.get('drivezoo') or ''} {when[:10]}"
     try:
         place.mkdir(exist_ok=True)
         for section in sections:
             for image in blocks.images_of(section.blocks):
                 write_whole(place / image.name, image.data)
-        write_whole(place / MARKDOWN, blocks.to_markdown(title, sections))
-        return write_whole(place / PAGE, blocks.to_html(title, sections, footer))
+        write_whole(place / MARKDOWN, blocks.to_markdown(run.title, sections))
+        return write_whole(place / PAGE, blocks.to_html(run.title, sections, footer))
     except OSError as error:
         raise InputError(f"{place}: cannot be written ({error.strerror or error})") from None
 
 
-def _blocks(run: ReportedRun, parts: Sequence[Part]) -> list[blocks.Block]:
+def _blocks(run: ReportedDrives, parts: Sequence[Part]) -> list[blocks.Block]:
     """Return the blocks of a section; a part that cannot be created becomes a line, once."""
     shown: list[blocks.Block] = []
     for part in parts:

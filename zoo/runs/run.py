@@ -115,7 +115,10 @@ class Run:
         """
         if not (folder / HYDRA / "config.yaml").is_file():
             runs = sorted(path.parent.parent for path in folder.glob(f"*/{HYDRA}/config.yaml"))
-            found = "is not a run's folder" if folder.exists() else "no such folder"
+            neither = (
+                f"is no run (no {HYDRA}/config.yaml) and no evaluation (no {metrics_file.NAME})"
+            )
+            found = neither if folder.exists() else "no such folder"
             example = runs[0] if runs else "outputs/DATE/TIME"
             raise InputError(f"{folder}: {found}; name a run's folder, such as {example}")
         return cls(folder)

@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -66,6 +67,7 @@ def drive(
     distance_m: list[float | None] = []
     lap_s: list[float] = []
     nan_frames = 0
+    infractions: Counter[str] = Counter()
     rule, lap_began_s = InterventionRule(facts["lane_m"]), 0.0
     while not state.done:
         frame = world.frame()
@@ -91,6 +93,8 @@ def drive(
         # A car that drives at the world's own speed does not stall.
         judged_mph = mph if state.throttle is None else math.inf
         kind = rule.judge(state.time_s, judged_mph, cross_track_m, bool(state.contact))
+        if kind is not None:
+            infractions[rule.infraction(kind, cross_track_m)] += 1
         row = DriveRow(
             time_s=state.time_s,
             steering=steering,
@@ -129,6 +133,7 @@ def drive(
         driven_m=_driven_m(rows) if state.driven_m is None else state.driven_m,
         lap_s=lap_s,
         nan_frames=nan_frames,
+        infractions=dict(infractions),
         episode_return=math.nan if state.episode_return is None else state.episode_return,
         xy=None if None in places else np.array(places),
         distance_m=None if None in distance_m else np.array(distance_m),

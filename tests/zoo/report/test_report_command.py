@@ -221,8 +221,8 @@ def test_bad_input_is_one_line(tmp_path: Path, run_folder: Path) -> None:
     (tmp_path / "file").touch()
     for name, said in {
         "sweep": f"name a run's folder, such as {sweep / '0'}",
-        "empty": "is not a run's folder",
-        "file": "is not a run's folder",
+        "empty": "is no run (no .hydra/config.yaml) and no evaluation (no metrics.json)",
+        "file": "is no run",
     }.items():
         with pytest.raises(InputError, match=re.escape(said)):
             write_report(tmp_path / name)
