@@ -17,7 +17,13 @@ from zoo.benchmark import marks
 from zoo.benchmark.baselines import BASELINES
 from zoo.benchmark.benchmark_options import BenchmarkOptions
 from zoo.benchmark.checked_result import read_result
-from zoo.benchmark.drives import UNFINISHED, FinishedDrives, drive_suite, find_drivers
+from zoo.benchmark.drives import (
+    UNFINISHED,
+    FinishedDrives,
+    drive_again,
+    drive_suite,
+    find_drivers,
+)
 from zoo.benchmark.result import (
     ANALYSIS,
     VERSION,
@@ -160,6 +166,11 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
         finished.remove()
         reached = marks.reached_marks(result, suite.marks)
         if reached:
+            worst = {
+                folder / marks.FAILURES / group.replace(" ", "_"): jobs[number]
+                for group, number in marks.failures(result, reached).items()
+            }
+            drive_again(drivers, worst, suite.mean_steering, console)
             written += marks.write_marks(folder, result, reached)
         benchmarked = Benchmarked(folder, result, reached, written, options.suite)
         written += options.write_files(benchmarked)

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +18,12 @@ from zoo.benchmark.suite import LAPS, Suite, SuiteDrive
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.drives.drive_record import Drive
 from zoo.drives.metrics import measure
+from zoo.evaluate.track_scores import KeptDrive
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.record_fields import Count, Fields, check_fields
 from zoo.worlds.baseline import Baseline
 from zoo.worlds.cluster_pool import Executor
-from zoo.worlds.run_drives import load_kept, run_drives
+from zoo.worlds.run_drives import all_drives, load_kept, run_drives
 
 MACHINE = ("latency_ms",)  # metrics that depend on the machine
 UNFINISHED = "unfinished.jsonl"  # file of the finished drives of a benchmark
@@ -58,7 +59,7 @@ def drive_suite(
     files = [drivers[jobs[number][0]].file for number in order]
     is_baseline = bool(files) and files[0] in BASELINES
     for place, drive in run_drives(
-        [Baseline(one, mean_steering) if is_baseline else one for one in files],
+        [_driver(one, mean_steering) for one in files],
         [jobs[number][1].scenario for number in order],
         workers=workers,
         what=f"driving {len(order)} roads",
@@ -79,6 +80,27 @@ def drive_suite(
         if finished is not None:
             finished.add(order[place], drives[order[place]])
     return [drives[number] for number in range(len(jobs))]
+
+
+def drive_again(
+    drivers: Sequence[Driver],
+    drives: Mapping[Path, tuple[int, SuiteDrive]],
+    mean_steering: float | None,
+    console: Console,
+) -> None:
+    """Repeat drives of a suite, each of which writes its figures, plots and frames to a folder."""
+    all_drives(
+        [_driver(drivers[number].file, mean_steering) for number, _ in drives.values()],
+        [one.scenario for _, one in drives.values()],
+        [KeptDrive(folder) for folder in drives],
+        what="driving the worst again, for its images",
+        console=console,
+        renderer="software",
+    )
+
+
+def _driver(file: str, mean_steering: float | None) -> Baseline | str:
+    return Baseline(file, mean_steering) if file in BASELINES else file
 
 
 def drive_figures(drive: Drive) -> dict[str, float | None]:

@@ -16,11 +16,15 @@ from zoo.base.whole_file import json_text, write_whole
 from zoo.benchmark.result import BenchmarkResult, DriveRecord, Interval
 from zoo.benchmark.suite import Marks
 from zoo.benchmark.summary import FIGURES, drives_of
+from zoo.drives.drive_log import read_drive
 from zoo.drives.metrics import DRIVES, METRICS
+from zoo.report.blocks import Image
+from zoo.report.drive_section import PLOTS, worst_moment
 from zoo.runs.page import Page
 from zoo.runs.table import Table, with_interval
 
 VERSION = 1  # of marks.json
+FAILURES = "failures"  # folder of the repeated worst drives
 WORST = 3  # drives of a missed mark's group that the page lists
 DRIVE_FIGURES = ("autonomy", "interventions", "cte_mean_m", "steering_per_s")
 
@@ -103,13 +107,18 @@ def write_marks(folder: Path, result: BenchmarkResult, reached: Sequence[Reached
         ],
     }
     count = f"{passed} of {len(reached)} marks reached"
-    page = Page(Path(__file__).with_name("static") / "marks.html").render(
+    template = Path(__file__).with_name("static") / "marks.html"
+    page = Page(template, sources="img-src data:; ").render(
         title=f"{result.entry}, suite {result.suite}: {count}",
         result=result,
         count=count,
         marks=marks_table(reached),
         passed=passed == len(reached),
-        worst={mark.group: _worst(result, mark.group) for mark in reached if not mark.passed},
+        worst={
+            mark.group: (*_worst(result, mark.group), _images(folder, mark.group))
+            for mark in reached
+            if not mark.passed
+        },
     )
     return [
         write_whole(folder / "marks.json", json_text(content)),
@@ -140,10 +149,36 @@ def typed_settings(drive: DriveRecord) -> list[str]:
     return [f"{key}={json.dumps(value)}".replace('"', "") for key, value in drive.settings.items()]
 
 
+def failures(result: BenchmarkResult, reached: Sequence[Reached]) -> dict[str, int]:
+    """Return by group with a missed mark the number of its worst drive, if one intervened."""
+    worst = {mark.group: _worst_first(result, mark.group)[0] for mark in reached if not mark.passed}
+    return {
+        group: next(number for number, one in enumerate(result.drives) if one is drive)
+        for group, drive in worst.items()
+        if drive.figures["interventions"]
+    }
+
+
+def _worst_first(result: BenchmarkResult, group: str) -> list[DriveRecord]:
+    drives = drives_of(result.drives, group)
+    return sorted(
+        drives, key=lambda one: (-one.figures["interventions"], -one.figures["cte_mean_m"])
+    )
+
+
+def _images(folder: Path, group: str) -> list[Image]:
+    """Return the worst moment of a group's worst drive, and its path; none if it is not there."""
+    own = folder / FAILURES / group.replace(" ", "_")
+    if not own.is_dir():
+        return []
+    moment, path = worst_moment(read_drive(own)), own / "track.png"
+    plot = [Image(path.name, path.read_bytes(), PLOTS["track"])] if path.is_file() else []
+    return [*([moment] if moment else []), *plot]
+
+
 def _worst(result: BenchmarkResult, group: str) -> tuple[Table, str]:
     """Return a group's drives with most interventions and largest errors, and how to film one."""
-    drives = drives_of(result.drives, group)
-    drives.sort(key=lambda one: (-one.figures["interventions"], -one.figures["cte_mean_m"]))
+    drives = _worst_first(result, group)
     first, checkpoint = drives[0], result.checkpoints[drives[0].checkpoint]
     words = [checkpoint.file, f"track={first.track}", *typed_settings(first), "film=true"]
     command = command_line(["drivezoo", "evaluate", *words]) if checkpoint.sha256 else ""

@@ -337,7 +337,8 @@ def test_a_missed_mark_fails_after_all_files_are_written(tmp_path: Path) -> None
     with pytest.raises(InputError, match="marks missed"):
         drive(["mean"], suite, tmp_path / "mean")
     names = {one.name for one in (tmp_path / "mean").iterdir() if one.name[0] != "."}
-    assert names == {NAME, PAGE, "marks.json", "marks.html"}
+    assert names == {NAME, PAGE, "marks.json", "marks.html", "failures"}
+    assert "data:image/jpeg" in (tmp_path / "mean" / "marks.html").read_text()
     drive(["expert"], suite, tmp_path / "expert")
 
 
