@@ -208,12 +208,15 @@ class Client:
         return "telemetry", make_telemetry(self.frame(), *state, comma, self.truth())
 
     def truth(self) -> dict[str, float]:
-        """Return numbers that the original does not send: the time, and inputs of scoring."""
+        """Return numbers that the original does not send: time, place, and inputs of scoring."""
         world = self.world
         if not self.options.truth:
             return {}
         return {
             "time": world.time,
+            "lap": world.lap + 1,
+            "x": world.car.x,
+            "y": world.car.y,
             "cte": world.cte,
             "lane": world.place.width / 2,
             "wall": float(world.at_wall),

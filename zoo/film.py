@@ -140,6 +140,7 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
             name: float(getattr(drive, name)[row])
             for name in ("steering", "throttle", "speed_mph", "spread")
         }
+        values["time_s"] = float(drive.time_s[row])
         values["autonomy"] = autonomy(lost, driven_s[number]) if judged or lost else None
         values["cte_m"] = float(drive.cross_track_m[row])
         lately = "intervention" if drive.time_s[row] - lost_s < SHOWN_S else None

@@ -76,6 +76,8 @@ class Driver:
         self._controller, self._steer, self._margin_m = controller, steer, margin_m
         self._began_s: float | None = None
         self._frame: np.ndarray | None = None
+        self._lap: float | None = None
+        self._xy: tuple[float, float] | None = None
         self._row = DriveRow(0.0)
         self._lead: Session | None = None
 
@@ -198,7 +200,7 @@ class Driver:
         )
         leads = self._leads(session)
         if leads:
-            self._frame = telemetry.frame
+            self._frame, self._lap, self._xy = telemetry.frame, telemetry.lap, telemetry.xy
         # A recording with rows of several cars is useless for training.
         image = telemetry.image if self.recording and leads else None
         values = reply_values(steering, throttle, session.decimal or ".")
@@ -302,6 +304,8 @@ class Driver:
         row, tally, lead = self._row, self.tally, self._lead
         return SimpleNamespace(
             frame=self._frame,
+            lap=self._lap,
+            xy=self._xy,
             steering=row.steering,
             spread=known(row.spread),
             throttle=row.throttle,

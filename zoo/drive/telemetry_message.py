@@ -54,6 +54,8 @@ class Telemetry:
         lane_m: half the width of the road in metres; None if the simulator does not send it.
         at_wall: whether a wall holds the car.
         can_put_back: whether the simulator can put the car back on the road.
+        lap: number of the lap from 1; None if the simulator does not send it.
+        xy: position of the car in metres; None if the simulator does not send it.
         oddities: faults that were tolerated, each `(kind, detail)`.
     """
 
@@ -65,6 +67,8 @@ class Telemetry:
     lane_m: float | None
     at_wall: bool
     can_put_back: bool
+    lap: float | None
+    xy: tuple[float, float] | None
     oddities: tuple[tuple[str, str], ...]
 
 
@@ -107,6 +111,7 @@ def read_telemetry(data: object) -> Telemetry:
         oddities.append(("speed is negative; 0 is used", f"{speed:g}"))
         speed = 0.0
     degrees = parse_number(data.get("steering_angle"))
+    x, y = parse_number(data.get("x")), parse_number(data.get("y"))
     cross_track = parse_number(data.get("cte"))
     return Telemetry(
         frame,
@@ -117,6 +122,8 @@ def read_telemetry(data: object) -> Telemetry:
         lane_m=parse_number(data.get("lane")),
         at_wall=bool(parse_number(data.get("wall"))),
         can_put_back=bool(parse_number(data.get("put_back"))),
+        lap=parse_number(data.get("lap")),
+        xy=None if x is None or y is None else (x, y),
         oddities=tuple(oddities),
     )
 

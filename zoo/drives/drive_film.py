@@ -28,6 +28,7 @@ WHITE, GREY, GREEN, RED, AMBER = (
     (255, 92, 80),
     (255, 184, 64),
 )
+MAP = 150  # side in pixels of the small map
 PANEL = 104  # height in pixels of the darkened band for the instruments, over the car's bonnet
 Label = tuple[str, int, int, int, tuple[int, int, int], str]
 _SUBPIXEL = 4  # fractional bits of OpenCV's coordinates
@@ -86,18 +87,32 @@ class DriveFilm(Film):
         frame_rate: frames per second of simulated time.
         speed: playing speed as a multiple of the driven speed; 3 writes every third frame.
         rig: see `draw_overlay`.
+        road: see `draw_overlay`.
 
     Raises:
         InputError: the film cannot be written.
     """
 
-    def __init__(self, folder: Path, frame_rate: float, speed: float, rig: Rig | None) -> None:
-        self.every, self.rig = max(1, round(speed)), rig
+    def __init__(
+        self,
+        folder: Path,
+        frame_rate: float,
+        speed: float,
+        rig: Rig | None,
+        road: np.ndarray | None = None,
+    ) -> None:
+        self.every, self.rig, self.road = max(1, round(speed)), rig, road
         self.number = self.interventions = 0
         super().__init__(folder / FILM_NAME, frame_rate * speed / self.every)
 
-    def __call__(self, frame: np.ndarray, row: DriveRow) -> None:
-        """Take the next frame, uint8 [H, W, 3] RGB, and its row."""
+    def __call__(
+        self,
+        frame: np.ndarray,
+        row: DriveRow,
+        lap: int | None = None,
+        xy: tuple[float, float] | None = None,
+    ) -> None:
+        """Take the next frame, uint8 [H, W, 3] RGB, its row, and lap and place if known."""
         self.interventions += row.intervention
         self.number += 1
         if (self.number - 1) % self.every:
@@ -113,6 +128,10 @@ class DriveFilm(Film):
             row.cross_track_m,
             spread=row.spread,
             rig=self.rig,
+            time_s=row.time_s,
+            lap=lap,
+            road=self.road,
+            xy=xy,
         )
         size = FILM_WIDTH, len(image) * FILM_WIDTH // WIDTH
         self.add(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
@@ -129,6 +148,10 @@ def draw_overlay(
     spread: float | None = None,
     rig: Rig | None = None,
     recorded: float | None = None,
+    time_s: float | None = None,
+    lap: int | None = None,
+    road: np.ndarray | None = None,
+    xy: tuple[float, float] | None = None,
 ) -> np.ndarray:
     """Return an enlarged camera frame with the drive's state drawn in.
 
@@ -146,6 +169,10 @@ def draw_overlay(
             would be.
         rig: car whose wheels' angle is shown; None shows the steering itself.
         recorded: steering of the recorded driver, -1..1, in a replay.
+        time_s: time of the drive.
+        lap: number of the lap.
+        road: points of the road for a small map, float [N, 2], m.
+        xy: position of the car on the map, m.
 
     Returns:
         uint8 [960 H / W, 960, 3], RGB.
@@ -192,21 +219,46 @@ def draw_overlay(
         side = "right" if cte_m > 0 else "left"
         line = "OFF CENTRE" if recorded is None else "OFF PATH"
         lines.append((line, f"{abs(cte_m):.2f} m {side}", WHITE))
+    if time_s is not None and math.isfinite(time_s):
+        clock = f"{int(time_s // 60)}:{time_s % 60:04.1f}"
+        lines.append(("TIME" if lap is None else f"LAP {lap}", clock, WHITE))
     left, right = width - 288, width - 20
     boxes = [(left, 18, right, 32 + 30 * len(lines))] if lines else []
-    for y, (label, text, colour) in zip(range(40, 130, 30), lines, strict=False):
+    for y, (label, text, colour) in zip(range(40, 40 + 30 * len(lines), 30), lines, strict=True):
         texts.append((label, left + 14, y, 13, GREY, "lm"))
         texts.append((text, right - 14, y, 20, colour, "rm"))
     if note:
         boxes.append((20, 18, 48 + int(_font(18).getlength(note)), 54))
         texts.append((note, 34, 36, 18, WHITE, "lm"))
+    map_at = 20, 18 if not note else 66
+    if road is not None and len(road) > 1:
+        boxes.append((*map_at, map_at[0] + MAP, map_at[1] + MAP))
     drawn = Image.fromarray(image)
     blending, draw = ImageDraw.Draw(drawn, "RGBA"), ImageDraw.Draw(drawn)
     for box in boxes:
         blending.rounded_rectangle(box, 10, fill=(12, 16, 22, 140))
+    if road is not None and len(road) > 1:
+        _draw_map(draw, map_at, road, xy)
     for text, x, y, size, colour, anchor in texts:
         draw.text((x, y), text, fill=colour, font=_font(size), anchor=anchor)
     return np.array(drawn)
+
+
+def _draw_map(
+    draw: ImageDraw.ImageDraw, at: tuple[int, int], road: np.ndarray, xy: tuple | None
+) -> None:
+    """Draw the road into a square, north up, and a dot for the car."""
+    low, high = road.min(0), road.max(0)
+    scale = (MAP - 24) / max(float((high - low).max()), 1.0)
+    middle = np.array(at) + MAP / 2
+
+    def place(points: np.ndarray) -> np.ndarray:
+        return np.asarray(middle + (points - (low + high) / 2) * scale * (1, -1))
+
+    draw.line([tuple(one) for one in place(road).tolist()], fill=GREY, width=4, joint="curve")
+    if xy is not None:
+        x, y = place(np.array(xy)).tolist()
+        draw.ellipse((x - 7, y - 7, x + 7, y + 7), fill=AMBER)
 
 
 def _draw_wheel(image: np.ndarray, centre: tuple[int, int], radius: int, angle_deg: float) -> None:

@@ -13,10 +13,15 @@ from zoo.drives.drive_record import Drive
 from zoo.runs.plots import BLUE, GREY, ORANGE, NotebookFigure
 
 
+def road_line(track: Track) -> np.ndarray:
+    """Return the points of a track's centre, a closed one's first point again, [N, 2], m."""
+    return np.vstack([track.xyz, track.xyz[: int(track.closed)]])[:, :2]
+
+
 def birds_eye(track: Track, drive: Drive, title: str) -> Figure:
     """Draw the car's path on the track, coloured by cross-track error, with interventions."""
-    road = np.vstack([track.xyz, track.xyz[:1]]) if track.closed else track.xyz
-    extent = np.maximum(np.ptp(road[:, :2], axis=0), 1.0)
+    road = road_line(track)
+    extent = np.maximum(np.ptp(road, axis=0), 1.0)
     width, height = extent * min(5.2 / extent)  # inches, without colour bar and title
     figure = NotebookFigure(
         figsize=(max(width, 3) + 1.8, max(height, 2) + 0.9), layout="constrained"

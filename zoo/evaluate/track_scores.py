@@ -27,7 +27,7 @@ from zoo.drives.drive_log import summarize, write_drive
 from zoo.drives.drive_record import Drive, DriveRow
 from zoo.drives.drives_table import mean_and_spread, nan_line, with_deviation
 from zoo.drives.metrics import steering_per_s
-from zoo.evaluate.drive_plots import birds_eye, error_over_distance
+from zoo.evaluate.drive_plots import birds_eye, error_over_distance, road_line
 from zoo.evaluate.evaluate_options import EvaluateOptions, ReplayMph, check_world
 from zoo.runs.plots import save_figure
 from zoo.runs.table import known
@@ -74,7 +74,10 @@ class KeptDrive(Keep):
     def begin(self, world: World) -> None:
         """Open the film, at the world's frame rate."""
         if self.folder is not None and self.film_speed:
-            film = DriveFilm(self.folder, world.frame_rate, self.film_speed, world.rig)
+            self.world, road = world, None
+            if isinstance(world, EmbeddedWorld):
+                road = road_line(world.simulated.track)
+            film = DriveFilm(self.folder, world.frame_rate, self.film_speed, world.rig, road)
             self.film = self.held.enter_context(film)
 
     def show(self, frame: np.ndarray, row: DriveRow) -> None:
@@ -82,7 +85,11 @@ class KeptDrive(Keep):
         if self.folder is not None:
             self.moments(frame, row)
         if self.film is not None:
-            self.film(frame, row)
+            place: tuple = ()
+            if isinstance(self.world, EmbeddedWorld):
+                simulated = self.world.simulated
+                place = simulated.lap + 1, (simulated.car.x, simulated.car.y)
+            self.film(frame, row, *place)
         if self.recorder is not None:
             if self.put_back:
                 self.recorder.begin_pass(row.time_s)
@@ -211,6 +218,7 @@ NOT_OF_RUNS = (
     "out",
     "perturb",
     "record",
+    "page",
     "replay",
     "guard",
     "table",

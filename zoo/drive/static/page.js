@@ -8,6 +8,7 @@ const HIDDEN_MS = 1000; // between polls while the page is hidden
 const SILENT_S = 1.5; // without telemetry, after which the status warns
 const LOST_S = 3; // that the status shows an intervention after which the car was put back at once
 const CHART_S = 30;
+const WAY_M = 3, JUMP_M = 50, MOST_WAY = 3000; // metres between points of the map, and its points
 const MAX_STEERING_DEG = 25; // of the front wheels, at a steering of 1
 const BAND = 1.96; // spreads on each side that hold 95 % of a normal distribution
 const WHEEL_RATIO = 6; // angle of the drawn steering wheel per angle of the front wheels
@@ -78,6 +79,7 @@ function show(next) {
   text("offset-value", offset === null ? dash : offsetWords(offset));
   $("offset-value").className = state.lost === "off_road" ? "bad" : "";
   showAutonomy();
+  showPlace();
   text("clients", String(state.clients));
   text("rate", rate());
   text("p50", number(state.latency_p50_ms, 1));
@@ -101,6 +103,40 @@ function showAutonomy() {
   $("interventions").title =
     `${state.off_road} off the road, ${state.standstills} standing still, ` +
     `${state.takeovers} taken over by hand`;
+}
+
+const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+// The way that was driven since the page was opened, the lap and the time of driving.
+const way = []; // [x, y], m
+function showPlace() {
+  const { lap, xy, driven_s: seconds } = state;
+  const [minutes, rest] = [Math.floor(seconds / 60), Math.floor(seconds % 60)];
+  $("map").hidden = state.telemetry === 0;
+  $("way").hidden = xy === null;
+  text("place", `${lap === null ? "" : `Lap ${lap} · `}${minutes}:${String(rest).padStart(2, "0")}`);
+  if (xy === null) return;
+  const moved = way.length ? Math.hypot(xy[0] - way.at(-1)[0], xy[1] - way.at(-1)[1]) : Infinity;
+  if (moved > JUMP_M) way.length = 0; // another car or track
+  if (moved > WAY_M) way.push(xy);
+  if (way.length > MOST_WAY) way.shift();
+  const { width, height } = $("way");
+  const pen = $("way").getContext("2d");
+  const bounds = [0, 1].map((axis) => [Math.min, Math.max].map((end) => end(...way.map((one) => one[axis]))));
+  const scale = Math.min(...bounds.map(([low, high], axis) => ([width, height][axis] - 24) / Math.max(high - low, 40)));
+  const centre = bounds.map(([low, high]) => (low + high) / 2);
+  const at = ([x, y]) => [width / 2 + (x - centre[0]) * scale, height / 2 - (y - centre[1]) * scale];
+  pen.clearRect(0, 0, width, height);
+  pen.strokeStyle = colour("--text");
+  pen.lineWidth = 4;
+  pen.lineJoin = "round";
+  pen.beginPath();
+  for (const one of way) pen.lineTo(...at(one));
+  pen.stroke();
+  pen.fillStyle = colour("--accent");
+  pen.beginPath();
+  pen.arc(...at(xy), 9, 0, 7);
+  pen.fill();
 }
 
 function noteLost(next) {
@@ -187,8 +223,6 @@ function drawChart() {
     canvas.width = Math.round(width * scale);
     canvas.height = Math.round(height * scale);
   }
-  const style = getComputedStyle(document.documentElement);
-  const colour = (name) => style.getPropertyValue(name).trim();
   const pen = canvas.getContext("2d");
   pen.setTransform(scale, 0, 0, scale, 0, 0);
   pen.clearRect(0, 0, width, height);
