@@ -167,7 +167,7 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
         reached = marks.reached_marks(result, suite.marks)
         if reached:
             worst = {
-                folder / marks.FAILURES / group.replace(" ", "_"): jobs[number]
+                marks.failure_folder(folder, group): jobs[number]
                 for group, number in marks.failures(result, reached).items()
             }
             drive_again(drivers, worst, suite.mean_steering, console)

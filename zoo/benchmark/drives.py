@@ -19,6 +19,7 @@ from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.drives.drive_record import Drive
 from zoo.drives.metrics import measure
 from zoo.evaluate.track_scores import KeptDrive
+from zoo.report.drive_section import FAILURE_S
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.record_fields import Count, Fields, check_fields
 from zoo.worlds.baseline import Baseline
@@ -88,14 +89,15 @@ def drive_again(
     mean_steering: float | None,
     console: Console,
 ) -> None:
-    """Repeat drives of a suite, each of which writes its figures, plots and frames to a folder."""
+    """Repeat drives of a suite until they leave the road; write each and its film to a folder."""
     all_drives(
         [_driver(drivers[number].file, mean_steering) for number, _ in drives.values()],
         [one.scenario for _, one in drives.values()],
-        [KeptDrive(folder) for folder in drives],
-        what="driving the worst again, for its images",
+        [KeptDrive(folder, 1.0, film_last_s=FAILURE_S) for folder in drives],
+        what="driving the worst again, for a film",
         console=console,
         renderer="software",
+        first_only=True,
     )
 
 

@@ -13,19 +13,30 @@ from pathlib import Path
 
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import json_text, write_whole
-from zoo.benchmark.result import BenchmarkResult, DriveRecord, Interval
+from zoo.benchmark.result import BenchmarkResult, DriveRecord, Interval, code_name
 from zoo.benchmark.suite import Marks
 from zoo.benchmark.summary import FIGURES, drives_of
-from zoo.drives.drive_log import read_drive
 from zoo.drives.metrics import DRIVES, METRICS
-from zoo.report.blocks import Image
-from zoo.report.drive_section import PLOTS, worst_moment
-from zoo.runs.page import Page
+from zoo.report.blocks import Block, Box, Bullets, Code, Rows, Section, Text, to_html
+from zoo.report.drive_section import failure
 from zoo.runs.table import Table, with_interval
 
 VERSION = 1  # of marks.json
 FAILURES = "failures"  # folder of the repeated worst drives
-WORST = 3  # drives of a missed mark's group that the page lists
+PASSED, OPEN, MISSED = "passed", "open", "missed"
+DRIVE_MORE = "open: its interval holds the mark; drive more roads"
+TITLES = {
+    PASSED: ("passed", "Passed"),
+    OPEN: ("almost", "Open: more roads would tell"),
+    MISSED: ("missed", "Not passed"),
+}
+VERIFY = "drivezoo benchmark verify result.json"
+MEANING = (
+    "The figure itself is compared with the mark. Its 95 % interval shows how much it would change "
+    "on other roads of the same kind. A figure below its mark is open, not missed, where its "
+    "interval holds the mark: more roads would tell."
+)
+WORST = 3  # drives of a group below its mark that the page lists
 DRIVE_FIGURES = ("autonomy", "interventions", "cte_mean_m", "steering_per_s")
 
 
@@ -55,8 +66,19 @@ class Reached:
     @property
     def passed(self) -> bool:
         """Return whether the figure itself, not a bound of its interval, reaches the mark."""
+        return self.reached is not None and self._reaches(self.reached)
+
+    @property
+    def status(self) -> str:
+        """Return passed, missed, or open where the interval of a figure below its mark holds it."""
+        if self.passed:
+            return PASSED
+        best = self.interval.high if FIGURES[self.figure].higher else self.interval.low
+        return OPEN if best is not None and self._reaches(best) else MISSED
+
+    def _reaches(self, figure: float) -> bool:
         sign = 1 if FIGURES[self.figure].higher else -1
-        return self.reached is not None and sign * self.reached >= sign * self.value
+        return sign * figure >= sign * self.value
 
     @property
     def texts(self) -> tuple[str, str, str]:
@@ -78,52 +100,70 @@ def reached_marks(result: BenchmarkResult, marks: Mapping[str, Marks]) -> list[R
 
 
 def missed_line(reached: Sequence[Reached]) -> str:
-    """Return one line that names the missed marks; empty if all are reached."""
+    """Return one line that names the marks that are missed or open; empty if all are reached."""
     missed = []
     for mark in reached:
         if not mark.passed:
             figure, required, value = mark.texts
-            missed.append(f"{mark.group}: {figure} is {value}, must be {required}")
-    return f"{len(missed)} of {len(reached)} marks missed: {'; '.join(missed)}" if missed else ""
+            more = f" ({DRIVE_MORE})" if mark.status == OPEN else ""
+            missed.append(f"{mark.group}: {figure} is {value}, must be {required}{more}")
+    return (
+        f"{len(missed)} of {len(reached)} marks not reached: {'; '.join(missed)}" if missed else ""
+    )
+
+
+def verdict(reached: Sequence[Reached]) -> str:
+    """Return passed if all marks are reached, missed if one is missed, open otherwise."""
+    found = {mark.status for mark in reached}
+    return next((one for one in (MISSED, OPEN) if one in found), PASSED)
 
 
 def marks_table(reached: Sequence[Reached]) -> Table:
     """Return a row for each mark: what was reached, with its 95 % interval."""
-    rows = [[mark.group, *mark.texts, "passed" if mark.passed else "missed"] for mark in reached]
+    rows = [[mark.group, *mark.texts, mark.status] for mark in reached]
     return Table.of(["group", "figure", "mark", "reached (95 % interval)", ""], rows)
 
 
 def write_marks(folder: Path, result: BenchmarkResult, reached: Sequence[Reached]) -> list[Path]:
     """Write `marks.json` for an autograder and `marks.html` for the student; return the paths."""
-    passed = sum(mark.passed for mark in reached)
     content = {
         "version": VERSION,
         **result.model_dump(include={"entry", "suite", "roads", "digest"}),
-        "passed": passed == len(reached),
-        "marks_passed": passed,
+        "passed": verdict(reached) == PASSED,
+        "marks_passed": sum(mark.passed for mark in reached),
         "marks": [
-            {key: getattr(mark, key) for key in ("group", "figure", "value", "reached", "passed")}
+            {
+                key: getattr(mark, key)
+                for key in ("group", "figure", "value", "reached", "passed", "status")
+            }
             for mark in reached
         ],
     }
-    count = f"{passed} of {len(reached)} marks reached"
-    template = Path(__file__).with_name("static") / "marks.html"
-    page = Page(template, sources="img-src data:; ").render(
-        title=f"{result.entry}, suite {result.suite}: {count}",
-        result=result,
-        count=count,
-        marks=marks_table(reached),
-        passed=passed == len(reached),
-        worst={
-            mark.group: (*_worst(result, mark.group), _images(folder, mark.group))
-            for mark in reached
-            if not mark.passed
-        },
-    )
+    worst = [
+        Section(
+            f"Worst drives: {group}",
+            [*_worst(result, group), *failure(failure_folder(folder, group), with_path=True)],
+        )
+        for group in _missed_groups(reached)
+    ]
+    facts = [f"checkpoint {one.file}, SHA-256 {one.sha256 or '-'}" for one in result.checkpoints]
+    facts += [f"roads {result.roads}", f"drives {result.digest}", f"code {code_name(result.code)}"]
+    check = "drives some of the roads again and compares the digests."
+    how = Section("How to check this result", [Code(VERIFY), Text(check), Bullets(facts)])
     return [
         write_whole(folder / "marks.json", json_text(content)),
-        write_whole(folder / "marks.html", page),
+        write_whole(folder / "marks.html", marks_page(result, reached, [*worst, how])),
     ]
+
+
+def marks_page(result: BenchmarkResult, reached: Sequence[Reached], more: Sequence[Section]) -> str:
+    """Return the page of an entry's marks for a student, with further sections."""
+    kind, title = TITLES[verdict(reached)]
+    count = f"{sum(mark.passed for mark in reached)} of {len(reached)} marks reached"
+    box = Box(kind, f"{title}: {count}", [f"Suite {result.suite}"], [], [])
+    table = Rows(marks_table(reached), left=3)
+    sections = [Section("", [box]), Section("Marks", [table, Text(MEANING)]), *more]
+    return to_html(result.entry, sections, footer="")
 
 
 def drives_table(drives: Sequence[DriveRecord]) -> Table:
@@ -150,13 +190,22 @@ def typed_settings(drive: DriveRecord) -> list[str]:
 
 
 def failures(result: BenchmarkResult, reached: Sequence[Reached]) -> dict[str, int]:
-    """Return by group with a missed mark the number of its worst drive, if one intervened."""
-    worst = {mark.group: _worst_first(result, mark.group)[0] for mark in reached if not mark.passed}
+    """Return by group below a mark the number of its worst drive, if it left the road."""
+    worst = {group: _worst_first(result, group)[0] for group in _missed_groups(reached)}
     return {
         group: next(number for number, one in enumerate(result.drives) if one is drive)
         for group, drive in worst.items()
         if drive.figures["interventions"]
     }
+
+
+def failure_folder(folder: Path, group: str) -> Path:
+    """Return the folder of a group's worst drive in that of a result."""
+    return folder / FAILURES / group.replace(" ", "_")
+
+
+def _missed_groups(reached: Sequence[Reached]) -> list[str]:
+    return list(dict.fromkeys(mark.group for mark in reached if not mark.passed))
 
 
 def _worst_first(result: BenchmarkResult, group: str) -> list[DriveRecord]:
@@ -166,20 +215,13 @@ def _worst_first(result: BenchmarkResult, group: str) -> list[DriveRecord]:
     )
 
 
-def _images(folder: Path, group: str) -> list[Image]:
-    """Return the worst moment of a group's worst drive, and its path; none if it is not there."""
-    own = folder / FAILURES / group.replace(" ", "_")
-    if not own.is_dir():
-        return []
-    moment, path = worst_moment(read_drive(own)), own / "track.png"
-    plot = [Image(path.name, path.read_bytes(), PLOTS["track"])] if path.is_file() else []
-    return [*([moment] if moment else []), *plot]
-
-
-def _worst(result: BenchmarkResult, group: str) -> tuple[Table, str]:
-    """Return a group's drives with most interventions and largest errors, and how to film one."""
+def _worst(result: BenchmarkResult, group: str) -> list[Block]:
+    """Return a group's worst drives, and how to film the first."""
     drives = _worst_first(result, group)
+    blocks: list[Block] = [Rows(drives_table(drives[:WORST]), left=4)]
     first, checkpoint = drives[0], result.checkpoints[drives[0].checkpoint]
     words = [checkpoint.file, f"track={first.track}", *typed_settings(first), "film=true"]
-    command = command_line(["drivezoo", "evaluate", *words]) if checkpoint.sha256 else ""
-    return drives_table(drives[:WORST]), command
+    if checkpoint.sha256:
+        command = command_line(["drivezoo", "evaluate", *words])
+        blocks += [Text("A film of the whole first one:"), Code(command)]
+    return blocks

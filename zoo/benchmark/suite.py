@@ -1,5 +1,6 @@
 """Suites of the benchmark, `conf/suite/<name>.yaml`: groups of drives on named roads."""
 
+import hashlib
 import json
 from collections import Counter
 from collections.abc import Mapping
@@ -7,9 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
+import numpy as np
+import yaml
 from pydantic import Field
 
-from simulator.road_family import roads_digest
+from simulator.road_family import MOST_SEED, roads_digest
+from simulator.track_names import DRAWN
 from simulator.weather import CLEAR, read_weather
 from zoo.base.bounded_files import read_yaml
 from zoo.base.errors import InputError, UsageError, hint
@@ -186,6 +190,42 @@ def read_suite(name: str, split: str = "test") -> Suite:
             raise InputError(f"{path}: marks.{group}: no such group; {hint(group, known)}")
     name = file.name + (f"-{DEV}" if split == DEV else "")
     return Suite(name, tuple(ordered), file.data, file.mean_steering, marks)
+
+
+def redraw_suite(name: str, seed: int | None, roads: int) -> str:
+    """Return the YAML of a suite on other roads of the same families.
+
+    Args:
+        name: name or path of the suite.
+        seed: number that draws the roads; None keeps those of the suite.
+        roads: roads in place of each one.
+
+    Raises:
+        UsageError: there is no such suite.
+        InputError: the file cannot be read, or a key or value is wrong.
+    """
+    path = _path(name)
+    content = _read_file(path).model_dump(exclude_unset=True)
+    if seed is not None:
+        content["name"] += "-drawn"  # included suites have fixed roads
+        content["groups"] = {
+            group: [
+                drive | {"track": track}
+                for drive in drives
+                for track in _redrawn(drive["track"], seed, roads)
+            ]
+            for group, drives in content["groups"].items()
+        }
+    return yaml.safe_dump(content, sort_keys=False)
+
+
+def _redrawn(track: str, seed: int, roads: int) -> list[str]:
+    """Return roads of the same family; a track with a file is kept."""
+    if not (drawn := DRAWN.fullmatch(track)):
+        return [track]
+    digest = hashlib.sha256(f"{seed} {track}".encode()).digest()
+    numbers = np.random.default_rng(list(digest)).integers(MOST_SEED, size=roads)
+    return [f"{drawn[1]}:{number}" for number in numbers]
 
 
 def _path(name: str) -> Path:

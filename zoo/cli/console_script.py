@@ -24,7 +24,7 @@ GROUPS = {
     "training": ("train", "correct", "import"),
     "driving": ("drive", "simulator", "film"),
     "judging": (
-        *("evaluate", "benchmark", "compare", "search", "timing"),
+        *("evaluate", "benchmark", "compare", "grade", "search", "timing"),
         *("guard", "leaderboard", "report", "saliency"),
     ),
     "sharing": ("export", "hub"),

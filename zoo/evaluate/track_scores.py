@@ -1,5 +1,6 @@
 """Scores of a checkpoint on several tracks, for `zoo.evaluate` and for runs."""
 
+from collections import deque
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -50,6 +51,7 @@ class KeptDrive(Keep):
         folder: folder to write to; None writes nothing.
         film_speed: playing speed of the film as a multiple of the driven speed; 0 for no film.
         record: whether to write a recording of the centre camera and the commands.
+        film_last_s: seconds at the end of the drive that the film has; None for the whole drive.
     """
 
     def __init__(
@@ -57,8 +59,10 @@ class KeptDrive(Keep):
         folder: Path | None = None,
         film_speed: float = 0.0,
         record: bool = False,
+        film_last_s: float | None = None,
     ) -> None:
         self.folder, self.film_speed, self.record = folder, film_speed, record
+        self.film_last_s = film_last_s
 
     def __enter__(self) -> "KeptDrive":
         self.moments, self.held = WorstMoments(), ExitStack()
@@ -79,6 +83,8 @@ class KeptDrive(Keep):
                 road = road_line(world.simulated.track)
             film = DriveFilm(self.folder, world.frame_rate, self.film_speed, world.rig, road)
             self.film = self.held.enter_context(film)
+            most = self.film_last_s and round(self.film_last_s * world.frame_rate)
+            self.waiting: deque[tuple] = deque(maxlen=most)
 
     def show(self, frame: np.ndarray, row: DriveRow) -> None:
         """Take the next frame and its row."""
@@ -89,7 +95,10 @@ class KeptDrive(Keep):
             if isinstance(self.world, EmbeddedWorld):
                 simulated = self.world.simulated
                 place = simulated.lap + 1, (simulated.car.x, simulated.car.y)
-            self.film(frame, row, *place)
+            if self.film_last_s is None:
+                self.film(frame, row, *place)
+            else:
+                self.waiting.append((frame.copy(), row, *place))
         if self.recorder is not None:
             if self.put_back:
                 self.recorder.begin_pass(row.time_s)
@@ -104,6 +113,9 @@ class KeptDrive(Keep):
         figures = summarize(drive) | alarms
         if self.recorder is not None:
             write_rig_of(self.folder, world.rig, file_name(drive.track))
+        if self.film is not None:
+            for shown in self.waiting:
+                self.film(*shown)
         if self.folder is not None:
             names = drive.frame.astype(object)
             for number, name in self.moments.write(self.folder).items():

@@ -10,6 +10,7 @@ import numpy as np
 from datamodules.image import read_image
 from zoo.base.errors import InputError
 from zoo.drives.drive_film import APART_S, FILM_NAME, FILM_WIDTH, draw_overlay
+from zoo.drives.drive_log import read_drive
 from zoo.drives.drive_record import EMBEDDED, Drive
 from zoo.drives.drives_table import drives_table
 from zoo.drives.intervals import ONE_TRACK
@@ -21,6 +22,8 @@ from zoo.saliency.visual_backprop import Saliency, overlay
 from zoo.verdict.evidence import no_verdict, source_of
 
 SHOWN, OTHERS = 6, 5  # worst moments of a track, and drives with other start seeds
+FAILURE_S = 5.0  # of the film of a failure
+FAILURE = f"The last {FAILURE_S:g} s before the car left the road, and where it did."
 FILMS_BYTES = 10_000_000  # total of films embedded in the page; base64 adds a third
 PLOTS = {
     "track": "The car's path, coloured by cross-track error. Crosses mark interventions.",
@@ -96,6 +99,20 @@ def _film(run: ReportedDrives, drive: Drive, budget: int) -> Block:
     link = Path(os.path.relpath(path, run.folder / "report")).as_posix()
     data = path.read_bytes() if is_small else None
     return Film(link, "Film of the scored drive.", data, worst_moment(drive))
+
+
+def failure(folder: Path, with_path: bool) -> list[Block]:
+    """Return the embedded film of a drive that ended where it left the road, and its path.
+
+    Args:
+        folder: folder of the drive, which was filmed; without it there is no block.
+        with_path: whether the path on the road is shown.
+    """
+    if not (folder / FILM_NAME).is_file():
+        return []
+    drive = read_drive(folder)
+    film = Film(FILM_NAME, FAILURE, (folder / FILM_NAME).read_bytes(), worst_moment(drive))
+    return [film, *(_plots(drive)[:1] if with_path else [])]
 
 
 def worst_moment(drive: Drive) -> Image | None:

@@ -10,7 +10,7 @@ import yaml
 
 from tests.zoo.benchmark.test_benchmark_command import write_suite
 from zoo.base.errors import InputError
-from zoo.benchmark.marks import marks_table, missed_line, reached_marks, write_marks
+from zoo.benchmark.marks import marks_table, missed_line, reached_marks, verdict, write_marks
 from zoo.benchmark.result import BenchmarkResult, Interval
 from zoo.benchmark.suite import Marks, find_suite, read_suite
 from zoo.cli.compose import conf_folder
@@ -101,6 +101,24 @@ def test_a_figure_at_its_mark_passes_and_one_below_does_not(result: BenchmarkRes
     assert "at least 70.0" in line
 
 
+@pytest.mark.parametrize(
+    ("interval", "status"),
+    [
+        ((0.9, 0.6, 1.0), "passed"),
+        ((0.8, 0.53, 0.99), "open"),
+        ((0.8, 0.53, 0.85), "missed"),
+        ((0.8, None, None), "missed"),
+    ],
+)
+def test_a_mark_within_the_interval_is_open(
+    result: BenchmarkResult, interval: tuple, status: str
+) -> None:
+    result.groups["like"]["autonomy"] = Interval(**figure(*interval))
+    reached = reached_marks(result, marks_of({"like": {"autonomy": 0.9}}))
+    assert (reached[0].status, verdict(reached)) == (status, status)
+    assert ("drive more roads" in missed_line(reached)) == (status == "open")
+
+
 def test_a_lower_error_is_better(result: BenchmarkResult) -> None:
     for mark, passed in ((0.5, True), (0.49, False)):
         marks = marks_of({"like": {"cte_mean_m": mark}})
@@ -160,7 +178,9 @@ def tracks_in(content: object) -> set[str]:
 
 def test_an_autograder_and_a_student_get_files(result: BenchmarkResult, tmp_path: Path) -> None:
     reached = reached_marks(result, marks_of(MARKS))
-    assert "missed" in marks_table(reached).columns[-1].cells
+    assert marks_table(reached).columns[-1].cells == [
+        *("passed", "passed", "passed", "open", "passed", "passed")
+    ]
     graded, page = write_marks(tmp_path, result, reached)
     found = json.loads(graded.read_text())
     assert not found["passed"]
@@ -171,6 +191,7 @@ def test_an_autograder_and_a_student_get_files(result: BenchmarkResult, tmp_path
         "value": 0.9,
         "reached": 0.9,
         "passed": True,
+        "status": "passed",
     }
     text = page.read_text()
     assert "5 of 6 marks reached" in text

@@ -1,0 +1,154 @@
+"""`drivezoo grade`: marks of a class on drawn roads, warnings and pages."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+import torch
+import yaml
+
+from tests.zoo.benchmark.test_benchmark_command import write_family, write_suite
+from tests.zoo.written_checkpoints import write_constant
+from zoo.base.errors import InputError, UsageError
+from zoo.benchmark.__main__ import benchmark
+from zoo.benchmark.result import NAME, Driver
+from zoo.benchmark.suite import read_suite, redraw_suite
+from zoo.grade import graded
+from zoo.grade.__main__ import grade
+from zoo.grade.submissions import Submission, find_submissions, warnings_of
+
+
+@pytest.fixture(scope="module")
+def submitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder of a class: good, off the road, twice the same, damaged, and missing."""
+    folder = tmp_path_factory.mktemp("class")
+    (folder / "ben").mkdir()
+    write_constant(folder / "ada.ckpt", 0.0)
+    write_constant(folder / "ben" / "net.ckpt", -1.0)
+    shutil.copy(folder / "ada.ckpt", folder / "dora.ckpt")
+    (folder / "eve.ckpt").write_text("no network")
+    (folder / "finn").mkdir()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a suite of one short and wide road, with a mark."""
+    folder = tmp_path_factory.mktemp("suite")
+    path = write_suite(folder, groups={}, marks={"like": {"autonomy": 0.9}})
+    road = write_family(folder, width=[20, 20])
+    content = yaml.safe_load(path.read_text())
+    path.write_text(yaml.safe_dump(content | {"groups": {"like": [{"track": f"{road}:1"}]}}))
+    return path
+
+
+def drive_here(folder: Path, submission: Submission, suite: Path, minutes: float) -> None:
+    """Drive a submission in this process, which is faster than one of its own."""
+    try:
+        benchmark.main([str(submission.file), f"suite={suite}", f"out={folder}", "workers=1"])
+    except InputError:
+        if not (folder / NAME).is_file():  # a missed mark is an error, too
+            raise
+
+
+@pytest.fixture(scope="module")
+def marked(submitted: Path, suite: Path, tmp_path_factory: pytest.TempPathFactory) -> graded.Graded:
+    out = tmp_path_factory.mktemp("marked") / "out"
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setattr(graded, "_drive", drive_here)
+        return grade(submitted, suite=str(suite), seed=5, out=str(out))
+
+
+def test_each_student_has_a_row_and_a_page(marked: graded.Graded) -> None:
+    status = {one.submission.name: one.status for one in marked.grades}
+    expected = {"ada": "passed", "ben": "missed", "dora": "passed"}
+    assert status == expected | dict.fromkeys(["eve", "finn"], "not driven")
+    lines = {line.partition(":")[0]: line for line in marked.lines}
+    assert "like dora" in lines["ada"]
+    assert "not a torch file" in lines["eve"]
+    assert "no .ckpt or .onnx file" in lines["finn"]
+    pages = {one.stem: one.read_text() for one in (marked.folder / graded.PAGES).iterdir()}
+    assert pages.keys() == expected.keys()
+    assert "Not passed" in pages["ben"]
+    assert "data:video/mp4;base64," in pages["ben"]
+    assert "<video" not in pages["ada"]
+    rows = {row["student"]: row for row in marked.table()}
+    assert rows["ben"]["like_autonomy"] < 0.9 <= rows["ada"]["like_autonomy"]
+
+
+def test_no_page_of_a_student_names_a_drawn_road(marked: graded.Graded, suite: Path) -> None:
+    drawn = {one.track for one in read_suite(str(marked.folder / graded.SUITE)).drives}
+    assert not drawn & {one.track for one in read_suite(str(suite)).drives}
+    for page in (marked.folder / graded.PAGES).iterdir():
+        assert not any(track.rpartition(":")[2] in page.read_text() for track in drawn)
+
+
+def test_it_resumes_without_driving_again(
+    marked: graded.Graded, submitted: Path, suite: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driven = []
+    monkeypatch.setattr(graded, "_drive", lambda folder, *_: driven.append(folder.name))
+    with pytest.raises(InputError, match="other roads were begun"):
+        grade(submitted, suite=str(suite), seed=6, out=marked.folder)
+    again = grade(submitted, suite=str(suite), seed=5, out=marked.folder)
+    assert [name[:4] for name in driven] == ["eve-"]
+    assert again.grades[0].result == marked.grades[0].result
+
+
+def test_a_submission_has_a_process_and_a_time_of_its_own(submitted: Path, tmp_path: Path) -> None:
+    one = Submission("eve", submitted / "eve.ckpt")
+    with pytest.raises(InputError, match="not driven within"):
+        graded._drive(tmp_path / "drives" / "eve", one, tmp_path / "suite.yaml", 1e-5)
+
+
+def test_roads_are_drawn_by_the_seed_and_keep_their_families() -> None:
+    def tracks(seed: int | None, roads: int = 1) -> dict[str, list[str]]:
+        groups = yaml.safe_load(redraw_suite("course", seed, roads))["groups"]
+        return {name: [one["track"] for one in drives] for name, drives in groups.items()}
+
+    own, drawn = tracks(None), tracks(7, roads=2)
+    assert drawn == tracks(7, roads=2) != tracks(8, roads=2)
+    for group, roads in own.items():
+        families = [road.partition(":")[0] for road in roads for _ in range(2)]
+        assert [road.partition(":")[0] for road in drawn[group]] == families
+        assert not set(roads) & set(drawn[group])
+
+
+def test_cards_and_trainings_are_compared_with_the_file(tmp_path: Path) -> None:
+    file = write_constant(tmp_path / "ada" / "net.ckpt", 0.0)
+    contents = torch.load(file, weights_only=True)
+    contents["drivezoo"]["config"]["data"] = {"record": {"passes": [{"track": "alpine:9"}]}}
+    torch.save(contents, file)
+    file.with_name("README.md").write_text("Network: 41 parameters; with fingerprint abc.")
+    known = {"file": str(file), "sha256": "0", "model": "Linear", "training_seed": 1}
+    driver = Driver(**known, parameters=41, data="def")
+    found = warnings_of(Submission("ada", file), driver, {"alpine:9", "alpine:8"}, "fff")
+    assert [line.split(",")[0] for line in found] == [
+        "trained on alpine:9",
+        "trained on def",
+        "README.md states with fingerprint abc",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("names", "reason"),
+    [
+        (["notes.txt"], "holds no .ckpt or .onnx file"),
+        (["ada.ckpt", "ada/net.ckpt"], "ada stands for two submissions"),
+        (None, "cannot be read"),
+    ],
+)
+def test_a_wrong_folder_gets_one_line(names: list[str] | None, reason: str, here: Path) -> None:
+    folder = here / "class"
+    for name in names or []:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).touch()
+    with pytest.raises(InputError, match=reason):
+        find_submissions(folder)
+
+
+def test_more_roads_need_a_seed_and_a_suite_needs_marks(submitted: Path, here: Path) -> None:
+    with pytest.raises(UsageError, match="name seed=NUMBER"):
+        grade(submitted, roads=3)
+    with pytest.raises(InputError, match="has no marks"):
+        grade(submitted, suite="quick")

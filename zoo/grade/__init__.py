@@ -1,0 +1,1 @@
+"""`drivezoo grade`: drive what a class submits, on roads of the teacher's own."""

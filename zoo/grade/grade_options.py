@@ -1,0 +1,32 @@
+"""Keys of `drivezoo grade`."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field
+
+from zoo.runs.table_files import TableFiles
+
+
+@dataclass(frozen=True, kw_only=True)
+class GradeOptions(TableFiles):
+    """Keys of a class's marks.
+
+    Args:
+        suite: suite of roads with marks: a name in conf/suite, or a .yaml file.
+        seed: number that draws other roads of the same families, unknown to who does not know it;
+            null: the suite's own roads, which everybody can drive.
+        roads: drawn roads in place of each road of the suite; more make narrower intervals.
+        recording: recording of the course, on which networks must have been trained; null: any.
+        minutes: longest time of a submission; it is then stopped, and not marked.
+        jobs: submissions that are driven at the same time.
+        out: output folder; null: named by date and time.
+    """
+
+    suite: str = "course"
+    seed: Annotated[int, Field(ge=0)] | None = None
+    roads: Annotated[int, Field(ge=1, le=20)] = 1
+    recording: str | None = None
+    minutes: Annotated[float, Field(gt=0)] = 15.0
+    jobs: Annotated[int, Field(ge=1)] = 1
+    out: str | None = None
