@@ -12,7 +12,7 @@ from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
-from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
+from zoo.checkpoints.checkpoint_path import short_name
 from zoo.checkpoints.command import Policy
 from zoo.checkpoints.policy import CheckpointPolicy, load_policy
 from zoo.drives.drive_log import LOG_NAME, read_drive
@@ -101,7 +101,10 @@ class ReportedEvaluation(ReportedDrives):
     @cached_property
     def policy(self) -> Policy:
         """Load what drove; raise InputError if its file is gone, or it was a function."""
-        return load_policy(find_checkpoint(str(self.metrics.get("checkpoint"))))
+        path = Path(str(self.metrics.get("checkpoint")))
+        if not path.is_file():  # of a function the name alone is known
+            raise InputError(f"{path}: no such file")
+        return load_policy(path)
 
 
 class ReportedRun(ReportedDrives, Run):

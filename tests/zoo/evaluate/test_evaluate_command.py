@@ -18,6 +18,7 @@ from zoo.evaluate import track_scores
 from zoo.evaluate.__main__ import evaluate_or_replay as command
 from zoo.evaluate.evaluate_options import EvaluateOptions
 from zoo.evaluate.robustness import PERTURBATIONS, perturbations_named, sweeps
+from zoo.report.write_up import write_report
 from zoo.worlds.scenario import Scenario
 
 # Metrics of a policy that predicts the spread of its steering, and of a world with rewards.
@@ -177,6 +178,12 @@ def test_paths_are_printed_as_they_are(checkpoint: str, tmp_path: Path) -> None:
     options = ("laps=0.01", "quality=simple", f"out={out}")
     printed = succeed(run_here(tmp_path, checkpoint, *options, module="zoo.evaluate"))
     assert f"wrote: {out}" in printed.splitlines()
+    page = out / "report" / "index.html"
+    assert "Worst moments on the lake" in page.read_text()
+    assert "Without saliency" not in page.read_text()
+    page.unlink()
+    assert write_report(out) == page
+    assert page.is_file()
 
 
 def test_a_recording_is_scored_too(checkpoint: str, tmp_path: Path) -> None:

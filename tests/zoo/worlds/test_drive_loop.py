@@ -40,6 +40,9 @@ def test_a_policy_that_never_steers_is_put_back_at_every_bend(lake: EmbeddedWorl
 
     lost = [number for number, row in enumerate(driven.rows) if row.intervention]
     assert len(lost) == figures["interventions"] > 10
+    errors = driven.cross_track_m[lost]  # the bridge's wall holds the car before its edge line
+    sides = {"left": sum(errors < -3.2), "right": sum(errors > 3.2), "wall": sum(abs(errors) < 3.2)}
+    assert driven.infractions == {side: count for side, count in sides.items() if count}
     assert figures["laps"] == pytest.approx(1, abs=0.01)
     assert figures["m_per_intervention"] == pytest.approx(driven.driven_m / len(lost))
     for number in lost:
@@ -91,6 +94,7 @@ def test_a_car_that_stands_still_is_an_intervention_every_five_seconds() -> None
     first = next(row.time_s for row in driven.rows if row.intervention)
     assert first == pytest.approx(5.1, abs=0.1)
     assert figures["interventions"] == int(driven.rows[-1].time_s // 5)
+    assert driven.infractions == {"standstill": figures["interventions"]}
     assert figures["autonomy"] == 0
 
 
