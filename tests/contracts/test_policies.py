@@ -17,9 +17,6 @@ from zoo.checkpoints.doubt_policy import DropoutPolicy, EnsemblePolicy
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.policy import CheckpointPolicy, load_policy
 from zoo.correct.collecting import LabellingPolicy
-from zoo.guard.guard_drives import Observer
-from zoo.monitor.guarded_policy import Guard, GuardedPolicy
-from zoo.monitor.scores import make_score
 from zoo.worlds.embedded_world import open_embedded
 from zoo.worlds.scenario import Scenario
 
@@ -49,10 +46,6 @@ def labelling(policy: Policy) -> Policy:
     return LabellingPolicy(policy, world, 15.0, beta=0.0, nudge=0.0, seed=0)
 
 
-def guarding(policy: Policy) -> Policy:
-    return GuardedPolicy(policy, Guard(make_score("spread", {}), 1e6, 2, 6.0, 8, ""))
-
-
 def exported(folder: Path) -> Policy:
     pytest.importorskip("onnxruntime")
     checkpoint = load_checkpoint(write_pilotnet(folder / "best.ckpt"))
@@ -77,8 +70,6 @@ POLICIES: dict[str, Callable[[Path], Policy]] = {
     "function": lambda folder: as_policy(lambda frame, mph: (frame.mean() / 255, None)),
 }
 WRAPPERS: dict[str, Callable[[Policy], Policy]] = {
-    "guard": guarding,
-    "observer": lambda policy: Observer(policy, {}),
     "labels": labelling,
     "wrapper": PolicyWrapper,
 }
@@ -113,7 +104,6 @@ def test_a_policy_states_its_facts(name: str, tmp_path: Path) -> None:
     assert policy.name
     assert policy.outputs in (1, 2)
     assert policy.parameters >= 0
-    assert policy.alarms is None
     assert all(isinstance(one, Policy) for one in policy.members)
     assert dict(policy.config) == policy.config
     assert dict(policy.data) == policy.data

@@ -29,7 +29,6 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, load_plain
 from zoo.checkpoints.onnx_policy import open_session
 from zoo.checkpoints.policy import load_policy
-from zoo.monitor.guarded_policy import KEY, read_guard
 
 
 @pytest.fixture
@@ -157,29 +156,6 @@ def test_an_odd_format_is_one_short_line(value: object, path: Path) -> None:
     ) as error:
         load_checkpoint(path)
     assert "\n" not in str(error.value)
-
-
-GUARD = {"format": 1, "method": "attention_mean", "state": {"mean": 0.5}}
-GUARD |= {"threshold": 1.0, "window": 1, "limit_mph": 5.0, "samples": 2}
-ODD_GUARDS: dict[str, tuple[dict, str]] = {
-    "shared lists": ({"method": "autoencoder", "state": {"shape": shared_lists(40)}}, "values"),
-    "400 digits": ({"state": {"mean": 10**400}}, "state: "),
-    **{
-        f"{key} {type(value).__name__}": ({key: value}, key)
-        for key in ("format", "method", "threshold", "window")
-        for value in ([0] * 1000, {}, torch.zeros(3, 4))
-    },
-}
-
-
-@pytest.mark.parametrize("name", ODD_GUARDS)
-def test_an_odd_value_of_a_guard_file_is_one_short_line(name: str, tmp_path: Path) -> None:
-    changes, words = ODD_GUARDS[name]
-    torch.save({KEY: GUARD | changes}, tmp_path / "x.guard")
-    with pytest.raises(InputError, match=rf"x\.guard: .*{words}") as error:
-        read_guard(tmp_path / "x.guard")
-    assert "\n" not in str(error.value)
-    assert len(str(error.value)) < 300 + len(str(tmp_path))
 
 
 def swapping(monkeypatch: pytest.MonkeyPatch, place: object, name: str, path: Path) -> None:

@@ -45,8 +45,6 @@ from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_lambda import describe_lambda, specs_of_word
 from zoo.keras.keras_layers import convert
 from zoo.models.layer_spec import LayerSpec
-from zoo.monitor.guarded_policy import Guard, read_guard, write_guard
-from zoo.monitor.scores import make_score
 
 FRAME = np.zeros((160, 320, 3), np.uint8)
 KERAS: list[Layer] = [
@@ -94,13 +92,6 @@ def test_a_damaged_doubt_file_is_named(count: int, tmp_path: Path) -> None:
             build_doubt(contents, path)
 
     read_damaged(damaged_torch_files(path), read, path, count)
-
-
-@FEW_AND_MANY
-def test_a_damaged_guard_file_is_named(count: int, tmp_path: Path) -> None:
-    score = make_score("attention_mean", {"mean": 0.5})
-    path = write_guard(tmp_path / "x.guard", Guard(score, 0.1, 1, 6.0, 2, "0" * 64))
-    read_damaged(damaged_torch_files(path), read_guard, path, count)
 
 
 def imported(path: Path) -> None:

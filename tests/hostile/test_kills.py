@@ -146,7 +146,6 @@ def test_a_disk_too_small_for_a_checkpoint_is_named_and_the_run_resumes_with_roo
 COMMANDS = {
     "benchmark": ("zoo.benchmark", "lenet", "suite=quick", "workers=2"),
     "evaluate": ("zoo.evaluate", "lenet", "seeds=4", "workers=2"),
-    "guard": ("zoo.guard", "lenet", "workers=2"),
     "record": ("simulator", "record", "track=lake", "laps=3", "jobs=2"),
     "search": ("zoo.search", "lenet", "workers=2"),
 }

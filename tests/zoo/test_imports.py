@@ -6,7 +6,7 @@ import sys
 DRIVING = """
 import sys
 import zoo.checkpoints.policy, zoo.drive.live_page, zoo.evaluate.evaluation
-import zoo.monitor.guarded_policy, zoo.saliency.visual_backprop
+import zoo.saliency.visual_backprop
 print(*{"albumentations", "lightning", "torchmetrics"} & {*sys.modules})
 """
 

@@ -22,13 +22,11 @@ class Command:
         throttle: throttle -1..1, negative brakes; None from a network that predicts none.
         spread: standard deviation of the steering, 0 or more, by which the policy doubts it; None
             from a policy that does not know.
-        limit_mph: speed to slow down to, by a guard that fires; None for no limit.
     """
 
     steering: float
     throttle: float | None = None
     spread: float | None = None
-    limit_mph: float | None = None
 
     def __iter__(self) -> Iterator[float | None]:
         return iter((self.steering, self.throttle))
@@ -46,7 +44,7 @@ class Policy:
     """What drives a car: a function of a frame and a speed, and facts about it.
 
     A subclass defines `__call__`. All other methods and attributes have defaults, those of a policy
-    without a state, without networks and without a guard.
+    without a state and without networks.
 
     Attributes:
         name: name of its network, for messages and tables.
@@ -56,7 +54,6 @@ class Policy:
         predicts_spread: whether the command has a spread.
         latency_s: seconds from a command to the wheels, which a driver sets before each call; None
             for a policy that does not predict steps ahead.
-        alarms: how often a guard has begun to slow the car down, in all sessions; None without one.
         view: what the network sees of a frame; None without a network.
         config, data: the experiment's config, and the recording's `fingerprint` and `rows`; empty
             without a checkpoint.
@@ -70,7 +67,6 @@ class Policy:
     takes_speed: bool = False
     predicts_spread: bool = False
     latency_s: float | None = None
-    alarms: int | None = None
     view: Any = None
     config: Mapping[str, Any] = MappingProxyType({})
     data: Mapping[str, Any] = MappingProxyType({})
@@ -173,7 +169,7 @@ class PolicyWrapper(Policy):
 
     name, parameters, outputs = map(_forwarded, ("name", "parameters", "outputs"))
     takes_speed, predicts_spread = map(_forwarded, ("takes_speed", "predicts_spread"))
-    latency_s, alarms = map(_forwarded, ("latency_s", "alarms"))
+    latency_s = _forwarded("latency_s")
     view, config, data, engine = map(_forwarded, ("view", "config", "data", "engine"))
     members = _forwarded("members")
 
@@ -200,7 +196,7 @@ def output_command(outputs: Sequence[float], predicts_spread: bool) -> Command:
     """Return the command of a network's row of outputs.
 
     >>> output_command([1.25, math.log(0.5)], predicts_spread=True)
-    Command(steering=1.0, throttle=None, spread=0.5, limit_mph=None)
+    Command(steering=1.0, throttle=None, spread=0.5)
     """
     controls = outputs[:-1] if predicts_spread else outputs
     steering, *throttle = (min(max(one, -1.0), 1.0) for one in controls)
@@ -215,7 +211,7 @@ def mixture(commands: Sequence[Command]) -> Command:
     (Lakshminarayanan et al. 2017). There is a throttle only if all commands have one.
 
     >>> mixture([Command(0.0), Command(0.5)])
-    Command(steering=0.25, throttle=None, spread=0.25, limit_mph=None)
+    Command(steering=0.25, throttle=None, spread=0.25)
     """
     count = len(commands)
     steering = sum(one.steering for one in commands) / count

@@ -44,7 +44,7 @@ class CheckpointPolicy(NetworkPolicy, SessionPolicy):
 
     >>> policy = load_policy("outputs/.../checkpoints/best.ckpt")  # doctest: +SKIP
     >>> policy(frame, 9.0)  # doctest: +SKIP
-    Command(steering=-0.02, throttle=None, spread=None, limit_mph=None)
+    Command(steering=-0.02, throttle=None, spread=None)
 
     Attributes:
         network: network in evaluation mode, on the CPU; must not be changed.

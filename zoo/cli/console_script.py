@@ -25,14 +25,14 @@ GROUPS = {
     "driving": ("drive", "simulator", "film"),
     "judging": (
         *("evaluate", "benchmark", "compare", "grade", "search", "timing"),
-        *("guard", "leaderboard", "report", "saliency"),
+        *("doubt", "leaderboard", "report", "saliency"),
     ),
     "sharing": ("export", "hub"),
     "drivezoo itself": ("demo", "list", "new", "doctor", "clean", "completion"),
 }
-# Further names, which belong to a command above: guard doubt; evaluate replay=RECORDING;
-# train rerun=RUN; the leaderboard as Markdown; train resume=SWEEP.
-ALIASES = ("doubt", "replay", "rerun", "results", "sweep")
+# Further names, which belong to a command above: evaluate replay=RECORDING; train rerun=RUN; the
+# leaderboard as Markdown; train resume=SWEEP.
+ALIASES = ("replay", "rerun", "results", "sweep")
 # Module and function of a command; those of others are `zoo.NAME:NAME`.
 PLACES = {
     "check": "datamodules.check:check",
@@ -95,11 +95,9 @@ def _help_or_hint(arguments: list[str], outside: Iterable[str]) -> None:
 def as_typed_below(name: str, rest: list[str]) -> tuple[str, list[str]]:
     """Return the older command and its arguments for what is typed below another command.
 
-    >>> as_typed_below("guard", ["doubt", "a.ckpt"]), as_typed_below("train", ["rerun=run"])
-    (('doubt', ['a.ckpt']), ('rerun', ['run']))
+    >>> as_typed_below("train", ["rerun=run"])
+    ('rerun', ['run'])
     """
-    if name == "guard" and rest[:1] == ["doubt"]:
-        return "doubt", rest[1:]
     for word in rest if name == "train" and set(HELP).isdisjoint(rest) else ():
         key, _, folder = word.partition("=")
         others = [other for other in rest if other is not word]

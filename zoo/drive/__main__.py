@@ -78,7 +78,6 @@ def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
         threads=settings.threads,
         engine=settings.engine,
         needs_spread=settings.speed.needs_spread,
-        guard=settings.guard,
     )
     with loading():
         policy = load(Path(checkpoint))
@@ -209,7 +208,6 @@ def load_warm_policy(
     path: Path,
     threads: int,
     needs_spread: bool = False,
-    guard: Path | None = None,
     engine: "Engine" = "torch",
 ) -> "Policy":
     """Load a policy and call it three times, because the first call is the slowest.
@@ -218,7 +216,6 @@ def load_warm_policy(
         path: checkpoint file.
         threads: threads of the network.
         needs_spread: whether the policy must predict a spread.
-        guard: guard file that watches the policy; None for none.
         engine: engine that runs the network, see `load_policy`.
 
     Raises:
@@ -230,23 +227,20 @@ def load_warm_policy(
     from datamodules.view import FRAME
     from zoo.base.rig import UDACITY
     from zoo.checkpoints.policy import load_policy
-    from zoo.monitor.guarded_policy import guarded
 
     # torch keeps this number for each thread that loads a policy. Its default, one thread per
     # core, took 128 ms a frame instead of 1.9 ms on four shared cores.
     torch.set_num_threads(threads)
     policy = load_policy(path, threads, engine).in_car(UDACITY)
-    watched = policy if guard is None else guarded(policy, path, guard)
     for _ in range(3):
-        answer = watched(np.zeros((*FRAME, 3), np.uint8), 0.0)
+        answer = policy(np.zeros((*FRAME, 3), np.uint8), 0.0)
     if needs_spread and answer.spread is None:
         raise InputError(
             f"speed=doubt: {path} predicts no spread of its steering; drive a checkpoint of "
             "model=nvidia_gaussian or of drivezoo doubt, or use speed=pi"
         )
     policy.reset()
-    # A new guard, which has not seen the black frames.
-    return policy if guard is None else guarded(policy, path, guard)
+    return policy
 
 
 def view_line(policy: "Policy") -> str:

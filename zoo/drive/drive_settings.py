@@ -54,7 +54,6 @@ class DriveSettings:
         margin: distance off the centreline that counts as an intervention, m; null: leaving the
             lane.
         record: folder for frames and driving_log.csv; null: write only drive.csv.
-        guard: guard file of drivezoo guard: slows the car down while it fires.
         threads: threads of the network; 2 are faster, unless a simulator needs the same cores.
         engine: torch, or onnx for onnxruntime; auto: onnxruntime where it is installed, steers the
             same and is faster.
@@ -73,17 +72,15 @@ class DriveSettings:
     put_back: bool = True
     margin: Margin | None = None
     record: Path | None = None
-    guard: Path | None = None
     threads: Annotated[int, Field(ge=1, le=64)] = 1
     engine: Literal["auto", "torch", "onnx"] = "auto"
     steering: Annotated[SteeringFilter, Section()]
     speed: Annotated[SpeedController, Choice(CONTROLLERS, default="pi", number="set_mph")]
 
     def __post_init__(self) -> None:
-        """Replace `~` in paths."""
-        for name in ("record", "guard"):
-            if (path := getattr(self, name)) is not None:
-                object.__setattr__(self, name, path.expanduser())
+        """Replace `~` in the path."""
+        if self.record is not None:
+            object.__setattr__(self, "record", self.record.expanduser())
         if self.port is None:
             object.__setattr__(self, "port", DONKEY_PORT if self.world else PORT)
 

@@ -72,7 +72,6 @@ class Driver:
         self.tally = Tally()
         self.sessions: dict[str, Session] = {}
         self.clients = 0  # number of simulators that have connected so far
-        self.alarms = 0  # how often a guard began to slow a car down
         self._controller, self._steer, self._margin_m = controller, steer, margin_m
         self._began_s: float | None = None
         self._frame: np.ndarray | None = None
@@ -180,12 +179,6 @@ class Driver:
         command = replace(command, steering=steering)
         throttle = session.controller.pedal(command, session.speed_mph, now_s)
         session.send(steering)
-        limited = command.limit_mph is not None
-        if limited and not session.limited:  # an alarm of the guard begins
-            self.alarms += 1
-            line = f"the guard slows down after {self._time(now_s):.1f} s (alarm {self.alarms})"
-            self.notices.print_some("guard", line)
-        session.limited = limited
         if self.paused:
             throttle = limit_pedal(GENTLE_BRAKE, session.speed_mph)
         row = DriveRow(
@@ -257,8 +250,6 @@ class Driver:
             "set_mph": self.set_mph,
             "troubles": dict(self.notices.counts),
         }
-        if self.policy.alarms is not None:
-            figures["guard_alarms"] = self.alarms
         written = self.writer.close(figures)
         for line in [*self.notices.count_lines(), *summary_lines(figures)]:
             self.notices.print(line)

@@ -34,7 +34,7 @@ class Session:
         self.decimal: str | None = None
         self.steering = self.speed_mph = 0.0
         self.last_s = self.heard_s = -math.inf
-        self.overridden = self.limited = False
+        self.overridden = False
         # Policy of all simulators, and the one with this simulator's state.
         self._shared: PolicyFunction | None = None
         self._policy: Policy | None = None

@@ -11,7 +11,6 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.command import Command
 
 LONGEST_STEP_S = 0.5  # longest step that the integral counts; a longer one is a pause
-LIMIT_GAIN = 0.2  # throttle per mph below a speed limit; above it, brake per mph
 REVERSES_BELOW_MPH = 5.0  # below it, a negative throttle makes the original's car reverse
 # The Udacity course's controller sums the error per telemetry message, and its server received
 # 43 messages per second.
@@ -47,16 +46,8 @@ class SpeedController(ABC):
         """Forget earlier telemetry, after a person drove."""
 
     def pedal(self, command: Command, speed_mph: float, now_s: float) -> float:
-        """Return the throttle to send, -1..1, which slows the car down to the command's limit.
-
-        At a limit the controller forgets its integral, which would grow while the car is slower
-        than it wants.
-        """
-        throttle = self.throttle(command, speed_mph, now_s)
-        if command.limit_mph is not None:
-            self.reset()
-            throttle = min(throttle, LIMIT_GAIN * (command.limit_mph - speed_mph))
-        return limit_pedal(throttle, speed_mph)
+        """Return the throttle to send, -1..1."""
+        return limit_pedal(self.throttle(command, speed_mph, now_s), speed_mph)
 
 
 @dataclass

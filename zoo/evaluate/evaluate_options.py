@@ -36,8 +36,6 @@ class EvaluateOptions(ResultFiles, Scenario):
         challenge: published test to score on instead: ch2, the official test of Udacity's Challenge
             2; see drivezoo evaluate challenge=ch2 --help.
         data: folder of the test.
-        guard: guard file of drivezoo guard, which slows the car down; each drive is then repeated
-            without it, to count what it prevented.
         out: output folder; null: named by date and time.
         plot: file to draw the drives, or the perturbations, in: .pdf, .svg or .png.
         workers: processes that drive; 0: one per core.

@@ -1,31 +1,26 @@
 """`drivezoo evaluate`: the drives of a checkpoint, their figures, table and plot."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
 
 from simulator.track_names import short_name
-from zoo.base.errors import UsageError
 from zoo.base.new_folder import command_folder
 from zoo.base.terminal import print_written
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.checkpoints.policy import load_policy
-from zoo.drives.bootstrap import Estimate, bootstrap
 from zoo.drives.drives_table import COUNTS, DEVIATION, figure_columns, nan_line, print_drives
 from zoo.drives.metrics import METRICS
 from zoo.evaluate.drive_plots import degradation_curves, figures_by_track
 from zoo.evaluate.evaluate_options import EvaluateOptions, check_world
 from zoo.evaluate.robustness import PERTURBATIONS, perturbations_named, sweep_table, sweeps
 from zoo.evaluate.track_scores import how_well, score_on_tracks
-from zoo.monitor.guarded_policy import guarded
 from zoo.report.write_up import write_report
 from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.plots import save_figure
-from zoo.runs.table import Column, Table, with_interval
+from zoo.runs.table import Column, Table
 from zoo.runs.table_files import Result
 from zoo.verdict.evidence import Evidence, other_car_line, read_evidence, with_track
 from zoo.verdict.judgement import Verdict, judge, print_verdict
@@ -72,12 +67,9 @@ class Evaluation(Result):
         return "\n".join([f"Evaluation in {self.folder}: {self.verdict.headline}", *lines])
 
     def show(self) -> None:
-        """Print the tables, the effect of a guard, what was written and the verdict."""
+        """Print the tables, what was written and the verdict."""
         console = Console(emoji=False)
         print_drives(self.tracks, console)
-        if "guard" in self.metrics:
-            line = guard_line(self.metrics["guard"])
-            console.print(line, highlight=False, markup=False, soft_wrap=True)
         if self.swept:
             console.print(sweep_table(self.swept, self.usual))
         films = sorted(self.folder.glob("*/film.mp4"))
@@ -121,17 +113,12 @@ def score_driver(
     check_world(options)
     check_throttle(policy, options.throttle)
     options.check_files(("track", *COUNTS, *METRICS))
-    if options.guard and not is_file:
-        raise UsageError(f"guard={options.guard}: belongs to a checkpoint; name its path")
-    if options.guard:
-        guarded(policy, driver, options.guard)
     if options.world == "embedded" and (line := other_car_line(policy.data, options.track)):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     names = perturbations_named(options.perturb, options.throttle)
     scenarios = options.scenarios
     usual = scenarios[0]
     swept = sweeps(names, usual)
-    unguarded = [replace(drive, guard=None) for drive in scenarios if drive.guard]
     more = [scenario for by_value in swept.values() for scenario in by_value.values()]
     with command_folder(options.out, "evaluations") as folder:
         scores = score_on_tracks(
@@ -141,15 +128,12 @@ def score_driver(
             console,
             options.workers,
             options.played_at,
-            more + unguarded,
+            more,
             options.executor,
             record=options.record,
         )
         metrics = {"checkpoint": name, "world": options.world}
         metrics |= {"drives": scores.drives, "tracks": scores.tracks}
-        if options.guard:
-            without = [scores.by_scenario[drive] for drive in unguarded]
-            metrics["guard"] = guard_effect(options.guard, scores.drives, without)
         results = {
             name: {value: scores.by_scenario[drive] for value, drive in by_value.items()}
             for name, by_value in swept.items()
@@ -172,45 +156,6 @@ def score_driver(
         result = Evaluation(folder, metrics, verdict, usual, results, problem, pages)
         result.written.extend(options.write_files(result))
         return result
-
-
-def guard_effect(guard: str, guarded: Sequence[dict], without: Sequence[dict]) -> dict:
-    """Return the effect of a guard.
-
-    Args:
-        guard: path of the guard file.
-        guarded: figures of the drives with the guard.
-        without: figures of the same drives without it.
-
-    Returns:
-        Alarms, interventions and mean speed with and without the guard, and the interventions that
-        it prevented per drive, with a 95 % interval over three tracks or more.
-    """
-    lost, lost_without = (
-        np.array([drive["interventions"] for drive in drives], float)
-        for drives in (guarded, without)
-    )
-    tracks = np.array([drive["track"] for drive in guarded])
-    by_track = [(lost_without - lost)[tracks == one].mean() for one in dict.fromkeys(tracks)]
-    return {
-        "guard": guard,
-        "alarms": sum(drive["guard_alarms"] for drive in guarded),
-        "interventions": int(lost.sum()),
-        "interventions_without": int(lost_without.sum()),
-        "prevented_per_drive": asdict(bootstrap(np.array(by_track))),
-        "speed_mph": float(np.mean([drive["speed_mph"] for drive in guarded])),
-        "speed_mph_without": float(np.mean([drive["speed_mph"] for drive in without])),
-    }
-
-
-def guard_line(effect: dict) -> str:
-    """Return a sentence about the effect of a guard."""
-    prevented = with_interval(Estimate(**effect["prevented_per_drive"]), "{:.2f}")
-    return (
-        f"guard: {effect['alarms']} alarms; interventions {effect['interventions']} with it, "
-        f"{effect['interventions_without']} without it; prevented per drive: {prevented}; mean "
-        f"speed {effect['speed_mph']:.1f} instead of {effect['speed_mph_without']:.1f} mph"
-    )
 
 
 def curves(swept: By, usual: Scenario) -> Figure:

@@ -45,7 +45,7 @@ class KeptDrive(Keep):
     """A drive's figures and, in its folder, the drive, its plots and frames of its worst moments.
 
     A figure that is not finite is None. The figures hold `nan_frames` only if the policy steered
-    NaN, and `guard_alarms` only if a guard watched: how often it began to slow the car down.
+    NaN.
 
     Args:
         folder: folder to write to; None writes nothing.
@@ -109,8 +109,7 @@ class KeptDrive(Keep):
 
     def result(self, drive: Drive, policy: Policy, world: World) -> dict[str, Any]:
         """Write the drive, and return its figures."""
-        alarms = {} if policy.alarms is None else {"guard_alarms": policy.alarms}
-        figures = summarize(drive) | alarms
+        figures = summarize(drive)
         if self.recorder is not None:
             write_rig_of(self.folder, world.rig, file_name(drive.track))
         if self.film is not None:
@@ -121,7 +120,7 @@ class KeptDrive(Keep):
             for number, name in self.moments.write(self.folder).items():
                 names[number] = name
             drive = replace(drive, frame=names.astype(np.str_))
-            write_drive(self.folder, drive, **alarms)
+            write_drive(self.folder, drive)
             measured = known(figures["autonomy"])
             share = "not measured" if measured is None else f"{measured:.1%}"
             title = (
@@ -140,7 +139,7 @@ class KeptDrive(Keep):
 
 def expert_steering_per_s(scenario: Scenario) -> float:
     """Return the expert's steering change per second on a lap of the embedded world."""
-    return _expert_lap(replace(scenario, seed=0, laps=1.0, weather=CLEAR, margin=None, guard=None))
+    return _expert_lap(replace(scenario, seed=0, laps=1.0, weather=CLEAR, margin=None))
 
 
 @lru_cache
@@ -232,7 +231,6 @@ NOT_OF_RUNS = (
     "record",
     "page",
     "replay",
-    "guard",
     "table",
     "columns",
     "plot",

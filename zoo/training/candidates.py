@@ -132,7 +132,7 @@ def _drive(
 ) -> list[dict]:
     """Drive each candidate once, from the same start; print and return their drives."""
     laps, track = min(score.candidate_laps, score.laps), score.tracks[0]
-    scenario = score.one_drive(track=track, seed=START_SEED, laps=laps, guard=None)
+    scenario = score.one_drive(track=track, seed=START_SEED, laps=laps)
     scenarios = [scenario] * len(candidates)
     driven = all_drives(
         [str(checkpoints / candidate["file"]) for candidate in candidates],

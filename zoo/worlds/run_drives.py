@@ -177,15 +177,10 @@ def _drive_once(
 def _policy(driver: Driver, world: World, scenario: Scenario, own_speed: bool) -> Policy:
     """Return what drives; without a controller of its own, the scenario's throttle is checked."""
     if isinstance(driver, PolicyMaker):
-        policy = driver.policy(world, scenario)
-    else:
-        policy = (load_kept(driver) if isinstance(driver, str) else driver).session()
-        if own_speed:
-            check_throttle(policy, scenario.throttle)
-    if scenario.guard:
-        from zoo.monitor.guarded_policy import GuardedPolicy, read_guard
-
-        policy = GuardedPolicy(policy, read_guard(scenario.guard))
+        return driver.policy(world, scenario)
+    policy = (load_kept(driver) if isinstance(driver, str) else driver).session()
+    if own_speed:
+        check_throttle(policy, scenario.throttle)
     return policy
 
 

@@ -37,7 +37,6 @@ class Scenario(WorldSettings):
         offset: metres to the right of the seed's start.
         heading: degrees to the right of the seed's heading.
         start: metres along the road at which the drive starts; null: drawn from the seed.
-        guard: guard file of drivezoo guard, which slows the car down.
         world: embedded, replay (of the recording that track= names), gymnasium:ID (a Gymnasium
             environment), FILE.yaml (which maps one), donkey (a Donkeycar simulator; track= is
             HOST:PORT/SCENE), or a world of an installed package.
@@ -55,7 +54,6 @@ class Scenario(WorldSettings):
     offset: float = 0.0
     heading: float = 0.0
     start: float | None = None
-    guard: str | None = None
     world: str = "embedded"
     road: Annotated[Mapping[str, Any] | None, Untyped()] = field(default=None, hash=False)
     loop: Annotated[Sequence[tuple[float, float]] | None, Untyped()] = None

@@ -27,7 +27,6 @@ NAMED = {
     "zoo.doubt": ("an ensemble",),
     "zoo.drive": ("one of bends", "speed.set_mph=9.0"),
     "zoo.film": ("plays as fast as it was driven", "(above 0, up to 1000)"),
-    "zoo.guard": ("guard.pt",),
     "zoo.hub": ("user/name",),
     "zoo.leaderboard": ("leaderboard.html",),
     "zoo.list": ("augmentations", "suites"),

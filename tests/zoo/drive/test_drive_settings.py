@@ -1,20 +1,12 @@
 """Keys of `drivezoo drive` and the choices of `speed`."""
 
-from pathlib import Path
-
-import numpy as np
 import pytest
 
-from tests.zoo.written_checkpoints import write_constant
-from zoo.base.bounded_files import hash_file
 from zoo.base.command_keys import constructed, read_options
 from zoo.base.errors import InputError
 from zoo.checkpoints.command import Command
-from zoo.drive.__main__ import load_warm_policy
 from zoo.drive.drive_settings import CONTROLLERS, DriveSettings, check_settings
 from zoo.drives.speed_controller import PI
-from zoo.monitor.guarded_policy import Guard, write_guard
-from zoo.monitor.scores import make_score
 
 
 @pytest.mark.parametrize("choice", CONTROLLERS)
@@ -43,19 +35,6 @@ def test_a_number_for_the_speed_is_the_speed_to_hold(typed: str) -> None:
     assert read_options(
         DriveSettings, ["speed=bends", typed.replace("speed=", "speed.set_mph=")]
     ).speed.bend_mph
-
-
-def test_a_policy_with_a_guard_is_warm_and_has_not_seen_the_black_frames(tmp_path: Path) -> None:
-    checkpoint = write_constant(tmp_path / "best.ckpt", 0.1)
-    guard = Guard(
-        make_score("attention_mean", {"mean": 0.5}), 0.1, 1, 6.0, 2, hash_file(checkpoint)
-    )
-    path = write_guard(tmp_path / "guard.pt", guard)
-    policy = load_warm_policy(checkpoint, 1, guard=path)
-    assert policy.alarms == 0
-    assert policy(np.zeros((160, 320, 3), np.uint8), 9.0).limit_mph == 6.0
-    assert policy.alarms == 1
-    assert load_warm_policy(checkpoint, 1)(np.zeros((160, 320, 3), np.uint8), 9.0).limit_mph is None
 
 
 def test_a_track_that_does_not_exist_is_refused_before_anything_starts() -> None:

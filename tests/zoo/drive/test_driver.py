@@ -82,19 +82,6 @@ def test_pause_brakes_and_steers_on(make: Make) -> None:
     assert driver.answer(session, MOVING).values["throttle"] == "0.2000"
 
 
-def test_a_guards_limit_brakes_and_is_counted(make: Make) -> None:
-    driver = make()
-    limits = iter([None, 4.0, 4.0, None, 4.0])
-    driver.policy = as_policy(lambda frame, mph: Command(0.0, None, None, next(limits)))
-    session = driver.connect("a")
-    throttles = []
-    for red in range(5):  # a new image each time, since the policy is called once for each
-        image = telemetry(jpeg=picture((20 * red, 0, 0)), speed="9.0000")
-        throttles.append(float(driver.answer(session, image, red / 15).values["throttle"]))
-    assert throttles == [0.2, -1.0, -1.0, 0.2, -1.0]
-    assert driver.alarms == 2
-
-
 def test_set_speed_reaches_all_sessions_that_are_and_will_be(make: Make) -> None:
     driver = make(PI(9, 0.1))
     before = driver.connect("a")

@@ -2,8 +2,6 @@
 
 import bisect
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +10,6 @@ from simulator.expert import Expert
 from zoo.checkpoints.command import Command, Policy, as_policy
 from zoo.correct.collecting import LabellingPolicy
 from zoo.drives.latency_meter import LatencyMeter, latency_meter
-from zoo.guard.guard_drives import Observer
 from zoo.worlds.drive_loop import drive
 from zoo.worlds.embedded_world import EmbeddedWorld, open_embedded
 from zoo.worlds.scenario import Scenario
@@ -63,18 +60,11 @@ def test_a_drive_finds_the_delay_of_its_world(delay_s: float) -> None:
     assert np.abs(np.array(policy.latencies[60:]) - delay_s).max() < 0.021
 
 
-@pytest.mark.parametrize(
-    "wrap",
-    [
-        lambda policy: LabellingPolicy(policy, policy.world, 12, 0.0, 0.1, 0),
-        lambda policy: Observer(policy, {}),
-    ],
-    ids=["correct", "guard"],
-)
-def test_a_policy_that_is_watched_knows_the_latency(wrap: Callable[[Ahead], Any]) -> None:
+def test_a_policy_that_is_watched_knows_the_latency() -> None:
     world = lake(0.4)
     policy = Ahead(world)
-    drive(wrap(policy), world, Scenario("lake", 1, laps=0.1, speed=12))
+    labelling = LabellingPolicy(policy, policy.world, 12, 0.0, 0.1, 0)
+    drive(labelling, world, Scenario("lake", 1, laps=0.1, speed=12))
     assert policy.latencies[-1] == 0.4
 
 

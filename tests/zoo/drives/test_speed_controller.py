@@ -119,22 +119,6 @@ def test_doubt_needs_a_spread_that_is_sure_and_a_larger_one_that_is_not(
         read_options(DriveSettings, keys)
 
 
-def test_a_limit_brakes_above_it_and_holds_it_below() -> None:
-    pi, limited = PI(15, 0.1, 0.002), Command(0.0, limit_mph=6.0)
-    pi.throttle(STRAIGHT, 5, 0.0)
-    assert pi.pedal(limited, 12, 0.1) < 0
-    assert 0 < pi.pedal(limited, 5, 0.2) < 1
-    assert pi.pedal(STRAIGHT, 5, 0.3) == 1
-
-
-def test_the_integral_does_not_grow_while_a_limit_holds() -> None:
-    limited, free = PI(15, 0.1, 0.002), PI(15, 0.1, 0.002)
-    for step in range(100):
-        limited.pedal(Command(0.0, limit_mph=6.0), 6, step / 15)
-    after, fresh = (one.throttle(STRAIGHT, 14, 7.0) for one in (limited, free))
-    assert after == fresh
-
-
 def test_it_changes_nothing_by_default() -> None:
     steer = SteeringFilter()
     assert [steer(value, now) for now, value in enumerate((0.1, -0.7, 1.0))] == [0.1, -0.7, 1.0]

@@ -23,7 +23,6 @@ from zoo.doctor.__main__ import next_step
 from zoo.evaluate.__main__ import evaluate
 from zoo.evaluate.evaluate_options import ReplayOptions
 from zoo.evaluate.replay_score import held_out_replay, read_as_trained
-from zoo.guard.__main__ import guard
 from zoo.hub.card import shared_files
 from zoo.report.drive_section import scores
 from zoo.report.reported_run import ReportedRun
@@ -87,7 +86,7 @@ def test_on_a_track_it_is_another_cars_network(trained: Path) -> None:
     assert (verdict["level"], verdict["causes"]) == ("unknown", [])
 
 
-@pytest.mark.parametrize("command", [evaluate, correct, guard], ids=lambda one: one.name)
+@pytest.mark.parametrize("command", [evaluate, correct], ids=lambda one: one.name)
 def test_no_track_is_driven_that_the_user_does_not_name(
     command: Command, trained: Path, tmp_path: Path
 ) -> None:
