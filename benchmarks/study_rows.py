@@ -23,6 +23,7 @@ from benchmarks.board_rows import Row, board_rows, pretrained_rows
 from benchmarks.input_rows import input_rows
 from benchmarks.road_rows import road_rows, root_of
 from benchmarks.study_grid import Entry, Study, kept, run_logged
+from benchmarks.warning_rows import nominal, warning_rows
 from datamodules.image import read_image
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
@@ -312,6 +313,7 @@ def first_try_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
 PREPARE: dict[str, Callable[[Study], dict]] = {
     "bench_v1": lambda study: {"root": recorded(compose_config(["data=bench_v1"]))},
     "folds": folds,
+    "nominal": nominal,
     "shares": shares,
     "student_laps": student_laps,
     "swaying_laps": swaying_laps,
@@ -325,4 +327,5 @@ ROWS: dict[str, Callable[[Study, Entry], list[Row]]] = {
     "first_try": per_run(first_try_rows),
     "real_roads": road_rows,
     "inputs": per_run(input_rows),
+    "warnings": warning_rows,
 }
