@@ -122,4 +122,4 @@ def _shortest_ms(
             times_ms[name].append(1000 * (time.perf_counter() - began))
         if time.perf_counter() > end_s:
             break
-    return {name: min(times) for name, times in times_ms.items()}
+    return {name: round(min(times), 3) for name, times in times_ms.items()}
