@@ -15,10 +15,10 @@ from datamodules.view import CONVERSIONS, RESIZES, View
 from tests.zoo.models.test_models_command import build
 from zoo.base.rig import MPS_PER_MPH
 from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.policy import CheckpointPolicy
 from zoo.export.c_file import c_header, c_source
 from zoo.export.compiled_policy import FLAGS, find_compiler
-from zoo.export.onnx_file import onnx_bytes
 from zoo.new.part_files import write_part
 
 FRAMES = np.random.default_rng(0).integers(0, 256, (3, 120, 160, 3), np.uint8)
