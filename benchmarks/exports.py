@@ -92,7 +92,7 @@ def measure_exports(
         for row in _rows(name, folder, images, speeds, chosen, laps):
             print(" | ".join(row), flush=True)
             rows.append(row)
-    if not networks and not only:
+    if not networks and not only and laps:
         write_between(PAGE, "exports", markdown_table(HEAD, rows, left=2))
 
 
