@@ -374,7 +374,7 @@ def parts_of(
 
 
 def network_parts(
-    study: Study, entry: Entry, conditions: Sequence[str]
+    study: Study, entry: Entry, conditions: Sequence[str], takeovers: str
 ) -> dict[tuple[str, str], tuple[Parts, list, Row]]:
     """Drive what is missing of a network; return parts, leads and counts by condition and score."""
     levels = {
@@ -393,7 +393,7 @@ def network_parts(
         counts: Row = {"level": level, "drives": len(test), "failures": int(failed.sum())}
         for score, alarm in known.items():
             own, leads = parts_of(test, alarm, known)
-            if score in study.options.takeovers.split(",") and failed.sum() >= FEWEST:
+            if score in takeovers.split(",") and failed.sum() >= FEWEST:
                 handed = driven(study, entry, f"{name}-{score}", level, "test", alarm)
                 avoided = failed - [one.failed for one in handed]
                 given = [one.metres * one.rows[:, EXPERT].mean() / 1000 for one in handed]
@@ -409,7 +409,8 @@ def warning_rows(study: Study, entry: Entry) -> list[Row]:
     for one in study.entries():
         known = [name for name in conditions if (one.folder / f"{name}.json").is_file()]
         if one == entry or known:
-            networks[one.name] = network_parts(study, one, conditions if one == entry else known)
+            own = (conditions, study.options.takeovers) if one == entry else (known, "")
+            networks[one.name] = network_parts(study, one, *own)
     scores = dict.fromkeys(score for own in networks.values() for _, score in own)
     groups = {entry.name: [entry.name], "all": list(networks)}
     rows = []
