@@ -44,7 +44,7 @@ def arguments_of(one: Command[Any]) -> list[str]:
 def test_the_help_shows_few_commands_and_old_names_still_work() -> None:
     shown = [name for group in GROUPS.values() for name in group]
     assert len(shown) == len(set(shown)) <= MOST_SHOWN
-    assert {"replay", "results", "rerun", "sweep"} == set(ALIASES)
+    assert {"doubt", "replay", "results", "rerun", "sweep"} == set(ALIASES)
     assert {"models", "tracks", "metrics"} < set(LISTED)
 
 

@@ -25,14 +25,14 @@ GROUPS = {
     "driving": ("drive", "simulator", "film"),
     "judging": (
         *("evaluate", "benchmark", "compare", "grade", "search", "timing"),
-        *("doubt", "leaderboard", "report", "saliency"),
+        *("leaderboard", "report", "saliency"),
     ),
     "sharing": ("export", "hub"),
     "drivezoo itself": ("demo", "list", "new", "doctor", "clean", "completion"),
 }
-# Further names, which belong to a command above: evaluate replay=RECORDING; train rerun=RUN; the
-# leaderboard as Markdown; train resume=SWEEP.
-ALIASES = ("replay", "rerun", "results", "sweep")
+# Further names, which belong to a command above: export doubt; evaluate replay=RECORDING;
+# train rerun=RUN; the leaderboard as Markdown; train resume=SWEEP.
+ALIASES = ("doubt", "replay", "rerun", "results", "sweep")
 # Module and function of a command; those of others are `zoo.NAME:NAME`.
 PLACES = {
     "check": "datamodules.check:check",
@@ -98,6 +98,8 @@ def as_typed_below(name: str, rest: list[str]) -> tuple[str, list[str]]:
     >>> as_typed_below("train", ["rerun=run"])
     ('rerun', ['run'])
     """
+    if (name, rest[:1]) == ("export", ["doubt"]):
+        return "doubt", rest[1:]
     for word in rest if name == "train" and set(HELP).isdisjoint(rest) else ():
         key, _, folder = word.partition("=")
         others = [other for other in rest if other is not word]

@@ -28,6 +28,9 @@ def export(
       drivezoo export latest to=c out=steer.c weights=int8
       drivezoo export latest to=onnx weights=int8 calibration=RECORDING
 
+    `drivezoo export doubt CKPT...` makes one checkpoint of several, which also returns its spread;
+    see drivezoo doubt --help.
+
     Args:
         ckpt: checkpoint: a .ckpt file, a run's folder, or latest.
         to: onnx; donkeycar: for its manage.py drive --model; c: a C99 file and its header; null:

@@ -15,6 +15,7 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.policy import CheckpointPolicy, load_policy
 from zoo.cli.compose import choices
+from zoo.saliency.__main__ import CAPTION
 from zoo.saliency.__main__ import saliency as saliency_command
 from zoo.saliency.visual_backprop import Saliency, enlarge, overlay
 
@@ -109,7 +110,7 @@ def test_the_overlay_is_green_where_it_matters(frame: np.ndarray) -> None:
 def test_the_command_draws_a_recording(checkpoint: str, recorded: Written, tmp_path: Path) -> None:
     result = run_here(tmp_path, checkpoint, str(recorded.folder), module="zoo.saliency")
     assert result.stdout.splitlines()[0] == "wrote: saliency.png"
-    assert cv2.imread(str(tmp_path / "saliency.png")).shape == (6 * 160, 4 * 320, 3)
+    assert cv2.imread(str(tmp_path / "saliency.png")).shape == (6 * (160 + CAPTION), 4 * 320, 3)
 
 
 def test_it_draws_a_picture_beside_its_saliency(
@@ -121,6 +122,8 @@ def test_it_draws_a_picture_beside_its_saliency(
 
     drawn = cv2.imread(str(tmp_path / "new" / "one.png"))[:, :, ::-1]
     frame = decode_image(picture.read_bytes())
+    assert len(drawn) == len(frame) + CAPTION
+    drawn = drawn[: len(frame)]
     assert np.array_equal(drawn[:, :320], frame)
     where = Saliency(load_policy(checkpoint))(frame, 0.0)
     assert np.array_equal(drawn[:, 320:], overlay(frame, where))
