@@ -4,7 +4,6 @@ import hashlib
 import itertools
 import re
 import shlex
-from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -33,7 +32,6 @@ FIGURES = (
     "steering_per_s",
 )
 GROUPS = (OVERALL, "like", "sharp", "looks", "dynamics", "laps")  # of the board's roads
-RANKED, ONE_SEED, BASELINE = "ranked", "one training seed", "baseline"
 
 
 def board_rows(study: Study, entry: Entry) -> list[Row]:
@@ -99,49 +97,23 @@ def rows_of_board() -> list[Row]:
     Raises:
         InputError: a result is damaged.
     """
-    from zoo.benchmark.checked_result import read_result
+    from zoo.compare import differences as of
 
-    results = [read_result(path.parent) for path in sorted(RESULTS.glob(f"*/{NAME}"))]
-    kinds = [_kind(result) for result in results]
-    order = sorted(
-        range(len(results)),
+    entries = of.read_entries(*(path.parent for path in sorted(RESULTS.glob(f"*/{NAME}"))))
+    kinds = (of.RANKED, of.ONE_SEED, of.BASELINE)
+    entries.sort(
         key=lambda one: (
-            (RANKED, ONE_SEED, BASELINE).index(kinds[one]),
-            results[one].groups[OVERALL]["interventions_per_km"].value,
-        ),
+            kinds.index(one.kind),
+            one.result.groups[OVERALL]["interventions_per_km"].value,
+        )
     )
-    ranked = [results[one] for one in order if kinds[one] == RANKED]
-    ranks = dict(zip([result.entry for result in ranked], _ranks(ranked), strict=True))
+    ranked = [one for one in entries if one.kind == of.RANKED]
+    ranks = of.possible_ranks(of.compare_pairs(ranked), len(ranked))
     return [
-        {"rank": ranks.get(results[one].entry, ""), "kind": kinds[one], **row}
-        for one in order
-        for row in rows_of_result(results[one])
+        {"rank": rank, "kind": entry.kind, **row}
+        for entry, rank in itertools.zip_longest(entries, ranks, fillvalue="")
+        for row in rows_of_result(entry.result)
     ]
-
-
-def _kind(result: BenchmarkResult) -> str:
-    if not any(one.sha256 for one in result.checkpoints):
-        return BASELINE
-    return RANKED if len(result.checkpoints) > 1 else ONE_SEED
-
-
-def _ranks(results: Sequence[BenchmarkResult]) -> list[str]:
-    """Return the ranks that each entry may have, such as `2 to 4`."""
-    from zoo.compare.differences import A_BETTER, CANNOT_TELL, SIGNIFICANT, Entry, compare_entries
-    from zoo.drives.clustered import holm
-
-    entries = [Entry.of(RESULTS / result.entry, result) for result in results]
-    pairs = list(itertools.combinations(range(len(entries)), 2))
-    found = [compare_entries(entries[a], entries[b])[OVERALL] for a, b in pairs]
-    corrected = holm([one.p for one in found])
-    above, below = [0] * len(entries), [0] * len(entries)
-    for (a, b), one, p in zip(pairs, found, corrected, strict=True):
-        if p < SIGNIFICANT and one.verdict != CANNOT_TELL:
-            better, worse = (a, b) if one.verdict == A_BETTER else (b, a)
-            above[worse] += 1
-            below[better] += 1
-    bounds = [(1 + one, len(entries) - other) for one, other in zip(above, below, strict=True)]
-    return [f"{first} to {last}" if first < last else f"{first}" for first, last in bounds]
 
 
 def rows_of_result(result: BenchmarkResult) -> list[Row]:

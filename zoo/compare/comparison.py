@@ -10,7 +10,14 @@ from rich.console import Console
 
 from zoo.base.terminal import print_line, print_written, printable
 from zoo.base.whole_file import json_text, write_output
-from zoo.compare.differences import OVERALL, Comparison, Entry, Needed, compare_entries, read_pair
+from zoo.compare.differences import (
+    OVERALL,
+    Comparison,
+    Entry,
+    Needed,
+    compare_entries,
+    read_entries,
+)
 from zoo.drives.bootstrap import Estimate
 from zoo.runs.plots import interval_plot
 from zoo.runs.table import Cell, Column, Table, interval_figures, known, with_interval
@@ -55,7 +62,7 @@ class ComparedEntries(Result):
         Raises:
             InputError: a result cannot be read, or the results are of different roads.
         """
-        a, b = read_pair(Path(first).expanduser(), Path(second).expanduser())
+        a, b = read_entries(Path(first).expanduser(), Path(second).expanduser())
         return cls(a, b, compare_entries(a, b))
 
     @property

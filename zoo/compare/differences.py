@@ -1,8 +1,9 @@
-"""Two entries on the same roads: paired drives, differences and the training seeds needed."""
+"""Entries on the same roads: paired drives, differences, ranks and the training seeds needed."""
 
+import itertools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -18,6 +19,7 @@ from zoo.drives.bootstrap import FEWEST_ROADS, Estimate
 from zoo.drives.clustered import EQUAL, SHARE, clustered, holm, p_value, satterthwaite
 
 A_BETTER, B_BETTER, CANNOT_TELL = "A drives better", "B drives better", "cannot tell"
+RANKED, ONE_SEED, BASELINE = "ranked", "one training seed", "baseline"
 SIGNIFICANT = 0.05
 POWER = 0.8  # probability that a comparison with the needed training seeds decides
 MOST_SEEDS = 100
@@ -46,37 +48,43 @@ class Entry:
         """Return whether a training made it; a baseline has no checkpoint file with a hash."""
         return any(one.sha256 is not None for one in self.result.checkpoints)
 
+    @property
+    def kind(self) -> str:
+        """Return RANKED for several trainings, ONE_SEED or BASELINE."""
+        if not self.is_trained:
+            return BASELINE
+        return RANKED if self.seeds > 1 else ONE_SEED
+
     def autonomy(self, roads: list[Road]) -> np.ndarray:
         """Return the autonomy of the drives, float64 [training seeds, roads]."""
         values = [[one.figures["autonomy"] for one in self.drives[road]] for road in roads]
         return np.array(values, np.float64).T
 
 
-def read_pair(first: Path, second: Path) -> tuple[Entry, Entry]:
-    """Return the entries of two results that drove the same roads.
+def read_entries(*paths: Path) -> list[Entry]:
+    """Return the entries of results that drove the same roads.
 
     Args:
-        first: A's `result.json`, or its folder.
-        second: B's `result.json`, or its folder.
+        *paths: files `result.json`, or their folders.
 
     Raises:
         InputError: a file cannot be read, a drive is missing, or suite or roads differ.
     """
-    a, b = (Entry.of(path, read_result(path)) for path in (first, second))
-    for key in ("suite", "roads"):
-        own, other = getattr(a.result, key), getattr(b.result, key)
-        if own != other:
-            raise InputError(
-                f"{b.path}: {key}: is {other}, but {a.path} has {own}; compare results of one "
-                "suite, driven by one version of drivezoo"
-            )
-    for one, other in ((a, b), (b, a)):
+    entries = [Entry.of(path, read_result(path)) for path in paths]
+    for one, other in itertools.permutations(entries, 2):
+        for key in ("suite", "roads"):
+            wanted, found = getattr(one.result, key), getattr(other.result, key)
+            if wanted != found:
+                raise InputError(
+                    f"{other.path}: {key}: is {found}, but {one.path} has {wanted}; compare "
+                    "results of one suite, driven by one version of drivezoo"
+                )
         if missing := one.drives.keys() - other.drives.keys():
             raise InputError(
                 f"{other.path}: drives: has no {shown(min(missing))}, which {one.path} has; run "
                 "the benchmark again"
             )
-    return a, b
+    return entries
 
 
 @dataclass(frozen=True)
@@ -135,6 +143,32 @@ def compare_entries(a: Entry, b: Entry) -> dict[str, Comparison]:
     tested = [name for name, roads in groups.items() if name != OVERALL and _has_interval(roads)]
     p_values |= zip(tested, holm([p_values[name] for name in tested]), strict=True)
     return {name: compare_roads(a, b, roads, p_values[name]) for name, roads in groups.items()}
+
+
+def compare_pairs(entries: Sequence[Entry]) -> dict[tuple[int, int], Comparison]:
+    """Return the comparison over all groups but the laps of each pair, by the entries' numbers.
+
+    The p-values, and the verdicts, are corrected for the number of pairs (Holm).
+    """
+    pairs = list(itertools.combinations(range(len(entries)), 2))
+    found = [[*compare_entries(entries[a], entries[b]).values()][-1] for a, b in pairs]
+    corrected = holm([one.p for one in found])
+    return {
+        pair: replace(one, p=p, verdict=one.verdict if p < SIGNIFICANT else CANNOT_TELL)
+        for pair, one, p in zip(pairs, found, corrected, strict=True)
+    }
+
+
+def possible_ranks(pairs: Mapping[tuple[int, int], Comparison], count: int) -> list[str]:
+    """Return the ranks that each of some compared entries may have, such as `2 to 4`."""
+    above, below = [0] * count, [0] * count
+    for (a, b), one in pairs.items():
+        if one.verdict != CANNOT_TELL:
+            better, worse = (a, b) if one.verdict == A_BETTER else (b, a)
+            above[worse] += 1
+            below[better] += 1
+    bounds = [(1 + one, count - other) for one, other in zip(above, below, strict=True)]
+    return [f"{first} to {last}" if first < last else f"{first}" for first, last in bounds]
 
 
 def _has_interval(roads: list[Road]) -> bool:

@@ -18,7 +18,7 @@ from zoo.compare.differences import (
     CANNOT_TELL,
     compare_entries,
     compare_roads,
-    read_pair,
+    read_entries,
     seeds_needed,
 )
 from zoo.drives.clustered import p_value
@@ -201,7 +201,7 @@ def test_results_of_other_roads_or_with_wrong_drives_are_refused(
     path = second / "result.json"
     path.write_text(json.dumps(changed(json.loads(path.read_text()))))
     with pytest.raises(InputError) as raised:
-        read_pair(first, second)
+        read_entries(first, second)
     line = str(raised.value)
     assert all(word in line for word in (str(second), *words)), line
     assert "\n" not in line
@@ -325,7 +325,7 @@ def test_the_probability_is_that_of_mann_and_whitney(tmp_path: Path) -> None:
     roads = [road for road, (group, *_) in enumerate(ROADS) if group == "sharp"]
     shares = [stats.mannwhitneyu(a[:, road], b[:, road]).statistic / (6 * 7) for road in roads]
 
-    found = compare_entries(*read_pair(*entries))["sharp"]
+    found = compare_entries(*read_entries(*entries))["sharp"]
 
     assert found.a_better.value == pytest.approx(np.mean(shares))
 
@@ -333,7 +333,7 @@ def test_the_probability_is_that_of_mann_and_whitney(tmp_path: Path) -> None:
 def test_the_p_values_of_groups_are_corrected_for_their_number(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     drawn = [figures(rng, mean, 3, 0.01, np.zeros(len(ROADS))) for mean in (0.6, 0.62)]
-    a, b = read_pair(*(write(tmp_path / f"{one.mean()}", result(one)) for one in drawn))
+    a, b = read_entries(*(write(tmp_path / f"{one.mean()}", result(one)) for one in drawn))
     together = compare_entries(a, b)
     roads = [road for road in a.drives if road.group == "sharp"]
 
@@ -344,7 +344,7 @@ def test_the_p_values_of_groups_are_corrected_for_their_number(tmp_path: Path) -
 def test_one_training_is_never_better(tmp_path: Path) -> None:
     first = write(tmp_path / "a", result(np.ones((1, len(ROADS)))))
     second = write(tmp_path / "b", result(np.zeros((3, len(ROADS)))))
-    found = compare_entries(*read_pair(first, second))["all but laps"]
+    found = compare_entries(*read_entries(first, second))["all but laps"]
 
     assert found.p < 0.05
     assert found.verdict == CANNOT_TELL
