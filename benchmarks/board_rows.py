@@ -99,14 +99,8 @@ def rows_of_board() -> list[Row]:
     """
     from zoo.compare import differences as of
 
-    entries = of.read_entries(*(path.parent for path in sorted(RESULTS.glob(f"*/{NAME}"))))
-    kinds = (of.RANKED, of.ONE_SEED, of.BASELINE)
-    entries.sort(
-        key=lambda one: (
-            kinds.index(one.kind),
-            one.result.groups[OVERALL]["interventions_per_km"].value,
-        )
-    )
+    folders = [path.parent for path in sorted(RESULTS.glob(f"*/{NAME}"))]
+    entries = of.in_order(of.read_entries(*folders))
     ranked = [one for one in entries if one.kind == of.RANKED]
     ranks = of.possible_ranks(of.compare_pairs(ranked), len(ranked))
     return [

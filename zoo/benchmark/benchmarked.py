@@ -1,6 +1,6 @@
 """`drivezoo benchmark`: the drives of an entry, their figures, table, plot and page."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -197,6 +197,21 @@ def write_entry(folder: Path, result: BenchmarkResult) -> list[Path]:
     return [write_result(folder, result), write_whole(folder / PAGE, page)]
 
 
+def figure_columns(rows: Sequence[Mapping[str, Interval]], group: str = "") -> list[Column]:
+    """Return a column for each figure of the rows; not short if they are those of a group."""
+    return [
+        interval_column(
+            f"{group}_{key}" if group else key,
+            f"{shown.heading}, {group}" if group else shown.heading,
+            [row[key] for row in rows],
+            shown.form,
+            shown.factor,
+            key in SHORT and not group,
+        )
+        for key, shown in FIGURES.items()
+    ]
+
+
 def groups_table(result: BenchmarkResult) -> Table:
     """Return a row for each group of roads."""
     groups = result.groups.values()
@@ -205,11 +220,7 @@ def groups_table(result: BenchmarkResult) -> Table:
         Column("group", "group", list(result.groups)),
         Column("drives", "drives", list(map(str, counts)), {"drives": counts}),
     ]
-    for key, shown in FIGURES.items():
-        figures = [group[key] for group in groups]
-        columns.append(
-            interval_column(key, shown.heading, figures, shown.form, shown.factor, key in SHORT)
-        )
+    columns += figure_columns(list(groups))
     for key in outside_metrics(result.drives):  # their part may not be named here
         heading, form = METRICS[key].row(DRIVES) if key in METRICS else (key, "{:.4g}")
         columns.append(interval_column(key, heading, [group[key] for group in groups], form))

@@ -55,6 +55,11 @@ class Entry:
             return BASELINE
         return RANKED if self.seeds > 1 else ONE_SEED
 
+    @property
+    def roads(self) -> list[Road]:
+        """Return all roads but the laps; the laps where there are no others."""
+        return [road for road in self.drives if road.group != LAPS] or list(self.drives)
+
     def autonomy(self, roads: list[Road]) -> np.ndarray:
         """Return the autonomy of the drives, float64 [training seeds, roads]."""
         values = [[one.figures["autonomy"] for one in self.drives[road]] for road in roads]
@@ -157,6 +162,19 @@ def compare_pairs(entries: Sequence[Entry]) -> dict[tuple[int, int], Comparison]
         pair: replace(one, p=p, verdict=one.verdict if p < SIGNIFICANT else CANNOT_TELL)
         for pair, one, p in zip(pairs, found, corrected, strict=True)
     }
+
+
+def in_order(entries: Sequence[Entry]) -> list[Entry]:
+    """Return entries, those with ranks first and baselines last, by interventions per km."""
+
+    def key(entry: Entry) -> tuple[int, float]:
+        groups = entry.result.groups
+        figures = groups.get(OVERALL) or next(iter(groups.values()))
+        rate = figures["interventions_per_km"].value
+        kinds = (RANKED, ONE_SEED, BASELINE)
+        return kinds.index(entry.kind), math.inf if rate is None else rate
+
+    return sorted(entries, key=key)
 
 
 def possible_ranks(pairs: Mapping[tuple[int, int], Comparison], count: int) -> list[str]:

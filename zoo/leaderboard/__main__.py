@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from zoo.base.command import command
 from zoo.base.errors import InputError
+from zoo.base.terminal import command_line
 from zoo.runs.table_files import TableFiles
 
 if TYPE_CHECKING:
@@ -15,7 +16,9 @@ PAGE = "leaderboard.html"
 
 
 @command
-def leaderboard(*folder: str | Path, tables: TableFiles) -> "Ranking":
+def leaderboard(
+    *folder: str | Path, paper: str | Path | None = None, tables: TableFiles
+) -> "Ranking":
     """Rank all runs, the best driver first.
 
     Prints the ranking and writes it as a page, leaderboard.html, into the first folder. In a folder
@@ -25,10 +28,13 @@ def leaderboard(*folder: str | Path, tables: TableFiles) -> "Ranking":
 
     Args:
         *folder: folders that contain runs, sweeps or drives; default: outputs.
+        paper: new folder for a paper: tables, plots, the commands and an archive that repeats them;
+            of results of drivezoo benchmark, or of trainings.
         tables: see `TableFiles`.
 
     Raises:
-        InputError: a folder does not exist, or contains neither runs nor drives.
+        InputError: a folder does not exist, or contains neither runs nor drives; or see
+            `write_paper`.
     """
     from zoo.leaderboard.ranking_page import Ranking
     from zoo.leaderboard.scored import drive_folders, run_folders
@@ -52,6 +58,13 @@ def leaderboard(*folder: str | Path, tables: TableFiles) -> "Ranking":
     ranking = Ranking.read(folders, under, drives, title)
     ranking.written.append(ranking.write_page(roots[0] / PAGE, "Leaderboard"))
     ranking.written.extend(tables.write_files(ranking))
+    if paper is not None:
+        from zoo.leaderboard.paper import write_paper
+
+        words = ["drivezoo", "leaderboard", *roots, f"paper={paper}"]
+        written, notes = write_paper(ranking, paper, command_line(words))
+        ranking.written.extend(written)
+        ranking.notes.extend(notes)
     return ranking
 
 

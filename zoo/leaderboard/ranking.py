@@ -162,12 +162,14 @@ class Figure:
             return "{} of {}".format(*entry.counts[track])
         if not self.is_autonomy:
             return with_deviation(value, self.form)
-        text, length = with_interval(self._interval(entry), self.form), entry.short_drive(track)
+        text, length = with_interval(self.interval(entry), self.form), entry.short_drive(track)
         return f"{text} of {length}" if length else text
 
-    def _interval(self, entry: Entry) -> Estimate:
+    def interval(self, entry: Entry) -> Estimate:
+        """Return an entry's mean with its 95 % interval over training seeds."""
         value, deviation = entry.figures.get(self.key) or (math.nan, None)
-        return mean_over_seeds(value, deviation, len(entry.runs), (0, 1))
+        greatest = 1 if self.is_autonomy else math.inf
+        return mean_over_seeds(value, deviation, len(entry.runs), (0, greatest))
 
     def column(self, short: bool) -> Column:
         """Return the column for files, with intervals or deviations, or the numbers of drives."""
@@ -183,7 +185,7 @@ class Figure:
             clean, drives = zip(*counts, strict=True)
             figures = {name: drives, f"{name}_without_intervention": clean}
         if self.is_autonomy:
-            figures |= interval_figures(name, [self._interval(entry) for entry in self.entries])
+            figures |= interval_figures(name, [self.interval(entry) for entry in self.entries])
         return Column(name, self.heading, self.texts, figures, short)
 
 

@@ -57,6 +57,7 @@ class Ranking(Result):
         under: folder to which the runs' folders are shown relative.
         title: title of the printed table.
         written: paths of the files written, the page first.
+        notes: what a paper does not have, and why.
     """
 
     entries: list[Entry]
@@ -64,6 +65,7 @@ class Ranking(Result):
     under: Path
     title: str = ""
     written: list[Path] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
     @classmethod
     def read(
@@ -84,6 +86,8 @@ class Ranking(Result):
                 console.print(line, highlight=False, markup=False, soft_wrap=True)
         for line in self.unranked_lines():
             print_line(console, line)
+        for line in self.notes:
+            print_line(console, printable(line))
         print_written(self.written, following(self.entries), console)
 
     def __repr__(self) -> str:

@@ -2,12 +2,21 @@
 
 import functools
 import hashlib
+import platform
 import subprocess
+from importlib.metadata import version
 from pathlib import Path
 
 from zoo.cli.compose import conf_folder
 
 PACKAGES = ("zoo", "datamodules", "simulator", "hydra_plugins")
+# Packages that change results.
+VERSIONS = ("drivezoo", "torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
+
+
+def package_versions() -> dict[str, str]:
+    """Return the versions of Python and of the packages in `VERSIONS`."""
+    return {"python": platform.python_version()} | {name: version(name) for name in VERSIONS}
 
 
 @functools.cache

@@ -1,7 +1,8 @@
 """Plots of data and training as matplotlib figures, drawn without a window."""
 
 import io
-from collections.abc import Mapping
+import itertools
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -151,19 +152,55 @@ def interval_plot(
         line: figure to mark by a line; None for none.
         factor: what the figures are multiplied by.
     """
-    rows = max(len(figures), 1)  # an axis needs a height without figures, too
-    figure = NotebookFigure(figsize=(6, 0.9 + 0.35 * rows), layout="constrained")
-    axis = figure.subplots()
+    figure = interval_panels({f"{label}; bar: 95 % interval": (figures, factor)})
     if line is not None:
-        axis.axvline(factor * line, color=GREY, ls=":", lw=1)
-    for row, one in enumerate(figures.values()):
-        # NaN, also of None, is not drawn.
-        low, value, high = factor * np.array([one.low, one.value, one.high], float)
-        axis.plot([low, high], [row, row], color=BLUE, lw=1.5)
-        axis.plot(value, row, "o", color=BLUE)
-    axis.set_yticks(range(len(figures)), list(figures))
-    axis.set(xlabel=f"{label}; bar: 95 % interval", ylim=(rows - 0.5, -0.5))
-    plain_axis(axis, "x")
+        figure.axes[0].axvline(factor * line, color=GREY, ls=":", lw=1, zorder=0)
+    return figure
+
+
+def interval_panels(panels: Mapping[str, tuple[Mapping[str, Any], float]]) -> Figure:
+    """Draw intervals as in `interval_plot`, in panels side by side that share their rows.
+
+    Args:
+        panels: by label of the axis, the figures by the name of the row, and their factor.
+    """
+    rows = max(1, *(len(figures) for figures, _ in panels.values()))  # an axis needs a height
+    width = 6 if len(panels) == 1 else 1.2 + 2.4 * len(panels)
+    figure = NotebookFigure(figsize=(width, 0.9 + 0.35 * rows), layout="constrained")
+    axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    for axis, (label, (figures, factor)) in zip(axes, panels.items(), strict=True):
+        for row, one in enumerate(figures.values()):
+            # NaN, also of None, is not drawn.
+            low, value, high = factor * np.array([one.low, one.value, one.high], float)
+            axis.plot([low, high], [row, row], color=BLUE, lw=1.5)
+            axis.plot(value, row, "o", color=BLUE)
+        axis.set_yticks(range(len(figures)), list(figures))
+        axis.set(xlabel=label, ylim=(rows - 0.5, -0.5))
+        plain_axis(axis, "x")
+    return figure
+
+
+def share_profiles(profiles: Mapping[str, Sequence[Any]], label: str, shares: str) -> Figure:
+    """Draw by threshold the share of scores above it, with a band (Agarwal et al. 2021).
+
+    Args:
+        profiles: by name, the shares at thresholds from 0 to 1, evenly spaced, without 1; each has
+            `value`, `low` and `high`, 0..1.
+        label: label of the thresholds' axis.
+        shares: label of the shares' axis.
+    """
+    figure = NotebookFigure(figsize=(7, 3.4), layout="constrained")
+    axis = figure.subplots()
+    styles = itertools.cycle(("-", "--", "-.", ":"))
+    for name, found in profiles.items():
+        bounds = [(one.low, one.value, one.high) for one in found]
+        low, value, high = 100 * np.array(bounds, float).T
+        taus = np.linspace(0, 100, len(found), endpoint=False)
+        (curve,) = axis.plot(taus, value, next(styles), label=name)
+        axis.fill_between(taus, low, high, color=curve.get_color(), alpha=0.15, lw=0)
+    axis.set(xlim=(0, 100), ylim=(0, 102), xlabel=label, ylabel=f"{shares}; band: 95 % interval")
+    figure.legend(loc="outside right upper", frameon=False)
+    plain_axis(axis)
     return figure
 
 

@@ -155,8 +155,11 @@ def write_plot(figure: "Figure", path: str | Path) -> Path:
         InputError: the file's name has another ending, or it cannot be written.
     """
     path = checked_file(path, PLOTS, "plot")
+    from matplotlib import rc_context
+
     contents = io.BytesIO()
-    figure.savefig(contents, dpi=200, format=path.suffix[1:])
+    with rc_context({"pdf.fonttype": 42}):  # venues refuse fonts of Type 3
+        figure.savefig(contents, dpi=200, format=path.suffix[1:])
     return write_output(path, contents.getvalue(), "plot")
 
 

@@ -12,7 +12,6 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from datetime import datetime
-from importlib.metadata import version
 from pathlib import Path
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -26,6 +25,7 @@ from zoo.base.errors import InputError
 from zoo.base.parts import KEY
 from zoo.base.whole_file import write_whole
 from zoo.cli.compose import choices, config_groups, quote_paths
+from zoo.runs.code_fingerprint import package_versions
 from zoo.runs.record_fields import Fields, Whole, check_fields
 from zoo.runs.saved_config import TRUST, check_saved_config
 
@@ -34,7 +34,6 @@ FORMAT = 1
 SWEEPS = Path("outputs/sweeps")
 # Overrides that may change when a sweep is resumed: they do not change what is trained.
 LAUNCH_KEYS = ("hydra/launcher", "hydra.launcher", "hydra.sweep.", "hydra.verbose")
-VERSIONS = ("drivezoo", "torch", "lightning")
 LAUNCHERS = ("basic", "joblib", "ray", "slurm", "submitit_local", "submitit_slurm")
 SWEEPERS = ("basic", "grid", "optuna")
 # Allowed `hydra.*` keys: numbers and names; none of them sets a class, a command or a path.
@@ -152,11 +151,6 @@ def log_digest(root: str) -> str | None:
         return hashlib.sha256(read_regular(path, MOST_LOG_BYTES)).hexdigest()[:16]
     except OSError:
         return None
-
-
-def package_versions() -> dict[str, str]:
-    """Return the versions of the packages in `VERSIONS`."""
-    return {name: version(name) for name in VERSIONS}
 
 
 def _training_overrides(arguments: Iterable[str]) -> list[str]:

@@ -1,8 +1,6 @@
 """Evaluate a run's best checkpoint; plot, drive, write and print the results."""
 
-import platform
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +16,7 @@ from zoo.cli.console_progress import working
 from zoo.report.training_section import metrics_table, print_metrics
 from zoo.report.write_up import write_report
 from zoo.runs import plots
-from zoo.runs.code_fingerprint import code_fingerprint
+from zoo.runs.code_fingerprint import code_fingerprint, package_versions
 from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.run import Run
 from zoo.training.open_loop import (
@@ -30,8 +28,6 @@ from zoo.training.open_loop import (
 from zoo.training.steering_module import SteeringModule
 from zoo.verdict.evidence import evidence_of_run
 from zoo.verdict.judgement import Verdict, judge, print_verdict
-
-PACKAGES = ("drivezoo", "torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
 
 
 @dataclass(frozen=True)
@@ -140,8 +136,7 @@ def write_metrics(
         },
         "findings": [vars(oddity) for oddity in find_oddities(data.recording)],
         "code": code_fingerprint(),
-        "versions": {"python": platform.python_version()}
-        | {package: version(package) for package in PACKAGES},
+        "versions": package_versions(),
         **more,
     }
     drive = metrics["drive"]
