@@ -28,8 +28,8 @@ def leaderboard(
 
     Args:
         *folder: folders that contain runs, sweeps or drives; default: outputs.
-        paper: new folder for a paper: tables, plots, the commands and an archive that repeats them;
-            of results of drivezoo benchmark, or of trainings.
+        paper: folder for a paper: tables, plots, the commands, and an archive that repeats them;
+            needs results of drivezoo benchmark, or trainings.
         tables: see `TableFiles`.
 
     Raises:

@@ -20,6 +20,7 @@ from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
 from zoo.base.terminal import command_line, printable
 from zoo.base.whole_file import write_output
+from zoo.base.written_files import LOCK, MARK, remove_files, written_below
 from zoo.benchmark.benchmarked import INTERVALS, SHORT, figure_columns, overall
 from zoo.benchmark.result import NAME, code_name
 from zoo.benchmark.summary import FIGURES
@@ -111,11 +112,11 @@ class Paper:
 
 
 def write_paper(ranking: Ranking, out: str | Path, command: str) -> tuple[list[Path], list[str]]:
-    """Write the files of a paper into a new folder.
+    """Write the files of a paper into a new folder, or in place of those of an earlier paper.
 
     Args:
         ranking: ranked results of the benchmark, or ranked runs.
-        out: folder to create.
+        out: folder to create, or of an earlier paper.
         command: command that writes the files, for the appendix.
 
     Returns:
@@ -123,7 +124,7 @@ def write_paper(ranking: Ranking, out: str | Path, command: str) -> tuple[list[P
 
     Raises:
         InputError: nothing is ranked, runs are mixed with other results, results are of different
-            roads, a file cannot be read, or the folder is not empty.
+            roads, a file cannot be read, or the folder has files of the user's.
     """
     scored = [run for entry in ranking.entries for run in entry.runs]
     results = [run.folder for run in scored if run.source == BENCHMARK]
@@ -132,7 +133,9 @@ def write_paper(ranking: Ranking, out: str | Path, command: str) -> tuple[list[P
             f"paper={out}: needs results of drivezoo benchmark alone, or finished trainings alone; "
             "name their folders"
         )
-    with command_folder(out, "papers", key="paper=") as folder:
+    with command_folder(out, "papers", resumed_by=APPENDIX, key="paper=") as folder:
+        earlier = [one for one in written_below(folder)[0] if one.name not in (MARK, LOCK)]
+        remove_files(earlier, folder)
         paper = of_results(read_entries(*results)) if results else of_runs(ranking)
         paper.plots["intervals"].supxlabel("bar: 95 % interval", fontsize="medium")
         text = _appendix(paper, command, [*paper.notes, *ranking.unranked_lines()])

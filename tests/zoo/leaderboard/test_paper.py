@@ -91,3 +91,16 @@ def test_mixed_results_and_a_folder_with_files_are_refused() -> None:
     with pytest.raises(InputError, match="marks: is not empty"):
         leaderboard("marks", paper="marks")
     assert not Path("new").exists()
+
+
+def test_a_paper_is_written_again_and_a_changed_table_is_kept() -> None:
+    write_entry("good", 0.9)
+    write_entry("bad", 0.6)
+    leaderboard("marks", paper="paper")
+    leaderboard("marks/good", paper="paper")
+    assert not Path("paper/pairs.csv").exists()
+    assert [row["entry"] for row in rows("paper/table.csv")] == ["good"]
+    Path("paper/table.tex").write_text("mine")
+    with pytest.raises(InputError, match="was changed after drivezoo wrote it"):
+        leaderboard("marks", paper="paper")
+    assert Path("paper/table.tex").read_text() == "mine"
