@@ -116,6 +116,14 @@ def find_format(path: Path, name: str | None = None) -> tuple[str, Format]:
     raise InputError(importlib.import_module(OWN["udacity"]).missing(path))
 
 
+def check_roots(roots: str | Sequence[str] | None) -> None:
+    """Raise InputError if a folder or file of a recording does not exist; nothing is read."""
+    for root in [roots] if isinstance(roots, str) else roots or []:
+        path = Path(root).expanduser()
+        if not path.exists():
+            find_format(path)
+
+
 def read_recording(path: Path, options: ReadOptions) -> tuple[str, Recording]:
     """Return the format of a recording and its rows, with the car's rig of the user's file.
 

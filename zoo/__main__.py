@@ -81,9 +81,10 @@ def train_once(arguments: list[str], several: bool = True) -> Path:
         nonlocal began, folder
         began = True
         folder = Path(HydraConfig.get().runtime.output_dir)
-        with loading():
-            from zoo.training.run import run_experiment
         try:
+            check_data(config, folder)
+            with loading():
+                from zoo.training.run import run_experiment
             if not several and needs_processes(config):
                 raise UsageError(
                     f"trainer.devices={config.trainer.devices}: only the command drivezoo train "
@@ -116,6 +117,19 @@ def train_once(arguments: list[str], several: bool = True) -> Path:
     if failures:
         raise failures[0]
     return folder
+
+
+def check_data(config: "DictConfig", folder: Path) -> None:
+    """Report a recording that does not exist, before torch is imported, as a failure of the run."""
+    from datamodules.recording_format import check_roots
+    from zoo.cli.process_ranks import is_first_process, needs_processes
+    from zoo.runs.status import run_status
+
+    try:
+        check_roots(config.data.root)
+    except InputError:
+        with run_status(folder, is_first_process(needs_processes(config))):
+            raise
 
 
 def is_sweep(arguments: list[str]) -> bool:

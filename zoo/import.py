@@ -1,5 +1,7 @@
 """`drivezoo import`: make a checkpoint of a Keras network."""
 
+from pathlib import Path
+
 from zoo.base.command import command
 from zoo.cli.console_progress import loading
 from zoo.input_search.import_options import ImportOptions
@@ -21,6 +23,9 @@ def import_file(file: str, *, options: ImportOptions) -> None:
     """
     from rich.console import Console
 
+    from zoo.keras.keras_file import check_exists
+
+    check_exists(Path(file).expanduser())
     with loading():
         from zoo.input_search.keras_import import import_network
     import_network(file, options, Console(emoji=False))

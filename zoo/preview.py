@@ -5,6 +5,7 @@ from pathlib import Path
 from zoo.base.command import command
 from zoo.base.terminal import command_line, print_next, print_written
 from zoo.base.written_files import check_output, note_output
+from zoo.cli.console_progress import loading
 
 COUNT = 32
 NAMES = ("fed_batch", "steering_histogram")
@@ -25,17 +26,20 @@ def preview(*overrides: str) -> None:
     from omegaconf import OmegaConf
     from rich.console import Console
 
-    from zoo.callbacks.training_images import figure_of_fed_batch, figure_of_steering
+    from datamodules.recording_format import check_roots
     from zoo.cli.compose import compose_config, escape_interpolation, quote_paths
-    from zoo.runs import plots
-    from zoo.training.build import build_data
-    from zoo.training.run_config import settle_config
 
     console = Console(soft_wrap=True)
     written = [Path("outputs/preview") / f"{name}.png" for name in NAMES]
     for path in written:
         check_output(path, key="")
     config = OmegaConf.create(escape_interpolation(compose_config(quote_paths(list(overrides)))))
+    check_roots(config.data.root)  # reports a wrong path before torch is imported
+    with loading():
+        from zoo.callbacks.training_images import figure_of_fed_batch, figure_of_steering
+        from zoo.runs import plots
+        from zoo.training.build import build_data
+        from zoo.training.run_config import settle_config
     data = build_data(settle_config(config, console))
     data.load(console)
     figures = figure_of_fed_batch(data, COUNT), figure_of_steering(data)

@@ -1,7 +1,11 @@
 """Which libraries a command imports."""
 
+import json
 import subprocess
 import sys
+from pathlib import Path
+
+from tests.zoo.commands import environment
 
 DRIVING = """
 import sys
@@ -17,3 +21,30 @@ def test_driving_imports_no_library_that_only_training_needs() -> None:
         [sys.executable, "-c", DRIVING], capture_output=True, text=True, check=True
     )
     assert done.stdout.split() == []
+
+
+WRONG = """
+import contextlib, io, sys
+from zoo.cli.console_script import main
+for typed in sys.argv[1:]:
+    sys.argv = ["drivezoo", *typed.split()]
+    with contextlib.redirect_stderr(io.StringIO()) as printed:
+        try:
+            main()
+        except SystemExit as end:
+            assert end.code, typed
+    assert "nowhere" in printed.getvalue(), printed.getvalue()
+    assert "torch" not in sys.modules, typed
+"""
+TYPOS = (
+    *("grade nowhere", "report nowhere", "import nowhere.h5", "compare nowhere nowhere"),
+    *("preview data.root=nowhere", "train data.root=nowhere"),
+    *("benchmark lenet suite=nowhere", "evaluate lenet track=nowhere"),
+)
+
+
+def test_a_wrong_path_is_reported_before_torch_is_imported(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", WRONG, *TYPOS]
+    subprocess.run(command, cwd=tmp_path, env=environment(), check=True, timeout=60)
+    status = next(tmp_path.glob("outputs/*/*/status.json"))
+    assert json.loads(status.read_text())["status"] == "failed"

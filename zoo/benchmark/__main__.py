@@ -50,8 +50,11 @@ def benchmark(ckpt: str, *ckpts: str, options: BenchmarkOptions) -> "Benchmarked
         return None
     if not all(isinstance(name, str) for name in (ckpt, *ckpts)):
         raise UsageError("benchmark: name checkpoints or a baseline; a result holds their files")
-    # Reports a wrong path before torch is imported.
+    from zoo.benchmark.suite import suite_path
+
+    # Report a wrong path or suite before torch is imported.
     names = [name if name in BASELINES else str(find_checkpoint(name)) for name in (ckpt, *ckpts)]
+    suite_path(options.suite)
     with loading():
         from zoo.benchmark.benchmarked import score_entry
     return score_entry(names, options, console)

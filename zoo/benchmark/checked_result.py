@@ -11,7 +11,6 @@ from zoo.base.errors import InputError
 from zoo.base.limits import check_most
 from zoo.base.terminal import printable
 from zoo.benchmark.baselines import BASELINES
-from zoo.benchmark.drives import check_distinct, drive_suite, read_driver
 from zoo.benchmark.result import (
     ANALYSIS,
     NAME,
@@ -20,6 +19,7 @@ from zoo.benchmark.result import (
     BenchmarkResult,
     Driver,
     DriveRecord,
+    check_distinct,
     code_name,
     digest_of_drives,
 )
@@ -167,6 +167,8 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
         InputError: the result, its suite or a checkpoint cannot be used or does not fit; or a
             digest differs, after the figures of both drives are printed.
     """
+    from zoo.benchmark.drives import drive_suite  # imports torch
+
     result = read_result(path)
     found = read_suite(*find_suite(result.suite, suite))
     check_suite(result, found, path)
@@ -216,6 +218,8 @@ def _driver(record: Driver, folder: Path, path: Path) -> Driver:
     Its file has the name that the result gives it, or the first digits of its hash; it lies in the
     result's folder, or where it was. No other file is read.
     """
+    from zoo.benchmark.drives import read_driver
+
     if record.file in BASELINES and record.sha256 is None:
         return record
     named = PureWindowsPath(record.file)  # its separators are those of all systems

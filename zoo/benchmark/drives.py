@@ -13,7 +13,7 @@ from zoo.base.bounded_files import MOST_JSON_BYTES, hash_file, parse_json, read_
 from zoo.base.errors import InputError, UsageError
 from zoo.base.whole_file import write_whole
 from zoo.benchmark.baselines import BASELINES
-from zoo.benchmark.result import Driver, DriveRecord
+from zoo.benchmark.result import Driver, DriveRecord, check_distinct
 from zoo.benchmark.suite import LAPS, Suite, SuiteDrive
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.drives.drive_record import Drive
@@ -225,18 +225,6 @@ def find_drivers(names: Sequence[str], suite: Suite) -> list[Driver]:
     drivers = [read_driver(find_checkpoint(one)) for one in names]
     check_distinct(drivers)
     return drivers
-
-
-def check_distinct(drivers: Sequence[Driver], place: str = "") -> None:
-    """Raise InputError unless an entry's checkpoints are different ones of one network."""
-    for number, one in enumerate(drivers):
-        if one.model != drivers[0].model:
-            raise InputError(
-                f"{place}{one.file}: is a {one.model}, but {drivers[0].file} is a "
-                f"{drivers[0].model}; the checkpoints of an entry differ only in their seed"
-            )
-        if one.sha256 in [other.sha256 for other in drivers[:number]]:
-            raise InputError(f"{place}{one.file}: is named twice; name each training seed once")
 
 
 def read_driver(path: Path) -> Driver:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pydantic import Field
 
+from zoo.base.errors import InputError
 from zoo.base.whole_file import json_text, write_whole
 from zoo.runs.record_fields import Count, Fields, Number, Whole
 
@@ -104,6 +105,18 @@ def write_result(folder: Path, result: BenchmarkResult) -> Path:
 def code_name(code: dict[str, str | None]) -> str:
     """Return the commit of the code that drove a result, or its hash."""
     return code.get("commit") or code.get("hash") or "unknown"
+
+
+def check_distinct(drivers: Sequence[Driver], place: str = "") -> None:
+    """Raise InputError unless an entry's checkpoints are different ones of one network."""
+    for number, one in enumerate(drivers):
+        if one.model != drivers[0].model:
+            raise InputError(
+                f"{place}{one.file}: is a {one.model}, but {drivers[0].file} is a "
+                f"{drivers[0].model}; the checkpoints of an entry differ only in their seed"
+            )
+        if one.sha256 in [other.sha256 for other in drivers[:number]]:
+            raise InputError(f"{place}{one.file}: is named twice; name each training seed once")
 
 
 def digest_of_drives(drives: Sequence[DriveRecord]) -> str:

@@ -139,7 +139,7 @@ def find_suite(name: str, other: str) -> tuple[str, str]:
         InputError: no suite has that name.
     """
     for one in dict.fromkeys([other, *suite_names()]):
-        own = _read_file(_path(one)).name
+        own = _read_file(suite_path(one)).name
         if name in (own, f"{own}-{DEV}"):
             return one, DEV if name != own else "test"
     raise InputError(
@@ -159,7 +159,7 @@ def read_suite(name: str, split: str = "test") -> Suite:
         UsageError: there is no such suite, or it has no roads of the split.
         InputError: the file cannot be read, a key or value is wrong, or there is no such road.
     """
-    path = _path(name)
+    path = suite_path(name)
     file = _read_file(path)
     if split == DEV and not file.dev:
         raise UsageError(f"split=dev: the suite {file.name} has no dev roads; use split=test")
@@ -204,7 +204,7 @@ def redraw_suite(name: str, seed: int | None, roads: int) -> str:
         UsageError: there is no such suite.
         InputError: the file cannot be read, or a key or value is wrong.
     """
-    path = _path(name)
+    path = suite_path(name)
     content = _read_file(path).model_dump(exclude_unset=True)
     if seed is not None:
         content["name"] += "-drawn"  # included suites have fixed roads
@@ -228,7 +228,8 @@ def _redrawn(track: str, seed: int, roads: int) -> list[str]:
     return [f"{drawn[1]}:{number}" for number in numbers]
 
 
-def _path(name: str) -> Path:
+def suite_path(name: str) -> Path:
+    """Return the file of a suite, which may be missing; raise UsageError for an unknown name."""
     if name.endswith((".yaml", ".yml")):
         return Path(name)
     if name not in suite_names():

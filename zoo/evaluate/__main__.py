@@ -10,7 +10,12 @@ from zoo.base.errors import UsageError
 from zoo.base.run_command import exit_after
 from zoo.checkpoints.checkpoint_path import find_driver
 from zoo.cli.console_progress import loading
-from zoo.evaluate.evaluate_options import ChallengeOptions, EvaluateOptions, ReplayOptions
+from zoo.evaluate.evaluate_options import (
+    ChallengeOptions,
+    EvaluateOptions,
+    ReplayOptions,
+    check_world,
+)
 
 if TYPE_CHECKING:
     from zoo.evaluate.challenge import Challenge
@@ -39,7 +44,10 @@ def evaluate(ckpt: str, *, options: EvaluateOptions) -> "Evaluation":
         raise UsageError("replay: call drivezoo.replay(driver, recording)")
     if options.challenge is not None or options.data is not None:
         raise UsageError("challenge: call drivezoo.challenge(driver, folder)")
-    driver = find_driver(ckpt)  # reports a wrong path before torch is imported
+    # Report a wrong path or track before torch is imported.
+    driver = find_driver(ckpt)
+    if options.track and options.world == "embedded":
+        check_world(options)
     with loading():
         from zoo.evaluate.evaluation import score_driver
     return score_driver(driver, options, Console(emoji=False))

@@ -8,6 +8,7 @@ from rich.console import Console
 from zoo.base.command import command
 from zoo.cli.console_progress import loading
 from zoo.grade.grade_options import GradeOptions
+from zoo.grade.submissions import find_submissions
 
 if TYPE_CHECKING:
     from zoo.grade.graded import Graded
@@ -32,9 +33,10 @@ def grade(folder: str, *, options: GradeOptions) -> "Graded":
         UsageError: a key or value is wrong.
         InputError: there is no submission, or the suite has no marks.
     """
+    submissions = find_submissions(Path(folder).expanduser())
     with loading():
         from zoo.grade.graded import grade_class
-    return grade_class(Path(folder).expanduser(), options, Console(emoji=False))
+    return grade_class(submissions, options, Console(emoji=False))
 
 
 if __name__ == "__main__":

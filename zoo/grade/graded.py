@@ -31,7 +31,7 @@ from zoo.benchmark.marks import (
 from zoo.benchmark.result import NAME, BenchmarkResult, DriveRecord
 from zoo.benchmark.suite import Suite, read_suite, redraw_suite
 from zoo.grade.grade_options import GradeOptions
-from zoo.grade.submissions import Submission, find_submissions, warnings_of
+from zoo.grade.submissions import Submission, warnings_of
 from zoo.report.blocks import Block, Bullets, Heading, Rows, Section, Text, to_html
 from zoo.report.drive_section import failure
 from zoo.runs.table import Column, Table
@@ -130,13 +130,14 @@ class Graded(Result):
         return Table([*shown, Column("to_look_at", "to look at", warnings)])
 
 
-def grade_class(folder: Path, options: GradeOptions, console: Console) -> Graded:
-    """Drive all submissions of a folder, and write the marks.
+def grade_class(
+    submissions: Sequence[Submission], options: GradeOptions, console: Console
+) -> Graded:
+    """Drive all submissions, and write the marks.
 
     Raises:
         UsageError: `roads` is given without `seed`.
-        InputError: there is no submission, the suite has no marks, or a recording or a folder
-            cannot be read.
+        InputError: the suite has no marks, or a recording or a folder cannot be read.
     """
     if options.roads > 1 and options.seed is None:
         raise UsageError(f"roads={options.roads}: are drawn; name seed=NUMBER, too")
@@ -145,7 +146,6 @@ def grade_class(folder: Path, options: GradeOptions, console: Console) -> Graded
     fingerprint = None
     if options.recording:
         fingerprint = read_recordings(options.recording).fingerprint()
-    submissions = find_submissions(folder)
     with command_folder(options.out, "grades", resumed_by=SUITE) as out:
         path = out / SUITE
         if path.is_file() and path.read_text(encoding="utf-8") != text:

@@ -7,7 +7,6 @@ from pathlib import Path
 from zoo.base.bounded_files import read_text
 from zoo.base.errors import InputError, file_errors
 from zoo.benchmark.result import Driver
-from zoo.checkpoints.checkpoint import read_checkpoint_file
 
 ENDINGS = (".ckpt", ".onnx")
 MOST_CARD_BYTES = 1_000_000
@@ -99,6 +98,8 @@ def _recorded_tracks(path: Path) -> set[str]:
     """Return the roads that a checkpoint's own training recorded."""
     if path.suffix != ".ckpt":
         return set()
+    from zoo.checkpoints.checkpoint import read_checkpoint_file  # imports torch
+
     data = read_checkpoint_file(path)["drivezoo"]["config"].get("data") or {}
     record = data.get("record") if isinstance(data, dict) else None
     passes = record.get("passes") if isinstance(record, dict) else None

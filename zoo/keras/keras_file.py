@@ -252,9 +252,16 @@ def _naming_damage(path: Path, kind: str) -> Iterator[Any]:
         raise _unreadable(path, text) from None
 
 
+def check_exists(path: Path) -> None:
+    """Raise InputError if there is no such file."""
+    if not path.exists():
+        raise InputError(f"{path}: no such file; correct the path")
+
+
 def _unreadable(path: Path, text: str) -> InputError:
-    """Return the error about a file that is missing, a pointer of Git LFS, or else `text`."""
+    """Return the error about a file that is a pointer of Git LFS, or else `text`."""
+    check_exists(path)
     with suppress(OSError), open_binary(path, MOST_BYTES) as file:
         if file.read(len(LFS)) == LFS:
             text = "is a pointer of Git LFS, not the file itself; fetch it with git lfs pull"
-    return InputError(f"{path}: {text if path.exists() else 'no such file; correct the path'}")
+    return InputError(f"{path}: {text}")

@@ -4,6 +4,7 @@ from zoo.base.command import command
 from zoo.base.terminal import print_written
 from zoo.checkpoints.checkpoint_path import find_run
 from zoo.cli.console_progress import loading
+from zoo.runs.run import Run
 
 
 @command
@@ -17,6 +18,8 @@ def report(run_folder: str) -> None:
         run_folder: folder of a run or of an evaluation, or latest: the newest run below outputs.
     """
     run = find_run(run_folder)
+    if not run.exists():  # reported before torch is imported
+        Run.open(run)
     with loading("writing the report"):
         from zoo.report.write_up import MARKDOWN, write_report
 
