@@ -12,7 +12,7 @@ from rich.console import Console
 
 from datamodules.recording_format import read_recordings
 from simulator.track_names import DRAWN
-from zoo.base.bounded_files import hash_file
+from zoo.base.bounded_files import hash_file, parse_yaml
 from zoo.base.child_process import end_module, start_module
 from zoo.base.errors import InputError, UsageError
 from zoo.base.new_folder import command_folder
@@ -143,6 +143,8 @@ def grade_class(
         raise UsageError(f"roads={options.roads}: are drawn; name seed=NUMBER, too")
     options.check_files()
     text = redraw_suite(options.suite, options.seed, options.roads)
+    if "marks" not in parse_yaml(text):
+        raise InputError(f"suite={options.suite}: has no marks; add them, see conf/suite")
     fingerprint = None
     if options.recording:
         fingerprint = read_recordings(options.recording).fingerprint()
@@ -152,8 +154,6 @@ def grade_class(
             raise InputError(f"{path}: other roads were begun there; name another out=")
         write_whole(path, text)
         suite = read_suite(str(path))
-        if not suite.marks:
-            raise InputError(f"suite={options.suite}: has no marks; add them, see conf/suite")
         with ThreadPoolExecutor(options.jobs) as pool:
             grades = list(
                 pool.map(lambda one: _grade(one, out, suite, options, console), submissions)
