@@ -23,6 +23,7 @@ from zoo.base.whole_file import write_output
 from zoo.base.written_files import LOCK, MARK, remove_files, written_below
 from zoo.benchmark.benchmarked import INTERVALS, SHORT, figure_columns, overall
 from zoo.benchmark.result import NAME, code_name
+from zoo.benchmark.suite import find_suite, suite_names
 from zoo.benchmark.summary import FIGURES
 from zoo.checkpoints.checkpoint_path import FOLDER as CHECKPOINTS
 from zoo.compare.differences import (
@@ -309,10 +310,15 @@ def _add_entry(paper: Paper, name: str, place: str, entry: Entry) -> None:
         paper.notes.append(f"not in {ARCHIVE}, since no such file is there: {', '.join(missing)}")
     else:
         paper.repeats[inside] = "benchmark verify"
-    suite = result.suite.removesuffix("-dev")
-    words = [*(one.file for one in result.checkpoints), f"suite={suite}", f"entry={result.entry}"]
-    split = ["split=dev"] if suite != result.suite else []
-    commands.append(command_line(["drivezoo", "benchmark", *words, *split]))
+    try:
+        suite, split = find_suite(result.suite, suite_names()[0])
+    except InputError:
+        suite, split = f"{result.suite}.yaml", "test"
+        line = f"not in {ARCHIVE}: the file of your suite {result.suite}; publish it, too"
+        paper.notes += [line] if line not in paper.notes else []
+    words = ["drivezoo", "benchmark", *(one.file for one in result.checkpoints), f"suite={suite}"]
+    words += ["split=dev"] if split == "dev" else []
+    commands.append(command_line([*words, f"entry={result.entry}"]))
 
 
 def _appendix(paper: Paper, command: str, missing: Sequence[str]) -> str:

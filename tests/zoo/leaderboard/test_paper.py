@@ -61,6 +61,7 @@ def test_results_give_tables_plots_and_an_archive_that_gives_the_same(
     assert "| torch |" in text
     assert "1.2.3" in text
     assert any("1.ckpt" in line for line in shown.notes)  # a checkpoint that is not there
+    assert any("your suite own" in line for line in shown.notes)
 
     zipfile.ZipFile("paper/repeat.zip").extractall("again")
     monkeypatch.chdir("again")
