@@ -26,24 +26,11 @@ from zoo.benchmark.result import NAME, code_name
 from zoo.benchmark.suite import find_suite, suite_names
 from zoo.benchmark.summary import FIGURES
 from zoo.checkpoints.checkpoint_path import FOLDER as CHECKPOINTS
-from zoo.compare.differences import (
-    RANKED,
-    Comparison,
-    Entry,
-    compare_pairs,
-    in_order,
-    possible_ranks,
-    read_entries,
-)
+from zoo.compare import differences
+from zoo.compare.differences import Comparison, Entry
 from zoo.drives.bootstrap import Estimate
 from zoo.drives.clustered import SHARE, clustered
-from zoo.leaderboard.ranking import (
-    in_one_column,
-    ranked_figures,
-    run_name,
-    setting_columns,
-    short_figures,
-)
+from zoo.leaderboard import ranking as of
 from zoo.leaderboard.ranking_page import Ranking
 from zoo.leaderboard.scored import BENCHMARK
 from zoo.runs.code_fingerprint import code_fingerprint, package_versions
@@ -137,7 +124,7 @@ def write_paper(ranking: Ranking, out: str | Path, command: str) -> tuple[list[P
     with command_folder(out, "papers", resumed_by=APPENDIX, key="paper=") as folder:
         earlier = [one for one in written_below(folder)[0] if one.name not in (MARK, LOCK)]
         remove_files(earlier, folder)
-        paper = of_results(read_entries(*results)) if results else of_runs(ranking)
+        paper = of_results(differences.read_entries(*results)) if results else of_runs(ranking)
         paper.plots["intervals"].supxlabel("bar: 95 % interval", fontsize="medium")
         text = _appendix(paper, command, [*paper.notes, *ranking.unranked_lines()])
         written = [
@@ -154,15 +141,14 @@ def write_paper(ranking: Ranking, out: str | Path, command: str) -> tuple[list[P
 
 def of_results(entries: Sequence[Entry]) -> Paper:
     """Return the paper of results of the benchmark on the same roads."""
-    entries, paper = in_order(entries), Paper()
+    entries, paper = differences.in_order(entries), Paper()
     counts = Counter(one.result.entry for one in entries)
     names = [
         name if counts[name := one.result.entry] == 1 else f"{name} ({one.path})" for one in entries
     ]
-    ranked = [one for one in entries if one.kind == RANKED]
-    pairs = compare_pairs(ranked)
-    ranks = possible_ranks(pairs, len(ranked))
-    ranks += ["-"] * (len(entries) - len(ranked))
+    ranked = [one for one in entries if one.kind == differences.RANKED]
+    pairs = differences.compare_pairs(ranked)
+    ranks = differences.possible_ranks(pairs, len(ranked)) + ["-"] * (len(entries) - len(ranked))
     paper.tables["table"] = _entries_table(entries, names, ranks)
     if pairs:
         paper.tables["pairs"] = _pairs_table(names, pairs)
@@ -185,21 +171,18 @@ def of_results(entries: Sequence[Entry]) -> Paper:
 def of_runs(ranking: Ranking) -> Paper:
     """Return the paper of trainings with the drives that scored them."""
     entries, paper = ranking.entries, Paper({"table": ranking.result_table()})
-    settings = setting_columns(entries)
-    names = [one.replace("\n", ", ") for one in in_one_column(settings).cells] if settings else []
+    columns = of.setting_columns(entries)
+    cells = of.in_one_column(columns).cells if columns else []
+    names = [one.replace("\n", ", ") for one in cells]
     if len(set(names)) < len(entries):
-        names = [run_name(entry, ranking.under) for entry in entries]
-    figures = ranked_figures(entries)
-    short = [one for one in figures if one.form and one.key in short_figures(figures)]
-    paper.plots["intervals"] = interval_panels(
-        {
-            one.heading: (
-                dict(zip(names, map(one.interval, entries), strict=True)),
-                100 if "%" in one.form else 1,
-            )
-            for one in short
-        }
-    )
+        names = [of.run_name(entry, ranking.under) for entry in entries]
+    figures = of.ranked_figures(entries)
+    short = [one for one in figures if one.form and one.key in of.short_figures(figures)]
+    panels = {}
+    for one in short:
+        own = dict(zip(names, map(one.interval, entries), strict=True))
+        panels[one.heading] = own, 100 if "%" in one.form else 1
+    paper.plots["intervals"] = interval_panels(panels)
     paper.notes.append(
         "no pairs and no profiles: trainings are scored on few tracks, which say nothing about "
         "other roads; for these, drive each entry on the roads of a suite:"
