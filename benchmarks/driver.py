@@ -22,14 +22,16 @@ from zoo.cli.compose import choices
 
 FPS, SECONDS = 60, 1.0
 CONSTANT = "a constant"
-SLOW = ("efficientnet_lite0", "vgg")  # compared with PyTorch, too
+AIM, SLOW_AIM = 0.98, 0.95  # all messages but for those on their way; not slower than PyTorch
+SLOW = ("efficientnet_lite0", "vgg")  # compared with PyTorch
 TORCH = " on torch"
 
 
 def measure(short: bool) -> list[Row]:
     """Compare the driver with each network with the demand of two loops at 60 frames per second.
 
-    One process serves all networks, because torch loads slowly.
+    A network that is too slow for these is compared with PyTorch, whose engine it replaces. One
+    process serves all networks, because torch loads slowly.
     """
     names = ["nvidia"]
     if not short:
@@ -38,15 +40,20 @@ def measure(short: bool) -> list[Row]:
     ours, theirs = context.Pipe()
     process = context.Process(target=serve_each, args=(names, theirs))
     process.start()
-    rows = []
+    rates, figures = {}, {}
     for name in names:
-        rate = send_telemetry(ours.recv(), SECONDS)
+        rates[name] = send_telemetry(ours.recv(), SECONDS)
         ours.send("stop")
         latency = {f"{key} ms": value for key, value in ours.recv().items()}
-        what = f"the driver with {name}, telemetry answered"
-        asked = f"two loops at {FPS} fps, answered at once"
-        rows.append(Row(what, asked, [rate / (2 * FPS)], figures={"telemetry/s": rate, **latency}))
+        figures[name] = {"telemetry/s": rates[name], **latency}
     process.join()
+    rows = []
+    for name in filter(lambda name: not name.endswith(TORCH), names):
+        asked, reference, aim = 2 * FPS, f"two loops at {FPS} fps, answered at once", AIM
+        if name in SLOW:
+            asked, reference, aim = rates[f"{name}{TORCH}"], "the same on PyTorch", SLOW_AIM
+        what = f"the driver with {name}, telemetry answered"
+        rows.append(Row(what, reference, [rates[name] / asked], aim, figures=figures[name]))
     return rows
 
 
