@@ -1,11 +1,13 @@
 """Measure the cost of scoring beyond rendering and network: `make bench ONLY=scored_lap`.
 
 It compares the CPU time of a scored drive on the lake with that of rendering the same frames and
-running the network on them, each on one thread. PilotNet has random weights; the car is put back
+running the network on them, each on one thread; `in turns s` is that of both, frame by frame, whose
+caches are those of a drive. PilotNet has random weights; the car is put back
 often, which costs nothing extra.
 """
 
 import time
+from functools import partial
 
 from benchmarks.material import random_policy
 from benchmarks.measuring import Row, medians, ratios, take_turns
@@ -31,13 +33,15 @@ def measure(short: bool) -> list[Row]:
         found.append(drive(policy, world, scenario))
         return time.process_time() - began
 
-    def rendered() -> float:
+    def rendered(network: bool = False) -> float:
         last, seconds = found[-1], 0.0
         frames.clear()
         for distance, row in zip(last.distance_m, last.rows, strict=True):
             simulated.put_back(Start(distance, cte=row.cross_track_m, speed_mph=row.speed_mph))
             began = time.process_time()
             frames.append(world.frame())
+            if network:
+                policy(frames[-1], 20.0)
             seconds += time.process_time() - began
         return seconds
 
@@ -48,9 +52,9 @@ def measure(short: bool) -> list[Row]:
         return time.process_time() - began
 
     found: list[Drive] = []
-    turns = take_turns(
-        {"scored s": scored, "rendering s": rendered, "network s": predicted}, rounds
-    )
+    apart = {"rendering s": rendered, "network s": predicted}
+    together = {"in turns s": partial(rendered, network=True)}
+    turns = take_turns({"scored s": scored, **apart, **together}, rounds)
     world.close()
     sums = [a + b for a, b in zip(turns["rendering s"], turns["network s"], strict=True)]
     what = f"{laps:g} scored laps of the lake, nvidia, one core"
