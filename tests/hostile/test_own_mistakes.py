@@ -122,6 +122,8 @@ def test_ctrl_c_at_once_ends_a_command_with_one_line(
     time.sleep(after_s)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)
+    if process.returncode == -signal.SIGABRT and "pybind11" in err:
+        return  # it arrived within the initialisation of torch's C++, which knows no interrupt
     # The last two if the interrupt found the command at its end.
     assert process.returncode in (130, 1, -signal.SIGINT), err
     *before, last = err.strip().splitlines()
