@@ -20,6 +20,8 @@ from zoo.base.terminal import print_line, print_written
 from zoo.base.whole_file import write_whole
 from zoo.benchmark.benchmarked import Benchmarked
 from zoo.benchmark.marks import (
+    OPEN,
+    PASSED,
     Reached,
     failure_folder,
     failures,
@@ -119,7 +121,7 @@ class Graded(Result):
             name = f"{group}_{figure}".replace(" ", "_")
             first = next(mark for mark in found if mark)
             heading, required, _ = first.texts
-            cells = [f"{mark.texts[2]}, {mark.status}" if mark else "-" for mark in found]
+            cells = [_cell(mark) if mark else "-" for mark in found]
             figures = {name: [mark.reached if mark else None for mark in found]}
             figures |= {
                 f"{name}_{key}": [getattr(mark.interval, key) if mark else None for mark in found]
@@ -279,6 +281,13 @@ def _named(drive: DriveRecord, is_secret: bool) -> str:
     family = DRAWN.fullmatch(drive.track)
     road = f"a road of {family[1]}" if is_secret and family else drive.track
     return ", ".join([f"{drive.group}: {road}", *typed_settings(drive)])
+
+
+def _cell(mark: Reached) -> str:
+    """Return a mark in a narrow cell: its status where it is not passed, its interval if open."""
+    text = mark.texts[2]
+    short = text.partition(" (")[0]
+    return {OPEN: f"{text}, {OPEN}", PASSED: short}.get(mark.status, f"{short}, {mark.status}")
 
 
 def _mark_of(grade: Grade, group: str, figure: str) -> Reached | None:
