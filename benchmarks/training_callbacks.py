@@ -57,5 +57,5 @@ def train_by_turns(pipe: Connection, config: DictConfig, folder: Path) -> None:
         return trainer
 
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    with patch.object(run, "build_trainer", with_turns):
+    with patch.object(build, "build_trainer", with_turns):
         run.run_experiment(config, folder)
