@@ -223,7 +223,8 @@ def _redrawn(track: str, seed: int, roads: int) -> list[str]:
     """Return roads of the same family; a track with a file is kept."""
     if not (drawn := DRAWN.fullmatch(track)):
         return [track]
-    digest = hashlib.sha256(f"{seed} {track}".encode()).digest()
+    name = f"{Path(drawn[1]).stem}:{drawn[2]}"  # the same roads wherever a family's file lies
+    digest = hashlib.sha256(f"{seed} {name}".encode()).digest()
     numbers = np.random.default_rng(list(digest)).integers(MOST_SEED, size=roads)
     return [f"{drawn[1]}:{number}" for number in numbers]
 

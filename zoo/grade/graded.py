@@ -204,7 +204,7 @@ def _drive(folder: Path, submission: Submission, suite: Path, minutes: float) ->
     """
     words = [str(submission.file), f"suite={suite}", f"entry={submission.name}", f"out={folder}"]
     folder.parent.mkdir(exist_ok=True)
-    log = folder.with_suffix(".txt")
+    log = folder.with_name(f"{folder.name}.txt")
     with log.open("w", encoding="utf-8") as file:
         process = start_module(
             "zoo.benchmark", *words, "workers=1", stdout=file, stderr=subprocess.STDOUT

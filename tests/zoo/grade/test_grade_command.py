@@ -12,7 +12,7 @@ from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError, UsageError
 from zoo.benchmark.__main__ import benchmark
 from zoo.benchmark.result import NAME, Driver
-from zoo.benchmark.suite import read_suite, redraw_suite
+from zoo.benchmark.suite import _redrawn, read_suite, redraw_suite
 from zoo.grade import graded
 from zoo.grade.__main__ import grade
 from zoo.grade.submissions import Submission, find_submissions, warnings_of
@@ -96,9 +96,10 @@ def test_it_resumes_without_driving_again(
 
 
 def test_a_submission_has_a_process_and_a_time_of_its_own(submitted: Path, tmp_path: Path) -> None:
-    one = Submission("eve", submitted / "eve.ckpt")
+    one = Submission("eve.1", submitted / "eve.ckpt")
     with pytest.raises(InputError, match="not driven within"):
-        graded._drive(tmp_path / "drives" / "eve", one, tmp_path / "suite.yaml", 1e-5)
+        graded._drive(tmp_path / "drives" / "eve.1-0", one, tmp_path / "suite.yaml", 1e-5)
+    assert [file.name for file in (tmp_path / "drives").glob("*.txt")] == ["eve.1-0.txt"]
 
 
 def test_roads_are_drawn_by_the_seed_and_keep_their_families() -> None:
@@ -106,6 +107,7 @@ def test_roads_are_drawn_by_the_seed_and_keep_their_families() -> None:
         groups = yaml.safe_load(redraw_suite("course", seed, roads))["groups"]
         return {name: [one["track"] for one in drives] for name, drives in groups.items()}
 
+    assert _redrawn("a/own.yaml:3", 7, 1)[0][2:] == _redrawn("b/own.yaml:3", 7, 1)[0][2:]
     own, drawn = tracks(None), tracks(7, roads=2)
     assert drawn == tracks(7, roads=2) != tracks(8, roads=2)
     for group, roads in own.items():
