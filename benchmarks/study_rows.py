@@ -23,7 +23,8 @@ from benchmarks.board_rows import Row, board_rows, pretrained_rows
 from benchmarks.input_rows import input_rows
 from benchmarks.road_rows import road_rows, root_of
 from benchmarks.study_grid import Entry, Study, kept, run_logged
-from benchmarks.warning_rows import nominal, warning_rows
+from benchmarks.warning_rows import warning_rows
+from benchmarks.watched_drives import nominal
 from datamodules.image import read_image
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings

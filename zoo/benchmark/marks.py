@@ -193,7 +193,7 @@ def failures(result: BenchmarkResult, reached: Sequence[Reached]) -> dict[str, i
     """Return by group below a mark the number of its worst drive, if it left the road."""
     worst = {group: _worst_first(result, group)[0] for group in _missed_groups(reached)}
     return {
-        group: next(number for number, one in enumerate(result.drives) if one is drive)
+        group: result.drives.index(drive)
         for group, drive in worst.items()
         if drive.figures["interventions"]
     }
