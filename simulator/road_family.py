@@ -19,7 +19,7 @@ from simulator.track import GroundKind, Track, VergeKind
 from simulator.track_content import MOST_POINTS, make_track
 from simulator.track_names import DRAWN, family_names, road_folder
 from simulator.yaml_fields import Keys, Number, number, read_keys
-from zoo.base.bounded_files import mapped, read_yaml
+from zoo.base.bounded_files import mapped, read_like
 from zoo.base.errors import InputError, placed_errors
 
 VERSION = 1  # of the drawing; another version would draw other roads from the same seeds
@@ -104,7 +104,7 @@ def find_family(name: str) -> RoadFamily:
             f"there is no family of roads {name!a}; available: {', '.join(family_names())}, or a "
             ".yaml file"
         )
-    content = read_yaml(path)
+    content = read_like(path, road_folder())
     with placed_errors(path):
         family = read_keys(RoadFamily, content)
         if not any(family.verges.values()):

@@ -71,7 +71,7 @@ def test_roads_keep_to_the_ranges_of_their_family(family):
         assert grades[0] - 0.01 <= road.grade.min() <= road.grade.max() <= grades[1] + 0.01
         assert road.closed == content["closed"]
         low, high = family.loop if road.closed else family.length
-        assert 0.95 * low <= road.length <= (1.3 if road.closed else 1.0) * high
+        assert 0.95 * low <= road.length <= (1.3 if road.closed else 1.0) * high + 0.1
         # Transitions make an arc's middle as tight as the arc, not tighter than a few per cent.
         assert np.abs(road.curvature).max() <= 1.1 / family.radius[0]
 
@@ -183,7 +183,7 @@ def test_a_road_written_to_a_file_is_the_same_road(tmp_path, family):
 
 
 def test_an_unknown_family_names_the_known_ones():
-    with pytest.raises(InputError, match=r"tundra.*alpine, country, lakeside"):
+    with pytest.raises(InputError, match=r"tundra.*alpine, bends_1.*country, lakeside"):
         read_track("tundra:1")
 
 

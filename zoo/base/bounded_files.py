@@ -19,7 +19,7 @@ from typing import Any, BinaryIO, TextIO
 
 import yaml
 
-from zoo.base.errors import InputError, file_errors
+from zoo.base.errors import InputError, file_errors, hint
 from zoo.base.limits import MOST
 
 MOST_LINE = 1_000_000  # characters of a row of text
@@ -72,6 +72,22 @@ def parse_json(text: str) -> object:
         return json.loads(text)
     except RecursionError:
         raise ValueError(f"nested deeper than {MOST_LEVELS} levels") from None
+
+
+def read_like(path: Path, folder: Path) -> object:
+    """Return a YAML file's contents; `like: NAME` adds what they leave out from folder/NAME.yaml.
+
+    Raises:
+        InputError: as `read_yaml`, or there is no such file in the folder.
+    """
+    content = read_yaml(path)
+    if not isinstance(content, dict) or "like" not in content:
+        return content
+    name, known = content.pop("like"), sorted(one.stem for one in folder.glob("*.yaml"))
+    if name not in known:
+        raise InputError(f"{path}: like: {name!a:.80} is not included; {hint(str(name), known)}")
+    base = read_yaml(folder / f"{name}.yaml")
+    return base | content if isinstance(base, dict) else content
 
 
 def read_yaml(path: Path, any_path: bool = False) -> object:

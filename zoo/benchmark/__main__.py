@@ -7,7 +7,7 @@ from rich.console import Console
 
 from zoo.base.command import command
 from zoo.base.errors import UsageError
-from zoo.benchmark.baselines import BASELINES
+from zoo.benchmark.baselines import NO_CHECKPOINT
 from zoo.benchmark.benchmark_options import BenchmarkOptions
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.console_progress import loading
@@ -23,13 +23,13 @@ def benchmark(ckpt: str, *ckpts: str, options: BenchmarkOptions) -> "Benchmarked
     """Drive a suite of roads and compare.
 
     CKPT... are the checkpoints of one entry, one for each training seed; or one of zero, mean,
-    expert and expert_late. Writes result.json and a page. With the `out=` of an interrupted
-    benchmark it resumes. `drivezoo benchmark verify RESULT` repeats some drives of a result.json
-    and compares them.
+    expert, expert_late, and human, for a person at the keyboard. Writes result.json and a page.
+    With the `out=` of an interrupted benchmark it resumes. `drivezoo benchmark verify RESULT`
+    repeats some drives of a result.json and compares them.
 
     Args:
         ckpt: checkpoint: a .ckpt or .onnx file, a run's folder, latest, or a network that comes
-            with drivezoo, such as lenet; or a baseline: zero, mean, expert, expert_late.
+            with drivezoo, such as lenet; or a baseline: zero, mean, expert, expert_late; or human.
         *ckpts: further checkpoints, which differ in the training seed.
         options: see `BenchmarkOptions`.
 
@@ -53,7 +53,9 @@ def benchmark(ckpt: str, *ckpts: str, options: BenchmarkOptions) -> "Benchmarked
     from zoo.benchmark.suite import suite_path
 
     # Report a wrong path or suite before torch is imported.
-    names = [name if name in BASELINES else str(find_checkpoint(name)) for name in (ckpt, *ckpts)]
+    names = [
+        name if name in NO_CHECKPOINT else str(find_checkpoint(name)) for name in (ckpt, *ckpts)
+    ]
     suite_path(options.suite)
     with loading():
         from zoo.benchmark.benchmarked import score_entry

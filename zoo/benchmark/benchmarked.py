@@ -14,7 +14,7 @@ from zoo.base.new_folder import command_folder
 from zoo.base.terminal import print_written, printable
 from zoo.base.whole_file import write_whole
 from zoo.benchmark import marks
-from zoo.benchmark.baselines import BASELINES
+from zoo.benchmark.baselines import HUMAN, NO_CHECKPOINT
 from zoo.benchmark.benchmark_options import BenchmarkOptions
 from zoo.benchmark.checked_result import read_result
 from zoo.benchmark.drives import (
@@ -34,7 +34,14 @@ from zoo.benchmark.result import (
     write_result,
 )
 from zoo.benchmark.suite import OVERALL, read_suite
-from zoo.benchmark.summary import FIGURES, drives_of, outside_metrics, summarize_drives
+from zoo.benchmark.summary import (
+    FIGURES,
+    LEVEL_FIGURES,
+    drives_of,
+    known_figures,
+    outside_metrics,
+    summarize_drives,
+)
 from zoo.drives.metrics import DRIVES, METRICS
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.page import Page
@@ -46,6 +53,7 @@ from zoo.worlds.run_drives import load_kept
 
 PAGE = "benchmark.html"
 SHORT = ("interventions_per_km", "without_intervention", "autonomy")
+SCORES = {"autonomy": "autonomy", "without_intervention": "clean drives"}
 INTERVALS = (
     "95 % interval for new roads of the families and new trainings; with one training seed, for "
     "this training. Fewer than 3 roads: no interval."
@@ -108,16 +116,19 @@ class Benchmarked(Result):
             console.print(shown, highlight=False)
         # A suite of the user's is named to verify it.
         named = [f"suite={self.suite}"] if self.suite.endswith((".yaml", ".yml")) else []
-        print_written(self.written, ["benchmark", "verify", self.written[0], *named], console)
+        verify = ["benchmark", "verify", self.written[0], *named]
+        by_hand = self.result.checkpoints[0].file == HUMAN  # nobody can repeat it
+        print_written(self.written, [] if by_hand else verify, console)
 
     def result_table(self) -> Table:
         """Return a row for each group of roads."""
         return groups_table(self.result)
 
     def plot(self) -> Figure:
-        """Return the autonomy of each group with its 95 % interval."""
-        groups = {name: one["autonomy"] for name, one in self.result.groups.items()}
-        return interval_plot(groups, f"autonomy of {self.result.entry} (%)")
+        """Return the score of each group with its 95 % interval; see `BenchmarkResult.score`."""
+        score = self.result.score
+        groups = {name: one[score] for name, one in self.result.groups.items()}
+        return interval_plot(groups, f"{SCORES[score]} of {self.result.entry} (%)")
 
 
 def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -> Benchmarked:
@@ -129,10 +140,10 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
     """
     # Report wrong input before processes start.
     own = (name for name in METRICS if name not in METRICS.own())
-    options.check_files(("group", "drives", *FIGURES, *own))
+    options.check_files(("group", "drives", *FIGURES, *LEVEL_FIGURES, *own))
     suite = read_suite(options.suite, options.split)
     drivers = find_drivers(names, suite)
-    data = {} if drivers[0].file in BASELINES else load_kept(drivers[0].file).data
+    data = {} if drivers[0].file in NO_CHECKPOINT else load_kept(drivers[0].file).data
     if line := other_car_line(data, f"the suite {suite.name}"):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     with command_folder(options.out, "benchmarks", resumed_by=UNFINISHED) as folder:
@@ -142,7 +153,8 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
             line = f"{folder}: resumes after {len(finished.drives)} finished drives"
             console.print(line, highlight=False, markup=False, soft_wrap=True)
         jobs = [(number, drive) for number in range(len(drivers)) for drive in suite.drives]
-        how = options.workers, console, finished, options.executor
+        workers = 1 if drivers[0].file == HUMAN else options.workers
+        how = workers, console, finished, options.executor
         try:
             drives = drive_suite(drivers, jobs, suite.mean_steering, *how)
         except KeyboardInterrupt:
@@ -189,6 +201,7 @@ def write_entry(folder: Path, result: BenchmarkResult) -> list[Path]:
         result=result,
         lead=overall_line(result),
         groups=groups_table(result),
+        levels=levels_table(result),
         differences=difference_lines(result),
         caption=CAPTION,
         checkpoints=Table.of(headings, rows),
@@ -208,8 +221,24 @@ def figure_columns(rows: Sequence[Mapping[str, Interval]], group: str = "") -> l
             shown.factor,
             key in SHORT and not group,
         )
-        for key, shown in FIGURES.items()
+        for key, shown in known_figures(rows).items()
     ]
+
+
+def levels_table(result: BenchmarkResult) -> Table | None:
+    """Return for each axis how many drives of each level were clean; None without axes."""
+    counts: dict[str, dict[int, list[bool]]] = {}
+    for drive in result.drives:
+        if drive.level:
+            counts.setdefault(drive.group, {}).setdefault(drive.level, []).append(drive.is_clean)
+    if not counts:
+        return None
+    headings = [f"level {level}" for level in max(counts.values(), key=len)]
+    rows = [
+        [axis, *(f"{sum(own)} of {len(own)}" for own in levels.values())]
+        for axis, levels in counts.items()
+    ]
+    return Table.of(["clean drives", *headings], rows)
 
 
 def groups_table(result: BenchmarkResult) -> Table:
@@ -235,6 +264,8 @@ def print_result(result: BenchmarkResult, console: Console) -> None:
     title = printable(f"{result.entry}, suite {result.suite}")
     style = {"title": Text(title), "caption": CAPTION, "caption_justify": "left"}
     console.print(Table(cells).printed(left=1, box=SIMPLE_HEAD, pad_edge=False, **style))
+    if levels := levels_table(result):
+        console.print(levels.printed(left=1, box=SIMPLE_HEAD, pad_edge=False), highlight=False)
     digest = f"digest of the drives: {result.digest}"
     for line in (*difference_lines(result), overall_line(result), digest):
         console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
@@ -265,6 +296,9 @@ def overall_line(result: BenchmarkResult) -> str:
     own = drives_of(result.drives, OVERALL) or result.drives
     clean = sum(not one.figures["interventions"] for one in own)
     rate = with_interval(overall(result)["interventions_per_km"], "{:.2f}")
+    if result.score != "autonomy":
+        share = with_interval(overall(result)[result.score], "{:.1f}", 100)
+        return f"clean drives, %: {share} ({clean} of {len(own)}); failures per km: {rate}; {by}"
     roads = len({one.track for one in own})
     return (
         f"interventions per km: {rate}; drives without one: {clean} of {len(own)}, on {roads} "

@@ -10,7 +10,7 @@ from zoo.base.bounded_files import check_version, hash_file, read_json
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most
 from zoo.base.terminal import printable
-from zoo.benchmark.baselines import BASELINES
+from zoo.benchmark.baselines import HUMAN, NO_CHECKPOINT
 from zoo.benchmark.result import (
     ANALYSIS,
     NAME,
@@ -133,7 +133,7 @@ def _check_drives(result: BenchmarkResult, path: Path) -> None:
     for road, drives in roads.items():
         if [drive.checkpoint for drive in drives] != [*range(len(result.checkpoints))]:
             what = f"{shown(road)}: each checkpoint must have it once"
-        elif road.settings != "{}" and road.track not in clean:
+        elif road.settings != "{}" and road.track not in clean and not drives[0].level:
             what = f"{shown(road)} has no partner in group {LIKE}"
         else:
             continue
@@ -170,6 +170,8 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
     from zoo.benchmark.drives import drive_suite  # imports torch
 
     result = read_result(path)
+    if result.checkpoints[0].file == HUMAN:
+        raise InputError(f"{path}: a person drove it: nobody drives twice alike")
     found = read_suite(*find_suite(result.suite, suite))
     check_suite(result, found, path)
     folder = path if path.is_dir() else path.parent
@@ -220,7 +222,7 @@ def _driver(record: Driver, folder: Path, path: Path) -> Driver:
     """
     from zoo.benchmark.drives import read_driver
 
-    if record.file in BASELINES and record.sha256 is None:
+    if record.file in NO_CHECKPOINT and record.sha256 is None:
         return record
     named = PureWindowsPath(record.file)  # its separators are those of all systems
     digits = (record.sha256 or "")[:16]

@@ -12,7 +12,7 @@ from rich.console import Console
 from zoo.base.bounded_files import MOST_JSON_BYTES, hash_file, parse_json, read_text
 from zoo.base.errors import InputError, UsageError
 from zoo.base.whole_file import write_whole
-from zoo.benchmark.baselines import BASELINES
+from zoo.benchmark.baselines import BASELINES, NO_CHECKPOINT
 from zoo.benchmark.result import Driver, DriveRecord, check_distinct
 from zoo.benchmark.suite import LAPS, Suite, SuiteDrive
 from zoo.checkpoints.checkpoint_path import find_checkpoint
@@ -67,6 +67,7 @@ def drive_suite(
         console=console,
         # Other renderers draw other frames: the digest would depend on the machine.
         renderer="none" if is_baseline else "software",
+        first_only=any(one.level for _, one in jobs),
         executor=executor,
     ):
         driver, one = jobs[order[place]]
@@ -77,6 +78,7 @@ def drive_suite(
             settings=one.settings,
             figures=drive_figures(drive),
             digest=drive_digest(drive),
+            level=one.level,
         )
         if finished is not None:
             finished.add(order[place], drives[order[place]])
@@ -102,7 +104,7 @@ def drive_again(
 
 
 def _driver(file: str, mean_steering: float | None) -> Baseline | str:
-    return Baseline(file, mean_steering) if file in BASELINES else file
+    return Baseline(file, mean_steering) if file in NO_CHECKPOINT else file
 
 
 def drive_figures(drive: Drive) -> dict[str, float | None]:
@@ -213,7 +215,7 @@ def find_drivers(names: Sequence[str], suite: Suite) -> list[Driver]:
         InputError: a checkpoint cannot be read, is named twice or has another network than the
             first; or the suite has no mean steering.
     """
-    if baselines := [one for one in names if one in BASELINES]:
+    if baselines := [one for one in names if one in NO_CHECKPOINT]:
         if len(names) > 1:
             raise UsageError(f"{baselines[0]}: a baseline is an entry of its own; name it alone")
         if names[0] == "mean" and suite.mean_steering is None:

@@ -53,7 +53,11 @@ class Driver(Fields):
 
 
 class DriveRecord(Fields):
-    """A drive: what was driven, its figures and the digest of its rows."""
+    """A drive: what was driven, its figures and the digest of its rows.
+
+    Attributes:
+        level: level of the axis that the group is, from 1 on; 0 for another group.
+    """
 
     checkpoint: Count
     group: str
@@ -61,6 +65,12 @@ class DriveRecord(Fields):
     settings: dict[str, object]
     figures: dict[str, Number | None]
     digest: str
+    level: Count = 0
+
+    @property
+    def is_clean(self) -> bool:
+        """Return whether the drive had no intervention."""
+        return not self.figures["interventions"]
 
 
 class BenchmarkResult(Fields):
@@ -91,6 +101,15 @@ class BenchmarkResult(Fields):
     groups: dict[str, dict[str, Interval]]
     differences: dict[str, dict[str, Interval]] = Field(default_factory=dict)
     digest: str
+
+    @property
+    def score(self) -> str:
+        """Return the figure by which entries are compared.
+
+        It is the autonomy. Drives of levels end at their first intervention: theirs is whether they
+        had none.
+        """
+        return "without_intervention" if self.drives[0].level else "autonomy"
 
     def of_checkpoint(self, number: int) -> list[DriveRecord]:
         """Return the drives of a checkpoint."""

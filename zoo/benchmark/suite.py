@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,11 +16,11 @@ from pydantic import Field
 from simulator.road_family import MOST_SEED, roads_digest
 from simulator.track_names import DRAWN
 from simulator.weather import CLEAR, read_weather
-from zoo.base.bounded_files import read_yaml
+from zoo.base.bounded_files import read_like
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.limits import check_most
 from zoo.cli.conf_files import choices, conf_folder
-from zoo.runs.record_fields import Number, OnlyFields, check_fields
+from zoo.runs.record_fields import Count, Number, OnlyFields, check_fields
 from zoo.worlds.open_world import open_world
 from zoo.worlds.scenario import Scenario, SpeedMph
 
@@ -40,21 +41,36 @@ class Marks(OnlyFields):
     steering_per_s: NotNegative = 0.0
 
 
-class _Drive(OnlyFields):
-    """A drive in the file of a suite; all keys but the track are its settings."""
+class _Settings(OnlyFields):
+    """What differs from a clean drive."""
 
-    track: str
     weather: dict[str, object] | None = None
     delay_s: Number | None = None
     frame_rate: Number | None = None
     speed: SpeedMph | None = None
 
 
+class _Drive(_Settings):
+    """A drive in the file of a suite; all keys but the track are its settings."""
+
+    track: str
+
+
+class _Level(_Settings):
+    """A level of an axis; all keys but the family of its roads are its settings."""
+
+    family: str
+
+
 class _File(OnlyFields):
     """The file of a suite."""
 
     name: str
-    groups: dict[str, list[_Drive]]
+    groups: dict[str, list[_Drive]] = Field(default_factory=dict)
+    axes: dict[str, Annotated[list[_Level], Field(min_length=2)]] = Field(default_factory=dict)
+    seed: Count = 0
+    roads: Annotated[Count, Field(ge=1)] = 12
+    dev_roads: Annotated[Count, Field(ge=1)] = 2
     data: str | None = None
     speed: SpeedMph = 15.0
     quality: Literal["full", "simple"] = "full"
@@ -81,12 +97,15 @@ class SuiteDrive:
         track: name of the road.
         settings: settings that differ from a clean drive, as in the suite's file.
         scenario: what is driven.
+        level: level of the axis that the group is, from 1 on; 0 for another group. A drive of a
+            level ends at its first intervention.
     """
 
     group: str
     track: str
     settings: dict[str, Any]
     scenario: Scenario = field(repr=False)
+    level: int = 0
 
     @property
     def key(self) -> Road:
@@ -121,6 +140,15 @@ class Suite:
 def road_of(drive: Any) -> Road:
     """Return what identifies a drive in a suite and in a result, which have the same fields."""
     return Road(drive.group, drive.track, json.dumps(drive.settings, sort_keys=True))
+
+
+def place_of(track: str) -> str:
+    """Return the place of a track: roads of one number are one in families with other levels.
+
+    >>> place_of("bends_1:17") == place_of("bends_5:17"), place_of("alpine:17"), place_of("lake")
+    (True, 'alpine:17', 'lake')
+    """
+    return re.sub(r"_\d+(?=:\d+$)", "", track)
 
 
 def suite_names() -> list[str]:
@@ -161,15 +189,21 @@ def read_suite(name: str, split: str = "test") -> Suite:
     """
     path = suite_path(name)
     file = _read_file(path)
-    if split == DEV and not file.dev:
+    if split == DEV and not (file.dev or file.axes):
         raise UsageError(f"split=dev: the suite {file.name} has no dev roads; use split=test")
-    given = [*file.groups.values(), file.dev, file.laps]
+    given = [
+        *file.groups.values(),
+        file.dev,
+        file.laps,
+        *(own * file.roads for own in file.axes.values()),
+    ]
     check_most("drives", sum(map(len, given)), f"{path}: groups", "remove some")
     dev, laps = ([_Drive(track=track) for track in tracks] for tracks in (file.dev, file.laps))
     groups = {DEV: dev} if split == DEV else file.groups | {LAPS: laps}
     drives = [
         _suite_drive(file, path, group, drive) for group, given in groups.items() for drive in given
     ]
+    drives += _leveled(file, path, split)
     if not drives:
         raise InputError(f"{path}: groups: has no drive; name one road or more")
     counts = Counter(drive.key for drive in drives)
@@ -178,10 +212,10 @@ def read_suite(name: str, split: str = "test") -> Suite:
     partners = [
         _suite_drive(file, path, LIKE, _Drive(track=drive.track))
         for drive in drives
-        if drive.settings
+        if drive.settings and not drive.level
     ]
     by_key = {drive.key: drive for drive in drives + partners}
-    order = [LIKE, *groups]
+    order = [LIKE, *groups, *file.axes]
     ordered = sorted(by_key.values(), key=lambda drive: order.index(drive.group))
     marks = {} if split == DEV or file.marks is None else file.marks
     known = [*dict.fromkeys(drive.group for drive in ordered), OVERALL]
@@ -205,16 +239,18 @@ def redraw_suite(name: str, seed: int | None, roads: int) -> str:
         InputError: the file cannot be read, or a key or value is wrong.
     """
     path = suite_path(name)
-    content = _read_file(path).model_dump(exclude_unset=True)
+    file = _read_file(path)
+    content = file.model_dump(exclude_unset=True)
     if seed is not None:
         content["name"] += "-drawn"  # included suites have fixed roads
+        content |= {"seed": seed, "roads": roads * file.roads} if file.axes else {}
         content["groups"] = {
             group: [
                 drive | {"track": track}
                 for drive in drives
                 for track in _redrawn(drive["track"], seed, roads)
             ]
-            for group, drives in content["groups"].items()
+            for group, drives in content.get("groups", {}).items()
         }
     return yaml.safe_dump(content, sort_keys=False)
 
@@ -224,9 +260,26 @@ def _redrawn(track: str, seed: int, roads: int) -> list[str]:
     if not (drawn := DRAWN.fullmatch(track)):
         return [track]
     name = f"{Path(drawn[1]).stem}:{drawn[2]}"  # the same roads wherever a family's file lies
-    digest = hashlib.sha256(f"{seed} {name}".encode()).digest()
-    numbers = np.random.default_rng(list(digest)).integers(MOST_SEED, size=roads)
-    return [f"{drawn[1]}:{number}" for number in numbers]
+    return [f"{drawn[1]}:{number}" for number in _numbers(f"{seed} {name}", roads)]
+
+
+def _numbers(name: str, count: int) -> list[int]:
+    """Return numbers of roads, drawn from a name."""
+    digest = hashlib.sha256(name.encode()).digest()
+    return np.random.default_rng(list(digest)).integers(MOST_SEED, size=count).tolist()
+
+
+def _leveled(file: _File, path: Path, split: str) -> list[SuiteDrive]:
+    """Return the drives of the axes: each level of an axis on roads of the same numbers."""
+    seed, count = (0, file.dev_roads) if split == DEV else (file.seed, file.roads)
+    drives = []
+    for axis, levels in file.axes.items():
+        numbers = _numbers(f"{split} {seed} {axis}", count)
+        for level, own in enumerate(levels, 1):
+            settings = own.model_dump(exclude_unset=True, exclude={"family"})
+            given = [_Drive(track=f"{own.family}:{number}", **settings) for number in numbers]
+            drives += [_suite_drive(file, path, axis, one, level) for one in given]
+    return drives
 
 
 def suite_path(name: str) -> Path:
@@ -239,10 +292,10 @@ def suite_path(name: str) -> Path:
 
 
 def _read_file(path: Path) -> _File:
-    return check_fields(_File, read_yaml(path), path)
+    return check_fields(_File, read_like(path, conf_folder() / "suite"), path)
 
 
-def _suite_drive(file: _File, path: Path, group: str, drive: _Drive) -> SuiteDrive:
+def _suite_drive(file: _File, path: Path, group: str, drive: _Drive, level: int = 0) -> SuiteDrive:
     settings = drive.model_dump(exclude_unset=True, exclude={"track"})
     try:
         weather = read_weather(str(drive.weather)) if drive.weather else CLEAR
@@ -253,4 +306,4 @@ def _suite_drive(file: _File, path: Path, group: str, drive: _Drive) -> SuiteDri
         open_world(scenario, "none").close()
     except InputError as error:
         raise InputError(f"{path}: groups.{group}: {drive.track}: {error}") from None
-    return SuiteDrive(group, drive.track, settings, scenario)
+    return SuiteDrive(group, drive.track, settings, scenario, level)

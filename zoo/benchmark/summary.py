@@ -1,14 +1,15 @@
 """The figures of an entry by group, each with a 95 % interval, computed from its drives."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 
 import numpy as np
 
+from zoo.benchmark.levels import level_at
 from zoo.benchmark.result import DriveRecord, Interval
-from zoo.benchmark.suite import LAPS, LIKE, OVERALL
+from zoo.benchmark.suite import LAPS, LIKE, OVERALL, place_of
 from zoo.drives.bootstrap import Estimate
 from zoo.drives.clustered import POSITIVE, SHARE, clustered
 from zoo.drives.interventions import INTERVENTION_S
@@ -33,6 +34,13 @@ FIGURES = {
     "cte_mean_m": Figure("mean error, m", "{:.2f}"),
     "steering_per_s": Figure("steering change, 1/s", "{:.2f}"),
 }
+# Further figures of drives that have levels.
+SHARES = {"falls_to_90": 0.9, "falls_to_50": 0.5}
+LEVEL_FIGURES = {
+    "falls_to_90": Figure("level at which 90 % are clean", "{:.1f}", 1, True),
+    "falls_to_50": Figure("level at which 50 % are clean", "{:.1f}", 1, True),
+    "worst_tenth_m": Figure("largest error, worst tenth, m", "{:.2f}"),
+}
 # Figures compared with the clean partner, with the limits of their difference.
 COMPARED = {"autonomy": (-1.0, 1.0), "cte_mean_m": (-math.inf, math.inf)}
 
@@ -52,6 +60,12 @@ class Summary:
             for group, figures in groups.items()
             for name, one in figures.items()
         }
+
+
+def known_figures(groups: Sequence[Mapping[str, object]]) -> dict[str, Figure]:
+    """Return how the figures of groups are shown: `FIGURES`, and what drives with levels have."""
+    more = {key: one for key, one in LEVEL_FIGURES.items() if all(key in own for own in groups)}
+    return FIGURES | more
 
 
 def summarize_drives(drives: Sequence[DriveRecord]) -> Summary:
@@ -80,14 +94,14 @@ def group_figures(drives: Sequence[DriveRecord]) -> dict[str, Interval]:
         `m_per_intervention` is its reciprocal, null without an intervention.
         `without_intervention`: share of the drives. `autonomy`, `cte_mean_m`, `steering_per_s`, and
         metrics of the user's that all drives have: mean over drives and training seeds. A group
-        of fewer than three roads has no intervals.
+        of fewer than three roads has no intervals. Drives with levels have those of
+        `LEVEL_FIGURES`, too: see `level_at`; `worst_tenth_m` is the mean of the largest errors in
+        the worst tenth of the drives, without an interval.
     """
     names = [*("interventions", "driven_m", "driven_s", "autonomy"), "cte_mean_m", "steering_per_s"]
     of = {name: table(drives, name) for name in [*names, *outside_metrics(drives)]}
     first = [one for one in drives if not one.checkpoint]
-    estimate = partial(
-        clustered, places=[one.track for one in first], groups=[one.group for one in first]
-    )
+    estimate = partial(clustered, places=places_of(first), groups=[one.group for one in first])
     count, km = of["interventions"].size, np.maximum(of["driven_m"], 0.0) / 1000
     driven_s = of["driven_s"].sum()
     failures = {
@@ -113,7 +127,25 @@ def group_figures(drives: Sequence[DriveRecord]) -> dict[str, Interval]:
         "steering_per_s": estimate(of["steering_per_s"], limits=POSITIVE),
     }
     found |= {name: estimate(of[name]) for name in outside_metrics(drives)}
+    if all(one.level for one in drives):
+        found |= _level_figures(drives)
     return {name: _interval(one) for name, one in found.items()}
+
+
+def _level_figures(drives: Sequence[DriveRecord]) -> dict[str, Estimate]:
+    first = [one for one in drives if not one.checkpoint]
+    clean, largest = (table(drives, name) for name in ("interventions", "cte_max_m"))
+    levels, places = [one.level for one in first], places_of(first)
+    found = {
+        name: level_at(share, (clean == 0) * 1.0, levels, places) for name, share in SHARES.items()
+    }
+    worst = np.sort(largest.ravel())[-math.ceil(largest.size / 10) :]
+    return found | {"worst_tenth_m": Estimate(float(worst.mean()))}
+
+
+def places_of(drives: Sequence[DriveRecord]) -> list[str]:
+    """Return the place of each drive: its road, or the roads of its number at other levels."""
+    return [place_of(one.track) for one in drives]
 
 
 def outside_metrics(drives: Sequence[DriveRecord]) -> list[str]:
@@ -131,7 +163,7 @@ def differences(drives: Sequence[DriveRecord]) -> dict[str, dict[str, Interval]]
     clean = {(one.checkpoint, one.track): one for one in drives if one.group == LIKE}
     found = {}
     for group in group_names(drives):
-        shifted = [one for one in drives if one.group == group and one.settings]
+        shifted = [one for one in drives if one.group == group and one.settings and not one.level]
         if not shifted or group == LIKE:
             continue
         partners = [clean[one.checkpoint, one.track] for one in shifted]

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from zoo.base.terminal import print_line, print_written, printable
 from zoo.base.whole_file import json_text, write_output
+from zoo.benchmark.benchmarked import SCORES
 from zoo.compare.differences import (
     OVERALL,
     Comparison,
@@ -25,14 +26,14 @@ from zoo.runs.table_files import Result
 
 VERSION = 1  # of the JSON file
 INTERVALS = (
-    "95 % interval over roads and training seeds, from three roads on. p: of the autonomy; those "
+    "95 % interval over roads and training seeds, from three roads on. p: of the difference; those "
     "of the groups are corrected for their number (Holm). To tell: training seeds of each entry "
     "that would decide with a probability of 80 %."
 )
 COLUMNS = ("group", "roads", "autonomy", "a_better", "p", "verdict")
 NEEDED = {
     "decided": "",
-    "equal": "harder roads: both have the same autonomy",
+    "equal": "harder roads: both have the same score",
     "roads": "more roads",
     "many": "more than 100 training seeds",
     "unknown": "three or more training seeds, to estimate how many",
@@ -70,8 +71,9 @@ class ComparedEntries(Result):
         """Return the verdict over all groups, what limits it, and what is needed to tell."""
         name, overall = next(reversed(self.groups.items()))
         where = f"{overall.roads} roads" + ("" if name == OVERALL else f" of group {name}")
-        first, second = (f"{one['autonomy']:.1%}" for one in (overall.a, overall.b))
-        lines = [f"verdict: {overall.verdict} (autonomy {first} and {second} on {where})"]
+        first, second = (f"{one[self._score]:.1%}" for one in (overall.a, overall.b))
+        what = SCORES[self._score]
+        lines = [f"verdict: {overall.verdict} ({what} {first} and {second} on {where})"]
         pair = (self.a, self.b)
         if single := [one.result.entry for one in pair if one.seeds == 1 and one.is_trained]:
             lines.append(
@@ -86,6 +88,10 @@ class ComparedEntries(Result):
 
     def __repr__(self) -> str:
         return "\n".join([f"ComparedEntries of {self._names}", *(f"  {one}" for one in self.lines)])
+
+    @property
+    def _score(self) -> str:
+        return self.a.result.score
 
     @property
     def _names(self) -> str:
@@ -132,7 +138,7 @@ class ComparedEntries(Result):
         columns = [
             Column("group", "group", list(self.groups)),
             Column("roads", "drives", list(map(str, roads)), {"roads": roads}),
-            self._column("autonomy", "autonomy,\npoints", "{:+.1f}", 100),
+            self._column("difference", f"{SCORES[self._score]},\npoints", "{:+.1f}", 100),
             self._column("a_better", "A better,\n%", "{:.0f}", 100),
             Column("p", "p", list(map("{:.3f}".format, p_values)), {"p": p_values}),
             Column("verdict", "verdict,\nto tell", texts, figures),
@@ -143,6 +149,7 @@ class ComparedEntries(Result):
         """Return a column of estimates, with the figures of A and B where they have such."""
         compared = list(self.groups.values())
         estimates = [getattr(one, name) for one in compared]
+        name = self._score if name == "difference" else name
         figures = interval_figures(name, estimates)
         if name in compared[0].a:
             figures[f"{name}_a"] = [one.a[name] for one in compared]
@@ -150,9 +157,11 @@ class ComparedEntries(Result):
         return Column(name, heading, [_estimate(one, form, factor) for one in estimates], figures)
 
     def plot(self) -> Figure:
-        """Return the difference in autonomy of each group with its 95 % interval."""
-        label = f"autonomy, {self.a.result.entry} minus {self.b.result.entry} (points)"
-        return interval_plot({name: one.autonomy for name, one in self.groups.items()}, label, 0.0)
+        """Return the difference in the score of each group with its 95 % interval."""
+        label = f"{SCORES[self._score]}, {self.a.result.entry} minus {self.b.result.entry} (points)"
+        return interval_plot(
+            {name: one.difference for name, one in self.groups.items()}, label, 0.0
+        )
 
     def write(self, path: Path) -> Path:
         """Write all figures as JSON; return the path.

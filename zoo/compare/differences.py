@@ -14,7 +14,7 @@ from scipy import special
 from zoo.base.errors import InputError
 from zoo.benchmark.checked_result import read_result, roads_of, shown
 from zoo.benchmark.result import BenchmarkResult, DriveRecord
-from zoo.benchmark.suite import LAPS, OVERALL, Road
+from zoo.benchmark.suite import LAPS, OVERALL, Road, place_of
 from zoo.drives.bootstrap import FEWEST_ROADS, Estimate
 from zoo.drives.clustered import EQUAL, SHARE, clustered, holm, p_value, satterthwaite
 
@@ -60,8 +60,13 @@ class Entry:
         """Return all roads but the laps; the laps where there are no others."""
         return [road for road in self.drives if road.group != LAPS] or list(self.drives)
 
-    def autonomy(self, roads: list[Road]) -> np.ndarray:
-        """Return the autonomy of the drives, float64 [training seeds, roads]."""
+    def scores(self, roads: list[Road]) -> np.ndarray:
+        """Return the scores of the drives, float64 [training seeds, roads]; 1 is best.
+
+        See `BenchmarkResult.score`.
+        """
+        if self.result.score != "autonomy":
+            return np.array([[one.is_clean for one in self.drives[road]] for road in roads]).T * 1.0
         values = [[one.figures["autonomy"] for one in self.drives[road]] for road in roads]
         return np.array(values, np.float64).T
 
@@ -114,12 +119,12 @@ class Comparison:
 
     Attributes:
         roads: number of drives of each training seed.
-        a: A's mean autonomy.
+        a: A's mean score, by the name of the figure; see `BenchmarkResult.score`.
         b: B's.
-        autonomy: mean difference, A minus B.
-        a_better: probability that a training of A has a higher autonomy than one of B on the same
-            road; equal autonomy counts half.
-        p: p-value of `autonomy`, 0..1, corrected for the number of groups (Holm); that of all
+        difference: mean difference of the scores, A minus B.
+        a_better: probability that a training of A has a higher score than one of B on the same
+            road; equal ones count half.
+        p: p-value of `difference`, 0..1, corrected for the number of groups (Holm); that of all
             groups but the laps stands for itself. 1 for fewer than three places.
         verdict: `A drives better`, `B drives better`; `cannot tell` if `p` is 0.05 or more, or an
             entry has one training alone.
@@ -129,7 +134,7 @@ class Comparison:
     roads: int
     a: dict[str, float]
     b: dict[str, float]
-    autonomy: Estimate
+    difference: Estimate
     a_better: Estimate
     p: float
     verdict: str
@@ -165,12 +170,17 @@ def compare_pairs(entries: Sequence[Entry]) -> dict[tuple[int, int], Comparison]
 
 
 def in_order(entries: Sequence[Entry]) -> list[Entry]:
-    """Return entries, those with ranks first and baselines last, by interventions per km."""
+    """Return entries, those with ranks first and baselines last, by interventions per km.
+
+    Entries that drove levels stand by their share of clean drives.
+    """
 
     def key(entry: Entry) -> tuple[int, float]:
         groups = entry.result.groups
         figures = groups.get(OVERALL) or next(iter(groups.values()))
         rate = figures["interventions_per_km"].value
+        if entry.result.score != "autonomy":
+            rate = -figures[entry.result.score].value
         kinds = (RANKED, ONE_SEED, BASELINE)
         return kinds.index(entry.kind), math.inf if rate is None else rate
 
@@ -190,22 +200,26 @@ def possible_ranks(pairs: Mapping[tuple[int, int], Comparison], count: int) -> l
 
 
 def _has_interval(roads: list[Road]) -> bool:
-    return len({road.track for road in roads}) >= FEWEST_ROADS
+    return len(set(clusters(roads)[0])) >= FEWEST_ROADS
 
 
 def _p_value(a: Entry, b: Entry, roads: list[Road]) -> float:
-    """Return the p-value of the difference in autonomy; 1 for too few places."""
+    """Return the p-value of the difference in the scores; 1 for too few places."""
     if not _has_interval(roads):
         return 1.0
-    places, groups = [road.track for road in roads], [road.group for road in roads]
-    return p_value(_differences(*(one.autonomy(roads) for one in (a, b))), places, groups)
+    return p_value(_differences(*(one.scores(roads) for one in (a, b))), *clusters(roads))
+
+
+def clusters(roads: Sequence[Road]) -> tuple[list[str], list[str]]:
+    """Return the places and the groups of drives."""
+    return [place_of(road.track) for road in roads], [road.group for road in roads]
 
 
 def compare_roads(a: Entry, b: Entry, roads: list[Road], p: float | None = None) -> Comparison:
     """Return the comparison on some roads; with a p-value that is corrected for their number."""
-    places, groups = [road.track for road in roads], [road.group for road in roads]
-    autonomy_a, autonomy_b = (one.autonomy(roads) for one in (a, b))
-    difference = _differences(autonomy_a, autonomy_b)
+    places, groups = clusters(roads)
+    scores_a, scores_b = (one.scores(roads) for one in (a, b))
+    difference = _differences(scores_a, scores_b)
     p = _p_value(a, b, roads) if p is None else p
     verdict = CANNOT_TELL
     alone = any(one.seeds == 1 and one.is_trained for one in (a, b))
@@ -218,13 +232,13 @@ def compare_roads(a: Entry, b: Entry, roads: list[Road], p: float | None = None)
     elif alone:
         needed = Needed(None, "unknown")
     else:
-        needed = seeds_needed(*(_by_place(one, places) for one in (autonomy_a, autonomy_b)))
+        needed = seeds_needed(*(_by_place(one, places) for one in (scores_a, scores_b)))
     estimate = partial(clustered, places=places, groups=groups)
     return Comparison(
         roads=len(roads),
-        a={"autonomy": float(autonomy_a.mean())},
-        b={"autonomy": float(autonomy_b.mean())},
-        autonomy=estimate(difference, limits=(-1, 1)),
+        a={a.result.score: float(scores_a.mean())},
+        b={b.result.score: float(scores_b.mean())},
+        difference=estimate(difference, limits=(-1, 1)),
         # Agarwal et al. 2021, arXiv:2108.13264: the probability of improvement.
         a_better=estimate((difference > 0) + (difference == 0) / 2, limits=SHARE),
         p=p,

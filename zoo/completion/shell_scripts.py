@@ -11,7 +11,7 @@ from simulator.track_names import track_names
 from zoo.base.command import Command
 from zoo.base.command_keys import choices_of, typed_keys
 from zoo.base.parts import KEY
-from zoo.benchmark.baselines import BASELINES
+from zoo.benchmark.baselines import NO_CHECKPOINT
 from zoo.checkpoints.checkpoint_path import LATEST, packaged_names
 from zoo.cli.compose import compose_config, config_groups
 from zoo.cli.conf_files import choices
@@ -119,7 +119,7 @@ def words_of(command: Command[Any]) -> Words:
         first += choices_of(parameter.annotation) or FIRST.get(parameter.name, ())
         if parameter.name.removesuffix("s") == "ckpt":
             first += [LATEST, *packaged_names()]
-            first += ("verify", *BASELINES) if command.name == "benchmark" else ()
+            first += ("verify", *NO_CHECKPOINT) if command.name == "benchmark" else ()
     keys = {key.name: key.choices or values_of(key.name, key.typed) for key in command.keys}
     return Words(tuple(dict.fromkeys(first)), keys | ({KEY: ()} if keys and command.parts else {}))
 

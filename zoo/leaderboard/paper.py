@@ -21,7 +21,7 @@ from zoo.base.new_folder import command_folder
 from zoo.base.terminal import command_line, printable
 from zoo.base.whole_file import write_output
 from zoo.base.written_files import LOCK, MARK, remove_files, written_below
-from zoo.benchmark.benchmarked import INTERVALS, SHORT, figure_columns, overall
+from zoo.benchmark.benchmarked import INTERVALS, SCORES, SHORT, figure_columns, overall
 from zoo.benchmark.result import NAME, code_name
 from zoo.benchmark.suite import find_suite, suite_names
 from zoo.benchmark.summary import FIGURES
@@ -151,7 +151,7 @@ def of_results(entries: Sequence[Entry]) -> Paper:
     ranks = differences.possible_ranks(pairs, len(ranked)) + ["-"] * (len(entries) - len(ranked))
     paper.tables["table"] = _entries_table(entries, names, ranks)
     if pairs:
-        paper.tables["pairs"] = _pairs_table(names, pairs)
+        paper.tables["pairs"] = _pairs_table(names, pairs, entries[0].result.score)
     else:
         paper.notes.append("no pairs: fewer than two entries of several training seeds")
     figures = [overall(one.result) for one in entries]
@@ -227,7 +227,9 @@ def _entries_table(entries: Sequence[Entry], names: Sequence[str], ranks: Sequen
     return Table(columns, f"{suite}{RANKS}{INTERVALS}")
 
 
-def _pairs_table(names: Sequence[str], pairs: Mapping[tuple[int, int], Comparison]) -> Table:
+def _pairs_table(
+    names: Sequence[str], pairs: Mapping[tuple[int, int], Comparison], score: str
+) -> Table:
     found = list(pairs.values())
     p_values = [one.p for one in found]
     return Table(
@@ -235,7 +237,7 @@ def _pairs_table(names: Sequence[str], pairs: Mapping[tuple[int, int], Compariso
             Column("a", "A", [names[a] for a, _ in pairs]),
             Column("b", "B", [names[b] for _, b in pairs]),
             interval_column(
-                "autonomy", "autonomy, points", [one.autonomy for one in found], "{:+.1f}", 100
+                score, f"{SCORES[score]}, points", [one.difference for one in found], "{:+.1f}", 100
             ),
             interval_column(
                 "a_better", "A better, %", [one.a_better for one in found], "{:.0f}", 100
@@ -253,12 +255,13 @@ def _profile(entry: Entry) -> list[Estimate]:
     Source: Agarwal et al. 2021, arXiv:2108.13264, performance profiles.
     """
     roads = entry.roads
-    autonomy = entry.autonomy(roads)
+    scores = entry.scores(roads)
+    places, groups = differences.clusters(roads)
     below = [
         clustered(
-            (autonomy <= threshold) * 1.0,
-            places=[road.track for road in roads],
-            groups=[road.group for road in roads],
+            (scores <= threshold) * 1.0,
+            places=places,
+            groups=groups,
             limits=SHARE,
             one_failure=1.0,
         )

@@ -1,8 +1,13 @@
-"""Drivers that look at no frames: the baselines of the benchmark."""
+"""Drivers that are no networks: the baselines of the benchmark, and a person."""
 
+import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
+
+import numpy as np
 
 from simulator.expert import Expert
 from zoo.checkpoints.command import Policy, as_policy
@@ -10,6 +15,7 @@ from zoo.worlds.run_drives import PolicyMaker
 from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import World
 
+WAIT_S = 0.005  # between two looks at the hands
 LATE_S = 0.4  # delay of the late expert's commands, in seconds
 
 
@@ -18,7 +24,7 @@ class Baseline(PolicyMaker):
     """What makes the policy of a baseline.
 
     Args:
-        name: zero, mean, expert or expert_late.
+        name: zero, mean, expert, expert_late, or human for a person who steers in a window.
         mean_steering: steering of the baseline `mean`, -1..1.
     """
 
@@ -26,11 +32,17 @@ class Baseline(PolicyMaker):
     mean_steering: float | None = None
 
     def policy(self, world: World, scenario: Scenario) -> Policy:
-        """Return the policy of the baseline in the embedded world."""
+        """Return the policy of the baseline in the embedded world.
+
+        Raises:
+            InputError: no window opens for a person.
+        """
         if self.name in ("zero", "mean"):
             steering = 0.0 if self.name == "zero" else float(self.mean_steering or 0.0)
             return as_policy(lambda frame, mph: (steering, None))
         simulated = world.simulated
+        if self.name == "human":
+            return as_policy(by_hand(simulated.frame_s))
         expert = Expert(simulated.track)
         late = round(LATE_S / simulated.frame_s) if self.name == "expert_late" else 0
         waiting = deque([(0.0, 0.0)] * late)
@@ -40,3 +52,43 @@ class Baseline(PolicyMaker):
             return waiting.popleft()
 
         return as_policy(drive)
+
+
+def by_hand(frame_s: float) -> Callable[[np.ndarray, float], tuple[float, None]]:
+    """Return a person's steering of a drive: keys, mouse or gamepad, in a window.
+
+    The person sees what a network sees, in real time. Each drive waits for the first key.
+
+    Args:
+        frame_s: seconds of a frame.
+
+    Raises:
+        InputError: no window opens.
+    """
+    from simulator.hand_control import Gamepads, HandControl, Hands
+
+    viewer, control, gamepads = _viewer(), HandControl(), Gamepads()
+    due_s = 0.0
+
+    def drive(frame: np.ndarray, mph: float) -> tuple[float, None]:
+        nonlocal due_s
+        while True:
+            viewer.show_until_closed(frame)
+            hands = Hands(frozenset(viewer.window.held), viewer.window.pointer, *gamepads.read())
+            if not due_s and (viewer.window.pressed or hands.stick):
+                due_s = time.perf_counter() + frame_s
+            if due_s and time.perf_counter() >= due_s:
+                break
+            time.sleep(WAIT_S)
+        due_s = max(due_s, time.perf_counter() - frame_s) + frame_s
+        return control.step(frame_s, hands)[0], None
+
+    return drive
+
+
+@lru_cache(maxsize=1)
+def _viewer() -> Any:
+    """Return one window for all drives: it would lose the keyboard at each new one."""
+    from simulator.window import Viewer
+
+    return Viewer("drivezoo benchmark human: a key starts each road; Esc stops")
