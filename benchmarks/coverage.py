@@ -1,18 +1,26 @@
-"""How often the benchmark's intervals contain the truth, on simulated drives of the suite v1.
+"""How often the benchmark's intervals contain the truth, on simulated drives of its suites.
 
+Of the suite v1:
 Most places have no intervention, some have several: the variance of the counts is two to four times
 their mean, as in the board's entries. The drives of a place share a factor, and so do those of a
 training; the counts are Poisson's. A place of `sharp` has twice the interventions of another.
+
+Of the suite v2: whether a drive is clean falls with its level by a logistic curve, which a place
+and a training move.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from functools import cache, partial
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial
 
 import numpy as np
+from scipy import optimize, special
 
 from benchmarks.measuring import markdown_table
-from zoo.benchmark.suite import LAPS, read_suite
+from zoo.benchmark.levels import level_at
+from zoo.benchmark.suite import LAPS, place_of, read_suite
 from zoo.drives.bootstrap import Estimate, bootstrap, poisson_rate
 from zoo.drives.clustered import POSITIVE, SHARE, clustered, p_value
 
@@ -121,4 +129,105 @@ def coverage(count: str = "1000") -> None:
         shares = [*contained(case, truths, int(count)), told_apart(case, int(count))]
         lines.append([*cells, *(f"{share:.1%}" for share in shares)])
     head = ["seeds", "interventions of a drive", "variance / mean", *METHODS, "equal told apart"]
+    print(markdown_table(head, lines, left=0))
+
+
+@dataclass(frozen=True)
+class Leveled:
+    """Simulated drives of levels.
+
+    Attributes:
+        seeds: number of training seeds.
+        share: expected share of clean drives.
+        slope: fall of the log odds from one level to the next.
+        by_place: standard deviation of the level that a place adds.
+        by_seed: standard deviation of the level that a training adds.
+    """
+
+    seeds: int
+    share: float
+    slope: float = 1.5
+    by_place: float = 0.8
+    by_seed: float = 0.4
+
+    @cached_property
+    def middle(self) -> float:
+        """Return the level at which half the drives of a usual place and training are clean."""
+        return self._solve(lambda middle: self._shares(middle, levels()[0]).mean() - self.share)
+
+    def level(self, share: float) -> float:
+        """Return the level at which a share of the drives is clean, within half a level."""
+        found = self._solve(lambda level: share - self._shares(self.middle, [level]).mean())
+        return float(np.clip(found, 0.5, 5.5))
+
+    def places(self, rng: np.random.Generator) -> np.ndarray:
+        """Return the level that the place of each drive adds, float64 [drives]."""
+        _, place = np.unique(levels()[1], return_inverse=True)
+        return self.by_place * rng.normal(size=place.max() + 1)[place]
+
+    def draw(self, rng: np.random.Generator, easier: np.ndarray) -> np.ndarray:
+        """Return whether the drives on some places are clean, float64 [seeds, drives]."""
+        trained = self._by_seed * rng.normal(size=(self.seeds, 1))
+        odds = self.slope * (self.middle + easier + trained - levels()[0])
+        return (rng.random(odds.shape) < special.expit(odds)) * 1.0
+
+    @property
+    def _by_seed(self) -> float:
+        # As for v1, one training is a share of its own.
+        return self.by_seed if self.seeds > 1 else 0.0
+
+    def _shares(self, middle: float, level: Sequence[float]) -> np.ndarray:
+        drawn = np.random.default_rng(0).normal(size=4000)
+        moved = math.hypot(self.by_place, self._by_seed) * drawn
+        return special.expit(self.slope * (middle + moved[:, None] - np.asarray(level)))
+
+    @staticmethod
+    def _solve(difference: Callable[[float], float]) -> float:
+        return float(optimize.brentq(difference, -20, 30))
+
+
+@cache
+def levels() -> tuple[np.ndarray, list[str], list[str]]:
+    """Return the level, the place and the group of each drive of v2."""
+    drives = read_suite("v2").drives
+    level = np.array([one.level for one in drives])
+    return level, [place_of(one.track) for one in drives], [one.group for one in drives]
+
+
+def level_coverage(count: str = "400") -> None:
+    """Print how often v2's intervals contain the truth: `level_coverage [COUNT]`.
+
+    *told apart* is the share of pairs of entries of which one is found to drive better: of equal
+    ones, and of one that fails twice as often.
+    """
+    lines = []
+    level, places, groups = levels()
+    axis = np.array(groups) == groups[0]
+    own = [place for place, one in zip(places, axis, strict=True) if one]
+    for seeds, share in itertools.product((1, 3, 5), (0.6, 0.8, 0.95, 0.98)):
+        case, rng = Leveled(seeds, share), np.random.default_rng(1)
+        worse, hits, known = replace(case, share=2 * share - 1), np.zeros(5), np.zeros(5)
+        for _ in range(int(count)):
+            easier = case.places(rng)
+            clean = case.draw(rng, easier)
+            failures = clustered(
+                1 - clean, places=places, groups=groups, limits=SHARE, one_failure=1.0
+            )
+            found = [(failures, 1 - share)]
+            for wanted in (0.5, 0.9):
+                found.append(
+                    (level_at(wanted, clean[:, axis], level[axis], own), case.level(wanted))
+                )
+            others = [other.draw(rng, easier) for other in (case, worse)]
+            apart = [clean[:, None] - other[None] for other in others]
+            p_values = [p_value(one, places, groups) for one in apart]
+            hits += [
+                *(one.low <= truth <= one.high for one, truth in found),
+                *(one < 0.05 for one in p_values),
+            ]
+            known += [*(math.isfinite(one.low) for one, _ in found), 1, 1]
+        shares = [f"{one / own:.1%}" if own else "-" for one, own in zip(hits, known, strict=True)]
+        lines.append([str(seeds), f"{share:.0%}", *shares])
+    head = ["seeds", "clean drives", "their share", "level at 50 %", "level at 90 %"]
+    head += ["equal told apart", "twice the failures told apart"]
     print(markdown_table(head, lines, left=0))

@@ -21,7 +21,7 @@ import numpy as np
 import torch
 from scipy.stats import spearmanr
 
-from benchmarks.coverage import coverage
+from benchmarks.coverage import coverage, level_coverage
 from benchmarks.material import OUT, frames_of, linked_recording, pictures
 from benchmarks.measuring import print_table, run_named
 from benchmarks.replay_measurements import middle, replays, warp
@@ -313,6 +313,7 @@ if __name__ == "__main__":
     run_named(
         exports,
         coverage,
+        level_coverage,
         doubt,
         expert,
         formats,

@@ -55,9 +55,11 @@ def level_at(
         return Estimate(value)
     half = float(special.stdtrit(satterthwaite(parts), 1 - TAIL))
     half *= math.sqrt(sum(variance for variance, _ in parts))
-    return Estimate(
-        value, max(min(levels) - 0.5, value - half), min(max(levels) + 0.5, value + half)
-    )
+    first, last = min(levels), max(levels)
+    # Beyond the levels the curve is not seen: the bound is the end.
+    low = value - half if value >= first else -math.inf
+    high = value + half if value <= last else math.inf
+    return Estimate(value, max(low, first - 0.5), min(high, last + 0.5))
 
 
 def _level(share: float, clean: np.ndarray, weights: np.ndarray, levels: Sequence[int]) -> float:

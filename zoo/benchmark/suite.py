@@ -69,8 +69,8 @@ class _File(OnlyFields):
     groups: dict[str, list[_Drive]] = Field(default_factory=dict)
     axes: dict[str, Annotated[list[_Level], Field(min_length=2)]] = Field(default_factory=dict)
     seed: Count = 0
-    roads: Annotated[Count, Field(ge=1)] = 12
-    dev_roads: Annotated[Count, Field(ge=1)] = 2
+    roads: Annotated[Count, Field(ge=1, le=1000)] = 12
+    dev_roads: Annotated[Count, Field(ge=1, le=1000)] = 2
     data: str | None = None
     speed: SpeedMph = 15.0
     quality: Literal["full", "simple"] = "full"
