@@ -10,6 +10,7 @@ from dataclasses import fields
 from functools import lru_cache
 from itertools import zip_longest
 
+import cv2
 import numpy as np
 from panda3d import core
 
@@ -18,8 +19,8 @@ from simulator.scenery.edges import bridge_meshes, edge_meshes
 from simulator.scenery.frame_effects import Air
 from simulator.scenery.ground import Ground
 from simulator.scenery.light import Shadows, lit_colours, sky_mesh
-from simulator.scenery.mesh import Mesh, cut, join, join_materials
-from simulator.scenery.plants import boulder_meshes, place_standing, standing_meshes
+from simulator.scenery.mesh import Mesh, cut, join_materials
+from simulator.scenery.plants import boulder_meshes, place_standing, standing_mesh
 from simulator.scenery.road import road_meshes
 from simulator.scenery.textures import halvings, make_textures
 from simulator.track import Track
@@ -32,6 +33,7 @@ SETTINGS = "audio-library-name null\nnotify-level fatal\ntextures-power-2 down\n
 # Collected states would wait for Panda3D's task manager, which does not run here: 4 kB a frame, and
 # the textures of a closed renderer.
 SETTINGS += "garbage-collect-states false"
+RGB_FROM = {3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}  # by the number of a frame's channels
 FAR_M = 1500.0
 CELL_M = 90.0
 ORDER = ("asphalt", "plain", "cobbles", "stripes", "concrete", "ground", "rock", "plants", "sky")
@@ -101,8 +103,9 @@ class Renderer:
         """
         self.place_camera(self.camera, pose, camera)
         self.engine.renderFrame()
-        pixels = np.frombuffer(self.texture.getRamImageAs("RGB"), np.uint8)
-        return self.air(pixels.reshape(*self.size[::-1], 3)[::-1].copy(), camera, tick)
+        pixels = np.frombuffer(self.texture.getRamImage(), np.uint8)  # blue first, lowest row first
+        pixels = pixels.reshape(*self.size[::-1], self.texture.getNumComponents())
+        return self.air(cv2.flip(cv2.cvtColor(pixels, RGB_FROM[pixels.shape[2]]), 0), camera, tick)
 
     def place_camera(
         self, node: core.NodePath, pose: tuple[float, float, float, float, float], camera: str
@@ -169,8 +172,8 @@ def _landscape(contents: bytes, quality: str) -> Landscape:
     built = [*road_meshes(track), *edge_meshes(track, ground), *bridge_meshes(track, ground)]
     road = [part for mesh in join_materials(built) for part in cut(mesh, CELL_M)]
     shadows = Shadows(track, standing, [one.points for one in road]) if quality == "full" else None
-    things = (standing_meshes(standing, ground), boulder_meshes(track, ground, quality))
-    around = [*ground.meshes(), *(join(meshes) for meshes in things if meshes)]
+    around = [*ground.meshes(), *([standing_mesh(standing, ground)] if standing else [])]
+    around += join_materials(boulder_meshes(track, ground, quality))
     parts = (*road, *(part for mesh in around for part in cut(mesh, CELL_M)))
     for mesh in parts:
         for array in (*mesh.columns, mesh.triangles):

@@ -6,7 +6,7 @@ import numpy as np
 
 from simulator.scenery.edges import surface
 from simulator.scenery.ground import Ground
-from simulator.scenery.mesh import Mesh, grid_mesh, join
+from simulator.scenery.mesh import Mesh, grid_mesh, grid_triangles
 from simulator.scenery.road import rightwards
 from simulator.scenery.textures import PLANTS, TILES
 from simulator.track import Track
@@ -73,17 +73,42 @@ def place_standing(track: Track, ground: Ground, quality: str) -> list[Standing]
     return standing
 
 
-def standing_meshes(standing: list[Standing], ground: Ground) -> list[Mesh]:
-    """Return a mesh for each object."""
-    apart, _ = ground.near_road.query(np.array([one.foot[:2] for one in standing]).reshape(-1, 2))
-    return [_crossed(one, float(away)) for one, away in zip(standing, apart, strict=True)]
+def standing_mesh(standing: list[Standing], ground: Ground) -> Mesh:
+    """Return the mesh of all objects: two upright rectangles at right angles for each."""
+    feet = np.array([one.foot for one in standing]).reshape(-1, 3)
+    turn, width, height, tone, tile = np.array(
+        [(one.turn, one.width, one.height, one.tone, PLANTS.index(one.kind)) for one in standing]
+    ).T[..., None]
+    apart = ground.near_road.query(feet[:, :2])[0][:, None]
+    air = np.clip((apart - FAR_M) / 120, 0, 0.55)
+    colours = tone * (1 - air) + np.array([0.95, 1.25, 1.7]) * air
+    inset = 0.5 / 64
+    u = (tile + np.array([inset, 1 - inset])) / TILES
+    angle = np.concatenate([turn, turn + np.pi / 2], 1)
+    half = np.stack([np.cos(angle), np.sin(angle), 0 * angle], -1) * width[..., None] / 2
+    ends = feet[:, None, None] + np.array([[-1], [1]]) * half[:, :, None]
+    rise = height[..., None, None] * np.array([[0.0, 0, 0], [0, 0, 1]])
+    points = ends[..., None, :] + rise[:, None]  # object, rectangle, end, foot or top
+    v = np.array([0.004, 1.0])
+    uv = np.stack(np.broadcast_arrays(u[:, None, :, None], v, points[..., 0])[:2], -1)
+    colours = np.broadcast_to(colours[:, None, None, None], points.shape)
+    first = 4 * np.arange(2 * len(standing))[:, None, None]
+    return Mesh(
+        "plants",
+        points.reshape(-1, 3),
+        np.tile([0.0, 0.0, 1.0], (points.size // 3, 1)),
+        colours.reshape(-1, 3),
+        uv.reshape(-1, 2),
+        (first + grid_triangles(2, 2)).reshape(-1, 3),
+    )
 
 
 def boulder_meshes(track: Track, ground: Ground, quality: str) -> list[Mesh]:
     """Return a mesh for each of the track's boulders, of which there may be none."""
     count = round(track.surroundings.rocks * (1.0 if quality == "full" else 1 / 3))
     rng = np.random.default_rng(track.surroundings.seed + 200)
-    return [_boulder(ground, rng, xy) for xy in scatter(ground, rng, count)]
+    xy = scatter(ground, rng, count)
+    return [_boulder(rng, foot) for foot in np.c_[xy, ground.height(xy)]]
 
 
 def scatter(
@@ -120,23 +145,7 @@ def _beside_dirt(track: Track) -> np.ndarray:
     return np.array(places).reshape(-1, 2)
 
 
-def _crossed(one: Standing, apart: float) -> Mesh:
-    """Return two upright rectangles at right angles; `apart` is the distance to the road in m."""
-    inset = 0.5 / 64
-    u = (PLANTS.index(one.kind) + np.array([inset, 1 - inset])) / TILES
-    uv = np.stack(np.meshgrid(u, [0.004, 1.0], indexing="ij"), -1)
-    air = min(max((apart - FAR_M) / 120, 0), 0.55)
-    colour = one.tone * (1 - air) + np.array([0.95, 1.25, 1.7]) * air
-    meshes = []
-    for angle in (one.turn, one.turn + np.pi / 2):
-        half = np.array([np.cos(angle), np.sin(angle), 0.0]) * one.width / 2
-        ends = one.foot + np.array([[-1], [1]]) * half
-        points = ends[:, None] + np.array([[0, 0, 0], [0, 0, one.height]])
-        meshes.append(grid_mesh("plants", points, (0.0, 0.0, 1.0), colour, uv))
-    return join(meshes)
-
-
-def _boulder(ground: Ground, rng: np.random.Generator, xy: np.ndarray) -> Mesh:
+def _boulder(rng: np.random.Generator, foot: np.ndarray) -> Mesh:
     """Return a boulder: a rough, flattened half sphere."""
     around, up = 9, 4
     size = rng.uniform(1.0, 4.5) * np.array([1.0, rng.uniform(0.6, 1.0), rng.uniform(0.4, 0.8)])
@@ -147,8 +156,7 @@ def _boulder(ground: Ground, rng: np.random.Generator, xy: np.ndarray) -> Mesh:
     unit = np.stack(np.broadcast_arrays(*circle, height[:, None]), -1)
     rough = rng.uniform(0.85, 1.15, (up, around, 1))
     rough[:, -1] = rough[:, 0]
-    points = unit * rough * size
-    points += [*xy, float(ground.height(xy[None])[0])]
+    points = unit * rough * size + foot
     normals = unit / size
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     grey = np.array([0.62, 0.56, 0.45]) * rng.uniform(0.8, 1.15)
