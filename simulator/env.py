@@ -60,7 +60,7 @@ class DrivingEnv(gymnasium.Env):
         max_seconds: simulated seconds until the end; None for 300 per lap, inf for no end.
         off_road_s: seconds allowed off the road; 0 ends the episode at the edge line.
         renderer: `auto`, `software` or `opengl`.
-        quality: `full` or `simple`.
+        quality: `full`, `fast` or `simple`.
         render_mode: None or `rgb_array`.
         width, height: pixels of an image, 8..1024 each.
         vertical_fov_deg: angle of view from the top to the bottom of an image, 1..170.

@@ -19,9 +19,9 @@ from simulator.scenery.edges import bridge_meshes, edge_meshes
 from simulator.scenery.frame_effects import Air
 from simulator.scenery.ground import Ground
 from simulator.scenery.light import Shadows, lit_colours, sky_mesh
-from simulator.scenery.mesh import Mesh, cut, join_materials
+from simulator.scenery.mesh import Mesh, cut, join_materials, outward
 from simulator.scenery.plants import boulder_meshes, place_standing, standing_mesh
-from simulator.scenery.road import road_meshes
+from simulator.scenery.road import ALONG_M, road_levels, road_meshes
 from simulator.scenery.textures import halvings, make_textures
 from simulator.track import Track
 from simulator.weather import CLEAR, Weather, lit_by
@@ -36,7 +36,9 @@ SETTINGS += "garbage-collect-states false"
 RGB_FROM = {3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}  # by the number of a frame's channels
 FAR_M = 1500.0
 CELL_M = 90.0
-ORDER = ("asphalt", "plain", "cobbles", "stripes", "concrete", "ground", "rock", "plants", "sky")
+FAST_CELL_M, FAST_ALONG_M = 200.0, 4.0  # of quality `fast`: cells; rows of faces below verges
+ORDER = ("asphalt", "plain", "cobbles", "stripes", "concrete", "ground", "rock", "bare")
+ORDER += ("plants", "sky")
 POINTS = core.GeomVertexFormat.getV3c4t2()
 POINT = np.dtype([("point", "<f4", 3), ("colour", "u1", 4), ("uv", "<f4", 2)])
 
@@ -50,7 +52,7 @@ class Renderer:
     Args:
         track: track to draw.
         renderer: auto, software or opengl.
-        quality: full, or simple (fewer plants, no shadows, faster).
+        quality: full; fast (less detail far away); or simple (fewer plants, no shadows).
         rig: cameras, all of the first one's size and field of view. Only Udacity's car has a
             bonnet in its frames.
 
@@ -73,7 +75,9 @@ class Renderer:
         self.buffer.makeDisplayRegion().setCamera(self.camera)
         self.textures = {name: core.Texture(name) for name in ORDER}
         meshes, self.shadows = landscape(track, quality)
-        dome, self.sky = self._attach(sky_mesh())
+        self.fast = quality == "fast"
+        self.places: dict[int, core.NodePath] = {}
+        dome, self.sky = self._attach(sky_mesh(self.fast))
         self.sky.setTextureOff(1)
         self.pieces = [*(self._attach(mesh)[0] for mesh in meshes), dome]
         self.seed_drawn: int | None = None
@@ -144,13 +148,27 @@ class Renderer:
         geom.addPrimitive(triangles)
         node = core.GeomNode(mesh.material)
         node.addGeom(geom)
-        path = self.root.attachNewNode(node)
+        path = self._place(mesh).attachNewNode(node)
         path.setTexture(self.textures[mesh.material])
-        path.setTwoSided(True)
         path.setBin("fixed", ORDER.index(mesh.material))
+        path.setTwoSided(not self.fast or mesh.material in ("plants", "sky"))
+        if self.fast and mesh.material in ("plain", "bare"):
+            path.setTextureOff(1)  # theirs would be white
         if mesh.material == "plants":
             path.setTransparency(core.TransparencyAttrib.MBinary)
         return piece, path
+
+    def _place(self, mesh: Mesh) -> core.NodePath:
+        """Return the node of a mesh: the root, or one that draws it by its place's distance."""
+        if mesh.group is None:
+            return self.root
+        if mesh.group not in self.places:
+            place = core.LODNode("place")
+            place.setCenter(core.Point3(*mesh.points.mean(0)))
+            self.places[mesh.group] = self.root.attachNewNode(place)
+        near, far = mesh.seen_m
+        self.places[mesh.group].node().addSwitch(min(far, FAR_M), near)
+        return self.places[mesh.group]
 
 
 # Meshes in cells of `CELL_M`, those of the road first, and shadows on the road's; None without.
@@ -158,7 +176,7 @@ Landscape = tuple[tuple[Mesh, ...], Shadows | None]
 
 
 def landscape(track: Track, quality: str) -> Landscape:
-    """Return the landscape of a track; `quality` is full, or simple (fewer plants, no shadows)."""
+    """Return the landscape of a track; for `quality` see `Renderer`."""
     # A process opens a world for each drive: a further one on a track opens in 0.07 s instead of
     # 0.35 s. The key is the contents, because each world of a track has a `Track` of its own.
     return _landscape(pickle.dumps([getattr(track, one.name) for one in fields(track)]), quality)
@@ -167,14 +185,21 @@ def landscape(track: Track, quality: str) -> Landscape:
 @lru_cache(maxsize=2)
 def _landscape(contents: bytes, quality: str) -> Landscape:
     track = Track(*pickle.loads(contents))
-    ground = Ground(track)
+    fast = quality == "fast"
+    ground = Ground(track, coarse=fast)
     standing = place_standing(track, ground, quality)
-    built = [*road_meshes(track), *edge_meshes(track, ground), *bridge_meshes(track, ground)]
-    road = [part for mesh in join_materials(built) for part in cut(mesh, CELL_M)]
-    shadows = Shadows(track, standing, [one.points for one in road]) if quality == "full" else None
+    built = [] if fast else road_meshes(track)
+    built += edge_meshes(track, ground, FAST_ALONG_M if fast else ALONG_M)
+    built += bridge_meshes(track, ground)
+    cell = FAST_CELL_M if fast else CELL_M
+    road = [part for mesh in join_materials(built) for part in cut(mesh, cell)]
+    road += road_levels(track) if fast else []
+    points = [one.points for one in road]
+    shadows = None if quality == "simple" else Shadows(track, standing, points)
     around = [*ground.meshes(), *([standing_mesh(standing, ground)] if standing else [])]
     around += join_materials(boulder_meshes(track, ground, quality))
-    parts = (*road, *(part for mesh in around for part in cut(mesh, CELL_M)))
+    parts = (*road, *(part for mesh in around for part in cut(mesh, cell)))
+    parts = tuple(map(outward, parts)) if fast else parts
     for mesh in parts:
         for array in (*mesh.columns, mesh.triangles):
             array.flags.writeable = False  # worlds share them

@@ -11,6 +11,7 @@ from simulator.weather import read_weather
 from zoo.base.command_keys import check_values
 from zoo.base.errors import InputError
 
+Quality = Literal["full", "fast", "simple"]
 DIRECTIONS = {"forward": 1, "1": 1, "backward": -1, "-1": -1}
 
 
@@ -24,7 +25,7 @@ class WorldSettings:
         weather: clear, random (drawn from the seed), or settings such as {fog: 0.4, wet: 1}.
         frame_rate: frames per second of simulated time, 0.1..50.
         delay_s: seconds from a command to the wheels, 0..2.
-        quality: full, or simple images, which are faster.
+        quality: full; fast, with less detail far away; or simple, without shadows.
     """
 
     directions: ClassVar[tuple[int | str, ...]] = (1, -1)
@@ -35,7 +36,7 @@ class WorldSettings:
     # A lower frame rate drives for hours of simulated time between two frames.
     frame_rate: Annotated[float, Field(ge=0.1, le=1 / PHYSICS_STEP_S)] = 15.0
     delay_s: Annotated[float, Field(ge=0, le=2)] = 0.0
-    quality: Literal["full", "simple"] = "full"
+    quality: Quality = "full"
 
     def __post_init__(self) -> None:
         """Replace the direction's name by 1 or -1, and tracks' names by those in records."""

@@ -20,13 +20,13 @@ PILLAR_M, PILLARS_APART_M = 1.2, 10.0
 PILLAR_CLEAR_M = 2.5  # distance of pillars from the edge of the road below
 
 
-def edge_meshes(track: Track, ground: Ground) -> list[Mesh]:
+def edge_meshes(track: Track, ground: Ground, step_m: float = road.ALONG_M) -> list[Mesh]:
     """Return faces below verges, where parts of the road are near each other, and road ends."""
     meshes = []
     if ground.room is not None or track.bridge.any():
         for start, end in road.runs(track):
             if not track.on_bridge((start + end) / 2):
-                along = road.points_along(start, end)
+                along = road.points_along(start, end, step_m)
                 meshes += [_outer_face(track, ground, along, side) for side in (-1, 1)]
                 for at, beyond in ((0, along[0] - 0.6), (-1, along[-1] + 0.6)):
                     if track.on_bridge(beyond):
@@ -42,7 +42,7 @@ def surface(track: Track, ground: Ground, xy: np.ndarray) -> np.ndarray:
 
     Between parts of the road near each other that is the higher one of ground and verge.
     """
-    if ground.room is None:
+    if ground.room is None and not ground.coarse:
         return ground.height(xy)
     height = ground.mesh_height(xy)
     apart, nearest = ground.near_standing.query(xy)

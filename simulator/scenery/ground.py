@@ -1,16 +1,21 @@
 """The ground around the road: heights, mesh and lakes."""
 
+from dataclasses import replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from simulator.scenery.mesh import Mesh, grid_mesh
+from simulator.scenery.textures import untextured
 from simulator.scenery.verges import GRASS, ROCK, SAND, SOILS, verge_room
 from simulator.track import Track
 
 CELL_M = 8.0
+# Of a coarse ground: cells along the edge of a square, and its distance from the road.
+LARGE = ((4, 60.0), (2, 18.0), (1, -np.inf))
 MARGIN_M = 190.0  # width of the ground around the track
 RIM_M = 90.0  # width of its outer part, which rises to mountains that close the view
 RIM_HEIGHT_M = 42.0
@@ -24,10 +29,15 @@ PATCHES = {"sand": GRASS, "grass": SAND, "forest": (0.46, 0.44, 0.24)}
 
 
 class Ground:
-    """The ground around a track, drawn from the seed of its surroundings."""
+    """The ground around a track, drawn from the seed of its surroundings.
 
-    def __init__(self, track: Track) -> None:
-        self.track = track
+    Args:
+        track: track whose ground to build.
+        coarse: whether larger squares are level away from the road, and drawn as one.
+    """
+
+    def __init__(self, track: Track, coarse: bool = False) -> None:
+        self.track, self.coarse = track, coarse
         self.around = track.surroundings
         self.near_road = cKDTree(track.xyz[:, :2])
         self.room = verge_room(track)
@@ -92,13 +102,22 @@ class Ground:
         colours = self._colours(flat, normals[..., 2].reshape(-1)).reshape(*z.shape, 3)
         points = np.concatenate([xy, z[..., None]], -1)
         ground = grid_mesh("ground", points, normals, colours, xy / 9.0)
-        return [ground, *(self._lake(*lake) for lake in self.around.lakes)]
+        lakes = [self._lake(*lake) for lake in self.around.lakes]
+        if self.coarse:
+            number = np.arange(z.size).reshape(z.shape)
+            far, *near = (
+                np.stack([a, number[i, j + step], b, a, b, number[i + step, j]], -1).reshape(-1, 3)
+                for step, i, j in self._squares
+                for a, b in [(number[i, j], number[i + step, j + step])]
+            )
+            lakes = [untextured(replace(ground, triangles=far)), *lakes]
+            ground = replace(ground, triangles=np.concatenate(near))
+        return [ground, *lakes]
 
     @cached_property
     def grid(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return x [X], y [Y] and heights [Y, X] of the mesh, which nowhere covers the road."""
-        x = np.arange(self.low[0], self.high[0] + CELL_M, CELL_M)
-        y = np.arange(self.low[1], self.high[1] + CELL_M, CELL_M)
+        x, y = self._axes()
         flat = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
         z = self.height(flat)
         road, least = self._road_points()
@@ -113,7 +132,36 @@ class Ground:
             lower = np.zeros_like(z)
             np.maximum.at(lower, corners[covered], over[covered, None] * share)
             z = z - lower
-        return x, y, z.reshape(len(y), len(x))
+        z = z.reshape(len(y), len(x))
+        if self.coarse:
+            self._flatten(z)
+        return x, y, z
+
+    def _axes(self) -> tuple[np.ndarray, np.ndarray]:
+        low, high = self.low, self.high + CELL_M
+        return np.arange(low[0], high[0], CELL_M), np.arange(low[1], high[1], CELL_M)
+
+    def _flatten(self, z: np.ndarray) -> None:
+        """Move the heights [Y, X] within large squares to the two triangles of their corners."""
+        for step, i, j in self._squares:
+            a, b, c, d = z[i, j], z[i, j + step], z[i + step, j + step], z[i + step, j]
+            for v, u in product(range(step + 1), repeat=2):
+                nearer = a + u / step * (b - a) + v / step * (c - b)
+                z[i + v, j + u] = nearer if u >= v else a + v / step * (d - a) + u / step * (c - d)
+
+    @cached_property
+    def _squares(self) -> list[tuple[int, np.ndarray, np.ndarray]]:
+        """Return the squares' cells along an edge, and the rows and columns of their corners."""
+        x, y = self._axes()
+        apart = self.near_road.query(np.stack(np.meshgrid(x, y), -1))[0]
+        free, squares = np.ones(apart.shape, bool), []
+        for step, away in LARGE:
+            i, j = np.mgrid[0 : len(y) - step : step, 0 : len(x) - step : step]
+            far = free[i, j] & (apart[i + step // 2, j + step // 2] > away + 0.71 * step * CELL_M)
+            for v, u in product(range(step), repeat=2):
+                free[i[far] + v, j[far] + u] = False
+            squares.append((step, i[far], j[far]))
+        return squares
 
     def _corners(self, xy: np.ndarray, columns: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the corners int [N, 3] of the mesh's triangles at points, and their weights."""
@@ -198,6 +246,9 @@ class Ground:
         step = 16.0
         line = np.arange(-radius - step, radius + 2 * step, step)
         xy = np.stack(np.meshgrid(x + line, y + line), -1)
+        if self.coarse:  # a disc, so that less water lies below the ground
+            turn, away = np.linspace(0, 2 * np.pi, 17)[:, None], np.array([0.0, radius])
+            xy = (x, y) + away[:, None] * np.stack([np.cos(turn), np.sin(turn)], -1)
         level = np.full((*xy.shape[:2], 1), self.around.water_level)
         points = np.concatenate([xy, level], -1)
         return grid_mesh("concrete", points, (0.0, 0.0, 1.0), WATER, xy / 24.0)

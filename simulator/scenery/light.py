@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 from simulator.scenery.edges import DECK_M, WALL_END_M
 from simulator.scenery.mesh import Mesh, grid_mesh
 from simulator.scenery.plants import Standing
-from simulator.scenery.textures import MEANS
+from simulator.scenery.textures import MEANS, PAVED
 from simulator.track import Track
 from simulator.weather import Weather
 
@@ -56,7 +56,7 @@ def lit_colours(mesh: Mesh, weather: Weather, shade: np.ndarray | None) -> np.nd
     light = SKY_RGB + weather.sun * facing[:, None] * SUN_RGB
     if mesh.material == "plants":
         return _to_bytes(mesh.colours * light)
-    wet = 1 - 0.45 * weather.wet if mesh.material in ("asphalt", "cobbles", "plain") else 1.0
+    wet = 1 - 0.45 * weather.wet if mesh.material in PAVED else 1.0
     return _to_bytes(mesh.colours * light * wet / MEANS.get(mesh.material, 1.0))
 
 
@@ -143,12 +143,13 @@ class Shadows:
         return (rise > 0.5) & (apart < self.deck_half)
 
 
-def sky_mesh() -> Mesh:
+def sky_mesh(coarse: bool) -> Mesh:
     """Return a dome around the camera; its colours are not shaded."""
     elevation = np.array([one[0] for one in COLOURS], float)
     colours = np.array([one[1] for one in COLOURS], float) / 255
     steps = np.unique(np.concatenate([elevation, np.arange(-10, 30, 2), np.arange(30, 91, 15)]))
-    around = np.linspace(0, 2 * np.pi, 17)
+    steps = np.r_[-10, elevation[1:]] if coarse else steps
+    around = np.linspace(0, 2 * np.pi, 9 if coarse else 17)
     up, turn = np.meshgrid(np.radians(steps), around, indexing="ij")
     unit = np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), np.sin(up)
     points = RADIUS_M * np.stack(unit, -1)

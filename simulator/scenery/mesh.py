@@ -1,7 +1,7 @@
 """Triangles as arrays, independent of any renderer."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,9 @@ class Mesh:
         colours: float [N, 3], reflectance of the surface in RGB, 0..1.
         uv: float [N, 2], texture coordinates; 0..1 spans the texture once.
         triangles: int [M, 3], indices of points; both sides are drawn.
+        group: number of meshes of one place, of which a renderer draws those whose range has the
+            distance from the camera to that place; None for a mesh that is always drawn.
+        seen_m: that range in metres.
     """
 
     material: str
@@ -25,6 +28,8 @@ class Mesh:
     colours: np.ndarray
     uv: np.ndarray
     triangles: np.ndarray
+    group: int | None = None
+    seen_m: tuple[float, float] = (0.0, np.inf)
 
     @property
     def columns(self) -> tuple[np.ndarray, ...]:
@@ -53,6 +58,26 @@ def grid_mesh(
 
     columns = flat(points, 3), flat(normals, 3), flat(colours, 3), flat(uv, 2)
     return Mesh(material, *columns, grid_triangles(*points.shape[:2]))
+
+
+def thin(mesh: Mesh, columns: int, rows: np.ndarray, step: int) -> Mesh:
+    """Return the mesh of some rows, and of every `step`-th column, of the mesh of a grid."""
+    index = np.arange(len(mesh.points)).reshape(-1, columns)[rows][:, every(0, columns - 1, step)]
+    values = (one[index.reshape(-1)] for one in mesh.columns)
+    return Mesh(mesh.material, *values, grid_triangles(*index.shape))
+
+
+def outward(mesh: Mesh) -> Mesh:
+    """Return the mesh with counterclockwise triangles, seen from where its normals point."""
+    a, b, c = mesh.points[mesh.triangles].transpose(1, 0, 2)
+    turned = (np.cross(b - a, c - a) * mesh.normals[mesh.triangles].sum(1)).sum(1) < 0
+    triangles = np.where(turned[:, None], mesh.triangles[:, ::-1], mesh.triangles)
+    return replace(mesh, triangles=triangles)
+
+
+def every(first: int, last: int, step: int) -> np.ndarray:
+    """Return each `step`-th number from the first to the last, and the last."""
+    return np.append(np.arange(first, last, step), last)
 
 
 def join(meshes: Sequence[Mesh]) -> Mesh:

@@ -6,7 +6,7 @@ import numpy as np
 
 from simulator.scenery.edges import surface
 from simulator.scenery.ground import Ground
-from simulator.scenery.mesh import Mesh, grid_mesh, grid_triangles
+from simulator.scenery.mesh import Mesh, grid_mesh, grid_triangles, thin
 from simulator.scenery.road import rightwards
 from simulator.scenery.textures import PLANTS, TILES
 from simulator.track import Track
@@ -20,6 +20,7 @@ SIZES_M = {  # width and height
     "pylon": (9.0, 26.0),
     "tyres": (1.7, 1.0),
 }
+BESIDE_M = 60.0
 FAR_M = 90.0  # distance from the road beyond which objects get bluish
 
 
@@ -46,7 +47,7 @@ class Standing:
 
 def place_standing(track: Track, ground: Ground, quality: str) -> list[Standing]:
     """Place trees, bushes, pylons and tyres; quality simple has a third of the plants."""
-    share = 1.0 if quality == "full" else 1 / 3
+    share = 1 / 3 if quality == "simple" else 1.0
     around = track.surroundings
     rng = np.random.default_rng(around.seed + 100)
     trees, bushes = round(around.trees * share), round(around.bushes * share)
@@ -74,12 +75,20 @@ def place_standing(track: Track, ground: Ground, quality: str) -> list[Standing]
 
 
 def standing_mesh(standing: list[Standing], ground: Ground) -> Mesh:
-    """Return the mesh of all objects: two upright rectangles at right angles for each."""
+    """Return the mesh of all objects: two upright rectangles at right angles for each.
+
+    On coarse ground all but tyres have one. It faces a car that comes along the road or, far from
+    the road, one beside it.
+    """
     feet = np.array([one.foot for one in standing]).reshape(-1, 3)
     turn, width, height, tone, tile = np.array(
         [(one.turn, one.width, one.height, one.tone, PLANTS.index(one.kind)) for one in standing]
     ).T[..., None]
-    apart = ground.near_road.query(feet[:, :2])[0][:, None]
+    apart, nearest = (one[:, None] for one in ground.near_road.query(feet[:, :2]))
+    alone = ground.coarse & (tile != PLANTS.index("tyres"))
+    right = ground.track.rightwards[nearest[:, 0]]
+    turned = np.where(apart > BESIDE_M, right[:, ::-1] * (-1, 1), right)
+    turn = np.where(alone, np.arctan2(turned[:, 1:], turned[:, :1]), turn)
     air = np.clip((apart - FAR_M) / 120, 0, 0.55)
     colours = tone * (1 - air) + np.array([0.95, 1.25, 1.7]) * air
     inset = 0.5 / 64
@@ -92,7 +101,8 @@ def standing_mesh(standing: list[Standing], ground: Ground) -> Mesh:
     v = np.array([0.004, 1.0])
     uv = np.stack(np.broadcast_arrays(u[:, None, :, None], v, points[..., 0])[:2], -1)
     colours = np.broadcast_to(colours[:, None, None, None], points.shape)
-    first = 4 * np.arange(2 * len(standing))[:, None, None]
+    drawn = np.flatnonzero(~alone | [True, False])
+    first = 4 * drawn[:, None, None]
     return Mesh(
         "plants",
         points.reshape(-1, 3),
@@ -105,10 +115,11 @@ def standing_mesh(standing: list[Standing], ground: Ground) -> Mesh:
 
 def boulder_meshes(track: Track, ground: Ground, quality: str) -> list[Mesh]:
     """Return a mesh for each of the track's boulders, of which there may be none."""
-    count = round(track.surroundings.rocks * (1.0 if quality == "full" else 1 / 3))
+    count = round(track.surroundings.rocks * (1 / 3 if quality == "simple" else 1.0))
     rng = np.random.default_rng(track.surroundings.seed + 200)
     xy = scatter(ground, rng, count)
-    return [_boulder(rng, foot) for foot in np.c_[xy, ground.height(xy)]]
+    boulders = [_boulder(rng, foot) for foot in np.c_[xy, ground.height(xy)]]
+    return [thin(one, 9, np.array([0, 2, 3]), 2) for one in boulders] if ground.coarse else boulders
 
 
 def scatter(

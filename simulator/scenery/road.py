@@ -1,30 +1,70 @@
 """The road and its verges: bands along the centreline."""
 
+from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from simulator.scenery import verges
-from simulator.scenery.mesh import Mesh, grid_mesh, join_materials
+from simulator.scenery.mesh import Mesh, every, grid_mesh, join_materials, thin
+from simulator.scenery.textures import PAVED, untextured
 from simulator.track import Track
 
 ALONG_M = 1.0
+ACROSS = 9  # points across the carriageway, whose shadows are colours of points
+# Of quality `fast`: rows of a stretch; distances in metres at which it is drawn from every n-th
+# row; and by the smallest radius of its bends, where n is less. Verges have half as many rows.
+STRETCH = 32
+RANGES_M = ((0.0, 38.0), (38.0, 80.0), (80.0, np.inf))
+STEPS = ((20.0, (1, 2, 4)), (80.0, (2, 4, 8)), (np.inf, (2, 8, 16)))
 
 
 def road_meshes(track: Track) -> list[Mesh]:
     """Return meshes of road, lines, shoulders and verges of the whole road, one per material."""
-    meshes, room = [], verges.verge_room(track)
+    return join_materials([mesh for _, bands in _runs(track) for mesh, _ in bands])
+
+
+def road_levels(track: Track) -> list[Mesh]:
+    """Return the meshes of `road_meshes` in stretches with several levels of detail."""
+    meshes: list[Mesh] = []
+    stretches = (
+        (along, bands, first)
+        for along, bands in _runs(track)
+        for first in range(0, len(along) - 1, STRETCH)
+    )
+    for group, (distance, bands, first) in enumerate(stretches):
+        last = min(first + STRETCH, len(distance) - 1)
+        bend = np.abs(track.curvature_at(distance[first : last + 1])).max()
+        steps = next(steps for radius, steps in STEPS if bend >= 1 / radius)
+        for (near, far), step, columns_step in zip(RANGES_M, steps, (2, 4, 8), strict=True):
+            rows, beside = every(first, last, step), every(first, last, 2 * step)
+            parts = [
+                thin(mesh, columns, rows if mesh.material in PAVED else beside, columns_step)
+                for mesh, columns in bands
+            ]
+            parts = [untextured(mesh) for mesh in parts] if near else parts
+            meshes += [
+                replace(mesh, group=group, seen_m=(near, far)) for mesh in join_materials(parts)
+            ]
+    return meshes
+
+
+def _runs(track: Track) -> Iterator[tuple[np.ndarray, list[tuple[Mesh, int]]]]:
+    """Yield the distances of each run's rows, and its bands with their number of columns."""
+    room = verges.verge_room(track)
     for start, end in runs(track):
         along = points_along(start, end)
-        half = half_width(track, along)
-        for band in verges.carriageway(half, is_cobbled(track, along), track.centre_line):
-            meshes.append(band_mesh(track, along, band, 1, np.zeros(len(along)), columns=9))
+        half, middle = half_width(track, along), np.zeros(len(along))
+        paving = verges.carriageway(half, is_cobbled(track, along), track.centre_line)
+        bands = [(band_mesh(track, along, one, 1, middle, ACROSS), ACROSS) for one in paving]
         for number, side in enumerate((-1, 1)):
             most = None if room is None else room_at(track, room[number], along)
             share = taper_at(track, along, side)
             for band in bands_of_run(track, along, side):
-                meshes.append(band_mesh(track, along, band, side, half, most=most, share=share))
-    return join_materials(meshes)
+                mesh = band_mesh(track, along, band, side, half, most=most, share=share)
+                bands.append((mesh, 2))
+        yield along, bands
 
 
 def runs(track: Track) -> list[tuple[float, float]]:
@@ -38,9 +78,9 @@ def runs(track: Track) -> list[tuple[float, float]]:
     return [(start, end) for start, end in pairwise(ordered) if end - start > 0.01]
 
 
-def points_along(start: float, end: float) -> np.ndarray:
-    """Return distances about `ALONG_M` apart from the start to the end of a run."""
-    return np.linspace(start, end, max(round((end - start) / ALONG_M), 1) + 1)
+def points_along(start: float, end: float, step_m: float = ALONG_M) -> np.ndarray:
+    """Return distances about `step_m` apart from the start to the end of a run."""
+    return np.linspace(start, end, max(round((end - start) / step_m), 1) + 1)
 
 
 def half_width(track: Track, along: np.ndarray) -> np.ndarray:

@@ -4,11 +4,14 @@ Each is uint8 [H, W, 3] or [H, W, 4], RGB(A), with powers of two as sizes. The r
 the mesh's colours by it. Its mean is known (`MEANS`), and colours are divided by that mean.
 """
 
+from dataclasses import replace
 from functools import lru_cache
 
 import cv2
 import numpy as np
 from scipy.spatial import cKDTree
+
+from simulator.scenery.mesh import Mesh
 
 SIZE = 256
 # Mean grey, 0..1; a low mean leaves room for grain, a high one for bright light.
@@ -17,6 +20,7 @@ MEANS = {"asphalt": 0.6, "cobbles": 0.7, "rock": 0.75, "ground": 0.8, "concrete"
 # Therefore each halving of the texture is lighter than the last.
 BRIGHTER_PER_HALVING = {"asphalt": 0.10}
 MOST_BRIGHTER = 0.26
+PAVED = ("asphalt", "cobbles", "plain")  # materials that get darker when wet
 
 
 @lru_cache(maxsize=2)
@@ -52,6 +56,14 @@ def halvings(name: str, pixels: np.ndarray) -> list[np.ndarray]:
         np.clip(level * (1 + min(step * number, MOST_BRIGHTER)), 0, 255).astype(np.uint8)
         for number, level in enumerate(levels)
     ]
+
+
+def untextured(mesh: Mesh) -> Mesh:
+    """Return a mesh without texture, in the mean colours that it has from afar."""
+    colours = mesh.colours * (1 + MOST_BRIGHTER * (mesh.material in BRIGHTER_PER_HALVING))
+    if mesh.material == "stripes":
+        colours = colours * _stripes().mean((0, 1)) / 255
+    return replace(mesh, material="plain" if mesh.material in PAVED else "bare", colours=colours)
 
 
 def _noise(rng: np.random.Generator, size: float, height: int = SIZE) -> np.ndarray:

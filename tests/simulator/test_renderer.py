@@ -1,5 +1,6 @@
 """The cameras' frames, drawn by the software renderer."""
 
+import hashlib
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -143,10 +144,13 @@ def test_a_displaced_camera_gives_a_displaced_frame(lake: World) -> None:
     ],
 )
 @pytest.mark.parametrize("every_m", [35.0, pytest.param(5.0, marks=pytest.mark.slow)])
-def test_the_camera_sees_the_road_before_it_along_the_lap(name: str, every_m: float) -> None:
+@pytest.mark.parametrize("quality", ["simple", "fast"])
+def test_the_camera_sees_the_road_before_it_along_the_lap(
+    name: str, every_m: float, quality: str
+) -> None:
     """Check a world in which the road is red and everything else is blue."""
-    world = open_world(name, renderer="software", quality="simple")
-    for path in world.renderer.root.getChildren():
+    world = open_world(name, renderer="software", quality=quality)
+    for path in world.renderer.root.findAllMatches("**/+GeomNode"):
         path.setTextureOff(1)
         paved = path.getName() in ("asphalt", "cobbles", "plain")
         path.setColor((1, 0, 0, 1) if paved else (0, 0, 1, 1), 1)
@@ -187,11 +191,32 @@ def test_nothing_is_kept_of_earlier_frames_and_worlds() -> None:
     assert counts[0] == counts[2]
 
 
+# A change of a digest is a change of every score and recording of that quality.
+DIGESTS = {"full": "063841ce1f805dbb", "fast": "a79ed75109423e62"}
+
+
+@pytest.mark.parametrize("quality", DIGESTS)
+def test_the_frames_of_a_quality_stay_the_same(quality: str) -> None:
+    world = open_world("alpine:17", "software", quality)
+    found = hashlib.sha256()
+    for distance, camera in zip((10.0, 120.0, 250.0), CAMERAS, strict=True):
+        found.update(look(world, Weather(fog=0.2, wet=0.5), camera, distance=distance).tobytes())
+    assert found.hexdigest()[:16] == DIGESTS[quality]
+    world.renderer.close()
+
+
+def test_most_pixels_near_the_car_are_the_same_in_fast_frames(lake: World) -> None:
+    fast = open_world("lake", "software", "fast")
+    full, other = (look(world, distance=330)[64:] for world in (lake, fast))
+    assert (full == other).all(-1).mean() > 0.5
+    fast.renderer.close()
+
+
 def test_a_wrong_renderer_or_quality_is_named() -> None:
     track = read_track("lake")
     with pytest.raises(InputError, match="renderer=vulkan: must be auto, software or opengl"):
         Renderer(track, "vulkan")
-    with pytest.raises(InputError, match="quality=low: must be full or simple"):
+    with pytest.raises(InputError, match="quality=low: must be full, fast or simple"):
         Renderer(track, "software", "low")
 
 

@@ -41,7 +41,7 @@ class ClosedLoop(Callback):
         share: largest share of the training's time for driving, not counting the first drive and
             the best checkpoint's; drives are skipped to keep it. The machine's speed decides
             which; with null no drive is skipped, and runs repeat exactly.
-        quality: `full`, or `simple` images, which render slightly faster.
+        quality: `full`, `fast` (less detail far away) or `simple` (no shadows).
     """
 
     def __init__(

@@ -37,7 +37,7 @@ class SearchOptions(TableFiles):
         speed: speed to hold, mph.
         frame_rate: frames per second of simulated time, 0.1..50.
         delay_s: seconds from a command to the wheels, 0..2.
-        quality: full, or simple images, which are faster.
+        quality: full, or fast (about twice as fast, less detail far away), or simple.
         seed: random seed of the search.
         out: output folder; null: named by date and time.
         workers: processes that drive, 8 at most; 0: one per core.

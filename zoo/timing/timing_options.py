@@ -30,7 +30,7 @@ class TimingOptions(ResultFiles):
         least: lowest speed to try, mph.
         most: highest speed to try, mph.
         weather: clear, random (drawn from the seed), or settings such as {fog: 0.4, wet: 1}.
-        quality: full, or simple images, which are faster.
+        quality: full, or fast (about twice as fast, less detail far away), or simple.
         seed: number of the first road.
         out: output folder; null: named by date and time.
         workers: processes that drive; 0: one per core.

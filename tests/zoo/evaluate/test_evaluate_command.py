@@ -130,7 +130,7 @@ def test_folders_of_drives_have_names_that_every_system_allows(
         ("margin=0.05", "margin=0.05: must be a number of 0.2 or more, or null"),
         ("weather=hail", "weather=hail"),
         ("frame_rate=80", "frame_rate=80"),
-        ("quality=low", "quality=low: must be full or simple"),
+        ("quality=low", "quality=low: must be full, fast or simple"),
         ("perturb=fgo", "perturb=fgo: no such choice; did you mean fog?"),
         ("trakc=lake", "did you mean track?"),
     ],
