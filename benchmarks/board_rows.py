@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.console import Console
 
 from benchmarks.measuring import Rows, grouped
-from benchmarks.study_grid import Entry, Study, run_logged
+from benchmarks.study_grid import PACKAGED, Entry, Study, run_logged
 from benchmarks.study_tables import CELLS, of_group
 from zoo.base.errors import InputError
 from zoo.base.whole_file import json_text, write_whole
@@ -19,9 +19,9 @@ from zoo.cli.compose import compose_config
 from zoo.runs.metrics_file import read_metrics_file
 
 Row = dict[str, object]
-RESULTS = Path("benchmarks/board")  # a folder for each entry, as a submission has it
+# By suite: a folder for each entry, as a submission has it.
+BOARDS = {"v1": Path("benchmarks/board"), "v2": Path("benchmarks/board_v2")}
 COMMAND = "command.txt"
-SUITE = "v1"  # of the board
 # The last epoch: no drive chooses it, and a score of the training does not change it.
 CHECKPOINT = "last.ckpt"
 FIGURES = (
@@ -31,7 +31,7 @@ FIGURES = (
     "cte_mean_m",
     "steering_per_s",
 )
-GROUPS = (OVERALL, "like", "sharp", "looks", "dynamics", "laps")  # of the board's roads
+GROUPS = (OVERALL, "like", "sharp", "looks", "dynamics", "laps")  # of v1
 
 
 def board_rows(study: Study, entry: Entry) -> list[Row]:
@@ -40,7 +40,9 @@ def board_rows(study: Study, entry: Entry) -> list[Row]:
     Raises:
         InputError: the drives failed, or a checkpoint was trained on other rows.
     """
-    drivers = [str(run / "checkpoints" / CHECKPOINT) for run in entry.finished] or [entry.name]
+    drivers = [str(run / "checkpoints" / CHECKPOINT) for run in entry.finished] or [
+        entry.name.removeprefix(PACKAGED)
+    ]
     suite = study.options.suite
     folder = entry.folder / f"{Path(suite).stem}-{len(drivers)}"
     if not (folder / NAME).is_file():
@@ -48,7 +50,7 @@ def board_rows(study: Study, entry: Entry) -> list[Row]:
         words += [f"out={folder}", f"workers={study.options.threads}"]
         run_logged(entry.folder / f"{folder.name}.txt", words, 1)
         print(f"{folder}: driven", flush=True)
-    if suite == SUITE and not study.options.quick:
+    if suite == study.config["board"] and not study.options.quick:
         command = shlex.join(["drivezoo", "train", *study.command(entry)]) if entry.words else ""
         keep_result(folder, command)
     return []
@@ -74,12 +76,13 @@ def keep_result(folder: Path, command: str) -> None:
             f"{folder}: trained on rows with the fingerprint {trained_on or 'unknown'}, bench_v1 "
             f"has {wanted}; train on data=bench_v1 alone"
         )
-    own = RESULTS / result.entry
+    own = BOARDS[result.suite] / result.entry
     own.mkdir(parents=True, exist_ok=True)
     if command:
         write_whole(own / COMMAND, f"{command}\n")
+    names = (*NEEDED, "cte_max_m") if result.drives[0].level else NEEDED
     drives = [
-        one.model_copy(update={"figures": {name: one.figures[name] for name in NEEDED}})
+        one.model_copy(update={"figures": {name: one.figures[name] for name in names}})
         for one in result.drives
     ]
     lines = ",\n".join(one.model_dump_json() for one in drives)  # a line for each drive
@@ -88,18 +91,18 @@ def keep_result(folder: Path, command: str) -> None:
     write_whole(own / NAME, text.replace('"drives":[]', f'"drives":[\n{lines}\n]', 1) + "\n")
 
 
-def rows_of_board() -> list[Row]:
-    """Return a row for each entry of the board and group of roads, the ranked entries first.
+def rows_of_board(suite: str = "v1") -> list[Row]:
+    """Return a row for each entry of a board and group of roads, the ranked entries first.
 
-    An entry with fewer interventions per km stands above. Its rank is an interval: entries whose
-    autonomy is not told apart from its own, corrected for the number of pairs (Holm), may be above.
+    Their order is that of `in_order`. A rank is an interval: entries whose
+    score is not told apart from its own, corrected for the number of pairs (Holm), may be above.
 
     Raises:
         InputError: a result is damaged.
     """
     from zoo.compare import differences as of
 
-    folders = [path.parent for path in sorted(RESULTS.glob(f"*/{NAME}"))]
+    folders = [path.parent for path in sorted(BOARDS[suite].glob(f"*/{NAME}"))]
     entries = of.in_order(of.read_entries(*folders))
     ranked = [one for one in entries if one.kind == of.RANKED]
     ranks = of.possible_ranks(of.compare_pairs(ranked), len(ranked))
@@ -112,9 +115,9 @@ def rows_of_board() -> list[Row]:
 
 def rows_of_result(result: BenchmarkResult) -> list[Row]:
     """Return the rows of an entry, one for each group, the first for all but the laps."""
-    from zoo.benchmark.summary import drives_of
+    from zoo.benchmark.summary import LEVEL_FIGURES, drives_of
 
-    first, path = result.checkpoints[0], RESULTS / result.entry / COMMAND
+    first, path = result.checkpoints[0], BOARDS[result.suite] / result.entry / COMMAND
     entry = {
         "entry": result.entry,
         "network": first.model,
@@ -128,13 +131,14 @@ def rows_of_result(result: BenchmarkResult) -> list[Row]:
         "command": path.read_text().strip() if path.is_file() else "",
     }
     rows = []
-    for group in (one for one in GROUPS if one in result.groups):
+    names = [*FIGURES, *(one for one in LEVEL_FIGURES if one in result.groups[OVERALL])]
+    for group in dict.fromkeys([OVERALL, *result.groups]):
         row = entry | {"group": group, "drives": str(len(drives_of(result.drives, group)))}
         figures = {name: one.model_dump() for name, one in result.groups[group].items()}
         less = {key: None if one is None else 1 - one for key, one in figures["autonomy"].items()}
         figures["shortfall"] = less | {"low": less["high"], "high": less["low"]}
         for figure, (end, key) in itertools.product(
-            FIGURES, (("", "value"), ("_low", "low"), ("_high", "high"))
+            names, (("", "value"), ("_low", "low"), ("_high", "high"))
         ):
             value = figures[figure][key]
             row[figure + end] = "" if value is None else f"{value:.4f}"
@@ -151,15 +155,16 @@ def add_submission(folder: Path) -> None:
     from zoo.benchmark.checked_result import read_result, verify
 
     result = read_result(folder)
-    if result.suite != SUITE:
-        raise InputError(f"{folder}: drove the suite {result.suite}; the board has only {SUITE}")
+    if result.suite not in BOARDS:
+        known = " and ".join(BOARDS)
+        raise InputError(f"{folder}: drove the suite {result.suite}; there are boards for {known}")
     for text in (result.entry, result.checkpoints[0].model):
         if not re.fullmatch(r"\w[\w.-]{0,59}", text):  # it stands in Markdown, and names a folder
             raise InputError(f"{folder}: {text[:60]!r}: name it with letters, digits, _, . and -")
     for path in (folder / "card.md", folder / COMMAND):
         if not path.is_file():
             raise InputError(f"{path}: does not exist; docs/benchmark.md says what it contains")
-    verify(folder, SUITE, 0, 0, Console(emoji=False))
+    verify(folder, result.suite, 0, 0, Console(emoji=False))
     keep_result(folder, (folder / COMMAND).read_text().strip())
 
 
@@ -220,7 +225,7 @@ def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
     """
     from zoo.benchmark.checked_result import read_result
     from zoo.checkpoints.checkpoint import build_checkpoint, read_checkpoint_file
-    from zoo.checkpoints.checkpoint_path import PACKAGED, packaged_names
+    from zoo.checkpoints import checkpoint_path
     from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents
 
     for run in entry.finished:
@@ -229,7 +234,7 @@ def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
         # From `data.record`, a further training records what this one was trained on.
         contents["drivezoo"]["config"]["data"]["root"] = None
         checkpoint, data = build_checkpoint(contents, path), checkpoint_bytes(contents)
-        packaged = PACKAGED / f"{entry.name}.ckpt"
+        packaged = checkpoint_path.PACKAGED / f"{entry.name}.ckpt"
         write_whole(packaged, data)
         sha256, laps = hashlib.sha256(data).hexdigest(), study.config["laps"]
         folder, workers = entry.folder / sha256[:8], f"workers={study.options.threads}"
@@ -266,6 +271,6 @@ def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
                 },
             },
         }
-        write_whole(PACKAGED / f"{entry.name}.json", json_text(facts))
-        packaged_names.cache_clear()
+        write_whole(checkpoint_path.PACKAGED / f"{entry.name}.json", json_text(facts))
+        checkpoint_path.packaged_names.cache_clear()
     return []

@@ -65,8 +65,8 @@ def write_results(study: Study) -> list[Path]:
     A study without a table is printed.
     """
     config = study.config
-    if study.name == "board":  # of the committed results alone
-        write_csv(Path(config["csv"]), rows_of_board())
+    if suite := config.get("board"):  # of the committed results alone
+        write_csv(Path(config["csv"]), rows_of_board(suite))
     rows = read_csv(Path(config["csv"])) if "csv" in config else packaged()
     pages = write_tables(config.get("tables", []), rows)
     if "page" in config:

@@ -19,9 +19,11 @@ from zoo.base.command_keys import read_options
 from zoo.base.errors import InputError
 from zoo.base.whole_file import json_text, write_whole
 from zoo.benchmark.baselines import BASELINES
+from zoo.checkpoints.checkpoint_path import packaged_names
 from zoo.cli.compose import conf_folder
 
 FOLDER = Path(__file__).parent / "studies"
+PACKAGED = "packaged-"  # before the entry's name of a network that comes with drivezoo
 NAMES = {"nvidia": "pilotnet", "tiny": "tiny41"}  # networks by the name of their recipe
 
 
@@ -250,6 +252,7 @@ SOURCES: dict[str, Callable[[], dict]] = {
     "baselines": lambda: dict.fromkeys(BASELINES, ()),
     "experiments": experiments,
     "inputs": searched_inputs,
+    "packaged": lambda: {PACKAGED + name: () for name in packaged_names()},
     "recipes": recipes,
 }
 

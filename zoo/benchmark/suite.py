@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -16,6 +16,7 @@ from pydantic import Field
 from simulator.road_family import MOST_SEED, roads_digest
 from simulator.track_names import DRAWN
 from simulator.weather import CLEAR, read_weather
+from simulator.world_settings import Quality
 from zoo.base.bounded_files import read_like
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.limits import check_most
@@ -73,7 +74,7 @@ class _File(OnlyFields):
     dev_roads: Annotated[Count, Field(ge=1, le=1000)] = 2
     data: str | None = None
     speed: SpeedMph = 15.0
-    quality: Literal["full", "simple"] = "full"
+    quality: Quality = "full"
     mean_steering: Number | None = None
     dev: list[str] = Field(default_factory=list)
     laps: list[str] = Field(default_factory=list)
