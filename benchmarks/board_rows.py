@@ -224,8 +224,8 @@ def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
         InputError: the drives failed.
     """
     from zoo.benchmark.checked_result import read_result
-    from zoo.checkpoints.checkpoint import build_checkpoint, read_checkpoint_file
     from zoo.checkpoints import checkpoint_path
+    from zoo.checkpoints.checkpoint import build_checkpoint, read_checkpoint_file
     from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents
 
     for run in entry.finished:

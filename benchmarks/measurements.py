@@ -25,6 +25,7 @@ from benchmarks.coverage import coverage, level_coverage
 from benchmarks.material import OUT, frames_of, linked_recording, pictures
 from benchmarks.measuring import print_table, run_named
 from benchmarks.replay_measurements import middle, replays, warp
+from benchmarks.secret_suite import secret_suite
 from datamodules.image import decode_image, read_image
 from datamodules.recording_format import read_recordings
 from datamodules.view import View
@@ -320,6 +321,7 @@ if __name__ == "__main__":
         middle,
         replays,
         roads,
+        secret_suite,
         speeds,
         storage,
         tub,
