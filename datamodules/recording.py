@@ -15,7 +15,9 @@ from datamodules.image import Stored, read_image, read_stored
 from zoo.base.rig import Rig
 
 LOG_NAME, IMAGE_FOLDER = "driving_log.csv", "IMG"
+LABELS = ("steering", "throttle", "brake", "speed_mph")
 LABEL_DECIMALS = 6  # of a fingerprint
+ROW_SAMPLE = 256  # smallest hashes: a random sample of rows, whose shares are known to 6 %
 GAP_S = 1.0  # a longer time between two rows is a gap in the recording
 LAST_S = 253_402_300_800.0  # 10000-01-01: image names have four digits for the year
 
@@ -164,12 +166,24 @@ class Recording:
         The labels are rounded: the expert's zeros are 1e-16 with other digits on another processor.
         """
         digest = hashlib.sha256()
-        for name in ("steering", "throttle", "brake", "speed_mph", "recording"):
-            rounded = np.round(getattr(self, name), LABEL_DECIMALS) + 0  # no negative zeros
-            digest.update(np.ascontiguousarray(rounded).tobytes())
+        for name in (*LABELS, "recording"):
+            digest.update(self._rounded(name).tobytes())
         names = (os.path.basename(str(path)) if path else "" for path in self.images.flat)  # noqa: PTH119
         digest.update("\n".join(names).encode())
         return digest.hexdigest()[:16]
+
+    def row_hashes(self) -> list[int]:
+        """Return the sorted hashes, 48 bits, of the distinct steering, throttle, brake and speed.
+
+        They are the same in a copy with other images or names of images, or in another order.
+        """
+        rows = np.unique(np.stack([self._rounded(name) for name in LABELS], 1), axis=0)
+        digests = (hashlib.sha256(row.tobytes()).digest() for row in rows)
+        return sorted(int.from_bytes(one[:6], "big") for one in digests)
+
+    def _rounded(self, name: str) -> np.ndarray:
+        """Return a contiguous column of a hash, without negative zeros."""
+        return np.ascontiguousarray(np.round(getattr(self, name), LABEL_DECIMALS) + 0)
 
 
 def keep_valid(recording: Recording, bad: BadRows) -> Recording:

@@ -54,6 +54,15 @@ def test_a_fingerprint_holds_no_digits_that_processors_compute_differently(tmp_p
     assert same == [True, False]
 
 
+def test_rows_are_recognised_in_a_part_of_another_recording(tmp_path):
+    recording = read_recordings(str(write_recording(tmp_path / "lake", rows=90).folder))
+    part = recording.keep(np.arange(90) % 3 > 0)
+    part = replace(part, steering=np.where(np.arange(60) < 15, 0.123, part.steering))
+    hashes = set(recording.row_hashes())
+    assert len(hashes) == 90
+    assert len(hashes & set(part.row_hashes())) == 45
+
+
 @pytest.mark.parametrize("name", ["my lake", "lr=0.1,x", "[lake] {1}", "Straße %20 'n'"])
 def test_folder_with_an_awkward_name(tmp_path, name):
     written = write_recording(tmp_path / name, rows=2)

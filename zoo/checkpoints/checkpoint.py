@@ -29,7 +29,7 @@ from zoo.checkpoints.checkpoint_path import find_checkpoint as find_checkpoint
 from zoo.checkpoints.pickle_limits import MOST_BYTES as MOST_PICKLE_BYTES
 from zoo.checkpoints.pickle_limits import check_pickles
 from zoo.models.make_network import make_network
-from zoo.runs.record_fields import Fields, Number, Whole, check_fields
+from zoo.runs.record_fields import Count, Fields, Number, Whole, check_fields
 
 FORMAT = 1
 MOST_BYTES = 8_000_000_000
@@ -82,6 +82,8 @@ class DataFields(Fields):
     split_by: str | None = None
     curvature_per_m: Number | None = None  # see `zoo.base.rig.SteeringLabel`
     source: str | None = None  # its other car or format; None for Udacity's rig
+    row_hashes: list[Count] | None = None  # see `datamodules.recording.Recording.row_hashes`
+    roads: list[str] | None = None  # see `zoo.training.recorded_roads`
 
 
 class PartCard(Fields):

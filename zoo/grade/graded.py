@@ -10,6 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from simulator.track_names import DRAWN
 from zoo.base.bounded_files import hash_file, parse_yaml
@@ -34,10 +35,12 @@ from zoo.benchmark.result import NAME, BenchmarkResult, DriveRecord
 from zoo.benchmark.suite import Suite, read_suite, redraw_suite
 from zoo.grade.grade_options import GradeOptions
 from zoo.grade.submissions import Submission, warnings_of
+from zoo.grade.submitted_network import NetworkFacts, facts_file, read_facts
 from zoo.report.blocks import Block, Bullets, Heading, Rows, Section, Text, to_html
 from zoo.report.drive_section import failure
 from zoo.runs.table import Column, Table
 from zoo.runs.table_files import Result
+from zoo.training.recorded_roads import road_key
 
 SUITE, DRIVES, PAGES = "suite.yaml", "drives", "students"
 KEPT_BACK = "The roads are not named: they stay the teacher's."
@@ -52,12 +55,14 @@ class Grade:
         result: drives; None where nothing could be driven.
         reached: marks, and whether they are reached.
         warnings: what a teacher should look at.
+        facts: what its network returns, and what its file tells; None where this is unknown.
     """
 
     submission: Submission
     result: BenchmarkResult | None = None
     reached: Sequence[Reached] = ()
     warnings: Sequence[str] = ()
+    facts: NetworkFacts | None = None
 
     @property
     def status(self) -> str:
@@ -147,9 +152,7 @@ def grade_class(
     text = redraw_suite(options.suite, options.seed, options.roads)
     if "marks" not in parse_yaml(text):
         raise InputError(f"suite={options.suite}: has no marks; add them, see conf/suite")
-    fingerprint = None
-    if options.recording:
-        fingerprint = read_recordings(options.recording).fingerprint()
+    recording = read_recordings(options.recording) if options.recording else None
     with command_folder(options.out, "grades", resumed_by=SUITE) as out:
         path = out / SUITE
         if path.is_file() and path.read_text(encoding="utf-8") != text:
@@ -160,7 +163,7 @@ def grade_class(
             grades = list(
                 pool.map(lambda one: _grade(one, out, suite, options, console), submissions)
             )
-        grades = _with_warnings(grades, suite, fingerprint)
+        grades = _with_warnings(grades, suite, recording)
         for one in grades:
             if one.result is not None:
                 _write_page(out, one, options.seed is not None)
@@ -185,7 +188,8 @@ def _grade(
         result = Benchmarked.read(folder).result
     except InputError as error:
         return Grade(submission, warnings=[f"not driven: {error}"])
-    grade = Grade(submission, result, reached_marks(result, suite.marks))
+    marks = reached_marks(result, suite.marks)
+    grade = Grade(submission, result, marks, facts=read_facts(facts_file(folder)))
     print_line(console, f"{submission.name}: {grade.status}")
     return grade
 
@@ -197,7 +201,7 @@ def _drives(out: Path, submission: Submission) -> Path:
 
 
 def _drive(folder: Path, submission: Submission, suite: Path, minutes: float) -> None:
-    """Drive a submission with `drivezoo benchmark`, whose output goes to a file.
+    """Drive a submission as `drivezoo benchmark` does; its output and facts go to files.
 
     Raises:
         InputError: it took too long, or could not be driven.
@@ -207,7 +211,12 @@ def _drive(folder: Path, submission: Submission, suite: Path, minutes: float) ->
     log = folder.with_name(f"{folder.name}.txt")
     with log.open("w", encoding="utf-8") as file:
         process = start_module(
-            "zoo.benchmark", *words, "workers=1", stdout=file, stderr=subprocess.STDOUT
+            "zoo.grade.submitted_network",
+            str(facts_file(folder)),
+            *words,
+            "workers=1",
+            stdout=file,
+            stderr=subprocess.STDOUT,
         )
         try:
             process.wait(minutes * 60)
@@ -224,23 +233,25 @@ def _drive(folder: Path, submission: Submission, suite: Path, minutes: float) ->
         )
 
 
-def _with_warnings(grades: Sequence[Grade], suite: Suite, fingerprint: str | None) -> list[Grade]:
+def _with_warnings(
+    grades: Sequence[Grade], suite: Suite, recording: Recording | None
+) -> list[Grade]:
     """Return the grades with what a teacher should look at."""
-    tracks = {one.track for one in suite.drives}
-    digests = Counter(one.result.digest for one in grades if one.result)
+    roads = {road_key(track): track for track in {one.track for one in suite.drives}}
     found = []
     for one in grades:
         if one.result is None:
             found.append(one)
             continue
-        warnings = warnings_of(one.submission, one.result.checkpoints[0], tracks, fingerprint)
-        if digests[one.result.digest] > 1:
-            same = [
-                other.submission.name
-                for other in grades
-                if other is not one and other.result and other.result.digest == one.result.digest
-            ]
-            warnings.append(f"drives to the last digit like {', '.join(same)}")
+        driver = one.result.checkpoints[0]
+        warnings = warnings_of(one.submission, driver, one.facts, roads, recording)
+        same = [
+            other.submission.name
+            for other in grades
+            if other is not one and one.facts and other.facts and one.facts.equals(other.facts)
+        ]
+        if same:
+            warnings.append(f"is the same network as {', '.join(same)}")
         found.append(replace(one, warnings=warnings))
     return found
 

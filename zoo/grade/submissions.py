@@ -1,12 +1,16 @@
 """What a class submits: a checkpoint or an ONNX file a student, and an optional card."""
 
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from datamodules.recording import Recording
 from zoo.base.bounded_files import read_text
 from zoo.base.errors import InputError, file_errors
 from zoo.benchmark.result import Driver
+from zoo.drives.intervals import wilson_interval
+from zoo.grade.submitted_network import NetworkFacts
 
 ENDINGS = (".ckpt", ".onnx")
 MOST_CARD_BYTES = 1_000_000
@@ -68,23 +72,29 @@ def _of_folder(folder: Path) -> Submission:
 
 
 def warnings_of(
-    submission: Submission, driver: Driver, tracks: set[str], fingerprint: str | None
+    submission: Submission,
+    driver: Driver,
+    facts: NetworkFacts | None,
+    roads: Mapping[str, str],
+    recording: Recording | None,
 ) -> list[str]:
     """Return what a teacher should look at; nothing of it changes a mark.
 
     Args:
         submission: a student's file.
         driver: what the file says of itself.
-        tracks: roads of the marks.
-        fingerprint: fingerprint of the course's recording; None for any recording.
+        facts: facts on its network; None where they are unknown.
+        roads: roads of the marks, by their keys, see `zoo.training.recorded_roads`.
+        recording: recording of the course; None for any.
     """
-    assert submission.file is not None
     found = []
-    if known := sorted(tracks & _recorded_tracks(submission.file)):
+    recorded = (facts and facts.roads) or []
+    if known := sorted(track for key, track in roads.items() if key in recorded):
         found.append(f"trained on {', '.join(known)}, which the marks are driven on")
-    if fingerprint is not None and driver.data != fingerprint:
+    if recording is not None and driver.data != (course := recording.fingerprint()):
         trained = driver.data or "an unknown recording"
-        found.append(f"trained on {trained}, not on the course's recording ({fingerprint})")
+        share = _shared_rows((facts and facts.row_hashes) or [], set(recording.row_hashes()))
+        found.append(f"trained on {trained}, not on the course's recording ({course}): {share}")
     for card in submission.cards:
         text = read_text(card, MOST_CARD_BYTES)
         for key, form in STATED.items():
@@ -94,13 +104,11 @@ def warnings_of(
     return found
 
 
-def _recorded_tracks(path: Path) -> set[str]:
-    """Return the roads that a checkpoint's own training recorded."""
-    if path.suffix != ".ckpt":
-        return set()
-    from zoo.checkpoints.checkpoint import read_checkpoint_file  # imports torch
-
-    data = read_checkpoint_file(path)["drivezoo"]["config"].get("data") or {}
-    record = data.get("record") if isinstance(data, dict) else None
-    passes = record.get("passes") if isinstance(record, dict) else None
-    return {str(one["track"]) for one in passes or [] if isinstance(one, dict) and "track" in one}
+def _shared_rows(sample: Sequence[int], course: set[int]) -> str:
+    """Return which share of a training's rows is of the course, with its 95 % interval."""
+    if not sample:
+        return "how many of its rows are of the course is unknown"
+    shared = sum(one in course for one in sample)
+    low, high = wilson_interval(shared, len(sample))
+    share = 100 * shared / len(sample)
+    return f"{share:.0f} % ({100 * low:.0f} to {100 * high:.0f}) of its rows are of the course"

@@ -131,7 +131,7 @@ def write_metrics(
         "seconds_per_epoch": seconds / epochs if seconds else None,
         "seed": card["config"]["seed"],
         "data": {
-            **card["data"],
+            **{key: one for key, one in card["data"].items() if key != "row_hashes"},
             "split": {part: len(getattr(data.split, part)) for part in PARTS},
         },
         "findings": [vars(oddity) for oddity in find_oddities(data.recording)],

@@ -12,6 +12,7 @@ from torch import nn
 
 from datamodules.driving import DrivingData
 from datamodules.leak import Leak
+from datamodules.recording import ROW_SAMPLE
 from datamodules.recording_format import other_car
 from datamodules.split import PARTS, rows_per_second, write_split
 from zoo.base.errors import InputError
@@ -31,6 +32,7 @@ from zoo.training.candidates import choose_best, restore_monitored
 from zoo.training.distributed import ending_together
 from zoo.training.host_settings import set_up_process
 from zoo.training.plan import make_plan
+from zoo.training.recorded_roads import recorded_roads
 from zoo.training.run_config import settle_config, with_layers
 from zoo.training.run_loggers import log_config, log_results
 from zoo.training.steering_module import SteeringModule
@@ -84,6 +86,8 @@ def _run(
         "rows_per_s": rows_per_second(data.recording),
         "speed_mph": float(np.median(data.recording.speed_mph)),
         "split_by": data.split_by,
+        "row_hashes": data.recording.row_hashes()[:ROW_SAMPLE],
+        "roads": recorded_roads(data.recording.names),
     }
     if not data.label.is_steering:
         recorded[CURVATURE] = data.label.curvature_per_m

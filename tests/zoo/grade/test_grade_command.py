@@ -1,21 +1,33 @@
 """`drivezoo grade`: marks of a class on drawn roads, warnings and pages."""
 
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
-import torch
 import yaml
 
+from datamodules.recording import make_recording
 from tests.zoo.benchmark.test_benchmark_command import write_family, write_suite
-from tests.zoo.written_checkpoints import write_constant
+from tests.zoo.written_checkpoints import write_constant, write_pilotnet
 from zoo.base.errors import InputError, UsageError
 from zoo.benchmark.__main__ import benchmark
 from zoo.benchmark.result import NAME, Driver
 from zoo.benchmark.suite import _redrawn, read_suite, redraw_suite
+from zoo.checkpoints.checkpoint import load_checkpoint
+from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.grade import graded
 from zoo.grade.__main__ import grade
 from zoo.grade.submissions import Submission, find_submissions, warnings_of
+from zoo.grade.submitted_network import (
+    IMAGES,
+    NetworkFacts,
+    facts_file,
+    read_facts,
+    write_facts,
+)
+from zoo.training.recorded_roads import road_key
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +56,9 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def drive_here(folder: Path, submission: Submission, suite: Path, minutes: float) -> None:
     """Drive a submission in this process, which is faster than one of its own."""
+    folder.parent.mkdir(exist_ok=True)
+    with suppress(InputError):
+        write_facts(submission.file, facts_file(folder))
     try:
         benchmark.main([str(submission.file), f"suite={suite}", f"out={folder}", "workers=1"])
     except InputError:
@@ -64,7 +79,7 @@ def test_each_student_has_a_row_and_a_page(marked: graded.Graded) -> None:
     expected = {"ada": "passed", "ben": "missed", "dora": "passed"}
     assert status == expected | dict.fromkeys(["eve", "finn"], "not driven")
     lines = {line.partition(":")[0]: line for line in marked.lines}
-    assert "like dora" in lines["ada"]
+    assert "same network as dora" in lines["ada"]
     assert "not a torch file" in lines["eve"]
     assert "no .ckpt or .onnx file" in lines["finn"]
     pages = {one.stem: one.read_text() for one in (marked.folder / graded.PAGES).iterdir()}
@@ -118,18 +133,34 @@ def test_roads_are_drawn_by_the_seed_and_keep_their_families() -> None:
 
 def test_cards_and_trainings_are_compared_with_the_file(tmp_path: Path) -> None:
     file = write_constant(tmp_path / "ada" / "net.ckpt", 0.0)
-    contents = torch.load(file, weights_only=True)
-    contents["drivezoo"]["config"]["data"] = {"record": {"passes": [{"track": "alpine:9"}]}}
-    torch.save(contents, file)
     file.with_name("README.md").write_text("Network: 41 parameters; with fingerprint abc.")
     known = {"file": str(file), "sha256": "0", "model": "Linear", "training_seed": 1}
     driver = Driver(**known, parameters=41, data="def")
-    found = warnings_of(Submission("ada", file), driver, {"alpine:9", "alpine:8"}, "fff")
+    course = make_recording(tmp_path, {"steering": np.linspace(0, 1, 400)}, {})
+    facts = NetworkFacts(outputs=[], row_hashes=[*course.row_hashes()[:192], *range(64)])
+    facts = facts.model_copy(update={"roads": [road_key("alpine:9"), "udacity_lake"]})
+    roads = {road_key(track): track for track in ("alpine:9", "alpine:8")}
+    found = warnings_of(Submission("ada", file), driver, facts, roads, course)
     assert [line.split(",")[0] for line in found] == [
         "trained on alpine:9",
         "trained on def",
         "README.md states with fingerprint abc",
     ]
+    assert "75 % (69 to 80) of its rows are of the course" in found[1]
+    found = warnings_of(Submission("ada", file), driver, None, roads, course)
+    assert "rows are of the course is unknown" in found[0]
+
+
+def test_an_export_is_the_same_network(tmp_path: Path) -> None:
+    files = [write_pilotnet(tmp_path / f"{seed}.ckpt", seed) for seed in (0, 1)]
+    files.append(tmp_path / "exported.onnx")
+    files[2].write_bytes(onnx_bytes(load_checkpoint(files[0])))
+    facts = []
+    for file in files:
+        write_facts(file, tmp_path / "facts.json")
+        facts.append(read_facts(tmp_path / "facts.json"))
+    assert len(facts[0].outputs) == IMAGES
+    assert [facts[0].equals(one) for one in facts] == [True, False, True]
 
 
 @pytest.mark.parametrize(

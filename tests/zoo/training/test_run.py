@@ -88,6 +88,7 @@ def test_metrics_stand_beside_both_baselines(run_folder: Path) -> None:
     assert metrics["seed"] == 1
     assert metrics["epochs"] == 2
     assert len(metrics["data"]["fingerprint"]) == 16
+    assert len(load_checkpoint(run_folder).data["row_hashes"]) == 120
     assert sum(metrics["data"]["split"].values()) <= metrics["data"]["rows"] == 120
     assert metrics["versions"]["torch"] == version("torch")  # without +cpu or +cu130
 

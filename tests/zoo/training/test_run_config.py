@@ -1,5 +1,6 @@
 """The config that a run trains with: Keras' layers, windows, `quick=true`, and `data=lake`."""
 
+import json
 import re
 import shutil
 from collections.abc import Sequence
@@ -24,6 +25,8 @@ from zoo.checkpoints.checkpoint import load_checkpoint, make_card
 from zoo.cli.compose import ABOUT, compose_config, conf_folder
 from zoo.keras.initial_weights import load_weights
 from zoo.models.sequential import Sequential
+from zoo.runs.saved_config import RECIPE
+from zoo.training.recorded_roads import recorded_roads, road_key
 from zoo.training.run_config import settle_windows, with_layers, with_quick, with_recording
 
 KERAS = ("model=keras", f"model.size=[{INPUT[0]},{INPUT[1]}]")
@@ -289,6 +292,15 @@ def test_a_changed_recording_is_refused(trained: Path, tmp_path: Path) -> None:
         with_recording(config, Console(quiet=True))
     assert str(folder) in str(refused.value)
     assert right in str(refused.value)
+
+
+def test_roads_of_recordings_are_known_by_their_recipes(tmp_path: Path) -> None:
+    for name, tracks in {"one": ["alpine:9", "lake"], "two": ["gone.yaml:3", "alpine:9"]}.items():
+        (tmp_path / name).mkdir()
+        recipe = {"passes": [{"track": track} for track in tracks]}
+        (tmp_path / name / RECIPE).write_text(json.dumps(recipe))
+    folders = [str(tmp_path / name) for name in ("one", "two", "by hand")]
+    assert recorded_roads(folders) == sorted([road_key("alpine:9"), "lake"])
 
 
 def test_no_road_of_the_suite_is_in_its_training_data() -> None:

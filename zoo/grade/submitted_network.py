@@ -1,0 +1,78 @@
+"""What a submission's network returns, and what its file tells of the training.
+
+As a program it drives the benchmark, too, so that a submission is loaded in one process alone.
+"""
+
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from zoo.base.bounded_files import read_json
+from zoo.base.errors import InputError
+from zoo.base.rig import UDACITY
+from zoo.base.whole_file import json_text, write_whole
+from zoo.benchmark.__main__ import benchmark
+from zoo.checkpoints.onnx_policy import TOLERANCE
+from zoo.runs.record_fields import Count, Fields, Number, check_fields
+
+IMAGES, SPEED_MPH = 8, 15.0
+
+
+class NetworkFacts(Fields):
+    """Facts on a network, to be compared with those of others.
+
+    Attributes:
+        outputs: steering, and throttle and spread if it has them, for each of `IMAGES` images.
+        row_hashes: hashes of rows of its training, see `Recording.row_hashes`; None: unknown.
+        roads: keys of the roads of its recordings, see `zoo.training.recorded_roads`.
+    """
+
+    outputs: list[Number]
+    row_hashes: list[Count] | None = None
+    roads: list[str] | None = None
+
+    def equals(self, other: "NetworkFacts") -> bool:
+        """Return whether the outputs are those of the same network, whatever runs it."""
+        pairs = zip(self.outputs, other.outputs, strict=False)
+        same = all(abs(one - two) <= TOLERANCE for one, two in pairs)
+        return same and len(self.outputs) == len(other.outputs)
+
+
+def facts_file(folder: Path) -> Path:
+    """Return the file of the facts, beside the folder of the drives."""
+    return folder.with_name(f"{folder.name}.json")
+
+
+def read_facts(path: Path) -> NetworkFacts | None:
+    """Return written facts; None if there are none."""
+    return check_fields(NetworkFacts, read_json(path), path) if path.is_file() else None
+
+
+def write_facts(file: Path, out: Path) -> None:
+    """Write the facts of a checkpoint or ONNX file as JSON.
+
+    Raises:
+        InputError: the file cannot be used, or its facts are of other types.
+    """
+    from zoo.checkpoints.policy import load_policy  # imports torch
+
+    policy = load_policy(file).in_car(UDACITY)
+    rng = np.random.default_rng(0)
+    outputs = []
+    for _ in range(IMAGES):
+        blobs = rng.integers(0, 256, (8, 16, 3), np.uint8)  # of noise, all views are alike
+        command = policy(cv2.resize(blobs, policy.view.frame[::-1]), SPEED_MPH)
+        known = (command.steering, command.throttle, command.spread)
+        outputs += [float(one) for one in known if one is not None]
+    facts = {key: policy.data.get(key) for key in ("row_hashes", "roads")} | {"outputs": outputs}
+    write_whole(out, json_text(check_fields(NetworkFacts, facts, file).model_dump()))
+
+
+if __name__ == "__main__":
+    facts = Path(sys.argv.pop(1))
+    with suppress(InputError):  # of which the benchmark reports what is wrong with the file
+        write_facts(Path(sys.argv[1]), facts)
+    benchmark.run()
