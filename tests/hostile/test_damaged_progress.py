@@ -11,11 +11,11 @@ from rich.console import Console
 from tests.hostile.conftest import Refusal
 from tests.hostile.test_damaged_files import field, huge, pipe, text
 from zoo.base.command_keys import read_options
+from zoo.base.new_folder import RECIPE
 from zoo.base.run_command import run_command
 from zoo.cli.compose import compose_config
 from zoo.correct.correct_options import CorrectOptions
 from zoo.correct.correction import open_progress, save
-from zoo.runs.saved_config import RECIPE
 from zoo.training.run_config import with_recording
 
 Damage = Callable[[Path], object]

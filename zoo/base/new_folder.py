@@ -21,6 +21,7 @@ from zoo.base.whole_file import PART
 from zoo.base.written_files import LOCK, MARK, mark_folder, note_files, read_register
 
 RECORDINGS = "recordings"  # kind of folder
+RECIPE = "recipe.json"  # in a recording of the embedded simulator: what it drove
 
 
 def dated_folder(kind: str) -> Path:

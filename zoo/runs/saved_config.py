@@ -23,11 +23,11 @@ from omegaconf.errors import OmegaConfBaseException
 
 from zoo.base.bounded_files import leaves
 from zoo.base.errors import InputError
+from zoo.base.new_folder import RECIPE
 from zoo.base.parts import unknown_part
 from zoo.runs.allowed_classes import is_allowed
 
 TRUST = "trust"  # key with which the user allows more
-RECIPE = "recipe.json"  # in a recording that the embedded simulator wrote for a config
 
 Keys = tuple[str, ...]
 

@@ -7,7 +7,7 @@ from simulator.road_family import roads_digest
 from simulator.track_names import DRAWN, recorded_name, short_name
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError
-from zoo.runs.saved_config import RECIPE
+from zoo.base.new_folder import RECIPE
 
 
 def road_key(track: str) -> str:

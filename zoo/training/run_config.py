@@ -17,7 +17,7 @@ from datamodules.view import View
 from zoo.base.bounded_files import read_json
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError, file_errors
-from zoo.base.new_folder import RECORDINGS, whole_folder
+from zoo.base.new_folder import RECIPE, RECORDINGS, whole_folder
 from zoo.base.terminal import print_line
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import check_card, find_checkpoint, read_checkpoint_file
@@ -25,7 +25,6 @@ from zoo.cli.compose import escape_interpolation
 from zoo.cli.conf_files import choice_files
 from zoo.keras.initial_weights import KERAS_SUFFIXES
 from zoo.models.make_network import view_of
-from zoo.runs.saved_config import RECIPE
 
 QUICK_EPOCHS = 3
 # For networks without the key.

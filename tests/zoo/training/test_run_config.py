@@ -21,11 +21,11 @@ from tests.zoo.keras.keras_files import INPUT, write_h5, write_json, write_keras
 from tests.zoo.keras.test_keras_layers import IMAGES, REST, SCALE, UNCLEAR, expected
 from tests.zoo.trainings import SMALL
 from zoo.base.errors import InputError
+from zoo.base.new_folder import RECIPE
 from zoo.checkpoints.checkpoint import load_checkpoint, make_card
 from zoo.cli.compose import ABOUT, compose_config, conf_folder
 from zoo.keras.initial_weights import load_weights
 from zoo.models.sequential import Sequential
-from zoo.runs.saved_config import RECIPE
 from zoo.training.recorded_roads import recorded_roads, road_key
 from zoo.training.run_config import settle_windows, with_layers, with_quick, with_recording
 
