@@ -15,12 +15,15 @@ from zoo.training.host_settings import limit_spinning
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
+MOST_SEEDS = 100
+
 # Slow imports (torch, lightning, albumentations) come late: --help and typos answer at once, and
 # run_command catches Ctrl-C during them.
 
 
 def train_or_sweep(arguments: list[str]) -> None:
-    """Train, test and report one experiment, or with `-m` a sweep."""
+    """Train, test and report one experiment, or with `-m` or `seeds=5` a sweep."""
+    arguments = each_seed(arguments)
     if is_help(arguments):
         from zoo.cli.compose import config_help
 
@@ -130,6 +133,24 @@ def check_data(config: "DictConfig", folder: Path) -> None:
     except InputError:
         with run_status(folder, is_first_process(needs_processes(config))):
             raise
+
+
+def each_seed(arguments: list[str]) -> list[str]:
+    """Return the arguments with `seeds=3` written as a sweep, `-m seed=1,2,3`.
+
+    Raises:
+        UsageError: the number is wrong, or seed= or resume= is given, too.
+    """
+    given = [one for one in arguments if one.startswith("seeds=")]
+    if not given:
+        return arguments
+    others = [one for one in arguments if one not in given]
+    count = given[0].removeprefix("seeds=")
+    if len(given) > 1 or count not in map(str, range(1, MOST_SEEDS + 1)):
+        raise UsageError(f"{given[-1]}: must be one whole number in 1..{MOST_SEEDS}")
+    if other := [one for one in others if one.startswith(("seed=", "resume="))]:
+        raise UsageError(f"{given[0]}: stands for seed=1,2,...; drop it or {other[0]}")
+    return ["-m", *others, f"seed={','.join(map(str, range(1, int(count) + 1)))}"]
 
 
 def is_sweep(arguments: list[str]) -> bool:

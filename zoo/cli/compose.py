@@ -43,6 +43,7 @@ Trains, tests and reports one experiment; with -m, a sweep.
   drivezoo train data.root=FOLDER                         train nvidia on a recording
   drivezoo train experiment=tiny41 data.root=FOLDER       train by a published recipe
   drivezoo train -m model=lenet,nvidia data.root=FOLDER   train a sweep of two runs
+  drivezoo train seeds=5 data.root=FOLDER                 train with the seeds 1 to 5
   drivezoo train resume=FOLDER                            resume a run or a sweep that was stopped
   drivezoo train rerun=RUN_FOLDER                         repeat a run and compare the figures
     trust=my.module.Class                                allow its config to name your own class

@@ -23,7 +23,8 @@ from tests.zoo import trainings
 from tests.zoo.commands import command, environment, only_line, run, run_here, succeed
 from tests.zoo.sweeps import change_status, status, write_run
 from tests.zoo.trainings import data_of
-from zoo.base.errors import InputError
+from zoo.__main__ import each_seed
+from zoo.base.errors import InputError, UsageError
 from zoo.base.new_folder import hold_folder
 from zoo.cli.compose import choices, conf_folder
 from zoo.cli.process_ranks import needs_processes
@@ -378,3 +379,25 @@ def test_a_job_that_a_living_process_trains_is_not_started_twice(
 )
 def test_jobs_on_several_devices_need_processes(trainer: dict, several: bool) -> None:
     assert needs_processes(OmegaConf.create({"trainer": trainer})) is several
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["seeds=0"], "seeds=0: must be one whole number in 1..100"),
+        (["seeds=2", "seeds=3"], "seeds=3: must be one"),
+        (["seeds=2", "seed=7"], "drop it or seed=7"),
+        (["resume=run", "seeds=2"], "drop it or resume=run"),
+    ],
+)
+def test_a_wrong_number_of_seeds_gets_one_line(words: list[str], named: str) -> None:
+    with pytest.raises(UsageError, match=named):
+        each_seed(words)
+
+
+def test_seeds_are_a_sweep_over_the_training_seed(recorded: Written, here: Path) -> None:
+    assert each_seed(["-m", "model=lenet,tiny", "seeds=2"])[-1] == "seed=1,2"
+    succeed(run_here(here, *SMALL, *data_of(recorded), "seeds=2", "hydra.sweep.dir=s"))
+    seeds = [OmegaConf.load(here / f"s/{number}/.hydra/config.yaml").seed for number in (0, 1)]
+    assert seeds == [1, 2]
+    assert "(n = 2)" in (here / "s" / "ranking.html").read_text()
