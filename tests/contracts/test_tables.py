@@ -110,7 +110,7 @@ def test_tex_alone_has_the_main_columns_by_default(tmp_path: Path) -> None:
 def test_a_caption_makes_the_tex_table_a_float() -> None:
     text = TABLE.tex()
     assert r"\caption{Drives on 3 roads\_}" in text
-    for name in ("table", "tabular"):
+    for name in ("table", "adjustbox", "tabular"):
         assert text.count(rf"\begin{{{name}}}") == text.count(rf"\end{{{name}}}") == 1
     assert r"\begin{table}" not in replace(TABLE, caption="").tex()
 

@@ -185,8 +185,11 @@ class Table:
         lines += [r"\bottomrule", r"\end{tabular}"]
         if self.caption:
             caption = rf"\caption{{{tex_escape(self.caption)}}}"
-            lines = [r"\begin{table}", r"\centering", caption, *lines, r"\end{table}"]
-        return "\n".join([r"% \usepackage{booktabs}", *lines, ""])
+            box = r"\begin{adjustbox}{max width=\linewidth}"  # figures with intervals are wide
+            lines = [caption, box, *lines, r"\end{adjustbox}"]
+            lines = [r"\begin{table}", r"\centering", *lines, r"\end{table}"]
+        packages = "booktabs,adjustbox" if self.caption else "booktabs"
+        return "\n".join([rf"% \usepackage{{{packages}}}", *lines, ""])
 
     def markdown(self, left: int | None = None, bold: Collection[int] = ()) -> str:
         r"""Return the texts as Markdown.
