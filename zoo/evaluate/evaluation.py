@@ -133,6 +133,7 @@ def score_driver(
             record=options.record,
         )
         metrics = {"checkpoint": name, "world": options.world}
+        metrics |= {} if usual.quality == "full" else {"quality": usual.quality}
         metrics |= {"drives": scores.drives, "tracks": scores.tracks}
         results = {
             name: {value: scores.by_scenario[drive] for value, drive in by_value.items()}

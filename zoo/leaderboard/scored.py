@@ -228,7 +228,7 @@ def load_evaluation(folder: Path) -> Scored:
     return Scored(
         folder=folder,
         name=str(metrics.get("checkpoint") or "-"),
-        source=str(metrics.get("world") or EMBEDDED),
+        source=f"{metrics.get('world') or EMBEDDED} {metrics.get('quality') or ''}".strip(),
         **_of_tracks(tracks),
     )
 
