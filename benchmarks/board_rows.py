@@ -13,7 +13,7 @@ from benchmarks.study_grid import PACKAGED, Entry, Study, run_logged
 from benchmarks.study_tables import CELLS, of_group
 from zoo.base.errors import InputError
 from zoo.base.whole_file import json_text, write_whole
-from zoo.benchmark.result import NAME, NEEDED, BenchmarkResult
+from zoo.benchmark.result import LEVEL_NEEDED, NAME, NEEDED, BenchmarkResult
 from zoo.benchmark.suite import OVERALL
 from zoo.cli.compose import compose_config
 from zoo.runs.metrics_file import read_metrics_file
@@ -80,7 +80,7 @@ def keep_result(folder: Path, command: str) -> None:
     own.mkdir(parents=True, exist_ok=True)
     if command:
         write_whole(own / COMMAND, f"{command}\n")
-    names = (*NEEDED, "cte_max_m") if result.drives[0].level else NEEDED
+    names = [*NEEDED, *(LEVEL_NEEDED if result.drives[0].level else ())]
     drives = [
         one.model_copy(update={"figures": {name: one.figures[name] for name in names}})
         for one in result.drives

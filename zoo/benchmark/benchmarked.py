@@ -233,12 +233,12 @@ def levels_table(result: BenchmarkResult) -> Table | None:
             counts.setdefault(drive.group, {}).setdefault(drive.level, []).append(drive.is_clean)
     if not counts:
         return None
-    headings = [f"level {level}" for level in max(counts.values(), key=len)]
+    levels = sorted({level for own in counts.values() for level in own})
     rows = [
-        [axis, *(f"{sum(own)} of {len(own)}" for own in levels.values())]
-        for axis, levels in counts.items()
+        [axis, *(f"{sum(own[one])} of {len(own[one])}" if one in own else "-" for one in levels)]
+        for axis, own in counts.items()
     ]
-    return Table.of(["clean drives", *headings], rows)
+    return Table.of(["clean drives", *(f"level {level}" for level in levels)], rows)
 
 
 def groups_table(result: BenchmarkResult) -> Table:

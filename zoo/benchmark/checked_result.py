@@ -13,6 +13,7 @@ from zoo.base.terminal import printable
 from zoo.benchmark.baselines import HUMAN, NO_CHECKPOINT
 from zoo.benchmark.result import (
     ANALYSIS,
+    LEVEL_NEEDED,
     NAME,
     NEEDED,
     VERSION,
@@ -121,7 +122,7 @@ def _check_drives(result: BenchmarkResult, path: Path) -> None:
         place, count = f"{path}: drives.{number}", len(result.checkpoints)
         if drive.checkpoint >= count:
             raise InputError(f"{place}.checkpoint: is {drive.checkpoint}, of {count} from 0 on")
-        for name, (low, high) in NEEDED.items():
+        for name, (low, high) in (NEEDED | (LEVEL_NEEDED if drive.level else {})).items():
             value = drive.figures.get(name)
             if value is None:
                 raise InputError(f"{place}.figures.{name}: is missing; {_AGAIN}")

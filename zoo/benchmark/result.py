@@ -22,6 +22,7 @@ NEEDED = {  # figures of every drive, with their smallest and largest value
     "cte_mean_m": (0, MOST),
     "steering_per_s": (0, MOST),
 }
+LEVEL_NEEDED = {"cte_max_m": (0, MOST)}  # of a drive of a level, too
 
 
 class Interval(Fields):

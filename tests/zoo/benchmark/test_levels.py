@@ -128,6 +128,13 @@ def test_a_person_steers_in_real_time(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(shown) > 2  # the window answers between two frames
 
 
+def test_a_drive_of_a_level_needs_its_largest_error(suite: Path, tmp_path: Path) -> None:
+    path = drive(["expert"], suite, tmp_path / "out") / "result.json"
+    path.write_text(path.read_text().replace('"cte_max_m"', '"other"'))
+    with pytest.raises(InputError, match=r"drives.0.figures.cte_max_m: is missing"):
+        read_result(path)
+
+
 def test_nobody_repeats_a_persons_drives(suite: Path, tmp_path: Path) -> None:
     out = drive(["zero"], suite, tmp_path / "out")
     path = out / "result.json"
