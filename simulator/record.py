@@ -18,8 +18,10 @@ from simulator.parallel_record import ParallelRecorder, Requests
 from simulator.recorder import LOG_NAME, Recorder, split_pedals
 from simulator.rig import CAMERAS, PHYSICS_STEP_S
 from simulator.world import World
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, file_errors
+from zoo.base.new_folder import RECIPE
 from zoo.base.terminal import print_written
+from zoo.base.whole_file import json_text, write_new
 
 FIRST_TRY = ("train", "experiment=first_try")  # docs/recipes.md
 BARS = " ▁▂▃▄▅▆▇█"
@@ -236,6 +238,10 @@ def record_laps(
             row_s = 1 / options.frame_rate
             all_driven.append(record(world, driver, rows, options.laps, show, row_s))
             world.renderer.close()
+    recipe = {"passes": [{"track": one.track, "laps": one.laps} for one in given]}
+    with file_errors(path := recorder.folder / RECIPE, "cannot be written ({})"):
+        path.unlink(missing_ok=True)  # of a recording that was deleted
+        write_new(path, json_text(recipe).encode())
     print_report(console, recorder, all_driven, time.perf_counter() - began, world.renderer.name)
     return recorder.folder
 

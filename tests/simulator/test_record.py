@@ -1,6 +1,8 @@
 """`drivezoo simulator record` as a person runs it, and recording from Python."""
 
+import json
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -80,6 +82,8 @@ def test_the_same_options_give_the_same_recording(tmp_path, console):
     )
     one, other = ({p.relative_to(f): p.read_bytes() for p in f.rglob("*.*")} for f in folders)
     assert one == other
+    passes = json.loads(one[Path("recipe.json")])["passes"]
+    assert passes == [{"track": options.track, "laps": 0.01}]
 
 
 def test_several_passes_go_into_one_folder(tmp_path, console):
