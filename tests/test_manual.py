@@ -146,7 +146,7 @@ def fault_of_config(arguments: list[str]) -> str | None:
                 return f"no choice {key}={unknown[0]}"
             if names and named == names:
                 groups.append(f"{key}={value if value[0] == '[' else names[0]}")
-        elif key not in ("parts", "resume", "rerun", "trust", "--config-dir"):
+        elif key not in ("parts", "resume", "rerun", "seeds", "trust", "--config-dir"):
             keys.append(key.lstrip("+"))
     unknown = [key for key in keys if not has_key(composed(()), key)]  # of the default choices
     unknown = [key for key in unknown if not has_key(composed(tuple(sorted(groups))), key)]

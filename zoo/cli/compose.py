@@ -42,16 +42,15 @@ Trains, tests and reports one experiment; with -m, a sweep.
   drivezoo train experiment=first_try data.root=FOLDER    train a network that drives, in minutes
   drivezoo train data.root=FOLDER                         train nvidia on a recording
   drivezoo train experiment=tiny41 data.root=FOLDER       train by a published recipe
-  drivezoo train -m model=lenet,nvidia data.root=FOLDER   train a sweep of two runs
   drivezoo train seeds=5 data.root=FOLDER                 train with the seeds 1 to 5
+  drivezoo train -m model=lenet,nvidia data.root=FOLDER   train a sweep of two runs
   drivezoo train resume=FOLDER                            resume a run or a sweep that was stopped
   drivezoo train rerun=RUN_FOLDER                         repeat a run and compare the figures
     trust=my.module.Class                                allow its config to name your own class
   drivezoo train parts=my_net.py model=my_net             train a network of your own file
   drivezoo train model=tiny --help                        show the keys and values of model=tiny
 
-See also: drivezoo models (list of networks), drivezoo preview (images that a network is fed),
-drivezoo check (check of a recording)."""
+See also: drivezoo models (networks), preview (what a network is fed), check (a recording)."""
 
 NAMES = 36  # characters of the first column: these keys are long
 

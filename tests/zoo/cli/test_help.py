@@ -13,7 +13,8 @@ from zoo.cli.compose import choices, compose_with_choices, config_groups, key_co
 from zoo.cli.console_script import commands
 
 GUARD = '\nif __name__ == "__main__":'
-PROBE = "zoo.doctor.renderer"  # only the doctor runs it, as a subprocess
+# Only other commands run them, as subprocesses.
+PROBES = ("zoo.doctor.renderer", "zoo.grade.submitted_network")
 SIMULATOR = ("record", "drive", "client", "serve")
 # Texts that each help must contain: options, or files that the command writes; the contract of
 # commands (tests/contracts/test_commands.py) checks a row for each key.
@@ -96,7 +97,7 @@ def test_no_command_is_forgotten() -> None:
             # `zoo.base` has programs that start others.
             if GUARD in path.read_text() and path.parent != ROOT / "zoo" / "base":
                 name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
-                assert name.removesuffix(".__main__") in [*ALL, PROBE], path
+                assert name.removesuffix(".__main__") in [*ALL, *PROBES], path
 
 
 def test_the_help_of_zoo_explains_keys_by_the_chosen_yaml(helps: dict) -> None:
