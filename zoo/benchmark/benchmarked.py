@@ -26,6 +26,7 @@ from zoo.benchmark.drives import (
 )
 from zoo.benchmark.result import (
     ANALYSIS,
+    SCORES,
     VERSION,
     BenchmarkResult,
     Driver,
@@ -53,7 +54,6 @@ from zoo.worlds.run_drives import load_kept
 
 PAGE = "benchmark.html"
 SHORT = ("interventions_per_km", "without_intervention", "autonomy")
-SCORES = {"autonomy": "autonomy", "without_intervention": "clean drives"}
 INTERVALS = (
     "95 % interval for new roads of the families and new trainings; with one training seed, for "
     "this training. Fewer than 3 roads: no interval."

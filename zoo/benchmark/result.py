@@ -22,6 +22,8 @@ NEEDED = {  # figures of every drive, with their smallest and largest value
     "cte_mean_m": (0, MOST),
     "steering_per_s": (0, MOST),
 }
+# What entries are compared by, as it is shown.
+SCORES = {"autonomy": "autonomy", "without_intervention": "clean drives"}
 LEVEL_NEEDED = {"cte_max_m": (0, MOST)}  # of a drive of a level, too
 
 

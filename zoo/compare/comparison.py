@@ -10,7 +10,7 @@ from rich.console import Console
 
 from zoo.base.terminal import print_line, print_written, printable
 from zoo.base.whole_file import json_text, write_output
-from zoo.benchmark.benchmarked import SCORES
+from zoo.benchmark.result import SCORES
 from zoo.compare.differences import (
     OVERALL,
     Comparison,
