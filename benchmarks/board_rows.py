@@ -67,6 +67,7 @@ def keep_result(folder: Path, command: str) -> None:
         InputError: `result.json` is damaged, or a checkpoint was trained on other rows.
     """
     from zoo.benchmark.checked_result import read_result
+    from zoo.checkpoints.checkpoint_path import packaged_name
 
     result = read_result(folder)
     trained_on = " ".join(dict.fromkeys(driver.data for driver in result.checkpoints))
@@ -85,9 +86,15 @@ def keep_result(folder: Path, command: str) -> None:
         one.model_copy(update={"figures": {name: one.figures[name] for name in names}})
         for one in result.drives
     ]
+    # Where a packaged network is installed is nobody's business; its name finds it, too.
+    checkpoints = [
+        one.model_copy(update={"file": packaged_name(Path(one.file)) or one.file})
+        for one in result.checkpoints
+    ]
     lines = ",\n".join(one.model_dump_json() for one in drives)  # a line for each drive
     known = set(BenchmarkResult.model_fields)
-    text = result.model_copy(update={"drives": []}).model_dump_json(include=known)
+    kept = result.model_copy(update={"drives": [], "checkpoints": checkpoints})
+    text = kept.model_dump_json(include=known)
     write_whole(own / NAME, text.replace('"drives":[]', f'"drives":[\n{lines}\n]', 1) + "\n")
 
 

@@ -12,7 +12,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,11 +23,10 @@ from scipy.stats import spearmanr
 
 from benchmarks.coverage import coverage, level_coverage
 from benchmarks.material import OUT, frames_of, linked_recording, pictures
-from benchmarks.measuring import print_table, run_named, take_turns
+from benchmarks.measuring import print_table, run_named
 from benchmarks.replay_measurements import middle, replays, warp
 from benchmarks.secret_suite import secret_suite
-from benchmarks.worlds import frames_per_second
-from datamodules.driving_log import CAMERAS
+from benchmarks.worlds import qualities
 from datamodules.image import decode_image, read_image
 from datamodules.recording_format import read_recordings
 from datamodules.view import View
@@ -40,9 +38,7 @@ from simulator.world import World as Embedded
 from simulator.world import open_world
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.policy import load_policy
-from zoo.worlds.open_world import open_world as open_scenario
 from zoo.worlds.run_drives import all_drives
-from zoo.worlds.scenario import Scenario
 
 VIEW = View((40, 20), "rgb", (66, 200))
 SLOWEST_MPS = 1.0  # a driver that is slower than this on average is stuck
@@ -313,29 +309,6 @@ def expert(*tracks: str) -> None:
                 rows.append([track, f"{way:+d}", f"{noise:g}", seed, *cells, off])
     head = ["track", "direction", "noise", "seed", "mean cte, m", "max cte, m", "lap, s"]
     print_table([*head, "off road"], rows)
-
-
-def qualities(*tracks: str) -> None:
-    """Compare the frames per processor second of full and fast images: `qualities TRACK...`.
-
-    An expert drives 150 frames five times in turns; images are the centre camera's, or all three.
-    """
-    rows = []
-    for track in tracks:
-        costs: dict[tuple[int, str], list[float]] = {}
-        measures = {}
-        for quality in ("full", "fast"):
-            scenario = Scenario(track, quality=quality)
-            world = open_scenario(scenario)
-            for count in (1, 3):
-                spent = costs[count, quality] = []
-                drive = partial(frames_per_second, world, scenario, CAMERAS[:count], spent)
-                measures[f"{quality} {count}"] = drive
-        take_turns(measures, 5)
-        for count in (1, 3):
-            full, fast = (1 / np.median(costs[count, one]) for one in ("full", "fast"))
-            rows.append([track, count, f"{full:.0f}", f"{fast:.0f}", f"{fast / full:.2f}"])
-    print_table(["track", "cameras", "full, frames/s", "fast, frames/s", "ratio"], rows)
 
 
 if __name__ == "__main__":
