@@ -19,6 +19,7 @@ from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError
 from zoo.benchmark.baselines import BASELINES
 from zoo.benchmark.checked_result import read_result
+from zoo.checkpoints.checkpoint_path import PACKAGED
 from zoo.input_search.combinations import CROPS, SCALES
 
 ROOT = Path(__file__).parents[2]
@@ -314,6 +315,14 @@ def test_a_kept_result_has_every_drive_and_its_digest(pages: Path) -> None:
     assert kept.digest == given.digest
     assert kept.groups == given.groups
     assert len(kept.drives) == 3 * len(ROADS)
+
+
+def test_a_kept_result_names_a_packaged_network_wherever_it_is_installed(pages: Path) -> None:
+    found = read_json(write_entry(pages / "mine", seeds=1) / "result.json")
+    found["checkpoints"][0]["file"] = str(PACKAGED / "lenet.ckpt")
+    write(pages / "known", found)
+    board_rows.keep_result(pages / "known", "")
+    assert read_result(board_rows.BOARDS["v1"] / "mine").checkpoints[0].file == "lenet"
 
 
 def test_an_entry_trained_on_other_rows_is_refused(pages: Path) -> None:
