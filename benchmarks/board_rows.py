@@ -81,7 +81,7 @@ def keep_result(folder: Path, command: str) -> None:
     own.mkdir(parents=True, exist_ok=True)
     if command:
         write_whole(own / COMMAND, f"{command}\n")
-    names = [*NEEDED, *(LEVEL_NEEDED if result.drives[0].level else ())]
+    names = [*NEEDED, *(LEVEL_NEEDED if result.has_levels else ())]
     drives = [
         one.model_copy(update={"figures": {name: one.figures[name] for name in names}})
         for one in result.drives
@@ -101,8 +101,8 @@ def keep_result(folder: Path, command: str) -> None:
 def rows_of_board(suite: str = "v1") -> list[Row]:
     """Return a row for each entry of a board and group of roads, the ranked entries first.
 
-    Their order is that of `in_order`. A rank is an interval: entries whose
-    score is not told apart from its own, corrected for the number of pairs (Holm), may be above.
+    Their order is that of `in_order`. A rank is an interval: entries whose score is not told apart
+    from its own, corrected for the number of pairs (Holm), may be above.
 
     Raises:
         InputError: a result is damaged.

@@ -296,7 +296,7 @@ def overall_line(result: BenchmarkResult) -> str:
     own = drives_of(result.drives, OVERALL) or result.drives
     clean = sum(not one.figures["interventions"] for one in own)
     rate = with_interval(overall(result)["interventions_per_km"], "{:.2f}")
-    if result.score != "autonomy":
+    if result.has_levels:
         share = with_interval(overall(result)[result.score], "{:.1f}", 100)
         return f"clean drives, %: {share} ({clean} of {len(own)}); failures per km: {rate}; {by}"
     roads = len({one.track for one in own})

@@ -106,13 +106,18 @@ class BenchmarkResult(Fields):
     digest: str
 
     @property
+    def has_levels(self) -> bool:
+        """Return whether the drives are those of axes with levels."""
+        return bool(self.drives[0].level)
+
+    @property
     def score(self) -> str:
         """Return the figure by which entries are compared.
 
         It is the autonomy. Drives of levels end at their first intervention: theirs is whether they
         had none.
         """
-        return "without_intervention" if self.drives[0].level else "autonomy"
+        return "without_intervention" if self.has_levels else "autonomy"
 
     def of_checkpoint(self, number: int) -> list[DriveRecord]:
         """Return the drives of a checkpoint."""

@@ -65,7 +65,7 @@ class Entry:
 
         See `BenchmarkResult.score`.
         """
-        if self.result.score != "autonomy":
+        if self.result.has_levels:
             return np.array([[one.is_clean for one in self.drives[road]] for road in roads]).T * 1.0
         values = [[one.figures["autonomy"] for one in self.drives[road]] for road in roads]
         return np.array(values, np.float64).T
@@ -179,7 +179,7 @@ def in_order(entries: Sequence[Entry]) -> list[Entry]:
         groups = entry.result.groups
         figures = groups.get(OVERALL) or next(iter(groups.values()))
         rate = figures["interventions_per_km"].value
-        if entry.result.score != "autonomy":
+        if entry.result.has_levels:
             rate = -figures[entry.result.score].value
         kinds = (RANKED, ONE_SEED, BASELINE)
         return kinds.index(entry.kind), math.inf if rate is None else rate
