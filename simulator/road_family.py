@@ -4,6 +4,7 @@ A road is drawn as a track's file would describe it: segments, widths, verges, s
 drawn again until the car can take it, so `alpine:17` is the same road on every machine.
 """
 
+import functools
 import hashlib
 import json
 import math
@@ -104,12 +105,20 @@ def find_family(name: str) -> RoadFamily:
             f"there is no family of roads {name!a}; available: {', '.join(family_names())}, or a "
             ".yaml file"
         )
+    status = path.stat()
+    version = (status.st_ino, status.st_mtime_ns, status.st_size)
+    return _read_family(path, version).model_copy(update={"path": path})
+
+
+@functools.lru_cache(maxsize=100)
+def _read_family(path: Path, _version: tuple[int, ...]) -> RoadFamily:
+    # Each of a suite's drives asks for its family.
     content = read_like(path, road_folder())
     with placed_errors(path):
         family = read_keys(RoadFamily, content)
         if not any(family.verges.values()):
             raise InputError("verges: give one kind or more a weight above 0")
-    return family.model_copy(update={"path": path})
+    return family
 
 
 def draw_road(family: RoadFamily, seed: int) -> Track:

@@ -241,7 +241,7 @@ def convert(name: str, kind: Any, value: Any) -> Any:
     Raises:
         UsageError: it has the wrong type or range; the message names key, value and range.
     """
-    from pydantic import ConfigDict, TypeAdapter, ValidationError
+    from pydantic import ValidationError
 
     if isinstance(value, str) and value in NULLS:
         value = None
@@ -260,10 +260,18 @@ def convert(name: str, kind: Any, value: Any) -> Any:
     elif str in plain and isinstance(value, os.PathLike | Mapping):
         value = typed(value)
     try:
-        config = None if is_dataclass(kind) else ConfigDict(coerce_numbers_to_str=True)
-        return TypeAdapter(kind, config=config).validate_python(value)
+        return _adapter(kind).validate_python(value)
     except ValidationError:
         raise UsageError(f"{name}={typed(given)}: must be {wanted(kind)}") from None
+
+
+@functools.lru_cache(maxsize=1024)
+def _adapter(kind: Any) -> Any:
+    """Return pydantic's `TypeAdapter` of a type, which takes a millisecond to make."""
+    from pydantic import ConfigDict, TypeAdapter
+
+    config = None if is_dataclass(kind) else ConfigDict(coerce_numbers_to_str=True)
+    return TypeAdapter(kind, config=config)
 
 
 def meanings_of(function: Callable[..., Any]) -> dict[str, str]:
@@ -350,9 +358,13 @@ def check_keys(given: Iterable[str], keys: Iterable[Key], remedy: str = "") -> N
 
 def check_values(options: object) -> None:
     """Raise UsageError for a value out of the range of its type, or that is no choice of it."""
-    for key in keys_of(type(options)):
-        if bounds(key.kind):
-            convert(key.name, key.kind, attrgetter(key.name)(options))
+    for key in _bounded_keys(type(options)):
+        convert(key.name, key.kind, attrgetter(key.name)(options))
+
+
+@functools.cache
+def _bounded_keys(kind: type) -> list[Key]:
+    return [key for key in keys_of(kind) if bounds(key.kind)]
 
 
 def read_texts(arguments: Iterable[str], command: str = "") -> dict[str, str]:

@@ -74,9 +74,10 @@ def _level(share: float, clean: np.ndarray, weights: np.ndarray, levels: Sequenc
         chance = special.expit(design @ curve)
         spread = drives * chance * (1 - chance)
         information = design.T @ (spread[:, None] * design)
-        leverage = np.einsum("ij,jk,ik->i", design, np.linalg.pinv(information), design) * spread
+        inverse = np.linalg.pinv(information)
+        leverage = np.einsum("ij,jk,ik->i", design, inverse, design) * spread
         score = design.T @ (kept - drives * chance + leverage * (0.5 - chance))
-        step = np.linalg.pinv(information) @ score
+        step = inverse @ score
         curve += step * min(1.0, 2 / max(np.abs(step).max(), 1e-12))
         if np.abs(step).max() < 1e-8:
             break

@@ -1,5 +1,6 @@
 """Suites of the benchmark, `conf/suite/<name>.yaml`: groups of drives on named roads."""
 
+import functools
 import hashlib
 import json
 import re
@@ -132,7 +133,7 @@ class Suite:
     mean_steering: float | None
     marks: Mapping[str, Marks]
 
-    @property
+    @functools.cached_property
     def roads(self) -> str:
         """Return 16 hexadecimal digits of the contents of the drawn roads."""
         return roads_digest(dict.fromkeys(one.track for one in self.drives))

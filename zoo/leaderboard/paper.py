@@ -23,7 +23,7 @@ from zoo.base.whole_file import write_output
 from zoo.base.written_files import LOCK, MARK, remove_files, written_below
 from zoo.benchmark.benchmarked import INTERVALS, SHORT, figure_columns, overall
 from zoo.benchmark.result import NAME, SCORES, code_name
-from zoo.benchmark.suite import find_suite, suite_names
+from zoo.benchmark.suite import Road, find_suite, suite_names
 from zoo.benchmark.summary import FIGURES
 from zoo.checkpoints.checkpoint_path import FOLDER as CHECKPOINTS
 from zoo.compare import differences
@@ -34,7 +34,7 @@ from zoo.leaderboard import ranking as of
 from zoo.leaderboard.ranking_page import Ranking
 from zoo.leaderboard.scored import BENCHMARK
 from zoo.runs.code_fingerprint import code_fingerprint, package_versions
-from zoo.runs.plots import interval_panels, share_profiles
+from zoo.runs.plots import interval_panels, share_panels
 from zoo.runs.run import Run
 from zoo.runs.table import Column, Table, interval_column
 from zoo.runs.table_files import write_plot, write_table
@@ -160,9 +160,8 @@ def of_results(entries: Sequence[Entry]) -> Paper:
         own = dict(zip(names, (one[key] for one in figures), strict=True))
         panels[FIGURES[key].heading] = own, FIGURES[key].factor
     paper.plots["intervals"] = interval_panels(panels)
-    profiles = dict(zip(names, map(_profile, entries), strict=True))
-    label = "autonomy \N{GREEK SMALL LETTER TAU} (%)"
-    paper.plots["profiles"] = share_profiles(profiles, label, "drives above \u03c4 (%)")
+    drawn = _levels if entries[0].result.has_levels else _thresholds
+    paper.plots["profiles"] = drawn(dict(zip(names, entries, strict=True)))
     for place, (name, entry) in enumerate(zip(names, entries, strict=True), 1):
         _add_entry(paper, name, f"{place}_{_plain(entry.result.entry)}", entry)
     return paper
@@ -249,25 +248,42 @@ def _pairs_table(
     )
 
 
-def _profile(entry: Entry) -> list[Estimate]:
-    """Return the share of drives with an autonomy above thresholds from 0 on, with a band.
+def _thresholds(entries: Mapping[str, Entry]) -> Figure:
+    """Draw the share of drives with an autonomy above thresholds from 0 on.
 
     Source: Agarwal et al. 2021, arXiv:2108.13264, performance profiles.
     """
-    roads = entry.roads
-    scores = entry.scores(roads)
+    thresholds = np.linspace(0, 1, THRESHOLDS, endpoint=False)
+    curves = {
+        name: [_share(entry.scores(entry.roads) > one, entry.roads) for one in thresholds]
+        for name, entry in entries.items()
+    }
+    label = "autonomy \N{GREEK SMALL LETTER TAU} (%)"
+    return share_panels({"": curves}, 100 * thresholds, label, "drives above \u03c4 (%)")
+
+
+def _levels(entries: Mapping[str, Entry]) -> Figure:
+    """Draw the share of clean drives of each level of each axis."""
+    first = next(iter(entries.values()))
+    axes: dict[str, dict[int, list[Road]]] = {}
+    for road, drives in first.drives.items():
+        axes.setdefault(road.group, {}).setdefault(drives[0].level, []).append(road)
+    panels = {
+        axis: {
+            name: [_share(entry.scores(own) > 0, own) for own in levels.values()]
+            for name, entry in entries.items()
+        }
+        for axis, levels in axes.items()
+    }
+    return share_panels(panels, list(next(iter(axes.values()))), "level", "clean drives (%)")
+
+
+def _share(kept: np.ndarray, roads: list[Road]) -> Estimate:
+    """Return the share of drives, bool [training seeds, roads], with its interval."""
     places, groups = differences.clusters(roads)
-    below = [
-        clustered(
-            (scores <= threshold) * 1.0,
-            places=places,
-            groups=groups,
-            limits=SHARE,
-            one_failure=1.0,
-        )
-        for threshold in np.linspace(0, 1, THRESHOLDS, endpoint=False)
-    ]
-    return [Estimate(1 - one.value, 1 - one.high, 1 - one.low) for one in below]
+    # Of the others, since the exact bound is that of no failure at all.
+    lost = clustered(1.0 - kept, places=places, groups=groups, limits=SHARE, one_failure=1.0)
+    return Estimate(1 - lost.value, 1 - lost.high, 1 - lost.low)
 
 
 def _add_entry(paper: Paper, name: str, place: str, entry: Entry) -> None:

@@ -180,27 +180,41 @@ def interval_panels(panels: Mapping[str, tuple[Mapping[str, Any], float]]) -> Fi
     return figure
 
 
-def share_profiles(profiles: Mapping[str, Sequence[Any]], label: str, shares: str) -> Figure:
-    """Draw by threshold the share of scores above it, with a band (Agarwal et al. 2021).
+def share_panels(
+    panels: Mapping[str, Mapping[str, Sequence[Any]]],
+    places: Sequence[float],
+    label: str,
+    shares: str,
+) -> Figure:
+    """Draw curves of shares with bands, or bars at few places, in panels side by side.
 
     Args:
-        profiles: by name, the shares at thresholds from 0 to 1, evenly spaced, without 1; each has
-            `value`, `low` and `high`, 0..1.
-        label: label of the thresholds' axis.
+        panels: by title, the curves by name; each has a share for every place, with `value`,
+            `low` and `high`, 0..1.
+        places: where the shares lie on the horizontal axis.
+        label: label of that axis.
         shares: label of the shares' axis.
     """
-    figure = NotebookFigure(figsize=(7, 3.4), layout="constrained")
-    axis = figure.subplots()
-    styles = itertools.cycle(("-", "--", "-.", ":"))
-    for name, found in profiles.items():
-        bounds = [(one.low, one.value, one.high) for one in found]
-        low, value, high = 100 * np.array(bounds, float).T
-        taus = np.linspace(0, 100, len(found), endpoint=False)
-        (curve,) = axis.plot(taus, value, next(styles), label=name)
-        axis.fill_between(taus, low, high, color=curve.get_color(), alpha=0.15, lw=0)
-    axis.set(xlim=(0, 100), ylim=(0, 102), xlabel=label, ylabel=f"{shares}; band: 95 % interval")
-    figure.legend(loc="outside right upper", frameon=False)
-    plain_axis(axis)
+    few = len(places) < 10
+    width = 7 if len(panels) == 1 else 2 + 2.4 * len(panels)
+    figure = NotebookFigure(figsize=(width, 3.4), layout="constrained")
+    axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    for axis, (title, curves) in zip(axes, panels.items(), strict=True):
+        styles = itertools.cycle(("-", "--", "-.", ":"))
+        for number, (name, found) in enumerate(curves.items()):
+            bounds = [(one.low, one.value, one.high) for one in found]
+            low, value, high = 100 * np.array(bounds, float).T
+            # Side by side, since bars of several curves at one place hide each other.
+            beside = np.array(places) + (0.6 * (number + 0.5) / len(curves) - 0.3 if few else 0)
+            (curve,) = axis.plot(beside, value, ("." if few else "") + next(styles), label=name)
+            if few:
+                axis.vlines(beside, low, high, color=curve.get_color(), lw=1, alpha=0.6)
+            else:
+                axis.fill_between(beside, low, high, color=curve.get_color(), alpha=0.15, lw=0)
+        axis.set(title=title, ylim=(-2 if few else 0, 102), xlabel=label)
+        plain_axis(axis)
+    axes[0].set_ylabel(f"{shares}; {'bar' if few else 'band'}: 95 % interval")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", frameon=False)
     return figure
 
 

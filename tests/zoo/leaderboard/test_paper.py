@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.zoo.compare.synthetic_results import ROADS, figures, result, write
+from tests.zoo.compare.synthetic_results import ROADS, figures, result, summed, write
 from tests.zoo.sweeps import write_run
 from zoo.base.errors import InputError
+from zoo.compare.differences import read_entries
 from zoo.leaderboard.__main__ import leaderboard
+from zoo.leaderboard.paper import of_results
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -70,6 +72,20 @@ def test_results_give_tables_plots_and_an_archive_that_gives_the_same(
     leaderboard("results", paper="paper")
     assert Path("paper/table.csv").read_text() == Path("../paper/table.csv").read_text()
     assert Path("paper/pairs.tex").read_text() == Path("../paper/pairs.tex").read_text()
+
+
+def test_drives_of_levels_give_a_curve_for_each_axis() -> None:
+    axis = [("geometry", f"bends_{level}:{place}", {}) for level in (1, 2) for place in range(4)]
+    failed = np.array([[0.0] * 4 + [1.0, 0, 0, 1]] * 3)
+    found = result(1 - failed, roads=axis)
+    for drive in found["drives"]:
+        drive["level"] = int(drive["track"][6])
+        drive["figures"]["cte_max_m"] = 1.0
+    write(Path("marks"), summed(found))
+    figure = of_results(read_entries(Path("marks"))).plots["profiles"]
+    (panel,) = figure.axes
+    assert panel.get_title() == "geometry"
+    assert panel.lines[0].get_ydata().tolist() == [100, 50]
 
 
 def test_trainings_have_no_pairs_and_the_notes_name_the_command() -> None:
