@@ -21,10 +21,10 @@ def leaderboard(
 ) -> "Ranking":
     """Rank all runs, the best driver first.
 
-    Prints the ranking and writes it as a page, leaderboard.html, into the first folder. In a folder
-    without runs, ranks evaluations and benchmarks, the `out=` of drivezoo evaluate and drivezoo
-    benchmark, and drives: outputs/drives has those of drivezoo drive. Drives of less than a lap
-    come last, with their length.
+    Prints the ranking and writes it as a page, leaderboard.html, into the first folder, unless
+    `paper=` is given. In a folder without runs, ranks evaluations and benchmarks, the `out=` of
+    drivezoo evaluate and drivezoo benchmark, and drives: outputs/drives has those of drivezoo
+    drive. Drives of less than a lap come last, with their length.
 
     Args:
         *folder: folders that contain runs, sweeps or drives; default: outputs.
@@ -56,7 +56,8 @@ def leaderboard(
     title += f", {len(drives)} evaluations, benchmarks or drives" if drives else ""
     under = roots[0] if len(roots) == 1 else Path()
     ranking = Ranking.read(folders, under, drives, title)
-    ranking.written.append(ranking.write_page(roots[0] / PAGE, "Leaderboard"))
+    if paper is None:
+        ranking.written.append(ranking.write_page(roots[0] / PAGE, "Leaderboard"))
     ranking.written.extend(tables.write_files(ranking))
     if paper is not None:
         from zoo.leaderboard.paper import write_paper
