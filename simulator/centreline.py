@@ -9,11 +9,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.ndimage import uniform_filter1d
-from scipy.sparse import coo_array, eye_array
-from scipy.sparse.linalg import spsolve
-from scipy.spatial import cKDTree
 
 STEP_M = 0.5  # distance between samples of the centreline
 SEGMENT_STEP_M = 1.0  # distance between the control points of a road of segments
@@ -43,6 +38,8 @@ def make_centreline(
         closed: whether the curve returns from the last point to the first one.
         fine: number of places between two points at which the curve's length is measured.
     """
+    from scipy.interpolate import CubicSpline  # slow import: commands name a wrong key first
+
     knots = np.vstack([points, points[:1]]) if closed else points
     # Centripetal parameters avoid loops and cusps between points at uneven distances.
     steps = np.sqrt(np.linalg.norm(np.diff(knots[:, :2], axis=0), axis=1))
@@ -83,6 +80,8 @@ def segment_points(segments: Segments) -> np.ndarray:
 
 def follow_segments(segments: Segments, closed: bool) -> np.ndarray:
     """Return control points, float64 [N, 3], of segments, with smooth transitions between them."""
+    from scipy.ndimage import uniform_filter1d  # slow import
+
     ends, turned, climbed = np.concatenate([np.zeros((1, 3)), np.cumsum(segments, 0)]).T
     stride = 2  # steps of integration from one control point to the next
     count = stride * max(round(ends[-1] / SEGMENT_STEP_M), 4)
@@ -132,6 +131,9 @@ def follow_survey(survey: np.ndarray, closed: bool) -> np.ndarray:
 
 def _smooth(points: np.ndarray, closed: bool) -> np.ndarray:
     """Return points, float64 [N, 3], with smaller third differences (Whittaker's smoothing)."""
+    from scipy.sparse import coo_array, eye_array  # slow import
+    from scipy.sparse.linalg import spsolve
+
     count = len(points)
     rows = np.arange(count if closed else count - 3)
     values = np.repeat([-1.0, 3.0, -3.0, 1.0], len(rows))
@@ -157,6 +159,8 @@ def near_parts(
     Raises:
         ValueError: the road passes itself too often to list the pairs.
     """
+    from scipy.spatial import cKDTree  # slow import
+
     stride = 4
     numbers = np.arange(0, len(centreline["distance"]), stride)
     xy = centreline["xyz"][numbers, :2]

@@ -15,7 +15,6 @@ from zoo.benchmark.baselines import HUMAN, NO_CHECKPOINT
 from zoo.benchmark.result import (
     ANALYSIS,
     LEVEL_NEEDED,
-    NAME,
     NEEDED,
     VERSION,
     BenchmarkResult,
@@ -24,6 +23,7 @@ from zoo.benchmark.result import (
     check_distinct,
     code_name,
     digest_of_drives,
+    result_path,
 )
 from zoo.benchmark.suite import LIKE, Road, Suite, find_suite, read_suite, road_of, suite_names
 from zoo.benchmark.summary import Summary, summarize_drives
@@ -47,10 +47,7 @@ def read_result(path: Path) -> BenchmarkResult:
         InputError: the file cannot be read, has another version, or a field is wrong; a drive is
             missing or stands twice; or a figure or digest is not that of the drives.
     """
-    path = Path(path)
-    path = path / NAME if path.is_dir() else path
-    if not path.exists():
-        raise InputError(f"{path}: no such file; drivezoo benchmark CKPT out=FOLDER writes one")
+    path = result_path(Path(path))
     found = read_json(path)
     if isinstance(found, dict):
         remedy = "use the drivezoo that wrote it, or run it again"

@@ -124,6 +124,18 @@ class BenchmarkResult(Fields):
         return [one for one in self.drives if one.checkpoint == number]
 
 
+def result_path(path: Path) -> Path:
+    """Return the file of a result, or of the folder that contains it.
+
+    Raises:
+        InputError: there is no such file.
+    """
+    path = path / NAME if path.is_dir() else path
+    if not path.exists():
+        raise InputError(f"{path}: no such file; drivezoo benchmark CKPT out=FOLDER writes one")
+    return path
+
+
 def write_result(folder: Path, result: BenchmarkResult) -> Path:
     """Write `result.json` and return its path."""
     return write_whole(folder / NAME, json_text(result.model_dump()))

@@ -30,13 +30,14 @@ def compare(
         InputError: a result cannot be read, the results are of different roads, or a file cannot
             be written.
     """
-    from zoo.benchmark.result import NAME
-    from zoo.compare.comparison import COLUMNS, ComparedEntries
+    from zoo.benchmark.result import result_path
 
-    files.check_files(COLUMNS)
     path = Path(out).expanduser()
     given = [Path(each).expanduser() for each in (a, b)]
-    check_output(path, inputs=[*given, *(each / NAME for each in given)])
+    check_output(path, inputs=[*given, *map(result_path, given)])
+    from zoo.compare.comparison import COLUMNS, ComparedEntries  # slow imports: SciPy, Matplotlib
+
+    files.check_files(COLUMNS)
     result = ComparedEntries.read(a, b)
     result.written.append(result.write(path))
     result.written.extend(files.write_files(result))
