@@ -8,6 +8,7 @@ import csv
 import itertools
 import os
 import shlex
+import shutil
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
@@ -311,6 +312,24 @@ def first_try_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
     yield seconds | columns(lake, "", ("autonomy", "interventions"))
 
 
+def generator_rows(study: Study, entry: Entry) -> list[Row]:
+    """Search for failures with each seed, and return a row for each search."""
+    rows = []
+    for run in entry.runs:
+        out, words = run / "search", study.command(entry, "search")
+        if not (log := run / "log.txt").with_name("log_seconds.json").is_file():
+            shutil.rmtree(out, ignore_errors=True)  # an interrupted search
+            words = [*words, f"sampler={entry.labels['sampler']}", f"seed={run.name}", f"out={out}"]
+            run_logged(log, ["zoo.search", entry.labels["network"], *words], study.options.threads)
+            print(f"{run}: searched", flush=True)
+        found = read_json(out / "search.json")
+        row = {**entry.labels, "seed": run.name, "drives": len(found["drives"])}
+        row |= {"failed": found["failed"], "cells": found["cells"]["failed"]}
+        row["sparseness"] = "" if found["sparseness"] is None else round(found["sparseness"], 4)
+        rows.append(row)
+    return rows
+
+
 PREPARE: dict[str, Callable[[Study], dict]] = {
     "bench_v1": lambda study: {"root": recorded(compose_config(["data=bench_v1"]))},
     "folds": folds,
@@ -329,4 +348,5 @@ ROWS: dict[str, Callable[[Study, Entry], list[Row]]] = {
     "real_roads": road_rows,
     "inputs": per_run(input_rows),
     "warnings": warning_rows,
+    "generators": generator_rows,
 }

@@ -27,7 +27,8 @@ class SearchOptions(TableFiles):
         family: family of roads whose ranges are searched: name, or YAML file.
         budget: number of drives.
         sampler: archive: random, the family's or changed roads, in cells without a failure; tpe:
-            Optuna's TPE; random: uniform over the ranges; family: the family's own.
+            Optuna's TPE; nsga2: roads evolve towards failure and novelty; random: uniform over the
+            ranges; family: the family's own.
         x: feature along the map: bend, width, grade; with weather=vary also sun, brightness, fog,
             rain, wet, noise.
         y: feature up the map.
@@ -45,7 +46,7 @@ class SearchOptions(TableFiles):
 
     family: str = "alpine"
     budget: Count = 200
-    sampler: Literal["archive", "tpe", "random", "family"] = "archive"
+    sampler: Literal["archive", "tpe", "nsga2", "random", "family"] = "archive"
     x: str = "bend"
     y: str = "width"
     cells: Annotated[int, Field(ge=2, le=100)] = 10

@@ -27,9 +27,10 @@ from zoo.search.search_options import SearchOptions
 from zoo.search.search_run import (
     BATCH,
     Driven,
-    distance_to_usual,
     drive_roads,
+    feature_distance,
     search,
+    sparseness,
     usual_features,
 )
 from zoo.search.search_space import SearchSpace, weather_text
@@ -65,8 +66,8 @@ class Report:
     drives: list[Driven] = field(default_factory=list)
 
     def distance(self, one: Driven) -> float:
-        """Return how far a road is from the family's usual one; see `distance_to_usual`."""
-        return distance_to_usual(one.candidate.features, self.usual, self.space)
+        """Return how far a road is from the family's usual one; smaller is milder."""
+        return feature_distance(one.candidate.features, self.usual, self.space)
 
     @property
     def failed(self) -> list[Driven]:
@@ -160,6 +161,7 @@ def result_of(report: Report) -> dict:
             ],
         },
         "failed": len(report.failed),
+        "sparseness": sparseness([one.candidate.features for one in report.failed], report.space),
         "drives": [
             {
                 "seed": one.candidate.seed,

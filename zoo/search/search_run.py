@@ -131,17 +131,28 @@ def usual_features(space: SearchSpace) -> dict[str, float]:
     return {key: float(np.median([one[key] for one in found])) for key in space.features}
 
 
-def distance_to_usual(
-    features: dict[str, float], usual: dict[str, float], space: SearchSpace
+def feature_distance(
+    first: dict[str, float], second: dict[str, float], space: SearchSpace
 ) -> float:
-    """Return how far a road is from the family's usual one, 0 (the same)..1; smaller is milder.
+    """Return how far two roads are from each other, 0 (the same)..1.
 
-    It is the root mean square, over all features, of the difference from the usual value as a share
-    of the feature's range.
+    It is the root mean square, over all features, of their difference as a share of the feature's
+    range.
     """
     scales = {key: one.scale for key, one in space.features.items()}
-    steps = [scales[key].share(features[key]) - scales[key].share(usual[key]) for key in scales]
+    steps = [scales[key].share(first[key]) - scales[key].share(second[key]) for key in scales]
     return float(np.sqrt(np.mean(np.square(steps))))
+
+
+def sparseness(roads: Sequence[dict[str, float]], space: SearchSpace) -> float | None:
+    """Return the mean distance of each road from the one that is farthest from it, 0..1.
+
+    It is the diversity of failures in the SBFT tool competitions (Panichella et al. 2021, "SBST
+    tool competition 2021"), here of features instead of the roads' shapes. None for fewer than two.
+    """
+    if len(roads) < 2:
+        return None
+    return float(np.mean([max(feature_distance(a, b, space) for b in roads) for a in roads]))
 
 
 class Sampler:
@@ -249,29 +260,34 @@ class ArchiveSampler(Sampler):
         return {key: one.at(one.share(parent[key]) + steps[key]) for key, one in ranges.items()}
 
 
-class TpeSampler(Sampler):
-    """A sampler of Optuna's TPE, which proposes parameters that resemble those of failures.
+class OptunaSampler(Sampler):
+    """A sampler of Optuna's.
 
-    As in `ArchiveSampler`, only roads in cells without a failure are driven.
+    TPE proposes parameters that resemble those of failures; as in `ArchiveSampler`, only roads in
+    cells without a failure are driven. NSGA-II (Deb et al. 2002) evolves a population of roads
+    towards failure and novelty, as AmbieGen does (Humeniuk, Khomh and Antoniol 2022, "A
+    search-based framework for automatic generation of testing environments for cyber-physical
+    systems", doi:10.1016/j.infsof.2022.106936), which evaluates its roads on a model of the car.
 
     Args:
+        name: `tpe` or `nsga2`.
         space: roads and days.
         seed: random seed.
         archive: cells of the search, which the caller keeps up to date.
-        startup: number of first drives, which are at random.
+        startup: number of TPE's first drives, which are at random.
 
     Raises:
         InputError: Optuna is not installed.
     """
 
-    proposals = 8
-
-    def __init__(self, space: SearchSpace, seed: int, archive: Archive, startup: int) -> None:
+    def __init__(
+        self, name: str, space: SearchSpace, seed: int, archive: Archive, startup: int
+    ) -> None:
         try:
             import optuna
         except ImportError:
             raise InputError(
-                "sampler=tpe: Optuna is not installed; pip install 'drivezoo[optuna]', or use "
+                f"sampler={name}: Optuna is not installed; pip install 'drivezoo[optuna]', or use "
                 "sampler=random"
             ) from None
         super().__init__(space, seed, archive)
@@ -280,7 +296,13 @@ class TpeSampler(Sampler):
             for key, one in space.parameters.items()
         }
         self.abandoned = optuna.trial.TrialState.FAIL
+        self.driven: list[dict[str, float]] | None = [] if name == "nsga2" else None
         optuna.logging.set_verbosity(optuna.logging.ERROR)
+        if name == "nsga2":
+            sampler = optuna.samplers.NSGAIISampler(population_size=BATCH, seed=seed)
+            self.study = optuna.create_study(directions=["maximize"] * 2, sampler=sampler)
+            return
+        self.proposals = 8
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)  # multivariate
             sampler = optuna.samplers.TPESampler(
@@ -289,9 +311,14 @@ class TpeSampler(Sampler):
         self.study = optuna.create_study(direction="maximize", sampler=sampler)
 
     def learn(self, closeness: Sequence[float]) -> None:
-        """Take the closeness to failure of the proposed roads' drives."""
-        for (trial, *_), one in zip(self.proposed, closeness, strict=True):
-            self.study.tell(trial, one)
+        """Take the closeness to failure of the proposed roads' drives, and how new they are."""
+        for (trial, _, candidate), one in zip(self.proposed, closeness, strict=True):
+            values = [one]
+            if self.driven is not None:
+                near = (feature_distance(candidate.features, f, self.space) for f in self.driven)
+                values.append(min(near, default=1.0))
+                self.driven.append(candidate.features)
+            self.study.tell(trial, values)
 
     def _choose(self) -> Draw:
         return self._ask
@@ -308,7 +335,7 @@ def make_sampler(options: SearchOptions, space: SearchSpace, archive: Archive) -
     """Return the sampler that the options name."""
     if options.sampler == "archive":
         return ArchiveSampler(space, options.seed, archive)
-    if options.sampler == "tpe":
+    if options.sampler in ("tpe", "nsga2"):
         startup = max(BATCH, int(STARTUP * options.budget))
-        return TpeSampler(space, options.seed, archive, startup)
+        return OptunaSampler(options.sampler, space, options.seed, archive, startup)
     return Sampler(space, options.seed, archive, whole_family=options.sampler == "family")

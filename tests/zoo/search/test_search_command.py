@@ -23,7 +23,14 @@ from zoo.evaluate.__main__ import evaluate_or_replay as evaluate
 from zoo.search.failure_map import Archive
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_report import search_and_report
-from zoo.search.search_run import Driven, Outcome, distance_to_usual, search, usual_features
+from zoo.search.search_run import (
+    Driven,
+    Outcome,
+    feature_distance,
+    search,
+    sparseness,
+    usual_features,
+)
 from zoo.search.search_space import DAYS, Candidate, SearchSpace, weather_text
 from zoo.worlds.run_drives import all_drives
 from zoo.worlds.scenario import Scenario
@@ -192,9 +199,12 @@ def test_an_archive_counts_cells() -> None:
 def test_the_usual_road_is_the_mildest() -> None:
     space = SearchSpace(ALPINE, 100.0, None)
     usual = usual_features(space)
-    assert distance_to_usual(usual, usual, space) == 0
-    foggy = distance_to_usual(usual | {"fog": 0.3}, usual, space)
-    assert 0 < foggy < distance_to_usual(usual | {"fog": 0.6}, usual, space) < 1
+    assert feature_distance(usual, usual, space) == 0
+    foggy, foggier = usual | {"fog": 0.3}, usual | {"fog": 0.6}
+    near, far = (feature_distance(one, usual, space) for one in (foggy, foggier))
+    assert 0 < near < far < 1
+    assert sparseness([usual], space) is None
+    assert sparseness([usual, foggy, foggier], space) == pytest.approx((far + near + far) / 3)
 
 
 @pytest.mark.parametrize(
@@ -240,9 +250,9 @@ def test_the_archive_finds_more_failing_cells_than_random_drawing() -> None:
     assert by_sampler["archive"] > 1.2 * by_sampler["random"]
 
 
-@pytest.mark.parametrize("sampler", ["archive", "tpe", "random", "family"])
+@pytest.mark.parametrize("sampler", ["archive", "tpe", "nsga2", "random", "family"])
 def test_a_seed_gives_the_same_search(sampler: str) -> None:
-    if sampler == "tpe":
+    if sampler in ("tpe", "nsga2"):
         pytest.importorskip("optuna")
     options = options_of("budget=20", f"sampler={sampler}", "seed=3")
     (first, archive), (second, _) = searched(options), searched(options)
@@ -251,6 +261,13 @@ def test_a_seed_gives_the_same_search(sampler: str) -> None:
     assert archive.driven.total() == 20
     other, _ = searched(options_of("budget=20", f"sampler={sampler}", "seed=4"))
     assert other[0].candidate.content != first[0].candidate.content
+
+
+def test_nsga2_evolves_towards_failures() -> None:
+    pytest.importorskip("optuna")
+    drives, _ = searched(options_of("budget=120", "sampler=nsga2", "seed=1"))
+    failed = [one.outcome.failed for one in drives]
+    assert sum(failed[-40:]) > sum(failed[:40])
 
 
 def test_the_familys_sampler_draws_from_its_whole_ranges() -> None:
