@@ -3,33 +3,62 @@
 import secrets
 from pathlib import Path
 
+import yaml
 from rich.console import Console
 
-from zoo.base.bounded_files import hash_file
+from zoo.base.bounded_files import hash_file, read_yaml
 from zoo.base.errors import InputError
 from zoo.base.whole_file import write_whole
 from zoo.benchmark.drives import drive_suite, find_drivers
-from zoo.benchmark.suite import read_suite
+from zoo.benchmark.suite import read_suite, suite_path
 from zoo.runs.record_fields import MOST_WHOLE
 
 
 def secret_suite(name: str = "v2-2027") -> None:
-    """Write NAME.yaml, v2 on roads of a random seed, and print its SHA-256: `secret_suite [NAME]`.
+    """Write NAME.yaml and NAME_bends.yaml, v2 on secret roads, and print their SHA-256.
 
-    Seeds are drawn until the expert completes every road.
+    `secret_suite [NAME]`. A random seed draws the roads, and the family of those axes whose levels
+    do not differ in it has ranges that nobody knows. Both are drawn until the expert completes
+    every road.
 
     Raises:
-        InputError: the file exists.
+        InputError: a file exists.
     """
-    path, console = Path(f"{name}.yaml"), Console()
-    if path.exists():
-        raise InputError(f"{path}: exists; a secret is not drawn twice")
+    path, own, console = Path(f"{name}.yaml"), Path(f"{name}_bends.yaml"), Console()
+    if exists := [one for one in (path, own) if one.exists()]:
+        raise InputError(f"{exists[0]}: exists; a secret is not drawn twice")
+    axes = read_yaml(suite_path("v2"))["axes"]
+    for levels in axes.values():
+        if len({one["family"] for one in levels}) == 1:
+            levels[:] = [one | {"family": str(own)} for one in levels]
     while True:
-        seed = secrets.randbelow(MOST_WHOLE)
-        write_whole(path, f"like: v2\nname: {name}\nseed: {seed}\n")
+        content = {"like": "v2", "name": name, "seed": secrets.randbelow(MOST_WHOLE), "axes": axes}
+        write_whole(own, yaml.safe_dump(secret_family(), sort_keys=False))
+        write_whole(path, yaml.safe_dump(content, sort_keys=False))
         suite = read_suite(str(path))
         drivers = find_drivers(["expert"], suite)
         jobs = [(0, drive) for drive in suite.drives]
         if all(one.is_clean for one in drive_suite(drivers, jobs, None, 0, console)):
             break
-    print(f"{path}: SHA-256 {hash_file(path)}, roads {suite.roads}")
+    for one in (path, own):
+        print(f"{one}: SHA-256 {hash_file(one)}")
+    print(f"roads {suite.roads}")
+
+
+def secret_family() -> dict:
+    """Return a family with the radii of `bends_2`, and other bends, slopes and surroundings."""
+    draw = secrets.SystemRandom().uniform
+    ends = {
+        "straight": (5, 20, 20, 60),
+        "degrees": (10, 30, 90, 170),
+        "grade": (-0.1, -0.02, 0.02, 0.1),
+        "shoulder": (0.2, 0.6, 0.6, 2.0),
+    }
+    family: dict = {"like": "bends_1", "radius": [28, 60], "straights": round(draw(0, 0.6), 2)}
+    family |= {
+        key: [round(draw(*pair), 2) for pair in (four[:2], four[2:])] for key, four in ends.items()
+    }
+    family["verges"] = {
+        kind: round(draw(0, 3), 2) for kind in ("paved", "dirt", "kerb", "stripes", "rock")
+    }
+    return family

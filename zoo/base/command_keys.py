@@ -358,7 +358,8 @@ def check_keys(given: Iterable[str], keys: Iterable[Key], remedy: str = "") -> N
 
 def check_values(options: object) -> None:
     """Raise UsageError for a value out of the range of its type, or that is no choice of it."""
-    for key in _bounded_keys(type(options)):
+    kind: Any = type(options)
+    for key in _bounded_keys(kind):
         convert(key.name, key.kind, attrgetter(key.name)(options))
 
 
