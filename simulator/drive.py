@@ -6,11 +6,11 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-from panda3d import core
 from rich.console import Console
 
 from simulator.command_options import DriveOptions
 from simulator.hand_control import Gamepads, HandControl, Hands
+from simulator.panda import core
 from simulator.record import Driven, print_report
 from simulator.recorder import Recorder
 from simulator.renderer import Renderer, camera_lens, set_aspect

@@ -8,10 +8,10 @@ from collections.abc import Callable, Set
 from dataclasses import dataclass
 
 import numpy as np
-from panda3d import core
 
 from simulator.car import clamp
 from simulator.expert import Expert
+from simulator.panda import core
 from simulator.rig import PHYSICS_STEP_S
 from simulator.world import World
 

@@ -12,8 +12,8 @@ from itertools import zip_longest
 
 import cv2
 import numpy as np
-from panda3d import core
 
+from simulator.panda import core
 from simulator.rig import CENTER, NEAR_M, camera_matrix
 from simulator.scenery.edges import bridge_meshes, edge_meshes
 from simulator.scenery.frame_effects import Air

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from panda3d import core
 
+from simulator.panda import core
 from simulator.renderer import SETTINGS, make_output
 from zoo.base.errors import InputError
 

@@ -23,6 +23,7 @@ import numpy as np
 from zoo.base.child_process import wait_for_parent
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError, UsageError
+from zoo.base.run_command import held_interrupt
 
 Result = TypeVar("Result")
 LOOK_S = 0.2  # seconds between two updates of the progress
@@ -86,7 +87,7 @@ class ProcessPool:
         """
         number, others = self._submitted, {*multiprocessing.active_children()}
         try:
-            with _hidden_script(), _held_interrupt():
+            with _hidden_script(), held_interrupt():
                 job = bytes(ForkingPickler.dumps((function, arguments)))  # also sockets
                 future = self._executor.submit(_run, number, job)
         except BrokenProcessPool:
@@ -241,28 +242,6 @@ def _hidden_script() -> Iterator[None]:
         yield
     finally:
         sys.modules["__main__"] = script
-
-
-@contextmanager
-def _held_interrupt() -> Iterator[None]:
-    """Start processes that Ctrl-C does not reach; deliver one that arrives meanwhile at the end."""
-    asked: list[int] = []
-    is_main = threading.current_thread() is threading.main_thread()
-    if is_main:
-        before = signal.signal(signal.SIGINT, lambda *_: asked.append(1))
-    if hasattr(signal, "pthread_sigmask"):  # a new process inherits the mask
-        block = signal.SIG_BLOCK  # type: ignore[attr-defined,unused-ignore]
-        mask = signal.pthread_sigmask(block, [signal.SIGINT])
-    try:
-        yield
-    finally:
-        if hasattr(signal, "pthread_sigmask"):
-            back = signal.SIG_SETMASK  # type: ignore[attr-defined,unused-ignore]
-            signal.pthread_sigmask(back, mask)
-        if is_main:
-            signal.signal(signal.SIGINT, before)
-    if asked:
-        signal.raise_signal(signal.SIGINT)
 
 
 def _begin(parent: int, reports: Any) -> None:

@@ -110,6 +110,28 @@ def raise_interrupts() -> None:
         sys.unraisablehook = _interrupt_again
 
 
+@contextmanager
+def held_interrupt() -> Iterator[None]:
+    """Deliver a Ctrl-C that arrives meanwhile at the end; processes started here ignore it."""
+    asked: list[int] = []
+    is_main = threading.current_thread() is threading.main_thread()
+    if is_main:
+        before = signal.signal(signal.SIGINT, lambda *_: asked.append(1))
+    if hasattr(signal, "pthread_sigmask"):  # a new process inherits the mask
+        block = signal.SIG_BLOCK  # type: ignore[attr-defined,unused-ignore]
+        mask = signal.pthread_sigmask(block, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        if hasattr(signal, "pthread_sigmask"):
+            back = signal.SIG_SETMASK  # type: ignore[attr-defined,unused-ignore]
+            signal.pthread_sigmask(back, mask)
+        if is_main:
+            signal.signal(signal.SIGINT, before)
+    if asked:
+        signal.raise_signal(signal.SIGINT)
+
+
 def stop_in_one_line(*_: object) -> None:
     """End this process at a Ctrl-C that arrives before a command is imported."""
     os.write(2, b"drivezoo: stopped\n")
