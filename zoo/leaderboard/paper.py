@@ -253,13 +253,14 @@ def _thresholds(entries: Mapping[str, Entry]) -> Figure:
 
     Source: Agarwal et al. 2021, arXiv:2108.13264, performance profiles.
     """
-    thresholds = np.linspace(0, 1, THRESHOLDS, endpoint=False)
-    curves = {
-        name: [_share(entry.scores(entry.roads) > one, entry.roads) for one in thresholds]
-        for name, entry in entries.items()
-    }
-    label = "autonomy \N{GREEK SMALL LETTER TAU} (%)"
-    return share_panels({"": curves}, 100 * thresholds, label, "drives above \u03c4 (%)")
+    thresholds, curves = np.linspace(0, 1, THRESHOLDS, endpoint=False), {}
+    for name, entry in entries.items():
+        roads, scores = entry.roads, entry.scores(entry.roads)
+        curves[name] = [_share(scores > one, roads) for one in thresholds]
+    panels = {"": (100 * thresholds, curves)}
+    return share_panels(
+        panels, "autonomy \N{GREEK SMALL LETTER TAU} (%)", "drives above \u03c4 (%)"
+    )
 
 
 def _levels(entries: Mapping[str, Entry]) -> Figure:
@@ -268,14 +269,15 @@ def _levels(entries: Mapping[str, Entry]) -> Figure:
     axes: dict[str, dict[int, list[Road]]] = {}
     for road, drives in first.drives.items():
         axes.setdefault(road.group, {}).setdefault(drives[0].level, []).append(road)
-    panels = {
-        axis: {
-            name: [_share(entry.scores(own) > 0, own) for own in levels.values()]
+    panels = {}
+    for axis, levels in axes.items():
+        numbers = sorted(levels)
+        curves = {
+            name: [_share(entry.scores(levels[one]) > 0, levels[one]) for one in numbers]
             for name, entry in entries.items()
         }
-        for axis, levels in axes.items()
-    }
-    return share_panels(panels, list(next(iter(axes.values()))), "level", "clean drives (%)")
+        panels[axis] = numbers, curves
+    return share_panels(panels, "level", "clean drives (%)")
 
 
 def _share(kept: np.ndarray, roads: list[Road]) -> Estimate:

@@ -181,25 +181,23 @@ def interval_panels(panels: Mapping[str, tuple[Mapping[str, Any], float]]) -> Fi
 
 
 def share_panels(
-    panels: Mapping[str, Mapping[str, Sequence[Any]]],
-    places: Sequence[float],
+    panels: Mapping[str, tuple[Sequence[float], Mapping[str, Sequence[Any]]]],
     label: str,
     shares: str,
 ) -> Figure:
     """Draw curves of shares with bands, or bars at few places, in panels side by side.
 
     Args:
-        panels: by title, the curves by name; each has a share for every place, with `value`,
-            `low` and `high`, 0..1.
-        places: where the shares lie on the horizontal axis.
+        panels: by title, the places on the horizontal axis, and the curves by name; each has a
+            share for every place, with `value`, `low` and `high`, 0..1.
         label: label of that axis.
         shares: label of the shares' axis.
     """
-    few = len(places) < 10
+    few = all(len(places) < 10 for places, _ in panels.values())
     width = 7 if len(panels) == 1 else 2 + 2.4 * len(panels)
     figure = NotebookFigure(figsize=(width, 3.4), layout="constrained")
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-    for axis, (title, curves) in zip(axes, panels.items(), strict=True):
+    for axis, (title, (places, curves)) in zip(axes, panels.items(), strict=True):
         styles = itertools.cycle(("-", "--", "-.", ":"))
         for number, (name, found) in enumerate(curves.items()):
             bounds = [(one.low, one.value, one.high) for one in found]
@@ -212,6 +210,7 @@ def share_panels(
             else:
                 axis.fill_between(beside, low, high, color=curve.get_color(), alpha=0.15, lw=0)
         axis.set(title=title, ylim=(-2 if few else 0, 102), xlabel=label)
+        axis.margins(x=0.05 if few else 0)
         plain_axis(axis)
     axes[0].set_ylabel(f"{shares}; {'bar' if few else 'band'}: 95 % interval")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", frameon=False)

@@ -138,7 +138,7 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
 def result_of(report: Report) -> dict:
     """Return the content of `search.json`."""
     archive, mildest, drives = report.archive, report.mildest, report.drives
-    worst = None
+    is_done, worst = len(drives) == report.options.budget, None
     if mildest is not None:
         command = ["drivezoo", *report.replay(mildest)]
         worst = {"drive": drives.index(mildest), "command": command}
@@ -161,7 +161,10 @@ def result_of(report: Report) -> dict:
             ],
         },
         "failed": len(report.failed),
-        "sparseness": sparseness([one.candidate.features for one in report.failed], report.space),
+        # Of all pairs of failures, so that it would take long after each batch.
+        "sparseness": sparseness([one.candidate.features for one in report.failed], report.space)
+        if is_done
+        else None,
         "drives": [
             {
                 "seed": one.candidate.seed,

@@ -139,9 +139,8 @@ def feature_distance(
     It is the root mean square, over all features, of their difference as a share of the feature's
     range.
     """
-    scales = {key: one.scale for key, one in space.features.items()}
-    steps = [scales[key].share(first[key]) - scales[key].share(second[key]) for key in scales]
-    return float(np.sqrt(np.mean(np.square(steps))))
+    step = _position(first, space) - _position(second, space)
+    return float(np.sqrt(np.mean(np.square(step))))
 
 
 def sparseness(roads: Sequence[dict[str, float]], space: SearchSpace) -> float | None:
@@ -152,7 +151,14 @@ def sparseness(roads: Sequence[dict[str, float]], space: SearchSpace) -> float |
     """
     if len(roads) < 2:
         return None
-    return float(np.mean([max(feature_distance(a, b, space) for b in roads) for a in roads]))
+    places = np.array([_position(one, space) for one in roads])
+    farthest = [np.square(places - one).mean(axis=1).max() for one in places]
+    return float(np.mean(np.sqrt(farthest)))
+
+
+def _position(features: dict[str, float], space: SearchSpace) -> np.ndarray:
+    """Return features as shares of their ranges, float64 [features]."""
+    return np.array([one.scale.share(features[key]) for key, one in space.features.items()])
 
 
 class Sampler:

@@ -77,15 +77,17 @@ def test_results_give_tables_plots_and_an_archive_that_gives_the_same(
 
 def test_drives_of_levels_give_a_curve_for_each_axis() -> None:
     axis = [("geometry", f"bends_{level}:{place}", {}) for level in (1, 2) for place in range(4)]
-    failed = np.array([[0.0] * 4 + [1.0, 0, 0, 1]] * 3)
+    axis += [("camera", f"bends_{level}:{place}", {}) for level in (1, 2, 3) for place in range(4)]
+    failed = np.array([[0.0] * 4 + [1.0, 0, 0, 1] + [0.0] * 12] * 3)
     found = result(1 - failed, roads=axis)
     for drive in found["drives"]:
         drive["level"] = int(drive["track"][6])
         drive["figures"]["cte_max_m"] = 1.0
     write(Path("marks"), summed(found))
     figure = of_results(read_entries(Path("marks"))).plots["profiles"]
-    (panel,) = figure.axes
-    assert panel.get_title() == "geometry"
+    panel, other = figure.axes
+    assert (panel.get_title(), other.get_title()) == ("geometry", "camera")
+    assert len(other.lines[0].get_ydata()) == 3
     assert panel.lines[0].get_ydata().tolist() == [100, 50]
 
 
