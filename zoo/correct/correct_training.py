@@ -142,6 +142,8 @@ def training_config(
     config.data.pop("record", None)
     config.model.weights = start
     config.quick = False  # the config already has its limits; epochs are set below
+    if "T_max" in (config.get("schedule") or {}):  # of a whole training; a round ends it, too
+        config.schedule.T_max = options.epochs
     config.trainer.max_epochs = options.epochs
     config.callbacks.pop("early_stopping", None)
     config.callbacks.pop("closed_loop", None)

@@ -46,7 +46,8 @@ def checkpoint(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> s
     """Train the smallest network for an epoch, and return its checkpoint."""
     folder = tmp_path_factory.mktemp("run")
     more = [f"data.root={recorded.folder}", "data.cache=null", "logger=csv"]
-    overrides = [*SMALL, *more, "trainer.max_epochs=1", "trainer.accelerator=cpu"]
+    more += ["schedule=cosine", "schedule.T_max=9", "trainer.accelerator=cpu"]
+    overrides = [*SMALL, *more, "trainer.max_epochs=1"]
     run_experiment(OmegaConf.create(compose_config(overrides)), folder)
     return str(folder / "checkpoints" / "best.ckpt")
 
@@ -69,7 +70,8 @@ def test_a_round_leaves_its_recording_run_checkpoint_and_score(corrected: Path) 
     recording = read_recordings(str(corrected / "round-1" / "recording"))
     assert len(recording) == after["corrections"]
     assert all(path is not None for path in recording.images.flat), "three cameras"
-    assert load_checkpoint(after["checkpoint"]).config["trainer"]["max_epochs"] == 1
+    config = load_checkpoint(after["checkpoint"]).config
+    assert config["trainer"]["max_epochs"] == config["schedule"]["T_max"] == 1
     for one in (before, after):
         assert set(one["tracks"]) == {"lake"}
         assert len(one["tracks"]["lake"]["autonomy"]) == 2
