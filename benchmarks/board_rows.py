@@ -22,8 +22,8 @@ Row = dict[str, object]
 # By suite: a folder for each entry, as a submission has it.
 BOARDS = {"v1": Path("benchmarks/board"), "v2": Path("benchmarks/board_v2")}
 COMMAND = "command.txt"
-# The last epoch: no drive chooses it, and a score of the training does not change it.
-CHECKPOINT = "last.ckpt"
+CORRECT = "drivezoo correct "  # begins the command of an entry of the interactive track
+INTERACTIVE = "interactive"
 FIGURES = (
     "interventions_per_km",
     "without_intervention",
@@ -40,9 +40,8 @@ def board_rows(study: Study, entry: Entry) -> list[Row]:
     Raises:
         InputError: the drives failed, or a checkpoint was trained on other rows.
     """
-    drivers = [str(run / "checkpoints" / CHECKPOINT) for run in entry.finished] or [
-        entry.name.removeprefix(PACKAGED)
-    ]
+    drivers = [str(entry.checkpoint(run)) for run in entry.finished]
+    drivers = drivers or [entry.name.removeprefix(PACKAGED)]
     suite = study.options.suite
     folder = entry.folder / f"{Path(suite).stem}-{len(drivers)}"
     if not (folder / NAME).is_file():
@@ -51,8 +50,10 @@ def board_rows(study: Study, entry: Entry) -> list[Row]:
         run_logged(entry.folder / f"{folder.name}.txt", words, 1)
         print(f"{folder}: driven", flush=True)
     if suite == study.config["board"] and not study.options.quick:
-        command = shlex.join(["drivezoo", "train", *study.command(entry)]) if entry.words else ""
-        keep_result(folder, command)
+        words = ["drivezoo", "train", *study.command(entry)]
+        if entry.corrects:
+            words = [*CORRECT.split(), "CKPT", *entry.words]
+        keep_result(folder, shlex.join(words) if entry.words else "")
     return []
 
 
@@ -72,7 +73,8 @@ def keep_result(folder: Path, command: str) -> None:
     result = read_result(folder)
     trained_on = " ".join(dict.fromkeys(driver.data for driver in result.checkpoints))
     wanted = compose_config(["data=bench_v1"])["data"]["record"]["fingerprint"]
-    if command and trained_on != wanted:
+    interactive = result.has_levels and command.startswith(CORRECT)
+    if command and not interactive and trained_on != wanted:
         raise InputError(
             f"{folder}: trained on rows with the fingerprint {trained_on or 'unknown'}, bench_v1 "
             f"has {wanted}; train on data=bench_v1 alone"
@@ -102,7 +104,8 @@ def rows_of_board(suite: str = "v1") -> list[Row]:
     """Return a row for each entry of a board and group of roads, the ranked entries first.
 
     Their order is that of `in_order`. A rank is an interval: entries whose score is not told apart
-    from its own, corrected for the number of pairs (Holm), may be above.
+    from its own, corrected for the number of pairs (Holm), may be above. An entry that an expert
+    corrected is `interactive`, and has no rank.
 
     Raises:
         InputError: a result is damaged.
@@ -110,21 +113,31 @@ def rows_of_board(suite: str = "v1") -> list[Row]:
     from zoo.compare import differences as of
 
     folders = [path.parent for path in sorted(BOARDS[suite].glob(f"*/{NAME}"))]
-    entries = of.in_order(of.read_entries(*folders))
-    ranked = [one for one in entries if one.kind == of.RANKED]
+    by_kind = [
+        (INTERACTIVE if command_of(entry.result).startswith(CORRECT) else entry.kind, entry)
+        for entry in of.in_order(of.read_entries(*folders))
+    ]
+    by_kind.sort(key=lambda one: one[0] != of.RANKED)
+    ranked = [entry for kind, entry in by_kind if kind == of.RANKED]
     ranks = of.possible_ranks(of.compare_pairs(ranked), len(ranked))
     return [
-        {"rank": rank, "kind": entry.kind, **row}
-        for entry, rank in itertools.zip_longest(entries, ranks, fillvalue="")
+        {"rank": rank, "kind": kind, **row}
+        for (kind, entry), rank in itertools.zip_longest(by_kind, ranks, fillvalue="")
         for row in rows_of_result(entry.result)
     ]
+
+
+def command_of(result: BenchmarkResult) -> str:
+    """Return the command that trains an entry of a board; empty for a baseline."""
+    path = BOARDS[result.suite] / result.entry / COMMAND
+    return path.read_text().strip() if path.is_file() else ""
 
 
 def rows_of_result(result: BenchmarkResult) -> list[Row]:
     """Return the rows of an entry, one for each group, the first for all but the laps."""
     from zoo.benchmark.summary import LEVEL_FIGURES, drives_of
 
-    first, path = result.checkpoints[0], BOARDS[result.suite] / result.entry / COMMAND
+    first = result.checkpoints[0]
     entry = {
         "entry": result.entry,
         "network": first.model,
@@ -135,7 +148,7 @@ def rows_of_result(result: BenchmarkResult) -> list[Row]:
         "data": first.data,
         "code": str(result.code.get("hash")),
         "digest": result.digest,
-        "command": path.read_text().strip() if path.is_file() else "",
+        "command": command_of(result),
     }
     rows = []
     names = [*FIGURES, *(one for one in LEVEL_FIGURES if one in result.groups[OVERALL])]

@@ -23,6 +23,8 @@ from zoo.checkpoints.checkpoint_path import packaged_names
 from zoo.cli.compose import conf_folder
 
 FOLDER = Path(__file__).parent / "studies"
+# The last epoch: no drive chooses it, and a score of the training does not change it.
+CHECKPOINT = Path("checkpoints/last.ckpt")
 PACKAGED = "packaged-"  # before the entry's name of a network that comes with drivezoo
 NAMES = {"nvidia": "pilotnet", "tiny": "tiny41"}  # networks by the name of their recipe
 
@@ -62,6 +64,8 @@ class Entry:
         words: overrides of `drivezoo train`; empty for an entry that is not trained.
         folder: folder of the runs, each named by its seed.
         seeds: number of training seeds.
+        corrects: entry whose trainings `drivezoo correct` corrects, with `words` as its keys; None
+            for an entry of its own trainings.
     """
 
     name: str
@@ -69,6 +73,7 @@ class Entry:
     words: tuple[str, ...]
     folder: Path
     seeds: int
+    corrects: str | None = None
 
     @property
     def runs(self) -> list[Path]:
@@ -78,7 +83,19 @@ class Entry:
     @property
     def finished(self) -> list[Path]:
         """Folders of the finished runs."""
+        if self.corrects:
+            return [run for run in self.runs if seconds_file(self.log(run)).is_file()]
         return [run for run in self.runs if (run / "metrics.json").is_file()]
+
+    def log(self, run: Path) -> Path:
+        """Return the file for the output of a run; a correction's folder holds nothing else."""
+        return run.with_suffix(".txt") if self.corrects else run / "log.txt"
+
+    def checkpoint(self, run: Path) -> Path:
+        """Return the checkpoint of a finished run's last epoch, or of its last round."""
+        if self.corrects:
+            return Path(read_json(run / "correct.json")["rounds"][-1]["checkpoint"])
+        return run / CHECKPOINT
 
 
 class Study:
@@ -126,7 +143,8 @@ class Study:
                 name = self.config["name"].format(**labels).replace(",", "").replace(" ", "_")
                 folder = runs / (f"{name}-quick" if self.options.quick and words else name)
                 seeds = min(self.options.seeds, grid.get("seeds", self.options.seeds))
-                entries.append(Entry(name, labels, tuple(map(str, given)), folder, seeds))
+                corrects = grid.get("corrects")
+                entries.append(Entry(name, labels, tuple(map(str, given)), folder, seeds, corrects))
         return entries
 
     def chosen(self) -> list[Entry]:
@@ -155,17 +173,20 @@ class Study:
         return [*entry.words, *map(str, common), *quick]
 
     def train(self, entry: Entry, run: Path) -> None:
-        """Train one seed of an entry, or resume it, unless it has finished.
+        """Train or correct one seed of an entry, or resume that, unless it has finished.
 
         Raises:
             InputError: the training failed.
         """
-        if (run / "metrics.json").is_file() or not entry.words:
+        if run in entry.finished or not entry.words:
             return
-        words = [*self.command(entry, "train"), f"seed={run.name}", f"hydra.run.dir={run}"]
+        words = ["zoo", *self.command(entry, "train"), f"seed={run.name}", f"hydra.run.dir={run}"]
         if (run / ".hydra" / "config.yaml").is_file():
-            words = [f"resume={run}"]
-        run_logged(run / "log.txt", ["zoo", *words], self.options.threads)
+            words = ["zoo", f"resume={run}"]
+        if entry.corrects:
+            given = entry.folder.with_name(entry.corrects) / run.name / CHECKPOINT
+            words = ["zoo.correct", str(given), *entry.words, f"out={run}"]
+        run_logged(entry.log(run), words, self.options.threads)
         print(f"{run}: trained", flush=True)
 
 
@@ -279,7 +300,12 @@ def run_logged(log: Path, words: list[str], threads: int) -> None:
     after = os.times()
     cpu_s = sum(after[2:4]) - sum(before[2:4])
     seconds = {"wall_s": time.perf_counter() - began, "cpu_s": cpu_s}
-    write_whole(log.with_name(f"{log.stem}_seconds.json"), json_text(seconds))
+    write_whole(seconds_file(log), json_text(seconds))
+
+
+def seconds_file(log: Path) -> Path:
+    """Return the file with the seconds of a command that ended without an error."""
+    return log.with_name(f"{log.stem}_seconds.json")
 
 
 def kept(path: Path, measure: Callable[[], dict]) -> dict:

@@ -23,7 +23,7 @@ from rich.console import Console
 from benchmarks.board_rows import Row, board_rows, pretrained_rows
 from benchmarks.input_rows import input_rows
 from benchmarks.road_rows import road_rows, root_of
-from benchmarks.study_grid import Entry, Study, kept, run_logged
+from benchmarks.study_grid import Entry, Study, kept, run_logged, seconds_file
 from benchmarks.warning_rows import warning_rows
 from benchmarks.watched_drives import nominal
 from datamodules.image import read_image
@@ -317,7 +317,7 @@ def generator_rows(study: Study, entry: Entry) -> list[Row]:
     rows = []
     for run in entry.runs:
         out, words = run / "search", study.command(entry, "search")
-        if not (log := run / "log.txt").with_name("log_seconds.json").is_file():
+        if not seconds_file(log := run / "log.txt").is_file():
             shutil.rmtree(out, ignore_errors=True)  # an interrupted search
             words = [*words, f"sampler={entry.labels['sampler']}", f"seed={run.name}", f"out={out}"]
             run_logged(log, ["zoo.search", entry.labels["network"], *words], study.options.threads)

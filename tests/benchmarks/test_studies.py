@@ -1,6 +1,8 @@
 """The studies of `benchmarks/studies`: their grids, rows and pages."""
 
 import csv
+import json
+import re
 import shutil
 from pathlib import Path
 
@@ -144,6 +146,37 @@ def test_a_packaged_network_has_the_boards_recipe() -> None:
     board = {entry.name: entry.words for entry in Study("board", []).entries()}
     packaged = {entry.name: entry.words for entry in Study("pretrained", []).entries()}
     assert packaged["tiny41"] == board["tiny41-no_bonnet"]
+
+
+def test_an_entry_that_an_expert_corrects_starts_from_anothers_last_epochs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    asked: list[list[str]] = []
+
+    def run_logged(log: Path, words: list[str], threads: int) -> None:
+        asked.append(words)
+        rounds = [{"checkpoint": f"round-{number}.ckpt"} for number in range(4)]
+        log.with_suffix("").mkdir(parents=True)
+        (log.with_suffix("") / "correct.json").write_text(json.dumps({"rounds": rounds}))
+        study_grid.seconds_file(log).write_text("{}")
+
+    monkeypatch.setattr(study_grid, "run_logged", run_logged)
+    opened = Study("board_v2", ["only=pilotnet-dagger", "seeds=2"])
+    opened.values["root"] = "bench_v1"
+    (entry,) = opened.chosen()
+    assert entry.finished == []
+    for run in [*entry.runs, *entry.runs]:
+        opened.train(entry, run)
+    assert entry.finished == entry.runs
+    assert entry.checkpoint(entry.runs[1]) == Path("round-3.ckpt")
+    assert [words[:2] for words in asked] == [
+        ["zoo.correct", f"outputs/board_v2/pilotnet/{seed}/checkpoints/last.ckpt"]
+        for seed in (1, 2)
+    ]
+    assert asked[0][-1] == f"out={entry.runs[0]}"
+    families = re.findall(r"(\w+):", entry.words[0])
+    assert set(families) == {"lakeside", "country"}, "no road of the suite's families"
 
 
 def test_every_colour_and_crop_that_an_import_tries_is_an_entry() -> None:
@@ -305,6 +338,18 @@ def test_baselines_and_entries_of_one_training_have_no_rank(pages: Path) -> None
         ("ranked", "ranked", "1"),
         ("alone", "one training seed", ""),
         ("expert", "baseline", ""),
+    ]
+
+
+def test_an_entry_that_an_expert_corrected_is_not_ranked_on_the_closed_track(pages: Path) -> None:
+    boards = board_rows.BOARDS["v2"]
+    for name in ("lenet", "lenet-bends"):
+        shutil.copytree(ROOT / boards / name, boards / name)
+    (boards / "lenet-bends" / board_rows.COMMAND).write_text("drivezoo correct CKPT rounds=3\n")
+    rows = board_rows.rows_of_board("v2")
+    assert list(dict.fromkeys((row["entry"], row["kind"], row["rank"]) for row in rows)) == [
+        ("lenet", "ranked", "1"),
+        ("lenet-bends", "interactive", ""),
     ]
 
 
