@@ -13,7 +13,7 @@ from simulator.hand_control import Gamepads, HandControl, Hands
 from simulator.panda import core
 from simulator.record import Driven, print_report
 from simulator.recorder import Recorder
-from simulator.renderer import Renderer, camera_lens, set_aspect
+from simulator.renderer import Renderer, camera_lens, set_view
 from simulator.rig import CAMERAS, PHYSICS_STEP_S
 from simulator.scenery.frame_effects import FOG_RGB, bonnet_image
 from simulator.weather import Weather
@@ -89,7 +89,7 @@ class DriveScreen:
         self.left.setX(-aspect + 0.03)
         self.help_box.setSx(aspect)
         self.help.setScale(HELP_SIZE * min(aspect / 2, 1))
-        set_aspect(self.lens, aspect)
+        set_view(self.lens, aspect, self.renderer.fov_deg)
         self.renderer.place_camera(self.camera, pose, "center")
         _set_text(self.speed, f"{speed_mph:.0f} mph", WHITE)
         self.wheel.setX(steering * BAR_WIDTH)

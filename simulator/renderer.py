@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from simulator.panda import core
-from simulator.rig import CENTER, NEAR_M, camera_matrix
+from simulator.rig import FOV_DEG, NEAR_M, camera_matrix
 from simulator.scenery.edges import bridge_meshes, edge_meshes
 from simulator.scenery.frame_effects import Air
 from simulator.scenery.ground import Ground
@@ -27,7 +27,7 @@ from simulator.track import Track
 from simulator.weather import CLEAR, Weather, lit_by
 from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError
-from zoo.base.rig import UDACITY, Camera, Rig
+from zoo.base.rig import UDACITY, Rig
 
 SETTINGS = "audio-library-name null\nnotify-level fatal\ntextures-power-2 down\n"
 # Collected states would wait for Panda3D's task manager, which does not run here: 4 kB a frame, and
@@ -71,7 +71,8 @@ class Renderer:
         self.texture = core.Texture()
         self.buffer.addRenderTexture(self.texture, core.GraphicsOutput.RTMCopyRam)
         self.root = core.NodePath("world")
-        self.camera = self.root.attachNewNode(core.Camera("camera", camera_lens(first)))
+        self.lens = camera_lens()
+        self.camera = self.root.attachNewNode(core.Camera("camera", self.lens))
         self.buffer.makeDisplayRegion().setCamera(self.camera)
         self.textures = {name: core.Texture(name) for name in ORDER}
         meshes, self.shadows = landscape(track, quality)
@@ -93,6 +94,9 @@ class Renderer:
         shadows = self.shadows(weather) if self.shadows and weather.shadows else []
         for piece, shade in zip_longest(self.pieces, shadows):
             _set_colours(piece, lit_colours(piece[0], weather, shade))
+        own = next(iter(self.rig.cameras.values()))
+        self.fov_deg = float(np.clip(own.vertical_fov_deg + weather.camera.fov_deg, *FOV_DEG))
+        set_view(self.lens, self.size[0] / self.size[1], self.fov_deg)
         self.weather, self.air = weather, Air(weather, seed, self.rig)
 
     def frame(
@@ -257,18 +261,15 @@ def make_output(
     return engine, engine.makeOutput(pipe, title, 0, wanted, asked, flags)
 
 
-def camera_lens(camera: Camera = CENTER) -> core.PerspectiveLens:
-    """Return the lens of a camera."""
+def camera_lens() -> core.PerspectiveLens:
+    """Return the lens of a camera, without its field of view."""
     lens = core.PerspectiveLens()
-    set_aspect(lens, camera.size[0] / camera.size[1], camera.vertical_fov_deg)
     lens.setNearFar(NEAR_M, FAR_M)
     return lens
 
 
-def set_aspect(
-    lens: core.PerspectiveLens, aspect: float, vertical_fov_deg: float = CENTER.vertical_fov_deg
-) -> None:
-    """Set the ratio of a view's width and height; its height keeps the field of view."""
+def set_view(lens: core.PerspectiveLens, aspect: float, vertical_fov_deg: float) -> None:
+    """Set the ratio of a view's width and height, and the angle from its top to its bottom."""
     wide = 2 * np.degrees(np.arctan(np.tan(np.radians(vertical_fov_deg / 2)) * aspect))
     lens.setFov(float(wide), vertical_fov_deg)
 

@@ -24,13 +24,18 @@ PHYSICS_STEP_S = 0.02
 
 @dataclass(frozen=True)
 class CameraOffset:
-    """A displacement of the cameras, in metres and degrees."""
+    """A displacement of the cameras, in metres and degrees, and another angle of view.
+
+    Args:
+        fov_deg: degrees by which the angle of view from the top to the bottom of a frame is wider.
+    """
 
     right_m: float = 0.0
     up_m: float = 0.0
     pitch_deg: float = 0.0
     yaw_deg: float = 0.0
     roll_deg: float = 0.0
+    fov_deg: float = 0.0
 
 
 @lru_cache

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from panda3d import core
@@ -134,6 +135,22 @@ def test_a_displaced_camera_gives_a_displaced_frame(lake: World) -> None:
     moved = np.roll(straight[70:100].mean((1, 2)), 0)
     shifts = [np.abs(raised[70 + s : 100 + s].mean((1, 2)) - moved).mean() for s in range(13)]
     assert 5 <= int(np.argmin(shifts)) <= 10
+
+
+def test_a_wider_angle_of_view_shows_the_same_things_smaller(lake: World) -> None:
+    wide = replace(CLEAR, camera=CameraOffset(fov_deg=20))
+    usual, wider = look(lake, distance=330), look(lake, wide, distance=330)
+    smaller = np.tan(np.radians(30)) / np.tan(np.radians(40))
+    shrunk = cv2.resize(usual, None, fx=smaller, fy=smaller, interpolation=cv2.INTER_AREA)
+    top, left = (160 - len(shrunk)) // 2, (320 - shrunk.shape[1]) // 2
+    above_bonnet = slice(20, 70), slice(20, 200)
+    moved, same, other = (
+        cv2.blur(one, (5, 5))[above_bonnet].astype(float)
+        for one in (wider[top:, left:], shrunk, usual[top:, left:])
+    )
+    assert np.abs(moved - same).mean() < 8
+    assert np.abs(moved - other).mean() > 20
+    assert (look(lake, distance=330) == usual).all(), "the next drive has its own angle again"
 
 
 @pytest.mark.parametrize(
