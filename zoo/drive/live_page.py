@@ -160,14 +160,13 @@ class LivePage(ServedPage):
 
     def _saliency(self) -> bytes:
         try:
-            return _image(self.saliency.image())
-        except RequestError:
-            raise
+            image = self.saliency.image()
         except InputError as error:
             raise RequestError(HTTPStatus.SERVICE_UNAVAILABLE, str(error)) from None
         except Exception as error:  # the network may be of any kind
             line = f"no saliency for this network ({type(error).__name__}: {error})"
             raise RequestError(HTTPStatus.SERVICE_UNAVAILABLE, line) from None
+        return _image(image)
 
     def _command(self, environ: dict) -> Answer:
         given = parse_qs(environ.get("QUERY_STRING", "")).get("token", [""])[0]
