@@ -137,7 +137,7 @@ def _plots(drive: Drive) -> list[Block]:
         if path.is_file():
             # Inverted for a dark page, large errors would have the darkest colours.
             name = f"{drive.folder.name}_{path.name}"  # unique among the drives
-            images.append(Image(name, path.read_bytes(), caption, plot=plot != "track"))
+            images.append(Image.read(path, caption, name, plot=plot != "track"))
     return [Images([one]) for one in images]
 
 

@@ -38,11 +38,10 @@ def evaluated(run: ReportedEvaluation) -> list[blocks.Block]:
 
 def perturbed(run: ReportedEvaluation) -> list[blocks.Block]:
     """Return the curves of an evaluation's perturbations; nothing without any."""
-    path = run.folder / "robustness.png"
     if not run.metrics.get("perturbed"):
         return []
     caption = "Autonomy and mean cross-track error over each quantity, changed alone."
-    image = blocks.Image(path.name, path.read_bytes(), caption, plot=True)
+    image = blocks.Image.read(run.folder / "robustness.png", caption)
     return [blocks.Heading("Perturbations"), blocks.Images([image])]
 
 
