@@ -23,7 +23,7 @@ from filelock import FileLock
 from datamodules.image import MOST_IMAGE_BYTES, StoredImage
 from datamodules.recording import file_name
 from zoo.base.bounded_files import read_json
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, optional_import
 from zoo.base.limits import is_ordinary
 from zoo.base.written_files import mark_folder
 
@@ -229,10 +229,8 @@ def shard_of(image: object) -> tuple[str, ShardStore] | None:
 @functools.lru_cache(maxsize=1)
 def _client(process: int) -> Any:
     """Return boto3's client of a process, which a child must not share."""
-    try:
+    with optional_import(f"{SCHEME}//: an address of shards needs boto3; {EXTRA}"):
         import boto3
         from botocore.config import Config
-    except ImportError:
-        raise InputError(f"{SCHEME}//: an address of shards needs boto3; {EXTRA}") from None
     retries = {"total_max_attempts": 1}  # `ShardStore` tries again itself, and prints it
     return boto3.client("s3", config=Config(retries=retries, connect_timeout=5, read_timeout=30))

@@ -1,7 +1,5 @@
 """The split of rows into train, validation and test."""
 
-import csv
-import io
 import itertools
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +10,7 @@ from datamodules.driving_log import read_fields
 from datamodules.recording import LOG_NAME, Recording, file_name
 from datamodules.shard_store import shard_of
 from zoo.base.errors import InputError
-from zoo.base.whole_file import write_whole
+from zoo.base.whole_file import csv_text, write_whole
 
 PARTS = ("train", "val", "test")
 KINDS = ("blocks", "random", "recording")
@@ -129,14 +127,10 @@ def split_words(
 
 def write_split(path: Path, recording: Recording, split: Split) -> None:
     """Write `image,part` rows that `data.split=FILE` reads back."""
-    text = io.StringIO()
-    writer = csv.writer(text)
-    writer.writerow(["image", "part"])
-    for name in PARTS:
-        writer.writerows(
-            [file_name(str(recording.images[row, 0])), name] for row in getattr(split, name)
-        )
-    write_whole(path, text.getvalue().encode(errors="surrogateescape"))
+    images = recording.images[:, 0]
+    rows = [(file_name(str(images[row])), part) for part in PARTS for row in getattr(split, part)]
+    text = csv_text([("image", "part"), *rows], line_end="\r\n")
+    write_whole(path, text.encode(errors="surrogateescape"))
 
 
 def _deal(sizes: np.ndarray, shares: np.ndarray, rng: np.random.Generator) -> np.ndarray:

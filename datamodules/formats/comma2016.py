@@ -19,7 +19,7 @@ from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, ForwardReader, Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.bounded_files import open_binary
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, optional_import
 from zoo.base.limits import MOST
 from zoo.base.rig import Camera, single_camera_rig
 
@@ -94,10 +94,8 @@ def _images(path: Path) -> Iterator[np.ndarray]:
 
 
 def _open(path: Path) -> Any:
-    try:
+    with optional_import(f"{path}: needs h5py; install drivezoo[keras]"):
         import h5py
-    except ImportError:
-        raise InputError(f"{path}: needs h5py; install drivezoo[keras]") from None
     try:
         return h5py.File(open_binary(path, MOST_BYTES), "r")
     except OSError as error:

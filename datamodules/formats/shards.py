@@ -21,7 +21,7 @@ from datamodules.rig_file import make_rig, rig_fields
 from datamodules.shard_store import EXTRA, INDEX, REMEDY, ShardStore, is_address
 from datamodules.stretches import complete_times, find_breaks
 from zoo.base.bounded_files import read_json
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, optional_import
 from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.rig import UDACITY, Rig
 
@@ -104,10 +104,8 @@ def export_shards(
             full.
     """
     pyarrow = load_pyarrow()
-    try:
+    with optional_import(f"to=shards: needs LitData; {EXTRA}"):
         from litdata.streaming.writer import BinaryWriter
-    except ImportError:
-        raise InputError(f"to=shards: needs LitData; {EXTRA}") from None
     item, count = np.full(recording.images.shape, -1), 0
     left_out = []
     with whole_folder(out, RECORDINGS) as part:

@@ -35,6 +35,7 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_plain
 from zoo.checkpoints.onnx_policy import open_session
 from zoo.keras.keras_file import read_keras
+from zoo.report.blocks import Image
 
 Make = Callable[[Path], object]
 
@@ -121,6 +122,14 @@ def test_a_split_is_a_regular_file(name: str, recorded: Written, tmp_path: Path)
     path = place(make, tmp_path / "split.csv")
     with pytest.raises(InputError, match=rf"split\.csv: .*{words}"):
         split_rows(read_recordings(str(recorded.folder)), str(path))
+
+
+@pytest.mark.parametrize("name", ENDLESS)
+def test_a_plot_in_a_report_is_a_regular_file(name: str, tmp_path: Path) -> None:
+    make, words = ENDLESS[name]
+    path = place(make, tmp_path / "track.png")
+    with pytest.raises(OSError, match=words):
+        Image.read(path, "a plot")
 
 
 def test_a_log_beyond_its_limit_is_refused_unread(tmp_path: Path) -> None:

@@ -55,13 +55,23 @@ def end_with_parent() -> None:
         if not psutil.pid_exists(int(parent)):  # else a process between them kept the variable
             sys.exit(1)
         return
+    end_after(int(parent))
+
+
+def end_after(parent: int) -> None:
+    """End this process when its parent, of this process id, has ended."""
     import threading  # late: most processes need none
 
-    threading.Thread(target=_end_after, args=(int(parent),), daemon=True).start()
+    def wait_and_end() -> None:
+        _wait_for_parent(parent)
+        signal.raise_signal(signal.SIGTERM)
+        time.sleep(GRACE_S)
+        os._exit(1)
+
+    threading.Thread(target=wait_and_end, daemon=True).start()
 
 
-def wait_for_parent(pid: int) -> None:
-    """Return when this process's parent, whose process id is `pid`, has ended."""
+def _wait_for_parent(pid: int) -> None:
     if sys.platform == "win32":
         import _winapi
 
@@ -73,10 +83,3 @@ def wait_for_parent(pid: int) -> None:
     else:
         while os.getppid() == pid:
             time.sleep(LOOK_S)
-
-
-def _end_after(parent: int) -> None:
-    wait_for_parent(parent)
-    signal.raise_signal(signal.SIGTERM)
-    time.sleep(GRACE_S)
-    os._exit(1)

@@ -76,6 +76,15 @@ def placed_errors(place: object) -> Iterator[None]:
         raise InputError(f"{place}: {error}") from None
 
 
+@contextmanager
+def optional_import(line: str) -> Iterator[None]:
+    """Raise InputError with a line for a package that the block imports and that is missing."""
+    try:
+        yield
+    except ImportError:
+        raise InputError(line) from None
+
+
 def hint(word: str, known: Iterable[str], remedy: str = "") -> str:
     """Return the known names nearest to a typo; without any, all names or the remedy.
 

@@ -5,13 +5,12 @@ import os
 import pickle
 import signal
 import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
 from multiprocessing.reduction import ForkingPickler
@@ -20,7 +19,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from zoo.base.child_process import wait_for_parent
+from zoo.base.child_process import end_after
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError, UsageError
 from zoo.base.run_command import held_interrupt
@@ -34,7 +33,7 @@ class KilledProcessError(InputError):
     """A process of a pool was killed, for example because memory ran out."""
 
 
-class ProcessPool:
+class ProcessPool(AbstractContextManager):
     """Processes that run jobs.
 
     At the end of the `with` block they are killed, whatever they are doing. Each looks whether this
@@ -62,14 +61,7 @@ class ProcessPool:
         self._numbers: dict[Future, int] = {}
         self._submitted = 0
 
-    def __enter__(self) -> "ProcessPool":
-        return self
-
     def __exit__(self, *error: object) -> None:
-        self.end()
-
-    def end(self) -> None:
-        """End the processes at once."""
         for child in self._children:
             child.kill()  # its jobs are done, or of no use
         self._executor.shutdown(cancel_futures=True)
@@ -249,12 +241,7 @@ def _begin(parent: int, reports: Any) -> None:
     global _reports
     _reports = reports
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
-
-
-def _end_after(parent: int) -> None:
-    wait_for_parent(parent)
-    os._exit(1)
+    end_after(parent)
 
 
 def _run(number: int, job: bytes) -> Any:

@@ -53,8 +53,6 @@ class Rig:
         cameras: cameras by name, the centre one first.
         front_axle_m, rear_axle_m: distances of the axles from the car's origin.
         steering_deg: angle of the front wheels at a steering of 1.
-        right_positive: whether a positive steering turns right in the source of a recording;
-            in a `Recording` it always does.
         guesses: names of numbers that no source states.
     """
 
@@ -63,7 +61,6 @@ class Rig:
     front_axle_m: float
     rear_axle_m: float
     steering_deg: float
-    right_positive: bool = True
     guesses: tuple[str, ...] = ()
 
     @property
@@ -173,23 +170,17 @@ def _outline(text: str) -> Outline:
     return tuple((float(x), float(y)) for x, y in (corner.split(",") for corner in text.split()))
 
 
-def _udacity_camera(name: str, right_m: float, ahead_m: float) -> Camera:
-    return Camera(
-        right_m,
-        1.2,
-        ahead_m,
-        pitch_down_deg=9.5,
-        yaw_right_deg=0.72,
-        roll_deg=1.2,
-        own_car=tuple(map(_outline, _OWN_CAR[name])),
-    )
-
-
 # Measured on the original simulator, as the embedded one has it.
 UDACITY = Rig(
     name="udacity",
     cameras={
-        name: _udacity_camera(name, right_m, ahead_m)
+        name: Camera(
+            *(right_m, 1.2, ahead_m),
+            pitch_down_deg=9.5,
+            yaw_right_deg=0.72,
+            roll_deg=1.2,
+            own_car=tuple(map(_outline, _OWN_CAR[name])),
+        )
         for name, right_m, ahead_m in (
             ("center", 0.0, 1.0),
             ("left", -0.806, 0.984),

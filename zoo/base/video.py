@@ -105,7 +105,7 @@ class Film(contextlib.AbstractContextManager):
 
     Args:
         path: path of the .mp4.
-        fps: frames per second.
+        fps: frames per second, above 0.
 
     Raises:
         InputError: the path cannot be written to, the disk is full, or see `check_output`.
@@ -113,8 +113,6 @@ class Film(contextlib.AbstractContextManager):
 
     def __init__(self, path: Path | str, fps: float) -> None:
         self.path, self.fps = checked_file(path, (".mp4",)), fps
-        if fps <= 0:
-            raise InputError(f"fps={fps:g}: must be above 0")
         self._open = contextlib.ExitStack()
         self._video: VideoWriter | None = None
         with file_errors(self.path, UNWRITTEN):

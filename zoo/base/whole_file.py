@@ -8,7 +8,7 @@ import os
 import re
 import secrets
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -38,10 +38,24 @@ def _without_nan(value: object) -> object:
     return value
 
 
+def csv_text(rows: Iterable[Iterable[object]], line_end: str = "\n") -> str:
+    r"""Return rows as CSV; None is an empty cell.
+
+    >>> csv_text([["a", "b,c"], [None, 0.1]])
+    'a,"b,c"\n,0.1\n'
+    """
+    text = io.StringIO()
+    csv.writer(text, lineterminator=line_end).writerows(rows)
+    return text.getvalue()
+
+
 def write_whole(path: Path, data: str | bytes | memoryview) -> Path:
     """Write a file in one step, see `whole_path`; return the path."""
-    with whole_path(path) as part:
-        _fill(part, data)
+    contents = data.encode(errors="backslashreplace") if isinstance(data, str) else data
+    with whole_path(path) as part, part.open("wb") as file:
+        file.write(contents)
+        file.flush()
+        os.fsync(file.fileno())
     return path
 
 
@@ -86,25 +100,17 @@ def _replace(part: Path, path: Path) -> None:
         time.sleep(RETRY_S)
 
 
-@contextmanager
-def output_path(path: Path, key: str = "out", inputs: Sequence[str | Path] = ()) -> Iterator[Path]:
-    """Yield a hidden file to write to, see `whole_path`, for a file that the user named.
+def write_output(path: Path, data: str | bytes | memoryview, key: str = "out") -> Path:
+    """Write a file that the user named in one step, see `whole_path`; return the path.
 
     Raises:
         InputError: see `check_output`; or the file cannot be written.
     """
-    check_output(path, key, inputs)
+    check_output(path, key)
     with file_errors(f"{key}={path}" if key else path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_path(path) as part:
-            yield part
+        write_whole(path, data)
         note_output(path)
-
-
-def write_output(path: Path, data: str | bytes | memoryview, key: str = "out") -> Path:
-    """Write a file that the user named, see `output_path`; return the path."""
-    with output_path(path, key) as part:
-        _fill(part, data)
     return path
 
 
@@ -137,9 +143,7 @@ class AppendedFile:
         Raises:
             OSError: the disk is full; none of the rows is written.
         """
-        lines = io.StringIO()
-        csv.writer(lines, lineterminator="\n").writerows(rows)
-        text, written = lines.getvalue().encode(errors="surrogateescape"), 0
+        text, written = csv_text(rows).encode(errors="surrogateescape"), 0
         size = os.fstat(self._file.fileno()).st_size
         try:
             while written < len(text):  # a nearly full disk accepts only the beginning
@@ -182,11 +186,3 @@ def refuse_links_out(folder: Path) -> None:
                     f"{path}: is a link out of {folder} to {target}, which would be overwritten; "
                     "remove the link, or replace it by a copy"
                 )
-
-
-def _fill(part: Path, data: str | bytes | memoryview) -> None:
-    contents = data.encode(errors="backslashreplace") if isinstance(data, str) else data
-    with part.open("wb") as file:
-        file.write(contents)
-        file.flush()
-        os.fsync(file.fileno())

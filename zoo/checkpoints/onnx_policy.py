@@ -12,7 +12,7 @@ import numpy as np
 
 from datamodules.view import View
 from zoo.base.bounded_files import read_regular
-from zoo.base.errors import InputError, file_errors
+from zoo.base.errors import InputError, file_errors, optional_import
 from zoo.checkpoints.command import Command, output_command
 from zoo.checkpoints.frame_memory import SessionPolicy
 from zoo.models.window import Window
@@ -144,12 +144,8 @@ def open_session(path: Path, threads: int) -> "onnxruntime.InferenceSession":
         raise InputError(f"{path}: is a folder; name a file that drivezoo export wrote")
     if not path.is_file():
         raise InputError(f"{path}: no such file; write it with drivezoo export CKPT out={path}")
-    try:
+    with optional_import(f"{path}: onnxruntime, which runs it, is not installed; {INSTALL}"):
         import onnxruntime
-    except ImportError:
-        raise InputError(
-            f"{path}: onnxruntime, which runs it, is not installed; {INSTALL}"
-        ) from None
     with file_errors(path, "cannot be read ({})"):
         model = read_regular(path, MOST_BYTES)
     if not model:

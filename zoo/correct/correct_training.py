@@ -1,6 +1,5 @@
 """Further training of a checkpoint, on its own recording and all corrections so far."""
 
-import csv
 import io
 import re
 import shutil
@@ -15,7 +14,7 @@ from datamodules.driving_log import read_log
 from datamodules.recording import LOG_NAME, file_name
 from datamodules.split import write_split
 from zoo.base.errors import InputError
-from zoo.base.whole_file import write_whole
+from zoo.base.whole_file import csv_text, write_whole
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.cli.compose import escape_interpolation
 from zoo.correct.correct_options import CorrectOptions
@@ -132,12 +131,9 @@ def training_config(
     config.data.root = [*roots, *map(str, corrections)]
     config.data.weights = [*before, *[float(options.weight)] * len(corrections)]
     split.parent.mkdir(parents=True, exist_ok=True)
-    text = io.StringIO()
-    writer = csv.writer(text)
-    for folder in corrections:
-        for row in read_log(folder / LOG_NAME):
-            writer.writerow([file_name(row.paths[0]), "train"])
-    write_whole(split, own_split.read_bytes() + text.getvalue().encode(errors="surrogateescape"))
+    logs = [row for folder in corrections for row in read_log(folder / LOG_NAME)]
+    text = csv_text([(file_name(row.paths[0]), "train") for row in logs], line_end="\r\n")
+    write_whole(split, own_split.read_bytes() + text.encode(errors="surrogateescape"))
     config.data.split = str(split)
     config.data.pop("record", None)
     config.model.weights = start

@@ -7,7 +7,6 @@ takeover with the network's steering, and the person writes the correct steering
 """
 
 import csv
-import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +21,7 @@ from datamodules.recording_format import read_recordings
 from simulator.recorder import split_pedals
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
-from zoo.base.whole_file import write_whole
+from zoo.base.whole_file import csv_text, write_whole
 from zoo.correct.correct_options import CorrectOptions
 from zoo.drives.drive_log import read_drive
 from zoo.drives.drive_record import PERSON, POLICY, Drive
@@ -161,9 +160,7 @@ def _write_labels(drive: Drive, found: list[Override], folder: Path) -> None:
             frames.append(cv2.putText(frame, text, (4, 12), TEXT, 0.4, (255, 255, 255)))
     sheet = cv2.imencode(Path(LABELS_IMAGE).suffix, np.vstack(frames)[..., ::-1])[1]
     write_whole(folder / LABELS_IMAGE, sheet.tobytes())
-    labels = io.StringIO()
-    csv.writer(labels, lineterminator="\n").writerows([COLUMNS, *lines])
-    write_whole(folder / LABELS, labels.getvalue())
+    write_whole(folder / LABELS, csv_text([COLUMNS, *lines]))
 
 
 def _sparse(drive: Drive, rows: np.ndarray) -> list[int]:

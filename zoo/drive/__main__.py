@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from zoo.base.child_process import end_module, start_module
 from zoo.base.command import command
 from zoo.base.errors import InputError
+from zoo.base.new_folder import dated_folder
 from zoo.base.terminal import print_written
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.console_progress import loading
@@ -69,8 +70,7 @@ def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
     from zoo.verdict.evidence import other_car_line
 
     began, notices, stop = datetime.now(), Notices(), StopOnSignal()
-    folder = settings.record or Path("outputs/drives") / began.strftime("%Y-%m-%d/%H-%M-%S-%f")
-    writer = BackgroundWriter(folder, notices)
+    writer = BackgroundWriter(settings.record or dated_folder("drives"), notices)
     # The port is opened before the slow import of torch; simulators that connect wait.
     listener = open_port(*settings.server, "page" if settings.world else "port")
     load = functools.partial(

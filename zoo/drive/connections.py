@@ -21,6 +21,7 @@ HEAD_S = 5.0  # limit for a request's head, from the first byte to the last
 REQUEST_S = 60.0  # limit for a request; long polling takes up to 45 s
 QUIET_S = 20.0  # limit for the first telemetry of a session
 MOST_HELD = 16 << 20  # bytes; the largest allowed image takes 1.33 MB in base64
+FLOOD = "connection closed: more than 2,000 small messages or fragments in a second"
 
 
 @dataclass(eq=False)
@@ -105,8 +106,7 @@ class Connections:
             if oldest is None:
                 self._notices.report("connection refused: too many simulators drive", host)
                 return False
-            self._notices.report("oldest idle connection closed: too many are open", oldest.host)
-            self._close(oldest)
+            self._close(oldest, "oldest idle connection closed: too many are open")
         return True
 
     def add(self, task: GreenThread, socket: GreenSocket, host: str) -> None:
@@ -137,7 +137,7 @@ class Connections:
         connection = self._open[task]
         connection.environ = environ
         environ[HOLD_KEY] = functools.partial(self._hold, task)
-        environ[FLOOD_KEY] = functools.partial(self._close_flood, connection)
+        environ[FLOOD_KEY] = functools.partial(self._close, connection, FLOOD)
         if connection.quiet_websocket:
             self._limit_quiet(connection.host)
         body = environ.get("CONTENT_LENGTH") or ""
@@ -155,8 +155,7 @@ class Connections:
         now_s = time.monotonic()
         for connection in [one for one in self._open.values() if one.overdue(now_s)]:
             kind = "telemetry" if ENVIRON_KEY in (connection.environ or ()) else "whole request"
-            self._notices.report(f"connection closed: no {kind} in time", connection.host)
-            self._close(connection)
+            self._close(connection, f"connection closed: no {kind} in time")
 
     def _hold(self, task: GreenThread, size: int) -> None:
         """Set the bytes of a connection, and wait until the sum is at most `MOST_HELD`."""
@@ -169,22 +168,15 @@ class Connections:
             eventlet.sleep()  # other connections run, which frees their answered messages
             if self._held > MOST_HELD:
                 largest = max(self._open.values(), key=lambda one: one.held)
-                kind = "connection closed: unfinished messages take too much"
-                self._notices.report(kind, largest.host)
-                self._close(largest)
+                self._close(largest, "connection closed: unfinished messages take too much")
                 eventlet.sleep()
 
     def _limit_quiet(self, host: str) -> None:
         alike = [one for one in self._open.values() if one.host == host and one.quiet_websocket]
         for oldest in alike[:-MOST_QUIET_WEBSOCKETS]:
-            self._notices.report("oldest WebSocket without telemetry closed: too many", host)
-            self._close(oldest)
+            self._close(oldest, "oldest WebSocket without telemetry closed: too many")
 
-    def _close_flood(self, connection: Connection) -> None:
-        kind = "connection closed: more than 2,000 small messages or fragments in a second"
-        self._notices.report(kind, connection.host)
-        self._close(connection)
-
-    def _close(self, connection: Connection) -> None:
+    def _close(self, connection: Connection, why: str) -> None:
+        self._notices.report(why, connection.host)
         self.remove(connection.task)
         connection.close()

@@ -11,13 +11,7 @@ from simulator.track_names import recorded_name, short_name
 from zoo.base.command_keys import Choice, Section
 from zoo.base.errors import UsageError, placed_errors
 from zoo.drive.origin import is_loopback
-from zoo.drives.speed_controller import (
-    PI,
-    Constant,
-    Network,
-    SpeedController,
-    SteeringFilter,
-)
+from zoo.drives.speed_controller import PI, Constant, Network, SpeedController, SteeringFilter
 from zoo.worlds.donkey_world import PORT as DONKEY_PORT
 from zoo.worlds.scenario import Margin
 

@@ -7,7 +7,7 @@ import hmac
 import math
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import Future
 from http import HTTPStatus
 from pathlib import Path
@@ -22,7 +22,7 @@ from datamodules.image import encode_image
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.drive.driver import Driver
-from zoo.drive.page_requests import Answer, RequestError, json_answer, read_command, respond, route
+from zoo.drive.page_requests import Answer, RequestError, ServedPage, json_answer, read_command
 from zoo.runs.table import known
 from zoo.saliency.visual_backprop import Saliency, overlay
 
@@ -32,12 +32,6 @@ SALIENCY_S = 0.5  # least time between two drawings of the saliency
 FRAME_S = 0.1  # least time between two encodings of a frame, which all pages share
 MOST_LISTED = 50  # checkpoints in the list
 QUALITY = 88  # of the JPEG images
-STATIC = Path(__file__).parent / "static"
-FILES = {
-    "/": ("index.html", "text/html; charset=utf-8"),
-    "/style.css": ("style.css", "text/css; charset=utf-8"),
-    "/page.js": ("page.js", "text/javascript; charset=utf-8"),
-}
 
 Result = TypeVar("Result")
 Mph = Annotated[float, Field(ge=0, le=100)]
@@ -107,7 +101,7 @@ class LiveSaliency:
         return encode_image(shown, quality=QUALITY)
 
 
-class LivePage:
+class LivePage(ServedPage):
     """WSGI application of the live page, behind the `OriginGuard` of `DriveServer`.
 
     The page polls, and always gets the latest state. Nothing is queued, so that a slow browser
@@ -126,11 +120,8 @@ class LivePage:
         self.driver, self.folder, self.token = driver, folder, token
         self.loading = ""  # path of the checkpoint that is being loaded
         self.saliency, self.interval = LiveSaliency(driver), PollInterval()
-        self._files = {
-            path: ((STATIC / name).read_bytes(), kind) for path, (name, kind) in FILES.items()
-        }
         self._jpeg, self._encoded_s = b"", -math.inf
-        self._get = {
+        answers: dict[str, Callable[[dict], Answer]] = {
             "/state.json": lambda query: self._poll(),
             "/checkpoints.json": lambda query: json_answer(
                 call_in_thread(list_checkpoints, self.folder)
@@ -138,15 +129,9 @@ class LivePage:
             "/frame.jpg": lambda query: (self._frame(), "image/jpeg"),
             "/saliency.jpg": lambda query: (self._saliency(), "image/jpeg"),
         }
+        super().__init__(Path(__file__).parent / "static", answers)
 
-    def __call__(self, environ: dict, start_response: Callable) -> Iterable[bytes]:
-        """Answer a request."""
-        return respond(self._answer, environ, start_response)
-
-    def _answer(self, environ: dict) -> Answer:
-        return route(environ, self._files, self._get, self._command)
-
-    def _poll(self) -> tuple[bytes, str]:
+    def _poll(self) -> Answer:
         self.interval.asked(time.monotonic())
         return json_answer(self.state())
 
@@ -175,16 +160,15 @@ class LivePage:
 
     def _saliency(self) -> bytes:
         try:
-            return _image(self.saliency.image())
-        except RequestError:
-            raise
+            image = self.saliency.image()
         except InputError as error:
             raise RequestError(HTTPStatus.SERVICE_UNAVAILABLE, str(error)) from None
         except Exception as error:  # the network may be of any kind
             line = f"no saliency for this network ({type(error).__name__}: {error})"
             raise RequestError(HTTPStatus.SERVICE_UNAVAILABLE, line) from None
+        return _image(image)
 
-    def _command(self, environ: dict) -> tuple[bytes, str]:
+    def _command(self, environ: dict) -> Answer:
         given = parse_qs(environ.get("QUERY_STRING", "")).get("token", [""])[0]
         if self.token and not hmac.compare_digest(given.encode(), self.token.encode()):
             line = (

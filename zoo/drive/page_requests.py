@@ -1,11 +1,19 @@
-"""Requests and answers of a page that a command serves: headers, commands, refusals."""
+"""A page that a command serves: its requests and answers, headers, commands, refusals."""
 
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping
 from http import HTTPStatus
+from pathlib import Path
 from urllib.parse import parse_qs
 
 MOST_COMMAND = 4096  # bytes of a command
+# Content type of the page's files, by their ending.
+KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+}
 # Another site can neither embed the page, to make users click its buttons, nor show its images.
 HEADERS = [
     ("Cache-Control", "no-store"),
@@ -34,50 +42,56 @@ class RequestError(Exception):
         self.status = status
 
 
-def respond(
-    answer: Callable[[dict], Answer], environ: dict, start_response: Callable
-) -> Iterable[bytes]:
-    """Send what `answer` returns for a request, or the error that it raises as JSON."""
-    status = HTTPStatus.OK
-    try:
-        body, kind = answer(environ)
-    except RequestError as error:
-        status = error.status
-        body, kind = json_answer({"error": str(error)})
-    length = ("Content-Length", str(len(body)))
-    start_response(f"{status.value} {status.phrase}", [("Content-Type", kind), length, *HEADERS])
-    return [body]
-
-
-def route(
-    environ: dict,
-    files: Mapping[str, Answer],
-    answers: Mapping[str, Callable[[dict], Answer]],
-    command: Callable[[dict], Answer],
-) -> Answer:
-    """Return the answer to a request, by its path.
+class ServedPage(ABC):
+    """WSGI application of a page: its files, answers that it polls, and commands that it posts.
 
     Args:
-        environ: request.
-        files: answers that never change, by path.
+        folder: folder of the page's files; `index.html` is served as `/`.
         answers: functions of the query, by path.
-        command: function of the request, for `/command`.
-
-    Raises:
-        RequestError: the path is unknown, or its method is another one.
     """
-    method, path = environ["REQUEST_METHOD"], environ.get("PATH_INFO", "")
-    if path == "/command":
-        if method != "POST":
-            raise RequestError(HTTPStatus.METHOD_NOT_ALLOWED, "/command: send it with POST")
-        return command(environ)
-    if path not in files and path not in answers:
-        raise RequestError(HTTPStatus.NOT_FOUND, f"{path[:80]}: not found; the page is at /")
-    if method != "GET":
-        raise RequestError(HTTPStatus.METHOD_NOT_ALLOWED, f"{path}: read it with GET")
-    if path in files:
-        return files[path]
-    return answers[path](parse_qs(environ.get("QUERY_STRING", "")))
+
+    def __init__(self, folder: Path, answers: Mapping[str, Callable[[dict], Answer]]) -> None:
+        self._answers = answers
+        self._files = {
+            f"/{path.name}".replace("/index.html", "/"): (path.read_bytes(), KINDS[path.suffix])
+            for path in folder.iterdir()
+            if path.suffix in KINDS
+        }
+
+    def __call__(self, environ: dict, start_response: Callable) -> Iterable[bytes]:
+        """Answer a request; a refused one with its error as JSON."""
+        status = HTTPStatus.OK
+        try:
+            body, kind = self._answer(environ)
+        except RequestError as error:
+            status = error.status
+            body, kind = json_answer({"error": str(error)})
+        headers = [("Content-Type", kind), ("Content-Length", str(len(body))), *HEADERS]
+        start_response(f"{status.value} {status.phrase}", headers)
+        return [body]
+
+    def _answer(self, environ: dict) -> Answer:
+        """Return the answer to a request, by its path.
+
+        Raises:
+            RequestError: the path is unknown, or its method is another one.
+        """
+        method, path = environ["REQUEST_METHOD"], environ.get("PATH_INFO", "")
+        if path == "/command":
+            if method != "POST":
+                raise RequestError(HTTPStatus.METHOD_NOT_ALLOWED, "/command: send it with POST")
+            return self._command(environ)
+        if path not in self._files and path not in self._answers:
+            raise RequestError(HTTPStatus.NOT_FOUND, f"{path[:80]}: not found; the page is at /")
+        if method != "GET":
+            raise RequestError(HTTPStatus.METHOD_NOT_ALLOWED, f"{path}: read it with GET")
+        if path in self._files:
+            return self._files[path]
+        return self._answers[path](parse_qs(environ.get("QUERY_STRING", "")))
+
+    @abstractmethod
+    def _command(self, environ: dict) -> Answer:
+        """Run a posted command, and return the answer to it."""
 
 
 def read_command(environ: dict, known: Collection[str]) -> tuple[str, object]:

@@ -7,7 +7,7 @@ import math
 import socket
 import socketserver
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from http import HTTPStatus
 from pathlib import Path
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
@@ -21,7 +21,7 @@ from datamodules.stretches import find_breaks
 from zoo.base.errors import InputError
 from zoo.drive.notices import Notices
 from zoo.drive.origin import OriginGuard
-from zoo.drive.page_requests import Answer, RequestError, json_answer, read_command, respond, route
+from zoo.drive.page_requests import Answer, RequestError, ServedPage, json_answer, read_command
 from zoo.drive.port_holder import port_holder
 from zoo.edit.edit_session import EditSession, FrameAnalysis
 
@@ -29,18 +29,11 @@ HOST = "127.0.0.1"
 PATIENCE_S = 20.0  # for a whole request to arrive
 MOST_REQUEST = 64 << 10  # bytes of a request's head and body
 MOST_REQUESTS = 64  # that are answered at a time; a browser sends six
-STATIC = Path(__file__).parent / "static"
-FILES = {
-    "/": ("index.html", "text/html; charset=utf-8"),
-    "/style.css": ("style.css", "text/css; charset=utf-8"),
-    "/page.js": ("page.js", "text/javascript; charset=utf-8"),
-    "/timeline.js": ("timeline.js", "text/javascript; charset=utf-8"),
-}
 STRETCH_EDITS = ("drop", "restore", "trim", "mirror", "merge")
 COMMANDS = (*STRETCH_EDITS, "split", "undo", "redo", "write")
 
 
-class EditPage:
+class EditPage(ServedPage):
     """WSGI application of the page.
 
     A request names a row and a camera, never a path: the page shows only images of the recording,
@@ -55,10 +48,7 @@ class EditPage:
     def __init__(self, session: EditSession, analysis: FrameAnalysis, checkpoint: str = "") -> None:
         self.session, self.analysis, self.checkpoint = session, analysis, checkpoint
         self.recording = session.recording
-        self._files = {
-            path: ((STATIC / name).read_bytes(), kind) for path, (name, kind) in FILES.items()
-        }
-        self._get: dict[str, Callable[[dict], Answer]] = {
+        answers: dict[str, Callable[[dict], Answer]] = {
             "/recording.json": lambda query: json_answer(self.about()),
             "/columns.bin": lambda query: (self._columns(), "application/octet-stream"),
             "/predicted.bin": self._predicted,
@@ -67,13 +57,7 @@ class EditPage:
             "/row.json": lambda query: json_answer(self.describe(self._row(query))),
             "/image": self._image,
         }
-
-    def __call__(self, environ: dict, start_response: Callable) -> Iterable[bytes]:
-        """Answer a request."""
-        return respond(self._answer, environ, start_response)
-
-    def _answer(self, environ: dict) -> Answer:
-        return route(environ, self._files, self._get, self._command)
+        super().__init__(Path(__file__).parent / "static", answers)
 
     def about(self) -> dict:
         """Return what does not change: names, sizes, pauses, cameras and the checkpoint."""

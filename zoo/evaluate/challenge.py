@@ -27,7 +27,7 @@ from zoo.base.errors import InputError, UsageError
 from zoo.base.new_folder import command_folder
 from zoo.base.rig import UDACITY, Rig
 from zoo.base.terminal import print_written
-from zoo.base.whole_file import write_whole
+from zoo.base.whole_file import csv_text, write_whole
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.checkpoints.policy import load_policy
@@ -170,11 +170,9 @@ def score_challenge(
     steered = {**baselines(test.angles, rows), **teams, name: own}
     rmse = {one: test.rmse(rows, angles) for one, angles in steered.items()}
     with command_folder(options.out, "challenges") as out:
-        submission = [
-            {"frame_id": test.frame_ids[row], "steering_angle": angle}
-            for row, angle in zip(rows, own.tolist(), strict=True)
-        ]
-        write_whole(out / "submission.csv", Table.of_figures(submission).csv())
+        ids = [test.frame_ids[row] for row in rows]
+        submission = csv_text([HEADER, *zip(ids, own.tolist(), strict=True)])
+        write_whole(out / "submission.csv", submission)
         scores = {
             one: {half: asdict(found) for half, found in by_half.items()}
             for one, by_half in rmse.items()

@@ -18,9 +18,10 @@ from simulator.recorder import Recorder, split_pedals
 from simulator.track_names import file_name
 from simulator.weather import CLEAR
 from zoo.base.command_keys import check_keys, constructed, keys_of
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, placed_errors
 from zoo.base.terminal import print_line
 from zoo.base.written_files import remove_written
+from zoo.checkpoints.checkpoint_path import checkpoint_of
 from zoo.checkpoints.command import Policy
 from zoo.cli.console_progress import working
 from zoo.drives.drive_film import DriveFilm, WorstMoments
@@ -225,17 +226,7 @@ def driving_line(scenarios: Sequence[Scenario]) -> str:
     return f"driving {len(scenarios)} x {laps:g} lap{'' if laps == 1 else 's'}"
 
 
-NOT_OF_RUNS = (
-    "out",
-    "perturb",
-    "record",
-    "page",
-    "replay",
-    "table",
-    "columns",
-    "plot",
-    "executor",
-)
+NOT_OF_RUNS = ("out", "perturb", "record", "page", "replay", "table", "columns", "plot", "executor")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -260,13 +251,11 @@ def run_options(score: DictConfig | None) -> RunScore | None:
     settings = OmegaConf.to_container(score, resolve=True) if score else {}
     if not settings:
         return None
-    try:
+    with placed_errors("score"):
         check_keys(settings, [key for key in keys_of(RunScore) if key.name not in NOT_OF_RUNS])
         options = RunScore(**constructed(RunScore, settings))
         check_world(options)
-    except InputError as error:
-        raise InputError(f"score: {error}") from None
-    return options
+        return options
 
 
 def score_run(
@@ -290,14 +279,13 @@ def score_run(
     """
     if options is None:
         return None
-    best, last = (folder / "checkpoints" / f"{name}.ckpt" for name in ("best", "last"))
     drives, scenarios = folder / "drives", options.scenarios
     if replayed is not None:
         scenarios = [Scenario("held_out", world="replay", margin=options.margin)]
     remove_written(drives)  # from before the run was resumed
     try:
         found = score_on_tracks(
-            str(best if best.is_file() else last),
+            str(checkpoint_of(folder) or folder / "checkpoints" / "last.ckpt"),
             scenarios,
             drives,
             console,

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import yaml
 
-from zoo.base.errors import InputError
+from zoo.base.errors import file_errors
 from zoo.base.new_folder import command_folder
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import write_whole
@@ -76,11 +76,8 @@ def write_files(files: Mapping[str, bytes], out: str) -> list[Path]:
     Raises:
         InputError: the folder is not empty, or cannot be written to.
     """
-    with command_folder(out, HUB) as folder:
-        try:
-            return [write_whole(folder / name, data) for name, data in files.items()]
-        except OSError as error:
-            raise InputError(f"{folder}: {error.strerror}; name another folder") from None
+    with command_folder(out, HUB) as folder, file_errors(folder, "{}; name another folder"):
+        return [write_whole(folder / name, data) for name, data in files.items()]
 
 
 def card_text(shared: SharedFile) -> str:

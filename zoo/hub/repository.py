@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from zoo.base.errors import InputError, UsageError
+from zoo.base.errors import InputError, UsageError, optional_import
 from zoo.base.new_folder import refuse_existing, whole_folder
 from zoo.checkpoints.checkpoint import (
     MOST_BYTES,
@@ -105,11 +105,9 @@ def fetch(repo: str, file: str | None, out: str | None, console: Console) -> lis
 
 
 def _api() -> "HfApi":
-    try:
+    with optional_import("huggingface_hub is not installed; pip install 'drivezoo[hub]'"):
         from huggingface_hub import HfApi, constants
         from huggingface_hub.utils import disable_progress_bars, logging
-    except ImportError:
-        raise InputError("huggingface_hub is not installed; pip install 'drivezoo[hub]'") from None
     # No statistics of the library's use, and no lines of its own among the command's.
     constants.HF_HUB_DISABLE_TELEMETRY = True
     disable_progress_bars()

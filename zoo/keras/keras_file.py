@@ -23,7 +23,7 @@ from zoo.base.bounded_files import (
     parse_json,
     read_text,
 )
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, optional_import
 from zoo.base.limits import open_archive
 from zoo.base.process_pool import LOOK_S, KilledProcessError, ProcessPool
 from zoo.keras.keras_arrays import WeightsFile
@@ -236,12 +236,8 @@ def _member(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:
 @contextmanager
 def _naming_damage(path: Path, kind: str) -> Iterator[Any]:
     """Yield the class of an HDF5 file; report any error of reading a damaged one in one line."""
-    try:
+    with optional_import(f"{path}: h5py, which reads it, is not installed; pip install h5py"):
         import h5py
-    except ImportError:
-        raise InputError(
-            f"{path}: h5py, which reads it, is not installed; pip install h5py"
-        ) from None
     try:
         yield h5py.File
     except (InputError, MemoryError):

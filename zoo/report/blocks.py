@@ -9,7 +9,8 @@ import numpy as np
 import PIL.Image
 from markupsafe import Markup
 
-from datamodules.image import encode_image
+from datamodules.image import MOST_IMAGE_BYTES, encode_image
+from zoo.base.bounded_files import read_regular
 from zoo.runs.page import Page
 from zoo.runs.table import Table, markdown_cell
 from zoo.runs.table import markdown_escape as plain
@@ -119,6 +120,15 @@ class Image:
     def jpeg(cls, name: str, pixels: np.ndarray, caption: str) -> "Image":
         """Return pixels, uint8 [H, W, 3] RGB, as a JPEG."""
         return cls(name, encode_image(pixels, quality=QUALITY), caption)
+
+    @classmethod
+    def read(cls, path: Path, caption: str, name: str = "", plot: bool = True) -> "Image":
+        """Return an image file of a run, which may come from another person.
+
+        Raises:
+            OSError: the file is missing, not regular or too large.
+        """
+        return cls(name or path.name, read_regular(str(path), MOST_IMAGE_BYTES), caption, plot)
 
     @property
     def size(self) -> str:

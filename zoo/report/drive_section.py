@@ -1,5 +1,6 @@
 """The section on driving: figures, film, path and worst moments."""
 
+import math
 import os
 from collections import Counter
 from pathlib import Path
@@ -9,9 +10,9 @@ import numpy as np
 
 from datamodules.image import read_image
 from zoo.base.errors import InputError
-from zoo.drives.drive_film import APART_S, FILM_NAME, FILM_WIDTH, draw_overlay
+from zoo.drives.drive_film import APART_S, FILM_NAME, FILM_WIDTH, badness, draw_overlay
 from zoo.drives.drive_log import read_drive
-from zoo.drives.drive_record import EMBEDDED, Drive
+from zoo.drives.drive_record import EMBEDDED, Drive, DriveRow
 from zoo.drives.drives_table import drives_table
 from zoo.drives.intervals import ONE_TRACK
 from zoo.drives.interventions import INFRACTIONS
@@ -117,21 +118,16 @@ def failure(folder: Path, with_path: bool) -> list[Block]:
 
 def worst_moment(drive: Drive) -> Image | None:
     """Return the worst moment as the film shows it; None if its frame was not kept."""
-    rows = sorted(_moments(drive), key=lambda row: _badness(drive, row), reverse=True)
-    for row in rows[:1]:
-        values = drive.rows[row]
-        pixels = draw_overlay(
-            read_image(drive.folder / str(drive.frame[row])),
-            values.steering,
-            values.throttle,
-            values.speed_mph,
-            cte_m=values.cross_track_m,
-        )
-        size = FILM_WIDTH, len(pixels) * FILM_WIDTH // pixels.shape[1]
-        lost = ": an intervention" if values.intervention else ""
-        caption = f"The worst moment, after {values.time_s:.1f} s{lost}."
-        return Image.jpeg(f"{drive.folder.name}_poster.jpg", cv2.resize(pixels, size), caption)
-    return None
+    worst = max(_moments(drive), key=badness, default=None)
+    if worst is None:
+        return None
+    frame = read_image(drive.folder / worst.frame)
+    state = worst.steering, worst.throttle, worst.speed_mph
+    pixels = draw_overlay(frame, *state, cte_m=worst.cross_track_m)
+    size = FILM_WIDTH, len(pixels) * FILM_WIDTH // pixels.shape[1]
+    lost = ": an intervention" if worst.intervention else ""
+    caption = f"The worst moment, after {worst.time_s:.1f} s{lost}."
+    return Image.jpeg(f"{drive.folder.name}_poster.jpg", cv2.resize(pixels, size), caption)
 
 
 def _plots(drive: Drive) -> list[Block]:
@@ -141,7 +137,7 @@ def _plots(drive: Drive) -> list[Block]:
         if path.is_file():
             # Inverted for a dark page, large errors would have the darkest colours.
             name = f"{drive.folder.name}_{path.name}"  # unique among the drives
-            images.append(Image(name, path.read_bytes(), caption, plot=plot != "track"))
+            images.append(Image.read(path, caption, name, plot=plot != "track"))
     return [Images([one]) for one in images]
 
 
@@ -150,7 +146,7 @@ def _worst(run: ReportedDrives, track: str, drives: list[Drive]) -> list[Block]:
     found = [(drive, row) for drive in drives for row in _moments(drive)]
     if not found:
         raise InputError("The drive saved no images of its worst moments.")
-    found.sort(key=lambda one: _badness(*one), reverse=True)
+    found.sort(key=lambda one: badness(one[1]), reverse=True)
     saliency, why = None, "The right half shows in green what the steering depends on."
     try:
         saliency = Saliency(run.policy)
@@ -158,15 +154,14 @@ def _worst(run: ReportedDrives, track: str, drives: list[Drive]) -> list[Block]:
         why = f"Without saliency: {error}."
     images = []
     for number, (drive, row) in enumerate(found[:SHOWN], 1):
-        frame = read_image(drive.folder / str(drive.frame[row]))
+        frame = read_image(drive.folder / row.frame)
         if saliency is not None:
-            where = saliency(frame, float(drive.speed_mph[row]))
-            frame = np.hstack([frame, overlay(frame, where)])
-        lost = "Intervention. " if drive.intervention[row] else ""
+            frame = np.hstack([frame, overlay(frame, saliency(frame, row.speed_mph))])
+        lost = "Intervention. " if row.intervention else ""
         caption = (
-            f"{lost}{drive.time_s[row]:.1f} s, start seed {drive.seed}, "
-            f"cross-track error {drive.cross_track_m[row]:+.2f} m, steering "
-            f"{drive.steering[row] + 0.0:+.2f}, {drive.speed_mph[row]:.0f} mph"
+            f"{lost}{row.time_s:.1f} s, start seed {drive.seed}, cross-track error "
+            f"{row.cross_track_m:+.2f} m, steering {row.steering + 0.0:+.2f}, "
+            f"{row.speed_mph:.0f} mph"
         )
         name = f"{drives[0].folder.name}_worst_{number}.jpg"
         images.append(Image.jpeg(name, frame, caption))
@@ -180,14 +175,10 @@ def _worst(run: ReportedDrives, track: str, drives: list[Drive]) -> list[Block]:
     ]
 
 
-def _moments(drive: Drive) -> list[int]:
+def _moments(drive: Drive) -> list[DriveRow]:
     """Return the rows of a drive's kept frames."""
-    return np.flatnonzero((drive.frame != "") & np.isfinite(drive.cross_track_m)).tolist()
+    return [row for row in drive.rows if row.frame and math.isfinite(row.cross_track_m)]
 
 
 def _lost(drive: Drive) -> tuple[float, float]:
     return drive.summary.get("interventions") or 0, drive.summary.get("cte_max_m") or 0
-
-
-def _badness(drive: Drive, row: int) -> tuple[bool, float]:
-    return bool(drive.intervention[row]), abs(float(drive.cross_track_m[row]))

@@ -179,8 +179,7 @@ class ReportedRun(ReportedDrives, Run):
 
     def plot(self, name: str, caption: str) -> Image:
         """Return a plot of the run; raise OSError if it is missing."""
-        path = self.folder / "plots" / f"{name}.png"
-        return Image(path.name, path.read_bytes(), caption, plot=True)
+        return Image.read(self.folder / "plots" / f"{name}.png", caption)
 
     def _found(self, place: str) -> str:
         """Return a path of the run's config, relative to the folder where the run was started."""

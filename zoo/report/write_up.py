@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, file_errors
 from zoo.base.whole_file import refuse_links_out, write_whole
 from zoo.drives.drives_table import with_deviation
 from zoo.report import blocks, data_section, drive_section, training_section
@@ -38,11 +38,10 @@ def evaluated(run: ReportedEvaluation) -> list[blocks.Block]:
 
 def perturbed(run: ReportedEvaluation) -> list[blocks.Block]:
     """Return the curves of an evaluation's perturbations; nothing without any."""
-    path = run.folder / "robustness.png"
     if not run.metrics.get("perturbed"):
         return []
     caption = "Autonomy and mean cross-track error over each quantity, changed alone."
-    image = blocks.Image(path.name, path.read_bytes(), caption, plot=True)
+    image = blocks.Image.read(run.folder / "robustness.png", caption)
     return [blocks.Heading("Perturbations"), blocks.Images([image])]
 
 
@@ -129,15 +128,13 @@ def write_report(folder: Path) -> Path:
     ]
     versions, when = run.metrics.get("versions") or {}, run.status.get("time") or ""
     footer = f"drivezoo {versions.get('drivezoo') or ''} {when[:10]}"
-    try:
+    with file_errors(place, "cannot be written ({})"):
         place.mkdir(exist_ok=True)
         for section in sections:
             for image in blocks.images_of(section.blocks):
                 write_whole(place / image.name, image.data)
         write_whole(place / MARKDOWN, blocks.to_markdown(run.title, sections))
         return write_whole(place / PAGE, blocks.to_html(run.title, sections, footer))
-    except OSError as error:
-        raise InputError(f"{place}: cannot be written ({error.strerror or error})") from None
 
 
 def _blocks(run: ReportedDrives, parts: Sequence[Part]) -> list[blocks.Block]:

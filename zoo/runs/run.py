@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from zoo.base.bounded_files import check_text, open_text, read_yaml, read_yaml_text
 from zoo.base.errors import InputError
+from zoo.checkpoints.checkpoint_path import checkpoint_of
 from zoo.runs import metrics_file
 from zoo.runs.metrics_file import read_metrics_file
 from zoo.runs.record_fields import Fields, Texts, Whole, check_fields
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 HYDRA = ".hydra"
-CHECKPOINTS, BEST, LAST = "checkpoints", "best.ckpt", "last.ckpt"
 MOST_CSV_BYTES = 64_000_000
 
 
@@ -177,8 +177,7 @@ class Run:
     @property
     def checkpoint_path(self) -> Path | None:
         """Return the path of the best checkpoint, or of the last; None if the run kept none."""
-        paths = (self.folder / CHECKPOINTS / name for name in (BEST, LAST))
-        return next((path for path in paths if path.is_file()), None)
+        return checkpoint_of(self.folder)
 
     @property
     def drive_folders(self) -> list[Path]:

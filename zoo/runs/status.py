@@ -180,7 +180,7 @@ def is_alive(folder: Path) -> bool:
     if not _is_here(status):
         return time.time() - (folder / NAME).stat().st_mtime < GONE_S
     try:
-        process = psutil.Process(status["pid"])
+        process = psutil.Process(int(status["pid"]))  # of None psutil takes this process
         started = process.create_time()
         gone = process.status() == psutil.STATUS_ZOMBIE
     except (psutil.Error, KeyError, TypeError, ValueError, OverflowError):

@@ -1,7 +1,5 @@
 """Tables of results: rounded texts for people, unrounded figures for programs."""
 
-import csv
-import io
 import math
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -11,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from zoo.base.errors import UsageError, hint
 from zoo.base.terminal import printable
+from zoo.base.whole_file import csv_text
 
 if TYPE_CHECKING:
     import rich.table
@@ -156,10 +155,7 @@ class Table:
         >>> Table.of_figures([{"a": 1, "b": 0.1}, {"a": None}]).csv()
         'a,b\n1,0.1\n,\n'
         """
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerows([self.figures, *zip(*self.figures.values(), strict=True)])
-        return text.getvalue()
+        return csv_text([self.figures, *zip(*self.figures.values(), strict=True)])
 
     def tex(self) -> str:
         r"""Return the texts for LaTeX in the style of booktabs; with a caption, as a float.

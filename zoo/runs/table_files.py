@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from zoo.base.command import Shown
-from zoo.base.errors import InputError, UsageError
+from zoo.base.errors import UsageError, optional_import
 from zoo.base.whole_file import write_output
 from zoo.base.written_files import checked_file
 from zoo.runs.table import Cell, Table, column_names
@@ -40,12 +40,8 @@ class Result(Shown, ABC):
         Raises:
             InputError: pandas is not installed.
         """
-        try:
+        with optional_import("pandas is not installed; pip install pandas, or use table()"):
             import pandas
-        except ImportError:
-            raise InputError(
-                "pandas is not installed; pip install pandas, or use table()"
-            ) from None
         return pandas.DataFrame(self.table())
 
     def write_table(self, path: str | Path, columns: str | Sequence[str] | None = None) -> Path:
@@ -173,12 +169,9 @@ def parquet_bytes(table: Table) -> bytes:
 
 
 def _pyarrow(path: str | Path) -> Any:
-    try:
+    remedy = "pip install 'drivezoo[parquet]', or name a .csv file"
+    with optional_import(f"{path}: Parquet needs pyarrow; {remedy}"):
         import pyarrow.parquet
-    except ImportError:
-        raise InputError(
-            f"{path}: Parquet needs pyarrow; pip install 'drivezoo[parquet]', or name a .csv file"
-        ) from None
     return pyarrow
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from simulator.track import Track
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, optional_import
 from zoo.base.process_pool import Pool
 from zoo.drives.drive_record import Drive
 from zoo.search.failure_map import Archive
@@ -289,13 +289,9 @@ class OptunaSampler(Sampler):
     def __init__(
         self, name: str, space: SearchSpace, seed: int, archive: Archive, startup: int
     ) -> None:
-        try:
+        remedy = "pip install 'drivezoo[optuna]', or use sampler=random"
+        with optional_import(f"sampler={name}: Optuna is not installed; {remedy}"):
             import optuna
-        except ImportError:
-            raise InputError(
-                f"sampler={name}: Optuna is not installed; pip install 'drivezoo[optuna]', or use "
-                "sampler=random"
-            ) from None
         super().__init__(space, seed, archive)
         self.ranges = {
             key: optuna.distributions.FloatDistribution(one.low, one.high, log=one.log)

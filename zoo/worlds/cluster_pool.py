@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, optional_import
 from zoo.base.parts import VARIABLE
 
 Executor = Literal["processes", "ray", "slurm"]
@@ -43,10 +43,8 @@ def running_ray(key: str, **settings: Any) -> Iterator[None]:
     Raises:
         InputError: Ray is not installed, cannot start, or finds no cluster at the address.
     """
-    try:
+    with optional_import(f"{key}: Ray is not installed; pip install 'drivezoo[ray]'"):
         import ray
-    except ImportError:
-        raise InputError(f"{key}: Ray is not installed; pip install 'drivezoo[ray]'") from None
     started = not ray.is_initialized()
     try:
         if started:
@@ -114,11 +112,8 @@ def opened_cluster(executor: Executor) -> Iterator[ClusterPool]:
 
             yield ClusterPool(start)
         return
-    try:
+    with optional_import(f"{key}: submitit is not installed; pip install 'drivezoo[slurm]'"):
         import submitit
-    except ImportError:
-        reason = "submitit is not installed; pip install 'drivezoo[slurm]'"
-        raise InputError(f"{key}: {reason}") from None
     slurm = submitit.AutoExecutor(LOGS, cluster="slurm")
     slurm.update_parameters(name="drivezoo", timeout_min=720, cpus_per_task=1, mem_gb=4)
     yield ClusterPool(slurm.submit)

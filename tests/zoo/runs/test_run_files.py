@@ -18,7 +18,7 @@ from zoo.report.write_up import write_report
 from zoo.runs.code_fingerprint import code_fingerprint, commit_of, hash_of_code
 from zoo.runs.metrics_file import VERSION, read_metrics_file, write_metrics_file
 from zoo.runs.run import Run, load_config
-from zoo.runs.status import read_status, run_status
+from zoo.runs.status import is_alive, read_status, run_status
 
 
 def started_by(monkeypatch: pytest.MonkeyPatch, **ranks: int) -> None:
@@ -60,6 +60,11 @@ def test_only_the_first_process_writes_the_status(tmp_path: Path) -> None:
     with run_status(tmp_path):
         assert read_status(tmp_path)["status"] == "running"
     assert read_status(tmp_path)["status"] == "finished"
+
+
+def test_a_status_that_names_no_process_is_not_of_a_live_run(tmp_path: Path) -> None:
+    (tmp_path / "status.json").write_text('{"status": "running", "pid": null}')
+    assert not is_alive(tmp_path)
 
 
 def test_written_metrics_are_read(tmp_path: Path) -> None:
