@@ -68,17 +68,10 @@ def suite() -> tuple[list[str], list[str]]:
     return [one.track for one in drives], [one.group for one in drives]
 
 
-def rate(drawn: np.ndarray) -> Estimate:
-    """Return the interventions of a drive with the benchmark's interval."""
+def estimate(drawn: np.ndarray, limits: tuple[float, float] = POSITIVE) -> Estimate:
+    """Return the mean of drives, such as their interventions, with the benchmark's interval."""
     places, groups = suite()
-    return clustered(drawn, places=places, groups=groups, limits=POSITIVE, one_failure=1.0)
-
-
-def failed(drawn: np.ndarray) -> Estimate:
-    """Return the share of drives with an intervention, with the benchmark's interval."""
-    places, groups = suite()
-    share = (drawn > 0) * 1.0
-    return clustered(share, places=places, groups=groups, limits=SHARE, one_failure=1.0)
+    return clustered(drawn, places=places, groups=groups, limits=limits, one_failure=1.0)
 
 
 def of_group(group: str, drawn: np.ndarray) -> Estimate:
@@ -89,8 +82,8 @@ def of_group(group: str, drawn: np.ndarray) -> Estimate:
 
 
 METHODS: dict[str, Callable[[np.ndarray], Estimate]] = {
-    "interventions": rate,
-    "drives with one": failed,
+    "interventions": estimate,
+    "drives with one": lambda drawn: estimate((drawn > 0) * 1.0, SHARE),
     "interventions, `looks`": partial(of_group, "looks"),
     "Garwood": lambda drawn: poisson_rate(int(drawn.sum()), drawn.size),
     "bootstrap over drives": lambda drawn: bootstrap(drawn.mean(0), 500, (0.0, np.inf)),
