@@ -47,7 +47,7 @@ from zoo.drives.metrics import DRIVES, METRICS
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.page import Page
 from zoo.runs.plots import interval_plot
-from zoo.runs.table import Column, Table, interval_column, with_interval
+from zoo.runs.table import Column, Table, interval_column, number_column, with_interval
 from zoo.runs.table_files import Result
 from zoo.verdict.evidence import other_car_line
 from zoo.worlds.run_drives import load_kept
@@ -247,7 +247,7 @@ def groups_table(result: BenchmarkResult) -> Table:
     counts = [len(drives_of(result.drives, name)) for name in result.groups]
     columns = [
         Column("group", "group", list(result.groups)),
-        Column("drives", "drives", list(map(str, counts)), {"drives": counts}),
+        number_column("drives", "drives", counts),
     ]
     columns += figure_columns(list(groups))
     for key in outside_metrics(result.drives):  # their part may not be named here

@@ -104,22 +104,16 @@ def group_figures(drives: Sequence[DriveRecord]) -> dict[str, Interval]:
     estimate = partial(clustered, places=places_of(first), groups=[one.group for one in first])
     count, km = of["interventions"].size, np.maximum(of["driven_m"], 0.0) / 1000
     driven_s = of["driven_s"].sum()
-    failures = {
-        "interventions_per_km": estimate(
-            of["interventions"], km, limits=POSITIVE, one_failure=count / (km.sum() or math.inf)
-        ),
-        "failed": estimate((of["interventions"] > 0) * 1.0, limits=SHARE, one_failure=1.0),
-        "shortfall": estimate(
-            1 - of["autonomy"],
-            limits=SHARE,
-            one_failure=min(1.0, INTERVENTION_S * count / driven_s) if driven_s else 1.0,
-        ),
-    }
-    rate = failures["interventions_per_km"]
+    lost = min(1.0, INTERVENTION_S * count / driven_s) if driven_s else 1.0
+    rate = estimate(
+        of["interventions"], km, limits=POSITIVE, one_failure=count / (km.sum() or math.inf)
+    )
+    failed = estimate((of["interventions"] > 0) * 1.0, limits=SHARE, one_failure=1.0)
+    shortfall = estimate(1 - of["autonomy"], limits=SHARE, one_failure=lost)
     found = {
         "interventions_per_km": rate,
-        "without_intervention": _complement(failures["failed"]),
-        "autonomy": _complement(failures["shortfall"]),
+        "without_intervention": complement(failed),
+        "autonomy": complement(shortfall),
         "m_per_intervention": Estimate(
             *(1000 / one if one else math.nan for one in (rate.value, rate.high, rate.low))
         ),
@@ -190,7 +184,8 @@ def table(drives: Sequence[DriveRecord], name: str) -> np.ndarray:
     return np.array(values, np.float64)
 
 
-def _complement(share: Estimate) -> Estimate:
+def complement(share: Estimate) -> Estimate:
+    """Return the share of the others."""
     return Estimate(1 - share.value, 1 - share.high, 1 - share.low)
 
 

@@ -207,7 +207,7 @@ def _p_value(a: Entry, b: Entry, roads: list[Road]) -> float:
     """Return the p-value of the difference in the scores; 1 for too few places."""
     if not _has_interval(roads):
         return 1.0
-    return p_value(_differences(*(one.scores(roads) for one in (a, b))), *clusters(roads))
+    return p_value(a.scores(roads)[:, None] - b.scores(roads), *clusters(roads))
 
 
 def clusters(roads: Sequence[Road]) -> tuple[list[str], list[str]]:
@@ -219,7 +219,7 @@ def compare_roads(a: Entry, b: Entry, roads: list[Road], p: float | None = None)
     """Return the comparison on some roads; with a p-value that is corrected for their number."""
     places, groups = clusters(roads)
     scores_a, scores_b = (one.scores(roads) for one in (a, b))
-    difference = _differences(scores_a, scores_b)
+    difference = scores_a[:, None] - scores_b  # [seeds of A, seeds of B, roads]
     p = _p_value(a, b, roads) if p is None else p
     verdict = CANNOT_TELL
     alone = any(one.seeds == 1 and one.is_trained for one in (a, b))
@@ -282,11 +282,6 @@ def _by_place(table: np.ndarray, places: Sequence[str]) -> np.ndarray:
     found = np.zeros((len(table), len(order)))
     np.add.at(found, (slice(None), [order.index(place) for place in places]), table)
     return found * len(order) / len(places)
-
-
-def _differences(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return A's figures minus B's: [seeds of A, seeds of B, roads]."""
-    return a[:, None] - b[None]
 
 
 def _variances(figures: np.ndarray) -> tuple[float, float]:
