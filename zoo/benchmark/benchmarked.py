@@ -41,6 +41,7 @@ from zoo.benchmark.summary import (
     drives_of,
     known_figures,
     outside_metrics,
+    overall,
     summarize_drives,
 )
 from zoo.drives.metrics import DRIVES, METRICS
@@ -281,11 +282,6 @@ def difference_lines(result: BenchmarkResult) -> list[str]:
         few = "" if figures["autonomy"].low is not None else " (fewer than 3 roads: no interval)"
         lines.append(f"{group} minus clean drives of the same roads: {text}{few}")
     return lines
-
-
-def overall(result: BenchmarkResult) -> dict[str, Interval]:
-    """Return the figures of all groups but the laps; of the laps where there are no others."""
-    return result.groups.get(OVERALL) or next(iter(result.groups.values()))
 
 
 def overall_line(result: BenchmarkResult) -> str:

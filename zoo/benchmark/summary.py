@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from zoo.benchmark.levels import level_at
-from zoo.benchmark.result import DriveRecord, Interval
+from zoo.benchmark.result import BenchmarkResult, DriveRecord, Interval
 from zoo.benchmark.suite import LAPS, LIKE, OVERALL, place_of
 from zoo.drives.bootstrap import Estimate
 from zoo.drives.clustered import POSITIVE, SHARE, clustered
@@ -79,6 +79,11 @@ def summarize_drives(drives: Sequence[DriveRecord]) -> Summary:
 def drives_of(drives: Sequence[DriveRecord], group: str) -> list[DriveRecord]:
     """Return the drives of a group; those of all groups but the laps for `OVERALL`."""
     return [one for one in drives if one.group == group or (group == OVERALL and one.group != LAPS)]
+
+
+def overall(result: BenchmarkResult) -> dict[str, Interval]:
+    """Return the figures of all groups but the laps; of the laps where there are no others."""
+    return result.groups.get(OVERALL) or next(iter(result.groups.values()))
 
 
 def group_names(drives: Sequence[DriveRecord]) -> list[str]:

@@ -4,7 +4,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Literal
 
@@ -15,6 +15,7 @@ from zoo.base.errors import InputError
 from zoo.benchmark.checked_result import read_result, roads_of, shown
 from zoo.benchmark.result import BenchmarkResult, DriveRecord
 from zoo.benchmark.suite import LAPS, OVERALL, Road, place_of
+from zoo.benchmark.summary import overall
 from zoo.drives.bootstrap import FEWEST_ROADS, Estimate
 from zoo.drives.clustered import EQUAL, SHARE, clustered, holm, p_value, satterthwaite
 
@@ -27,16 +28,15 @@ MOST_SEEDS = 100
 
 @dataclass(frozen=True)
 class Entry:
-    """A result, with its drives by road; each road has one drive for each training seed."""
+    """A result, and the path that it was read from."""
 
     path: Path
     result: BenchmarkResult
-    drives: dict[Road, list[DriveRecord]]
 
-    @classmethod
-    def of(cls, path: Path, result: BenchmarkResult) -> "Entry":
-        """Return the entry of a result that was read from a path."""
-        return cls(path, result, roads_of(result))
+    @cached_property
+    def drives(self) -> dict[Road, list[DriveRecord]]:
+        """Return the drives by road; each road has one drive for each training seed."""
+        return roads_of(self.result)
 
     @property
     def seeds(self) -> int:
@@ -80,7 +80,7 @@ def read_entries(*paths: Path) -> list[Entry]:
     Raises:
         InputError: a file cannot be read, a drive is missing, or suite or roads differ.
     """
-    entries = [Entry.of(path, read_result(path)) for path in paths]
+    entries = [Entry(path, read_result(path)) for path in paths]
     for one, other in itertools.permutations(entries, 2):
         for key in ("suite", "roads"):
             wanted, found = getattr(one.result, key), getattr(other.result, key)
@@ -176,8 +176,7 @@ def in_order(entries: Sequence[Entry]) -> list[Entry]:
     """
 
     def key(entry: Entry) -> tuple[int, float]:
-        groups = entry.result.groups
-        figures = groups.get(OVERALL) or next(iter(groups.values()))
+        figures = overall(entry.result)
         rate = figures["interventions_per_km"].value
         if entry.result.has_levels:
             rate = -figures[entry.result.score].value

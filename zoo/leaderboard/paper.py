@@ -21,10 +21,10 @@ from zoo.base.new_folder import command_folder
 from zoo.base.terminal import command_line, printable
 from zoo.base.whole_file import write_output
 from zoo.base.written_files import LOCK, MARK, remove_files, written_below
-from zoo.benchmark.benchmarked import INTERVALS, SHORT, figure_columns, overall
+from zoo.benchmark.benchmarked import INTERVALS, SHORT, figure_columns
 from zoo.benchmark.result import NAME, SCORES, code_name
 from zoo.benchmark.suite import Road, find_suite, suite_names
-from zoo.benchmark.summary import FIGURES, complement
+from zoo.benchmark.summary import FIGURES, complement, overall
 from zoo.checkpoints.checkpoint_path import FOLDER as CHECKPOINTS
 from zoo.compare import differences
 from zoo.compare.differences import Comparison, Entry

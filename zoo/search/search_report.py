@@ -2,7 +2,6 @@
 
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ import yaml
 from matplotlib.figure import Figure
 from rich.console import Console
 
+from zoo.base.bounded_files import hash_file
 from zoo.base.command_keys import changed
 from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
@@ -100,7 +100,7 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
     archive = options.archive(space)
     load_policy(checkpoint)  # reports a wrong file before processes start
     with command_folder(options.out, "searches") as folder:
-        digest = sha256(Path(checkpoint).read_bytes()).hexdigest()
+        digest = hash_file(checkpoint)
         report = Report(checkpoint, digest, options, space, archive, usual_features(space), folder)
         with (
             opened_pool(options.workers, most=BATCH) as pool,
