@@ -225,7 +225,7 @@ def _drive(folder: Path, submission: Submission, suite: Path, minutes: float) ->
     if not (folder / NAME).is_file():
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
         raise InputError(
-            lines[-1].partition("drivezoo benchmark: ")[2]
+            lines[-1].rpartition("drivezoo benchmark: ")[2]
             if lines
             else f"ended with {process.returncode}"
         )
