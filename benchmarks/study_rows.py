@@ -6,15 +6,11 @@ returns the rows of one entry whose trainings have finished.
 
 import csv
 import itertools
-import os
 import shlex
 import shutil
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
-
-# It would look for its newest version online.
-os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
 
 import numpy as np
 from omegaconf import OmegaConf
