@@ -117,7 +117,7 @@ class Benchmarked(Result):
             console.print(shown, highlight=False)
         # A suite of the user's is named to verify it.
         named = [f"suite={self.suite}"] if self.suite.endswith((".yaml", ".yml")) else []
-        verify = ["benchmark", "verify", self.written[0], *named]
+        verify = ["benchmark", "verify", [*self.written, self.folder][0], *named]
         by_hand = self.result.checkpoints[0].file == HUMAN  # nobody can repeat it
         print_written(self.written, [] if by_hand else verify, console)
 
