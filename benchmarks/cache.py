@@ -2,15 +2,13 @@
 
 import multiprocessing
 import shutil
-import time
-from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import cv2
 
 from benchmarks.material import OUT, linked_recording
-from benchmarks.measuring import Row, compared, take_turns
+from benchmarks.measuring import Row, compared, seconds_of, take_turns
 from datamodules.image import decode_image
 from datamodules.view import View
 from datamodules.view_store import load_views
@@ -69,9 +67,3 @@ def decode_in_one_thread(paths: list[str]) -> None:
     cv2.setNumThreads(1)
     decode(paths)
     cv2.setNumThreads(its_own)
-
-
-def seconds_of(work: Callable[[], object]) -> float:
-    began = time.perf_counter()
-    work()
-    return time.perf_counter() - began

@@ -68,17 +68,10 @@ def suite() -> tuple[list[str], list[str]]:
     return [one.track for one in drives], [one.group for one in drives]
 
 
-def rate(drawn: np.ndarray) -> Estimate:
-    """Return the interventions of a drive with the benchmark's interval."""
+def estimate(drawn: np.ndarray, limits: tuple[float, float] = POSITIVE) -> Estimate:
+    """Return the mean of drives, such as their interventions, with the benchmark's interval."""
     places, groups = suite()
-    return clustered(drawn, places=places, groups=groups, limits=POSITIVE, one_failure=1.0)
-
-
-def failed(drawn: np.ndarray) -> Estimate:
-    """Return the share of drives with an intervention, with the benchmark's interval."""
-    places, groups = suite()
-    share = (drawn > 0) * 1.0
-    return clustered(share, places=places, groups=groups, limits=SHARE, one_failure=1.0)
+    return clustered(drawn, places=places, groups=groups, limits=limits, one_failure=1.0)
 
 
 def of_group(group: str, drawn: np.ndarray) -> Estimate:
@@ -89,8 +82,8 @@ def of_group(group: str, drawn: np.ndarray) -> Estimate:
 
 
 METHODS: dict[str, Callable[[np.ndarray], Estimate]] = {
-    "interventions": rate,
-    "drives with one": failed,
+    "interventions": estimate,
+    "drives with one": lambda drawn: estimate((drawn > 0) * 1.0, SHARE),
     "interventions, `looks`": partial(of_group, "looks"),
     "Garwood": lambda drawn: poisson_rate(int(drawn.sum()), drawn.size),
     "bootstrap over drives": lambda drawn: bootstrap(drawn.mean(0), 500, (0.0, np.inf)),
@@ -207,25 +200,20 @@ def level_coverage(count: str = "400") -> None:
     for seeds, share in itertools.product((1, 3, 5), (0.6, 0.8, 0.95, 0.98)):
         case, rng = Leveled(seeds, share), np.random.default_rng(1)
         worse, hits, known = replace(case, share=2 * share - 1), np.zeros(5), np.zeros(5)
+        truths = [1 - share, case.level(0.5), case.level(0.9)]
         for _ in range(int(count)):
             easier = case.places(rng)
             clean = case.draw(rng, easier)
-            failures = clustered(
-                1 - clean, places=places, groups=groups, limits=SHARE, one_failure=1.0
-            )
-            found = [(failures, 1 - share)]
-            for wanted in (0.5, 0.9):
-                found.append(
-                    (level_at(wanted, clean[:, axis], level[axis], own), case.level(wanted))
-                )
-            others = [other.draw(rng, easier) for other in (case, worse)]
-            apart = [clean[:, None] - other[None] for other in others]
-            p_values = [p_value(one, places, groups) for one in apart]
-            hits += [
-                *(one.low <= truth <= one.high for one, truth in found),
-                *(one < 0.05 for one in p_values),
+            found = [
+                clustered(1 - clean, places=places, groups=groups, limits=SHARE, one_failure=1.0),
+                *(level_at(one, clean[:, axis], level[axis], own) for one in (0.5, 0.9)),
             ]
-            known += [*(math.isfinite(one.low) for one, _ in found), 1, 1]
+            others = [clean[:, None] - other.draw(rng, easier) for other in (case, worse)]
+            hits += [
+                *(one.low <= truth <= one.high for one, truth in zip(found, truths, strict=True)),
+                *(p_value(one, places, groups) < 0.05 for one in others),
+            ]
+            known += [*(math.isfinite(one.low) for one in found), 1, 1]
         shares = [f"{one / own:.1%}" if own else "-" for one, own in zip(hits, known, strict=True)]
         lines.append([str(seeds), f"{share:.0%}", *shares])
     head = ["seeds", "clean drives", "their share", "level at 50 %", "level at 90 %"]

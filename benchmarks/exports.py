@@ -10,6 +10,7 @@ gcc-arm-linux-gnueabihf libc6-dev-i386-cross libc6-dev-armhf-cross qemu-user. (I
 import subprocess
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from shutil import which
 from tempfile import TemporaryDirectory
@@ -18,7 +19,7 @@ import numpy as np
 import torch
 
 from benchmarks.material import frames_of, random_checkpoint
-from benchmarks.measuring import markdown_table, write_between
+from benchmarks.measuring import markdown_table, seconds_of, write_between
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.command import Policy
@@ -72,27 +73,30 @@ HEAD = ["network", "file", "size, kB", "memory, kB", "multiply-adds", "ms"]
 HEAD += [*(f"difference, {build}" for build in BUILDS), "autonomy, %", "cross-track error, m"]
 
 
-def measure_exports(
-    folder: str, frames: int, networks: tuple[str, ...], only: str, laps: float
+def exports(
+    folder: str, *networks: str, frames: str = "1000", only: str = "", laps: str = "1"
 ) -> None:
-    """Print the table of the files, and write it to the manual if it is whole.
+    """Measure the files of `drivezoo export`: `exports RECORDING [NETWORK...] [frames=1000]`.
+
+    Of all networks that come with drivezoo it writes the table of `docs/onto_the_car.md`; with
+    names, or `only="C;ONNX, int8" laps=0`, it prints those rows.
 
     Args:
         folder: recording on which the files are compared with the checkpoint, and calibrated.
+        *networks: names of networks; none for all.
         frames: number of frames.
-        networks: names of networks; empty for all.
         only: files to measure, such as `C;ONNX, int8`; empty for all.
         laps: laps of the lake that each file drives; 0 for none.
     """
     torch.set_num_threads(1)
-    images, speeds, _ = frames_of(folder, frames)
+    images, speeds, _ = frames_of(folder, int(frames))
     chosen = only.split(";") if only else [CHECKPOINT, *FILES]
     rows = []
     for name in networks or NETWORKS:
-        for row in _rows(name, folder, images, speeds, chosen, laps):
+        for row in _rows(name, folder, images, speeds, chosen, float(laps)):
             print(" | ".join(row), flush=True)
             rows.append(row)
-    if not networks and not only and laps:
+    if not networks and not only and float(laps):
         write_between(PAGE, "exports", markdown_table(HEAD, rows, left=2))
 
 
@@ -175,12 +179,8 @@ def _kilobytes(folder: Path) -> list[str]:
 
 def _ms(policy: Policy, frames: list[np.ndarray]) -> str:
     """Return the median of the processor's milliseconds for a frame."""
-    times = []
-    for frame in frames[:100]:
-        began = time.process_time()
-        policy(frame, 9.0)
-        times.append(1000 * (time.process_time() - began))
-    return f"{np.median(times):.2f}"
+    seconds = [seconds_of(partial(policy, one, 9.0), time.process_time) for one in frames[:100]]
+    return f"{1000 * np.median(seconds):.2f}"
 
 
 def _drives(policy: Policy, laps: float) -> list[str]:

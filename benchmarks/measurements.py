@@ -22,6 +22,7 @@ import torch
 from scipy.stats import spearmanr
 
 from benchmarks.coverage import coverage, level_coverage
+from benchmarks.exports import exports
 from benchmarks.material import OUT, frames_of, linked_recording, pictures
 from benchmarks.measuring import print_table, run_named
 from benchmarks.replay_measurements import middle, replays, warp
@@ -68,19 +69,6 @@ def doubt(folder: str, *checkpoints: str) -> None:
         means.append(f"{(error <= 1.96 * spread).mean():.2f}")
         rows.append([policy.name, *means, f"{spearmanr(spread, error)[0]:.2f}", f"{took_ms:.1f}"])
     print_table(["policy", "error", "spread", "within", "correlation", "CPU ms"], rows)
-
-
-def exports(
-    folder: str, *networks: str, frames: str = "1000", only: str = "", laps: str = "1"
-) -> None:
-    """Measure the files of `drivezoo export`: `exports RECORDING [NETWORK...] [frames=1000]`.
-
-    Of all networks that come with drivezoo it writes the table of `docs/onto_the_car.md`; with
-    names, or `only="C;ONNX, int8" laps=0`, it prints those rows.
-    """
-    from benchmarks.exports import measure_exports
-
-    measure_exports(folder, int(frames), networks, only, float(laps))
 
 
 def speeds(checkpoint: str, times: str) -> None:

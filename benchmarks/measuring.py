@@ -8,6 +8,7 @@ import multiprocessing
 import os
 import statistics
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -183,6 +184,13 @@ def take_turns(measures: dict[str, Callable[[], Found]], rounds: int) -> dict[st
         for name, measure in measures.items():
             found[name].append(measure())
     return found
+
+
+def seconds_of(work: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:
+    """Return the seconds of a call by a clock, such as `time.process_time`."""
+    began = clock()
+    work()
+    return clock() - began
 
 
 def ratios(ours: list[float], theirs: list[float]) -> list[float]:

@@ -79,11 +79,9 @@ def submission_of(study: Study, entry: Entry, run: Path) -> dict[str, float]:
 
 def errors(test: OfficialTest, angles: np.ndarray) -> Row:
     """Return the columns of both halves' errors."""
-    rmse = test.rmse(np.arange(len(angles)), angles)
-    halves = {f"{half}_rmse_rad": found for half, found in rmse.items()}
     columns: Row = {}
-    for key, found in halves.items():
-        columns |= columns_of(key, found, 6)
+    for half, found in test.rmse(np.arange(len(angles)), angles).items():
+        columns |= columns_of(f"{half}_rmse_rad", found, 6)
     return columns
 
 

@@ -10,7 +10,7 @@ import time
 from functools import partial
 
 from benchmarks.material import random_policy
-from benchmarks.measuring import Row, medians, ratios, take_turns
+from benchmarks.measuring import Row, medians, ratios, seconds_of, take_turns
 from simulator.world import Start
 from zoo.drives.drive_record import Drive
 from zoo.worlds.drive_loop import drive
@@ -29,9 +29,7 @@ def measure(short: bool) -> list[Row]:
     frames: list = []
 
     def scored() -> float:
-        began = time.process_time()
-        found.append(drive(policy, world, scenario))
-        return time.process_time() - began
+        return seconds_of(lambda: found.append(drive(policy, world, scenario)), time.process_time)
 
     def rendered(network: bool = False) -> float:
         last, seconds = found[-1], 0.0
@@ -46,10 +44,7 @@ def measure(short: bool) -> list[Row]:
         return seconds
 
     def predicted() -> float:
-        began = time.process_time()
-        for frame in frames:
-            policy(frame, 20.0)
-        return time.process_time() - began
+        return seconds_of(lambda: [policy(frame, 20.0) for frame in frames], time.process_time)
 
     found: list[Drive] = []
     apart = {"rendering s": rendered, "network s": predicted}

@@ -54,11 +54,11 @@ def secret_family() -> dict:
         "grade": (-0.1, -0.02, 0.02, 0.1),
         "shoulder": (0.2, 0.6, 0.6, 2.0),
     }
-    family: dict = {"like": "bends_1", "radius": [28, 60], "straights": round(draw(0, 0.6), 2)}
-    family |= {
-        key: [round(draw(*pair), 2) for pair in (four[:2], four[2:])] for key, four in ends.items()
+    verges = ("paved", "dirt", "kerb", "stripes", "rock")
+    return {
+        "like": "bends_1",
+        "radius": [28, 60],
+        "straights": round(draw(0, 0.6), 2),
+        **{key: [round(draw(*own[:2]), 2), round(draw(*own[2:]), 2)] for key, own in ends.items()},
+        "verges": {kind: round(draw(0, 3), 2) for kind in verges},
     }
-    family["verges"] = {
-        kind: round(draw(0, 3), 2) for kind in ("paved", "dirt", "kerb", "stripes", "rock")
-    }
-    return family

@@ -6,15 +6,11 @@ returns the rows of one entry whose trainings have finished.
 
 import csv
 import itertools
-import os
 import shlex
 import shutil
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
-
-# It would look for its newest version online.
-os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
 
 import numpy as np
 from omegaconf import OmegaConf
@@ -46,12 +42,6 @@ CHUNK_ROWS = 75  # five seconds: rows of a share are drawn in such pieces, not o
 STALLED_S = 30.0
 BLOCKS, GAP_S, SHARES = 10, 3.0, (0.1, 0.3, 1.0)  # of the road's rows
 TRAIN, VAL, TEST = range(3)
-# An expert that sways off its line and returns drives laps of the lake, which no training uses. The
-# networks' own test rows differ by split and by the offset of the labels: they cannot be compared.
-RECOVERIES = {
-    "out": "outputs/recordings/recoveries",
-    "passes": [{"track": "lake", "direction": "both", "laps": 1, "noise": 1.0, "seed": 9}],
-}
 OFFSET = 0.275  # of the side cameras' labels, also for networks trained with another one
 
 
@@ -66,11 +56,11 @@ def recorded(config: object) -> str:
     return str(with_recording(OmegaConf.create(config), console).data.root)
 
 
-def swaying_laps(study: Study) -> dict[str, str]:
+def swaying_laps(name: str, track: str, seed: int) -> str:
     """Return the folder of laps by an expert that sways off its line, and returns."""
-    out = "outputs/recordings/swaying"
-    passes = [{"track": "udacity_lake", "direction": "both", "laps": 1, "noise": 1.0, "seed": 1}]
-    return {"root": recorded({"data": {"root": None, "record": {"out": out, "passes": passes}}})}
+    passes = [{"track": track, "direction": "both", "laps": 1, "noise": 1.0, "seed": seed}]
+    record = {"out": f"outputs/recordings/{name}", "passes": passes}
+    return recorded({"data": {"root": None, "record": record}})
 
 
 def shares(study: Study) -> dict[str, int]:
@@ -186,9 +176,12 @@ def result_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
 
 @cache
 def recoveries() -> tuple[np.ndarray, np.ndarray, list[list[np.ndarray]]]:
-    """Return steering and speed of every third row of the recoveries, and frames by camera."""
-    recorded({"data": {"root": None, "record": RECOVERIES}})
-    recording = read_recordings(RECOVERIES["out"])
+    """Return steering and speed of every third row of the recoveries, and frames by camera.
+
+    These are laps of the lake which no training uses. The networks' own test rows differ by split
+    and by the offset of the labels: they cannot be compared.
+    """
+    recording = read_recordings(swaying_laps("recoveries", "lake", 9))
     rows = np.arange(0, len(recording), 3)  # neighbours are alike
     frames = [[read_image(path) for path in paths] for paths in recording.images[rows].T]
     return recording.steering[rows], recording.speed_mph[rows], frames
@@ -336,7 +329,7 @@ PREPARE: dict[str, Callable[[Study], dict]] = {
     "nominal": nominal,
     "shares": shares,
     "student_laps": student_laps,
-    "swaying_laps": swaying_laps,
+    "swaying_laps": lambda study: {"root": swaying_laps("swaying", "udacity_lake", 1)},
 }
 ROWS: dict[str, Callable[[Study, Entry], list[Row]]] = {
     "results": per_run(result_rows),

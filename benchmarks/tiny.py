@@ -10,7 +10,7 @@ import torch
 from rich.console import Console
 
 from benchmarks.material import OUT, config_for, linked_recording, loaded_data, ready_to_fit
-from benchmarks.measuring import Row, compared, medians, take_turns
+from benchmarks.measuring import Row, compared, medians, seconds_of, take_turns
 from datamodules.driving import DrivingData
 
 SAMPLES, BATCH, EPOCHS = 24_000, 128, 30
@@ -62,6 +62,4 @@ def measure(short: bool) -> list[Row]:
 def fit(config: object, data: DrivingData) -> float:
     """Return the seconds of the fit alone; other parts measure loading and start-up."""
     trainer, module, data = ready_to_fit(config, data, OUT / "run")
-    began = time.perf_counter()
-    trainer.fit(module, datamodule=data)
-    return time.perf_counter() - began
+    return seconds_of(lambda: trainer.fit(module, datamodule=data))

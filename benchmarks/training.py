@@ -215,7 +215,8 @@ def best_product(device: str, side: int, dtype: torch.dtype) -> float:
         for product in [product for product in products for _ in range(TIMES)]:
             began = time.perf_counter()
             product()
-            wait_for(device)
+            if device == "cuda":
+                torch.cuda.synchronize()
             seconds.append(time.perf_counter() - began)
     return 2 * side**3 / min(seconds)
 
@@ -223,12 +224,6 @@ def best_product(device: str, side: int, dtype: torch.dtype) -> float:
 def run_product(pipe: Connection, device: str, side: int, dtype: torch.dtype) -> None:
     """Send the FLOP/s of the best product at each request."""
     answer(pipe, lambda: best_product(device, side, dtype))
-
-
-def wait_for(device: str) -> None:
-    """Wait until the device has finished what was started."""
-    if device == "cuda":
-        torch.cuda.synchronize()
 
 
 def untrained(name: str, samples: int) -> tuple[torch.nn.Module, dict[str, torch.Tensor]]:

@@ -12,6 +12,7 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from benchmarks.board_rows import Row
+from benchmarks.road_rows import columns_of
 from benchmarks.study_grid import Entry, Study, kept
 from benchmarks.watched_drives import (
     BEFORE_S,
@@ -27,7 +28,6 @@ from benchmarks.watched_drives import (
 )
 from zoo.drives.bootstrap import Estimate
 from zoo.drives.clustered import ANY, POSITIVE, SHARE, clustered
-from zoo.runs.table import interval_figures
 
 FALSE_ALARMS = 0.1  # share of the threshold roads' frames that no failure follows
 FEWEST = 5  # failures of a condition that takeovers are driven for
@@ -208,8 +208,5 @@ def row_of(cells: Sequence[Sequence[tuple[Parts, list, Row]]], roads: Sequence[s
                 np.array([sum(p[side] for p in own) for own in known]) for side in (0, 1)
             )
             found = clustered(values, weights, places=roads, limits=limits)
-        row |= {
-            key: "" if value is None else round(value, 3)
-            for key, (value,) in interval_figures(name, [found]).items()
-        }
+        row |= columns_of(name, found, 3)
     return row

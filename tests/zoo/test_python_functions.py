@@ -188,6 +188,17 @@ def test_a_table_becomes_a_data_frame(tmp_path: Path, monkeypatch: pytest.Monkey
         found.to_pandas()
 
 
+def test_a_benchmark_that_is_read_is_shown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(1)
+    write(tmp_path / "a", result(figures(rng, 0.6, 3, 0.01, np.zeros(len(ROADS))), "a"))
+    drivezoo.read_benchmark(tmp_path / "a").show()
+    printed = capsys.readouterr().out
+    assert "digest of the drives" in printed
+    assert f"next: drivezoo benchmark verify {tmp_path / 'a'}" in printed
+
+
 def test_a_benchmark_is_plotted(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     write(tmp_path / "a", result(figures(rng, 0.6, 3, 0.01, np.zeros(len(ROADS))), "a"))

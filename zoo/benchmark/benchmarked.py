@@ -41,13 +41,14 @@ from zoo.benchmark.summary import (
     drives_of,
     known_figures,
     outside_metrics,
+    overall,
     summarize_drives,
 )
 from zoo.drives.metrics import DRIVES, METRICS
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.page import Page
 from zoo.runs.plots import interval_plot
-from zoo.runs.table import Column, Table, interval_column, with_interval
+from zoo.runs.table import Column, Table, interval_column, number_column, with_interval
 from zoo.runs.table_files import Result
 from zoo.verdict.evidence import other_car_line
 from zoo.worlds.run_drives import load_kept
@@ -116,7 +117,7 @@ class Benchmarked(Result):
             console.print(shown, highlight=False)
         # A suite of the user's is named to verify it.
         named = [f"suite={self.suite}"] if self.suite.endswith((".yaml", ".yml")) else []
-        verify = ["benchmark", "verify", self.written[0], *named]
+        verify = ["benchmark", "verify", [*self.written, self.folder][0], *named]
         by_hand = self.result.checkpoints[0].file == HUMAN  # nobody can repeat it
         print_written(self.written, [] if by_hand else verify, console)
 
@@ -247,7 +248,7 @@ def groups_table(result: BenchmarkResult) -> Table:
     counts = [len(drives_of(result.drives, name)) for name in result.groups]
     columns = [
         Column("group", "group", list(result.groups)),
-        Column("drives", "drives", list(map(str, counts)), {"drives": counts}),
+        number_column("drives", "drives", counts),
     ]
     columns += figure_columns(list(groups))
     for key in outside_metrics(result.drives):  # their part may not be named here
@@ -281,11 +282,6 @@ def difference_lines(result: BenchmarkResult) -> list[str]:
         few = "" if figures["autonomy"].low is not None else " (fewer than 3 roads: no interval)"
         lines.append(f"{group} minus clean drives of the same roads: {text}{few}")
     return lines
-
-
-def overall(result: BenchmarkResult) -> dict[str, Interval]:
-    """Return the figures of all groups but the laps; of the laps where there are no others."""
-    return result.groups.get(OVERALL) or next(iter(result.groups.values()))
 
 
 def overall_line(result: BenchmarkResult) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from zoo.base.bounded_files import MOST_JSON_BYTES, hash_file, parse_json, read_text
-from zoo.base.errors import InputError, UsageError
+from zoo.base.errors import InputError, UsageError, file_errors
 from zoo.base.whole_file import write_whole
 from zoo.benchmark.baselines import BASELINES, NO_CHECKPOINT
 from zoo.benchmark.result import Driver, DriveRecord, check_distinct
@@ -167,12 +167,10 @@ class FinishedDrives:
             "drivers": [one.sha256 or one.file for one in drivers],
             "code": code_fingerprint()["hash"],
         }
-        if not self.path.is_file():
-            self._write([json.dumps(first), ""])
-            return
-        lines = read_text(self.path, MOST_JSON_BYTES).split("\n")
+        text = read_text(self.path, MOST_JSON_BYTES) if self.path.is_file() else ""
         # The text after the last line break is a drive that was written in part.
-        for number, line in enumerate(lines[:-1], 1):
+        lines = text.split("\n")[:-1] or [json.dumps(first)]
+        for number, line in enumerate(lines, 1):
             place = f"{self.path}: row {number}; delete this file and start again"
             try:
                 content = parse_json(line)
@@ -188,19 +186,14 @@ class FinishedDrives:
             else:
                 row = check_fields(_Finished, content, place)
                 self.drives[row.job] = row.drive
-        self._write([*lines[:-1], ""])
+        with file_errors(self.path, "{}; its drives are kept"):
+            write_whole(self.path, "\n".join([*lines, ""]))
 
     def add(self, job: int, drive: DriveRecord) -> None:
         """Keep a finished drive."""
         self.drives[job] = drive
         with self.path.open("a", encoding="utf-8") as file:
             file.write(json.dumps({"job": job, "drive": drive.model_dump()}) + "\n")
-
-    def _write(self, lines: Sequence[str]) -> None:
-        try:
-            write_whole(self.path, "\n".join(lines))
-        except OSError as error:
-            raise InputError(f"{self.path}: {error.strerror}; its drives are kept") from None
 
     def remove(self) -> None:
         """Delete the file, once the result is written."""

@@ -119,10 +119,6 @@ class BenchmarkResult(Fields):
         """
         return "without_intervention" if self.has_levels else "autonomy"
 
-    def of_checkpoint(self, number: int) -> list[DriveRecord]:
-        """Return the drives of a checkpoint."""
-        return [one for one in self.drives if one.checkpoint == number]
-
 
 def result_path(path: Path) -> Path:
     """Return the file of a result, or of the folder that contains it.

@@ -19,7 +19,7 @@ from simulator.track_names import DRAWN
 from simulator.weather import CLEAR, read_weather
 from simulator.world_settings import Quality
 from zoo.base.bounded_files import read_like
-from zoo.base.errors import InputError, UsageError, hint
+from zoo.base.errors import InputError, UsageError, hint, placed_errors
 from zoo.base.limits import check_most
 from zoo.cli.conf_files import choices, conf_folder
 from zoo.runs.record_fields import Count, Number, OnlyFields, check_fields
@@ -193,13 +193,9 @@ def read_suite(name: str, split: str = "test") -> Suite:
     file = _read_file(path)
     if split == DEV and not (file.dev or file.axes):
         raise UsageError(f"split=dev: the suite {file.name} has no dev roads; use split=test")
-    given = [
-        *file.groups.values(),
-        file.dev,
-        file.laps,
-        *(own * file.roads for own in file.axes.values()),
-    ]
-    check_most("drives", sum(map(len, given)), f"{path}: groups", "remove some")
+    count = sum(map(len, (*file.groups.values(), file.dev, file.laps)))
+    count += file.roads * sum(map(len, file.axes.values()))
+    check_most("drives", count, f"{path}: groups", "remove some")
     dev, laps = ([_Drive(track=track) for track in tracks] for tracks in (file.dev, file.laps))
     groups = {DEV: dev} if split == DEV else file.groups | {LAPS: laps}
     drives = [
@@ -299,13 +295,11 @@ def _read_file(path: Path) -> _File:
 
 def _suite_drive(file: _File, path: Path, group: str, drive: _Drive, level: int = 0) -> SuiteDrive:
     settings = drive.model_dump(exclude_unset=True, exclude={"track"})
-    try:
+    with placed_errors(f"{path}: groups.{group}: {drive.track}"):
         weather = read_weather(str(drive.weather)) if drive.weather else CLEAR
         known = {key: value for key, value in settings.items() if value is not None}
         usual = {"speed": file.speed, "quality": file.quality}
         scenario = Scenario(drive.track, **usual | known | {"weather": weather})
         scenario.check()
         open_world(scenario, "none").close()
-    except InputError as error:
-        raise InputError(f"{path}: groups.{group}: {drive.track}: {error}") from None
     return SuiteDrive(group, drive.track, settings, scenario, level)

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from zoo.benchmark.levels import level_at
-from zoo.benchmark.result import DriveRecord, Interval
+from zoo.benchmark.result import BenchmarkResult, DriveRecord, Interval
 from zoo.benchmark.suite import LAPS, LIKE, OVERALL, place_of
 from zoo.drives.bootstrap import Estimate
 from zoo.drives.clustered import POSITIVE, SHARE, clustered
@@ -81,6 +81,11 @@ def drives_of(drives: Sequence[DriveRecord], group: str) -> list[DriveRecord]:
     return [one for one in drives if one.group == group or (group == OVERALL and one.group != LAPS)]
 
 
+def overall(result: BenchmarkResult) -> dict[str, Interval]:
+    """Return the figures of all groups but the laps; of the laps where there are no others."""
+    return result.groups.get(OVERALL) or next(iter(result.groups.values()))
+
+
 def group_names(drives: Sequence[DriveRecord]) -> list[str]:
     """Return the names of the groups in the order of the drives."""
     return list(dict.fromkeys(one.group for one in drives))
@@ -104,22 +109,16 @@ def group_figures(drives: Sequence[DriveRecord]) -> dict[str, Interval]:
     estimate = partial(clustered, places=places_of(first), groups=[one.group for one in first])
     count, km = of["interventions"].size, np.maximum(of["driven_m"], 0.0) / 1000
     driven_s = of["driven_s"].sum()
-    failures = {
-        "interventions_per_km": estimate(
-            of["interventions"], km, limits=POSITIVE, one_failure=count / (km.sum() or math.inf)
-        ),
-        "failed": estimate((of["interventions"] > 0) * 1.0, limits=SHARE, one_failure=1.0),
-        "shortfall": estimate(
-            1 - of["autonomy"],
-            limits=SHARE,
-            one_failure=min(1.0, INTERVENTION_S * count / driven_s) if driven_s else 1.0,
-        ),
-    }
-    rate = failures["interventions_per_km"]
+    lost = min(1.0, INTERVENTION_S * count / driven_s) if driven_s else 1.0
+    rate = estimate(
+        of["interventions"], km, limits=POSITIVE, one_failure=count / (km.sum() or math.inf)
+    )
+    failed = estimate((of["interventions"] > 0) * 1.0, limits=SHARE, one_failure=1.0)
+    shortfall = estimate(1 - of["autonomy"], limits=SHARE, one_failure=lost)
     found = {
         "interventions_per_km": rate,
-        "without_intervention": _complement(failures["failed"]),
-        "autonomy": _complement(failures["shortfall"]),
+        "without_intervention": complement(failed),
+        "autonomy": complement(shortfall),
         "m_per_intervention": Estimate(
             *(1000 / one if one else math.nan for one in (rate.value, rate.high, rate.low))
         ),
@@ -190,7 +189,8 @@ def table(drives: Sequence[DriveRecord], name: str) -> np.ndarray:
     return np.array(values, np.float64)
 
 
-def _complement(share: Estimate) -> Estimate:
+def complement(share: Estimate) -> Estimate:
+    """Return the share of the others."""
     return Estimate(1 - share.value, 1 - share.high, 1 - share.low)
 
 

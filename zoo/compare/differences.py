@@ -4,7 +4,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Literal
 
@@ -15,6 +15,7 @@ from zoo.base.errors import InputError
 from zoo.benchmark.checked_result import read_result, roads_of, shown
 from zoo.benchmark.result import BenchmarkResult, DriveRecord
 from zoo.benchmark.suite import LAPS, OVERALL, Road, place_of
+from zoo.benchmark.summary import overall
 from zoo.drives.bootstrap import FEWEST_ROADS, Estimate
 from zoo.drives.clustered import EQUAL, SHARE, clustered, holm, p_value, satterthwaite
 
@@ -27,16 +28,15 @@ MOST_SEEDS = 100
 
 @dataclass(frozen=True)
 class Entry:
-    """A result, with its drives by road; each road has one drive for each training seed."""
+    """A result, and the path that it was read from."""
 
     path: Path
     result: BenchmarkResult
-    drives: dict[Road, list[DriveRecord]]
 
-    @classmethod
-    def of(cls, path: Path, result: BenchmarkResult) -> "Entry":
-        """Return the entry of a result that was read from a path."""
-        return cls(path, result, roads_of(result))
+    @cached_property
+    def drives(self) -> dict[Road, list[DriveRecord]]:
+        """Return the drives by road; each road has one drive for each training seed."""
+        return roads_of(self.result)
 
     @property
     def seeds(self) -> int:
@@ -80,7 +80,7 @@ def read_entries(*paths: Path) -> list[Entry]:
     Raises:
         InputError: a file cannot be read, a drive is missing, or suite or roads differ.
     """
-    entries = [Entry.of(path, read_result(path)) for path in paths]
+    entries = [Entry(path, read_result(path)) for path in paths]
     for one, other in itertools.permutations(entries, 2):
         for key in ("suite", "roads"):
             wanted, found = getattr(one.result, key), getattr(other.result, key)
@@ -176,8 +176,7 @@ def in_order(entries: Sequence[Entry]) -> list[Entry]:
     """
 
     def key(entry: Entry) -> tuple[int, float]:
-        groups = entry.result.groups
-        figures = groups.get(OVERALL) or next(iter(groups.values()))
+        figures = overall(entry.result)
         rate = figures["interventions_per_km"].value
         if entry.result.has_levels:
             rate = -figures[entry.result.score].value
@@ -207,7 +206,7 @@ def _p_value(a: Entry, b: Entry, roads: list[Road]) -> float:
     """Return the p-value of the difference in the scores; 1 for too few places."""
     if not _has_interval(roads):
         return 1.0
-    return p_value(_differences(*(one.scores(roads) for one in (a, b))), *clusters(roads))
+    return p_value(a.scores(roads)[:, None] - b.scores(roads), *clusters(roads))
 
 
 def clusters(roads: Sequence[Road]) -> tuple[list[str], list[str]]:
@@ -219,7 +218,7 @@ def compare_roads(a: Entry, b: Entry, roads: list[Road], p: float | None = None)
     """Return the comparison on some roads; with a p-value that is corrected for their number."""
     places, groups = clusters(roads)
     scores_a, scores_b = (one.scores(roads) for one in (a, b))
-    difference = _differences(scores_a, scores_b)
+    difference = scores_a[:, None] - scores_b  # [seeds of A, seeds of B, roads]
     p = _p_value(a, b, roads) if p is None else p
     verdict = CANNOT_TELL
     alone = any(one.seeds == 1 and one.is_trained for one in (a, b))
@@ -282,11 +281,6 @@ def _by_place(table: np.ndarray, places: Sequence[str]) -> np.ndarray:
     found = np.zeros((len(table), len(order)))
     np.add.at(found, (slice(None), [order.index(place) for place in places]), table)
     return found * len(order) / len(places)
-
-
-def _differences(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return A's figures minus B's: [seeds of A, seeds of B, roads]."""
-    return a[:, None] - b[None]
 
 
 def _variances(figures: np.ndarray) -> tuple[float, float]:

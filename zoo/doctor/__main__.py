@@ -65,11 +65,14 @@ def diagnose(checkpoint: str | None, recording: str | None, port: int) -> Iterat
     yield from careful("port", partial(machine.check_port, port))
     yield from careful("disk", machine.check_disk)
     if recording is not None:
-        yield from careful("recording", partial(inputs.check_recording, recording))
+        check = partial(inputs.check_recording, recording)
+        yield from careful("recording", check, "record or copy it again")
     if checkpoint is None:
         return
     usable = True
-    for finding in careful("checkpoint", partial(inputs.check_checkpoint, checkpoint, recording)):
+    check = partial(inputs.check_checkpoint, checkpoint, recording)
+    fix = "name a checkpoint that drivezoo train wrote, or train again"
+    for finding in careful("checkpoint", check, fix):
         usable = usable and finding.state != FAULT
         yield finding
     if usable:

@@ -13,7 +13,7 @@ from contextlib import suppress
 from itertools import compress
 
 from zoo.base.child_process import end_module, start_module
-from zoo.doctor.machine import FAULT, OK, WARNING, Finding, from_error
+from zoo.doctor.machine import FAULT, OK, WARNING, Finding
 
 SLOW_MS = 1000 / 60  # the original simulator sends up to 60 images per second
 TRIALS, IMAGES = 15, 50
@@ -25,19 +25,13 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
     """Check that a checkpoint loads; report its input and its time for a frame."""
     import numpy as np
 
-    from zoo.base.errors import InputError
     from zoo.base.rig import UDACITY
     from zoo.checkpoints.policy import load_policy
 
-    what = "checkpoint"
-    try:
-        policy = load_policy(path).in_car(UDACITY)  # only its time counts
-    except InputError as error:
-        yield from_error(what, error, "name a checkpoint that drivezoo train wrote, or train again")
-        return
+    policy = load_policy(path).in_car(UDACITY)  # only its time counts
     view = policy.view
     name = policy.config.get("model", {}).get("name") or policy.name
-    yield Finding(OK, what, f"{path}: {name}, {policy.parameters:,} parameters")
+    yield Finding(OK, "checkpoint", f"{path}: {name}, {policy.parameters:,} parameters")
     height, width, _ = view.shape
     speed = " and the speed" if policy.takes_speed else ""
     found = f"{width} x {height} {view.colour}{speed}; without {view.crop_text}"
@@ -82,17 +76,11 @@ def check_recording(folder: str) -> Iterator[Finding]:
 
     from datamodules.image import read_image
     from datamodules.recording_format import read_recordings
-    from zoo.base.errors import InputError
 
-    what = "recording"
-    try:
-        recording = read_recordings(folder, on_bad_image="skip")
-    except InputError as error:
-        yield from_error(what, error, "record or copy it again")
-        return
+    recording = read_recordings(folder, on_bad_image="skip")
     present = [any(path is not None for path in paths) for paths in recording.images.T]
     cameras = ", ".join(compress(("centre", "left", "right"), present))
-    yield Finding(OK, what, f"{folder}: {len(recording):,} rows, cameras {cameras}")
+    yield Finding(OK, "recording", f"{folder}: {len(recording):,} rows, cameras {cameras}")
     bad = list(recording.bad_images)
     rows = np.unique(np.linspace(0, len(recording) - 1, IMAGES).astype(int))
     for row in rows:

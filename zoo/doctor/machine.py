@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from zoo.base.cores import usable_cores
+from zoo.base.errors import InputError
 
 OK, WARNING, FAULT = "ok", "warning", "fault"
 INSTALL = "activate the virtual environment, then in the checkout: pip install -e ."
@@ -48,20 +49,20 @@ class Finding:
     fix: str = ""
 
 
-def from_error(what: str, error: Exception, usual_fix: str) -> Finding:
-    """Convert one of our errors, `what was found; what to do`, to a fault.
+def careful(
+    what: str, check: Callable[[], Iterator[Finding]], usual_fix: str = INSTALL
+) -> Iterator[Finding]:
+    """Yield the findings of a check; an exception becomes a finding, not a traceback.
 
-    An error without the second part gets the usual fix.
+    One of our errors is `what was found; what to do`; without the second part it gets the usual
+    fix.
     """
-    text = " ".join(str(error).split())
-    found, _, fix = text.rpartition("; ")
-    return Finding(FAULT, what, found or text, fix if found else usual_fix)
-
-
-def careful(what: str, check: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
-    """Yield the findings of a check; an exception becomes a finding, not a traceback."""
     try:
         yield from check()
+    except InputError as error:
+        text = " ".join(str(error).split())
+        found, _, fix = text.rpartition("; ")
+        yield Finding(FAULT, what, found or text, fix if found else usual_fix)
     except ModuleNotFoundError as error:
         yield Finding(FAULT, what, f"not checked: {error.name} is not installed", INSTALL)
     except Exception as error:  # a damaged library can raise anything

@@ -118,11 +118,9 @@ class Graded(Result):
             Column("submitted", "submitted", [one.submitted for one in self.grades]),
             Column("result", "result", [one.status for one in self.grades]),
         ]
-        marks = dict.fromkeys(
-            (mark.group, mark.figure) for one in self.grades for mark in one.reached
-        )
-        for group, figure in marks:
-            found = [_mark_of(one, group, figure) for one in self.grades]
+        marks = [{(mark.group, mark.figure): mark for mark in one.reached} for one in self.grades]
+        for group, figure in dict.fromkeys(key for own in marks for key in own):
+            found = [own.get((group, figure)) for own in marks]
             name = f"{group}_{figure}".replace(" ", "_")
             first = next(mark for mark in found if mark)
             heading, required, _ = first.texts
@@ -227,7 +225,7 @@ def _drive(folder: Path, submission: Submission, suite: Path, minutes: float) ->
     if not (folder / NAME).is_file():
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
         raise InputError(
-            lines[-1].partition("drivezoo benchmark: ")[2]
+            lines[-1].rpartition("drivezoo benchmark: ")[2]
             if lines
             else f"ended with {process.returncode}"
         )
@@ -299,8 +297,3 @@ def _cell(mark: Reached) -> str:
     text = mark.texts[2]
     short = text.partition(" (")[0]
     return {OPEN: f"{text}, {OPEN}", PASSED: short}.get(mark.status, f"{short}, {mark.status}")
-
-
-def _mark_of(grade: Grade, group: str, figure: str) -> Reached | None:
-    found = (one for one in grade.reached if (one.group, one.figure) == (group, figure))
-    return next(found, None)

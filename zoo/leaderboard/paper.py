@@ -21,10 +21,10 @@ from zoo.base.new_folder import command_folder
 from zoo.base.terminal import command_line, printable
 from zoo.base.whole_file import write_output
 from zoo.base.written_files import LOCK, MARK, remove_files, written_below
-from zoo.benchmark.benchmarked import INTERVALS, SHORT, figure_columns, overall
+from zoo.benchmark.benchmarked import INTERVALS, SHORT, figure_columns
 from zoo.benchmark.result import NAME, SCORES, code_name
 from zoo.benchmark.suite import Road, find_suite, suite_names
-from zoo.benchmark.summary import FIGURES
+from zoo.benchmark.summary import FIGURES, complement, overall
 from zoo.checkpoints.checkpoint_path import FOLDER as CHECKPOINTS
 from zoo.compare import differences
 from zoo.compare.differences import Comparison, Entry
@@ -36,7 +36,7 @@ from zoo.leaderboard.scored import BENCHMARK
 from zoo.runs.code_fingerprint import code_fingerprint, package_versions
 from zoo.runs.plots import interval_panels, share_panels
 from zoo.runs.run import Run
-from zoo.runs.table import Column, Table, interval_column
+from zoo.runs.table import Column, Table, interval_column, number_column
 from zoo.runs.table_files import write_plot, write_table
 
 ARCHIVE, APPENDIX, COMMAND = "repeat.zip", "appendix.md", "command.txt"
@@ -215,7 +215,7 @@ def _entries_table(entries: Sequence[Entry], names: Sequence[str], ranks: Sequen
         Column("rank", "rank", ranks),
         Column("entry", "entry", names),
         *(
-            Column(name, name, [f"{one:,}" for one in own], {name: own}, short=name != "drives")
+            number_column(name, name, own, "{:,}", short=name != "drives")
             for name, own in counts.items()
         ),
         *figure_columns([overall(one) for one in results]),
@@ -230,7 +230,6 @@ def _pairs_table(
     names: Sequence[str], pairs: Mapping[tuple[int, int], Comparison], score: str
 ) -> Table:
     found = list(pairs.values())
-    p_values = [one.p for one in found]
     return Table(
         [
             Column("a", "A", [names[a] for a, _ in pairs]),
@@ -241,7 +240,7 @@ def _pairs_table(
             interval_column(
                 "a_better", "A better, %", [one.a_better for one in found], "{:.0f}", 100
             ),
-            Column("p", "p", list(map("{:.3f}".format, p_values)), {"p": p_values}),
+            number_column("p", "p", [one.p for one in found], "{:.3f}"),
             Column("verdict", "verdict", [one.verdict for one in found]),
         ],
         PAIRS,
@@ -285,7 +284,7 @@ def _share(kept: np.ndarray, roads: list[Road]) -> Estimate:
     places, groups = differences.clusters(roads)
     # Of the others, since the exact bound is that of no failure at all.
     lost = clustered(1.0 - kept, places=places, groups=groups, limits=SHARE, one_failure=1.0)
-    return Estimate(1 - lost.value, 1 - lost.high, 1 - lost.low)
+    return complement(lost)
 
 
 def _add_entry(paper: Paper, name: str, place: str, entry: Entry) -> None:

@@ -18,7 +18,7 @@ from zoo.drives.metrics import LOWER, Metric, leaderboard_metrics
 from zoo.leaderboard.scored import Scored
 from zoo.runs.fitted_table import fitted_table
 from zoo.runs.record_fields import Spread
-from zoo.runs.table import Cell, Column, interval_figures, two_lines, with_interval
+from zoo.runs.table import Cell, Column, interval_figures, number_column, two_lines, with_interval
 
 LAST = float("inf")  # sorts after every figure
 WHOLE_LAP = 0.95  # laps; a drive that ends a little before its start counts as a lap
@@ -250,9 +250,8 @@ def setting_text(value: str | None) -> str:
 
 def named_columns(entries: Sequence[Entry], under: Path | None) -> list[Column]:
     """Return the columns that identify entries: rank, folders, model, source, recording."""
-    places = list(range(1, len(entries) + 1))
     found = [
-        Column("rank", "", list(map(str, places)), {"rank": places}),
+        number_column("rank", "", list(range(1, len(entries) + 1))),
         Column("run", "run", [run_name(entry, under) for entry in entries]),
     ]
     names = [entry.first.name for entry in entries]

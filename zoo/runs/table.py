@@ -296,6 +296,14 @@ def interval_column(
     return Column(name, heading, texts, interval_figures(name, figures), short)
 
 
+def number_column(
+    name: str, heading: str, numbers: Sequence[Cell], form: str = "{}", short: bool = True
+) -> Column:
+    """Return a column of numbers, which the texts round; an empty text where there is none."""
+    texts = ["" if number is None else form.format(number) for number in numbers]
+    return Column(name, heading, texts, {name: numbers}, short)
+
+
 def known(value: float | None) -> float | None:
     """Return a finite number; None for NaN, an infinite one and None."""
     return value if value is not None and math.isfinite(value) else None

@@ -2,7 +2,6 @@
 
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ import yaml
 from matplotlib.figure import Figure
 from rich.console import Console
 
+from zoo.base.bounded_files import hash_file
 from zoo.base.command_keys import changed
 from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
@@ -21,7 +21,7 @@ from zoo.checkpoints.policy import load_policy
 from zoo.cli.console_progress import progress_bar
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.plots import save_figure
-from zoo.runs.table import Column, Table
+from zoo.runs.table import Column, Table, number_column
 from zoo.search.failure_map import Archive, failure_map
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_run import (
@@ -100,7 +100,7 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
     archive = options.archive(space)
     load_policy(checkpoint)  # reports a wrong file before processes start
     with command_folder(options.out, "searches") as folder:
-        digest = sha256(Path(checkpoint).read_bytes()).hexdigest()
+        digest = hash_file(checkpoint)
         report = Report(checkpoint, digest, options, space, archive, usual_features(space), folder)
         with (
             opened_pool(options.workers, most=BATCH) as pool,
@@ -207,11 +207,10 @@ def _write_mildest(report: Report, mildest: Driven) -> Path:
 def features_table(report: Report) -> Table:
     """Return a row for each feature: its usual value, its quartiles, and the mildest failure's."""
     features, mildest = report.space.features, report.mildest
-    usual = [report.usual[key] for key in features]
     labels = [one.label for one in features.values()]
     columns = [
         Column("feature", "feature", labels, {"feature": list(features)}),
-        Column("usual", "family's usual", [f"{one:.3g}" for one in usual], {"usual": usual}),
+        number_column("usual", "family's usual", [report.usual[key] for key in features], "{:.3g}"),
     ]
     for name, failed in (("passed", False), ("failed", True)):
         chosen = [one.candidate for one in report.drives if one.outcome.failed is failed]
@@ -220,8 +219,7 @@ def features_table(report: Report) -> Table:
         form = "{median:.3g} ({q25:.3g} to {q75:.3g})" if chosen else ""
         columns.append(Column(name, name, [form.format(**one) for one in found], figures))
     worst = [mildest and mildest.candidate.features[key] for key in features]
-    texts = ["" if one is None else f"{one:.3g}" for one in worst]
-    columns.append(Column("mildest", "mildest failure", texts, {"mildest": worst}))
+    columns.append(number_column("mildest", "mildest failure", worst, "{:.3g}"))
     return Table(columns, "Features of the roads: median and, in brackets, quartiles.")
 
 

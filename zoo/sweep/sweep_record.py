@@ -5,7 +5,6 @@ overrides may only name choices of this package, and each job's config is checke
 saved run.
 """
 
-import hashlib
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -19,8 +18,7 @@ from hydra.core.override_parser.types import Override
 from omegaconf import DictConfig, OmegaConf
 from pydantic import Field
 
-from datamodules.driving_log import MOST_LOG_BYTES
-from zoo.base.bounded_files import check_version, read_json, read_regular
+from zoo.base.bounded_files import check_version, hash_file, read_json
 from zoo.base.errors import InputError
 from zoo.base.parts import KEY
 from zoo.base.whole_file import write_whole
@@ -148,8 +146,8 @@ def log_digest(root: str) -> str | None:
     path = Path(root)
     path = path / "driving_log.csv" if path.is_dir() else path
     try:
-        return hashlib.sha256(read_regular(path, MOST_LOG_BYTES)).hexdigest()[:16]
-    except OSError:
+        return hash_file(path)[:16]
+    except InputError:
         return None
 
 

@@ -19,7 +19,7 @@ from zoo.cli.console_progress import progress_bar
 from zoo.drives.bootstrap import Estimate
 from zoo.drives.intervals import median_interval
 from zoo.runs.plots import BLUE, GREY, ORANGE, NotebookFigure, plain_axis, save_figure
-from zoo.runs.table import Column, Table, interval_column, with_interval
+from zoo.runs.table import Column, Table, interval_column, number_column, with_interval
 from zoo.runs.table_files import Result
 from zoo.timing.loop_times import LoopTimes
 from zoo.timing.timing_options import TimingOptions
@@ -99,19 +99,13 @@ class Timing(Result):
         speeds = [_median(one) for one in self.speeds.values()]
         gains = [self.gain(name) for name in names]
         least = [min(one) for one in self.speeds.values()]
-        rates, delays = [one.rate_hz for one in times], [one.delay_ms for one in times]
         columns = [
             Column("times", "loop times", names),
-            Column("rate_hz", "frames/s", [f"{one:.1f}" for one in rates], {"rate_hz": rates}),
-            Column("delay_ms", "delay, ms", [f"{one:.0f}" for one in delays], {"delay_ms": delays}),
+            number_column("rate_hz", "frames/s", [one.rate_hz for one in times], "{:.1f}"),
+            number_column("delay_ms", "delay, ms", [one.delay_ms for one in times], "{:.0f}"),
             interval_column("speed_mph", "highest speed, mph", speeds, "{:g}"),
             interval_column("gain_mph", "gain, mph", gains, "{:+g}"),
-            Column(
-                "every_road_mph",
-                "every road, mph",
-                [f"{one:g}" for one in least],
-                {"every_road_mph": least},
-            ),
+            number_column("every_road_mph", "every road, mph", least, "{:g}"),
         ]
         return Table(columns, f"Highest clean speeds of {self.checkpoint}, median of the roads.")
 

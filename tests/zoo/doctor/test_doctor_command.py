@@ -5,6 +5,7 @@ import shutil
 import socket
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -108,7 +109,7 @@ def test_a_file_that_is_no_checkpoint_is_a_fault(tmp_path: Path, content: bytes)
     path = tmp_path / "bad.ckpt"
     path.write_bytes(content)
 
-    (finding,) = inputs.check_checkpoint(str(path))
+    (finding,) = machine.careful("checkpoint", partial(inputs.check_checkpoint, str(path)))
 
     assert finding.state == FAULT
     assert str(path) in finding.found

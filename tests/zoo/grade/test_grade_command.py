@@ -1,6 +1,8 @@
 """`drivezoo grade`: marks of a class on drawn roads, warnings and pages."""
 
 import shutil
+import subprocess
+import sys
 from contextlib import suppress
 from pathlib import Path
 
@@ -115,6 +117,20 @@ def test_a_submission_has_a_process_and_a_time_of_its_own(submitted: Path, tmp_p
     with pytest.raises(InputError, match="not driven within"):
         graded._drive(tmp_path / "drives" / "eve.1-0", one, tmp_path / "suite.yaml", 1e-5)
     assert [file.name for file in (tmp_path / "drives").glob("*.txt")] == ["eve.1-0.txt"]
+
+
+def test_a_process_that_dies_is_named_by_its_last_line(
+    submitted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = "import sys; print('Segmentation fault'); sys.exit(139)"
+
+    def start(*_: str, **output: object) -> subprocess.Popen:
+        return subprocess.Popen([sys.executable, "-c", program], **output)
+
+    monkeypatch.setattr(graded, "start_module", start)
+    one = Submission("eve", submitted / "eve.ckpt")
+    with pytest.raises(InputError, match="Segmentation fault"):
+        graded._drive(tmp_path / "drives" / "eve-0", one, tmp_path / "suite.yaml", 1.0)
 
 
 def test_roads_are_drawn_by_the_seed_and_keep_their_families() -> None:
