@@ -184,10 +184,9 @@ def _draw(family: RoadFamily, rng: np.random.Generator, closed: bool) -> dict[st
         return None
     length = sum(_length(one) for one in segments)
     width = rng.uniform(*family.width)
-    low, high = family.width
     stations = np.sort(rng.uniform(0, 0.98 * length, rng.integers(2, 6))).round(1)
     change = family.widening / 2 * rng.uniform(-1, 1, len(stations))
-    widths = np.clip(width + change, low, high).round(2)
+    widths = np.clip(width + change, *family.width).round(2)
     content: dict[str, Any] = {
         "closed": closed,
         "segments": segments,
@@ -211,8 +210,7 @@ def _segments(family: RoadFamily, rng: np.random.Generator, closed: bool) -> lis
         # A loop turns left steadily, an open road to both sides.
         aim = 300.0 * along / wanted if closed else 0.0
         left = rng.random() < 1 / (1 + math.exp((turned - aim) / TURN_BACK_DEG * 2))
-        low, high = family.radius
-        radius = round(math.exp(rng.uniform(math.log(low), math.log(high))), 1)
+        radius = round(math.exp(rng.uniform(*map(math.log, family.radius))), 1)
         degrees = min(rng.uniform(*family.degrees), math.degrees(LONGEST_M / radius))
         one = {"left" if left else "right": round(degrees, 1), "radius": radius}
         turned += one["left"] if left else -one["right"]
