@@ -68,7 +68,7 @@ class Scenery(Keys):
 class RoadFamily(Keys):
     """Ranges from which roads are drawn: the keys of its file, `path`, in `docs/simulator.md`."""
 
-    path: Path = Path()
+    _path: Path = Path()  # private, because it is no key
     length: Annotated[Ends, within(60, 20_000)]
     loop: Annotated[Ends, within(300, 20_000)]
     closed: Share
@@ -87,9 +87,14 @@ class RoadFamily(Keys):
     surroundings: Scenery
 
     @property
+    def path(self) -> Path:
+        """Return the family's file."""
+        return self._path
+
+    @property
     def name(self) -> str:
         """Return the name of the family's file."""
-        return self.path.stem
+        return self._path.stem
 
 
 def find_family(name: str) -> RoadFamily:
@@ -107,7 +112,7 @@ def find_family(name: str) -> RoadFamily:
         )
     status = path.stat()
     version = (status.st_ino, status.st_mtime_ns, status.st_size)
-    return _read_family(path, version).model_copy(update={"path": path})
+    return _read_family(path, version)
 
 
 @functools.lru_cache(maxsize=100)
@@ -118,6 +123,7 @@ def _read_family(path: Path, _version: tuple[int, ...]) -> RoadFamily:
         family = read_keys(RoadFamily, content)
         if not any(family.verges.values()):
             raise InputError("verges: give one kind or more a weight above 0")
+    family._path = path
     return family
 
 
