@@ -7,6 +7,8 @@ A closed road's last segments are Dubins' shortest way from its end to its start
 import cmath
 import math
 from collections.abc import Sequence
+from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -200,14 +202,10 @@ def closing_segments(segments: list[dict], radius: float) -> list[dict]:
         The shortest such way, without arcs and straights that are too short; empty if none exists.
     """
     place, heading = end_of(segments)
-    best: list[tuple[str, float]] = []
-    for first in (1, -1):
-        for last in (1, -1):
-            way = _arc_straight_arc(place, heading, radius, first, last)
-            if way and (not best or _total(way, radius) < _total(best, radius)):
-                best = way
+    turns = product((1, -1), repeat=2)
+    ways = [way for pair in turns if (way := _arc_straight_arc(place, heading, radius, *pair))]
     found = []
-    for kind, size in best:
+    for kind, size in min(ways, key=partial(_total, radius), default=()):
         if kind == "straight" and size >= 1:
             found.append({kind: size})
         elif kind != "straight" and size >= LEAST_TURN:
@@ -256,5 +254,5 @@ def _arc_straight_arc(
     return [(words[first], turn_first), ("straight", straight), (words[last], turn_last)]
 
 
-def _total(way: list[tuple[str, float]], radius: float) -> float:
+def _total(radius: float, way: list[tuple[str, float]]) -> float:
     return sum(size if kind == "straight" else size * radius for kind, size in way)

@@ -40,7 +40,6 @@ RATE = 20.0  # telemetry messages per second
 NODE_M = 2.0  # between two nodes of a road
 LINE_M = 1.0  # of the starting line; a drive begins before it
 AGAIN_M = 20.0  # before the line, from where a car can cross it again; more than a frame's way
-GRAVITY_MPS2 = 9.81
 ENCODINGS = {"JPG": ".jpg", "PNG": ".png"}
 CAMERA = UDACITY.cameras["center"].changed(size=(160, 120), yaw_right_deg=0.0, roll_deg=0.0)
 
@@ -140,7 +139,7 @@ class DonkeySession:
 
     def advance(self) -> Iterator[Message]:
         """Drive one frame, and yield a crossing of the starting line and the telemetry."""
-        world = self._world
+        world = self.world
         steering, throttle, brake = self.control
         # A brake only stops the car; a throttle below 0 reverses it.
         world.car.reverses = brake == 0
@@ -158,7 +157,7 @@ class DonkeySession:
 
     def telemetry(self) -> Message:
         """Return the message of the car's state and frames."""
-        world, car = self._world, self._world.car
+        world, car = self.world, self.world.car
         _, _, up, _, climb = world.pose()
         east, north = np.array([math.cos(car.heading), math.sin(car.heading)])
         ahead, left = car.ahead_mps, car.left_mps
@@ -204,13 +203,8 @@ class DonkeySession:
         self.world = None
 
     @property
-    def _world(self) -> World:
-        assert self.world is not None
-        return self.world
-
-    @property
     def _nodes(self) -> int:
-        return max(1, int(self._world.track.length / NODE_M))
+        return max(1, int(self.world.track.length / NODE_M))
 
     def _open(self, scene: str) -> None:
         rig = replace(UDACITY, name="donkeycar", cameras=self.cameras)
@@ -221,7 +215,7 @@ class DonkeySession:
         self._begin()
 
     def _begin(self) -> None:
-        self._world.reset(0)
+        self.world.reset(0)
         self.control, self._velocity, self._can_cross = (0.0, 0.0, 0.0), np.zeros(3), True
 
     def _set_step_mode(self, message: Message) -> None:
@@ -280,7 +274,7 @@ class DonkeySession:
         self._open(f"{families[style % len(families)]}:{seed}")
 
     def _set_position(self, message: Message) -> None:
-        world = self._world
+        world = self.world
         x, y = (_number(message, key, -1e5, 1e5) for key in ("pos_x", "pos_z"))
         turn, whole = (_number(message, key, -1, 1, default=0) for key in ("Qy", "Qw"))
         heading = math.pi / 2 - 2 * math.atan2(turn, whole)
@@ -290,7 +284,7 @@ class DonkeySession:
         self._velocity = np.zeros(3)
 
     def _node(self, index: int) -> Message:
-        track = self._world.track
+        track = self.world.track
         east, north, up = track.at(index * NODE_M).tolist()
         half = math.radians(_yaw_deg(float(track.heading_at(index * NODE_M)))) / 2
         place = {"pos_x": east, "pos_y": up, "pos_z": north}
@@ -298,7 +292,7 @@ class DonkeySession:
         return {"msg_type": "node_position", "index": index, **place, **turn}
 
     def _encoded(self, camera: str) -> str:
-        frame = self._world.frame(camera)
+        frame = self.world.frame(camera)
         code = cv2.COLOR_RGB2GRAY if self.is_grey else cv2.COLOR_RGB2BGR
         encoded = cv2.imencode(self.encoding, cv2.cvtColor(frame, code))[1]
         return base64.b64encode(encoded.tobytes()).decode()

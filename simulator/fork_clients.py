@@ -111,8 +111,7 @@ class ForkClient(Client):
             old.reset(options.seed, Start(options.start), read_weather(options.weather))
         else:
             self.world = options.open(track=track)
-            if old.renderer is not None:
-                old.renderer.close()
+            old.renderer.close()
         self.command, self._frame = (0.0, 0.0), None
         self.counts["episodes"] += 1
 
@@ -209,10 +208,8 @@ class GymClient(ForkClient):
         """Return the fork's numbers, with the cross-track error a moment ahead."""
         world, numbers = self.world, super().truth()
         ahead_m = numbers["speed"] * NEXT_S
-        x, y = (
-            world.car.x + ahead_m * math.cos(world.car.heading),
-            world.car.y + ahead_m * math.sin(world.car.heading),
-        )
+        x = world.car.x + ahead_m * math.cos(world.car.heading)
+        y = world.car.y + ahead_m * math.sin(world.car.heading)
         next_cte = world.track.locate(x, y, world.place.distance).cte * world.direction
         return {**numbers, "next_cte": next_cte}
 

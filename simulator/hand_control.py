@@ -4,7 +4,7 @@ A person's, or those of a simulated student: the expert's commands, late and imp
 """
 
 from collections import deque
-from collections.abc import Callable, Set
+from collections.abc import Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -196,10 +196,7 @@ class MouseHand:
         return Hands(frozenset({MOUSE_BUTTON}), round(pointer * WINDOW_WIDTH) / WINDOW_WIDTH)
 
 
-HANDS: dict[str, Callable[[np.random.Generator], KeyTaps | MouseHand]] = {
-    "keyboard": KeyTaps,
-    "mouse": MouseHand,
-}
+HANDS = {"keyboard": KeyTaps, "mouse": MouseHand}
 
 
 class HumanControl:

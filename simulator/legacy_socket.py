@@ -12,6 +12,7 @@ import socket
 import ssl
 import threading
 import time
+from collections.abc import Sequence
 from urllib.parse import urlsplit
 
 import websocket
@@ -133,6 +134,11 @@ def websocket_address(url: str) -> str:
     return f"{scheme}://{parts.netloc}/socket.io/?EIO=4&transport=websocket"
 
 
+def argument_of(arguments: Sequence[object]) -> object:
+    """Return an event's argument: None for an event without arguments, a tuple for several."""
+    return tuple(arguments) if len(arguments) > 1 else next(iter(arguments), None)
+
+
 class LegacySocket:
     """A WebSocket connection to a driver's `/socket.io/`, without polling before it.
 
@@ -171,8 +177,7 @@ class LegacySocket:
     def events(self, wait_s: float) -> list[tuple[str, object]]:
         """Return the events received within `wait_s` seconds, or as soon as one arrives.
 
-        Each event is (name, argument). The argument is None for an event without arguments and a
-        tuple for one with several.
+        Each event is (name, argument); see `argument_of`.
 
         Raises:
             ConnectionError: the driver closed the connection.
@@ -205,9 +210,7 @@ class LegacySocket:
                 name, *rest = json.loads(packet[2:])
             except (ValueError, TypeError):
                 return [(UNREADABLE, packet)]
-            if len(rest) > 1:
-                return [(str(name), tuple(rest))]
-            return [(str(name), rest[0] if rest else None)]
+            return [(str(name), argument_of(rest))]
         # The original ignores PONG, the answer to CONNECT, DISCONNECT, and the CLOSE of a session,
         # after which a driver closes the connection anyway.
         return []

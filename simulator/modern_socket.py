@@ -9,6 +9,7 @@ from simulator.legacy_socket import (
     HANDSHAKE_S,
     BoundedWebSocket,
     HandshakeSilentError,
+    argument_of,
     websocket_address,
 )
 
@@ -32,7 +33,7 @@ class ModernSocket:
             request_timeout=HANDSHAKE_S,
             websocket_extra_options={"class_": BoundedWebSocket},
         )
-        self._client.on("*", lambda name, *data: self._take(name, data))
+        self._client.on("*", lambda name, *data: self._queue.put((name, argument_of(data))))
         self._client.on("disconnect", lambda *_: self._queue.put(("disconnect", None)))
         try:
             self._client.connect(url, transports=["websocket"], wait_timeout=HANDSHAKE_S)
@@ -64,10 +65,6 @@ class ModernSocket:
     def close(self) -> None:
         """End the session."""
         self._client.disconnect()
-
-    def _take(self, name: str, data: tuple) -> None:
-        argument = data if len(data) > 1 else data[0] if data else None
-        self._queue.put((name, argument))
 
 
 def _silent(error: BaseException | None) -> bool:

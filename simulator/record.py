@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress
 from rich.table import Table
 
 from simulator.command_options import RecordOptions
@@ -210,16 +210,9 @@ def record_laps(
     began, first = time.perf_counter(), given[0]
     # Opened before the folder is created, so that a wrong option leaves no folder.
     world, driver = _open(runs[0], first.jobs)
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
     with (
         Recorder(first.out, first.header, first.relative) as recorder,
-        Progress(
-            *columns,
-            TimeRemainingColumn(),
-            console=console,
-            transient=True,
-            disable=not console.is_terminal,
-        ) as progress,
+        Progress(console=console, transient=True, disable=not console.is_terminal) as progress,
         # At its end it draws and waits for images.
         nullcontext(recorder)
         if first.jobs == 1

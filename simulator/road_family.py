@@ -68,7 +68,7 @@ class Scenery(Keys):
 class RoadFamily(Keys):
     """Ranges from which roads are drawn: the keys of its file, `path`, in `docs/simulator.md`."""
 
-    path: Path = Path()
+    _path: Path = Path()  # private, because it is no key
     length: Annotated[Ends, within(60, 20_000)]
     loop: Annotated[Ends, within(300, 20_000)]
     closed: Share
@@ -87,9 +87,14 @@ class RoadFamily(Keys):
     surroundings: Scenery
 
     @property
+    def path(self) -> Path:
+        """Return the family's file."""
+        return self._path
+
+    @property
     def name(self) -> str:
         """Return the name of the family's file."""
-        return self.path.stem
+        return self._path.stem
 
 
 def find_family(name: str) -> RoadFamily:
@@ -107,7 +112,7 @@ def find_family(name: str) -> RoadFamily:
         )
     status = path.stat()
     version = (status.st_ino, status.st_mtime_ns, status.st_size)
-    return _read_family(path, version).model_copy(update={"path": path})
+    return _read_family(path, version)
 
 
 @functools.lru_cache(maxsize=100)
@@ -118,6 +123,7 @@ def _read_family(path: Path, _version: tuple[int, ...]) -> RoadFamily:
         family = read_keys(RoadFamily, content)
         if not any(family.verges.values()):
             raise InputError("verges: give one kind or more a weight above 0")
+    family._path = path
     return family
 
 
@@ -184,10 +190,9 @@ def _draw(family: RoadFamily, rng: np.random.Generator, closed: bool) -> dict[st
         return None
     length = sum(_length(one) for one in segments)
     width = rng.uniform(*family.width)
-    low, high = family.width
     stations = np.sort(rng.uniform(0, 0.98 * length, rng.integers(2, 6))).round(1)
     change = family.widening / 2 * rng.uniform(-1, 1, len(stations))
-    widths = np.clip(width + change, low, high).round(2)
+    widths = np.clip(width + change, *family.width).round(2)
     content: dict[str, Any] = {
         "closed": closed,
         "segments": segments,
@@ -211,8 +216,7 @@ def _segments(family: RoadFamily, rng: np.random.Generator, closed: bool) -> lis
         # A loop turns left steadily, an open road to both sides.
         aim = 300.0 * along / wanted if closed else 0.0
         left = rng.random() < 1 / (1 + math.exp((turned - aim) / TURN_BACK_DEG * 2))
-        low, high = family.radius
-        radius = round(math.exp(rng.uniform(math.log(low), math.log(high))), 1)
+        radius = round(math.exp(rng.uniform(*map(math.log, family.radius))), 1)
         degrees = min(rng.uniform(*family.degrees), math.degrees(LONGEST_M / radius))
         one = {"left" if left else "right": round(degrees, 1), "radius": radius}
         turned += one["left"] if left else -one["right"]

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from simulator.scenery.mesh import Mesh, grid_mesh
 from simulator.scenery.textures import untextured
-from simulator.scenery.verges import GRASS, ROCK, SAND, SOILS, verge_room
+from simulator.scenery.verges import GRASS, ROCK, SAND, SOILS, smooth, verge_room
 from simulator.track import Track
 
 CELL_M = 8.0
@@ -60,18 +60,18 @@ class Ground:
         away = xy - self.track.xyz[nearest, :2]
         side = ((away * self.track.rightwards[nearest]).sum(1) > 0).astype(int)
         rise = around.hills * self._hills(xy)
-        rise = rise * _smooth((apart - around.calm) / 45)
+        rise = rise * smooth((apart - around.calm) / 45)
         # The verges extend to 14 m, and neither cells of the ground nor mounds may stick out.
-        rise = rise + 6.0 * self.rocky[side, nearest] * _smooth((apart - 13) / 8)
-        rise = rise + self._mounds(xy) * _smooth((apart - 13) / 8)
-        rise = rise - 9.0 * self.dropping[side, nearest] * _smooth((apart - 5) / 12)
+        rise = rise + 6.0 * self.rocky[side, nearest] * smooth((apart - 13) / 8)
+        rise = rise + self._mounds(xy) * smooth((apart - 13) / 8)
+        rise = rise - 9.0 * self.dropping[side, nearest] * smooth((apart - 5) / 12)
         # The ground has the road's height near it, and the track's mean height far away.
         level = self.track.xyz[:, 2]
-        weight = _smooth((apart - 60) / 120)
+        weight = smooth((apart - 60) / 120)
         nearby = level[nearest] if self.room is None else self._level_between(xy)
         base = nearby * (1 - weight) + level.mean() * weight - SINK_M
         edge = np.minimum(xy - self.low, self.high - xy).min(1)
-        rim = RIM_HEIGHT_M * _smooth((RIM_M - edge) / RIM_M)
+        rim = RIM_HEIGHT_M * smooth((RIM_M - edge) / RIM_M)
         rim = rim * (0.55 + 0.45 * self._noise(xy, 55, 3))
         return self._flood(xy, base + rise + rim, apart, nearest)
 
@@ -199,10 +199,10 @@ class Ground:
 
     def _colours(self, xy: np.ndarray, upright: np.ndarray) -> np.ndarray:
         """Return colours: the ground's soil, patches of another one, rock on steep slopes."""
-        patch = _smooth(self._noise(xy, 34, 2) * 2.5 - 0.75)[:, None]
+        patch = smooth(self._noise(xy, 34, 2) * 2.5 - 0.75)[:, None]
         ground = self.around.ground
         colours = np.array(SOILS[ground]) * (1 - patch) + np.array(PATCHES[ground]) * patch
-        steep = _smooth((0.985 - upright) / 0.06)[:, None]
+        steep = smooth((0.985 - upright) / 0.06)[:, None]
         rock = ROCK if ground == "forest" else PALE_ROCK
         return colours * (1 - steep) + np.array(rock) * steep
 
@@ -216,7 +216,7 @@ class Ground:
         rise = np.zeros(len(xy))
         for x, y, radius, height in self.around.mounds:
             inside = 1 - np.hypot(*(xy - (x, y)).T) / radius
-            rise = np.maximum(rise, height * _smooth(inside * STEEP))
+            rise = np.maximum(rise, height * smooth(inside * STEEP))
         return rise
 
     def _noise(self, xy: np.ndarray, size: float, number: int) -> np.ndarray:
@@ -235,10 +235,10 @@ class Ground:
         self, xy: np.ndarray, height: np.ndarray, apart: np.ndarray, nearest: np.ndarray
     ) -> np.ndarray:
         """Lower the ground in lakes, but not below the road, except under bridges."""
-        dam = np.where(self.walled[nearest], 0.0, 1 - _smooth((apart - 11) / 9))
+        dam = np.where(self.walled[nearest], 0.0, 1 - smooth((apart - 11) / 9))
         bottom = self.around.water_level - 1.5
         for x, y, radius in self.around.lakes:
-            wet = _smooth((radius - np.hypot(*(xy - (x, y)).T)) / 14) * (1 - dam)
+            wet = smooth((radius - np.hypot(*(xy - (x, y)).T)) / 14) * (1 - dam)
             height = height * (1 - wet) + np.minimum(height, bottom) * wet
         return height
 
@@ -252,9 +252,3 @@ class Ground:
         level = np.full((*xy.shape[:2], 1), self.around.water_level)
         points = np.concatenate([xy, level], -1)
         return grid_mesh("concrete", points, (0.0, 0.0, 1.0), WATER, xy / 24.0)
-
-
-def _smooth(x: np.ndarray) -> np.ndarray:
-    """Return 0 below 0, 1 above 1, and a smooth step between (Perlin's smoothstep)."""
-    x = np.clip(x, 0, 1)
-    return x * x * (3 - 2 * x)

@@ -120,8 +120,7 @@ def taper_at(track: Track, along: np.ndarray, side: int) -> np.ndarray:
     apart = np.abs(along[:, None] - np.array(changes))
     if track.closed:
         apart = np.minimum(apart, track.length - apart)
-    share = np.clip(apart.min(1) / taper, 0, 1)
-    return share * share * (3 - 2 * share)
+    return verges.smooth(apart.min(1) / taper)
 
 
 def _kind_at(track: Track, distance: float, side: int) -> str:

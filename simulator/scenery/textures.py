@@ -66,11 +66,11 @@ def untextured(mesh: Mesh) -> Mesh:
     return replace(mesh, material="plain" if mesh.material in PAVED else "bare", colours=colours)
 
 
-def _noise(rng: np.random.Generator, size: float, height: int = SIZE) -> np.ndarray:
-    """Return seamless noise float [height, SIZE], mean 0, deviation 1, blurred by `size` pixels."""
-    white = rng.normal(size=(height, SIZE))
+def _noise(rng: np.random.Generator, size: float) -> np.ndarray:
+    """Return seamless noise float [SIZE, SIZE], mean 0, deviation 1, blurred by `size` pixels."""
+    white = rng.normal(size=(SIZE, SIZE))
     spectrum = np.fft.rfft2(white)
-    y = np.fft.fftfreq(height)[:, None]
+    y = np.fft.fftfreq(SIZE)[:, None]
     x = np.fft.rfftfreq(SIZE)[None]
     smooth = np.fft.irfft2(spectrum * np.exp(-2 * (np.pi * size) ** 2 * (x**2 + y**2)), white.shape)
     smooth -= smooth.mean()

@@ -195,3 +195,9 @@ def inner_reach(curvature: np.ndarray, side: int) -> np.ndarray:
     """
     bend = -curvature * side
     return np.where(bend > 0, 0.85 / np.maximum(bend, 1e-9), np.inf)
+
+
+def smooth(x: np.ndarray) -> np.ndarray:
+    """Return 0 below 0, 1 above 1, and a smooth step between (Perlin's smoothstep)."""
+    x = np.clip(x, 0, 1)
+    return x * x * (3 - 2 * x)

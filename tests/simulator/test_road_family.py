@@ -117,6 +117,7 @@ def test_loops_close(family):
         ("surroundings", {"ground": []}, "ground: .*at least 1 item"),
         ("surroundings", {"ground": "sand"}, "ground: sand; must be"),
         ("lengths", [1, 2], "did you mean length"),
+        ("path", "alpine.yaml", "unknown key path"),
     ],
 )
 def test_wrong_families_name_file_and_key(tmp_path, key, value, named):

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from zoo.base.rig import MPS_PER_MPH
-from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
+from zoo.checkpoints.command import Command, Policy, PolicyFunction, as_policy
 from zoo.drives.drive_record import REPLAY, Drive, DriveRow
 from zoo.drives.interventions import DEFAULT_MARGIN_M, InterventionRule
 from zoo.drives.latency_meter import latency_meter
@@ -25,6 +25,12 @@ def speed_controller(scenario: Scenario) -> SpeedController:
     if scenario.throttle == "network":
         return Network()
     return PI(scenario.speed, kp=0.1, ki=0.002)
+
+
+def drivable(command: Command) -> Command:
+    """Return a command with its steering in -1..1; NaN steers straight on."""
+    steering = 0.0 if math.isnan(command.steering) else float(command.steering)
+    return replace(command, steering=min(max(steering, -1.0), 1.0))
 
 
 def drive(
@@ -76,17 +82,14 @@ def drive(
         began, mph = time.perf_counter(), state.speed_mph
         command = policy(frame, mph)
         latency_ms = 1000 * (time.perf_counter() - began)
-        steering = command.steering
-        if math.isnan(steering):
-            nan_frames += 1
-            steering = 0.0
-        steering = min(max(float(steering), -1.0), 1.0)
+        nan_frames += math.isnan(command.steering)
+        command = drivable(command)
         if meter:
-            meter.send(steering)
+            meter.send(command.steering)
         asks_expert = command.spread is not None or facts.get("source") == REPLAY
         throttle = state.throttle
         if throttle is None:
-            throttle = speed.pedal(replace(command, steering=steering), mph, state.time_s)
+            throttle = speed.pedal(command, mph, state.time_s)
         if scenario.margin is None and state.width_m is not None:
             rule.margin_m = state.width_m / 2
         cross_track_m = math.nan if state.cross_track_m is None else state.cross_track_m
@@ -97,7 +100,7 @@ def drive(
             infractions[rule.infraction(kind, cross_track_m)] += 1
         row = DriveRow(
             time_s=state.time_s,
-            steering=steering,
+            steering=command.steering,
             throttle=throttle,
             speed_mph=mph,
             cross_track_m=cross_track_m,
@@ -118,7 +121,7 @@ def drive(
             state = world.put_back(mph if speed.set_mph is None else speed.set_mph)
             speed.reset()
         else:
-            state = world.step(steering, throttle)
+            state = world.step(command.steering, throttle)
         if row.intervention or state.moved:
             policy.reset()
             rule.restart()

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from simulator.yaml_fields import Keys, Number, Whole, number, read_keys
 from zoo.base.bounded_files import read_yaml
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, placed_errors
 from zoo.cli.conf_files import choice_files
 
 # No name may begin with an underscore: those lead out of an environment.
@@ -121,10 +121,8 @@ def find_environment(track: str) -> tuple[Environment, bool]:
 
 def _read_file(kind: Any, path: Path) -> Any:
     content = read_yaml(path)
-    try:
+    with placed_errors(path):
         return read_keys(kind, content)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 def value_at(place: str, sources: Mapping[str, Any]) -> Any:

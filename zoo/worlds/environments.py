@@ -3,7 +3,6 @@
 import importlib
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from zoo.base.errors import InputError, hint
 from zoo.base.parts import import_part, registering_parts
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.drives.speed_controller import SpeedController
+from zoo.worlds.drive_loop import drivable
 from zoo.worlds.environment_mapping import (
     Control,
     Environment,
@@ -291,9 +291,7 @@ class EnvironmentPolicy:
             InputError: the image has another shape or type.
         """
         mph = float(np.asarray(observation["speed"]).item())
-        command = self.policy(observation["image"], mph)
-        steering = 0.0 if math.isnan(command.steering) else command.steering
-        command = replace(command, steering=min(max(steering, -1.0), 1.0))
+        command = drivable(self.policy(observation["image"], mph))
         throttle = self.speed.pedal(command, mph, self._steps / self.frame_rate)
         self._steps += 1
         return np.array([command.steering, throttle], np.float32)
