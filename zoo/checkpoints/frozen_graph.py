@@ -52,7 +52,10 @@ def quick_forward(network: nn.Module, view: View) -> Callable[..., Any]:
         inputs, wanted = trials(network, step, view)
         # The images' layout; values stay. (torch's type stubs lack memory_format alone.)
         network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        forward = _frozen(step, inputs[0])
+        forward: Callable[..., Any] = step
+        if hasattr(torch.jit, "trace"):
+            with quiet_tracing(), torch.no_grad():
+                forward = torch.jit.freeze(torch.jit.trace(step, inputs[0], check_trace=False))
         with torch.inference_mode():  # torch optimizes the graph in its first runs
             outs = [tensors(forward(*one)) for one in inputs]
         same = all(
@@ -66,14 +69,6 @@ def quick_forward(network: nn.Module, view: View) -> Callable[..., Any]:
         return forward
     network.to(memory_format=torch.contiguous_format)  # type: ignore[call-overload]
     return step
-
-
-def _frozen(step: nn.Module, inputs: tuple[Tensor, ...]) -> Callable[..., Any]:
-    """Return a module's frozen graph, or the module if this torch has no TorchScript."""
-    if not hasattr(torch.jit, "trace"):
-        return step
-    with quiet_tracing(), torch.no_grad():
-        return torch.jit.freeze(torch.jit.trace(step, inputs, check_trace=False))
 
 
 def as_step(network: nn.Module) -> nn.Module:
