@@ -21,6 +21,7 @@ from zoo.checkpoints.checkpoint import (
     load_plain,
     read_checkpoint_file,
 )
+from zoo.keras.keras_file import SUFFIXES as KERAS_SUFFIXES
 from zoo.keras.keras_file import read_keras_apart
 from zoo.keras.keras_layers import convert
 from zoo.keras.keras_weights import load_keras_weights
@@ -29,7 +30,6 @@ from zoo.models.transfer import Transfer
 
 IMAGENET = "imagenet"
 REMEDY = "or set model.weights=FILE, or model.weights=null for random weights"
-KERAS_SUFFIXES = (".h5", ".hdf5", ".keras", ".json")
 TORCH_SUFFIXES = (".pth", ".pt")
 
 

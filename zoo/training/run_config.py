@@ -24,7 +24,7 @@ from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import check_card, find_checkpoint, read_checkpoint_file
 from zoo.cli.compose import escape_interpolation
 from zoo.cli.conf_files import choice_files
-from zoo.keras.initial_weights import KERAS_SUFFIXES
+from zoo.keras.keras_file import SUFFIXES as KERAS_SUFFIXES
 from zoo.models.make_network import view_of
 from zoo.models.window import Window
 
