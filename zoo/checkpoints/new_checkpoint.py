@@ -1,19 +1,15 @@
-"""Write a checkpoint that no training wrote, without replacing one of a training.
+"""Contents and bytes of a checkpoint that no training wrote.
 
 A lean checkpoint has only what driving needs, for other people and machines.
 """
 
 import io
 import re
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import torch
 
 from zoo.base.bounded_files import mapped
-from zoo.base.whole_file import write_output
-from zoo.base.written_files import checked_file
 from zoo.checkpoints.checkpoint import PREFIX
 
 SUFFIX = ".ckpt"
@@ -22,25 +18,6 @@ _FOLDERS = re.compile(
     r"((?:^|[=,\[:'\"\s]))(?:file://)?(?:~|\.\.|[A-Za-z]:)?[/\\](?:[^,\]'\"]*[/\\](?=[^/\\,\]'\"]))?"
 )
 _SECRET = ("logger",)  # sections that may name servers, users and passwords
-
-
-def checked_out(out: Path, inputs: Sequence[str | Path]) -> Path:
-    """Return the path to write; refuse to replace a file that drivezoo did not write.
-
-    Args:
-        out: path that the user named.
-        inputs: files that the command reads.
-
-    Raises:
-        UsageError: the path has another suffix.
-        InputError: its folder does not exist, or see `check_output`.
-    """
-    return checked_file(out, (SUFFIX,), inputs=inputs, into_folder=True)
-
-
-def write_checkpoint(out: Path, contents: dict) -> None:
-    """Write a checkpoint's contents in one step; raise InputError if that fails."""
-    write_output(out, checkpoint_bytes(contents))
 
 
 def lean_contents(contents: dict) -> dict:

@@ -29,6 +29,8 @@ CARD = "drivezoo"  # key in the metadata; the value is JSON
 IMAGES, SPEED = "images", "speed"  # the graph's inputs
 STATE, NEXT = "state_", "next_"  # beginning of the names of a state's inputs and outputs
 INSTALL = "pip install 'drivezoo[onnx]'"
+# What reading a damaged card raises.
+UNUSABLE = (InputError, ValueError, KeyError, TypeError, ArithmeticError, RecursionError)
 
 
 def is_onnx(path: str | Path) -> bool:
@@ -58,15 +60,37 @@ class OnnxPolicy(SessionPolicy):
     def __init__(self, path: str | Path, threads: int = 1) -> None:
         self.path = Path(path)
         self.onnx = open_session(self.path, threads)
-        card = _read_card(self.path, self.onnx)
-        self.view, self.config, self.data = card["view"], card["config"], card["data"]
-        self.name, self.parameters = card["network"], card["parameters"]
+        window = self._read_card()
         self.takes_speed = SPEED in [one.name for one in self.onnx.get_inputs()]
-        self.predicts_spread = card["predicts_spread"]
         self.outputs = self.onnx.get_outputs()[0].shape[-1] - self.predicts_spread
-        if card["window"] is not None:
-            self.keep_memory(self._first_state(1), card["window"], self.data)
+        if window is not None:
+            self.keep_memory(self._first_state(1), window, self.data)
         _check_finite(self)
+
+    def _read_card(self) -> Window | None:
+        """Take the facts in the metadata that `zoo.export` wrote; return the window, if any."""
+        from zoo.base.bounded_files import check_text, check_version, parse_json
+        from zoo.checkpoints.checkpoint import FORMAT  # imports torch
+
+        try:  # decoding raises UnicodeDecodeError
+            text = self.onnx.get_modelmeta().custom_metadata_map.get(CARD)
+            if text is None:
+                raise InputError("there is none: name a file that drivezoo export wrote")
+            card = check_text(parse_json(text))
+            check_version(card["format"], FORMAT, CARD)
+            self.view = View.from_dict(card["view"])
+            window = card.get("window")
+            window = None if window is None else Window(**window)
+            self.predicts_spread = card.get("predicts_spread") is True
+            _check_inputs(self.onnx, self.view, window, self.predicts_spread)
+            self.config, self.data = dict(card["config"]), dict(card["data"])
+            self.name, self.parameters = str(card["network"]), int(card["parameters"])
+        except UNUSABLE as error:
+            reason = str(error) or type(error).__name__
+            raise InputError(
+                f"{self.path}: its {CARD} metadata cannot be used ({reason:.200}); export it again"
+            ) from None
+        return window
 
     def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
         """Return the command for a frame.
@@ -180,38 +204,6 @@ def start_session(
             "session.model_external_initializers_file_folder_path", str(folder)
         )
     return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
-
-
-def _read_card(path: Path, session: "onnxruntime.InferenceSession") -> dict:
-    """Return the metadata that `zoo.export` wrote, with the view as a `View`."""
-    from zoo.base.bounded_files import check_text, check_version, parse_json
-    from zoo.checkpoints.checkpoint import FORMAT  # imports torch
-
-    try:
-        text = session.get_modelmeta().custom_metadata_map.get(CARD)  # raises UnicodeDecodeError
-        if text is None:
-            raise InputError("there is none: name a file that drivezoo export wrote")
-        card = check_text(parse_json(text))
-        check_version(card["format"], FORMAT, CARD)
-        view = View.from_dict(card["view"])
-        window = card.get("window")
-        window = None if window is None else Window(**window)
-        predicts_spread = card.get("predicts_spread") is True
-        _check_inputs(session, view, window, predicts_spread)
-        return {
-            "predicts_spread": predicts_spread,
-            "view": view,
-            "window": window,
-            "config": dict(card["config"]),
-            "data": dict(card["data"]),
-            "network": str(card["network"]),
-            "parameters": int(card["parameters"]),
-        }
-    except (InputError, ValueError, KeyError, TypeError, ArithmeticError, RecursionError) as error:
-        reason = str(error) or type(error).__name__
-        raise InputError(
-            f"{path}: its {CARD} metadata cannot be used ({reason:.200}); export it again"
-        ) from None
 
 
 # Memory that a damaged file may ask for; the frames of `MOST_FRAMES` windows are smaller.

@@ -93,11 +93,10 @@ def worth_keeping(
         keep |= np.abs([row.cross_track_m for row in rows]) >= off_m
     begin = 0
     for number in interventions:
-        stretch = np.arange(begin, number + 1)
-        keep[stretch[time_s[stretch] >= time_s[number] - before_s]] = True
-        begin = number + 1
-        after = np.arange(begin, len(rows))
-        keep[after[time_s[after] < time_s[number] + after_s]] = True
+        end = number + 1
+        keep[begin:end] |= time_s[begin:end] >= time_s[number] - before_s
+        keep[end:] |= time_s[end:] < time_s[number] + after_s
+        begin = end
     return keep
 
 

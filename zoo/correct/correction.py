@@ -14,7 +14,7 @@ from rich.table import Table as PrintedTable
 from datamodules.driving_log import read_log
 from datamodules.recording import LOG_NAME
 from zoo.base.bounded_files import hash_file, read_json
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, file_errors
 from zoo.base.whole_file import json_text, write_whole
 from zoo.base.written_files import remove_written
 from zoo.checkpoints.checkpoint import load_checkpoint
@@ -220,11 +220,9 @@ def save(progress: dict, folder: Path) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    try:
+    with file_errors(folder, f"cannot be written ({{}}); {ANOTHER}"):
         folder.mkdir(parents=True, exist_ok=True)
         write_whole(folder / NAME, json_text(progress))
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror}); {ANOTHER}") from None
 
 
 def open_progress(

@@ -10,6 +10,8 @@ from zoo.base.bounded_files import hash_file
 from zoo.base.command import command
 from zoo.base.errors import InputError
 from zoo.base.terminal import print_written
+from zoo.base.whole_file import write_output
+from zoo.base.written_files import checked_file
 from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
 from zoo.cli.console_progress import loading
 from zoo.runs.table import Column, Table
@@ -52,15 +54,15 @@ def doubt(
     tables.check_files(TABLE_COLUMNS)
     paths = [find_checkpoint(name) for name in (ckpt, *ckpts)]
     with loading():
-        from zoo.checkpoints.new_checkpoint import checked_out, write_checkpoint
+        from zoo.checkpoints.new_checkpoint import SUFFIX, checkpoint_bytes
         from zoo.checkpoints.policy import doubt_contents, doubt_policy
         from zoo.verdict.evidence import next_drive
 
-        written = [checked_out(Path(out).expanduser(), paths)]
+        written = [checked_file(out, (SUFFIX,), inputs=paths, into_folder=True)]
         contents = doubt_contents(paths, samples, seed)
         _check_distinct(paths)
         policy = doubt_policy(contents, paths[0] if len(paths) == 1 else written[0])
-        write_checkpoint(written[0], contents)
+        write_output(written[0], checkpoint_bytes(contents))
     table = members_table(paths, policy)
     from rich.console import Console
     from rich.text import Text

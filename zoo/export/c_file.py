@@ -155,8 +155,8 @@ class _Graph:
         import onnx
 
         self.onnx, self.kind, self.out, self.weights = onnx, kind, out, weights
-        self.graph = onnx.load_from_string(graph).graph
-        self.opset = onnx.load_from_string(graph).opset_import
+        model = onnx.load_from_string(graph)
+        self.graph, self.opset = model.graph, model.opset_import
         arrays = onnx.numpy_helper.to_array
         self.constants = {one.name: arrays(one) for one in self.graph.initializer}
         outputs = [len(one) for one in self.constants.values() if one.ndim > 1]
@@ -225,16 +225,8 @@ class _Graph:
         from onnx.reference import ReferenceEvaluator
 
         feed = {one: known[one] for one in node.input if one}
-        info = [
-            self.onnx.helper.make_tensor_value_info(
-                one, self.onnx.helper.np_dtype_to_tensor_dtype(array.dtype), array.shape
-            )
-            for one, array in feed.items()
-        ]
-        ends = [self.onnx.helper.make_empty_tensor_value_info(node.output[0])]
-        graph = self.onnx.helper.make_graph([node], "one", info, ends)
-        model = self.onnx.helper.make_model(graph, opset_imports=self.opset)
-        return ReferenceEvaluator(model).run(None, feed)[0]
+        one = self.onnx.helper.make_function("", "one", feed, node.output, [node], self.opset)
+        return ReferenceEvaluator(one).run(None, feed, {})[0]
 
     @staticmethod
     def _is_plain(attributes: dict[str, Any]) -> bool:

@@ -90,12 +90,8 @@ class CSource:
         enum = "enum {\n" + ",\n".join(values) + "\n};"
         macros = [f"#define {name} {c_number(one)}" for name, one in self.definitions.items()]
         memory = f"/* The values between the layers. */\nstatic float work[{self.floats}];"
-        return (
-            "\n\n".join(
-                [head, enum, *macros, *types, *self.tables, memory, *others, function, ""]
-            ).rstrip("\n")
-            + "\n"
-        )
+        sections = [head, enum, *macros, *types, *self.tables, memory, *others, function]
+        return "\n\n".join(sections) + "\n"
 
 
 def c_number(value: float) -> str:

@@ -14,7 +14,6 @@ from zoo.export.c_source import CSource
 ONE = 2048  # OpenCV's weight of a whole pixel
 PARTS = {"rgb": "plain", "bgr": "plain", "yuv_old": "yuv", "hsv_s": "hsv"}
 SWAPPED = ("bgr", "yuv_old")  # red and blue exchanged
-Taps = tuple[list[int], list[int], list[float]]  # starts of a pixel's taps, places, weights
 
 
 def write_view(view: View, out: CSource) -> None:
@@ -49,26 +48,25 @@ def write_view(view: View, out: CSource) -> None:
     by_area = view.resize.startswith("area")
     if same:
         out.need("view same")
-    elif (by_area and min(scales) >= 1) or scales == (2, 2):
-        out.need("view area")
+        return
+    averages = (by_area and min(scales) >= 1) or scales == (2, 2)
+    out.need("view area" if averages else "view linear")
+    if averages:
         out.constants["HALF_UP"] = int(scales == (2, 2))
         # Of whole pixels, OpenCV adds whole numbers and divides at the end.
         out.definitions["AREA_SCALE"] = 1 / math.prod(scales) if whole else 1.0
-        for axis, size, count in (("row", cropped, rows), ("column", width, columns)):
+    for axis, size, count in (("row", cropped, rows), ("column", width, columns)):
+        if averages:
             starts, places, weights = _area_taps(size, count, whole)
             out.table(f"{axis}_start", "uint16_t", starts)
-            out.table(f"{axis}_at", "uint16_t", places)
-            out.table(f"{axis}_weight", "float", weights)
-    else:
-        out.need("view linear")
-        for axis, size, count in (("row", cropped, rows), ("column", width, columns)):
-            _, places, weights = _linear_taps(size, count, by_area, axis == "row")
-            out.table(f"{axis}_at", "uint16_t", places)
-            out.table(f"{axis}_weight", "int16_t", weights)
+        else:
+            places, weights = _linear_taps(size, count, by_area, axis == "row")
+        out.table(f"{axis}_at", "uint16_t", places)
+        out.table(f"{axis}_weight", "float" if averages else "int16_t", weights)
 
 
-def _area_taps(size: int, count: int, whole: bool) -> Taps:
-    """Return the pixels and weights that `count` pixels have of `size`, as OpenCV's table."""
+def _area_taps(size: int, count: int, whole: bool) -> tuple[list[int], list[int], list[float]]:
+    """Return starts, pixels and weights of `count` pixels of `size`, as in OpenCV's table."""
     scale = 1 / (count / size)
     starts, places, weights = [0], [], []
     for number in range(count):
@@ -90,7 +88,7 @@ def _area_taps(size: int, count: int, whole: bool) -> Taps:
     return starts, places, weights
 
 
-def _linear_taps(size: int, count: int, by_area: bool, is_row: bool) -> Taps:
+def _linear_taps(size: int, count: int, by_area: bool, is_row: bool) -> tuple[list[int], list[int]]:
     """Return two places and weights of each of `count` pixels; by area where it enlarges."""
     inverse = count / size
     scale = 1 / inverse
@@ -108,4 +106,4 @@ def _linear_taps(size: int, count: int, by_area: bool, is_row: bool) -> Taps:
             share = np.float32(0)
         places += [min(max(place, 0), size - 1) for place in (low, low + 1)]
         weights += [round(float(one * ONE)) for one in (np.float32(1) - share, share)]
-    return [], places, weights
+    return places, weights

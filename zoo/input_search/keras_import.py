@@ -13,8 +13,10 @@ from datamodules.view import FRAME, View
 from zoo.base.command_keys import typed
 from zoo.base.errors import InputError
 from zoo.base.terminal import print_written
+from zoo.base.whole_file import write_output
+from zoo.base.written_files import checked_file
 from zoo.checkpoints.checkpoint import PREFIX, make_card
-from zoo.checkpoints.new_checkpoint import SUFFIX, checked_out, write_checkpoint
+from zoo.checkpoints.new_checkpoint import SUFFIX, checkpoint_bytes
 from zoo.cli.compose import compose_config
 from zoo.cli.console_progress import progress_bar
 from zoo.input_search.combinations import (
@@ -53,9 +55,9 @@ def import_network(file: str, options: ImportOptions, console: Console) -> Path:
             is not, or the checkpoint cannot be written.
     """
     path = Path(file).expanduser()
-    out = Path(options.out).expanduser() if options.out else Path(path.stem + SUFFIX)
     inputs = [path, *([options.weights] if options.weights else [])]
-    out = checked_out(out, inputs)
+    out = Path(options.out or path.stem + SUFFIX)
+    out = checked_file(out, (SUFFIX,), inputs=inputs, into_folder=True)
     model = read_keras_apart(path, Path(options.weights).expanduser() if options.weights else None)
     recording = read_recordings(options.recording) if options.recording else None
     converted, known = _known(model, options, searches=recording is not None)
@@ -240,5 +242,6 @@ def _write(
         data["source"] = source
     state = {f"{PREFIX}{name}": one for name, one in converted.state.items()}
     card = make_card(config, found.view, data)
-    write_checkpoint(out, {"drivezoo": card, "state_dict": state, IMPORTED: path.name})
+    contents = {"drivezoo": card, "state_dict": state, IMPORTED: path.name}
+    write_output(out, checkpoint_bytes(contents))
     return data

@@ -21,6 +21,7 @@ from zoo.checkpoints.checkpoint import (
     load_plain,
     read_checkpoint_file,
 )
+from zoo.keras.keras_file import SUFFIXES as KERAS_SUFFIXES
 from zoo.keras.keras_file import read_keras_apart
 from zoo.keras.keras_layers import convert
 from zoo.keras.keras_weights import load_keras_weights
@@ -29,7 +30,6 @@ from zoo.models.transfer import Transfer
 
 IMAGENET = "imagenet"
 REMEDY = "or set model.weights=FILE, or model.weights=null for random weights"
-KERAS_SUFFIXES = (".h5", ".hdf5", ".keras", ".json")
 TORCH_SUFFIXES = (".pth", ".pt")
 
 
@@ -103,21 +103,19 @@ def load_converted(network: Sequential, path: Path) -> str:
     return f"{count} layers from {path} (Keras {model.version})"
 
 
-def imagenet_file(source: str, folder: Path | None = None) -> Path:
+def imagenet_file(source: str) -> Path:
     """Return the path of a network's public ImageNet weights.
 
     Args:
         source: address of a file, or `PACKAGE/PATH` of a file in an installed package; its name
             ends with the first digits of its SHA-256.
-        folder: folder for a downloaded file; None for torch's cache (`TORCH_HOME`, else
-            `~/.cache/torch`).
 
     Raises:
         InputError: the file is missing and cannot be downloaded, or has another hash.
     """
     (sha256_start,) = re.findall(r"-([0-9a-f]+)\.\w+$", source)
     if "://" in source:
-        return downloaded_file(source, sha256_start, folder)
+        return downloaded_file(source, sha256_start)
     return packaged_file(source, sha256_start)
 
 

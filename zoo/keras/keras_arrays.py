@@ -37,9 +37,9 @@ class WeightsFile:
         self.is_legacy = "layer_names" in self.group.attrs or "layer_names0" in self.group.attrs
         self.is_keras_3 = any(one in file for one in CONTAINERS)
 
-    def attribute(self, name: str, default: str = "") -> str:
-        """Return a text that stands with the weights or with the file."""
-        return text(self.group.attrs.get(name, self.file.attrs.get(name, default)))
+    def attribute(self, name: str) -> str:
+        """Return a text that stands with the weights or with the file; empty without one."""
+        return text(self.group.attrs.get(name, self.file.attrs.get(name, "")))
 
     def named_arrays(self) -> list[tuple[str, list[Named]]]:
         """Return each group of the legacy layout with its arrays, in order."""

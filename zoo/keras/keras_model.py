@@ -112,13 +112,12 @@ def read_architecture(model: object, source: object, as_chain: bool = True) -> K
 
 
 def _layer(entry: object, source: object, as_chain: bool, depth: int) -> KerasLayer:
-    kind, config = (
-        (entry.get("class_name"), entry.get("config")) if isinstance(entry, dict) else (None, None)
-    )
+    entry = entry if isinstance(entry, dict) else {}
+    kind, config = entry.get("class_name"), entry.get("config")
     is_model = kind == "Sequential" or kind in GRAPHS
     layers = config.get("layers") if isinstance(config, dict) else config
     no_layers = is_model and (not isinstance(layers, list) or not layers)
-    if not isinstance(entry, dict) or not isinstance(kind, str) or no_layers or depth > 16:
+    if not isinstance(kind, str) or no_layers or depth > 16:
         what = f"{kind} without layers" if no_layers else "without classes of layers"
         raise InputError(f"{source}: its architecture is damaged ({what}); copy or save it again")
     own = config if isinstance(config, dict) else {}

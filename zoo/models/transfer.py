@@ -49,8 +49,7 @@ class Transfer(nn.Module):
         self.normalize = normalize
         self.features = features
         self.reduce = reduce
-        for layer in self.features[:frozen_layers]:  # type: ignore[attr-defined]
-            layer.requires_grad_(False)
+        features[:frozen_layers].requires_grad_(False)
         layers = features if reduce is None else nn.Sequential(features, reduce)
         self.head = nn.Sequential(
             nn.Linear(feature_shape(layers, shape, name).numel(), units),

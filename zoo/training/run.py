@@ -114,7 +114,12 @@ def _run(
     if resumed is not None:
         resumed.check_optimizer(module)
     if first:
-        _prepare_folder(folder, asked if keep_config else None, data, resumed)
+        if resumed is not None:
+            restore_monitored(folder)
+        if keep_config:
+            OmegaConf.save(asked, folder / ".hydra" / "config.yaml")
+        write_split(folder / "split.csv", data.recording, data.split)
+        build.keep_earlier_log(folder)
 
     log_config(trainer, card["config"])
 
@@ -177,21 +182,6 @@ def print_start(
         )
     for line in lines:
         print_line(console, line)
-
-
-def _prepare_folder(
-    folder: Path,
-    asked: DictConfig | None,
-    data: DrivingData,
-    resumed: interruptions.ResumePoint | None,
-) -> None:
-    """Write the config and the split; move files that training would overwrite."""
-    if resumed is not None:
-        restore_monitored(folder)
-    if asked is not None:
-        OmegaConf.save(asked, folder / ".hydra" / "config.yaml")
-    write_split(folder / "split.csv", data.recording, data.split)
-    build.keep_earlier_log(folder)
 
 
 def _fit(

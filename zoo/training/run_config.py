@@ -15,6 +15,7 @@ from rich.console import Console
 from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from zoo.base.bounded_files import read_json
+from zoo.base.command_keys import typed
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError, file_errors
 from zoo.base.new_folder import RECIPE, RECORDINGS, whole_folder
@@ -23,12 +24,11 @@ from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import check_card, find_checkpoint, read_checkpoint_file
 from zoo.cli.compose import escape_interpolation
 from zoo.cli.conf_files import choice_files
-from zoo.keras.initial_weights import KERAS_SUFFIXES
+from zoo.keras.keras_file import SUFFIXES as KERAS_SUFFIXES
 from zoo.models.make_network import view_of
+from zoo.models.window import Window
 
 QUICK_EPOCHS = 3
-# For networks without the key.
-SINGLE_FRAME = {"sequence": 1, "stride": 1, "ahead": 0}
 TARGET = "zoo.models.sequential.Sequential"
 MOST_JOBS = 8  # processes that draw if the user names no number: each opens its tracks
 
@@ -73,7 +73,7 @@ def settle_windows(config: DictConfig) -> DictConfig:
         InputError: `data` asks for windows that the network does not take.
     """
     config = config.copy()
-    for key, single in SINGLE_FRAME.items():
+    for key, single in vars(Window()).items():  # of networks without the key
         asked = config.data.get(key)
         if key in config.model:
             settled = config.model[key] if asked is None else asked
@@ -162,10 +162,9 @@ def _of_checkpoint(path: Path, view: View, scale: list | None) -> tuple[list, li
             "model to its name"
         )
     if replace(own, frame=view.frame) != view:  # the recording has not been read yet
-        size = "null" if own.size is None else f"[{own.size[0]},{own.size[1]}]"
         raise InputError(
-            f"{path}: was trained on another view; set data.crop=[{own.crop[0]},{own.crop[1]}] "
-            f"model.colour={own.colour} model.size={size} model.resize={own.resize}"
+            f"{path}: was trained on another view; set data.crop={typed(own.crop)} "
+            f"model.colour={own.colour} model.size={typed(own.size)} model.resize={own.resize}"
         )
     return model["layers"], scale or model.get("scale") or [127.5, 1.0]
 
