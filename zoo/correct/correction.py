@@ -18,6 +18,7 @@ from zoo.base.errors import InputError, file_errors
 from zoo.base.whole_file import json_text, write_whole
 from zoo.base.written_files import remove_written
 from zoo.checkpoints.checkpoint import load_checkpoint
+from zoo.checkpoints.onnx_policy import is_onnx
 from zoo.checkpoints.policy import CheckpointPolicy
 from zoo.correct.collecting import collect
 from zoo.correct.correct_options import FIRST_SEED, CorrectOptions
@@ -60,7 +61,7 @@ class Correction:
         console: Console,
     ) -> None:
         self.path, self.folder, self.console = path, folder, console
-        if Path(path).suffix == ".onnx":
+        if is_onnx(path):
             raise InputError(
                 f"{path}: an ONNX file cannot be trained; name the checkpoint that it was exported "
                 "from"
