@@ -14,12 +14,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from datamodules.findings import find_oddities, report_lines
-from datamodules.image import (
-    AnyImage,
-    checked_size,
-    read_stored,
-    reading_threads,
-)
+from datamodules.image import AnyImage, checked_size, read_stored, reading_threads
 from datamodules.leak import leak_lines
 from datamodules.read_options import ReadOptions
 from datamodules.recording_format import other_car, read_recordings
@@ -35,11 +30,7 @@ SHOWN = 20  # bad rows and images that are listed; the others are counted
 
 
 @command(parts=False)
-def check(
-    folder: str,
-    *folders: str,
-    read: ReadOptions,
-) -> bool:
+def check(folder: str, *folders: str, read: ReadOptions) -> bool:
     """Check recordings before training: rows, images, and what is unusual.
 
     Reads each image's header and end marker but decodes no pixels: thousands of images take

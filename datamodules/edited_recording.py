@@ -124,11 +124,7 @@ def _write_part(
             written += [] if row == before + 1 and is_next else [None]
         before = row
         if turned:
-            images = [
-                images[0],
-                images[2],
-                images[1],
-            ]  # the left camera sees what the right saw
+            images = [images[0], images[2], images[1]]  # the left camera sees what the right saw
         for camera, image in zip(CAMERAS, images, strict=True):
             if image and (image, turned) not in names:
                 name = Path(image).stem if isinstance(image, str) else str(image.number + 1)

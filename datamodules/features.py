@@ -165,11 +165,7 @@ def _load(one: FeatureFile, front: Front, views: RowViews, show: ShowDone) -> np
         return {}
 
     loaded = load_file(
-        one.target,
-        (len(one.rows), *front.shape),
-        np.float16,
-        fill,
-        "features' cache",
+        one.target, (len(one.rows), *front.shape), np.float16, fill, "features' cache"
     )
     return np.asarray(loaded.views)  # a memmap is slow to index
 

@@ -49,10 +49,7 @@ class ViewFile:
 
 
 def load_views(
-    images: Sequence[AnyImage],
-    view: View,
-    folder: Path | None,
-    progress: Progress | None = None,
+    images: Sequence[AnyImage], view: View, folder: Path | None, progress: Progress | None = None
 ) -> ViewFile:
     """Return the views of images, from the cache, or decoded now and cached.
 

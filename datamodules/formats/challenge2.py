@@ -12,14 +12,7 @@ from typing import Any
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, BadRows
-from datamodules.formats.labels import (
-    Rows,
-    collect,
-    decimal,
-    inside,
-    labelled_recording,
-    read_csv,
-)
+from datamodules.formats.labels import Rows, collect, decimal, inside, labelled_recording, read_csv
 from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.steering_unit import SteeringUnit

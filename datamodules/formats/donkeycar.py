@@ -43,11 +43,7 @@ IMAGE, ANGLE, THROTTLE, MODE = "cam/image_array", "user/angle", "user/throttle",
 ANGLES, THROTTLES = (ANGLE, "steering"), (THROTTLE, "throttle")
 SPEEDS_MPS = ("enc/speed", "pos/speed")  # an odometer's, a simulator's
 # Keys of drivezoo's own tubs: values that Donkeycar has no key for, unchanged to the bit.
-EXACT = {
-    "throttle": "drivezoo/throttle",
-    "brake": "drivezoo/brake",
-    "speed": "drivezoo/speed_mph",
-}
+EXACT = {"throttle": "drivezoo/throttle", "brake": "drivezoo/brake", "speed": "drivezoo/speed_mph"}
 LOOP_HZ = 20.0  # Donkeycar's loop, for records without a time
 MOST_CATALOG_BYTES = 500_000_000
 
