@@ -130,19 +130,11 @@ def _write_part(
                 name = Path(image).stem if isinstance(image, str) else str(image.number + 1)
                 name = f"{camera}_{stems[row]}" if is_renamed[row] else name
                 name = f"{camera}_mirrored_{name}" if turned else name
-                names[image, turned] = put_image(
-                    image,
-                    folder / IMAGE_FOLDER / name,
-                    recording.place(row),
-                    _mirrored if turned else None,
-                )
+                target, change = folder / IMAGE_FOLDER / name, np.fliplr if turned else None
+                names[image, turned] = put_image(image, target, recording.place(row), change)
         steering = -recording.steering[row] + 0.0 if turned else recording.steering[row]
         others = (recording.throttle[row], recording.brake[row], recording.speed_mph[row])
         paths = [names[image, turned] if image else "" for image in images]
         written.append((paths, [steering, *others]))
     write_log(folder, written)
     return len(written) - written.count(None), left_out
-
-
-def _mirrored(image: np.ndarray) -> np.ndarray:
-    return image[:, ::-1]

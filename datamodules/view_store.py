@@ -13,7 +13,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -244,21 +244,16 @@ def _synced_early(descriptor: int) -> Iterator[None]:
     os.fsync(descriptor)
 
 
-@contextmanager
-def _lock(target: Path) -> Iterator[None]:
-    """Hold the lock of a file; the system releases it when the process dies."""
+def _lock(target: Path) -> AbstractContextManager:
+    """Return the held lock of a file; the system releases it when the process dies."""
     path = target.with_suffix(".lock")
     note_files(path)
     lock = FileLock(path)
     try:
-        lock.acquire(timeout=0)
+        return lock.acquire(timeout=0)
     except Timeout:
         print(f"{target.parent}: another process writes {target.name}; waiting", file=sys.stderr)
-        lock.acquire()
-    try:
-        yield
-    finally:
-        lock.release()
+        return lock.acquire()
 
 
 def _faults_path(target: Path) -> Path:
