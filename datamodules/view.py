@@ -134,9 +134,8 @@ class View:
 
     def to_dict(self) -> dict:
         """Return plain containers, for a checkpoint; `View.from_dict` reads them."""
-        plain = asdict(self)
-        pairs = ("crop", "size", "frame")
-        return plain | {name: list(plain[name]) if plain[name] else None for name in pairs}
+        fields = asdict(self).items()
+        return {key: list(value) if isinstance(value, tuple) else value for key, value in fields}
 
     @classmethod
     def from_dict(cls, plain: dict) -> "View":

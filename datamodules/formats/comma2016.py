@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from datamodules.driving_log import BadRows
 from datamodules.formats.labels import labelled_recording
 from datamodules.image import StoredImage
 from datamodules.read_options import ReadOptions
@@ -64,9 +63,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
             rows["center"].append(StoredImage(str(camera), image, reader))
         for name, column in (("steering", degrees), ("speed_mps", speed), ("time_s", time_s)):
             rows[name] += column[first[known]].tolist()
-    bad = BadRows(options.on_bad_row)
     return labelled_recording(
-        path, rows, UNIT, options, bad, is_stated=False, rig=RIG, blocks=LONG_DRIVE
+        path, rows, UNIT, options, is_stated=False, rig=RIG, blocks=LONG_DRIVE
     )
 
 

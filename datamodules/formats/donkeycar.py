@@ -98,10 +98,11 @@ def read(path: Path, options: ReadOptions) -> Recording:
         else:
             for name, value in record.items():
                 columns.setdefault(name, []).append(value)
-    if not columns and not bad.faults:
+    if not columns:
+        bad.finish(0)
         reason = bad_images[0] if bad_images else "all are deleted or driven by an autopilot"
         raise InputError(f"{path}: no record is left: {reason}; name another tub")
-    numbers = {name: np.array(columns.get(name, ()), float) for name in NUMBERS}
+    numbers = {name: np.array(columns[name], float) for name in NUMBERS}
     if options.unit:
         numbers["steering"] = options.unit.steering(numbers["steering"])
     if np.isnan(numbers["time_s"]).any():
@@ -111,19 +112,17 @@ def read(path: Path, options: ReadOptions) -> Recording:
     counts = {
         f"{deleted:,} records left out that the tub marks as deleted": deleted,
         f"{piloted:,} records left out that an autopilot drove": piloted,
-        "the tub has no speed: the log has 0 mph in each row": not any(
-            columns.get("has_speed", ())
-        ),
+        "the tub has no speed: the log has 0 mph in each row": not any(columns["has_speed"]),
     }
     recording = make_recording(
         path,
         numbers,
-        {"center": columns.get("image", [])},
-        places=np.array(columns.get("place", ()), object),
+        {"center": columns["image"]},
+        places=np.array(columns["place"], object),
         bad_images=tuple(bad_images),
         notes=tuple(note for note, count in counts.items() if count),
         # Of drivezoo's own tubs; the rig of others is unknown.
-        rig=UDACITY if any(columns.get("is_own", ())) else None,
+        rig=UDACITY if any(columns["is_own"]) else None,
     )
     return keep_valid(recording, bad)
 

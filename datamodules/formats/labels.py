@@ -70,7 +70,7 @@ def labelled_recording(
     rows: Rows,
     unit: SteeringUnit,
     options: ReadOptions,
-    bad: BadRows,
+    bad: BadRows | None = None,
     *,
     is_stated: bool = True,
     rig: Rig | None = None,
@@ -86,7 +86,7 @@ def labelled_recording(
             them `time_s`, `speed_mps`, `throttle`, `brake`.
         unit: what the steering's numbers mean, unless `options` say otherwise.
         options: what the user says about the recording.
-        bad: collector of bad rows.
+        bad: collector of bad rows; None if all could be read.
         is_stated: whether the format states the unit and the sign; otherwise the images must agree.
         rig: cameras and car.
         notes: lines on what was left out or inferred.
@@ -112,6 +112,7 @@ def labelled_recording(
         notes=notes,
         blocks=blocks,
     )
+    bad = bad or BadRows(options.on_bad_row)
     recording = keep_valid(_with_images(recording, options), bad)
     if options.unit:
         note = f"steering: {meant.words()}, as data.steering says"
