@@ -172,10 +172,9 @@ def decode_all(
         for offset, image in enumerate(some):
             try:
                 view(read_image(image), out=chunk[offset])
-            except OSError as error:
-                faults[start + offset] = f"{image}: {error.strerror}"
-            except ValueError as error:
-                faults[start + offset] = f"{image}: {error}"
+            except (OSError, ValueError) as error:
+                fault = getattr(error, "strerror", None) or error
+                faults[start + offset] = f"{image}: {fault}"
         return chunk, faults
 
     all_faults: dict[int, str] = {}

@@ -10,7 +10,7 @@ import numpy as np
 
 from datamodules.driving_log import CAMERAS, BadRows, LogRow, read_log
 from datamodules.read_options import ReadOptions
-from datamodules.recording import LOG_NAME, Recording, file_name, list_files, make_recording
+from datamodules.recording import LABELS, LOG_NAME, Recording, file_name, list_files, make_recording
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
 
@@ -46,7 +46,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
             "data.on_bad_image=skip"
         )
     columns = np.array([row.numbers for row in rows]).T
-    numbers = dict(zip(("steering", "throttle", "brake", "speed_mph"), columns, strict=True))
+    numbers = dict(zip(LABELS, columns, strict=True))
     numbers["time_s"] = times_from_names([row.paths[0] for row in rows])
     lines = np.array([row.line for row in rows])
     recording = make_recording(
