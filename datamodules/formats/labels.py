@@ -96,6 +96,10 @@ def labelled_recording(
         InputError: a row is bad, an image is missing, no row is left, or the steering does not
             mean what the format or the user says.
     """
+    bad = bad or BadRows(options.on_bad_row)
+    if not rows["place"]:
+        bad.finish(0)
+        raise InputError(f"{folder}: the recording has no rows; record some driving first")
     check_most("rows", len(rows["place"]), folder, "divide the recording")
     written = np.array(rows["steering"], float)
     meant = options.unit or unit
@@ -112,7 +116,6 @@ def labelled_recording(
         notes=notes,
         blocks=blocks,
     )
-    bad = bad or BadRows(options.on_bad_row)
     recording = keep_valid(_with_images(recording, options), bad)
     if options.unit:
         note = f"steering: {meant.words()}, as data.steering says"

@@ -34,6 +34,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
     """
     found = [(image, _NAME.fullmatch(image.name)) for image in sorted(path.iterdir())]
     named = [(str(image), int(name[1])) for image, name in found if name]
+    if not named:
+        raise InputError(f"{path}: holds no image named X_Y_UUID.jpg; name another folder")
     first = named[0][0]
     try:
         with open_binary(first, MOST_IMAGE_BYTES) as file:
