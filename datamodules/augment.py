@@ -297,11 +297,7 @@ class Augment:
 
 
 def _draw(
-    change: Change,
-    shape: tuple[int, ...],
-    count: int,
-    rng: np.random.Generator,
-    place: Place,
+    change: Change, shape: tuple[int, ...], count: int, rng: np.random.Generator, place: Place
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the changed samples of a shard, int64 [n], and their values, float64 [n, K]."""
     first, whole = place

@@ -3,7 +3,7 @@
 import os
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from itertools import chain
@@ -14,12 +14,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from datamodules.findings import find_oddities, report_lines
-from datamodules.image import (
-    AnyImage,
-    checked_size,
-    read_stored,
-    reading_threads,
-)
+from datamodules.image import AnyImage, checked_size, read_stored, reading_threads
 from datamodules.leak import leak_lines
 from datamodules.read_options import ReadOptions
 from datamodules.recording_format import other_car, read_recordings
@@ -35,11 +30,7 @@ SHOWN = 20  # bad rows and images that are listed; the others are counted
 
 
 @command(parts=False)
-def check(
-    folder: str,
-    *folders: str,
-    read: ReadOptions,
-) -> bool:
+def check(folder: str, *folders: str, read: ReadOptions) -> bool:
     """Check recordings before training: rows, images, and what is unusual.
 
     Reads each image's header and end marker but decodes no pixels: thousands of images take
@@ -74,7 +65,7 @@ def check(
     pool = ThreadPoolExecutor(reading_threads(paths, os.cpu_count() or 1))
     try:
         some = [paths[start : start + AT_ONCE] for start in range(0, len(paths), AT_ONCE)]
-        found = chain.from_iterable(pool.map(look_at_images, some))
+        found = chain.from_iterable(pool.map(lambda own: list(map(look_at_image, own)), some))
         with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
             looked_at = progress.track(found, total=len(paths), description="checking images")
             for row, path, size in zip(rows.tolist(), paths, looked_at, strict=True):
@@ -124,11 +115,6 @@ def _next_commands(roots: list[str], given: dict[str, Any], split: list[str]) ->
     keys += [f"data.{key}={typed(value)}" for key, value in given.items()]
     yield f"show the network's input: {command_line(['drivezoo', 'preview', *keys])}"
     yield f"next: {command_line(['drivezoo', 'train', FIRST_TRY, *split, *keys])}"
-
-
-def look_at_images(images: Iterable[AnyImage]) -> list[tuple[int, int] | str]:
-    """Return what `look_at_image` returns for each image."""
-    return [look_at_image(image) for image in images]
 
 
 def look_at_image(image: AnyImage) -> tuple[int, int] | str:

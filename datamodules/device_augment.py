@@ -65,18 +65,13 @@ def moved(images: Tensor, right: Tensor, down: Tensor, beyond: str = "border") -
         beyond: source of pixels outside the image: its `border`, as OpenCV's BORDER_REPLICATE, or
             its `reflection`, as BORDER_REFLECT_101.
     """
-    count, _, height, width = images.shape
+    height, width = images.shape[2:]
     columns = torch.arange(width, device=images.device, dtype=torch.float32)
     rows = torch.arange(height, device=images.device, dtype=torch.float32)
     x = columns[None, None, :] - right[:, :, None]
     y = rows[None, :, None] - down[:, None, None]
-    grid = torch.stack(
-        [
-            (2 * x / max(width - 1, 1) - 1).expand(count, height, width),
-            (2 * y / max(height - 1, 1) - 1).expand(count, height, width),
-        ],
-        -1,
-    )
+    shares = [2 * at / max(size - 1, 1) - 1 for at, size in ((x, width), (y, height))]
+    grid = torch.stack(torch.broadcast_tensors(*shares), -1)
     return F.grid_sample(images, grid, "bilinear", padding_mode=beyond, align_corners=True)
 
 

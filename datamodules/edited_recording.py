@@ -124,29 +124,17 @@ def _write_part(
             written += [] if row == before + 1 and is_next else [None]
         before = row
         if turned:
-            images = [
-                images[0],
-                images[2],
-                images[1],
-            ]  # the left camera sees what the right saw
+            images = [images[0], images[2], images[1]]  # the left camera sees what the right saw
         for camera, image in zip(CAMERAS, images, strict=True):
             if image and (image, turned) not in names:
                 name = Path(image).stem if isinstance(image, str) else str(image.number + 1)
                 name = f"{camera}_{stems[row]}" if is_renamed[row] else name
                 name = f"{camera}_mirrored_{name}" if turned else name
-                names[image, turned] = put_image(
-                    image,
-                    folder / IMAGE_FOLDER / name,
-                    recording.place(row),
-                    _mirrored if turned else None,
-                )
+                target, change = folder / IMAGE_FOLDER / name, np.fliplr if turned else None
+                names[image, turned] = put_image(image, target, recording.place(row), change)
         steering = -recording.steering[row] + 0.0 if turned else recording.steering[row]
         others = (recording.throttle[row], recording.brake[row], recording.speed_mph[row])
         paths = [names[image, turned] if image else "" for image in images]
         written.append((paths, [steering, *others]))
     write_log(folder, written)
     return len(written) - written.count(None), left_out
-
-
-def _mirrored(image: np.ndarray) -> np.ndarray:
-    return image[:, ::-1]

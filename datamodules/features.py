@@ -143,15 +143,9 @@ def load_features(plan: FeaturePlan, views: RowViews, console: Console) -> RowVi
     Raises:
         InputError: the cache cannot be written.
     """
-    file = np.full((len(views.file), 2 * len(CAMERAS)), -1)
-    position = file.copy()
-    arrays: list[np.ndarray] = []
     with image_progress(console) as show:
-        for number, one in enumerate(plan.files):
-            arrays.append(_load(one, plan.front, views, show))
-            file[one.rows, one.column] = number
-            position[one.rows, one.column] = np.arange(len(one.rows))
-    return RowViews(arrays, file, position)
+        loaded = ((one.rows, one.column, _load(one, plan.front, views, show)) for one in plan.files)
+        return RowViews.placed((len(views.file), 2 * len(CAMERAS)), loaded)
 
 
 def _load(one: FeatureFile, front: Front, views: RowViews, show: ShowDone) -> np.ndarray:
@@ -164,14 +158,8 @@ def _load(one: FeatureFile, front: Front, views: RowViews, show: ShowDone) -> np
             show(f"frozen blocks on {one.name}", start + len(rows), len(one.rows))
         return {}
 
-    loaded = load_file(
-        one.target,
-        (len(one.rows), *front.shape),
-        np.float16,
-        fill,
-        "features' cache",
-    )
-    return np.asarray(loaded.views)  # a memmap is slow to index
+    shape = (len(one.rows), *front.shape)
+    return load_file(one.target, shape, np.float16, fill, "features' cache").views
 
 
 @dataclass(frozen=True)

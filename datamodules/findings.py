@@ -11,7 +11,7 @@ from datamodules.stretches import LEAST_CHANGE, find_breaks, find_stretches, ste
 
 # The thresholds separate the original's keyboard recording (70 % of steering is 0, the other 798
 # rows share 414 values) from the expert's (no 0, as many values as rows).
-ZERO_SHARE = 0.4
+KEYBOARD_SHARE = 0.4  # share of steering exactly 0
 DISTINCT_SHARE = 0.8
 # The expert's recordings of recoveries have 6 to 7 in 1,000 rows; with as many normal laps, 3.
 RECOVERIES_PER_ROW = 1 / 1000
@@ -23,7 +23,6 @@ SIDE_SHARE = 0.75
 FEW_TURNS = 50  # rows with a steering, below which their side is chance
 STANDSTILL_MPH = 1.0
 IDENTICAL_SHARE = 0.01
-KEYBOARD_SHARE = 0.4  # share of steering exactly 0 above which it usually is a keyboard's
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ def _keyboard(recording: Recording) -> Iterator[str]:
     steering = recording.steering
     turned = steering[steering != 0]
     share, values = 1 - len(turned) / len(steering), len(np.unique(turned))
-    if share > ZERO_SHARE and not 0 < DISTINCT_SHARE * len(turned) <= values:
+    if share > KEYBOARD_SHARE and not 0 < DISTINCT_SHARE * len(turned) <= values:
         yield (
             f"{share:.0%} of steering is exactly 0 and the other {len(turned):,} rows share "
             f"{values:,} value{'s' * (values > 1)}, as from a keyboard: a network learns to drive "

@@ -16,6 +16,7 @@ from zoo.base.rig import Rig
 
 LOG_NAME, IMAGE_FOLDER = "driving_log.csv", "IMG"
 LABELS = ("steering", "throttle", "brake", "speed_mph")
+TIMED_LABELS = (*LABELS, "time_s")
 LABEL_DECIMALS = 6  # of a fingerprint
 ROW_SAMPLE = 256  # smallest hashes: a random sample of rows, whose shares are known to 6 %
 GAP_S = 1.0  # a longer time between two rows is a gap in the recording

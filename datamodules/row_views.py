@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -29,6 +29,7 @@ RESIDENT_BYTES = 16_000_000
 SMALL_BYTES = 1_000  # below it, a call for each image costs more than copying the image
 
 ShowDone = Callable[[str, int, int], None]
+Part = tuple[np.ndarray, int, np.ndarray]  # rows of an array of images, their camera, the array
 
 
 @dataclass(frozen=True)
@@ -78,9 +79,19 @@ class RowViews:
         position: index in that file, int64 [N, 3].
     """
 
-    files: Sequence[np.ndarray | ShardViews]
+    files: list[np.ndarray | ShardViews]
     file: np.ndarray
     position: np.ndarray
+
+    @classmethod
+    def placed(cls, shape: tuple[int, int], parts: Iterable[Part]) -> "RowViews":
+        """Return the views of `shape`, rows and cameras, from each array's rows and camera."""
+        views = cls([], np.full(shape, -1), np.full(shape, -1))
+        for rows, camera, array in parts:
+            views.file[rows, camera] = len(views.files)
+            views.position[rows, camera] = np.arange(len(rows))
+            views.files.append(np.asarray(array))  # a memmap is slow to index
+        return views
 
     @property
     def shards(self) -> list[ShardViews]:
@@ -168,9 +179,7 @@ def load_row_views(
                 "others: drivezoo convert FOLDER to=shards out=NEW"
             )
         return _shard_views(recording, camera_numbers(cameras), view), {}
-    file = np.full((len(recording), len(CAMERAS)), -1)
-    position = file.copy()
-    files: list[np.ndarray] = []
+    parts: list[Part] = []
     faults: dict[int, str] = {}
     with image_progress(console) as show:
         for number, name in enumerate(recording.names):
@@ -185,12 +194,10 @@ def load_row_views(
                     cache,
                     partial(show, f"decoding {name}, {CAMERAS[camera]}"),
                 )
-                file[rows, camera] = len(files)
-                position[rows, camera] = np.arange(len(rows))
-                files.append(np.asarray(loaded.views))  # a memmap is slow to index
+                parts.append((rows, camera, loaded.views))
                 faults |= {int(rows[at]): fault for at, fault in loaded.faults.items()}
-    views = RowViews(files, file, position)
-    small = files and sum(one.nbytes for one in files) <= RESIDENT_BYTES
+    views = RowViews.placed((len(recording), len(CAMERAS)), parts)
+    small = parts and sum(one.nbytes for one in views.files) <= RESIDENT_BYTES
     return views.resident() if small else views, faults
 
 

@@ -157,13 +157,7 @@ def _split_blocks(
     borders = np.flatnonzero(np.diff(recording.recording)) + 1
     if changes := shard_changes(recording):  # so that validation reads few shards
         borders, length = np.array(changes), len(recording)
-    edges = [0, *borders.tolist(), len(recording)]
-    bounds = [
-        (start, min(start + length, stop))
-        for first, stop in itertools.pairwise(edges)
-        for start in range(first, stop, length)
-    ]
-    sizes = np.array([stop - start for start, stop in bounds])
+    sizes = np.array([len(rows) for rows in cut_rows(len(recording), borders, length)])
     # With few blocks the gaps can remove a whole part: deal again.
     for _ in range(REDEALS):
         part = np.repeat(_deal(sizes, shares, rng), sizes)
@@ -171,6 +165,15 @@ def _split_blocks(
         if all((kept == number).any() for number in np.flatnonzero(shares > 0)):
             break
     return kept
+
+
+def cut_rows(count: int, borders: np.ndarray, length: int) -> list[range]:
+    """Return rows 0 to `count`, cut at borders, and what is longer than `length` after each."""
+    return [
+        range(start, min(start + length, stop))
+        for first, stop in itertools.pairwise([0, *borders.tolist(), count])
+        for start in range(first, stop, length)
+    ]
 
 
 def without_gaps(part: np.ndarray, recording: np.ndarray, gap: int) -> np.ndarray:

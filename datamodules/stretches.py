@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from datamodules.recording import GAP_S, Recording
-from datamodules.split import rows_per_second
+from datamodules.split import cut_rows, rows_per_second
 
 STRETCH_S = 3.0
 SLOWEST_MPH = 3.0
@@ -83,14 +83,8 @@ def continuous_drives(recording: Recording, most: int | None = None) -> list[ran
         recording: recording whose rows are numbered.
         most: largest number of rows in a drive; a longer one is cut.
     """
-    ends = [*(np.flatnonzero(find_breaks(recording)) + 1).tolist(), len(recording)]
-    starts = [0, *ends[:-1]]
-    length = most or len(recording)
-    return [
-        range(first, min(first + length, end))
-        for start, end in zip(starts, ends, strict=True)
-        for first in range(start, end, length)
-    ]
+    borders = np.flatnonzero(find_breaks(recording)) + 1
+    return cut_rows(len(recording), borders, most or len(recording))
 
 
 def long_stretches(recording: Recording, rows: np.ndarray) -> list[np.ndarray]:

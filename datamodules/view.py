@@ -58,7 +58,7 @@ class View:
     frame: tuple[int, int] = FRAME
 
     def __post_init__(self) -> None:
-        _check_pair("data.crop", self.crop, least=0)
+        object.__setattr__(self, "crop", _pair("data.crop", self.crop, least=0))
         if sum(self.crop) >= FRAME[0]:
             raise InputError(
                 f"data.crop={list(self.crop)} leaves nothing of {FRAME[0]} rows; crop less"
@@ -67,12 +67,9 @@ class View:
             raise InputError(f"model.colour={self.colour} is not one of {', '.join(CONVERSIONS)}")
         if self.resize not in RESIZES:
             raise InputError(f"model.resize={self.resize} is not one of {', '.join(RESIZES)}")
-        object.__setattr__(self, "crop", tuple(self.crop))
         if self.size is not None:
-            _check_pair("model.size", self.size, least=1)
-            object.__setattr__(self, "size", tuple(self.size))
-        _check_pair("frame", self.frame, least=1)
-        object.__setattr__(self, "frame", tuple(self.frame))
+            object.__setattr__(self, "size", _pair("model.size", self.size, least=1))
+        object.__setattr__(self, "frame", _pair("frame", self.frame, least=1))
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -134,9 +131,8 @@ class View:
 
     def to_dict(self) -> dict:
         """Return plain containers, for a checkpoint; `View.from_dict` reads them."""
-        plain = asdict(self)
-        pairs = ("crop", "size", "frame")
-        return plain | {name: list(plain[name]) if plain[name] else None for name in pairs}
+        fields = asdict(self).items()
+        return {key: list(value) if isinstance(value, tuple) else value for key, value in fields}
 
     @classmethod
     def from_dict(cls, plain: dict) -> "View":
@@ -153,8 +149,9 @@ def view_to_rgb(image: np.ndarray, colour: str) -> np.ndarray:
     return image
 
 
-def _check_pair(key: str, pair: Any, least: int) -> None:
+def _pair(key: str, pair: Any, least: int) -> tuple[int, ...]:
     is_pair = isinstance(pair, list | tuple) and len(pair) == 2
     if not is_pair or any(type(number) is not int or number < least for number in pair):
         what = "top,bottom" if key == "data.crop" else "height,width"
         raise InputError(f"{key}={pair} is not two whole numbers, {key}=[{what}], {least} or more")
+    return tuple(pair)

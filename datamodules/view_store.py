@@ -13,7 +13,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -49,10 +49,7 @@ class ViewFile:
 
 
 def load_views(
-    images: Sequence[AnyImage],
-    view: View,
-    folder: Path | None,
-    progress: Progress | None = None,
+    images: Sequence[AnyImage], view: View, folder: Path | None, progress: Progress | None = None
 ) -> ViewFile:
     """Return the views of images, from the cache, or decoded now and cached.
 
@@ -175,10 +172,9 @@ def decode_all(
         for offset, image in enumerate(some):
             try:
                 view(read_image(image), out=chunk[offset])
-            except OSError as error:
-                faults[start + offset] = f"{image}: {error.strerror}"
-            except ValueError as error:
-                faults[start + offset] = f"{image}: {error}"
+            except (OSError, ValueError) as error:
+                fault = getattr(error, "strerror", None) or error
+                faults[start + offset] = f"{image}: {fault}"
         return chunk, faults
 
     all_faults: dict[int, str] = {}
@@ -247,21 +243,16 @@ def _synced_early(descriptor: int) -> Iterator[None]:
     os.fsync(descriptor)
 
 
-@contextmanager
-def _lock(target: Path) -> Iterator[None]:
-    """Hold the lock of a file; the system releases it when the process dies."""
+def _lock(target: Path) -> AbstractContextManager:
+    """Return the held lock of a file; the system releases it when the process dies."""
     path = target.with_suffix(".lock")
     note_files(path)
     lock = FileLock(path)
     try:
-        lock.acquire(timeout=0)
+        return lock.acquire(timeout=0)
     except Timeout:
         print(f"{target.parent}: another process writes {target.name}; waiting", file=sys.stderr)
-        lock.acquire()
-    try:
-        yield
-    finally:
-        lock.release()
+        return lock.acquire()
 
 
 def _faults_path(target: Path) -> Path:

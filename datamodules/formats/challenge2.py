@@ -12,14 +12,7 @@ from typing import Any
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, BadRows
-from datamodules.formats.labels import (
-    Rows,
-    collect,
-    decimal,
-    inside,
-    labelled_recording,
-    read_csv,
-)
+from datamodules.formats.labels import Rows, collect, decimal, inside, labelled_recording, read_csv
 from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.steering_unit import SteeringUnit
@@ -83,7 +76,7 @@ def _training(path: Path, bad: BadRows) -> Rows:
     # Other recorders of this layout have one camera, under a name of their own.
     camera = np.array([name if name in CAMERAS else "center" for name in found.pop("camera", [])])
     rows = {name: np.array(column, object)[camera == "center"] for name, column in found.items()}
-    times, images = np.array(found["time_s"], float), np.array(found["center"], object)
+    times, images = np.array(found.get("time_s", []), float), np.array(found["center"], object)
     for side in CAMERAS[1:]:
         of_side = camera == side
         if of_side.any():

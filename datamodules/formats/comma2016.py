@@ -6,14 +6,14 @@ Hz with `steering_angle` (degrees of the wheel of an Acura ILX of 2016), `speed`
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from datamodules.driving_log import BadRows
-from datamodules.formats.labels import labelled_recording
+from datamodules.formats.labels import Rows, labelled_recording
 from datamodules.image import StoredImage
 from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, ForwardReader, Recording
@@ -49,24 +49,20 @@ def read(path: Path, options: ReadOptions) -> Recording:
     Raises:
         InputError: h5py is missing, a file is damaged, or the images do not settle the sign.
     """
-    rows: dict[str, list] = {
-        name: [] for name in ("place", "center", "steering", "speed_mps", "time_s")
-    }
+    rows: Rows = defaultdict(list)
     reader = ForwardReader(_images)
     for camera in sorted((path / "camera").glob("*.h5")):
         log = path / "log" / camera.name
         pointer, degrees, speed, time_s = _log(log)
         # The first row of the log in which an image is the last one.
         images, first = np.unique(pointer, return_index=True)
-        known = images >= 0
-        for image, row in zip(images[known].tolist(), first[known].tolist(), strict=True):
-            rows["place"].append(f"{log}, row {row + 1}")
-            rows["center"].append(StoredImage(str(camera), image, reader))
+        images, first = images[images >= 0], first[images >= 0]
+        rows["place"] += [f"{log}, row {row + 1}" for row in first.tolist()]
+        rows["center"] += [StoredImage(str(camera), one, reader) for one in images.tolist()]
         for name, column in (("steering", degrees), ("speed_mps", speed), ("time_s", time_s)):
-            rows[name] += column[first[known]].tolist()
-    bad = BadRows(options.on_bad_row)
+            rows[name] += column[first].tolist()
     return labelled_recording(
-        path, rows, UNIT, options, bad, is_stated=False, rig=RIG, blocks=LONG_DRIVE
+        path, rows, UNIT, options, is_stated=False, rig=RIG, blocks=LONG_DRIVE
     )
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from datamodules.driving_log import BadRows
 from datamodules.formats.labels import labelled_recording, video_images
 from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, Recording
@@ -53,9 +52,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
         "steering": _at(times, path / STEERING).tolist(),
         "speed_mps": _at(times, path / SPEED).tolist(),
     }
-    bad = BadRows(options.on_bad_row)
     return labelled_recording(
-        path, rows, UNIT, options, bad, is_stated=False, rig=RIG, blocks=LONG_DRIVE
+        path, rows, UNIT, options, is_stated=False, rig=RIG, blocks=LONG_DRIVE
     )
 
 

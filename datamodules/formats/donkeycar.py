@@ -25,7 +25,7 @@ from datamodules.formats.recording_writer import (
 )
 from datamodules.image import find_file_fault
 from datamodules.read_options import ReadOptions
-from datamodules.recording import Recording, keep_valid, make_recording
+from datamodules.recording import TIMED_LABELS, Recording, keep_valid, make_recording
 from datamodules.recording_format import write_car
 from datamodules.stretches import complete_times, continuous_drives, times_of_drives
 from zoo.base.bounded_files import MOST_JSON_BYTES, open_text, read_text
@@ -35,7 +35,6 @@ from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.rig import MPS_PER_MPH, UDACITY
 
 MANIFEST = "manifest.json"  # a tub of Donkeycar 3 has a file for each record
-NUMBERS = ("steering", "throttle", "brake", "speed_mph", "time_s")
 STAMPS = ("_timestamp_ms", "milliseconds")
 IMAGES = "images"
 IMAGE, ANGLE, THROTTLE, MODE = "cam/image_array", "user/angle", "user/throttle", "user/mode"
@@ -43,11 +42,7 @@ IMAGE, ANGLE, THROTTLE, MODE = "cam/image_array", "user/angle", "user/throttle",
 ANGLES, THROTTLES = (ANGLE, "steering"), (THROTTLE, "throttle")
 SPEEDS_MPS = ("enc/speed", "pos/speed")  # an odometer's, a simulator's
 # Keys of drivezoo's own tubs: values that Donkeycar has no key for, unchanged to the bit.
-EXACT = {
-    "throttle": "drivezoo/throttle",
-    "brake": "drivezoo/brake",
-    "speed": "drivezoo/speed_mph",
-}
+EXACT = {name: f"drivezoo/{name}" for name in ("throttle", "brake", "speed_mph")}
 LOOP_HZ = 20.0  # Donkeycar's loop, for records without a time
 MOST_CATALOG_BYTES = 500_000_000
 
@@ -102,10 +97,11 @@ def read(path: Path, options: ReadOptions) -> Recording:
         else:
             for name, value in record.items():
                 columns.setdefault(name, []).append(value)
-    if not columns and not bad.faults:
+    if not columns:
+        bad.finish(0)
         reason = bad_images[0] if bad_images else "all are deleted or driven by an autopilot"
         raise InputError(f"{path}: no record is left: {reason}; name another tub")
-    numbers = {name: np.array(columns.get(name, ()), float) for name in NUMBERS}
+    numbers = {name: np.array(columns[name], float) for name in TIMED_LABELS}
     if options.unit:
         numbers["steering"] = options.unit.steering(numbers["steering"])
     if np.isnan(numbers["time_s"]).any():
@@ -115,19 +111,17 @@ def read(path: Path, options: ReadOptions) -> Recording:
     counts = {
         f"{deleted:,} records left out that the tub marks as deleted": deleted,
         f"{piloted:,} records left out that an autopilot drove": piloted,
-        "the tub has no speed: the log has 0 mph in each row": not any(
-            columns.get("has_speed", ())
-        ),
+        "the tub has no speed: the log has 0 mph in each row": not any(columns["has_speed"]),
     }
     recording = make_recording(
         path,
         numbers,
-        {"center": columns.get("image", [])},
-        places=np.array(columns.get("place", ()), object),
+        {"center": columns["image"]},
+        places=np.array(columns["place"], object),
         bad_images=tuple(bad_images),
         notes=tuple(note for note, count in counts.items() if count),
         # Of drivezoo's own tubs; the rig of others is unknown.
-        rig=UDACITY if any(columns.get("is_own", ())) else None,
+        rig=UDACITY if any(columns["is_own"]) else None,
     )
     return keep_valid(recording, bad)
 
@@ -148,11 +142,11 @@ def _record(place: str, text: str, images: str) -> dict[str, Any] | None:
         "steering": number(found, angle, place),
         "throttle": number(found, EXACT["throttle"], place, number(found, throttle, place, 0.0)),
         "brake": number(found, EXACT["brake"], place, 0.0),
-        "speed_mph": number(found, EXACT["speed"], place, speed_mph),
+        "speed_mph": number(found, EXACT["speed_mph"], place, speed_mph),
         "time_s": number(found, stamp, place) / 1000 if stamp in found else np.nan,
         "session": str(found.get("_session_id", "")),
-        "has_speed": speed in found or EXACT["speed"] in found,
-        "is_own": EXACT["speed"] in found,
+        "has_speed": speed in found or EXACT["speed_mph"] in found,
+        "is_own": EXACT["speed_mph"] in found,
     }
 
 
@@ -228,17 +222,14 @@ def export_tub(
         for row in reported(range(len(kept)), progress):
             target = part / IMAGES / f"{row}_{IMAGE.replace('/', '_')}_"
             image = put_image(kept.images[row, 0], target, kept.place(row))
-            throttle, brake = float(kept.throttle[row]), float(kept.brake[row])
-            speed_mph = float(kept.speed_mph[row])
+            exact = {key: float(getattr(kept, name)[row]) for name, key in EXACT.items()}
             record = {
                 IMAGE: image.removeprefix(f"{IMAGES}/"),
                 ANGLE: float(kept.steering[row]),
-                THROTTLE: throttle - brake,
+                THROTTLE: exact[EXACT["throttle"]] - exact[EXACT["brake"]],
                 MODE: "user",
-                SPEED: speed_mph * MPS_PER_MPH,
-                EXACT["throttle"]: throttle,
-                EXACT["brake"]: brake,
-                EXACT["speed"]: speed_mph,
+                SPEED: exact[EXACT["speed_mph"]] * MPS_PER_MPH,
+                **exact,
                 "_index": row,
                 "_session_id": sessions[drive[row]],
                 "_timestamp_ms": round(time_s[row] * 1000),

@@ -4,6 +4,7 @@ from typing import Any
 
 from zoo.base.bounded_files import check_text, parse_json
 from zoo.base.errors import InputError
+from zoo.base.limits import is_ordinary
 
 MOST = 1e308  # near the largest float
 
@@ -32,8 +33,7 @@ def number(found: dict, key: str, place: str, default: float | None = None) -> f
         InputError: there is no finite number.
     """
     value: Any = found.get(key, default)
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if is_number and -MOST < value < MOST:  # neither NaN nor infinity
+    if is_ordinary(value, most=MOST):  # neither NaN nor infinity
         return float(value)
     raise InputError(f"{place}: {key} is {value!r:.40}, no number; correct or delete the row")
 

@@ -70,7 +70,7 @@ def labelled_recording(
     rows: Rows,
     unit: SteeringUnit,
     options: ReadOptions,
-    bad: BadRows,
+    bad: BadRows | None = None,
     *,
     is_stated: bool = True,
     rig: Rig | None = None,
@@ -86,7 +86,7 @@ def labelled_recording(
             them `time_s`, `speed_mps`, `throttle`, `brake`.
         unit: what the steering's numbers mean, unless `options` say otherwise.
         options: what the user says about the recording.
-        bad: collector of bad rows.
+        bad: collector of bad rows; None if all could be read.
         is_stated: whether the format states the unit and the sign; otherwise the images must agree.
         rig: cameras and car.
         notes: lines on what was left out or inferred.
@@ -96,6 +96,10 @@ def labelled_recording(
         InputError: a row is bad, an image is missing, no row is left, or the steering does not
             mean what the format or the user says.
     """
+    bad = bad or BadRows(options.on_bad_row)
+    if not rows["place"]:
+        bad.finish(0)
+        raise InputError(f"{folder}: the recording has no rows; record some driving first")
     check_most("rows", len(rows["place"]), folder, "divide the recording")
     written = np.array(rows["steering"], float)
     meant = options.unit or unit

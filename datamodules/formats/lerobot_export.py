@@ -27,7 +27,7 @@ from datamodules.formats.parquet_columns import load_pyarrow
 from datamodules.formats.recording_writer import Converted, left_out_note, whole_rows
 from datamodules.formats.video import video_writer
 from datamodules.image import read_image
-from datamodules.recording import Recording
+from datamodules.recording import LABELS, Recording
 from datamodules.recording_format import write_car
 from datamodules.stretches import continuous_drives, mean_rate
 from zoo.base.errors import InputError
@@ -41,9 +41,6 @@ ACTIONS = ("steering", "throttle", "brake")
 # Two numbers, because LeRobot 0.4.4 reads a feature of one number without its dimension, and its
 # policies then fail on a batch.
 STATES = ("speed_mph", "speed_mps")
-# Columns of drivezoo's own datasets: recorded values in float64, unchanged to the bit. Their names
-# start neither with `observation` nor with `action`, so that LeRobot's policies do not take them.
-EXACT = ("steering", "throttle", "brake", "speed_mph")
 # Seconds of an episode and of a video file. LeRobot finds a frame by its time as float32, within
 # 1e-4 s: after 1,024 s two neighbouring float32 are farther apart.
 MOST_S = 600
@@ -128,7 +125,10 @@ def _columns(recording: Recording, episodes: list[range], rate: int) -> dict[str
     """Return the columns of the data, one value or vector for each row."""
     lengths = [len(rows) for rows in episodes]
     frame = np.concatenate([np.arange(length) for length in lengths])
-    exact = {name: np.asarray(getattr(recording, name), np.float64) for name in EXACT}
+    # Columns of drivezoo's own datasets: recorded values in float64, unchanged to the bit. Their
+    # names start neither with `observation` nor with `action`, so that LeRobot's policies do not
+    # take them.
+    exact = {name: np.asarray(getattr(recording, name), np.float64) for name in LABELS}
     columns: dict[str, np.ndarray] = {
         ACTION: np.stack([exact[name] for name in ACTIONS], 1).astype(np.float32),
         STATE: np.outer(exact["speed_mph"], (1, MPS_PER_MPH)).astype(np.float32),

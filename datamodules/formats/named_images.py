@@ -8,7 +8,6 @@ middle, in halves of the image's width, as both projects' networks learn it. The
 import re
 from pathlib import Path
 
-from datamodules.driving_log import BadRows
 from datamodules.formats.labels import labelled_recording
 from datamodules.image import MOST_IMAGE_BYTES, image_size
 from datamodules.read_options import ReadOptions
@@ -35,6 +34,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
     """
     found = [(image, _NAME.fullmatch(image.name)) for image in sorted(path.iterdir())]
     named = [(str(image), int(name[1])) for image, name in found if name]
+    if not named:
+        raise InputError(f"{path}: holds no image named X_Y_UUID.jpg; name another folder")
     first = named[0][0]
     try:
         with open_binary(first, MOST_IMAGE_BYTES) as file:
@@ -44,5 +45,4 @@ def read(path: Path, options: ReadOptions) -> Recording:
     images, points = map(list, zip(*named, strict=True))
     rows = {"place": images, "center": images, "steering": points}
     unit = SteeringUnit("px", full=half, zero=half)
-    bad = BadRows(options.on_bad_row)
-    return labelled_recording(path, rows, unit, options, bad, notes=(NOTE,))
+    return labelled_recording(path, rows, unit, options, notes=(NOTE,))

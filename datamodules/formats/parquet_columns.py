@@ -1,13 +1,12 @@
 """Read columns of a dataset's Parquet files, which may come from another person."""
 
-import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from zoo.base.bounded_files import open_regular
+from zoo.base.bounded_files import open_binary
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most, check_unpacked
 
@@ -42,9 +41,7 @@ def open_parquet(path: Path, names: Sequence[str]) -> Any:
     """
     pyarrow = load_pyarrow()
     try:
-        descriptor, _ = open_regular(path, MOST_PARQUET_BYTES)
-        file = os.fdopen(descriptor, "rb")
-        found = pyarrow.parquet.ParquetFile(file)
+        found = pyarrow.parquet.ParquetFile(open_binary(path, MOST_PARQUET_BYTES))
         columns = found.schema_arrow.names
     except UnicodeDecodeError:
         raise InputError(f"{path}: a column's name is not UTF-8; rename the column") from None

@@ -60,12 +60,9 @@ def reported(items: Sequence[Item], progress: Callable[[float], None]) -> Iterat
         yield item
 
 
-def left_out_note(left_out: Iterable[str], what: str) -> list[str]:
+def left_out_note(faults: Sequence[str], what: str) -> list[str]:
     """Return a note on rows that were left out, or none."""
-    faults = list(left_out)
-    if not faults:
-        return []
-    return [f"{len(faults):,} rows left out: {what} (the first: {faults[0]})"]
+    return [f"{len(faults):,} rows left out: {what} (the first: {faults[0]})"] if faults else []
 
 
 def whole_rows(recording: Recording, cameras: int = len(CAMERAS)) -> tuple[Recording, list[str]]:

@@ -16,7 +16,7 @@ from datamodules.formats.parquet_columns import load_pyarrow, read_table
 from datamodules.formats.recording_writer import Converted, left_out_note, reported
 from datamodules.image import Stored, StoredImage, encode_image, find_fault
 from datamodules.read_options import ReadOptions
-from datamodules.recording import Recording, keep_valid, make_recording
+from datamodules.recording import TIMED_LABELS, Recording, keep_valid, make_recording
 from datamodules.rig_file import make_rig, rig_fields
 from datamodules.shard_store import EXTRA, INDEX, REMEDY, ShardStore, is_address
 from datamodules.stretches import complete_times, find_breaks
@@ -27,7 +27,6 @@ from zoo.base.rig import UDACITY, Rig
 
 title = "shards"
 LABELS = "labels.parquet"
-NUMBERS = ("steering", "throttle", "brake", "speed_mph", "time_s")
 RECORDING = "recording"  # number of the recording in `RIGS`, from 0
 MOST_RECORDINGS = 10_000
 RIGS = "rigs.json"  # of each recording: contents of rig.yaml, `udacity`, or null if it is unknown
@@ -48,8 +47,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
     store = ShardStore(path, cache, int(options.cache_gb * 1e9))
     labels = store.fetch(LABELS)
     rigs = _read_rigs(store)
-    columns = [*NUMBERS, *CAMERAS, RECORDING]
-    table = read_table(labels, columns)
+    table = read_table(labels, [*TIMED_LABELS, *CAMERAS, RECORDING])
     counts = np.array(list(store.images.values()))
     files = [f"{store.place}/{name}" for name in store.images]
     ends = np.cumsum(counts)
@@ -69,7 +67,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
     place = f"{store.place}/{LABELS}"
     recording = make_recording(
         path,
-        {name: table[name] for name in NUMBERS},
+        {name: table[name] for name in TIMED_LABELS},
         images,
         places=np.array([f"{place}, row {row + 1}" for row in range(len(number))], object),
         recording=table[RECORDING].astype(np.int64),
@@ -127,7 +125,7 @@ def export_shards(
         times = complete_times(recording)
         good = np.any(item >= 0, axis=1)
         kept = recording.keep(good)
-        columns = {name: getattr(kept, name) for name in NUMBERS} | {"time_s": times[good]}
+        columns = {name: getattr(kept, name) for name in TIMED_LABELS} | {"time_s": times[good]}
         columns |= {camera: item[good, number] for number, camera in enumerate(CAMERAS)}
         columns[RECORDING] = kept.recording
         pyarrow.parquet.write_table(pyarrow.table(columns), part / LABELS)

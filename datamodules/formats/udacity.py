@@ -1,14 +1,16 @@
 """The format of Udacity's simulator: a `driving_log.csv` and an `IMG` folder, from any machine."""
 
 import difflib
+import functools
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, BadRows, LogRow, read_log
 from datamodules.read_options import ReadOptions
-from datamodules.recording import LOG_NAME, Recording, file_name, list_files, make_recording
+from datamodules.recording import LABELS, LOG_NAME, Recording, file_name, list_files, make_recording
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
 
@@ -32,21 +34,19 @@ def read(path: Path, options: ReadOptions) -> Recording:
     log = path if path.suffix == ".csv" else path / LOG_NAME
     if not log.exists():
         raise InputError(missing(path))
-    finder, bad_rows = ImageFinder(log, options.images), BadRows(options.on_bad_row)
+    folder = Path(options.images).expanduser() if options.images else None
+    find, bad_rows = image_finder(log.parent, folder), BadRows(options.on_bad_row)
     rows = list(read_log(log, bad_rows, options.unit))
-    images = {
-        name: [finder.find(row.paths[camera]) for row in rows]
-        for camera, name in enumerate(CAMERAS)
-    }
+    images = {name: [find(row.paths[at]) for row in rows] for at, name in enumerate(CAMERAS)}
     bad = _missing_images(log, rows, images)
     if bad and options.on_bad_image == "fail":
         raise InputError(
-            f"{bad[min(bad)]} in {finder.images or log.parent / 'IMG'} ({len(bad)} of {len(rows)} "
+            f"{bad[min(bad)]} in {folder or log.parent / 'IMG'} ({len(bad)} of {len(rows)} "
             "rows lack one); copy the IMG folder there, set data.images=FOLDER, or "
             "data.on_bad_image=skip"
         )
     columns = np.array([row.numbers for row in rows]).T
-    numbers = dict(zip(("steering", "throttle", "brake", "speed_mph"), columns, strict=True))
+    numbers = dict(zip(LABELS, columns, strict=True))
     numbers["time_s"] = times_from_names([row.paths[0] for row in rows])
     lines = np.array([row.line for row in rows])
     recording = make_recording(
@@ -87,46 +87,39 @@ def _missing_images(
     return bad
 
 
-class ImageFinder:
-    """A finder on this machine of images that a log from another machine names.
+def image_finder(root: Path, images: Path | None) -> Callable[[str], str | None]:
+    """Return a function from an image, as a log names it, to its path here, or None.
 
     A path may be of Windows, macOS or Linux, absolute or relative. Each folder is listed once.
+
+    Args:
+        root: folder of the log, which may be from another machine.
+        images: folder of the images, if not the usual one.
     """
+    if images and not images.is_dir():
+        raise InputError(f"{images}: no such folder; set data.images=FOLDER of the images")
+    files = functools.cache(list_files)
 
-    def __init__(self, log: Path, images: str | None) -> None:
-        self.root = log.parent
-        self.images = Path(images).expanduser() if images else None
-        if self.images and not self.images.is_dir():
-            raise InputError(f"{self.images}: no such folder; set data.images=FOLDER of the images")
-        self._listings: dict[str, dict[str, str]] = {}
-        self._candidates: dict[str, list[str]] = {}
-
-    def find(self, written: str) -> str | None:
-        """Return the image's path on this machine, or None."""
-        name = file_name(written)
-        if not name:
-            return None
-        folder = written[: len(written) - len(name)]
-        if folder not in self._candidates:
-            self._candidates[folder] = self._folders(folder)
-        for candidate in self._candidates[folder]:
-            if candidate not in self._listings:
-                self._listings[candidate] = list_files(candidate)
-            if found := self._listings[candidate].get(name):
-                return found
-        return None
-
-    def _folders(self, written: str) -> list[str]:
+    @functools.cache
+    def folders(written: str) -> list[str]:
         """Return folders to search, best first: the given one, or IMG, the path's tails, others."""
-        if self.images:
-            return [str(self.images)]
+        if images:
+            return [str(images)]
         parts = [part for part in re.split(r"[\\/]", written) if part not in ("", ".")]
-        tails = [self.root.joinpath(*parts[start:]) for start in range(len(parts))]
-        img = [path for path in self.root.iterdir() if path.name.lower() == "img"]
+        tails = [root.joinpath(*parts[start:]) for start in range(len(parts))]
+        img = [path for path in root.iterdir() if path.name.lower() == "img"]
         # Not \\SERVER\SHARE: Windows would log in on a stranger's server.
         is_own = re.match(r"([A-Za-z]:)?[\\/](?![\\/])", written) and Path(written).is_absolute()
-        found = [*img, *tails, self.root, *([Path(written)] if is_own else [])]
+        found = [*img, *tails, root, *([Path(written)] if is_own else [])]
         return [str(folder) for folder in found]
+
+    def find(written: str) -> str | None:
+        if not (name := file_name(written)):
+            return None
+        found = (files(folder).get(name) for folder in folders(written[: -len(name)]))
+        return next(filter(None, found), None)
+
+    return find
 
 
 def times_from_names(names: list[str]) -> np.ndarray:

@@ -1,7 +1,6 @@
 """Write and read videos frame by frame with the ffmpeg of imageio-ffmpeg."""
 
 import contextlib
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,8 +8,8 @@ import imageio_ffmpeg
 import numpy as np
 
 from datamodules.image import MOST_PIXELS
-from zoo.base.bounded_files import open_regular
-from zoo.base.errors import InputError
+from zoo.base.bounded_files import open_binary
+from zoo.base.errors import InputError, file_errors
 from zoo.base.video import VideoWriter
 
 MOST_VIDEO_BYTES = 64_000_000_000
@@ -45,11 +44,8 @@ def read_frames(path: Path) -> Iterator[np.ndarray]:
     Raises:
         InputError: the file is missing or damaged, or its frames are too large.
     """
-    try:
-        descriptor, _ = open_regular(path, MOST_VIDEO_BYTES)
-        os.close(descriptor)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; download the file again") from None
+    with file_errors(path, "{}; download the file again"):
+        open_binary(path, MOST_VIDEO_BYTES).close()
     container = CONTAINERS.get(path.suffix.lower(), "mov")
     limits = ["-f", container, "-protocol_whitelist", "file", "-max_pixels", str(MOST_PIXELS)]
     reader = imageio_ffmpeg.read_frames(

@@ -150,6 +150,30 @@ def no_number(log: Path) -> None:
     log.write_text(log.read_text().replace("\n3.jpg ", "\n3.jpg x"))
 
 
+WITHOUT_ROWS = {
+    "comma2016": {},
+    "named_images": {},
+    "sullychen": {"data.txt": "0.jpg 1.5"},  # half written
+    "deeppicar": {"out-key.csv": "ts_micro,frame,wheel\n"},
+    "challenge2": {"interpolated.csv": "timestamp,frame_id,filename,angle,speed\n"},
+}
+
+
+@pytest.mark.parametrize("name", WITHOUT_ROWS)
+def test_a_recording_without_rows_is_refused(name: str, tmp_path: Path) -> None:
+    for file, text in WITHOUT_ROWS[name].items():
+        (tmp_path / file).write_text(text)
+    with pytest.raises(InputError, match=f"{re.escape(str(tmp_path))}: .*; (name|record)"):
+        read_recordings(str(tmp_path), format=name)
+
+
+def test_bad_rows_alone_are_named(tmp_path: Path) -> None:
+    header = "timestamp,frame_id,filename,angle,speed\n"
+    (tmp_path / "interpolated.csv").write_text(f"{header}0,center_camera,0.jpg,much,1\n")
+    with pytest.raises(InputError, match=r"interpolated.csv, row 2: angle .*; correct"):
+        read(tmp_path)
+
+
 def test_a_last_row_that_is_being_written_is_left_out(tmp_path: Path) -> None:
     folder = sullychen(tmp_path / "sullychen")
     cut(folder / "data.txt")
