@@ -177,10 +177,10 @@ def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
         **joined,
     )
     if not len(whole):
-        raise InputError(
-            f"{', '.join(whole.names)}: no rows left, all {len(whole.bad_images)} have a bad image "
-            f"({whole.bad_images[0]}); copy the images, or set data.images=FOLDER"
-        )
+        faults = whole.bad_images
+        reason = f", all {len(faults)} have a bad image ({faults[0]})" if faults else ""
+        remedy = "copy the images, or set data.images=FOLDER" if faults else "record it again"
+        raise InputError(f"{', '.join(whole.names)}: no rows left{reason}; {remedy}")
     return whole
 
 

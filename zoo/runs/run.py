@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from zoo.base.bounded_files import check_text, open_text, read_yaml, read_yaml_text
 from zoo.base.errors import InputError
-from zoo.checkpoints.checkpoint_path import checkpoint_of
 from zoo.runs import metrics_file
 from zoo.runs.metrics_file import read_metrics_file
 from zoo.runs.record_fields import Fields, Texts, Whole, check_fields
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 HYDRA = ".hydra"
+CHECKPOINTS, BEST, LAST = "checkpoints", "best.ckpt", "last.ckpt"
 MOST_CSV_BYTES = 64_000_000
 
 
@@ -177,7 +177,8 @@ class Run:
     @property
     def checkpoint_path(self) -> Path | None:
         """Return the path of the best checkpoint, or of the last; None if the run kept none."""
-        return checkpoint_of(self.folder)
+        paths = (self.folder / CHECKPOINTS / name for name in (BEST, LAST))
+        return next((path for path in paths if path.is_file()), None)
 
     @property
     def drive_folders(self) -> list[Path]:
