@@ -2,6 +2,7 @@
 
 import hashlib
 import itertools
+import os
 import re
 import shlex
 from pathlib import Path
@@ -88,9 +89,12 @@ def keep_result(folder: Path, command: str) -> None:
         one.model_copy(update={"figures": {name: one.figures[name] for name in names}})
         for one in result.drives
     ]
-    # Where a packaged network is installed is nobody's business; its name finds it, too.
+    # Where a packaged network, or this folder, is on a machine is nobody's business.
+    place = f"{Path.cwd()}{os.sep}"
     checkpoints = [
-        one.model_copy(update={"file": packaged_name(Path(one.file)) or one.file})
+        one.model_copy(
+            update={"file": packaged_name(Path(one.file)) or one.file.removeprefix(place)}
+        )
         for one in result.checkpoints
     ]
     lines = ",\n".join(one.model_dump_json() for one in drives)  # a line for each drive

@@ -370,6 +370,15 @@ def test_a_kept_result_names_a_packaged_network_wherever_it_is_installed(pages: 
     assert read_result(board_rows.BOARDS["v1"] / "mine").checkpoints[0].file == "lenet"
 
 
+def test_a_kept_result_does_not_say_where_the_folder_is(pages: Path) -> None:
+    found = read_json(write_entry(pages / "mine", seeds=1) / "result.json")
+    found["checkpoints"][0]["file"] = str(pages / "outputs" / "last.ckpt")
+    write(pages / "known", found)
+    board_rows.keep_result(pages / "known", "")
+    kept = read_result(board_rows.BOARDS["v1"] / "mine").checkpoints[0]
+    assert Path(kept.file) == Path("outputs/last.ckpt")
+
+
 def test_an_entry_trained_on_other_rows_is_refused(pages: Path) -> None:
     folder = write_entry(pages / "entry")
     path = folder / "result.json"
