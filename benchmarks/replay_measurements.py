@@ -39,7 +39,7 @@ def replays(
     the mean squared errors on the same rows, order the checkpoints as drives do. Their 95 %
     intervals are bootstraps over the checkpoints.
     """
-    from benchmarks.study_tables import rank_correlation
+    from benchmarks.rank_correlations import rank_correlation
     from zoo.drives.metrics import measure
     from zoo.worlds.replay_world import ReplayWorld
 

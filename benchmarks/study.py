@@ -45,7 +45,7 @@ def make_runs(study: Study) -> list[str]:
     Raises:
         InputError: `only` names no entry, or a recording was changed.
     """
-    from benchmarks.study_rows import PREPARE
+    from benchmarks.study_data import PREPARE
 
     chosen, failed = study.chosen(), []
     if "prepare" in study.config:

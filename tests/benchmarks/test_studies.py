@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import board_rows, study, study_grid, study_rows
+from benchmarks import board_rows, study, study_data, study_grid, study_rows
 from benchmarks.measuring import merge, read_csv, write_csv
 from benchmarks.study_grid import FOLDER, Entry, Study
 from datamodules.recording_format import read_recordings
@@ -93,7 +93,7 @@ def test_the_committed_pages_are_those_of_the_committed_figures(
     for results in board_rows.BOARDS.values():
         shutil.copytree(ROOT / results, results)
     if name == "offline_metrics":  # bootstraps for half a minute
-        monkeypatch.setattr("benchmarks.study_tables.RESAMPLINGS", 2)
+        monkeypatch.setattr("benchmarks.rank_correlations.RESAMPLINGS", 2)
     study.main([name, "runs=false"])
     written = capsys.readouterr().out.strip().split(", ")
     assert len(written) > 1 or name == "pretrained"
@@ -208,7 +208,7 @@ def test_a_finished_run_is_not_repeated_and_a_failed_entry_not_the_last(
         seeds = [TRANSFER | entry.labels | {"seed": run.name} for run in entry.finished]
         return seeds if entry.finished else []
 
-    monkeypatch.setitem(study_rows.PREPARE, "shares", lambda _: {"samples_per_epoch": 64})
+    monkeypatch.setitem(study_data.PREPARE, "shares", lambda _: {"samples_per_epoch": 64})
     monkeypatch.setitem(study_rows.ROWS, "transfer", row)
     monkeypatch.setattr(study_grid, "run_logged", run_logged)
     words = ["transfer", "samples=256", "seeds=1"]
@@ -261,7 +261,7 @@ def test_rows_are_kept_as_text_and_newer_ones_replace_older(tmp_path: Path) -> N
 def test_a_smaller_share_has_rows_of_the_larger_one(recorded: Written) -> None:
     recording = read_recordings(str(recorded.folder))
     whole = split_rows(recording, block_s=0.5, gap_s=0.1)
-    parts = [study_rows.reduced(recording, whole, share) for share in (0.1, 0.3, 1.0)]
+    parts = [study_data.reduced(recording, whole, share) for share in (0.1, 0.3, 1.0)]
     sizes = [len(part.train) for part in parts]
     assert sizes == sorted(sizes)
     assert np.array_equal(parts[-1].train, whole.train)
@@ -274,9 +274,9 @@ def test_each_row_of_a_road_is_tested_once_by_a_network_that_saw_none_near_it(
     recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(study_rows, "GAP_S", 0.1)
+    monkeypatch.setattr(study_data, "GAP_S", 0.1)
     opened = Study("real_roads", [f"root={recorded.folder}"])
-    study_rows.folds(opened)
+    study_data.folds(opened)
     recording, tested = read_recordings(str(recorded.folder)), []
     for fold in range(1, 6):
         split = split_rows(recording, f"outputs/real_roads/fold-{fold}-100.csv")
@@ -469,7 +469,7 @@ def test_a_candidate_of_the_first_try_is_trained_and_driven(
     split = ("data.block_s=0.5", "data.gap_s=0.1")
     words = (*small, *split, f"data.root={recorded.folder}")
     monkeypatch.setattr(Study, "chosen", lambda _: [Entry(**vars(entry) | {"words": words})])
-    monkeypatch.setitem(study_rows.PREPARE, "student_laps", lambda _: {})
+    monkeypatch.setitem(study_data.PREPARE, "student_laps", lambda _: {})
     assert study.make_runs(opened) == []
     with Path("outputs/first_try/first_try.csv").open(newline="") as file:
         (row,) = csv.DictReader(file)
