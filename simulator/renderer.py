@@ -65,9 +65,9 @@ class Renderer:
     ) -> None:
         WorldSettings(quality=quality).check()
         self.track, self.rig = track, rig
-        first = next(iter(rig.cameras.values()))
-        self.size = first.size
-        self.engine, self.buffer, self.name = open_buffer(renderer, *first.size)
+        self.first = next(iter(rig.cameras.values()))
+        self.size = self.first.size
+        self.engine, self.buffer, self.name = open_buffer(renderer, *self.size)
         self.texture = core.Texture()
         self.buffer.addRenderTexture(self.texture, core.GraphicsOutput.RTMCopyRam)
         self.root = core.NodePath("world")
@@ -94,8 +94,8 @@ class Renderer:
         shadows = self.shadows(weather) if self.shadows and weather.shadows else []
         for piece, shade in zip_longest(self.pieces, shadows):
             _set_colours(piece, lit_colours(piece[0], weather, shade))
-        own = next(iter(self.rig.cameras.values()))
-        self.fov_deg = float(np.clip(own.vertical_fov_deg + weather.camera.fov_deg, *FOV_DEG))
+        widened_deg = self.first.vertical_fov_deg + weather.camera.fov_deg
+        self.fov_deg = float(np.clip(widened_deg, *FOV_DEG))
         set_view(self.lens, self.size[0] / self.size[1], self.fov_deg)
         self.weather, self.air = weather, Air(weather, seed, self.rig)
 
