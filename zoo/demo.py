@@ -35,8 +35,10 @@ def demo() -> None:
         "record (once), train, score by driving, report": [
             "train",
             "model=nvidia",
+            "data=lake_quick",
             "quick=true",
             "quick_samples=3200",  # enough if an expert's laps include recoveries
+            "score.quality=fast",  # as the recording has
             # Short of a lap and unfilmed, because the lap over the socket is filmed.
             "score.candidate_laps=0.3",
             "score.film=false",
