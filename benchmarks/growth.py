@@ -47,7 +47,7 @@ def stages_of(sizes: list[int]) -> list[dict[str, float]]:
             f"{number}": (run_stages, str(folder), f"{place}/{number}")
             for number, folder in enumerate(folders)
         }
-        with measuring.contestants(targets, asleep=True) as measures:
+        with measuring.contestants(targets, asleep=targets) as measures:
             return [measure() for measure in measures.values()]
 
 

@@ -39,7 +39,7 @@ def measure(short: bool) -> list[Row]:
     with ExitStack() as stack:
         theirs, solution = stack.enter_context(keras_process(python, log, steps))
         bare = {BARE: (run_bare, 0.1 if short else ROUND_S, True)}
-        ours = stack.enter_context(contestants(targets | bare))
+        ours = stack.enter_context(contestants(targets | bare, asleep=targets))
         found = take_turns({**ours, "Keras/s": theirs}, rounds)
     reference = f"{solution}, its own generator, batch 40"
     what = f"training nvidia, batch {BATCH}, augmented"

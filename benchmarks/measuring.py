@@ -9,7 +9,7 @@ import os
 import statistics
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -23,6 +23,10 @@ from unittest.mock import patch
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+
+from zoo.base.errors import UsageError
+from zoo.base.run_command import exit_after
+from zoo.training.host_settings import limit_spinning
 
 TextRow = Mapping[str, str]  # of a study's CSV file
 Rows = Sequence[TextRow]
@@ -76,15 +80,20 @@ def markdown_table(head: list[str], rows: list[list[str]], left: int = 1) -> str
 def run_named(*measurements: Callable[..., object]) -> None:
     """Call what `python FILE NAME [argument ...] [key=value ...]` names, with its words as text."""
     by_name = {measure.__name__: measure for measure in measurements}
-    name, *words = sys.argv[1:] or [""]
-    if name not in by_name:
-        sys.exit(f"{Path(sys.argv[0]).name}: name one of {', '.join(by_name)}")
-    keys = dict(word.split("=", 1) for word in words if "=" in word)
-    try:
-        given = signature(by_name[name]).bind(*(word for word in words if "=" not in word), **keys)
-    except TypeError as error:
-        sys.exit(f"{name}: {error}")
-    sys.exit(by_name[name](*given.args, **given.kwargs))
+
+    def call(arguments: list[str]) -> None:
+        name, *words = arguments or [""]
+        if name not in by_name:
+            raise UsageError(f"name one of {', '.join(by_name)}")
+        keys = dict(word.split("=", 1) for word in words if "=" in word)
+        positional = (word for word in words if "=" not in word)
+        try:
+            given = signature(by_name[name]).bind(*positional, **keys)
+        except TypeError as error:
+            raise UsageError(f"{name}: {error}") from None
+        sys.exit(by_name[name](*given.args, **given.kwargs))
+
+    exit_after(Path(sys.argv[0]).name, call)
 
 
 def grouped(rows: Iterable[TextRow], keys: Sequence[str]) -> list[list[TextRow]]:
@@ -222,7 +231,7 @@ def compared(
 
 @contextmanager
 def contestants(
-    targets: dict[str, tuple], asleep: bool = False
+    targets: dict[str, tuple], asleep: Collection[str] = ()
 ) -> Iterator[dict[str, Callable[[], float]]]:
     """Run each target in its own process and yield functions that measure there.
 
@@ -232,8 +241,8 @@ def contestants(
 
     Args:
         targets: target and arguments by name.
-        asleep: whether waiting threads sleep; by default they spin, which also takes processor
-            time.
+        asleep: targets whose waiting threads sleep soon, as those of `drivezoo train`; by default
+            they spin, which also takes processor time.
     """
     context = multiprocessing.get_context("spawn")
     with ExitStack() as stack:
@@ -241,8 +250,9 @@ def contestants(
         for name, (target, *arguments) in targets.items():
             pipes[name], theirs = context.Pipe()
             process = context.Process(target=target, args=(theirs, *arguments))
-            policy = {"OMP_WAIT_POLICY": "PASSIVE"} if asleep else {}
-            with patch.dict(os.environ, policy):
+            with patch.dict(os.environ):
+                if name in asleep:
+                    limit_spinning()
                 process.start()
             stack.callback(_end, process, pipes[name])
             theirs.close()

@@ -46,7 +46,7 @@ def measure(short: bool) -> list[Row]:
         LIMIT: (run_product, "cpu", 64 if short else SIDE, torch.float32),
     }
     material.linked_recording(ROWS)  # created once, before the processes need it
-    with contestants(targets) as measures:
+    with contestants(targets, asleep=("zoo/s", HALF)) as measures:
         found = take_turns(measures, rounds)
         with busy_core():
             pair = {name: measures[name] for name in ("zoo/s", "bare loop/s")}
