@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
 from zoo.base.bounded_files import mapped
 from zoo.base.command import is_path
@@ -170,8 +170,12 @@ def _explained(error: Exception, arguments: Sequence[str]) -> str:
     found = _NO_OVERRIDE.search(text)
     if isinstance(error, ConfigCompositionException) and not found:
         found = _NO_KEY.search(f"{text} {error.__cause__}")
+    key = None
     if found:
         key = next(value for value in found.groupdict().values() if value)
+    elif isinstance(error, ConfigAttributeError | ConfigKeyError):
+        key = error.full_key
+    if key:
         return f"{key}: no such key; {hint(key, valid_keys(), LISTS_ALL)}"
     for one in arguments:
         if "=" not in one and not one.startswith(("-", "~")):

@@ -1,13 +1,11 @@
 """Further training of a checkpoint, on its own recording and all corrections so far."""
 
 import io
-import re
 import shutil
 from collections.abc import Collection
 from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
 from rich.console import Console
 
 from datamodules.driving_log import read_log
@@ -18,7 +16,7 @@ from zoo.base.whole_file import csv_text, write_whole
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.cli.compose import escape_interpolation
 from zoo.correct.correct_options import CorrectOptions
-from zoo.runs.saved_config import Keys, check_saved_config, leaf_keys
+from zoo.runs.saved_config import check_saved_config, overridden
 
 
 def own_config(
@@ -33,25 +31,11 @@ def own_config(
         trusted: names of classes and keys that are allowed, see `check_saved_config`.
 
     Raises:
-        InputError: an unknown key, an invalid value, a missing recording, or a config that names
-            what is not allowed.
+        InputError: a missing recording, or a config that names what is not allowed; see also
+            `overridden`.
     """
-    config = OmegaConf.create(escape_interpolation(checkpoint.config))
-    OmegaConf.set_struct(config, True)
-    typed: set[Keys] = set()
-    for one in overrides:
-        key, _, value = one.partition("=")
-        try:
-            # A path that exists is not parsed as YAML.
-            is_path = key == "data.root" and Path(value).expanduser().exists()
-            value = value if is_path else OmegaConf.create(f"v: {value}").v
-            OmegaConf.update(config, key, value)
-            typed |= leaf_keys(value, tuple(re.split(r"[.\[\]]+", key)))
-        except OmegaConfBaseException:
-            raise InputError(f"{key}: no such key in the checkpoint's config") from None
-        except Exception:  # any error of the YAML parser
-            raise InputError(f"{one}: the value is not valid YAML; put it in quotes") from None
-    OmegaConf.set_struct(config, False)
+    saved = OmegaConf.create(escape_interpolation(checkpoint.config))
+    config, typed = overridden(saved, overrides)
     check_saved_config(config, path, trusted, typed)
     if config.data.images is not None:
         raise InputError(

@@ -22,7 +22,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from zoo.base.bounded_files import leaves
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, UsageError
 from zoo.base.new_folder import RECIPE
 from zoo.base.parts import unknown_part
 from zoo.runs.allowed_classes import is_allowed
@@ -154,6 +154,36 @@ def leaf_keys(value: object, keys: Keys = ()) -> set[Keys]:
     if OmegaConf.is_config(value):
         value = OmegaConf.to_container(value, resolve=False)
     return {leaf for leaf, _ in leaves(value, keys)}
+
+
+def overridden(saved: DictConfig, overrides: list[str]) -> tuple[DictConfig, set[Keys]]:
+    """Return a copy of a config with overrides as Hydra reads them, and the keys that they set.
+
+    Raises:
+        UsageError: an override cannot be read, names no key or several values, or chooses a part.
+    """
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+
+    from zoo.cli.compose import config_groups, one_line_errors, quote_paths
+
+    config, typed = saved.copy(), set()
+    OmegaConf.set_struct(config, True)
+    with one_line_errors(overrides):
+        for change in OverridesParser.create().parse_overrides(quote_paths(overrides)):
+            key, line = change.key_or_group, change.input_line
+            if key in config_groups():
+                raise UsageError(
+                    f"{line}: a run keeps its config groups; set single values, such as "
+                    "trainer.max_epochs=60, or start a new run"
+                )
+            if change.is_sweep_override():
+                raise UsageError(f"{line}: is a sweep; give one value")
+            value = None if change.is_delete() else change.value()
+            added = change.is_add() or change.is_force_add()
+            OmegaConf.update(config, key, value, force_add=added)
+            typed |= leaf_keys(value, tuple(re.split(r"[.\[\]]+", key)))
+    OmegaConf.set_struct(config, False)
+    return config, typed
 
 
 def _refused(keys: Keys, value: Any, config: Mapping) -> tuple[str | None, str]:

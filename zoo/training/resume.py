@@ -1,19 +1,16 @@
 """`drivezoo train resume=FOLDER`: resume a stopped run, or train a finished run further."""
 
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from hydra.core.override_parser.overrides_parser import OverridesParser
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from zoo.base.errors import InputError
 from zoo.base.parts import typed_parts
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import refuse_links_out
-from zoo.cli.compose import config_groups, quote_paths
 from zoo.cli.console_progress import loading
-from zoo.runs.saved_config import Keys, check_saved_config, leaf_keys, split_trust
+from zoo.runs.saved_config import check_saved_config, overridden, split_trust
 
 
 def resume(folder: Path, overrides: list[str]) -> None:
@@ -34,19 +31,13 @@ def resume(folder: Path, overrides: list[str]) -> None:
             f"{folder}: is no run's folder (no .hydra/config.yaml); name the folder of a run"
         )
     overrides, trusted = split_trust(overrides)
-    chosen = [text for text in overrides if text.split("=")[0].lstrip("+~") in config_groups()]
-    if chosen:
-        raise InputError(
-            f"{chosen[0]}: a resumed run keeps its config groups; set single values, such as "
-            "trainer.max_epochs=60, or start a new run"
-        )
     from zoo.runs.metrics_file import read_metrics_file
     from zoo.runs.run import load_config
     from zoo.runs.status import read_status_file
 
     refuse_links_out(folder)
     saved = load_config(folder)
-    config, typed = _overridden(saved, overrides)
+    config, typed = overridden(saved, overrides)
     check_saved_config(config, saved_path, trusted, typed)
     if read_status_file(folder).get("status") == "finished":
         metrics = read_metrics_file(folder)
@@ -63,24 +54,6 @@ def resume(folder: Path, overrides: list[str]) -> None:
         from zoo.training.run import run_experiment
 
     run_experiment(config, folder.resolve(), resume=True, keep_config=bool(overrides))
-
-
-def _overridden(saved: DictConfig, overrides: list[str]) -> tuple[DictConfig, set[Keys]]:
-    """Return a copy of a config with overrides as Hydra reads them, and the keys that they set."""
-    config, typed = saved.copy(), set()
-    OmegaConf.set_struct(config, True)
-    for change in OverridesParser.create().parse_overrides(quote_paths(overrides)):
-        if change.is_delete():
-            value = None
-        elif change.is_sweep_override():
-            raise InputError(f"{change.input_line}: is a sweep; give one value to resume a run")
-        else:
-            value = change.value()
-        OmegaConf.update(
-            config, change.key_or_group, value, force_add=change.is_add() or change.is_force_add()
-        )
-        typed |= leaf_keys(value, tuple(re.split(r"[.\[\]]+", change.key_or_group)))
-    return config, typed
 
 
 def _finished_lines(

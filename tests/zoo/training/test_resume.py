@@ -67,6 +67,24 @@ def test_a_finished_run_is_left_as_it_is(two_epochs: Path, zoo: Zoo) -> None:
     assert times(two_epochs) == before
 
 
+@pytest.mark.parametrize(
+    ("override", "text"),
+    [
+        ("trainer.max_epochz=3", "did you mean trainer.max_epochs"),
+        ("trainer.max_epochs=[", "trainer.max_epochs=["),
+        ("trainer.max_epochs=3,4", "is a sweep"),
+        ("model=lenet", "keeps its config groups"),
+    ],
+)
+def test_a_wrong_override_is_named(override: str, text: str, two_epochs: Path, zoo: Zoo) -> None:
+    before = times(two_epochs)
+    result = zoo(f"resume={two_epochs}", override)
+    assert result.returncode == 2, result.stderr
+    assert text in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    assert times(two_epochs) == before
+
+
 def test_more_epochs_train_a_finished_run_further(two_epochs: Path, zoo: Zoo) -> None:
     succeed(zoo("resume=run", "trainer.max_epochs=3"))
     assert metrics(two_epochs)["epochs"] == 3
