@@ -67,7 +67,11 @@ class DonkeyWorld(World):
             where = "{}:{}".format(*place)
             raise InputError(f"{address}: no simulator at {where} ({reason}); {START}") from None
         self._lines = self._socket.makefile("rb")
-        self._load(parts["scene"])
+        try:
+            self._load(parts["scene"])
+        except InputError:
+            self.close()
+            raise
 
     def reset(self, scenario: Scenario) -> State:
         """Put the car at the start of the scene."""
