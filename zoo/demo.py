@@ -14,7 +14,7 @@ from zoo.base.errors import InputError
 from zoo.base.terminal import command_line, print_written
 from zoo.cli.console_script import commands
 
-SPEED_MPH = 20
+SPEED_MPH = 25
 
 
 @command
@@ -39,6 +39,7 @@ def demo() -> None:
             "quick=true",
             "quick_samples=3200",  # enough if an expert's laps include recoveries
             "score.quality=fast",  # as the recording has
+            "score.speed=20",
             # Short of a lap and unfilmed, because the lap over the socket is filmed.
             "score.candidate_laps=0.3",
             "score.film=false",
