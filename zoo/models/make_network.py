@@ -19,6 +19,14 @@ from zoo.runs.allowed_classes import ALLOWED, own_class
 MOST_PARAMETERS = 1_000_000_000  # VGG16 has 138 million
 FRAMES = 2  # of the check of a part: with one, a missing dimension would be broadcast
 VIEW_KEYS = ("colour", "size", "resize")
+# Least value of a setting, and the one that it stays below.
+RANGES = {
+    "dropout": (0, 1),
+    "width": (0.01, math.inf),
+    "neurons": (1, math.inf),
+    "units": (1, math.inf),
+    "wiring_seed": (0, 2**32),
+}
 # Keys of a model's config that its constructor does not take.
 BORDER_KEYS = (*VIEW_KEYS, "weights", "name", "cache_features")
 
@@ -64,6 +72,8 @@ def make_network(model: dict, view: View, most: int = MOST_PARAMETERS) -> nn.Mod
     settings = {key: value for key, value in model.items() if key not in ("_target_", *BORDER_KEYS)}
     height, width, channels = view.shape
     shape = (channels, height, width)
+    if part is None:
+        _check_settings(network_class, settings)
     try:
         with LimitedParameters(most), part_errors(part):
             network = network_class(shape, **settings)
@@ -72,6 +82,26 @@ def make_network(model: dict, view: View, most: int = MOST_PARAMETERS) -> nn.Mod
     if part is not None:
         check_network(network, shape, part)
     return network
+
+
+def _check_settings(network_class: type[nn.Module], settings: dict) -> None:
+    """Raise InputError for a number that is not as the constructor's default, or out of range."""
+    parameters = inspect.signature(network_class).parameters
+    for key, (low, below) in RANGES.items():
+        if key not in settings or key not in parameters:
+            continue
+        usual, value = parameters[key].default, settings[key]
+        several = isinstance(usual, tuple)
+        numbers = value if several and isinstance(value, list | tuple) else [value]
+        kinds = (int,) if type(usual) is int else (int, float)
+        if len(numbers) != (len(usual) if several else 1) or not all(
+            type(one) in kinds and low <= one < below for one in numbers
+        ):
+            kind = f"{len(usual)} numbers" if several else "a number"
+            kind = "a whole number" if kinds == (int,) else kind
+            limits = f"of {low} or more" if below == math.inf else f"from {low} to below {below:,}"
+            example = str(list(usual) if several else usual).replace(" ", "")
+            raise InputError(f"model.{key}={value}: must be {kind} {limits}, such as {example}")
 
 
 def check_network(network: nn.Module, shape: tuple[int, int, int], part: Part) -> None:

@@ -1,5 +1,7 @@
 """Tests that every network of the zoo must pass."""
 
+import re
+
 import pytest
 import torch
 
@@ -80,6 +82,22 @@ def test_settings_reach_the_network(name: str) -> None:
     assert sum(p.numel() for p in wide.parameters()) > 1.5 * sum(
         p.numel() for p in plain.parameters()
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "setting", "text"),
+    [
+        ("nvidia", "dropout=0.2", "2 numbers from 0 to below 1, such as [0.1,0.5]"),
+        ("nvidia", "dropout=[0.1,a]", "2 numbers"),
+        ("lenet", "dropout=[0.1,0.2]", "a number from 0 to below 1"),
+        ("lenet", "dropout=1", "a number from 0 to below 1"),
+        ("nvidia", "width=-1", "a number of 0.01 or more"),
+        ("cnn_gru", "neurons=1.5", "a whole number of 1 or more, such as 64"),
+    ],
+)
+def test_a_setting_of_another_kind_is_named(name: str, setting: str, text: str) -> None:
+    with pytest.raises(InputError, match=f"model.{setting.split('=')[0]}=.*{re.escape(text)}"):
+        build(name, f"model.{setting}")
 
 
 @pytest.mark.parametrize("name", [name for name in choices("model") if name != "vgg"])
