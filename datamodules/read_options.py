@@ -52,7 +52,10 @@ class ReadOptions:
         Raises:
             UsageError: `each` names no such recording, an unknown key, or an impossible value.
         """
-        own = {str(one): said for one, said in (keys_and_values("each", self.each) or {}).items()}
+        given = keys_and_values("each", {} if self.each is None else self.each)
+        if given is None:
+            raise UsageError(f"each={self.each}: must be such as {{2: {{format: table}}}}")
+        own = {str(one): said for one, said in given.items()}
         kinds = get_type_hints(ReadOptions, include_extras=True)
         found = []
         for number in map(str, range(1, roots + 1)):

@@ -1,6 +1,6 @@
 """What a network sees of a frame: crop, colour, size and resize. No other code decides this."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
@@ -150,7 +150,7 @@ def view_to_rgb(image: np.ndarray, colour: str) -> np.ndarray:
 
 
 def _pair(key: str, pair: Any, least: int) -> tuple[int, ...]:
-    is_pair = isinstance(pair, list | tuple) and len(pair) == 2
+    is_pair = isinstance(pair, Sequence) and len(pair) == 2
     if not is_pair or any(type(number) is not int or number < least for number in pair):
         what = "top,bottom" if key == "data.crop" else "height,width"
         raise InputError(f"{key}={pair} is not two whole numbers, {key}=[{what}], {least} or more")

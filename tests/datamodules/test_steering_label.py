@@ -170,6 +170,7 @@ def test_formats_with_keys_and_weights_of_their_own_train_on_one_unit(
         ({1: {"cache": "x"}}, r"each: 1: .*cache.*format, columns, steering"),
         ({"1": {"speed_unit": "knots"}}, r"each: 1: speed_unit.*knots"),
         ({1: "table"}, r"each: 1: table"),
+        (3, r"each=3: must be"),
     ],
 )
 def test_a_key_of_no_recording_is_refused(each: object, words: str) -> None:

@@ -31,7 +31,7 @@ RANGES = {
 BORDER_KEYS = (*VIEW_KEYS, "weights", "name", "cache_features")
 
 
-def view_of(model: dict, crop: list[int]) -> View:
+def view_of(model: dict, crop: Sequence[int]) -> View:
     """Return the view of a model's config; without `resize`, it resizes by area."""
     return View(crop, model["colour"], model["size"], model.get("resize", "area"))
 

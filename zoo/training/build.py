@@ -42,7 +42,7 @@ def build_data(config: DictConfig) -> DrivingData:
     if type(config.seed) is not int or config.seed < 0:
         raise InputError(f"seed={config.seed} is not a whole number, 0 or more")
     model = OmegaConf.to_container(config.model, resolve=True)
-    view = view_of(model, OmegaConf.to_container(config.data.crop))
+    view = view_of(model, config.data.crop)
     data = OmegaConf.to_container(config.data, resolve=True)
     settings = {key: v for key, v in data.items() if key not in ("crop", "record")}
     places = {key: settings.pop(key) for key in PLACES if key in settings}

@@ -45,8 +45,10 @@ def with_quick(config: DictConfig) -> DictConfig:
     """Return a config whose epochs and samples are capped if `quick=true`.
 
     Raises:
-        InputError: `quick_samples` is not a whole number above 0.
+        InputError: `quick` is not true or false, or `quick_samples` not a whole number above 0.
     """
+    if not isinstance(config.quick, bool):
+        raise InputError(f"quick={config.quick}: must be true or false")
     if not config.quick:
         return config
     config = config.copy()
@@ -113,7 +115,7 @@ def with_layers(config: DictConfig) -> DictConfig:
             "of Keras or a checkpoint of drivezoo import"
         )
     plain = OmegaConf.to_container(model, resolve=True)
-    view = view_of(plain, OmegaConf.to_container(config.data.crop))
+    view = view_of(plain, config.data.crop)
     try:
         path = find_checkpoint(str(model.weights))
         read = _of_keras if path.suffix.lower() in KERAS_SUFFIXES else _of_checkpoint

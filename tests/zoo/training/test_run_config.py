@@ -202,6 +202,12 @@ def test_a_quick_training_keeps_the_samples_that_driving_takes(recipe):
     assert quick(recipe) == (3, 24_000)
 
 
+@pytest.mark.parametrize("override", ["quick=maybe", "data.crop=40"])
+def test_a_value_of_another_kind_is_named(override, recorded, tmp_path):
+    result = run_here(tmp_path, f"data.root={recorded.folder}", *USUAL, override)
+    assert override in only_line(result, 1)
+
+
 def test_the_first_try_is_lenet_s_recipe_quick_with_all_that_was_measured():
     ours = compose_config(["experiment=first_try"])
     same = ["experiment=lenet", "trainer.max_epochs=3", "augment=[brightness,shadow,shift]"]
