@@ -15,7 +15,7 @@ from datamodules.leak import Leak
 from datamodules.recording import ROW_SAMPLE
 from datamodules.recording_format import other_car
 from datamodules.split import PARTS, rows_per_second, write_split
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, hint
 from zoo.base.rig import CURVATURE
 from zoo.base.terminal import print_line
 from zoo.base.whole_file import refuse_links_out
@@ -199,6 +199,13 @@ def _fit(
             raise
     except KeyboardInterrupt:
         pass
+    except Exception as error:
+        figures = sorted(trainer.callback_metrics)  # known after the first epoch
+        for name in {getattr(callback, "monitor", None) for callback in trainer.callbacks}:
+            if name and figures and name not in figures and name in str(error):
+                hinted = hint(name, figures, f"this training has {', '.join(figures)}")
+                raise InputError(f"monitor={name}: no such figure; {hinted}") from None
+        raise
     if trainer.interrupted:
         raise interruptions.stopped_error(folder, trainer.current_epoch + 1)
     if trainer.max_epochs == 0:  # no training: only write the weights to checkpoints

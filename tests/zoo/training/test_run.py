@@ -306,6 +306,8 @@ def truncate_an_image(folder: Path) -> None:
         (break_nothing, "seed=-1", "seed=-1 is not a whole number"),
         (break_nothing, "trainer.max_epochs=many", "max_epochs"),
         (break_nothing, "data.val_share=0", "monitors val/mse"),
+        (break_nothing, "callbacks.best.monitor=val/msee", "did you mean val/mse"),
+        (break_nothing, "callbacks.early_stopping.monitor=lap", "this training has "),
         (break_nothing, "data.cache=/proc/none", "cannot write the view cache"),
         (break_nothing, "model.weights=none.ckpt", "none.ckpt"),
     ],
