@@ -175,6 +175,8 @@ def _explained(error: Exception, arguments: Sequence[str]) -> str:
         key = next(value for value in found.groupdict().values() if value)
     elif isinstance(error, ConfigAttributeError | ConfigKeyError):
         key = error.full_key
+    if key and key in valid_keys():
+        return f"{key}: belongs to a part that is not chosen; {LISTS_ALL}"
     if key:
         return f"{key}: no such key; {hint(key, valid_keys(), LISTS_ALL)}"
     for one in arguments:
