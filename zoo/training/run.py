@@ -203,8 +203,7 @@ def _fit(
         figures = sorted(trainer.callback_metrics)  # known after the first epoch
         for name in {getattr(callback, "monitor", None) for callback in trainer.callbacks}:
             if name and figures and name not in figures and name in str(error):
-                hinted = hint(name, figures, f"this training has {', '.join(figures)}")
-                raise InputError(f"monitor={name}: no such figure; {hinted}") from None
+                raise InputError(f"monitor={name}: no such figure; {hint(name, figures)}") from None
         raise
     if trainer.interrupted:
         raise interruptions.stopped_error(folder, trainer.current_epoch + 1)

@@ -308,7 +308,7 @@ def truncate_an_image(folder: Path) -> None:
         (break_nothing, "data.val_share=0", "monitors val/mse"),
         (break_nothing, "callbacks.early_stopping.patience=3", "a part that is not chosen"),
         (break_nothing, "callbacks.best.monitor=val/msee", "did you mean val/mse"),
-        (break_nothing, "callbacks.best.monitor=lap", "this training has "),
+        (break_nothing, "callbacks.best.monitor=wxyz", "available: train/loss, val/"),
         (break_nothing, "data.cache=/proc/none", "cannot write the view cache"),
         (break_nothing, "model.weights=none.ckpt", "none.ckpt"),
     ],
