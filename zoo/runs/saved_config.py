@@ -173,7 +173,7 @@ def overridden(saved: DictConfig, overrides: list[str]) -> tuple[DictConfig, set
             key, line = change.key_or_group, change.input_line
             if key in config_groups():
                 raise UsageError(
-                    f"{line}: a run keeps its config groups; set single values, such as "
+                    f"{line}: a resumed run keeps its config groups; set single values, such as "
                     "trainer.max_epochs=60, or start a new run"
                 )
             if change.is_sweep_override():
