@@ -177,13 +177,15 @@ class Figure:
         figures: dict[str, Sequence[Cell]]
         if self.form:
             found = [entry.figures.get(self.key) or (None, None) for entry in self.entries]
-            means, deviations = zip(*found, strict=True)
-            figures = {name: means, f"{name}_std": deviations}
+            figures = {name: [mean for mean, _ in found], f"{name}_std": [std for _, std in found]}
         else:
             track = self.key.rpartition("/")[0]
             counts = [entry.counts.get(track) or (None, None) for entry in self.entries]
-            clean, drives = zip(*counts, strict=True)
-            figures = {name: drives, f"{name}_without_intervention": clean}
+            clean = [without for without, _ in counts]
+            figures = {
+                name: [drives for _, drives in counts],
+                f"{name}_without_intervention": clean,
+            }
         if self.is_autonomy:
             figures |= interval_figures(name, [self.interval(entry) for entry in self.entries])
         return Column(name, self.heading, self.texts, figures, short)

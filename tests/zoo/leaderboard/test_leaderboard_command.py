@@ -173,6 +173,9 @@ def test_what_is_damaged_is_named_and_the_others_are_ranked(
     assert [one.folder for one in scored] == [good]
     assert (unranked.folder, unranked.why) == (bad, "damaged")
     assert unranked.reason.startswith(f"{file}: ")
+    table = leaderboard(bad, table=tmp_path / "table.csv")
+    assert table.entries == [], "a folder with nothing else has an empty table"
+    assert len((tmp_path / "table.csv").read_text().splitlines()) == 1
 
 
 def test_repeats_with_other_seeds_are_one_entry_with_a_spread(tmp_path: Path) -> None:
