@@ -16,7 +16,8 @@ from torch.utils.data import Dataset
 from datamodules.balance import BatchKey
 from datamodules.recording import Recording
 from datamodules.row_views import RowViews
-from datamodules.samples import CENTER, LEFT, RIGHT, SINGLE_FRAMES, Samples, Windows
+from datamodules.samples import CENTER, LEFT, RIGHT, Samples
+from datamodules.windows import SINGLE_FRAMES, Windows
 
 if TYPE_CHECKING:
     from datamodules.augment import Augment  # slow import, which only a training needs

@@ -26,10 +26,11 @@ from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.row_views import RowViews, load_row_views
-from datamodules.samples import CENTER, Windows, camera_numbers, make_samples
+from datamodules.samples import CENTER, camera_numbers, make_samples
 from datamodules.split import PARTS, Split, split_rows, split_words
 from datamodules.steering_label import curvature_label, in_label, label_lines
 from datamodules.view import View
+from datamodules.windows import Windows
 from zoo.base.command_keys import convert
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import STEERING, SteeringLabel

@@ -1,122 +1,20 @@
 """Samples: each is a row, or a window of rows, and a camera, with steering corrected for it."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from datamodules.driving_log import CAMERAS
 from datamodules.recording import Recording
-from datamodules.split import PARTS, Split, rows_per_second
+from datamodules.split import rows_per_second
 from datamodules.steering_label import in_label
-from datamodules.stretches import find_breaks
+from datamodules.windows import SINGLE_FRAMES, Windows
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import MPS_PER_MPH, STEERING, Rig, SteeringLabel
 
-# A longer time to the next row, in usual steps of the recording, breaks a window. In a recording of
-# the original simulator 2 of 2,699 steps are longer.
-MOST_STEPS = 3
 CENTER, LEFT, RIGHT = range(3)
 MIN_RECOVERY_M = 4.0
-
-
-@dataclass(frozen=True)
-class Windows:
-    """The rows of a sample.
-
-    The window of row r has the frames of rows r - (sequence - 1) * stride, ..., r - stride, r,
-    oldest first. Its targets are those of these rows and of rows r + stride, ..., r + ahead *
-    stride.
-
-    Attributes:
-        sequence: number of frames, 1 or more.
-        stride: rows from a frame to the next, 1 or more.
-        ahead: number of targets after the newest frame, 0 or more.
-    """
-
-    sequence: int = 1
-    stride: int = 1
-    ahead: int = 0
-
-    @property
-    def is_windowed(self) -> bool:
-        """Return whether a sample has more than one frame with its own target."""
-        return self.sequence > 1 or self.ahead > 0
-
-    @property
-    def past(self) -> "Windows":
-        """Return the windows without the targets ahead."""
-        return replace(self, ahead=0)
-
-    def frames(self, rows: np.ndarray) -> np.ndarray:
-        """Return the rows of the frames, int64 [n, sequence]; `rows` if not windowed."""
-        return self.targets(rows)[:, : self.sequence] if self.is_windowed else rows
-
-    def targets(self, rows: np.ndarray) -> np.ndarray:
-        """Return the rows of the targets, int64 [n, sequence + ahead]; `rows` if not windowed."""
-        if not self.is_windowed:
-            return rows
-        return rows[:, None] + self.stride * np.arange(1 - self.sequence, self.ahead + 1)
-
-    def whole(self, recording: Recording, rows: np.ndarray) -> np.ndarray:
-        """Return those of the rows of a part (int64) whose window lies in that part.
-
-        All rows from the window's first to its last are in the part, in one recording, and without
-        a pause or a missing row between them.
-        """
-        if not self.is_windowed:
-            return rows
-        inside = np.zeros(len(recording), dtype=bool)
-        inside[rows] = True
-        borders = find_breaks(recording) | _missing_rows(recording) | (inside[1:] != inside[:-1])
-        run = np.concatenate([[0], np.cumsum(borders)])
-        first = rows - (self.sequence - 1) * self.stride
-        last = rows + self.ahead * self.stride
-        fits = (first >= 0) & (last < len(recording))
-        rows, first, last = rows[fits], first[fits], last[fits]
-        return rows[run[first] == run[last]]
-
-    def line(self, recording: Recording, split: Split) -> str:
-        """Return a line on how many rows of each part have a window.
-
-        Validation and test need the past frames alone.
-
-        Raises:
-            InputError: a part has rows but no window.
-        """
-        counts = []
-        for part in PARTS:
-            rows = getattr(split, part)
-            windows = self if part == "train" else self.past
-            whole = windows.whole(recording, rows)
-            if len(rows) and not len(whole):
-                raise InputError(
-                    f"data.sequence={self.sequence} data.stride={self.stride} data.ahead="
-                    f"{self.ahead}: no {part} row has a whole window in its part; set lower "
-                    "values, a longer data.block_s, or record more driving"
-                )
-            counts.append(f"{len(whole):,} of {len(rows):,} {part}")
-        ahead = f" and {self.ahead} targets ahead" if self.ahead else ""
-        return (
-            f"windows of {self.sequence} frames{ahead}, {self.stride} rows apart: "
-            f"{', '.join(counts)} rows have one"
-        )
-
-
-SINGLE_FRAMES = Windows()
-
-
-def _missing_rows(recording: Recording) -> np.ndarray:
-    """Return whether rows are missing between a row and the next, by line or time, bool [N - 1]."""
-    missing = np.zeros(len(recording) - 1, dtype=bool)
-    for number in range(len(recording.names)):
-        rows = np.flatnonzero(recording.recording == number)
-        for column, most in ((recording.line, 1), (recording.time_s, MOST_STEPS)):
-            steps = np.diff(column[rows])
-            forward = steps[steps > 0]  # not NaN, of a recording without times
-            if len(forward):
-                missing[rows[:-1]] |= steps > most * np.median(forward)
-    return missing
 
 
 @dataclass(frozen=True)

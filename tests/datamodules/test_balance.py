@@ -15,10 +15,10 @@ from datamodules.samples import (
     LEFT,
     RIGHT,
     Samples,
-    Windows,
     make_samples,
     recovery_steering,
 )
+from datamodules.windows import Windows
 from tests.recordings import recording_in_memory
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import UDACITY

@@ -10,12 +10,10 @@ from datamodules.balance import BatchKey
 from datamodules.bend import Bend
 from datamodules.device_batches import DeviceBatches
 from datamodules.driving import DrivingData
-from datamodules.samples import (
-    Windows,
-    make_samples,
-)
+from datamodules.samples import make_samples
 from datamodules.split import PARTS
 from datamodules.view import View
+from datamodules.windows import Windows
 from tests.recordings import recording_in_memory, write_recording
 from zoo.base.errors import InputError
 from zoo.base.rig import MPS_PER_MPH, UDACITY
