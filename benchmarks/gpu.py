@@ -1,9 +1,9 @@
 """Measure training on a GPU: `python benchmarks/gpu.py [NETWORK...] [device=cpu] [short]`.
 
-For each network `drivezoo train trainer=gpu` trains on views that stay in the GPU's memory, plainly
-and compiled. The processes take turns, an epoch each. The table has their operations per second
-relative to the machine's own limit, the best matrix product in the same run. Before that, outputs
-and gradients of each network are compared with the CPU's.
+For each network `drivezoo train trainer=gpu` trains on views that stay in the GPU's memory:
+plainly, compiled, and in 32 bits. The processes take turns, an epoch each. The table has their
+operations per second relative to the machine's own limit, the best matrix product in the same run.
+Before that, outputs and gradients of each network are compared with the CPU's.
 
 `device=cpu` runs the same path on a CPU, and `short` with tiny sizes: the figures mean nothing.
 Without a GPU the script prints one line.
@@ -15,6 +15,7 @@ import statistics
 import sys
 from multiprocessing.connection import Connection
 
+import numpy as np
 import torch
 
 from benchmarks.material import AUGMENT, OUT, config_for, linked_recording
@@ -26,7 +27,7 @@ from zoo.training.steering_module import predict
 
 NETWORKS = ("nvidia", "vgg", "tiny", "cnn_gru", "pilotnet_stack")
 BATCH, ROWS, ROUNDS = 256, 2_000, 5
-EPOCH = 400  # batches of an epoch
+EPOCH, EPOCH_FLOP = (20, 400), 2e14  # batches of an epoch, and their operations within that
 SIDE = {"cuda": 8192, "cpu": 1024}  # of the square matrices whose product is timed
 LIMIT = "bfloat16 matrix product"
 TOLERANCE = 1e-3  # of the largest value: sums in another order, in 32 bits
@@ -42,13 +43,12 @@ def main(names: list[str], device: str, short: bool) -> int:
         print("gpu.py: no GPU found by torch.cuda.is_available(); device=cpu runs the same path")
         return 1
     differ = {name: difference(name, device) for name in names}
-    batch, epoch, rounds = (8, 2, 1) if short else (BATCH, EPOCH, ROUNDS)
     linked_recording(ROWS)  # created once, before the processes need it
-    with contestants(targets(names, device, batch, epoch, short)) as measures:
-        found = take_turns(measures, rounds)
+    with contestants(targets(names, device, short)) as measures:
+        found = take_turns(measures, 1 if short else ROUNDS)
     rows = []
     for label in found.keys() - {LIMIT}:
-        name = label.removesuffix(", compiled")
+        name = label.partition(",")[0]
         used = [flops_of_sample(name) * speed for speed in found[label]]
         figures = {"samples/s": statistics.median(found[label]), "from the CPU's": differ[name]}
         rows.append(Row(label, LIMIT, ratios(used, found[LIMIT]), figures=figures))
@@ -59,18 +59,21 @@ def main(names: list[str], device: str, short: bool) -> int:
     return 1 if wrong else 0
 
 
-def targets(names: list[str], device: str, batch: int, epoch: int, short: bool) -> dict[str, tuple]:
-    """Return the measured processes: the matrix product, and each network plain and compiled."""
+def targets(names: list[str], device: str, short: bool) -> dict[str, tuple]:
+    """Return the measured processes: the matrix product, and each network in several ways."""
     side = 64 if short else SIDE[device]
     found: dict[str, tuple] = {LIMIT: (run_product, device, side, torch.bfloat16)}
     for name in names:
-        words = [AUGMENT, f"model={name}", "trainer=gpu", "callbacks=published"]
-        words += ["data.augment_on=device", f"data.batch_size={batch}", "trainer.max_epochs=100000"]
-        words += [f"data.samples_per_epoch={batch * epoch}"]
+        batch, (least, most) = (8, (2, 2)) if short else (BATCH, EPOCH)
+        batches = int(np.clip(EPOCH_FLOP / flops_of_sample(name) / batch, least, most))
+        words = [AUGMENT, f"model={name}", "model.weights=null", "trainer=gpu"]
+        words += ["callbacks=published", "data.augment_on=device", f"data.batch_size={batch}"]
+        words += ["trainer.max_epochs=100000", f"data.samples_per_epoch={batch * batches}"]
         words += [f"trainer.accelerator={'gpu' if device == 'cuda' else 'cpu'}"]
         found[name] = run_network, words
         if not short:
             found[f"{name}, compiled"] = run_network, [*words, "trainer.compile=true"]
+            found[f"{name}, 32 bits"] = run_network, [*words, "trainer.precision=32-true"]
     return found
 
 

@@ -6,6 +6,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 import lightning
+import torch
 from omegaconf import DictConfig
 
 
@@ -36,6 +37,8 @@ class EpochByEpoch(lightning.Callback):
         self.samples, self.began = module.train_samples, time.perf_counter()
 
     def on_train_batch_end(self, trainer: lightning.Trainer, module: object, *_: object) -> None:
+        if trainer.is_last_batch and torch.cuda.is_initialized():
+            torch.cuda.synchronize()  # what was started is not yet done
         self.seconds = time.perf_counter() - self.began
 
     def on_train_epoch_end(self, trainer: lightning.Trainer, module: object) -> None:

@@ -1,4 +1,4 @@
-"""Augmentations on the device that trains, which is a CPU here: what the others do, in batches."""
+"""Augmentations on a GPU, or on a CPU in its place: what the others do, in batches."""
 
 import io
 
@@ -21,7 +21,7 @@ from tests.recordings import write_recording
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
 
-CPU = torch.device("cpu")
+DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
 VIEWS = {
     "rgb": (66, 200),
     "bgr": (66, 200),
@@ -60,10 +60,10 @@ def as_rgb(hsv: np.ndarray) -> np.ndarray:
 
 
 def on_device(augment: Augment, images: np.ndarray, steering: np.ndarray, seed: int):
-    changed, steering = augment.on_device(torch.from_numpy(images), steering, seed)
+    changed, steering = augment.on_device(torch.from_numpy(images).to(DEVICE), steering, seed)
     assert changed.dtype == torch.uint8
     assert changed.is_contiguous()
-    return changed.numpy(), steering
+    return changed.cpu().numpy(), steering
 
 
 @pytest.mark.parametrize(
@@ -123,14 +123,15 @@ def test_polygons_are_filled_as_opencv_fills_them(size) -> None:
     masks = np.zeros((200, height, width), np.uint8)
     for mask, outline in zip(masks, corners, strict=True):
         cv2.fillPoly(mask, [outline.astype(np.int32)], 1)
-    found = polygons(torch.from_numpy(corners).float(), height, width).numpy()
+    found = polygons(torch.from_numpy(corners).float().to(DEVICE), height, width).cpu().numpy()
     assert (found != masks).mean() < 0.005
     assert found.mean() == pytest.approx(masks.mean(), rel=0.03)
 
 
 @pytest.mark.parametrize("world", [2, 3])
 def test_shares_are_changed_as_within_the_whole(world, frames) -> None:
-    images, steering = torch.from_numpy(views(frames, "rgb")), np.zeros(60, np.float32)
+    images = torch.from_numpy(views(frames, "rgb")).to(DEVICE)
+    steering = np.zeros(60, np.float32)
     augment = Augment([make(kind) for kind in TRANSFORMS], "rgb")
     whole, steered = augment.on_device(images, steering, 5)
     for rank in range(world):
@@ -156,22 +157,22 @@ def data(recorded, tmp_path_factory) -> DrivingData:
 @pytest.mark.parametrize("room", [None, 0], ids=["resident", "copied"])
 def test_without_augmentation_its_batches_are_the_cpus(data, room) -> None:
     ours = data.training_batches()
-    theirs = DeviceBatches(ours, CPU, room)
+    theirs = DeviceBatches(ours, DEVICE, room)
     assert (theirs.resident is None) == (room == 0)
     for rank, key in enumerate(data.sampler()):
         key = BatchKey(key.epoch, key.number, key.samples, rank % 3, 3)
         one, other = ours[key], theirs[key]
         assert one.keys() == other.keys()
         for name, tensor in one.items():
-            assert torch.equal(tensor, other[name]), name
+            assert torch.equal(tensor, other[name].cpu()), name
             assert tensor.dtype == other[name].dtype
     assert other["images"].is_contiguous(memory_format=torch.channels_last)
 
 
 def test_views_that_do_not_fit_stay_where_they_are(data) -> None:
     size = sum(file.nbytes for file in data.views.files)
-    assert DeviceBatches(data.training_batches(), CPU, size).resident is not None
-    assert DeviceBatches(data.training_batches(), CPU, size - 1).resident is None
+    assert DeviceBatches(data.training_batches(), DEVICE, size).resident is not None
+    assert DeviceBatches(data.training_batches(), DEVICE, size - 1).resident is None
 
 
 @pytest.mark.parametrize(
@@ -202,7 +203,7 @@ def test_what_only_the_cpu_can_do_is_refused_on_a_device(data, monkeypatch) -> N
     monkeypatch.setattr(data, "augment_on", "device")
     monkeypatch.setattr(data, "augment", Augment([Shift(), albumentations.GaussNoise()], "rgb"))
     with pytest.raises(InputError, match=r"GaussNoise has no equivalent .*; leave it out"):
-        data.choose_batch_device(CPU, Console(quiet=True))
+        data.choose_batch_device(DEVICE, Console(quiet=True))
 
 
 def test_another_place_to_augment_on_is_refused(recorded) -> None:
