@@ -78,7 +78,7 @@ def zoo_targets(batches: int) -> dict[str, tuple]:
     """Return the targets of `drivezoo train`, with bf16 if the processor has it."""
     targets = {"zoo/s": (run_zoo, batches)}
     if multiplies_bf16():
-        targets[HALF] = run_zoo, batches, "trainer.precision=bf16-mixed"
+        targets[HALF] = run_zoo, batches, "bf16-mixed"
     return targets
 
 
@@ -93,8 +93,8 @@ def busy_core() -> Iterator[None]:
         busy.wait()
 
 
-def run_zoo(pipe: Connection, batches: int, *more: str) -> None:
-    """Run `drivezoo train` with more overrides; a round is one or two epochs.
+def run_zoo(pipe: Connection, batches: int, precision: str = "32-true") -> None:
+    """Run `drivezoo train` in a precision; a round is one or two epochs.
 
     Its output is discarded.
     """
@@ -110,9 +110,9 @@ def run_zoo(pipe: Connection, batches: int, *more: str) -> None:
         f"data.samples_per_epoch={batches * BATCH}",
         "trainer.max_epochs=10000",
         "trainer.accelerator=cpu",
-        *more,
+        f"trainer.precision={precision}",
     )
-    train_by_turns(pipe, config, material.OUT / "-".join(["run", *more]))
+    train_by_turns(pipe, config, material.OUT / f"run-{precision}")
 
 
 def run_bare(pipe: Connection, seconds: float, tuned: bool) -> None:
@@ -228,12 +228,11 @@ def run_product(pipe: Connection, device: str, side: int, dtype: torch.dtype) ->
 
 def untrained(name: str, samples: int) -> tuple[torch.nn.Module, dict[str, torch.Tensor]]:
     """Return a network with random weights, and a batch of noise."""
+    from zoo.training.precision import noise  # imports Lightning, slowly
+
     torch.manual_seed(0)
     network, view, _ = material.random_network(name)
-    height, width, channels = view.shape
-    frames = (getattr(network, "sequence", 1),) if getattr(network, "sequence", 1) > 1 else ()
-    images = torch.randint(0, 256, (samples, *frames, channels, height, width), dtype=torch.uint8)
-    return network, {"images": images, "speed": torch.full((samples,), 10.0)}
+    return network, noise(network, view, samples)
 
 
 def flops_of_sample(name: str) -> float:

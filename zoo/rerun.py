@@ -16,6 +16,7 @@ from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import find_run
 from zoo.cli.compose import escape_interpolation
 from zoo.runs.saved_config import TRUST, check_saved_config, split_trust
+from zoo.training.host_settings import multiplies_bf16
 
 # Keys of metrics.json that are compared; times differ by machine.
 COMPARED = (
@@ -63,6 +64,7 @@ def rerun(run: str, *, out: str | None = None, trust: str = "") -> None:
     _, trusted = split_trust([f"{TRUST}={trust}"])
     config = _trained_config(source)
     check_saved_config(config, source, trusted)
+    _keep_precision(config, then.get("precision"))
     with command_folder(Path(out or dated_folder("reruns")).resolve(), "reruns") as folder:
         with file_errors(f"out={folder}", "cannot write there ({})"):
             shutil.copytree(source / ".hydra", folder / ".hydra")
@@ -118,6 +120,13 @@ def _trained_config(run: Path) -> DictConfig:
     return config
 
 
+def _keep_precision(config: DictConfig, then: str | None) -> None:
+    """Set `trainer.precision=auto` to what it chose, unless this processor has no bfloat16."""
+    chosen = OmegaConf.select(config, "trainer.precision") == "auto"
+    if chosen and then and ("bf16" not in then or multiplies_bf16()):
+        config.trainer.precision = then
+
+
 def _train(out: Path, place: Path, trusted: Sequence[str], threads: int | None) -> None:
     """Train the run in `out` with the same number of threads, on which sums depend.
 
@@ -143,8 +152,9 @@ def _report(then: dict, now: dict, out: Path) -> None:
             print(f"version of {package}: {number} then, {other} now")
     if then.get("code") and then["code"]["hash"] != now["code"]["hash"]:
         print(f"the code differs: {_code(then['code'])} then, {_code(now['code'])} now")
-    if then.get("threads") != now.get("threads"):
-        print(f"threads: {then.get('threads')} then, {now.get('threads')} now")
+    for key in ("threads", "precision"):
+        if then.get(key) != now.get(key):
+            print(f"{key}: {then.get(key)} then, {now.get(key)} now")
     found, count = differences(*({key: one.get(key) for key in COMPARED} for one in (then, now)))
     for name, before, after in found:
         print(f"{name}: {before} then, {after} now")

@@ -58,6 +58,7 @@ class Metrics(Fields):
     seed: Whole | None = None
     device: str | None = None
     threads: Whole | None = None
+    precision: str | None = None
     data: Data | None = None
     findings: list[dict] | None = None
     code: dict[str, str | None] | None = None

@@ -65,10 +65,12 @@ class ResumePoint:
     Attributes:
         path: checkpoint file.
         group_sizes: number of parameters in each group of its optimizer.
+        precision: precision of the training by Lightning's name; None if it is unknown.
     """
 
     path: Path
     group_sizes: list[int]
+    precision: str | None
 
     def check_optimizer(self, module: SteeringModule) -> None:
         """Raise InputError if the new optimizer has other groups than the saved one."""
@@ -109,4 +111,5 @@ def find_resume_point(folder: Path, card: dict, console: Console) -> ResumePoint
             f"the recording, or start a new run with model.weights={last}"
         )
     saved = checkpoint["optimizer_states"][0]["param_groups"]
-    return ResumePoint(last, [len(group["params"]) for group in saved])
+    precision = checkpoint["drivezoo"].get("precision")
+    return ResumePoint(last, [len(group["params"]) for group in saved], precision)

@@ -32,6 +32,7 @@ from zoo.training.candidates import choose_best, restore_monitored
 from zoo.training.distributed import ending_together
 from zoo.training.host_settings import set_up_process
 from zoo.training.plan import make_plan
+from zoo.training.precision import choose_precision
 from zoo.training.recorded_roads import recorded_roads
 from zoo.training.run_config import settle_config, with_layers
 from zoo.training.run_loggers import log_config, log_results
@@ -106,6 +107,9 @@ def _run(
 
     # Lightning's trainer knows the devices and the processes, which the plan depends on.
     network = build.build_network(config, data.view, console, resumed and resumed.path)
+    kept = resumed and resumed.precision
+    config.trainer.precision = choose_precision(config, network, data.view, kept, console)
+    card["precision"] = str(config.trainer.precision)
     trainer = build.build_trainer(config, folder, has_validation=len(data.split.val) > 0)
     print_start(card, network, data, leaks, trainer.strategy.root_device, console)
     plan = make_plan(config, data, network, trainer, console)
@@ -144,6 +148,7 @@ def _run(
         "choice": choice,
         "device": str(plan.device),
         "threads": plan.threads,
+        "precision": plan.precision,
         "wall_s": time.perf_counter() - started,
     }
     metrics, judged = conclusion.write_metrics(folder, card, data, module, open_loop, more)
