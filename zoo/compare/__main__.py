@@ -13,7 +13,12 @@ if TYPE_CHECKING:
 
 @command
 def compare(
-    a: str | Path, b: str | Path, *, out: str = "compare.json", files: ResultFiles
+    a: str | Path,
+    b: str | Path,
+    *,
+    paired: bool = False,
+    out: str = "compare.json",
+    files: ResultFiles,
 ) -> "ComparedEntries":
     """Compare two results of the benchmark.
 
@@ -23,12 +28,13 @@ def compare(
     Args:
         a: result.json of a benchmark, or its folder.
         b: the other result.json, or its folder.
+        paired: whether trainings of the same seed are pairs, as of two settings of one network.
         out: JSON file to write; an existing one is replaced.
         files: see `ResultFiles`.
 
     Raises:
-        InputError: a result cannot be read, the results are of different roads, or a file cannot
-            be written.
+        InputError: a result cannot be read, the results are of different roads or, paired, of
+            different training seeds, or a file cannot be written.
     """
     from zoo.benchmark.result import result_path
 
@@ -38,7 +44,7 @@ def compare(
     from zoo.compare.comparison import COLUMNS, ComparedEntries  # slow imports: SciPy, Matplotlib
 
     files.check_files(COLUMNS)
-    result = ComparedEntries.read(a, b)
+    result = ComparedEntries.read(a, b, paired)
     result.written.append(result.write(path))
     result.written.extend(files.write_files(result))
     return result

@@ -16,6 +16,7 @@ from zoo.compare.differences import (
     Comparison,
     Entry,
     Needed,
+    check_pairs,
     compare_entries,
     read_entries,
 )
@@ -48,23 +49,28 @@ class ComparedEntries(Result):
         a: the first result.
         b: the second result.
         groups: comparison of each group of roads, and of all of them.
+        paired: whether trainings of the same seed are pairs.
         written: paths of the files written.
     """
 
     a: Entry
     b: Entry
     groups: Mapping[str, Comparison]
+    paired: bool = False
     written: list[Path] = field(default_factory=list)
 
     @classmethod
-    def read(cls, first: str | Path, second: str | Path) -> "ComparedEntries":
-        """Compare two files `result.json`, or their folders.
+    def read(cls, first: str | Path, second: str | Path, paired: bool = False) -> "ComparedEntries":
+        """Compare two files `result.json`, or their folders; `paired` as in `compare_entries`.
 
         Raises:
-            InputError: a result cannot be read, or the results are of different roads.
+            InputError: a result cannot be read, or the results are of different roads, or, with
+                `paired`, of different training seeds.
         """
         a, b = read_entries(Path(first).expanduser(), Path(second).expanduser())
-        return cls(a, b, compare_entries(a, b))
+        if paired:
+            check_pairs(a, b)
+        return cls(a, b, compare_entries(a, b, paired), paired)
 
     @property
     def lines(self) -> list[str]:
@@ -82,6 +88,8 @@ class ComparedEntries(Result):
             )
         if self.a.result.code.get("hash") != self.b.result.code.get("hash"):
             lines.append("A and B were driven by different versions of the code; drive both by one")
+        if self.paired:
+            lines.append("trainings of the same seed are pairs")
         if text := needed_text(overall.needed):
             lines.append(f"to tell: {text}")
         return lines

@@ -141,18 +141,34 @@ class Comparison:
     needed: Needed
 
 
-def compare_entries(a: Entry, b: Entry) -> dict[str, Comparison]:
-    """Return the comparison of each group, and of all groups but the laps as `OVERALL`."""
+def check_pairs(a: Entry, b: Entry) -> None:
+    """Raise InputError if two entries do not have the same training seeds, in the same order."""
+    of_a, of_b = ([one.training_seed for one in entry.result.checkpoints] for entry in (a, b))
+    if of_a != of_b:
+        seeds = [", ".join(map(str, one)) for one in (of_a, of_b)]
+        raise InputError(
+            f"paired=true: {a.path} has the training seeds {seeds[0]}, {b.path} {seeds[1]}; pairs "
+            "need the same ones"
+        )
+
+
+def compare_entries(a: Entry, b: Entry, paired: bool = False) -> dict[str, Comparison]:
+    """Return the comparison of each group, and of all groups but the laps as `OVERALL`.
+
+    With `paired`, trainings of the same seed are pairs, which leaves out what the seeds share.
+    """
     groups: dict[str, list[Road]] = {}
     for road in a.drives:
         groups.setdefault(road.group, []).append(road)
     overall = [road for road in a.drives if road.group != LAPS]
     if overall and len(groups) > 1:
         groups[OVERALL] = overall
-    p_values = {name: _p_value(a, b, roads) for name, roads in groups.items()}
+    p_values = {name: _p_value(a, b, roads, paired) for name, roads in groups.items()}
     tested = [name for name, roads in groups.items() if name != OVERALL and _has_interval(roads)]
     p_values |= zip(tested, holm([p_values[name] for name in tested]), strict=True)
-    return {name: compare_roads(a, b, roads, p_values[name]) for name, roads in groups.items()}
+    return {
+        name: compare_roads(a, b, roads, p_values[name], paired) for name, roads in groups.items()
+    }
 
 
 def compare_pairs(entries: Sequence[Entry]) -> dict[tuple[int, int], Comparison]:
@@ -202,11 +218,17 @@ def _has_interval(roads: list[Road]) -> bool:
     return len(set(clusters(roads)[0])) >= FEWEST_ROADS
 
 
-def _p_value(a: Entry, b: Entry, roads: list[Road]) -> float:
+def _p_value(a: Entry, b: Entry, roads: list[Road], paired: bool) -> float:
     """Return the p-value of the difference in the scores; 1 for too few places."""
     if not _has_interval(roads):
         return 1.0
-    return p_value(a.scores(roads)[:, None] - b.scores(roads), *clusters(roads))
+    return p_value(_difference(a, b, roads, paired), *clusters(roads))
+
+
+def _difference(a: Entry, b: Entry, roads: list[Road], paired: bool) -> np.ndarray:
+    """Return A's scores minus B's, [seeds of A, seeds of B, roads]; of pairs, [seeds, roads]."""
+    scores_a, scores_b = (one.scores(roads) for one in (a, b))
+    return scores_a - scores_b if paired else scores_a[:, None] - scores_b
 
 
 def clusters(roads: Sequence[Road]) -> tuple[list[str], list[str]]:
@@ -214,12 +236,14 @@ def clusters(roads: Sequence[Road]) -> tuple[list[str], list[str]]:
     return [place_of(road.track) for road in roads], [road.group for road in roads]
 
 
-def compare_roads(a: Entry, b: Entry, roads: list[Road], p: float | None = None) -> Comparison:
+def compare_roads(
+    a: Entry, b: Entry, roads: list[Road], p: float | None = None, paired: bool = False
+) -> Comparison:
     """Return the comparison on some roads; with a p-value that is corrected for their number."""
     places, groups = clusters(roads)
     scores_a, scores_b = (one.scores(roads) for one in (a, b))
-    difference = scores_a[:, None] - scores_b  # [seeds of A, seeds of B, roads]
-    p = _p_value(a, b, roads) if p is None else p
+    difference = _difference(a, b, roads, paired)
+    p = _p_value(a, b, roads, paired) if p is None else p
     verdict = CANNOT_TELL
     alone = any(one.seeds == 1 and one.is_trained for one in (a, b))
     if p < SIGNIFICANT and not alone:
@@ -231,7 +255,8 @@ def compare_roads(a: Entry, b: Entry, roads: list[Road], p: float | None = None)
     elif alone:
         needed = Needed(None, "unknown")
     else:
-        needed = seeds_needed(*(_by_place(one, places) for one in (scores_a, scores_b)))
+        tables = (difference, 0 * difference) if paired else (scores_a, scores_b)
+        needed = seeds_needed(*(_by_place(one, places) for one in tables))
     estimate = partial(clustered, places=places, groups=groups)
     return Comparison(
         roads=len(roads),

@@ -103,6 +103,32 @@ def test_it_says_how_many_training_seeds_would_tell(tmp_path: Path) -> None:
     assert f"about {needed['seeds']} training seeds" in shown
 
 
+def test_paired_trainings_leave_out_what_their_seeds_share(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    shared = 0.6 + np.array([[-0.2], [0.0], [0.2]]) + np.zeros(len(ROADS))
+    a = np.clip(shared + 0.05 + 0.01 * rng.normal(size=shared.shape), 0, 1)
+    first, second = write(tmp_path / "a", result(a)), write(tmp_path / "b", result(shared))
+    assert "verdict: cannot tell" in compare(tmp_path, str(first), str(second)).stdout
+    shown = succeed(compare(tmp_path, str(first), str(second), "paired=true", "out=pairs.json"))
+    assert "verdict: A drives better" in shown
+    assert "trainings of the same seed are pairs" in shown
+    alone, pairs = (
+        json.loads((tmp_path / name).read_text())["groups"]["all but laps"]["difference"]
+        for name in ("compare.json", "pairs.json")
+    )
+    assert pairs["value"] == pytest.approx(alone["value"])
+    # The t interval of three pairs' means, and of the roads, together.
+    assert pairs["high"] - pairs["low"] < 0.2 * (alone["high"] - alone["low"])
+
+
+def test_pairs_need_the_same_training_seeds(tmp_path: Path) -> None:
+    first, second = (
+        write(tmp_path / str(seeds), result(np.ones((seeds, len(ROADS))))) for seeds in (2, 3)
+    )
+    done = compare(tmp_path, str(first), str(second), "paired=true")
+    assert "pairs need the same ones" in only_line(done)
+
+
 def test_roads_without_any_difference_are_no_proof_of_equality(tmp_path: Path) -> None:
     perfect = np.ones((3, len(ROADS)))
     first, second = (write(tmp_path / name, result(perfect, name)) for name in "ab")
