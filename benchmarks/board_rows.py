@@ -24,7 +24,7 @@ Row = dict[str, object]
 BOARDS = {"v1": Path("benchmarks/board"), "v2": Path("benchmarks/board_v2")}
 COMMAND = "command.txt"
 CORRECT = "drivezoo correct "  # begins the command of an entry of the interactive track
-INTERACTIVE = "interactive"
+INTERACTIVE, HALF = "interactive", "bfloat16"
 FIGURES = (
     "interventions_per_km",
     "without_intervention",
@@ -109,7 +109,8 @@ def rows_of_board(suite: str = "v1") -> list[Row]:
 
     Their order is that of `in_order`. A rank is an interval: entries whose score is not told apart
     from its own, corrected for the number of pairs (Holm), may be above. An entry that an expert
-    corrected is `interactive`, and has no rank.
+    corrected is `interactive`, one that was trained in bfloat16 beside its partner in 32 bits is
+    `bfloat16`; these have no rank.
 
     Raises:
         InputError: a result is damaged.
@@ -118,7 +119,7 @@ def rows_of_board(suite: str = "v1") -> list[Row]:
 
     folders = [path.parent for path in sorted(BOARDS[suite].glob(f"*/{NAME}"))]
     by_kind = [
-        (INTERACTIVE if command_of(entry.result).startswith(CORRECT) else entry.kind, entry)
+        (_track_of(command_of(entry.result)) or entry.kind, entry)
         for entry in of.in_order(of.read_entries(*folders))
     ]
     by_kind.sort(key=lambda one: one[0] != of.RANKED)
@@ -129,6 +130,13 @@ def rows_of_board(suite: str = "v1") -> list[Row]:
         for (kind, entry), rank in itertools.zip_longest(by_kind, ranks, fillvalue="")
         for row in rows_of_result(entry.result)
     ]
+
+
+def _track_of(command: str) -> str | None:
+    """Return the kind of an entry that its command alone shows."""
+    if command.startswith(CORRECT):
+        return INTERACTIVE
+    return HALF if "trainer.precision=bf16" in command else None
 
 
 def command_of(result: BenchmarkResult) -> str:

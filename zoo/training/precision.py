@@ -22,7 +22,8 @@ from zoo.training.steering_module import predict
 
 AUTO, FULL, HALF = "auto", "32-true", "bf16-mixed"
 LEAST_GAIN = 1.15  # with less, the same weights on every processor are worth more
-SAMPLES, PAIRS = 32, 5  # of the measured steps
+IMAGES, PAIRS = 32, 5  # of the measured steps
+ENOUGH_S = 2.0  # after which no further pair is measured
 
 
 def choose_precision(
@@ -65,15 +66,18 @@ def noise(network: nn.Module, view: View, samples: int) -> Batch:
     return {"images": images.movedim(-1, -3), "speed": torch.full((samples,), 10.0)}
 
 
-def gain_of_half(network: nn.Module, view: View, samples: int = SAMPLES) -> float:
+def gain_of_half(network: nn.Module, view: View) -> float:
     """Return the time of a step in 32 bits divided by that in bfloat16: the median over pairs.
 
     Neither weights nor random numbers change.
     """
     network, gains = copy.deepcopy(network).train(), []
+    started = time.perf_counter()
     with torch.random.fork_rng(devices=[]):
-        batch = noise(network, view, samples)
+        batch = noise(network, view, max(1, IMAGES // getattr(network, "sequence", 1)))
         for turn in range(PAIRS + 1):
+            if gains and time.perf_counter() - started > ENOUGH_S:
+                break
             seconds = []
             for half in (False, True):
                 began = time.perf_counter()

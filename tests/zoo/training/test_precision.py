@@ -63,7 +63,7 @@ def test_what_is_chosen_and_said(
 def test_measuring_changes_nothing(model: str) -> None:
     _, network, view = network_of(f"model={model}")
     before, state = copy.deepcopy(network.state_dict()), torch.random.get_rng_state()
-    assert 0.01 < precision.gain_of_half(network, view, samples=2) < 100
+    assert 0.01 < precision.gain_of_half(network, view) < 100
     assert torch.equal(torch.random.get_rng_state(), state)
     assert all(torch.equal(before[name], one) for name, one in network.state_dict().items())
     assert all(one.grad is None for one in network.parameters())
