@@ -9,7 +9,9 @@ from pydantic import Field
 from datamodules.steering_unit import SteeringUnit, keys_and_values, read_unit
 from zoo.base.command_keys import convert
 from zoo.base.errors import UsageError
+from zoo.base.rig import MPS_PER_MPH
 
+MPS_PER = {"mph": MPS_PER_MPH, "mps": 1.0, "kmh": 1 / 3.6}  # m/s of a unit of speed
 OWN_KEYS = ("format", "columns", "steering", "camera", "speed_unit")  # that `each` may have
 
 

@@ -7,10 +7,10 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+from datamodules.read_options import MPS_PER
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import MPS_PER_MPH
 
-MPH_PER = {"mph": 1.0, "mps": 1 / MPS_PER_MPH, "kmh": 1 / (MPS_PER_MPH * 3.6)}
 # Names of the centre camera, the likeliest first.
 CENTRES = ("center", "centre", "front", "front_center", "front_forward", "main", "top", "cam")
 
@@ -104,7 +104,7 @@ def find_meaning(
     if speed:
         words = f"{speed.key} {speed.name}"
         units = [unit for unit, pattern in _UNITS.items() if pattern.search(words)]
-    mph = MPH_PER[units[0] if units else speed_unit]
+    mph = MPS_PER[units[0] if units else speed_unit] / MPS_PER_MPH
     return Meaning(roles, mph, _cameras(features, place, camera), assumed_unit=not units)
 
 

@@ -12,7 +12,7 @@ from datamodules.driving_log import BadRows
 from datamodules.formats.labels import collect, decimal, inside, labelled_recording, read_csv
 from datamodules.formats.parquet_columns import encoded_images, load_pyarrow, open_parquet
 from datamodules.image import StoredImage
-from datamodules.read_options import ReadOptions
+from datamodules.read_options import MPS_PER, ReadOptions
 from datamodules.recording import ForwardReader, Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.errors import InputError, UsageError
@@ -30,7 +30,6 @@ NUMBERS = {
     "speed": "speed_mps",
     "time": "time_s",
 }
-MPS = {"mps": 1.0, "mph": 0.44704, "kmh": 1 / 3.6}
 ROWS_AT_ONCE = 256  # each cell may repeat a long text that stands in the file once
 # A time of at least so much is counted in so many parts of a second since 1970.
 PARTS = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3))
@@ -79,7 +78,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
         found = _parquet_rows(table, columns)
     rows = collect(found, parse, bad)
     if "speed_mps" in rows:
-        rows["speed_mps"] = [MPS[options.speed_unit] * speed for speed in rows["speed_mps"]]
+        rows["speed_mps"] = [MPS_PER[options.speed_unit] * speed for speed in rows["speed_mps"]]
     if "time_s" in rows:
         largest = max(rows["time_s"], default=0.0)
         parts = next((parts for least, parts in PARTS if largest >= least), 1.0)

@@ -83,9 +83,10 @@ def build_module(
 ) -> SteeringModule:
     """Return the LightningModule around a network."""
     optim = {key: v for key, v in config.optim.items() if key not in ("l2", "backbone_lr")}
-    rate = config.optim.lr
-    if not isinstance(rate, int | float) or rate <= 0:
-        raise InputError(f"optim.lr={rate} is not a number above 0")
+    for section, key in (("optim", "lr"), ("loss", "delta"), ("loss", "weight")):
+        value = config[section].get(key, 1)
+        if not isinstance(value, int | float) or value <= 0:
+            raise InputError(f"{section}.{key}={value} is not a number above 0")
     loss = _instantiate("loss", config.loss)
     _check_spread(network, loss)
     chosen = config.get("module") or {"_target_": OWN}

@@ -302,6 +302,7 @@ def truncate_an_image(folder: Path) -> None:
         (truncate_an_image, "seed=1", "driving_log.csv, row 5: "),
         (break_nothing, "data.offset=left", "data.offset=left"),
         (break_nothing, "optim.lr=fast", "optim.lr=fast is not a number above 0"),
+        (break_nothing, "+loss.delta=-1", "loss.delta=-1 is not a number above 0"),
         (break_nothing, "schedule.factor=7", "optim or schedule: "),
         (break_nothing, "seed=-1", "seed=-1 is not a whole number"),
         (break_nothing, "trainer.max_epochs=many", "max_epochs"),
