@@ -40,14 +40,16 @@ def pytest_collection_finish() -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _unplotted() -> Iterator[None]:
+def _plain_trainings() -> Iterator[None]:
     """Let trainings in this process write no plots, which take longer than a small training.
 
-    Those in processes of their own do: `run_folder` has them.
+    And let them be in 32 bits on every processor: a measured choice may differ between two
+    trainings. Those in processes of their own do both: `run_folder` has plots.
     """
     with pytest.MonkeyPatch.context() as monkeypatch:
         if "zoo.training.run" in sys.modules:
             monkeypatch.setattr("zoo.training.conclusion.save_plots", lambda *_: None)
+            monkeypatch.setattr("zoo.training.precision.multiplies_bf16", lambda: False)
         yield
 
 

@@ -101,7 +101,7 @@ class Card(Fields):
     view: ViewFields
     data: DataFields
     parts: list[PartCard] | None = None  # only where there are some
-    precision: str | None = None  # of the training, where the config says `auto`
+    precision: str | None = None  # of the training: the config may say `auto`
 
 
 def make_card(config: dict, view: View, data: dict) -> dict:

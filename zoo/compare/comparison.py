@@ -183,6 +183,7 @@ class ComparedEntries(Result):
             "roads": self.a.result.roads,
             "a": {"entry": self.a.result.entry, "training_seeds": self.a.seeds},
             "b": {"entry": self.b.result.entry, "training_seeds": self.b.seeds},
+            "paired": self.paired,
             "groups": {name: asdict(one) for name, one in self.groups.items()},
         }
         return write_output(path, json_text(written))
