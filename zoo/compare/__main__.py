@@ -33,8 +33,8 @@ def compare(
         files: see `ResultFiles`.
 
     Raises:
-        InputError: a result cannot be read, the results are of different roads or, paired, of
-            different training seeds, or a file cannot be written.
+        InputError: a result cannot be read, the results are of different roads or, paired, share no
+            training seed, or a file cannot be written.
     """
     from zoo.benchmark.result import result_path
 

@@ -16,9 +16,9 @@ from zoo.compare.differences import (
     Comparison,
     Entry,
     Needed,
-    check_pairs,
     compare_entries,
     read_entries,
+    shared_seeds,
 )
 from zoo.drives.bootstrap import Estimate
 from zoo.runs.plots import interval_plot
@@ -65,11 +65,9 @@ class ComparedEntries(Result):
 
         Raises:
             InputError: a result cannot be read, or the results are of different roads, or, with
-                `paired`, of different training seeds.
+                `paired`, share no training seed.
         """
         a, b = read_entries(Path(first).expanduser(), Path(second).expanduser())
-        if paired:
-            check_pairs(a, b)
         return cls(a, b, compare_entries(a, b, paired), paired)
 
     @property
@@ -89,7 +87,8 @@ class ComparedEntries(Result):
         if self.a.result.code.get("hash") != self.b.result.code.get("hash"):
             lines.append("A and B were driven by different versions of the code; drive both by one")
         if self.paired:
-            lines.append("trainings of the same seed are pairs")
+            seeds = ", ".join(map(str, shared_seeds(*pair)))
+            lines.append(f"paired: trainings of the same seed ({seeds})")
         if text := needed_text(overall.needed):
             lines.append(f"to tell: {text}")
         return lines

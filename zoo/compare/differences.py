@@ -44,6 +44,11 @@ class Entry:
         return len(self.result.checkpoints)
 
     @property
+    def training_seeds(self) -> list[int | None]:
+        """Return the seed of each training; None where it is unknown."""
+        return [one.training_seed for one in self.result.checkpoints]
+
+    @property
     def is_trained(self) -> bool:
         """Return whether a training made it; a baseline has no checkpoint file with a hash."""
         return any(one.sha256 is not None for one in self.result.checkpoints)
@@ -141,21 +146,27 @@ class Comparison:
     needed: Needed
 
 
-def check_pairs(a: Entry, b: Entry) -> None:
-    """Raise InputError if two entries do not have the same training seeds, in the same order."""
-    of_a, of_b = ([one.training_seed for one in entry.result.checkpoints] for entry in (a, b))
-    if of_a != of_b:
-        seeds = [", ".join(map(str, one)) for one in (of_a, of_b)]
-        raise InputError(
-            f"paired=true: {a.path} has the training seeds {seeds[0]}, {b.path} {seeds[1]}; pairs "
-            "need the same ones"
-        )
+def shared_seeds(a: Entry, b: Entry) -> list[int | None]:
+    """Return the training seeds that two entries have.
+
+    Raises:
+        InputError: they have none.
+    """
+    of_a, of_b = a.training_seeds, b.training_seeds
+    if shared := [seed for seed in of_a if seed in of_b]:
+        return shared
+    seeds = [", ".join(map(str, one)) for one in (of_a, of_b)]
+    raise InputError(
+        f"paired=true: {a.path} has the training seeds {seeds[0]}, {b.path} {seeds[1]}; a pair is "
+        "two trainings of one seed"
+    )
 
 
 def compare_entries(a: Entry, b: Entry, paired: bool = False) -> dict[str, Comparison]:
     """Return the comparison of each group, and of all groups but the laps as `OVERALL`.
 
-    With `paired`, trainings of the same seed are pairs, which leaves out what the seeds share.
+    With `paired`, trainings of the same seed are pairs, which leaves out what they share; others do
+    not count.
     """
     groups: dict[str, list[Road]] = {}
     for road in a.drives:
@@ -222,12 +233,21 @@ def _p_value(a: Entry, b: Entry, roads: list[Road], paired: bool) -> float:
     """Return the p-value of the difference in the scores; 1 for too few places."""
     if not _has_interval(roads):
         return 1.0
-    return p_value(_difference(a, b, roads, paired), *clusters(roads))
+    return p_value(_difference(*_scores(a, b, roads, paired), paired), *clusters(roads))
 
 
-def _difference(a: Entry, b: Entry, roads: list[Road], paired: bool) -> np.ndarray:
+def _scores(a: Entry, b: Entry, roads: list[Road], paired: bool) -> list[np.ndarray]:
+    """Return the scores of both entries, [training seeds, roads]; of pairs, of shared seeds."""
+    tables = [one.scores(roads) for one in (a, b)]
+    if not paired:
+        return tables
+    shared = shared_seeds(a, b)
+    numbers = [[one.training_seeds.index(seed) for seed in shared] for one in (a, b)]
+    return [table[own] for table, own in zip(tables, numbers, strict=True)]
+
+
+def _difference(scores_a: np.ndarray, scores_b: np.ndarray, paired: bool) -> np.ndarray:
     """Return A's scores minus B's, [seeds of A, seeds of B, roads]; of pairs, [seeds, roads]."""
-    scores_a, scores_b = (one.scores(roads) for one in (a, b))
     return scores_a - scores_b if paired else scores_a[:, None] - scores_b
 
 
@@ -241,8 +261,8 @@ def compare_roads(
 ) -> Comparison:
     """Return the comparison on some roads; with a p-value that is corrected for their number."""
     places, groups = clusters(roads)
-    scores_a, scores_b = (one.scores(roads) for one in (a, b))
-    difference = _difference(a, b, roads, paired)
+    scores_a, scores_b = _scores(a, b, roads, paired)
+    difference = _difference(scores_a, scores_b, paired)
     p = _p_value(a, b, roads, paired) if p is None else p
     verdict = CANNOT_TELL
     alone = any(one.seeds == 1 and one.is_trained for one in (a, b))

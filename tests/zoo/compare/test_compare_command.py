@@ -111,7 +111,7 @@ def test_paired_trainings_leave_out_what_their_seeds_share(tmp_path: Path) -> No
     assert "verdict: cannot tell" in compare(tmp_path, str(first), str(second)).stdout
     shown = succeed(compare(tmp_path, str(first), str(second), "paired=true", "out=pairs.json"))
     assert "verdict: A drives better" in shown
-    assert "trainings of the same seed are pairs" in shown
+    assert "paired: trainings of the same seed (0, 1, 2)" in shown
     alone, pairs = (
         json.loads((tmp_path / name).read_text())["groups"]["all but laps"]["difference"]
         for name in ("compare.json", "pairs.json")
@@ -121,12 +121,23 @@ def test_paired_trainings_leave_out_what_their_seeds_share(tmp_path: Path) -> No
     assert pairs["high"] - pairs["low"] < 0.2 * (alone["high"] - alone["low"])
 
 
-def test_pairs_need_the_same_training_seeds(tmp_path: Path) -> None:
-    first, second = (
-        write(tmp_path / str(seeds), result(np.ones((seeds, len(ROADS))))) for seeds in (2, 3)
-    )
+def test_pairs_are_of_the_seeds_that_both_have(tmp_path: Path) -> None:
+    scores = np.linspace(0.1, 0.9, 3)[:, None] + np.zeros(len(ROADS))
+    first, second = write(tmp_path / "a", result(scores)), write(tmp_path / "b", result(scores[:2]))
+    shown = succeed(compare(tmp_path, str(first), str(second), "paired=true"))
+    assert "paired: trainings of the same seed (0, 1)" in shown
+    overall = json.loads((tmp_path / "compare.json").read_text())["groups"]["all but laps"]
+    assert overall["difference"]["value"] == 0
+    assert overall["a"] == overall["b"] == {"autonomy": pytest.approx(0.3)}
+
+
+def test_pairs_need_a_shared_seed(tmp_path: Path) -> None:
+    ones = np.ones((1, len(ROADS)))
+    first, second = (write(tmp_path / name, result(ones)) for name in "ab")
+    checkpoints = json.loads((second / "result.json").read_text())["checkpoints"]
+    change(second, checkpoints=[one | {"training_seed": 7} for one in checkpoints])
     done = compare(tmp_path, str(first), str(second), "paired=true")
-    assert "pairs need the same ones" in only_line(done)
+    assert "a pair is two trainings of one seed" in only_line(done)
 
 
 def test_roads_without_any_difference_are_no_proof_of_equality(tmp_path: Path) -> None:
