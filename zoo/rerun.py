@@ -16,7 +16,7 @@ from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import find_run
 from zoo.cli.compose import escape_interpolation
 from zoo.runs.saved_config import TRUST, check_saved_config, split_trust
-from zoo.training.host_settings import multiplies_bf16
+from zoo.training.host_settings import AUTO, FULL, HALF, multiplies_bf16
 
 # Keys of metrics.json that are compared; times differ by machine.
 COMPARED = (
@@ -122,8 +122,9 @@ def _trained_config(run: Path) -> DictConfig:
 
 def _keep_precision(config: DictConfig, then: str | None) -> None:
     """Set `trainer.precision=auto` to what it chose, unless this processor has no bfloat16."""
-    chosen = OmegaConf.select(config, "trainer.precision") == "auto"
-    if chosen and then and ("bf16" not in then or multiplies_bf16()):
+    if OmegaConf.select(config, "trainer.precision") != AUTO:
+        return
+    if then == FULL or (then == HALF and multiplies_bf16()):  # metrics.json may name anything
         config.trainer.precision = then
 
 

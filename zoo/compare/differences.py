@@ -265,7 +265,10 @@ def compare_roads(
     difference = _difference(scores_a, scores_b, paired)
     p = _p_value(a, b, roads, paired) if p is None else p
     verdict = CANNOT_TELL
-    alone = any(one.seeds == 1 and one.is_trained for one in (a, b))
+    # Of pairs, only the shared seeds count.
+    alone = any(
+        len(scores) == 1 and one.is_trained for one, scores in ((a, scores_a), (b, scores_b))
+    )
     if p < SIGNIFICANT and not alone:
         verdict = A_BETTER if difference.mean() > 0 else B_BETTER
     if verdict != CANNOT_TELL:

@@ -28,8 +28,8 @@ from zoo.callbacks.closed_loop import MONITORED, ClosedLoop
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
 from zoo.keras.initial_weights import load_weights
 from zoo.models.make_network import make_network, view_of
+from zoo.training.host_settings import AUTO, FULL
 from zoo.training.plan import TrainingPlan, compile_step
-from zoo.training.precision import AUTO, FULL
 from zoo.training.run_loggers import naming_arguments
 from zoo.training.steering_module import OWN, SteeringModule
 
@@ -140,7 +140,7 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
             f"trainer.max_epochs={config.trainer.max_epochs} is not a whole number, 0 or more"
         )
     lightnings = {key: value for key, value in config.trainer.items() if key not in OWN_KEYS}
-    if lightnings["precision"] == AUTO:  # not chosen, see `choose_precision`
+    if lightnings.get("precision") == AUTO:  # not chosen, see `choose_precision`
         lightnings["precision"] = FULL
     callbacks = [
         _instantiate(f"callbacks.{name}", settings)

@@ -9,6 +9,7 @@ from pathlib import Path
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _LARGEST_HEAP_BLOCK = 32 * 1024 * 1024
 SPINS = "10000"
+AUTO, FULL, HALF = "auto", "32-true", "bf16-mixed"  # values of `trainer.precision`
 
 
 def limit_spinning() -> None:

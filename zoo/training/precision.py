@@ -16,11 +16,10 @@ from datamodules.batches import Batch
 from datamodules.view import View
 from zoo.base.terminal import print_line
 from zoo.cli.process_ranks import needs_processes
-from zoo.training.host_settings import multiplies_bf16
+from zoo.training.host_settings import AUTO, FULL, HALF, multiplies_bf16
 from zoo.training.plan import TINY_PARAMETERS
 from zoo.training.steering_module import predict
 
-AUTO, FULL, HALF = "auto", "32-true", "bf16-mixed"
 LEAST_GAIN = 1.15  # with less, the same weights on every processor are worth more
 IMAGES, PAIRS = 32, 5  # of the measured steps
 ENOUGH_S = 2.0  # after which no further pair is measured
@@ -38,9 +37,10 @@ def choose_precision(
         before: precision of the checkpoint that a run resumes, which it keeps; None for a new run.
         console: console for that line.
     """
-    if config.trainer.precision != AUTO:
-        return config.trainer.precision
-    if before is not None:
+    asked = config.trainer.get("precision", FULL)
+    if asked != AUTO:
+        return asked
+    if before in (FULL, HALF):  # a checkpoint may name anything
         return before
     on_cpu = config.trainer.accelerator == "cpu" or (
         config.trainer.accelerator == "auto" and not torch.cuda.is_available()

@@ -108,8 +108,9 @@ def _run(
     # Lightning's trainer knows the devices and the processes, which the plan depends on.
     network = build.build_network(config, data.view, console, resumed and resumed.path)
     kept = resumed and resumed.precision
-    config.trainer.precision = choose_precision(config, network, data.view, kept, console)
-    card["precision"] = str(config.trainer.precision)
+    precision = choose_precision(config, network, data.view, kept, console)
+    OmegaConf.update(config, "trainer.precision", precision, force_add=True)
+    card["precision"] = str(precision)
     trainer = build.build_trainer(config, folder, has_validation=len(data.split.val) > 0)
     print_start(card, network, data, leaks, trainer.strategy.root_device, console)
     plan = make_plan(config, data, network, trainer, console)

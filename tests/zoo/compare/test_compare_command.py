@@ -131,6 +131,18 @@ def test_pairs_are_of_the_seeds_that_both_have(tmp_path: Path) -> None:
     assert overall["a"] == overall["b"] == {"autonomy": pytest.approx(0.3)}
 
 
+def test_one_pair_is_never_better(tmp_path: Path) -> None:
+    first = write(tmp_path / "a", result(np.ones((3, len(ROADS)))))
+    second = write(tmp_path / "b", result(np.zeros((3, len(ROADS)))))
+    checkpoints = json.loads((second / "result.json").read_text())["checkpoints"]
+    change(
+        second, checkpoints=[one | {"training_seed": 2 + n} for n, one in enumerate(checkpoints)]
+    )
+    shown = succeed(compare(tmp_path, str(first), str(second), "paired=true"))
+    assert "paired: trainings of the same seed (2)" in shown
+    assert "verdict: cannot tell" in shown
+
+
 def test_pairs_need_a_shared_seed(tmp_path: Path) -> None:
     ones = np.ones((1, len(ROADS)))
     first, second = (write(tmp_path / name, result(ones)) for name in "ab")

@@ -39,6 +39,8 @@ def network_of(*overrides: str) -> tuple[OmegaConf, torch.nn.Module, View]:
         (("model=lenet",), None, None, None, "32-true", ""),
         (("model=lenet",), True, None, "bf16-mixed", "bf16-mixed", ""),
         (("model=lenet",), True, None, "32-true", "32-true", ""),
+        (("model=lenet",), False, None, "an.attacker", "32-true", ""),
+        (("model=lenet", "~trainer.precision"), True, None, None, "32-true", ""),
         (("model=lenet", "trainer.precision=32-true"), True, None, "bf16-mixed", "32-true", ""),
         (("model=lenet", "trainer=ddp_cpu"), True, None, None, "32-true", ""),
         (("model=lenet", "trainer.accelerator=gpu"), True, None, None, "32-true", ""),
@@ -98,6 +100,7 @@ def test_a_checkpoint_keeps_it_for_a_resumed_run(
         ("auto", "bf16-mixed", False, "auto"),
         ("auto", "32-true", True, "32-true"),
         ("auto", None, True, "auto"),
+        ("auto", "an.attacker", True, "auto"),
         ("16-mixed", "bf16-mixed", True, "16-mixed"),
     ],
 )
