@@ -20,7 +20,7 @@ from zoo.training.host_settings import AUTO, FULL, HALF, multiplies_bf16
 from zoo.training.plan import TINY_PARAMETERS
 from zoo.training.steering_module import predict
 
-LEAST_GAIN = 1.15  # with less, the same weights on every processor are worth more
+LEAST_GAIN = 1.15  # with less, the same weights on other processors are worth more
 IMAGES, PAIRS = 32, 5  # of the measured steps
 ENOUGH_S = 2.0  # after which no further pair is measured
 
