@@ -9,6 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from simulator.track_names import file_name
 from zoo.base.child_process import end_module, start_module
 from zoo.base.command import command
 from zoo.base.errors import InputError
@@ -70,7 +71,8 @@ def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
     from zoo.verdict.evidence import other_car_line
 
     began, notices, stop = datetime.now(), Notices(), StopOnSignal()
-    writer = BackgroundWriter(settings.record or dated_folder("drives"), notices)
+    source = file_name(settings.place or "") if settings.world else None
+    writer = BackgroundWriter(settings.record or dated_folder("drives"), notices, source)
     # The port is opened before the slow import of torch; simulators that connect wait.
     listener = open_port(*settings.server, "page" if settings.world else "port")
     load = functools.partial(

@@ -8,6 +8,7 @@ import threading
 from dataclasses import replace
 from pathlib import Path
 
+from datamodules.recording_format import write_rig_of
 from simulator.recorder import IMAGE_FOLDER, image_name, number_text, split_pedals
 from simulator.recorder import LOG_NAME as RECORDING_LOG
 from zoo.base.errors import InputError, file_errors
@@ -28,6 +29,7 @@ class BackgroundWriter:
     Args:
         folder: folder of the drive; created with the first row.
         notices: log of a full disk, and of rows dropped on a slow disk.
+        source: where the frames are from, for `source.json`, if not of Udacity's car.
 
     Attributes:
         recorded: number of rows in the folder's `driving_log.csv`.
@@ -36,13 +38,13 @@ class BackgroundWriter:
         InputError: the folder holds a drive or a recording already.
     """
 
-    def __init__(self, folder: Path, notices: Notices) -> None:
+    def __init__(self, folder: Path, notices: Notices, source: str | None = None) -> None:
         for name in ("drive.csv", RECORDING_LOG):
             if (folder / name).exists():
                 raise InputError(
                     f"{folder}: holds a {name} already; name another folder with record="
                 )
-        self.folder, self.notices = folder.absolute(), notices
+        self.folder, self.notices, self.source = folder.absolute(), notices, source
         self.recorded = 0
         self._held, self._is_open = contextlib.ExitStack(), False
         self._queue: queue.Queue[tuple[DriveRow, bytes | None] | None] = queue.Queue(WAITING)
@@ -139,6 +141,8 @@ class BackgroundWriter:
             if self._recording is None:
                 self._open_folder()
                 (self.folder / IMAGE_FOLDER).mkdir(exist_ok=True)
+                if self.source is not None:
+                    write_rig_of(self.folder, None, self.source)
                 self._recording = AppendedFile(self.folder / RECORDING_LOG)
             path = self.folder / IMAGE_FOLDER / image_name("center", self._moment())
             write_new(path, image)

@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from datamodules.image import decode_image
-from datamodules.recording_format import read_recordings
+from datamodules.recording_format import other_car, read_recordings
 from tests.recordings import Written
 from tests.simulator.donkey_process import donkey_simulator
 from tests.simulator.donkey_replica import donkey_replica, telemetry
@@ -240,6 +240,8 @@ def test_a_donkeycar_simulator_is_driven_until_it_ends(checkpoint: Path, tmp_pat
     recording = read_recordings(str(tmp_path / "drive"))
     assert len(recording) == len(record)
     assert recording.image(0).shape == (120, 160, 3)
+    assert recording.rig is None
+    assert other_car(recording) == "lake"
 
 
 def change_at_20(number: int, message: dict) -> dict:
