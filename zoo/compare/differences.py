@@ -146,16 +146,18 @@ class Comparison:
     needed: Needed
 
 
-def shared_seeds(a: Entry, b: Entry) -> list[int | None]:
-    """Return the training seeds that two entries have.
+def shared_seeds(a: Entry, b: Entry) -> list[int]:
+    """Return the known training seeds that two entries have, each once.
 
     Raises:
         InputError: they have none.
     """
-    of_a, of_b = a.training_seeds, b.training_seeds
+    of_a, of_b = (
+        [seed for seed in dict.fromkeys(one.training_seeds) if seed is not None] for one in (a, b)
+    )
     if shared := [seed for seed in of_a if seed in of_b]:
         return shared
-    seeds = [", ".join(map(str, one)) for one in (of_a, of_b)]
+    seeds = [", ".join(map(str, one)) or "none" for one in (of_a, of_b)]
     raise InputError(
         f"paired=true: {a.path} has the training seeds {seeds[0]}, {b.path} {seeds[1]}; a pair is "
         "two trainings of one seed"

@@ -131,25 +131,37 @@ def test_pairs_are_of_the_seeds_that_both_have(tmp_path: Path) -> None:
     assert overall["a"] == overall["b"] == {"autonomy": pytest.approx(0.3)}
 
 
+def reseed(folder: Path, *seeds: int | None) -> None:
+    checkpoints = json.loads((folder / "result.json").read_text())["checkpoints"]
+    pairs = zip(checkpoints, seeds, strict=True)
+    change(folder, checkpoints=[one | {"training_seed": seed} for one, seed in pairs])
+
+
 def test_one_pair_is_never_better(tmp_path: Path) -> None:
     first = write(tmp_path / "a", result(np.ones((3, len(ROADS)))))
     second = write(tmp_path / "b", result(np.zeros((3, len(ROADS)))))
-    checkpoints = json.loads((second / "result.json").read_text())["checkpoints"]
-    change(
-        second, checkpoints=[one | {"training_seed": 2 + n} for n, one in enumerate(checkpoints)]
-    )
+    reseed(second, 2, 3, 4)
     shown = succeed(compare(tmp_path, str(first), str(second), "paired=true"))
     assert "paired: trainings of the same seed (2)" in shown
     assert "verdict: cannot tell" in shown
 
 
-def test_pairs_need_a_shared_seed(tmp_path: Path) -> None:
+def test_a_seed_that_stands_twice_is_one_pair(tmp_path: Path) -> None:
+    scores = np.linspace(0.1, 0.9, 3)[:, None] + np.zeros(len(ROADS))
+    first, second = (write(tmp_path / name, result(scores)) for name in "ab")
+    reseed(first, 1, 1, 2)
+    shown = succeed(compare(tmp_path, str(first), str(second), "paired=true"))
+    assert "paired: trainings of the same seed (1, 2)" in shown
+
+
+@pytest.mark.parametrize(("seeds", "words"), [((0, 7), "0, b 7"), ((None, None), "none, b none")])
+def test_pairs_need_a_shared_seed(tmp_path: Path, seeds: tuple, words: str) -> None:
     ones = np.ones((1, len(ROADS)))
-    first, second = (write(tmp_path / name, result(ones)) for name in "ab")
-    checkpoints = json.loads((second / "result.json").read_text())["checkpoints"]
-    change(second, checkpoints=[one | {"training_seed": 7} for one in checkpoints])
-    done = compare(tmp_path, str(first), str(second), "paired=true")
-    assert "a pair is two trainings of one seed" in only_line(done)
+    for name, seed in zip("ab", seeds, strict=True):
+        write(tmp_path / name, result(ones))
+        reseed(tmp_path / name, seed)
+    line = only_line(compare(tmp_path, "a", "b", "paired=true"))
+    assert f"a has the training seeds {words}; a pair is two trainings of one seed" in line
 
 
 def test_roads_without_any_difference_are_no_proof_of_equality(tmp_path: Path) -> None:
