@@ -10,13 +10,14 @@ from torch import nn
 
 from tests.recordings import Written
 from tests.zoo.models.test_memory import NAMES, memory_of, windows
+from tests.zoo.models.test_models_command import build
 from tests.zoo.trainings import module_of, train_here
 from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config
 from zoo.losses import SteeringWeightedMSE
 from zoo.training.build import build_data
 from zoo.training.open_loop import baseline_metrics, open_loop_metrics, side_response
-from zoo.training.steering_module import SteeringModule, network_targets
+from zoo.training.steering_module import SteeringModule, network_targets, predict
 
 
 def groups(recorded: Written, *overrides: str) -> list[dict]:
@@ -84,6 +85,25 @@ def test_loss_and_network_must_agree_on_the_spread(
 ) -> None:
     with pytest.raises(InputError, match=f"^loss: .*{remedy}"):
         groups(recorded, *keys)
+
+
+@pytest.mark.parametrize("name", ["nvidia_speed", "cnn_gru"])
+def test_a_batch_is_evaluated_in_pieces(name: str) -> None:
+    network, view = build(name)
+    windowed = (network.sequence,) if hasattr(network, "sequence") else ()
+    shape = (70 // (windowed or (1,))[0], *windowed, 3, *view.shape[:2])
+    seen, plain = [], network.forward
+    network.forward = lambda *given: seen.append(len(given[0])) or plain(*given)
+    batch = {
+        "images": torch.randint(0, 256, shape, dtype=torch.uint8),
+        "speed": torch.linspace(0, 30, shape[0]),
+    }
+    with torch.inference_mode():
+        predicted = module_around(network.eval())(batch)
+        whole = predict(network, batch)
+    assert seen == ([4, 4, shape[0]] if windowed else [32, 32, 6, 70])
+    whole = network.newest(whole) if windowed else whole
+    assert torch.allclose(predicted, whole, atol=1e-6)
 
 
 ROWS = {
