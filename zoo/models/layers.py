@@ -9,6 +9,9 @@ import torch.nn.functional as F
 from torch import Tensor, library, nn
 
 ACTIVATIONS = {"elu": nn.ELU, "relu": nn.ReLU}
+# Pixel values of 32 of PilotNet's images: the activations of more exceed a processor's caches
+# (docs/performance.md#where-the-time-goes).
+PIECE = 1_270_000
 
 
 def activation_layer(name: str) -> nn.Module:
@@ -16,6 +19,14 @@ def activation_layer(name: str) -> nn.Module:
     if name not in ACTIVATIONS:
         raise ValueError(f"model.activation={name!r}: set one of {', '.join(ACTIVATIONS)}")
     return ACTIVATIONS[name]()
+
+
+def piece_length(images: Tensor) -> int:
+    """Return how many of these images, or windows of them, a device computes fastest at a time."""
+    if images.device.type == "cpu" and len(images):
+        # Powers of 2 gave convolutions the values of the whole batch, to the bit; others did not.
+        return 1 << (PIECE // images[0].numel() or 1).bit_length() - 1
+    return max(1, len(images))
 
 
 SCALE = (127.5, 1.0)  # to -1..1

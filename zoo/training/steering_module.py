@@ -11,14 +11,12 @@ from torch import Tensor, nn
 
 from datamodules.batches import Batch
 from zoo.base.errors import InputError
+from zoo.models.layers import piece_length
 from zoo.models.memory import Memory
 from zoo.training.open_loop import open_loop_metrics
 
 OWN = "zoo.training.steering_module.SteeringModule"
 CHECK_EVERY = 20  # steps between checks of the loss: each check waits for the device
-# Pixel values that a CPU evaluates at a time, 32 of PilotNet's images: the activations of more
-# exceed its caches (docs/performance.md#where-the-time-goes).
-EVALUATED = 1_270_000
 
 
 class SteeringModule(lightning.LightningModule):
@@ -82,12 +80,10 @@ class SteeringModule(lightning.LightningModule):
 
     def forward(self, batch: Batch) -> Tensor:
         """Return the outputs, float32 [N, outputs], steering first; of a window's newest frame."""
-        count, size = len(batch["images"]), len(batch["images"])
-        if self.device.type == "cpu":
-            size = max(1, EVALUATED // batch["images"][0].numel())
+        size = piece_length(batch["images"])
         pieces = [
             {name: one[at : at + size] for name, one in batch.items()}
-            for at in range(0, count, size)
+            for at in range(0, len(batch["images"]), size)
         ]
         predicted = torch.cat([predict(self.network, one, self.skips_front) for one in pieces])
         return self.network.newest(predicted) if isinstance(self.network, Memory) else predicted

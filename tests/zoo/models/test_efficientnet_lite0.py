@@ -1,5 +1,6 @@
 """EfficientNet-Lite0: the function of its public weights, and frozen blocks."""
 
+import math
 from importlib.util import find_spec
 
 import pytest
@@ -9,6 +10,7 @@ from torch import Tensor
 
 from zoo.checkpoints.checkpoint import load_plain
 from zoo.keras.initial_weights import imagenet_file, load_weights
+from zoo.models import layers
 from zoo.models.efficientnet_lite0 import BLOCKS, EfficientNetLite0
 
 SHAPE = (3, 64, 96)
@@ -77,6 +79,22 @@ def test_the_network_is_its_front_and_its_rest(trainable: int, images: Tensor) -
     if trainable < BLOCKS:
         assert not front.requires_grad
         assert torch.equal(network.frozen_front(images), front)
+
+
+@pytest.mark.parametrize("trainable", [0, 2, BLOCKS])
+def test_training_computes_frozen_blocks_in_pieces(
+    trainable: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(layers, "PIECE", 3 * math.prod(SHAPE))
+    network, seen = EfficientNetLite0(SHAPE, trainable), []
+    images = torch.randint(0, 256, (5, *SHAPE), dtype=torch.uint8)
+    network.normalize.register_forward_hook(lambda _, given, __: seen.append(len(given[0])))
+    torch.manual_seed(2)
+    predicted = network.train()(images)
+    assert seen == ([5] if trainable == BLOCKS else [2, 2, 1])
+    torch.manual_seed(2)
+    whole = network.rest(network.front(images))
+    torch.testing.assert_close(predicted, whole, rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.parametrize("trainable", [0, 2, BLOCKS])
