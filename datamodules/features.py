@@ -25,7 +25,7 @@ from datamodules.view_store import Keep, cache_key, is_stored, load_file
 
 # Raise it when the cached features of an image change: old files are then not read again.
 VERSION = 1
-CHUNK = 32  # images computed at a time: more do not fit a core's cache, fewer leave the core idle
+CHUNK = 32  # images read at a time
 MIRRORED = len(CAMERAS)  # added to a camera's number for its mirrored images
 
 

@@ -1,6 +1,7 @@
 """Layers and helpers that several networks of the zoo use."""
 
 import math
+from collections.abc import Callable
 from typing import Sequence  # noqa: UP035 torch 2.4 accepts no other
 
 import numpy as np
@@ -27,6 +28,11 @@ def piece_length(images: Tensor) -> int:
         # Powers of 2 gave convolutions the values of the whole batch, to the bit; others did not.
         return 1 << (PIECE // images[0].numel() or 1).bit_length() - 1
     return max(1, len(images))
+
+
+def in_pieces(function: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:
+    """Return a function's values of images [N, ...], computed for `piece_length` at a time."""
+    return torch.cat([function(piece) for piece in images.split(piece_length(images))])
 
 
 SCALE = (127.5, 1.0)  # to -1..1

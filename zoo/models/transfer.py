@@ -2,10 +2,9 @@
 
 from itertools import islice
 
-import torch
 from torch import Tensor, nn
 
-from zoo.models.layers import activation_layer, feature_shape, piece_length
+from zoo.models.layers import activation_layer, feature_shape, in_pieces
 
 
 class Transfer(nn.Module):
@@ -104,10 +103,9 @@ class Transfer(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         """Return the steering [N, 1] for images [N, 3, H, W]."""
-        if self.training and self._frozen_layers:  # exported and compiled as a whole otherwise
-            pieces = images.split(piece_length(images))
-            return self.rest(torch.cat([self.front(piece) for piece in pieces]))
-        return self.rest(self.front(images))
+        # Not in evaluation, whose batches come in pieces, and whose graph is exported.
+        is_frozen = self.training and self._frozen_layers
+        return self.rest(in_pieces(self.front, images) if is_frozen else self.front(images))
 
 
 def check_trainable_blocks(trainable_blocks: object, blocks: int) -> None:

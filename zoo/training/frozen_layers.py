@@ -18,6 +18,7 @@ from datamodules.driving import DrivingData
 from datamodules.features import FeaturePlan, Front, plan_features
 from zoo.base.errors import InputError
 from zoo.base.terminal import print_line
+from zoo.models.layers import in_pieces
 
 KEY = "model.cache_features"
 # `auto` uses at most this many bytes of a disk or memory, and at most half of the free bytes.
@@ -124,7 +125,7 @@ def _front(network: nn.Module, frozen: nn.Module, data: DrivingData) -> Front:
     @torch.inference_mode()
     def compute(batch: np.ndarray) -> np.ndarray:
         images = torch.from_numpy(batch).permute(0, 3, 1, 2).to(device)
-        features = network.front(images).half()
+        features = in_pieces(network.front, images).half()
         if not torch.isfinite(features).all():
             raise InputError(f"features exceed 65,504, the largest half; set {KEY}=false")
         return features.permute(0, 2, 3, 1).contiguous().cpu().numpy()

@@ -80,10 +80,11 @@ class SteeringModule(lightning.LightningModule):
 
     def forward(self, batch: Batch) -> Tensor:
         """Return the outputs, float32 [N, outputs], steering first; of a window's newest frame."""
-        size = piece_length(batch["images"])
+        # A training's normalization and dropout need the whole batch.
+        size = len(batch["images"]) or 1 if self.training else piece_length(batch["images"])
         pieces = [
-            {name: one[at : at + size] for name, one in batch.items()}
-            for at in range(0, len(batch["images"]), size)
+            dict(zip(batch, tensors, strict=True))
+            for tensors in zip(*(one.split(size) for one in batch.values()), strict=True)
         ]
         predicted = torch.cat([predict(self.network, one, self.skips_front) for one in pieces])
         return self.network.newest(predicted) if isinstance(self.network, Memory) else predicted

@@ -99,8 +99,10 @@ def test_a_batch_is_evaluated_in_pieces(name: str) -> None:
         "speed": torch.linspace(0, 30, shape[0]),
     }
     with torch.inference_mode():
-        predicted = module_around(network.eval())(batch)
+        predicted = module_around(network).eval()(batch)
         whole = predict(network, batch)
+        module_around(network).train()(batch)
+    assert seen.pop() == shape[0], "a training has whole batches"
     assert seen == ([4, 4, shape[0]] if windowed else [32, 32, 6, 70])
     whole = network.newest(whole) if windowed else whole
     assert torch.allclose(predicted, whole, atol=1e-6)
