@@ -69,13 +69,12 @@ def is_resume(argument: str) -> bool:
 
 def train_once(arguments: list[str], several: bool = True) -> Path:
     """Train once in a new folder, and return it; for the arguments see `train`."""
-    import hydra
     from hydra.core.hydra_config import HydraConfig
     from hydra.errors import HydraException
 
-    from zoo.cli.compose import conf_folder, quote_paths
+    from zoo.cli.compose import quote_paths
     from zoo.cli.process_ranks import needs_processes
-    from zoo.runs.run_folder import claimed_folder, is_folder_named
+    from zoo.runs.run_folder import is_folder_named, run_in_folder
 
     failures: list[Exception] = []
     folder, began, typed = Path(), False, sys.argv
@@ -100,11 +99,8 @@ def train_once(arguments: list[str], several: bool = True) -> Path:
             raise KeyboardInterrupt(str(error)) from error
 
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises its errors instead of printing them
-    conf = str(conf_folder().resolve())
     try:
-        with claimed_folder(quote_paths(arguments)) as claimed:
-            sys.argv = [sys.argv[0], *claimed]
-            hydra.main(version_base="1.3", config_path=conf, config_name="config")(train)()
+        run_in_folder(quote_paths(arguments), train)
     except KeyboardInterrupt as error:
         raise StoppedError(str(error) or "stopped") from None
     except OSError as error:

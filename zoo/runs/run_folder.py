@@ -1,9 +1,12 @@
-"""Claim the folder that the user names for a new run, before Hydra writes there."""
+"""Compose a run's config, and claim the folder that the user names before Hydra writes there."""
 
 import shutil
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from omegaconf import DictConfig
 
 from zoo.base.errors import InputError
 from zoo.base.written_files import MARK
@@ -20,28 +23,73 @@ TRACES = (
 OWN = (MARK, "status.lock")
 
 
-@contextmanager
-def claimed_folder(arguments: list[str]) -> Iterator[list[str]]:
-    """Claim the folder that `hydra.run.dir=` names, for a run inside this context.
+def run_in_folder(arguments: list[str], task: Callable[[DictConfig], None]) -> None:
+    """Call a function with the config of the arguments, as `hydra.main` does, in the run's folder.
 
-    Yield the arguments with the claimed folder's name. If Hydra has written nothing there, the
-    folder is left as it was before. Without `hydra.run.dir=` nothing is claimed.
+    `hydra.main` composes the config twice. It runs only commands with Hydra's own flags.
+
+    Args:
+        arguments: overrides of the config, quoted for Hydra's parser. During the call, `sys.argv`
+            has them, too: Lightning starts other ranks with it.
+        task: function that is called with the config. Its exceptions pass.
 
     Raises:
         InputError: the folder holds a run, or another process trains there.
         OSError: the folder cannot be created.
     """
+    import hydra
+    from hydra._internal.callbacks import Callbacks
+    from hydra._internal.utils import get_args_parser
+    from hydra.core.global_hydra import GlobalHydra
+    from hydra.core.utils import run_job
+    from hydra.types import HydraContext, RunMode
+
+    flags = get_args_parser().parse_args(arguments)
+    has_flags, overrides = flags.overrides != arguments, flags.overrides
+    # The config is only printed, or is not drivezoo's.
+    is_other = any((flags.cfg, flags.info, flags.hydra_help, flags.config_name, flags.config_path))
+    claims = not is_other and any(map(is_folder_named, arguments))
+    if flags.config_dir:
+        overrides = [*overrides, f"hydra.searchpath=[{quote(f'file://{flags.config_dir}')}]"]
+    conf, config = str(conf_folder().resolve()), None
+    with hydra.initialize_config_dir(conf, version_base="1.3"):
+        if claims or not has_flags:
+            config = hydra.compose("config", overrides, return_hydra_config=True)
+        with _claimed_folder(arguments, config) as claimed:
+            sys.argv = [sys.argv[0], *claimed]
+            if config is None or has_flags or config.hydra.mode is not None:
+                GlobalHydra.instance().clear()
+                hydra.main(version_base="1.3", config_path=conf, config_name="config")(task)()
+                return
+            config.hydra.mode, callbacks = RunMode.RUN, Callbacks(config)
+            callbacks.on_run_start(config=config, config_name="config")
+            context = HydraContext(GlobalHydra.instance().config_loader(), callbacks)
+            result = run_job(task, config, "hydra.run.dir", None, context)
+            callbacks.on_run_end(config=config, config_name="config", job_return=result)
+            _ = result.return_value  # raises what the function raised
+
+
+@contextmanager
+def _claimed_folder(arguments: list[str], config: DictConfig | None) -> Iterator[list[str]]:
+    """Claim the folder that `hydra.run.dir=` names, for a run inside this context.
+
+    Yield the arguments with the claimed folder's name. If Hydra has written nothing there, the
+    folder is left as it was before. Without `hydra.run.dir=`, without a config, and in every rank
+    but the first, nothing is claimed.
+    """
     named = [one for one in arguments if is_folder_named(one)]
-    folder = _composed_folder(arguments) if named else None
-    check_name(folder or Path())
-    if folder is None:
+    if not named or config is None or not is_first_process(needs_processes(config)):
+        check_name(Path())
         yield arguments
         return
+    folder = Path(config.hydra.run.dir)
+    check_name(folder)
     _refuse_a_run(folder)  # before a lock file is created there
     created = [one for one in (folder, *folder.parents) if not one.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         claim_run(folder, _refuse_a_run)
+        config.hydra.run.dir = str(folder)  # as it is now: its name may have the time
         others = [one for one in arguments if one not in named]
         yield [*others, f"{KEY}{quote(str(folder))}"]
     except OSError:
@@ -63,26 +111,6 @@ def check_name(folder: Path, key: str = KEY) -> None:
             f"{path}: Hydra and TensorBoard cannot write a run into a path that contains ${{ or is "
             f"not UTF-8; name another folder: {key}FOLDER"
         )
-
-
-def _composed_folder(arguments: list[str]) -> Path | None:
-    """Return the run's folder as Hydra composes it.
-
-    Return None in processes that must not claim it: every rank but the first, and commands in which
-    Hydra only prints the config, or reads another config than drivezoo's.
-    """
-    from hydra import compose, initialize_config_dir
-    from hydra._internal.utils import get_args_parser
-
-    flags = get_args_parser().parse_args(arguments)
-    if any((flags.cfg, flags.info, flags.hydra_help, flags.config_name, flags.config_path)):
-        return None
-    overrides = flags.overrides
-    if flags.config_dir:
-        overrides = [*overrides, f"hydra.searchpath=[{quote(f'file://{flags.config_dir}')}]"]
-    with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
-        config = compose("config", overrides, return_hydra_config=True)
-    return Path(config.hydra.run.dir) if is_first_process(needs_processes(config)) else None
 
 
 def _refuse_a_run(folder: Path) -> None:
