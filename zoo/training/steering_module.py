@@ -7,6 +7,8 @@ from functools import partial
 import lightning
 import numpy as np
 import torch
+from lightning.pytorch.plugins import Precision
+from lightning.pytorch.utilities import GradClipAlgorithmType
 from torch import Tensor, nn
 
 from datamodules.batches import Batch
@@ -213,6 +215,24 @@ class SteeringModule(lightning.LightningModule):
                 "checkpoints of the epochs before are kept; lower optim.lr, or set "
                 "trainer.gradient_clip_val=1"
             )
+
+    def configure_gradient_clipping(
+        self,
+        optimizer: torch.optim.Optimizer,
+        gradient_clip_val: float | None = None,
+        gradient_clip_algorithm: str | None = None,
+    ) -> None:
+        """Clip the gradients, also in bfloat16 with a fused optimizer.
+
+        Lightning refuses this, as in 16 bits with scaled gradients, which such an optimizer takes.
+        In bfloat16 gradients are not scaled.
+        """
+        plugin = self.trainer.precision_plugin
+        if not gradient_clip_val or getattr(plugin, "scaler", None):
+            self.clip_gradients(optimizer, gradient_clip_val, gradient_clip_algorithm)
+            return
+        algorithm = GradClipAlgorithmType(gradient_clip_algorithm or "norm")
+        Precision.clip_gradients(plugin, optimizer, gradient_clip_val, algorithm)
 
     def on_validation_epoch_start(self) -> None:
         """Start with no predictions."""

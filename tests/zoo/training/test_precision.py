@@ -14,7 +14,7 @@ from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.commands import run_here, succeed
 from tests.zoo.sweep.test_sweep_command import SMALL
-from tests.zoo.trainings import data_of
+from tests.zoo.trainings import data_of, train_here
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.cli.compose import compose_config
 from zoo.models.make_network import make_network, view_of
@@ -91,6 +91,21 @@ def test_a_checkpoint_keeps_it_for_a_resumed_run(
     printed = succeed(run_here(tmp_path, f"resume={folder}", "trainer.max_epochs=2"))
     assert "plan: bf16-mixed on cpu" in printed
     assert "trainer.precision=auto" not in printed
+
+
+@pytest.mark.parametrize(("algorithm", "order"), [("norm", 2), ("value", torch.inf)])
+def test_it_clips_the_gradients_of_a_fused_optimizer(
+    algorithm: str, order: float, recorded: Written, tmp_path: Path
+) -> None:
+    """A step of plain gradient descent with a learning rate of 1 is as long as the gradient."""
+    words = ["model=lenet", "optim=sgd", "optim.momentum=0", "trainer.precision=bf16-mixed"]
+    words += ["data.batch_size=16", "data.samples_per_epoch=16", "trainer.max_epochs=1"]
+    words += [f"+trainer.gradient_clip_algorithm={algorithm}", "trainer.gradient_clip_val=0.0001"]
+    ends = []
+    for rate in (1e-12, 1.0):
+        module, _ = train_here(recorded, tmp_path, CPU, *words, f"optim.lr={rate}")
+        ends.append(torch.cat([one.detach().flatten() for one in module.network.parameters()]))
+    assert float(torch.dist(*ends, order)) == pytest.approx(0.0001, rel=0.02)
 
 
 @pytest.mark.parametrize(
