@@ -22,6 +22,7 @@ from zoo.training.steering_module import predict
 
 LEAST_GAIN = 1.15  # with less, the same weights on other processors are worth more
 IMAGES, PAIRS = 32, 5  # of the measured steps
+CLEAR = 3  # pairs that suffice if they agree
 ENOUGH_S = 2.0  # after which no further pair is measured
 
 
@@ -76,7 +77,8 @@ def gain_of_half(network: nn.Module, view: View) -> float:
     with torch.random.fork_rng(devices=[]):
         batch = noise(network, view, max(1, IMAGES // getattr(network, "sequence", 1)))
         for turn in range(PAIRS + 1):
-            if gains and time.perf_counter() - started > ENOUGH_S:
+            is_clear = len(gains) >= CLEAR and len({one >= LEAST_GAIN for one in gains}) == 1
+            if is_clear or (gains and time.perf_counter() - started > ENOUGH_S):
                 break
             seconds = []
             for half in (False, True):
