@@ -16,7 +16,7 @@ from datamodules.batches import Batch
 from datamodules.view import View
 from zoo.base.terminal import print_line
 from zoo.cli.process_ranks import needs_processes
-from zoo.training.host_settings import AUTO, FULL, HALF, multiplies_bf16
+from zoo.training.host_settings import AUTO, FULL, HALF, keep_freed_memory, multiplies_bf16
 from zoo.training.plan import TINY_PARAMETERS
 from zoo.training.steering_module import predict
 
@@ -72,6 +72,7 @@ def gain_of_half(network: nn.Module, view: View) -> float:
 
     Neither weights nor random numbers change.
     """
+    keep_freed_memory()  # as in training: page faults delay the larger numbers more
     network, gains = copy.deepcopy(network).train(), []
     started = time.perf_counter()
     with torch.random.fork_rng(devices=[]):
