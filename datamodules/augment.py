@@ -9,10 +9,8 @@ of 66 x 200 for all three, against 600. On the device that trains it changes the
 
 import os
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
-os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")  # disables its version check online
-
-import albumentations
 import cv2
 import numpy as np
 import torch
@@ -21,6 +19,11 @@ from torch import Tensor
 from datamodules.device_augment import darkened, from_rgb, lit, moved, to_rgb
 from datamodules.view import CODES, FRAME
 from zoo.base.rig import STEERING, UDACITY, Rig, SteeringLabel
+
+if TYPE_CHECKING:
+    import albumentations  # slow import, which most trainings do without
+
+os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")  # disables its version check online
 
 Place = tuple[int, int]  # first index of a shard in its batch, and the batch's size
 
@@ -94,10 +97,37 @@ class Brightness(Change):
         return lit(images, drawn[:, 0])
 
 
-class Shadow(Change, albumentations.RandomShadow):
-    """The shadow of albumentations, within half a grey level."""
+class Shadow(Change):
+    """The shadow of albumentations, within half a grey level.
+
+    Args:
+        shadow_roi: part of the frame with shadows: left, top, right, bottom, 0..1.
+        num_shadows_limit: range of the number of shadows.
+        shadow_dimension: corners of a shadow.
+        shadow_intensity_range: range of the share of the brightness that a shadow takes, 0..1.
+        p: probability that a sample is changed, 0..1.
+
+    Raises:
+        ValueError: albumentations refuses a value.
+    """
 
     lighting = True
+
+    def __init__(
+        self,
+        shadow_roi: tuple[float, float, float, float] = (0, 0.5, 1, 1),
+        num_shadows_limit: tuple[int, int] = (1, 2),
+        shadow_dimension: int = 5,
+        shadow_intensity_range: tuple[float, float] = (0.5, 0.5),
+        p: float = 0.5,
+    ) -> None:
+        from albumentations import RandomShadow
+
+        given = (shadow_roi, num_shadows_limit, shadow_dimension, shadow_intensity_range, p)
+        checked = RandomShadow(*given)
+        self.shadow_roi, self.num_shadows_limit = checked.shadow_roi, checked.num_shadows_limit
+        self.shadow_dimension, self.p = checked.shadow_dimension, checked.p
+        self.shadow_intensity_range = checked.shadow_intensity_range
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
         """Return each shadow's corners (column, row) and intensity, which is 0 without a shadow."""
@@ -193,7 +223,7 @@ class Augment:
 
     def __init__(
         self,
-        transforms: list[Change | albumentations.BasicTransform],
+        transforms: list["Change | albumentations.BasicTransform"],
         colour: str,
         label: SteeringLabel = STEERING,
     ) -> None:
@@ -201,10 +231,7 @@ class Augment:
             transforms = [one for one in transforms if not getattr(one, "lighting", False)]
         self.transforms, self.colour, self.label = transforms, colour, label
         self.cpu_only = [type(one).__name__ for one in transforms if not isinstance(one, Change)]
-        self._composed = [
-            None if isinstance(one, Change) else albumentations.Compose([one], seed=0)
-            for one in transforms
-        ]
+        self._composed = [None if isinstance(one, Change) else _composed(one) for one in transforms]
 
     def __call__(
         self, images: np.ndarray, steering: np.ndarray, seed: int
@@ -305,6 +332,12 @@ def _draw(
     drawn = change.draw((len(chosen), *shape), rng)
     ours = slice(*np.searchsorted(chosen, [first, first + count]))
     return chosen[ours] - first, drawn[ours]
+
+
+def _composed(transform: "albumentations.BasicTransform") -> "albumentations.Compose":
+    from albumentations import Compose
+
+    return Compose([transform], seed=0)
 
 
 def _convert(images: np.ndarray, code: int) -> None:

@@ -227,10 +227,10 @@ def test_every_yaml_opens_with_the_command_that_uses_it(path):
 def test_shadows_are_those_of_albumentations(recorded):
     """Both change 3,000 copies of an image alike, by quantiles of its means."""
     image = views(recorded, "rgb")[0]
-    shadow = Shadow(shadow_roi=(0, 0.2, 0.9, 1), num_shadows_limit=(1, 2), p=0.5)
+    keys = {"shadow_roi": (0, 0.2, 0.9, 1), "num_shadows_limit": (1, 2), "p": 0.5}
     batch = np.repeat(image[None], 3_000, axis=0)
-    Augment([shadow], "rgb").in_place(batch, np.zeros(3_000, np.float32), seed=1)
-    compose = albumentations.Compose([shadow], seed=2)
+    Augment([Shadow(**keys)], "rgb").in_place(batch, np.zeros(3_000, np.float32), seed=1)
+    compose = albumentations.Compose([albumentations.RandomShadow(**keys)], seed=2)
     single = np.stack([compose(image=image)["image"] for _ in range(3_000)])
     for window in (np.s_[:, :, :], np.s_[:, :20, :50], np.s_[:, 40:, 150:]):
         ours, theirs = (kind[window].mean((1, 2, 3)) for kind in (batch, single))
@@ -239,12 +239,12 @@ def test_shadows_are_those_of_albumentations(recorded):
 
 def test_a_shadow_is_as_dark_as_that_of_albumentations(images):
     """Shadows differ by up to 1 of 255: albumentations truncates, OpenCV rounds."""
-    shadow = Shadow(num_shadows_limit=(2, 2))
+    shadow, theirs = Shadow(num_shadows_limit=(2, 2)), albumentations.RandomShadow()
     drawn = shadow.draw(images.shape, np.random.default_rng(3))
     for image, values in zip(images.copy(), drawn, strict=True):
         outlines = values.reshape(2, -1)
         corners = outlines[:, :-1].reshape(2, -1, 2).astype(int)
-        wanted = shadow.apply(image, vertices_list=corners, intensities=outlines[:, -1])
+        wanted = theirs.apply(image, vertices_list=corners, intensities=outlines[:, -1])
         shadow.change_one(image, values)
         assert np.abs(image.astype(int) - wanted).max() <= 1
 
