@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from omegaconf import DictConfig, OmegaConf, open_dict
 from rich.console import Console
 
@@ -31,6 +32,40 @@ from zoo.training.run_config import settle_windows, with_layers, with_quick, wit
 
 KERAS = ("model=keras", f"model.size=[{INPUT[0]},{INPUT[1]}]")
 USUAL = [one for one in SMALL if not one.startswith("model")]
+
+
+@pytest.mark.parametrize("folder", [(), ("hydra.run.dir=run/${now:%f}",)])
+def test_a_config_is_composed_once(
+    folder: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    composed, plain = [], ConfigLoaderImpl.load_configuration
+
+    def load(*arguments: object, **keys: object) -> DictConfig:
+        composed.append(keys["overrides"])
+        return plain(*arguments, **keys)
+
+    monkeypatch.setattr(ConfigLoaderImpl, "load_configuration", load)
+    result = run_here(tmp_path, "data.root=nofolder", *folder)
+    assert result.stderr.startswith("drivezoo train: nofolder: no such folder")
+    assert len(composed) == 1
+    (config,) = tmp_path.glob(
+        "run/*/.hydra/hydra.yaml" if folder else "outputs/*/*/.hydra/hydra.yaml"
+    )
+    hydra = OmegaConf.load(config).hydra
+    assert (hydra.mode, hydra.job.name) == ("RUN", "zoo")
+    assert Path(hydra.runtime.output_dir) == config.parents[1]
+
+
+def test_a_folder_of_the_users_own_choices(tmp_path: Path) -> None:
+    (tmp_path / "own" / "model").mkdir(parents=True)
+    (tmp_path / "own" / "model" / "mine.yaml").write_text("defaults: [lenet]\nwidth: 0.5\n")
+    arguments = (f"--config-dir={tmp_path}/own", "model=mine", "data.root=nofolder")
+    for named in ((), ("hydra.run.dir=run",)):
+        result = run_here(tmp_path, *arguments, *named)
+        assert only_line(result).startswith("drivezoo train: nofolder: no such folder")
+    config = OmegaConf.load(tmp_path / "run" / ".hydra" / "config.yaml")
+    assert config.model.width == 0.5
+    assert "already holds a run" in run_here(tmp_path, *arguments, "hydra.run.dir=run").stderr
 
 
 def keras_config(*overrides: str):
