@@ -180,7 +180,10 @@ class Study:
         """
         if run in entry.finished or not entry.words:
             return
-        words = ["zoo", *self.command(entry, "train"), f"seed={run.name}", f"hydra.run.dir={run}"]
+        keys = self.command(entry, "train")
+        if not any(word.startswith("trainer.precision=") for word in keys):
+            keys.append("trainer.precision=32-true")  # a study repeats on processors without bf16
+        words = ["zoo", *keys, f"seed={run.name}", f"hydra.run.dir={run}"]
         if (run / ".hydra" / "config.yaml").is_file():
             words = ["zoo", f"resume={run}"]
         if entry.corrects:

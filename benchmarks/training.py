@@ -22,6 +22,8 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from benchmarks import material
 from benchmarks.measuring import Row, compared, contestants, take_turns
+from datamodules.batches import Batch
+from datamodules.view import View
 from zoo.training.host_settings import multiplies_bf16
 
 BATCH, WORKERS, ROWS = 64, 4, 2_000
@@ -226,10 +228,15 @@ def run_product(pipe: Connection, device: str, side: int, dtype: torch.dtype) ->
     answer(pipe, lambda: best_product(device, side, dtype))
 
 
+def noise(network: torch.nn.Module, view: View, samples: int) -> Batch:
+    """Return a batch of noise of a network's view, or of its windows."""
+    frames = [count] if (count := getattr(network, "sequence", 1)) > 1 else []
+    images = torch.randint(0, 256, (samples, *frames, *view.shape), dtype=torch.uint8)
+    return {"images": images.movedim(-1, -3), "speed": torch.full((samples,), 10.0)}
+
+
 def untrained(name: str, samples: int) -> tuple[torch.nn.Module, dict[str, torch.Tensor]]:
     """Return a network with random weights, and a batch of noise."""
-    from zoo.training.precision import noise  # imports Lightning, slowly
-
     torch.manual_seed(0)
     network, view, _ = material.random_network(name)
     return network, noise(network, view, samples)

@@ -43,8 +43,8 @@ def pytest_collection_finish() -> None:
 def _plain_trainings() -> Iterator[None]:
     """Let trainings in this process write no plots, which take longer than a small training.
 
-    And let them be in 32 bits on every processor: a measured choice may differ between two
-    trainings. Those in processes of their own do both: `run_folder` has plots.
+    And let them be in 32 bits on every processor, since tests name weights and figures. Those in
+    processes of their own do both: `run_folder` has plots.
     """
     with pytest.MonkeyPatch.context() as monkeypatch:
         if "zoo.training.run" in sys.modules:

@@ -16,7 +16,7 @@ from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import find_run
 from zoo.cli.compose import escape_interpolation
 from zoo.runs.saved_config import TRUST, check_saved_config, split_trust
-from zoo.training.host_settings import AUTO, FULL, HALF, multiplies_bf16
+from zoo.training.host_settings import AUTO, FULL, HALF
 
 # Keys of metrics.json that are compared; times differ by machine.
 COMPARED = (
@@ -64,7 +64,8 @@ def rerun(run: str, *, out: str | None = None, trust: str = "") -> None:
     _, trusted = split_trust([f"{TRUST}={trust}"])
     config = _trained_config(source)
     check_saved_config(config, source, trusted)
-    _keep_precision(config, then.get("precision"))
+    if config.trainer.get("precision") == AUTO and then.get("precision") in (FULL, HALF):
+        config.trainer.precision = then["precision"]  # configs of older versions say auto
     with command_folder(Path(out or dated_folder("reruns")).resolve(), "reruns") as folder:
         with file_errors(f"out={folder}", "cannot write there ({})"):
             shutil.copytree(source / ".hydra", folder / ".hydra")
@@ -118,14 +119,6 @@ def _trained_config(run: Path) -> DictConfig:
     if OmegaConf.select(config, "callbacks.pruning"):
         del config.callbacks["pruning"]  # belongs to a search that has ended
     return config
-
-
-def _keep_precision(config: DictConfig, then: str | None) -> None:
-    """Set `trainer.precision=auto` to what it chose, unless this processor has no bfloat16."""
-    if OmegaConf.select(config, "trainer.precision") != AUTO:
-        return
-    if then == FULL or (then == HALF and multiplies_bf16()):  # metrics.json may name anything
-        config.trainer.precision = then
 
 
 def _train(out: Path, place: Path, trusted: Sequence[str], threads: int | None) -> None:

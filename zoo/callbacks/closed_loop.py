@@ -16,6 +16,7 @@ from datamodules.view import View
 from zoo.base.errors import InputError
 
 MONITORED = "drive/"
+FRAME_IMAGES = 8  # training images that take as long as a driven frame: PilotNet's, on two cores
 DRIVEN = "driven.ckpt"
 
 
@@ -38,9 +39,9 @@ class ClosedLoop(Callback):
         starts: number of drives, from places evenly spaced along the centreline.
         metres: length of each drive.
         speed: speed to hold, mph.
-        share: largest share of the training's time for driving, not counting the first drive and
-            the best checkpoint's; drives are skipped to keep it. The machine's speed decides
-            which; with null no drive is skipped, and runs repeat exactly.
+        share: largest share of driving in the training's work, of which a driven frame is as much
+            as 8 training images; drives but the first are skipped to keep it, on every machine the
+            same. None skips none.
         quality: `full`, `fast` (less detail far away) or `simple` (no shadows).
     """
 
@@ -67,6 +68,7 @@ class ClosedLoop(Callback):
         self.metres, self.speed, self.share, self.quality = metres, speed, share, quality
         self.world = None
         self.drives, self.spent_s, self.last_s = 0, 0.0, 0.0
+        self.frames = self.last_frames = 0  # driven in all, and in the last drive
         self.best_score = float("-inf")
         self.cost: dict[str, float] | None = None  # of all drives in training, set at its end
 
@@ -94,8 +96,11 @@ class ClosedLoop(Callback):
     def on_train_epoch_end(self, trainer: Trainer, module: LightningModule) -> None:
         """Drive if it is due; log the figures and keep the best weights."""
         figures = None
-        if trainer.is_global_zero and self.world is not None and self._due(trainer.current_epoch):
-            figures = self.drive(module.network, trainer.datamodule.view, module.card)
+        data = trainer.datamodule
+        images = len(data.sampler()) * data.batch_size * (trainer.current_epoch + 1)
+        is_due = self._due(trainer.current_epoch, images)
+        if trainer.is_global_zero and self.world is not None and is_due:
+            figures = self.drive(module.network, data.view, module.card)
             Console(soft_wrap=True).print(
                 f"           drove {self.starts} x {self.metres:g} m: autonomy "
                 f"{figures['autonomy']:.1%}, {figures['interventions']} interventions, mean error "
@@ -111,16 +116,18 @@ class ClosedLoop(Callback):
                 trainer.save_checkpoint(Path(trainer.default_root_dir) / "checkpoints" / DRIVEN)
 
     def state_dict(self) -> dict:
-        """Return the best score, for checkpoints."""
-        return {"best_score": self.best_score}
+        """Return the best score and the driven frames, for checkpoints."""
+        frames = {"frames": self.frames, "last_frames": self.last_frames}
+        return {"best_score": self.best_score, **frames}
 
     def load_state_dict(self, state: dict) -> None:
-        """Restore the best score."""
+        """Restore the best score and the driven frames."""
         self.best_score = state.get("best_score", float("-inf"))
+        self.frames, self.last_frames = state.get("frames", 0), state.get("last_frames", 0)
 
     def on_train_end(self, trainer: Trainer, module: LightningModule) -> None:
         """Print the time of the drives."""
-        trained_s = self._trained_s()
+        trained_s = time.perf_counter() - self.started - self.spent_s
         if self.drives and trained_s > 0:
             self.cost = {
                 "drives": self.drives,
@@ -159,6 +166,8 @@ class ClosedLoop(Callback):
         self.last_s = time.perf_counter() - began
         self.spent_s += self.last_s
         self.drives += 1
+        self.last_frames = len(error)
+        self.frames += self.last_frames
         return {
             "autonomy": autonomy(interventions, driven_s),
             "interventions": interventions,
@@ -167,16 +176,14 @@ class ClosedLoop(Callback):
             "score": driving_score(interventions, driven_s, float(error.mean())),
         }
 
-    def _trained_s(self) -> float:
-        """Return the seconds of training so far, with validation, without driving."""
-        return time.perf_counter() - self.started - self.spent_s
-
-    def _due(self, epoch: int) -> bool:
-        if not self.drives:
+    def _due(self, epoch: int, images: int) -> bool:
+        """Return whether to drive after an epoch, with so many images trained by its end."""
+        if not self.frames:
             return True
         if epoch % self.every_n_epochs:
             return False
-        return self.share is None or self.spent_s + self.last_s <= self.share * self._trained_s()
+        work = FRAME_IMAGES * (self.frames + self.last_frames)
+        return self.share is None or work <= self.share * images
 
     def _open(self) -> str | None:
         """Open the world; return why it cannot be opened, or None."""

@@ -49,8 +49,8 @@ class DriveSettings:
             lane.
         record: folder for frames and driving_log.csv; null: write only drive.csv.
         threads: threads of the network; 2 are faster, unless a simulator needs the same cores.
-        engine: torch, or onnx for onnxruntime; auto: onnxruntime where it is installed, steers the
-            same and is faster.
+        engine: torch, or onnx for onnxruntime; auto: onnxruntime for a network of 100 million
+            multiply-adds a frame or more, if it is installed and steers the same.
         steering: filter of the network's steering.
         speed: speed to hold in mph, or what controls the throttle.
     """

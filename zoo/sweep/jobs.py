@@ -294,7 +294,7 @@ def _train(config: DictConfig, folder: Path) -> None:
     # On a node of Slurm torch would use all cores.
     torch.set_num_threads(int(os.environ.get("SLURM_CPUS_PER_TASK", threads)))
     try:
-        run_experiment(config, folder, resume=True)
+        run_experiment(config, folder, resume=True, bf16=read_record(folder.parent).bf16)
     finally:
         torch.set_num_threads(threads)  # the run may have changed it; reset it for the next job
 

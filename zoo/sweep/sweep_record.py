@@ -26,6 +26,7 @@ from zoo.cli.compose import choices, config_groups, quote_paths
 from zoo.runs.code_fingerprint import package_versions
 from zoo.runs.record_fields import Fields, Whole, check_fields
 from zoo.runs.saved_config import TRUST, check_saved_config
+from zoo.training.host_settings import multiplies_bf16
 
 NAME = "sweep.json"
 FORMAT = 1
@@ -60,6 +61,8 @@ class SweepRecord(Fields):
         versions: versions of the packages that change results.
         started: local time in ISO format.
         search: whether Optuna chooses the jobs; `jobs` is then None until the last one is chosen.
+        bf16: whether `trainer.precision=auto` may choose bfloat16 in the jobs, on any machine; None
+            in records of older versions.
     """
 
     format: Whole
@@ -69,12 +72,19 @@ class SweepRecord(Fields):
     versions: dict[str, str] = Field(default_factory=dict)
     started: str = ""
     search: bool = False
+    bf16: bool | None = None
 
 
 def new_record(arguments: list[str]) -> SweepRecord:
     """Return the record of a sweep that starts now."""
     now = datetime.now().astimezone().isoformat(timespec="seconds")
-    return SweepRecord(format=FORMAT, arguments=arguments, versions=package_versions(), started=now)
+    return SweepRecord(
+        format=FORMAT,
+        arguments=arguments,
+        versions=package_versions(),
+        started=now,
+        bf16=bool(multiplies_bf16()),
+    )
 
 
 def write_record(folder: Path, record: SweepRecord) -> None:

@@ -21,7 +21,9 @@ from zoo.base.terminal import print_line
 from zoo.models.layers import in_pieces
 
 KEY = "model.cache_features"
-# `auto` uses at most this many bytes of a disk or memory, and at most half of the free bytes.
+REMEDY = "set a smaller model.size, fewer data.cameras, or data.cache=FOLDER on another disk"
+# `auto` uses at most this many bytes. Free bytes do not decide: features of half precision train
+# other weights.
 AUTO_BYTES = 16_000_000_000
 
 
@@ -68,6 +70,11 @@ def plan_cached_features(
         )
         refusal = _too_large(setting, plan, config, data)
     if refusal is None:
+        if plan.missing_bytes > (free := plan.free_bytes()):
+            raise InputError(
+                f"{KEY}={setting}: caching takes {_size(plan.missing_bytes)}, with {_size(free)} "
+                f"free {_place(plan)}; {REMEDY}, or {KEY}=false"
+            )
         size = f"{plan.images:,} images, {plan.front.image_bytes / 1e3:.1f} kB each"
         if plan.missing:
             size = f"{plan.missing:,} of {size}, {_size(plan.missing_bytes)}"
@@ -99,19 +106,16 @@ def _refusal(config: DictConfig, data: DrivingData, frozen: nn.Module | None) ->
 def _too_large(
     setting: object, plan: FeaturePlan, config: DictConfig, data: DrivingData
 ) -> str | None:
-    """Return why caching costs too much, and what to set; None if it does not."""
-    if setting == "auto":
-        draws = config.trainer.max_epochs * (
-            len(data.sampler()) * data.batch_size + len(data.split.val)
-        ) + len(data.recording)
-        if draws < plan.images:
-            return f"the training reads {draws:,} images of {plan.images:,}; set {KEY}=true"
-    needed, free = plan.missing_bytes, plan.free_bytes()
-    if needed > (min(free / 2, AUTO_BYTES) if setting == "auto" else free):
-        return (
-            f"caching takes {_size(needed)}, with {_size(free)} free {_place(plan)}; set a smaller "
-            "model.size, fewer data.cameras, or data.cache=FOLDER on another disk"
-        )
+    """Return why `auto` does not cache, and what to set; None if it does."""
+    if setting is True:
+        return None
+    draws = config.trainer.max_epochs * (
+        len(data.sampler()) * data.batch_size + len(data.split.val)
+    ) + len(data.recording)
+    if draws < plan.images:
+        return f"the training reads {draws:,} images of {plan.images:,}; set {KEY}=true"
+    if (size := plan.images * plan.front.image_bytes) > AUTO_BYTES:
+        return f"caching takes {_size(size)}, of which auto takes {_size(AUTO_BYTES)}; {REMEDY}"
     return None
 
 

@@ -1,93 +1,62 @@
-"""`trainer.precision=auto`: bfloat16 where this processor gains by it.
+"""`trainer.precision=auto`: the rule that chooses bfloat16 or 32 bits before a training.
 
-Networks that were trained in bfloat16 drive alike (docs/performance.md#bfloat16).
+Nothing is measured: the load of the moment would choose. Gains by network and processor, and drives
+of networks of both precisions, are in docs/performance.md#bfloat16.
 """
-
-import copy
-import statistics
-import time
 
 import torch
 from omegaconf import DictConfig
 from rich.console import Console
 from torch import nn
 
-from datamodules.batches import Batch
 from datamodules.view import View
 from zoo.base.terminal import print_line
 from zoo.cli.process_ranks import needs_processes
-from zoo.training.host_settings import AUTO, FULL, HALF, keep_freed_memory, multiplies_bf16
-from zoo.training.plan import TINY_PARAMETERS
-from zoo.training.steering_module import predict
+from zoo.models.make_network import multiply_adds
+from zoo.training.host_settings import AUTO, FULL, HALF, multiplies_bf16
 
-LEAST_GAIN = 1.15  # with less, the same weights on other processors are worth more
-IMAGES, PAIRS = 32, 5  # of the measured steps
-CLEAR = 3  # pairs that suffice if they agree
-ENOUGH_S = 2.0  # after which no further pair is measured
+# Networks of 1.0 million gained 1.0 to 1.1, those of 24 million and more 1.2 to 2.1.
+LEAST_OPERATIONS = 10_000_000  # multiply-adds of convolutions and dense layers for an image
 
 
 def choose_precision(
-    config: DictConfig, network: nn.Module, view: View, before: str | None, console: Console
+    config: DictConfig,
+    network: nn.Module,
+    view: View,
+    console: Console,
+    before: str | None = None,
+    bf16: bool | None = None,
 ) -> str:
-    """Return `trainer.precision`, with a choice in place of `auto`; print what was measured.
+    """Return `trainer.precision`, with a choice in place of `auto`; print it and the other one.
 
     Args:
         config: experiment's config.
         network: network that is trained.
         view: what the network sees.
-        before: precision of the checkpoint that a run resumes, which it keeps; None for a new run.
         console: console for that line.
+        before: precision of the checkpoint that a run resumes, which it keeps; None for a new run.
+        bf16: whether the processor has bfloat16 instructions; None for this processor.
     """
     asked = config.trainer.get("precision", FULL)
     if asked != AUTO:
-        return asked
+        return str(asked)
     if before in (FULL, HALF):  # a checkpoint may name anything
         return before
     on_cpu = config.trainer.accelerator == "cpu" or (
         config.trainer.accelerator == "auto" and not torch.cuda.is_available()
     )
-    is_tiny = sum(p.numel() for p in network.parameters()) < TINY_PARAMETERS
-    # Several processes might choose differently.
-    if not on_cpu or is_tiny or needs_processes(config) or not multiplies_bf16():
+    has_bf16 = multiplies_bf16() if bf16 is None else bf16
+    # Several processes may run on different processors.
+    if not on_cpu or not has_bf16 or needs_processes(config):
         return FULL
-    gain = gain_of_half(network, view)
-    chosen = HALF if gain >= LEAST_GAIN else FULL
+    height, width, channels = view.shape
+    count = multiply_adds(network, (channels, height, width))
+    chosen, other = (HALF, FULL) if count >= LEAST_OPERATIONS else (FULL, HALF)
+    limit = f"{'at least' if chosen == HALF else 'fewer than'} {LEAST_OPERATIONS / 1e6:g} million"
     print_line(
         console,
-        f"trainer.precision=auto: {chosen}, since a step in bfloat16 is {gain:.2f} times as fast "
-        "on this processor",
+        f"trainer.precision=auto: {chosen}, since this processor has bfloat16 instructions and "
+        f"the network {limit} multiply-adds an image ({count / 1e6:.1f} million); or set "
+        f"trainer.precision={other}",
     )
     return chosen
-
-
-def noise(network: nn.Module, view: View, samples: int) -> Batch:
-    """Return a batch of noise of a network's view, or of its windows."""
-    frames = [count] if (count := getattr(network, "sequence", 1)) > 1 else []
-    images = torch.randint(0, 256, (samples, *frames, *view.shape), dtype=torch.uint8)
-    return {"images": images.movedim(-1, -3), "speed": torch.full((samples,), 10.0)}
-
-
-def gain_of_half(network: nn.Module, view: View) -> float:
-    """Return the time of a step in 32 bits divided by that in bfloat16: the median over pairs.
-
-    Neither weights nor random numbers change.
-    """
-    keep_freed_memory()  # as in training: page faults delay the larger numbers more
-    network, gains = copy.deepcopy(network).train(), []
-    started = time.perf_counter()
-    with torch.random.fork_rng(devices=[]):
-        batch = noise(network, view, max(1, IMAGES // getattr(network, "sequence", 1)))
-        for turn in range(PAIRS + 1):
-            is_clear = len(gains) >= CLEAR and len({one >= LEAST_GAIN for one in gains}) == 1
-            if is_clear or (gains and time.perf_counter() - started > ENOUGH_S):
-                break
-            seconds = []
-            for half in (False, True):
-                began = time.perf_counter()
-                with torch.autocast("cpu", torch.bfloat16, enabled=half):
-                    loss = predict(network, batch).float().square().mean()
-                loss.backward()
-                seconds.append(time.perf_counter() - began)
-            if turn:  # the first step of each prepares it
-                gains.append(seconds[0] / seconds[1])
-    return statistics.median(gains)

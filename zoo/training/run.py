@@ -45,12 +45,14 @@ def run_experiment(
     resume: bool = False,
     keep_config: bool = False,
     verdict: bool = True,
+    bf16: bool | None = None,
 ) -> None:
     """Run an experiment in `folder`; with `resume`, from its last checkpoint.
 
     With `keep_config`, `config` replaces the folder's config once it is known to fit the
     checkpoint: a run that is stopped again resumes with it. Without `verdict`, no verdict and no
-    next command is printed: a command that drives the network itself prints its own.
+    next command is printed: a command that drives the network itself prints its own. `bf16` is
+    that of `choose_precision`.
 
     Raises:
         InputError: the config, the recording or a file is wrong, or another process trains in the
@@ -63,11 +65,17 @@ def run_experiment(
     with interruptions.naming_lost_files(folder):
         folder.mkdir(parents=True, exist_ok=True)
         with run_status(folder, first), interruptions.naming_lost_files(folder):
-            _run(config, folder, first, resume, keep_config, verdict)
+            _run(config, folder, first, resume, keep_config, verdict, bf16)
 
 
 def _run(
-    config: DictConfig, folder: Path, first: bool, resume: bool, keep_config: bool, verdict: bool
+    config: DictConfig,
+    folder: Path,
+    first: bool,
+    resume: bool,
+    keep_config: bool,
+    verdict: bool,
+    bf16: bool | None,
 ) -> None:
     started = time.perf_counter()
     code_fingerprint()  # before training: later edits of the files do not count
@@ -108,9 +116,12 @@ def _run(
     # Lightning's trainer knows the devices and the processes, which the plan depends on.
     network = build.build_network(config, data.view, console, resumed and resumed.path)
     kept = resumed and resumed.precision
-    precision = choose_precision(config, network, data.view, kept, console)
-    OmegaConf.update(config, "trainer.precision", precision, force_add=True)
-    card["precision"] = str(precision)
+    precision = choose_precision(config, network, data.view, console, kept, bf16)
+    if precision != config.trainer.get("precision"):
+        keep_config, asked = True, asked.copy()  # the folder's config repeats the run anywhere
+        for settled in (config, asked):
+            OmegaConf.update(settled, "trainer.precision", precision, force_add=True)
+    card["config"]["trainer"]["precision"] = card["precision"] = precision
     trainer = build.build_trainer(config, folder, has_validation=len(data.split.val) > 0)
     print_start(card, network, data, leaks, trainer.strategy.root_device, console)
     plan = make_plan(config, data, network, trainer, console)
@@ -122,6 +133,7 @@ def _run(
         if resumed is not None:
             restore_monitored(folder)
         if keep_config:
+            (folder / ".hydra").mkdir(exist_ok=True)
             OmegaConf.save(asked, folder / ".hydra" / "config.yaml")
         write_split(folder / "split.csv", data.recording, data.split)
         build.keep_earlier_log(folder)

@@ -115,15 +115,17 @@ def test_a_drive_leaves_mode_gradients_and_chance_as_they_were(
     callback.world.close()
 
 
-def test_its_share_of_the_time_is_kept_by_leaving_epochs_out(monkeypatch) -> None:
+def test_its_share_of_the_work_is_kept_by_leaving_epochs_out() -> None:
     callback = ClosedLoop(every_n_epochs=2, share=0.2)
-    assert callback._due(1), "the first in any case: a checkpoint may monitor it"
-    callback.drives, callback.spent_s, callback.last_s = 1, 4.0, 4.0
-    for trained_s, epoch, due in ((39.0, 2, False), (41.0, 3, False), (41.0, 4, True)):
-        monkeypatch.setattr(callback, "_trained_s", lambda trained_s=trained_s: trained_s)
-        assert callback._due(epoch) == due
+    assert callback._due(1, 0), "the first in any case: a checkpoint may monitor it"
+    callback.frames = callback.last_frames = 1_000
+    for images, epoch, due in ((79_999, 2, False), (80_000, 3, False), (80_000, 4, True)):
+        assert callback._due(epoch, images) == due
+    resumed = ClosedLoop(every_n_epochs=2, share=0.2)
+    resumed.load_state_dict(callback.state_dict())
+    assert not resumed._due(2, 79_999)
     callback.share = None
-    assert callback._due(2)
+    assert callback._due(2, 0)
 
 
 @pytest.mark.parametrize("setting", [{"starts": 0}, {"metres": 0}, {"share": -1}])

@@ -171,11 +171,11 @@ def test_an_unexpected_error_is_kept_and_ends_one_job(
 
     real = zoo.training.run.run_experiment
 
-    def out_of_memory(config, folder, resume=False):
+    def out_of_memory(config, folder, resume=False, **more):
         if config.seed == 1:
             write_status(folder, "running")
             raise RuntimeError("out of memory\nand much more")
-        return real(config, folder, resume)
+        return real(config, folder, resume, **more)
 
     monkeypatch.setattr(zoo.training.run, "run_experiment", out_of_memory)
     result = sweep(recorded, "seed=1,2", "trainer.max_epochs=0", "hydra.sweep.dir=s")

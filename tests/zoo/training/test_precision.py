@@ -1,14 +1,14 @@
 """`trainer.precision=auto`: what it chooses, prints and keeps."""
 
-import copy
 import json
 from io import StringIO
 from pathlib import Path
 
 import pytest
 import torch
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
+from torch import nn
 
 from datamodules.view import View
 from tests.recordings import Written
@@ -18,79 +18,92 @@ from tests.zoo.trainings import data_of, train_here
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.cli.compose import compose_config
 from zoo.models.make_network import make_network, view_of
-from zoo.rerun import _keep_precision, _report
+from zoo.rerun import _report
 from zoo.training import precision
 
 CPU = "trainer.accelerator=cpu"
+# Of convolutions so small that training takes no time, and larger ones by the rule's number.
+SMALL_LENET = [word for word in SMALL if not word.startswith("model")] + ["model=lenet"]
 
 
-def network_of(*overrides: str) -> tuple[OmegaConf, torch.nn.Module, View]:
+def network_of(*overrides: str) -> tuple[DictConfig, nn.Module, View]:
     config = OmegaConf.create(compose_config([CPU, *overrides]))
     view = view_of(config.model, config.data.crop)
     return config, make_network(OmegaConf.to_container(config.model), view), view
 
 
 @pytest.mark.parametrize(
-    ("overrides", "knows", "gain", "before", "chosen", "printed"),
+    ("overrides", "bf16", "before", "chosen", "printed"),
     [
-        (("model=lenet",), True, 1.3, None, "bf16-mixed", "a step in bfloat16 is 1.30 times"),
-        (("model=lenet",), True, 1.1, None, "32-true", "a step in bfloat16 is 1.10 times"),
-        (("model=lenet",), False, None, None, "32-true", ""),
-        (("model=lenet",), None, None, None, "32-true", ""),
-        (("model=lenet",), True, None, "bf16-mixed", "bf16-mixed", ""),
-        (("model=lenet",), True, None, "32-true", "32-true", ""),
-        (("model=lenet",), False, None, "an.attacker", "32-true", ""),
-        (("model=lenet", "~trainer.precision"), True, None, None, "32-true", ""),
-        (("model=lenet", "trainer.precision=32-true"), True, None, "bf16-mixed", "32-true", ""),
-        (("model=lenet", "trainer=ddp_cpu"), True, None, None, "32-true", ""),
-        (("model=lenet", "trainer.accelerator=gpu"), True, None, None, "32-true", ""),
-        (("model=tiny",), True, None, None, "32-true", ""),
+        (("model=nvidia",), True, None, "bf16-mixed", ("26.9 million", "precision=32-true")),
+        (("model=commaai",), True, None, "bf16-mixed", ("at least 10 million",)),
+        (("model=lenet",), True, None, "32-true", ("1.0 million", "precision=bf16-mixed")),
+        (("model=tiny",), True, None, "32-true", ("fewer than 10 million",)),
+        (("model=nvidia",), False, None, "32-true", ()),
+        (("model=nvidia",), None, None, "32-true", ()),
+        (("model=lenet",), True, "bf16-mixed", "bf16-mixed", ()),
+        (("model=nvidia",), True, "32-true", "32-true", ()),
+        (("model=nvidia",), False, "an.attacker", "32-true", ()),
+        (("model=nvidia", "~trainer.precision"), True, None, "32-true", ()),
+        (("model=nvidia", "trainer.precision=32-true"), True, "bf16-mixed", "32-true", ()),
+        (("model=nvidia", "trainer=ddp_cpu"), True, None, "32-true", ()),
+        (("model=nvidia", "trainer.accelerator=gpu"), True, None, "32-true", ()),
     ],
 )
-def test_what_is_chosen_and_said(
-    overrides, knows, gain, before, chosen, printed, monkeypatch: pytest.MonkeyPatch
+def test_network_processor_and_config_choose(
+    overrides, bf16, before, chosen, printed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Without a gain, measuring one would fail."""
-    monkeypatch.setattr(precision, "multiplies_bf16", lambda: knows)
-    monkeypatch.setattr(precision, "gain_of_half", lambda *_: gain)
-    console = Console(file=StringIO(), width=200)
-    config, network, view = network_of(*overrides)
-    found = precision.choose_precision(config, network, view, before, console)
-    assert found == chosen
+    monkeypatch.setattr(precision, "multiplies_bf16", lambda: bf16)
+    console = Console(file=StringIO(), width=400)
+    assert precision.choose_precision(*network_of(*overrides), console, before) == chosen
     said = console.file.getvalue()
-    assert printed in said if printed else said == ""
+    assert all(part in said for part in printed) if printed else said == ""
 
 
-@pytest.mark.parametrize("model", ["lenet", "ncp", "nvidia_speed"])
-def test_measuring_changes_nothing(model: str) -> None:
-    _, network, view = network_of(f"model={model}")
-    before, state = copy.deepcopy(network.state_dict()), torch.random.get_rng_state()
-    assert 0.01 < precision.gain_of_half(network, view) < 100
-    assert torch.equal(torch.random.get_rng_state(), state)
-    assert all(torch.equal(before[name], one) for name, one in network.state_dict().items())
-    assert all(one.grad is None for one in network.parameters())
+def test_a_sweep_chooses_for_all_its_machines(console: Console) -> None:
+    given = network_of("model=nvidia")
+    chosen = [precision.choose_precision(*given, console, bf16=known) for known in (True, False)]
+    assert chosen == ["bf16-mixed", "32-true"]
 
 
-def test_a_checkpoint_keeps_it_for_a_resumed_run(
+def saved(folder: Path) -> str:
+    return OmegaConf.load(folder / ".hydra" / "config.yaml").trainer.precision
+
+
+def test_the_choice_stands_in_every_file_and_is_kept(
     recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    small = [one for one in SMALL if not one.startswith("model")]
-    words = (*small, "model=lenet", *data_of(recorded), "data.samples_per_epoch=48")
+    words = (*SMALL_LENET, *data_of(recorded), "data.samples_per_epoch=48", CPU)
     monkeypatch.setattr(precision, "multiplies_bf16", lambda: True)
-    monkeypatch.setattr(precision, "gain_of_half", lambda *_: 2.0)
+    monkeypatch.setattr(precision, "LEAST_OPERATIONS", 1_000_000)
     folder = tmp_path / "run"
     run_dir = f"hydra.run.dir={folder}"
-    printed = succeed(run_here(tmp_path, *words, CPU, "trainer.max_epochs=1", run_dir))
+    printed = succeed(run_here(tmp_path, *words, "trainer.max_epochs=1", run_dir))
     assert "trainer.precision=auto: bf16-mixed" in printed
     assert "plan: bf16-mixed on cpu" in printed
     card = read_checkpoint_file(folder / "checkpoints" / "last.ckpt")["drivezoo"]
-    assert (card["precision"], card["config"]["trainer"]["precision"]) == ("bf16-mixed", "auto")
+    assert (card["precision"], card["config"]["trainer"]["precision"]) == 2 * ("bf16-mixed",)
     assert json.loads((folder / "metrics.json").read_text())["precision"] == "bf16-mixed"
+    assert saved(folder) == "bf16-mixed"
 
-    monkeypatch.setattr(precision, "gain_of_half", lambda *_: 0.5)
+    monkeypatch.setattr(precision, "multiplies_bf16", lambda: False)
     printed = succeed(run_here(tmp_path, f"resume={folder}", "trainer.max_epochs=2"))
     assert "plan: bf16-mixed on cpu" in printed
     assert "trainer.precision=auto" not in printed
+
+
+def test_the_first_machine_of_a_sweep_chooses_for_the_others(
+    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The record names what the first machine has; this one has no bfloat16."""
+    monkeypatch.setattr(precision, "LEAST_OPERATIONS", 1_000_000)
+    monkeypatch.setattr(precision, "multiplies_bf16", lambda: False)
+    monkeypatch.setattr("zoo.sweep.sweep_record.multiplies_bf16", lambda: True)
+    words = (*SMALL_LENET, *data_of(recorded), "data.samples_per_epoch=48", CPU)
+    sweep = tmp_path / "sweep"
+    named = f"hydra.sweep.dir={sweep}"
+    succeed(run_here(tmp_path, "-m", *words, "trainer.max_epochs=1", "seed=1,2", named))
+    assert [saved(sweep / name) for name in "01"] == 2 * ["bf16-mixed"]
 
 
 @pytest.mark.parametrize(("algorithm", "order"), [("norm", 2), ("value", torch.inf)])
@@ -106,26 +119,6 @@ def test_it_clips_the_gradients_of_a_fused_optimizer(
         module, _ = train_here(recorded, tmp_path, CPU, *words, f"optim.lr={rate}")
         ends.append(torch.cat([one.detach().flatten() for one in module.network.parameters()]))
     assert float(torch.dist(*ends, order)) == pytest.approx(0.0001, rel=0.02)
-
-
-@pytest.mark.parametrize(
-    ("asked", "then", "knows", "kept"),
-    [
-        ("auto", "bf16-mixed", True, "bf16-mixed"),
-        ("auto", "bf16-mixed", False, "auto"),
-        ("auto", "32-true", True, "32-true"),
-        ("auto", None, True, "auto"),
-        ("auto", "an.attacker", True, "auto"),
-        ("16-mixed", "bf16-mixed", True, "16-mixed"),
-    ],
-)
-def test_a_repeated_run_keeps_it_where_the_processor_has_it(
-    asked, then, knows, kept, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("zoo.rerun.multiplies_bf16", lambda: knows)
-    config = OmegaConf.create({"trainer": {"precision": asked}})
-    _keep_precision(config, then)
-    assert config.trainer.precision == kept
 
 
 def test_a_repeated_run_in_another_precision_says_so(
