@@ -14,7 +14,7 @@ from benchmarks.study_grid import PACKAGED, Entry, Study, run_logged
 from benchmarks.study_tables import CELLS, of_group
 from zoo.base.errors import InputError
 from zoo.base.whole_file import json_text, write_whole
-from zoo.benchmark.result import LEVEL_NEEDED, NAME, NEEDED, BenchmarkResult
+from zoo.benchmark.result import DIGESTS, LEVEL_NEEDED, NAME, NEEDED, BenchmarkResult
 from zoo.benchmark.suite import OVERALL
 from zoo.cli.compose import compose_config
 from zoo.runs.metrics_file import read_metrics_file
@@ -113,7 +113,7 @@ def rows_of_board(suite: str = "v1") -> list[Row]:
     `bfloat16`; these have no rank.
 
     Raises:
-        InputError: a result is damaged.
+        InputError: a result is damaged, or results were driven by several versions of the code.
     """
     from zoo.compare import differences as of
 
@@ -122,6 +122,14 @@ def rows_of_board(suite: str = "v1") -> list[Row]:
         (_track_of(command_of(entry.result)) or entry.kind, entry)
         for entry in of.in_order(of.read_entries(*folders))
     ]
+    results = [entry.result for _, entry in by_kind]
+    # Those of older digests were driven by several versions, as their pages say.
+    codes = {one.code.get("hash"): one.entry for one in results if one.digests == DIGESTS}
+    if len(codes) > 1:
+        raise InputError(
+            f"{BOARDS[suite]}: {' and '.join(codes.values())} were driven by different code; drive "
+            "all entries by one commit"
+        )
     by_kind.sort(key=lambda one: one[0] != of.RANKED)
     ranked = [entry for kind, entry in by_kind if kind == of.RANKED]
     ranks = of.possible_ranks(of.compare_pairs(ranked), len(ranked))

@@ -10,19 +10,62 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from benchmarks.board_rows import add_submission, board_page, rows_of_board
+from benchmarks.board_rows import BOARDS, add_submission, board_page, rows_of_board
 from benchmarks.measuring import merge, print_table, read_csv, write_csv
 from benchmarks.study_grid import Entry, Study
 from benchmarks.study_tables import packaged, write_tables
 from zoo.base.errors import InputError
+from zoo.runs.code_fingerprint import changed_files, code_fingerprint
+from zoo.runs.metrics_file import read_metrics_file
+
+CODE = "code"  # column of a row's code, by its hash
+ROOT = Path(__file__).resolve().parents[1]
+# Files that studies write: tables and figures, results of boards, and networks that come trained.
+WRITTEN = (
+    "docs/",
+    "zoo/checkpoints/packaged/",
+    *(f"{path.as_posix()}/" for path in BOARDS.values()),
+)
+
+
+def refuse_unclean(study: Study) -> None:
+    """Refuse to measure figures in a checkout whose files differ from its commit.
+
+    Raises:
+        InputError: a file differs that a study does not write itself.
+    """
+    if not study.options.drive or study.options.quick:
+        return
+    for name in changed_files(ROOT):
+        if not name.startswith(WRITTEN):
+            raise InputError(
+                f"{name}: differs from the commit, so that nobody could repeat the figures; commit "
+                "it first, train alone with drive=false, or try with quick=true"
+            )
+
+
+def check_code(entry: Entry) -> None:
+    """Check that an entry's runs were trained by the code that drives them.
+
+    Raises:
+        InputError: a run was trained by other code.
+    """
+    for run in entry.finished:
+        trained = {} if entry.corrects else read_metrics_file(run).get("code") or {}
+        if (code := trained.get("hash")) not in (None, code_fingerprint()["hash"]):
+            raise InputError(
+                f"{run}: was trained by other code ({code}, here {code_fingerprint()['hash']}); "
+                "remove the folder to train it again"
+            )
 
 
 def add_rows(study: Study, rows: list[dict]) -> None:
     """Add rows to the study's CSV file, in place of older ones of the same key."""
     if rows and "csv" in study.config:
-        path = Path(study.config["csv"])
+        path, code = Path(study.config["csv"]), {CODE: str(code_fingerprint()["hash"])}
         columns = {name: study.config.get(name, ()) for name in ("key", "same", "sort")}
-        write_csv(path, merge(read_csv(path), rows, **columns))
+        before = [{CODE: "", **row} for row in read_csv(path)]
+        write_csv(path, merge(before, [row | code for row in rows], **columns))
 
 
 def measure_entry(study: Study, entry: Entry) -> None:
@@ -36,6 +79,7 @@ def measure_entry(study: Study, entry: Entry) -> None:
     with ThreadPoolExecutor(study.options.jobs) as pool:
         list(pool.map(lambda run: study.train(entry, run), entry.runs))
     if study.options.drive:
+        check_code(entry)
         add_rows(study, ROWS[study.config["rows"]](study, entry))
 
 
@@ -47,6 +91,7 @@ def make_runs(study: Study) -> list[str]:
     """
     from benchmarks.study_data import PREPARE
 
+    refuse_unclean(study)
     chosen, failed = study.chosen(), []
     if "prepare" in study.config:
         study.values |= PREPARE[study.config["prepare"]](study)
@@ -63,11 +108,21 @@ def write_results(study: Study) -> list[Path]:
     """Write the study's pages from its rows, and return the files.
 
     A study without a table is printed.
+
+    Raises:
+        InputError: the rows were measured by several versions of the code.
     """
     config = study.config
     if suite := config.get("board"):  # of the committed results alone
         write_csv(Path(config["csv"]), rows_of_board(suite))
     rows = read_csv(Path(config["csv"])) if "csv" in config else packaged()
+    is_table = "csv" in config and "board" not in config
+    codes = {row[CODE] for row in rows if is_table and row.get(CODE)}  # older rows lack theirs
+    if len(codes) > 1:
+        raise InputError(
+            f"{config['csv']}: its rows were measured by {len(codes)} versions of the code "
+            f"({', '.join(sorted(codes))}); measure all entries by one"
+        )
     pages = write_tables(config.get("tables", []), rows)
     if "page" in config:
         board_page(rows, Path(config["page"]))

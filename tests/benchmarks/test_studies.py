@@ -76,6 +76,12 @@ def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.fixture(autouse=True)
+def clean(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the checkout be as its commit, whatever a developer has changed."""
+    monkeypatch.setattr(study, "changed_files", lambda _: [])
+
+
 def line_of(page: str, begin: str) -> str:
     lines = Path(page).read_text().splitlines()
     (line,) = [line for line in lines if line.startswith(begin)]
@@ -122,6 +128,47 @@ def test_the_committed_pages_are_those_of_the_committed_figures(
 def test_a_wrong_option_is_named(arguments: list[str], named: str) -> None:
     with pytest.raises(InputError, match=named):
         study.main(arguments)
+
+
+@pytest.mark.parametrize(
+    ("changed", "arguments", "named"),
+    [
+        ("zoo/policy.py", [], "zoo/policy.py: differs from the commit"),
+        ("docs/claims.csv", [], "no entry Z"),
+        ("benchmarks/board_v2/lenet/result.json", [], "no entry Z"),
+        ("zoo/policy.py", ["quick=true"], "no entry Z"),
+        ("zoo/policy.py", ["drive=false"], "no entry Z"),
+    ],
+)
+def test_figures_are_measured_from_a_commit(
+    changed: str, arguments: list[str], named: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A study's own tables may have changed: it writes them while it runs."""
+    monkeypatch.setattr(study, "changed_files", lambda _: [changed])
+    monkeypatch.setattr(Study, "chosen", lambda _: (_ for _ in ()).throw(InputError("no entry Z")))
+    with pytest.raises(InputError, match=named):
+        study.main(["claims", *arguments])
+
+
+def test_rows_of_two_versions_of_the_code_make_no_table(
+    pages: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = Study("claims", [])
+    rows = [CLAIM, CLAIM | CLEAN]
+    for row, code in zip(rows, ("aaaa", "bbbb"), strict=True):
+        monkeypatch.setattr(study, "code_fingerprint", lambda code=code: {"hash": code})
+        study.add_rows(opened, [row])
+    with pytest.raises(InputError, match=r"claims\.csv: .*2 versions of the code \(aaaa, bbbb\)"):
+        study.write_results(opened)
+
+
+def test_a_run_of_other_code_is_not_driven(tmp_path: Path) -> None:
+    entry = Entry("lenet", {}, ("model=lenet",), tmp_path, 1)
+    trained(entry.runs[0])
+    study.check_code(entry)  # an older run, which does not name its code
+    trained(entry.runs[0], {"version": 1, "code": {"hash": "aaaa"}})
+    with pytest.raises(InputError, match=r"was trained by other code \(aaaa, here "):
+        study.check_code(entry)
 
 
 # The grid
@@ -188,9 +235,9 @@ def test_every_colour_and_crop_that_an_import_tries_is_an_entry() -> None:
         assert len({entry.words[place] for entry in some}) == len(kinds)
 
 
-def trained(run: Path) -> None:
-    (run / "metrics.json").parent.mkdir(parents=True)
-    (run / "metrics.json").write_text("{}")
+def trained(run: Path, metrics: dict | None = None) -> None:
+    (run / "metrics.json").parent.mkdir(parents=True, exist_ok=True)
+    (run / "metrics.json").write_text(json.dumps(metrics or {"version": 1}))
 
 
 def test_a_finished_run_is_not_repeated_and_a_failed_entry_not_the_last(

@@ -26,6 +26,7 @@ from zoo.benchmark.drives import (
 )
 from zoo.benchmark.result import (
     ANALYSIS,
+    DIGESTS,
     SCORES,
     VERSION,
     BenchmarkResult,
@@ -44,6 +45,7 @@ from zoo.benchmark.summary import (
     overall,
     summarize_drives,
 )
+from zoo.drives.drives_table import tied_line
 from zoo.drives.metrics import DRIVES, METRICS
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.page import Page
@@ -174,6 +176,7 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
             drives=drives,
             **vars(summarize_drives(drives)),
             digest=digest_of_drives(drives),
+            digests=DIGESTS,
         )
         written = write_entry(folder, result)
         finished.remove()
@@ -267,8 +270,9 @@ def print_result(result: BenchmarkResult, console: Console) -> None:
     console.print(Table(cells).printed(left=1, box=SIMPLE_HEAD, pad_edge=False, **style))
     if levels := levels_table(result):
         console.print(levels.printed(left=1, box=SIMPLE_HEAD, pad_edge=False), highlight=False)
-    digest = f"digest of the drives: {result.digest}"
-    for line in (*difference_lines(result), overall_line(result), digest):
+    lines = [*difference_lines(result), overall_line(result)]
+    lines += filter(None, [tied_line([driver.model_dump() for driver in result.checkpoints])])
+    for line in (*lines, f"digest of the drives: {result.digest}"):
         console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
 
 

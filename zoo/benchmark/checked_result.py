@@ -3,6 +3,7 @@
 import functools
 import math
 import random
+from collections.abc import Sequence
 from pathlib import Path, PureWindowsPath
 
 from rich.console import Console
@@ -14,6 +15,7 @@ from zoo.base.terminal import printable
 from zoo.benchmark.baselines import HUMAN, NO_CHECKPOINT
 from zoo.benchmark.result import (
     ANALYSIS,
+    DIGESTS,
     LEVEL_NEEDED,
     NEEDED,
     VERSION,
@@ -28,6 +30,7 @@ from zoo.benchmark.result import (
 from zoo.benchmark.suite import LIKE, Road, Suite, find_suite, read_suite, road_of, suite_names
 from zoo.benchmark.summary import Summary, summarize_drives
 from zoo.checkpoints.checkpoint_path import find_checkpoint
+from zoo.drives.drives_table import tied_line
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.record_fields import check_fields
 
@@ -178,11 +181,7 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
     check_suite(result, found, path)
     folder = path if path.is_dir() else path.parent
     drivers = [_driver(one, folder, path) for one in result.checkpoints]
-    if result.code.get("hash") != code_fingerprint()["hash"]:
-        line = (
-            f"the result is of other code ({code_name(result.code)}; here "
-            f"{code_name(code_fingerprint())}): digests may differ"
-        )
+    for line in caveats(result):
         console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
     by_road = {drive.key: drive for drive in found.drives}
     numbers = range(len(result.drives))
@@ -193,13 +192,42 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
     driven = drive_suite(drivers, jobs, found.mean_steering, workers, console)
     counted = f"{len(recorded)} of {len(result.drives)} drives repeated"
     lines = list(filter(None, map(difference_line, recorded, driven)))
-    for line in lines or [f"{path}: {counted}: all digests are equal"]:
+    equal = "all digests" if not lines else f"{len(recorded) - len(lines)} digests"
+    total = f"{path}: {counted}: {equal} are equal; {repeated_line(recorded, driven)}"
+    for line in [*lines, total]:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     if lines:
         raise InputError(
             f"{path}: {counted}: {len(lines)} with another digest or other figures; repeat it with "
-            f"the code that drove it ({code_name(result.code)}), on the same kind of machine"
+            f"the code that drove it ({code_name(result.code)})"
         )
+
+
+def caveats(result: BenchmarkResult) -> list[str]:
+    """Return why the digests of a result may differ here, a line each."""
+    here = code_fingerprint()
+    other_code = f"the result is of other code ({code_name(result.code)}; here {code_name(here)})"
+    reasons = [other_code] if result.code.get("hash") != here["hash"] else []
+    if result.digests < DIGESTS and any(driver.sha256 for driver in result.checkpoints):
+        reasons.append("the result's networks computed in single precision, now in double")
+    if tied := tied_line([driver.model_dump() for driver in result.checkpoints]):
+        reasons.append(tied)
+    return [f"{reason}: digests may differ" for reason in reasons]
+
+
+def repeated_line(recorded: Sequence[DriveRecord], driven: Sequence[DriveRecord]) -> str:
+    """Return how many drives ended as before, clean or failed, and how far figures are apart."""
+    same = sum(old.is_clean == new.is_clean for old, new in zip(recorded, driven, strict=True))
+    apart = {
+        name: max(
+            abs((new.figures[name] or 0) - (old.figures[name] or 0))
+            for old, new in zip(recorded, driven, strict=True)
+        )
+        for name in NEEDED
+    }
+    figures = ", ".join(f"{name} by {value:.2g}" for name, value in apart.items() if value)
+    differ = f"figures differ by at most: {figures}" if figures else "all figures are equal"
+    return f"{same} of {len(recorded)} are clean or failed as before; {differ}"
 
 
 def difference_line(old: DriveRecord, new: DriveRecord) -> str:
@@ -239,7 +267,7 @@ def _driver(record: Driver, folder: Path, path: Path) -> Driver:
         )
     driver = read_driver(file)
     for name, own in driver.model_dump().items():
-        if name != "file" and getattr(record, name) != own:
+        if name not in ("file", "tied") and getattr(record, name) != own:
             raise InputError(
                 f"{path}: checkpoints: {name}: is {getattr(record, name)}, but {file} has {own}; "
                 "the file was changed"

@@ -237,4 +237,5 @@ def read_driver(path: Path) -> Driver:
         parameters=policy.parameters,
         training_seed=seed if isinstance(seed, int) else None,
         data=str(policy.data.get("fingerprint") or ""),
+        tied=policy.scored().tied,
     )

@@ -8,10 +8,12 @@ from pydantic import Field
 
 from zoo.base.errors import InputError
 from zoo.base.whole_file import json_text, write_whole
+from zoo.runs.code_fingerprint import CodeFacts
 from zoo.runs.record_fields import Count, Fields, Number, Whole
 
 NAME = "result.json"
 VERSION = 1
+DIGESTS = 2  # 1: networks computed in single precision, and differed between processors
 ANALYSIS = 2  # 1: other intervals, and an interquartile mean as the headline
 MOST = 1e6  # metres, seconds or interventions of a drive
 NEEDED = {  # figures of every drive, with their smallest and largest value
@@ -45,6 +47,7 @@ class Driver(Fields):
         parameters: number of parameters.
         training_seed: random seed of the training; None where it is unknown.
         data: fingerprint of the training data; empty where it is unknown.
+        tied: why its drives differ on another processor; empty if they do not.
     """
 
     file: str
@@ -53,6 +56,7 @@ class Driver(Fields):
     parameters: Count
     training_seed: Whole | None
     data: str
+    tied: str = ""
 
 
 class DriveRecord(Fields):
@@ -83,7 +87,7 @@ class BenchmarkResult(Fields):
         version: version of the format.
         suite: name of the suite.
         roads: 16 hexadecimal digits of the contents of the drawn roads.
-        code: hash and commit of the code, as in `metrics.json`.
+        code: hash, commit and changed files of the code, as in `metrics.json`.
         entry: name of the entry.
         checkpoints: drivers, one for each training seed.
         drives: drives of each checkpoint in turn.
@@ -91,12 +95,13 @@ class BenchmarkResult(Fields):
         groups: by group and figure, the figure with its interval; also of all but the laps.
         differences: by group and figure, the mean difference to the clean partners.
         digest: 16 hexadecimal digits of the digests of all drives.
+        digests: version of the digests.
     """
 
     version: Whole
     suite: str
     roads: str
-    code: dict[str, str | None]
+    code: CodeFacts
     entry: str
     checkpoints: list[Driver]
     drives: list[DriveRecord]
@@ -104,6 +109,7 @@ class BenchmarkResult(Fields):
     groups: dict[str, dict[str, Interval]]
     differences: dict[str, dict[str, Interval]] = Field(default_factory=dict)
     digest: str
+    digests: Whole = 1
 
     @property
     def has_levels(self) -> bool:
@@ -137,9 +143,9 @@ def write_result(folder: Path, result: BenchmarkResult) -> Path:
     return write_whole(folder / NAME, json_text(result.model_dump()))
 
 
-def code_name(code: dict[str, str | None]) -> str:
+def code_name(code: CodeFacts) -> str:
     """Return the commit of the code that drove a result, or its hash."""
-    return code.get("commit") or code.get("hash") or "unknown"
+    return str(code.get("commit") or code.get("hash") or "unknown")
 
 
 def check_distinct(drivers: Sequence[Driver], place: str = "") -> None:

@@ -59,6 +59,7 @@ class Policy:
             without a checkpoint.
         engine: facts about what runs the network, see `chosen_forward`; empty without a network.
         rig: driven car, see `in_car`; None if it is unknown.
+        tied: why the same frames give other commands on another processor; empty if they do not.
     """
 
     name: str = "policy"
@@ -72,6 +73,7 @@ class Policy:
     data: Mapping[str, Any] = MappingProxyType({})
     engine: Mapping[str, Any] = MappingProxyType({})
     rig: Rig | None = None
+    tied: str = ""
 
     def __call__(self, frame: Any, speed_mph: float) -> Command:
         """Return the command for a frame.
@@ -88,6 +90,10 @@ class Policy:
     def session(self) -> "Policy":
         """Return the policy for one more car: with a state of its own, if it keeps one."""
         return self
+
+    def scored(self) -> "Policy":
+        """Return a session for a drive that is scored: equal on all processors, where it can be."""
+        return self.session()
 
     def expect(self, steering: np.ndarray) -> None:
         """Take the steering of the wheels from now until a command reaches them.
@@ -135,6 +141,8 @@ class FunctionPolicy(Policy):
     ('steer_left', -0.1)
     """
 
+    tied = "a function, whose arithmetic is unknown"
+
     def __init__(self, function: PolicyFunction) -> None:
         self.function = function
         self.name = getattr(function, "__name__", type(function).__name__)
@@ -171,7 +179,7 @@ class PolicyWrapper(Policy):
     takes_speed, predicts_spread = map(_forwarded, ("takes_speed", "predicts_spread"))
     latency_s = _forwarded("latency_s")
     view, config, data, engine = map(_forwarded, ("view", "config", "data", "engine"))
-    members = _forwarded("members")
+    members, tied = map(_forwarded, ("members", "tied"))
 
     def __call__(self, frame: Any, speed_mph: float) -> Command:
         """Return the wrapped policy's command for a frame."""
@@ -183,8 +191,15 @@ class PolicyWrapper(Policy):
 
     def session(self) -> "Policy":
         """Return a copy that wraps a session of the policy."""
+        return self._around(self.policy.session())
+
+    def scored(self) -> "Policy":
+        """Return a copy that wraps the policy for a drive that is scored."""
+        return self._around(self.policy.scored())
+
+    def _around(self, policy: Policy) -> "Policy":
         other = copy.copy(self)
-        other.policy = self.policy.session()
+        other.policy = policy
         return other
 
     def expect(self, steering: np.ndarray) -> None:

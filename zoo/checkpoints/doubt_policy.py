@@ -51,6 +51,7 @@ class EnsemblePolicy(Policy):
         self.parameters = sum(one.parameters for one in self.members)
         self.takes_speed = any(one.takes_speed for one in self.members)
         self.outputs = min(one.outputs for one in self.members)
+        self.tied = next((member.tied for member in self.members if member.tied), "")
 
     @property
     def members(self) -> tuple[Policy, ...]:
@@ -69,6 +70,10 @@ class EnsemblePolicy(Policy):
     def session(self) -> "EnsemblePolicy":
         """Return an ensemble for one more car."""
         return EnsemblePolicy([one.session() for one in self.members])
+
+    def scored(self) -> "EnsemblePolicy":
+        """Return an ensemble of members for a drive that is scored."""
+        return EnsemblePolicy([member.scored() for member in self.members])
 
     @property
     def latency_s(self) -> float | None:
@@ -123,10 +128,13 @@ class DropoutPolicy(NetworkPolicy):
         self.name = f"{self.name} with {samples} dropout samples"
         model = {**checkpoint.config.get("model", {}), "name": self.name}
         self.config = checkpoint.config | {"model": model}
-        sampled = replace(
-            checkpoint, network=SampledNetwork(self.network, self.view, samples, seed)
-        )
+        self.sampled = SampledNetwork(self.network, self.view, samples, seed)
+        sampled = replace(checkpoint, network=self.sampled)
         self.forward, self.engine = chosen_forward(sampled, engine, threads)
+
+    def scored(self) -> "DropoutPolicy":
+        """Return the policy that computes in double precision; see `double_forward`."""
+        return self.in_double(self.sampled)
 
     @torch.inference_mode()
     def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:

@@ -1,9 +1,10 @@
 """A checkpoint's network in a policy: its facts, and a fast forward pass of the same output."""
 
+import copy
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -66,6 +67,30 @@ def quick_forward(network: nn.Module, view: View) -> Callable[..., Any]:
     return step
 
 
+def double_forward(network: nn.Module, view: View) -> Callable[..., Any]:
+    """Return a function with a network's outputs, computed in double precision.
+
+    The outputs are rounded to single precision, a state is not. In single precision the outputs
+    differ between processors by 1e-7, since sums are in another order. In double precision they
+    differ by 1e-16, which the rounding hides in all but one of 100 million.
+
+    Raises:
+        RuntimeError, TypeError: a layer computes in single precision alone.
+    """
+    doubled = copy.deepcopy(network).double()
+    trials(doubled, as_step(doubled), view)  # raises what `quick_forward` would hide
+    forward = quick_forward(doubled, view)
+
+    def rounded(*inputs: Tensor) -> Any:
+        given = (tensor.double() if tensor.is_floating_point() else tensor for tensor in inputs)
+        outputs, *state = tensors(found := forward(*given))
+        single = outputs.float()
+        single = single + 0 * single  # NaN where single precision would have overflowed
+        return single if isinstance(found, Tensor) else (single, *state)
+
+    return rounded
+
+
 def as_step(network: nn.Module) -> nn.Module:
     """Return the step of a network with memory, and any other network as it is."""
     return Step(network) if isinstance(network, Memory) else network
@@ -79,9 +104,11 @@ def trials(
     speed = 20.0 if network.takes_speed else None
     images = np.random.default_rng(0).integers(0, 256, (3, *view.shape), np.uint8)
     state = network.first_state() if isinstance(network, Memory) else ()
+    weight = next(network.parameters(), torch.empty(0))
     inputs, wanted = [], []
     for image in images:
-        inputs.append((*network_inputs(image, speed), *state))
+        given = network_inputs(image, speed)
+        inputs.append((given[0], *(speeds.to(weight.dtype) for speeds in given[1:]), *state))
         wanted.append(tensors(step(*inputs[-1])))
         state = wanted[-1][1:]
     return inputs, wanted
@@ -102,6 +129,9 @@ def largest_difference(found: Sequence[Any], wanted: Sequence[tuple[Tensor, ...]
     return float(torch.stack(differences).max())
 
 
+Network = TypeVar("Network", bound="NetworkPolicy")  # typing.Self needs Python 3.11
+
+
 class NetworkPolicy(Policy):
     """A policy with the network of a checkpoint and its facts, as in `OnnxPolicy`.
 
@@ -112,6 +142,9 @@ class NetworkPolicy(Policy):
         network: network in evaluation mode, on the CPU; must not be changed.
     """
 
+    tied = "computes in single precision"
+    forward: Callable[..., Any]
+
     def __init__(self, checkpoint: Checkpoint) -> None:
         self.network, self.view = checkpoint.network, checkpoint.view
         self.config, self.data = checkpoint.config, checkpoint.data
@@ -120,3 +153,17 @@ class NetworkPolicy(Policy):
         facts: Any = self.network
         self.takes_speed, self.outputs = facts.takes_speed, facts.outputs
         self.predicts_spread = getattr(self.network, "predicts_spread", False)
+        self._doubled: list[Callable[..., Any]] = []  # shared by all sessions
+
+    def in_double(self: Network, network: nn.Module) -> Network:
+        """Return a session that computes `network` as `double_forward` does, if that can be."""
+        other: Any = copy.copy(self.session())
+        try:
+            if not self._doubled:
+                self._doubled.append(double_forward(network, self.view))
+        except (RuntimeError, TypeError) as error:  # of torch, at a layer
+            reason = f"{self.name} computes in single precision alone"
+            other.tied = f"{reason} ({' '.join(str(error).split()):.100})"
+        else:
+            other.forward, other.tied = self._doubled[0], ""
+        return other

@@ -56,6 +56,7 @@ class OnnxPolicy(SessionPolicy):
     """
 
     engine = MappingProxyType({"name": ONNX})
+    tied = "onnxruntime computes in single precision"
 
     def __init__(self, path: str | Path, threads: int = 1) -> None:
         self.path = Path(path)

@@ -30,7 +30,7 @@ from zoo.checkpoints.checkpoint import (
 from zoo.checkpoints.command import Command, output_command
 from zoo.checkpoints.doubt_policy import DropoutPolicy, EnsemblePolicy
 from zoo.checkpoints.engine import Engine, chosen_forward
-from zoo.checkpoints.frame_memory import SessionPolicy
+from zoo.checkpoints.frame_memory import FrameMemory, SessionPolicy
 from zoo.checkpoints.frozen_graph import NetworkPolicy, network_inputs
 from zoo.checkpoints.onnx_policy import OnnxPolicy, is_onnx
 from zoo.models.memory import Memory
@@ -59,6 +59,15 @@ class CheckpointPolicy(NetworkPolicy, SessionPolicy):
         self.forward, self.engine = chosen_forward(checkpoint, engine, threads)
         if isinstance(self.network, Memory):
             self.keep_memory(self.network.first_state(), self.network.window, self.data)
+
+    def scored(self) -> "CheckpointPolicy":
+        """Return a session that computes in double precision; see `double_forward`."""
+        other = self.in_double(self.network)
+        if isinstance(self.network, Memory) and not other.tied:
+            state = self.network.first_state()
+            first = [part.double() if part.is_floating_point() else part for part in state]
+            other.memory = FrameMemory(first, self.window.stride)
+        return other
 
     @torch.inference_mode()
     def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:

@@ -163,7 +163,7 @@ class Labelled(PolicyMaker):
     def policy(self, world: EmbeddedWorld, scenario: Scenario) -> LabellingPolicy:
         """Return the checkpoint's policy, labelled by the expert of the world."""
         return LabellingPolicy(
-            load_kept(self.checkpoint).session(),
+            load_kept(self.checkpoint).scored(),
             world.simulated,
             self.options.expert_speed,
             self.beta,

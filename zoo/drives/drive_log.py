@@ -43,6 +43,7 @@ class Known(Fields):
     seed: Whole | None = None
     nan_frames: Whole | None = None
     infractions: dict[str, Whole] | None = None
+    tied: str | None = None
     checkpoint: str | None = None
     set_mph: Number | None = None
     latency_percentiles_ms: dict[str, Number | None] | None = None
@@ -94,10 +95,10 @@ def read_summary(path: Path) -> dict:
 
 
 def summarize(drive: Drive) -> dict:
-    """Return a drive's track, seed, metrics and infractions, and `nan_frames` if there are some."""
+    """Return a drive's track, seed and metrics; and infractions, ..., if there are some."""
     figures = {"track": drive.track, "seed": drive.seed, **measure(drive)}
-    figures |= {"infractions": drive.infractions} if drive.infractions else {}
-    return figures | ({"nan_frames": drive.nan_frames} if drive.nan_frames else {})
+    more = {name: getattr(drive, name) for name in ("infractions", "nan_frames", "tied")}
+    return figures | {name: value for name, value in more.items() if value}
 
 
 def write_drive(folder: Path, drive: Drive, **more: object) -> None:

@@ -78,6 +78,7 @@ class Drive:
         episode_return: sum of the rewards per episode of a Gymnasium environment.
         expert_steering_per_s: steering change per second of the expert, or of a replay's recorded
             driver.
+        tied: why the drive differs on another processor; empty if it does not, or is of a socket.
         xy: positions of the car in metres, float64 [N, 2].
         distance_m: distance along the lap from the track's first point in metres, float64 [N].
 
@@ -110,6 +111,7 @@ class Drive:
     infractions: Mapping[str, int] = field(default_factory=dict)
     episode_return: float = math.nan
     expert_steering_per_s: float = math.nan
+    tied: str = ""
     xy: np.ndarray | None = None
     distance_m: np.ndarray | None = None
 

@@ -73,6 +73,18 @@ def nan_line(drives: list[dict]) -> str | None:
     )
 
 
+def tied_line(drives: Sequence[dict]) -> str | None:
+    """Return a line if drives differ on another processor, else None.
+
+    >>> tied_line([{"tied": "opengl draws the frames"}])
+    'another kind of processor gives other figures: opengl draws the frames'
+    """
+    reasons = dict.fromkeys(drive["tied"] for drive in drives if drive.get("tied"))
+    return (
+        f"another kind of processor gives other figures: {', '.join(reasons)}" if reasons else None
+    )
+
+
 def with_deviation(figure: Spread, form: str, drives: int | None = None) -> str:
     """Return a formatted mean with its deviation, and the number of drives if given.
 

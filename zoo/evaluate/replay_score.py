@@ -22,7 +22,13 @@ from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.checkpoints.policy import load_policy
 from zoo.drives.drive_log import write_drive
 from zoo.drives.drive_record import Drive, DriveRow
-from zoo.drives.drives_table import figure_columns, mean_and_spread, nan_line, print_drives
+from zoo.drives.drives_table import (
+    figure_columns,
+    mean_and_spread,
+    nan_line,
+    print_drives,
+    tied_line,
+)
 from zoo.drives.metrics import METRICS, REPLAYS, measure
 from zoo.evaluate.drive_plots import error_over_distance
 from zoo.evaluate.evaluate_options import ReplayOptions
@@ -129,6 +135,7 @@ def replay_recording(
         problem = f"{name}: {nan}" if nan else ""
         on_track = source is None and source_of(policy.data) is None
         notes = [world.words] * (source is not None) + keyboard_lines(recording, on_track)
+        notes += filter(None, [tied_line([{"tied": drive.tied}])])
         following = ["film", folder] if options.frames else ["evaluate", name]
         if not on_track and not options.frames:
             more = replace(options, frames=True, out=None, table=None, columns=None)

@@ -27,7 +27,7 @@ from zoo.cli.console_progress import working
 from zoo.drives.drive_film import DriveFilm, WorstMoments
 from zoo.drives.drive_log import summarize, write_drive
 from zoo.drives.drive_record import Drive, DriveRow
-from zoo.drives.drives_table import mean_and_spread, nan_line, with_deviation
+from zoo.drives.drives_table import mean_and_spread, nan_line, tied_line, with_deviation
 from zoo.drives.metrics import steering_per_s
 from zoo.evaluate.drive_plots import birds_eye, error_over_distance, road_line
 from zoo.evaluate.evaluate_options import EvaluateOptions, ReplayMph, check_world
@@ -209,6 +209,8 @@ def score_on_tracks(
     by_scenario = dict(zip(driven, figures, strict=True))
     if warning := nan_line(figures):
         console.print(f"warning: {warning}", style="red", highlight=False, markup=False)
+    if line := tied_line(figures):
+        print_line(console, line)
     tracks = {}
     for track in dict.fromkeys(one.track for one in scenarios):
         own = [one for one in scenarios if one.track == track]

@@ -51,11 +51,12 @@ class Normalize(nn.Module):
     def __init__(self, scale: tuple[float, float] = SCALE) -> None:
         super().__init__()
         self.divisor, self.shift = checked_scale(scale)
+        # The network's numbers, whatever its conversion: bfloat16, single or double precision.
+        self.register_buffer("of_network", torch.empty(0), persistent=False)
 
     def forward(self, images: Tensor) -> Tensor:
         """Return float images: pixel / divisor - shift."""
-        dtype = images.dtype if images.is_floating_point() else torch.get_default_dtype()
-        return images.to(dtype) / self.divisor - self.shift
+        return images.to(self.of_network.dtype) / self.divisor - self.shift
 
     def extra_repr(self) -> str:
         """Return the scale, for a printed network."""

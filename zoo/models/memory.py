@@ -52,10 +52,12 @@ class Memory(nn.Module):
 
     def first_state(self, count: int = 1) -> State:
         """Return the state before the first frame: zeros, for `count` cars."""
-        device = next(self.parameters()).device
+        weight = next(self.parameters())
         return tuple(
-            torch.zeros((count, *shape), dtype=dtype, device=device)
-            for shape, dtype in self.state_shapes()
+            weight.new_zeros(
+                (count, *shape), dtype=weight.dtype if kind.is_floating_point else kind
+            )
+            for shape, kind in self.state_shapes()
         )
 
     def newest(self, predicted: Tensor) -> Tensor:

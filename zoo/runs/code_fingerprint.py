@@ -6,6 +6,7 @@ import platform
 import subprocess
 from importlib.metadata import version
 from pathlib import Path
+from typing import TypeAlias
 
 from zoo.cli.compose import conf_folder
 
@@ -19,16 +20,24 @@ def package_versions() -> dict[str, str]:
     return {"python": platform.python_version()} | {name: version(name) for name in VERSIONS}
 
 
+# What a result says of its code: `hash`, `commit` and `changed`.
+CodeFacts: TypeAlias = dict[str, str | list[str] | None]
+MOST_CHANGED = 100  # named files
+
+
 @functools.cache
-def code_fingerprint() -> dict[str, str | None]:
-    """Return the code's `hash` and git `commit`, for `metrics.json`.
+def code_fingerprint() -> CodeFacts:
+    """Return the code's `hash` and git `commit`, and the `changed` files, for `metrics.json`.
 
     The hash is of the names and contents of drivezoo's `.py` files and of `conf`'s YAML files. The
-    commit is None outside a git checkout, and ends in `-dirty` if files differ from it. The first
-    call's result is kept: later edits do not change the code that this process has imported.
+    commit is None outside a git checkout, and ends in `-dirty` if files differ from it, which are
+    named. The first call's result is kept: later edits do not change the code that this process has
+    imported.
     """
     root = Path(__file__).resolve().parents[2]
-    return {"hash": hash_of_code(root, conf_folder()), "commit": commit_of(root)}
+    facts: CodeFacts = {"hash": hash_of_code(root, conf_folder()), "commit": commit_of(root)}
+    changed = changed_files(root)
+    return facts | ({"changed": changed[:MOST_CHANGED]} if changed else {})
 
 
 def hash_of_code(root: Path, conf: Path) -> str:
@@ -49,14 +58,28 @@ def hash_of_code(root: Path, conf: Path) -> str:
 
 def commit_of(root: Path) -> str | None:
     """Return the commit of the checkout `root`; None if it is not one, or without git."""
-    if not (root / ".git").exists():  # a parent folder may be another project's checkout
-        return None
     options = ("--always", "--dirty", "--abbrev=12", "--exclude=*")
-    command = ["git", "-C", str(root), "describe", *options]
+    return _git(root, "describe", *options).strip() or None
+
+
+def changed_files(root: Path) -> list[str]:
+    """Return the tracked files of the checkout `root` that differ from its commit."""
+    return _git(root, "diff", "HEAD", "--name-only", "-z").split("\0")[:-1]
+
+
+def _git(root: Path, *words: str) -> str:
+    """Return the output of a command of git; empty outside a checkout, or without git."""
+    if not (root / ".git").exists():  # a parent folder may be another project's checkout
+        return ""
     try:
-        found = subprocess.run(
-            command, capture_output=True, text=True, encoding="utf-8", timeout=10, check=False
-        )
+        return subprocess.run(
+            ["git", "-C", str(root), *words],
+            capture_output=True,
+            text=True,
+            encoding="utf-8",
+            errors="replace",
+            timeout=10,
+            check=False,
+        ).stdout
     except (OSError, subprocess.TimeoutExpired):
-        return None
-    return found.stdout.strip() or None
+        return ""

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from zoo.base.bounded_files import check_version, read_json
 from zoo.base.whole_file import json_text, write_whole
+from zoo.runs.code_fingerprint import CodeFacts
 from zoo.runs.record_fields import Fields, Figures, Number, Whole, check_fields, plain
 
 NAME = "metrics.json"
@@ -61,7 +62,7 @@ class Metrics(Fields):
     precision: str | None = None
     data: Data | None = None
     findings: list[dict] | None = None
-    code: dict[str, str | None] | None = None
+    code: CodeFacts | None = None
     versions: dict[str, str | None] | None = None
     verdict: dict | None = None
     checkpoint: str | None = None

@@ -112,7 +112,12 @@ class Warp:
         way = self._place(right_m, heading_rad) - _place_m(recorded)
         turned = _matrix(recorded).T @ turn @ _matrix(center)
         moved = -_matrix(recorded).T @ way / center.up_m
-        x, y, ahead = np.column_stack([turned, moved]).astype(np.float32) @ self._rays[:, pixels]
+        rays = self._rays[:, pixels]
+        # Not `@`: BLAS sums in another order on another processor, which moves pixels.
+        x, y, ahead = (
+            a * rays[0] + b * rays[1] + c * rays[2] + d * rays[3]
+            for a, b, c, d in np.column_stack([turned, moved]).astype(np.float32)
+        )
         across, down = self._focal_px(camera)
         ahead = np.maximum(ahead, np.float32(1e-3))
         x *= np.float32(across) / ahead

@@ -53,6 +53,7 @@ class DonkeyWorld(World):
     """
 
     frame_rate = RATE
+    tied = "another program's world"
 
     def __init__(self, address: str, sockets: Any = socket) -> None:
         parts = ADDRESS.fullmatch(address)

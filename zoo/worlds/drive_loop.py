@@ -65,7 +65,8 @@ def drive(
     speed.reset()
     policy.reset()
     meter = latency_meter(policy)
-    facts = {"lane_m": DEFAULT_MARGIN_M} | world.facts(scenario)
+    tied = policy.tied or world.tied
+    facts = {"lane_m": DEFAULT_MARGIN_M, "tied": tied} | world.facts(scenario)
     if scenario.margin is not None:
         facts["lane_m"] = scenario.margin
     rows: list[DriveRow] = []

@@ -32,6 +32,8 @@ class EmbeddedWorld(World):
 
     def __init__(self, simulated: simulator_world.World) -> None:
         self.simulated, self.frame_rate = simulated, 1 / simulated.frame_s
+        if simulated.renderer is not None and simulated.renderer.name != "software":
+            self.tied = f"{simulated.renderer.name} draws the frames"
         self._expert: Expert | None = None
         self._laps = self._longest_s = 0.0
 

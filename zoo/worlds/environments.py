@@ -40,6 +40,8 @@ class EnvironmentWorld(World):
         frame_rate: steps per second of simulated time, if the mapping names none.
     """
 
+    tied = "another program's world"
+
     def __init__(
         self,
         environment: "gymnasium.Env",

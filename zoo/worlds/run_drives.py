@@ -178,7 +178,7 @@ def _policy(driver: Driver, world: World, scenario: Scenario, own_speed: bool) -
     """Return what drives; without a controller of its own, the scenario's throttle is checked."""
     if isinstance(driver, PolicyMaker):
         return driver.policy(world, scenario)
-    policy = (load_kept(driver) if isinstance(driver, str) else driver).session()
+    policy = (load_kept(driver) if isinstance(driver, str) else driver).scored()
     if own_speed:
         check_throttle(policy, scenario.throttle)
     return policy

@@ -60,9 +60,11 @@ class World(ABC):
     Attributes:
         rig: car that is driven; None if it is unknown.
         frame_rate: frames per second of the world's time, at which a film plays.
+        tied: why the same commands give other frames on another processor; empty if they do not.
     """
 
     rig: Rig | None = None
+    tied: str = ""
     frame_rate: float = Scenario.frame_rate
 
     @abstractmethod

@@ -1,6 +1,8 @@
 """`trainer.precision=auto`: what it chooses, prints and keeps."""
 
 import json
+import subprocess
+import sys
 from io import StringIO
 from pathlib import Path
 
@@ -19,10 +21,9 @@ from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.cli.compose import compose_config
 from zoo.models.make_network import make_network, view_of
 from zoo.rerun import _report
-from zoo.training import precision
+from zoo.training import host_settings, precision
 
 CPU = "trainer.accelerator=cpu"
-# Of convolutions so small that training takes no time, and larger ones by the rule's number.
 SMALL_LENET = [word for word in SMALL if not word.startswith("model")] + ["model=lenet"]
 
 
@@ -104,6 +105,26 @@ def test_the_first_machine_of_a_sweep_chooses_for_the_others(
     named = f"hydra.sweep.dir={sweep}"
     succeed(run_here(tmp_path, "-m", *words, "trainer.max_epochs=1", "seed=1,2", named))
     assert [saved(sweep / name) for name in "01"] == 2 * ["bf16-mixed"]
+
+
+def test_load_changes_no_weight(
+    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(precision, "multiplies_bf16", host_settings.multiplies_bf16)
+    words = (*SMALL_LENET, *data_of(recorded), "data.samples_per_epoch=48", CPU)
+    weights = []
+    for name, busy in (("idle", 0), ("busy", 2)):
+        code = [sys.executable, "-c", "while True: pass"]
+        others = [subprocess.Popen(code) for _ in range(busy)]
+        folder = tmp_path / name
+        try:
+            succeed(run_here(tmp_path, *words, "trainer.max_epochs=1", f"hydra.run.dir={folder}"))
+        finally:
+            for other in others:
+                other.kill()
+                other.wait()
+        weights.append(read_checkpoint_file(folder / "checkpoints" / "last.ckpt")["state_dict"])
+    assert all(torch.equal(tensor, weights[1][key]) for key, tensor in weights[0].items())
 
 
 @pytest.mark.parametrize(("algorithm", "order"), [("norm", 2), ("value", torch.inf)])
