@@ -64,7 +64,8 @@ def rerun(run: str, *, out: str | None = None, trust: str = "") -> None:
     _, trusted = split_trust([f"{TRUST}={trust}"])
     config = _trained_config(source)
     check_saved_config(config, source, trusted)
-    if config.trainer.get("precision") == AUTO and then.get("precision") in (FULL, HALF):
+    is_auto = OmegaConf.select(config, "trainer.precision") == AUTO
+    if is_auto and then.get("precision") in (FULL, HALF):
         config.trainer.precision = then["precision"]  # configs of older versions say auto
     with command_folder(Path(out or dated_folder("reruns")).resolve(), "reruns") as folder:
         with file_errors(f"out={folder}", "cannot write there ({})"):

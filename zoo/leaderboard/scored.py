@@ -41,6 +41,7 @@ class Scored:
             seed; empty for what is not a run.
         overrides: overrides that the user typed, by key, without those of Hydra itself.
         seed: training seed.
+        precision: precision of the training; empty where it is unknown.
         trained_on: recordings of the training.
         wall_s: seconds of training; None for what is not a run.
         curves: by name (`val/mse`, `train/loss`, `drive/autonomy`), values by epoch from 1 on.
@@ -54,6 +55,7 @@ class Scored:
     settings: str = ""
     overrides: dict[str, str] = field(default_factory=dict)
     seed: int | None = None
+    precision: str = ""
     trained_on: TrainedOn = field(default_factory=TrainedOn)
     val_mse: float | None = None
     test_mse: float | None = None
@@ -179,6 +181,7 @@ def load_run(folder: Path) -> Scored | None:
         **_of_tracks(run.tracks),
         overrides=_typed(run),
         seed=metrics.get("seed"),
+        precision=metrics.get("precision") or "",
         trained_on=run.trained_on,
         val_mse=open_loop.get("val", {}).get("mse"),
         test_mse=open_loop.get("test", {}).get("mse"),

@@ -19,7 +19,7 @@ from tests.zoo.written_checkpoints import write_constant, write_network
 from zoo.base.errors import InputError, StoppedError, UsageError
 from zoo.benchmark.__main__ import benchmark
 from zoo.benchmark.benchmarked import PAGE, groups_table, overall, print_result
-from zoo.benchmark.checked_result import read_result
+from zoo.benchmark.checked_result import caveats, read_result
 from zoo.benchmark.drives import UNFINISHED, drive_figures
 from zoo.benchmark.result import NAME, digest_of_drives, write_result
 from zoo.benchmark.summary import drives_of, summarize_drives
@@ -187,7 +187,31 @@ def test_verify_repeats_the_drives(
     entry: Path, suite: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     verify(entry, suite)
-    assert "4 of 4 drives repeated: all digests are equal" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "4 of 4 drives repeated: all digests are equal; 4 of 4 are clean or failed" in printed
+    assert printed.endswith("; all figures are equal\n")
+
+
+@pytest.mark.parametrize(
+    ("update", "words"),
+    [
+        ({}, []),
+        ({"digests": 1}, ["computed in single precision"]),
+        ({"code": {"hash": "a" * 16, "commit": "b" * 12}}, [f"of other code ({'b' * 12}; here "]),
+    ],
+)
+def test_verify_names_why_digests_may_differ(entry: Path, update: dict, words: list) -> None:
+    lines = caveats(read_result(entry).model_copy(update=update))
+    assert len(lines) == len(words)
+    assert all(part in line for part, line in zip(words, lines, strict=True))
+
+
+def test_a_driver_in_single_precision_is_marked(entry: Path) -> None:
+    result = read_result(entry)
+    assert {driver.tied for driver in result.checkpoints} == {""}
+    tied = [driver.model_copy(update={"tied": "in 32 bits"}) for driver in result.checkpoints]
+    (line,) = caveats(result.model_copy(update={"checkpoints": tied}))
+    assert "another kind of processor gives other figures: in 32 bits" in line
 
 
 @pytest.mark.parametrize(
@@ -209,6 +233,7 @@ def test_verify_prints_how_a_drive_differs(
     printed = capsys.readouterr().out
     assert words in printed
     assert "(by 0.0" in printed
+    assert "2 of 2 are clean or failed as before; figures differ by at most: cte_mean_m" in printed
 
 
 def set_key(*keys: str | int, value: object) -> Callable[[dict], None]:

@@ -116,7 +116,7 @@ def test_every_model_steers_as_its_checkpoint(name: str, frames: Frames, tmp_pat
     assert onnx_policy.view == view
     for attribute in ("name", "parameters", "config", "data", "takes_speed", "outputs", "window"):
         assert getattr(onnx_policy, attribute) == getattr(policy, attribute), attribute
-    assert view_line(onnx_policy) == view_line(policy)
+    assert view_line(onnx_policy) == f"{view_line(policy)}; engine onnx"
     assert (onnx_policy(frames.frames[0], 9.0).spread is None) == (not policy.predicts_spread)
     steering = [onnx_policy(frame, 9.0)[0] for frame in frames.frames]
     assert np.std(steering) > 0, "it ignores the frame"

@@ -19,7 +19,7 @@ from zoo.benchmark.checked_result import read_result
 from zoo.drives.drive_log import write_drive
 from zoo.drives.drive_record import SOCKET, Drive, DriveRow
 from zoo.leaderboard.__main__ import leaderboard
-from zoo.leaderboard.ranking import named_columns, rank
+from zoo.leaderboard.ranking import named_columns, rank, seeds_column
 from zoo.leaderboard.ranking_page import Ranking
 from zoo.leaderboard.scored import drive_folders, load_drive, load_run, read_scored, run_folders
 from zoo.runs.metrics_file import write_metrics_file
@@ -191,6 +191,25 @@ def test_repeats_with_other_seeds_are_one_entry_with_a_spread(tmp_path: Path) ->
     assert first.counts["lake"] == (3, 9)
     named = {one.heading for one in named_columns([first, second], tmp_path)}
     assert named == {"", "run"}, "all share the recording, and a column of settings the model"
+
+
+@pytest.mark.parametrize(
+    ("precisions", "text"),
+    [
+        (("32-true", "bf16-mixed"), "1, 2\n(n = 2, 32-true and bf16-mixed)"),
+        (("32-true", "32-true"), "1, 2\n(n = 2)"),
+        ((None, "32-true"), "1, 2\n(n = 2)"),
+    ],
+)
+def test_repeats_in_several_precisions_are_marked(
+    precisions: tuple, text: str, tmp_path: Path
+) -> None:
+    for seed, precision in enumerate(precisions, 1):
+        run = write_run(tmp_path / str(seed), 0.9, seed=seed, root="/a/lake")
+        metrics = json.loads((run / "metrics.json").read_text()) | {"precision": precision}
+        (run / "metrics.json").write_text(json.dumps(metrics))
+    entries = rank(read_scored(sorted(tmp_path.iterdir()))[0])
+    assert seeds_column(entries).cells == [text]
 
 
 def test_only_tracks_that_all_runs_share_count(tmp_path: Path) -> None:
