@@ -106,11 +106,12 @@ def images() -> np.ndarray:
 def test_a_layer_computes_what_keras_defines(name: str, tmp_path) -> None:
     layers = whole(CASES[name])
     network = network_of(layers, tmp_path / "model.h5")
+    pixels, defined = torch.from_numpy(images()).permute(0, 3, 1, 2), keras_reference.predict
     with torch.inference_mode():
-        ours = network(torch.from_numpy(images()).permute(0, 3, 1, 2)).numpy()
-    np.testing.assert_allclose(
-        ours, keras_reference.predict(images(), layers), rtol=1e-4, atol=1e-5
-    )
+        ours, doubled = network(pixels).numpy(), network.double()(pixels)
+    assert doubled.dtype == torch.float64, "a drive that is scored computes so"
+    for found in (ours, doubled):
+        np.testing.assert_allclose(found, defined(images(), layers), rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.parametrize("name", ["same 3 2", "separable", "prelu", "batch norm of rows", "noise"])

@@ -1,0 +1,93 @@
+"""Double precision, in which the networks of scored drives compute, and drivers that cannot."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from datamodules.view import View
+from tests.zoo.models.test_models_command import build
+from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.command import Policy, PolicyWrapper, as_policy
+from zoo.checkpoints.doubt_policy import DropoutPolicy, EnsemblePolicy
+from zoo.checkpoints.onnx_file import onnx_bytes
+from zoo.checkpoints.onnx_policy import OnnxPolicy
+from zoo.checkpoints.policy import CheckpointPolicy
+from zoo.cli.compose import choices
+
+FRAMES = np.random.default_rng(3).integers(0, 256, (4, 160, 320, 3), np.uint8)
+
+
+def checkpoint_of(name: str) -> Checkpoint:
+    torch.manual_seed(1)
+    network, view = build(name)
+    return Checkpoint(network.eval(), view, {}, {"rows_per_s": 15.0})
+
+
+def commands(policy: Policy) -> np.ndarray:
+    return np.array([policy(frame, 9.0).steering for frame in FRAMES])
+
+
+@pytest.mark.parametrize("name", [name for name in choices("model") if name != "vgg"])
+def test_every_network_of_the_zoo_computes_so(name: str) -> None:
+    policy = CheckpointPolicy(checkpoint_of(name))
+    scored = policy.scored()
+    assert (policy.tied, scored.tied) == ("computes in single precision", "")
+    ours, theirs = commands(scored), commands(policy)
+    assert np.allclose(ours, theirs, atol=1e-5)
+    assert (ours == ours.astype(np.float32)).all()
+    assert (commands(policy.scored()) == ours).all(), "each session begins without memory"
+    assert (commands(policy.session()) == theirs).all(), "the policy itself is as it was"
+
+
+def test_ensembles_dropout_samples_and_wrappers_compute_so() -> None:
+    lenet, pilotnet = checkpoint_of("lenet"), checkpoint_of("nvidia")
+    member = CheckpointPolicy(lenet)
+    policies = (
+        EnsemblePolicy([member, CheckpointPolicy(pilotnet)]),
+        DropoutPolicy(pilotnet, samples=3, seed=1),
+        PolicyWrapper(member),
+    )
+    for policy in policies:
+        scored = policy.scored()
+        assert scored is not policy
+        assert policy.tied == "computes in single precision"
+        assert scored.tied == ""
+        assert np.allclose(commands(scored), commands(policy), atol=1e-5)
+
+
+class Single(nn.Module):
+    """A network that takes no other numbers than those of single precision."""
+
+    takes_speed, outputs = False, 1
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.head = nn.Linear(3, 1)
+
+    def forward(self, images: Tensor) -> Tensor:
+        return self.head(images.float().mean((2, 3)) / 255)
+
+
+def test_a_network_that_refuses_drives_as_it_is_and_says_so() -> None:
+    policy = CheckpointPolicy(Checkpoint(Single().eval(), View([60, 20], "rgb", None), {}, {}))
+    scored = policy.scored()
+    assert "Single computes in single precision alone" in scored.tied
+    assert (commands(scored) == commands(policy)).all()
+
+
+def test_what_drivezoo_does_not_compute_is_tied(tmp_path: Path) -> None:
+    path = tmp_path / "lenet.onnx"
+    path.write_bytes(onnx_bytes(checkpoint_of("lenet")))
+    assert "onnxruntime" in OnnxPolicy(path).scored().tied
+    assert "function" in as_policy(lambda frame, mph: (0.0, None)).scored().tied
+
+
+def test_what_overflows_single_precision_is_nan_as_in_driving() -> None:
+    checkpoint = checkpoint_of("lenet")
+    with torch.no_grad():
+        for parameter in checkpoint.network.parameters():
+            parameter.copy_(1e30 * torch.sign(parameter))
+    assert np.isnan(commands(CheckpointPolicy(checkpoint).scored())).all()
