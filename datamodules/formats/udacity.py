@@ -1,21 +1,31 @@
 """The format of Udacity's simulator: a `driving_log.csv` and an `IMG` folder, from any machine."""
 
-import difflib
 import functools
 import re
+from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, BadRows, LogRow, read_log
 from datamodules.read_options import ReadOptions
-from datamodules.recording import LABELS, LOG_NAME, Recording, file_name, list_files, make_recording
+from datamodules.recording import (
+    IMAGE_FOLDER,
+    LABELS,
+    LOG_NAME,
+    Recording,
+    file_name,
+    fold,
+    list_files,
+    make_recording,
+    unnamed_note,
+)
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
 
 title = "recording"
-SUGGESTED = 3  # folders with a log that the error about a folder without one names
 
 _TIME = re.compile(r"(\d{4})_(\d\d)_(\d\d)_(\d\d)_(\d\d)_(\d\d)_(\d{3})(?=\.\w+$)")
 
@@ -32,12 +42,11 @@ def read(path: Path, options: ReadOptions) -> Recording:
         InputError: the folder, the log, a row or an image is missing or wrong.
     """
     log = path if path.suffix == ".csv" else path / LOG_NAME
-    if not log.exists():
-        raise InputError(missing(path))
     folder = Path(options.images).expanduser() if options.images else None
     find, bad_rows = image_finder(log.parent, folder), BadRows(options.on_bad_row)
     rows = list(read_log(log, bad_rows, options.unit))
     images = {name: [find(row.paths[at]) for row in rows] for at, name in enumerate(CAMERAS)}
+    notes = [*bad_rows.notes, *(_find_elsewhere(rows, images) if folder is None else ())]
     bad = _missing_images(log, rows, images)
     if bad and options.on_bad_image == "fail":
         raise InputError(
@@ -52,22 +61,53 @@ def read(path: Path, options: ReadOptions) -> Recording:
     recording = make_recording(
         log.parent, numbers, images, line=lines, bad_rows=tuple(bad_rows.faults), rig=UDACITY
     )
+    notes += unnamed_note(recording.images, len(CAMERAS) * len(bad_rows.faults))
+    recording = replace(recording, notes=tuple(notes))
     good = np.ones(len(rows), dtype=bool)
     good[list(bad)] = False
     return recording.keep(good, tuple(bad[index] for index in sorted(bad)))
 
 
-def missing(root: Path) -> str:
-    """Return what a path lacks, and what to name: recordings in it or around it, or a near name."""
-    found = [path.parent for path in sorted(root.glob(f"*/{LOG_NAME}"))]
-    if not root.exists():
-        near = {path.parent.name: path.parent for path in root.parent.glob(f"*/{LOG_NAME}")}
-        found = [near[name] for name in difflib.get_close_matches(root.name, list(near), n=1)]
-    elif not found and (root.parent / LOG_NAME).is_file():  # its IMG folder was named
-        found = [root.parent]
-    what = f"holds no {LOG_NAME}, and is of no other format" if root.exists() else "no such folder"
-    named = ", or ".join(map(str, found[:SUGGESTED])) or f"the folder of a {LOG_NAME}"
-    return f"{root}: {what}; name {named}"
+def _find_elsewhere(rows: list[LogRow], images: dict[str, list[str | None]]) -> list[str]:
+    """Find images at the absolute paths of a log, and return a note on where they are.
+
+    Paths of a folder of which an image is here, in the log's folder, are those of a copy: what is
+    missing here was left out of it.
+    """
+    columns = [[row.paths[camera] for row in rows] for camera in range(len(CAMERAS))]
+    written = list(zip(columns, images.values(), strict=True))
+    missing = [
+        (paths[index], column, index)
+        for paths, column in written
+        for index, image in enumerate(column)
+        if image is None and _is_absolute(paths[index])
+    ]
+    if not missing:
+        return []
+    here = {_parent(path) for pair in written for path, image in zip(*pair, strict=True) if image}
+    files, read_from = functools.cache(list_files), Counter[str]()
+    for path, column, index in missing:
+        if (folder := _parent(path)) not in here:
+            column[index] = files(folder).get(file_name(path))
+            read_from[folder] += column[index] is not None
+    return [
+        f"{count:,} images are read from {folder}, where the log's paths lead"
+        for folder, count in read_from.items()
+        if count
+    ]
+
+
+def _is_absolute(written: str) -> bool:
+    """Return whether a path is absolute on this machine, and not on a server.
+
+    Windows would log in on a stranger's server to read it.
+    """
+    is_local = re.match(r"([A-Za-z]:)?[\\/](?![\\/])", written)
+    return is_local is not None and Path(written).is_absolute()
+
+
+def _parent(written: str) -> str:
+    return written[: max(written.rfind("/"), written.rfind("\\")) + 1]
 
 
 def _missing_images(
@@ -87,7 +127,7 @@ def _missing_images(
     return bad
 
 
-def image_finder(root: Path, images: Path | None) -> Callable[[str], str | None]:
+def image_finder(root: Path, images: Path | None = None) -> Callable[[str], str | None]:
     """Return a function from an image, as a log names it, to its path here, or None.
 
     A path may be of Windows, macOS or Linux, absolute or relative. Each folder is listed once.
@@ -102,22 +142,30 @@ def image_finder(root: Path, images: Path | None) -> Callable[[str], str | None]
 
     @functools.cache
     def folders(written: str) -> list[str]:
-        """Return folders to search, best first: the given one, or IMG, the path's tails, others."""
+        """Return folders to search: the given one, or the path's tails, IMG, and the log's."""
         if images:
             return [str(images)]
         parts = [part for part in re.split(r"[\\/]", written) if part not in ("", ".")]
         tails = [root.joinpath(*parts[start:]) for start in range(len(parts))]
-        img = [path for path in root.iterdir() if path.name.lower() == "img"]
-        # Not \\SERVER\SHARE: Windows would log in on a stranger's server.
-        is_own = re.match(r"([A-Za-z]:)?[\\/](?![\\/])", written) and Path(written).is_absolute()
-        found = [*img, *tails, root, *([Path(written)] if is_own else [])]
-        return [str(folder) for folder in found]
+        img = [path for path in root.iterdir() if path.name.lower() == IMAGE_FOLDER.lower()]
+        return [str(folder) for folder in [*tails, root, *img]]
+
+    @functools.cache
+    def inner() -> list[str]:
+        return [str(path) for path in root.iterdir() if path.is_dir()]
 
     def find(written: str) -> str | None:
         if not (name := file_name(written)):
             return None
-        found = (files(folder).get(name) for folder in folders(written[: -len(name)]))
-        return next(filter(None, found), None)
+        if found := look_up(folders(written[: -len(name)]), name):
+            return found[0]
+        # A name without a folder may be of an image in any folder, unless two have that name.
+        found = [] if images or name != written else look_up(inner(), name)
+        return found[0] if len(found) == 1 else None
+
+    def look_up(within: list[str], name: str) -> list[str]:
+        known = map(files, within)
+        return [path for paths in known if (path := paths.get(name) or paths.get(fold(name)))]
 
     return find
 
