@@ -3,7 +3,7 @@
 import hashlib
 import os
 import unicodedata
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -266,17 +266,13 @@ def file_name(written: str) -> str:
 
 
 def list_files(folder: str) -> dict[str, str]:
-    """Return the path of each regular file in a folder; none of a missing folder.
-
-    The keys are the names, and the names of `fold` where no file has that name.
-    """
+    """Return the path of each regular file in a folder, by its name; none of a missing folder."""
     try:
         # Opening a pipe would wait for its writer.
         with os.scandir(folder) as entries:
-            paths = {entry.name: entry.path for entry in entries if entry.is_file()}
+            return {entry.name: entry.path for entry in entries if entry.is_file()}
     except OSError:
         return {}
-    return {fold(name): paths[name] for name in sorted(paths)} | paths
 
 
 def fold(name: str) -> str:
@@ -285,24 +281,26 @@ def fold(name: str) -> str:
     >>> fold("A\u0308.JPG") == fold("\u00e4.jpg")
     True
     """
-    return name.casefold() if name.isascii() else unicodedata.normalize("NFC", name).casefold()
+    return unicodedata.normalize("NFC", name).casefold()
 
 
-def unnamed_note(images: np.ndarray, left_out: int) -> list[str]:
-    """Return a note on image files beside those of the centre camera that no row names, or none.
+def spellings(files: Mapping[str, str]) -> dict[str, str]:
+    """Return the paths of `list_files` by folded names."""
+    return {fold(name): files[name] for name in sorted(files)}
+
+
+def unnamed_note(folders: Iterable[str], images: np.ndarray, left_out: int) -> list[str]:
+    """Return a note on image files that no row names, or none.
 
     Args:
+        folders: folders of the centre camera's images.
         images: images of each row, object [N, 3].
         left_out: number of images that other rows name, which are left out.
     """
-    named = {image for image in images.flat if isinstance(image, str)}
-    centre = {os.path.dirname(image) for image in images[:, 0] if isinstance(image, str)}  # noqa: PTH120
-    files = unnamed = 0
-    for folder in centre:
+    named, where, unnamed = set(images.flat), sorted(folders), -left_out
+    for folder in where:
         with os.scandir(folder) as entries:
-            paths = [entry.path for entry in entries if IMAGE.search(entry.name)]
-        files, unnamed = files + len(paths), unnamed + len(set(paths) - named)
-    if unnamed <= left_out:
-        return []
-    where = f"{min(centre)}" + (f" and {len(centre) - 1} folders" if len(centre) > 1 else "")
-    return [f"{unnamed - left_out:,} of {files:,} images in {where} have no row"]
+            files = (entry for entry in entries if entry.path not in named)
+            unnamed += sum(1 for file in files if IMAGE.search(file.name))
+    more = f" and {len(where) - 1} folders" if len(where) > 1 else ""
+    return [f"{unnamed:,} images in {where[0]}{more} have no row"] if unnamed > 0 else []

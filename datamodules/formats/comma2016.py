@@ -62,20 +62,12 @@ def read(path: Path, options: ReadOptions) -> Recording:
         rows["center"] += [StoredImage(str(camera), one, reader) for one in images.tolist()]
         with _open(camera) as file, library_errors(camera, DAMAGED, REMEDY):
             count = len(_dataset(file, camera, "X", 4))
-        if len(images) < count:
-            notes.append(f"{count - len(images):,} of {count:,} images in {camera} have no row")
+        unnamed = count - len(images)
+        notes += [f"{unnamed:,} of {count:,} images in {camera} have no row"] * (unnamed > 0)
         for name, column in (("steering", degrees), ("speed_mps", speed), ("time_s", time_s)):
             rows[name] += column[first].tolist()
-    return labelled_recording(
-        path,
-        rows,
-        UNIT,
-        options,
-        is_stated=False,
-        rig=RIG,
-        notes=tuple(notes),
-        blocks=LONG_DRIVE,
-    )
+    about: dict[str, Any] = {"rig": RIG, "notes": tuple(notes), "blocks": LONG_DRIVE}
+    return labelled_recording(path, rows, UNIT, options, is_stated=False, **about)
 
 
 def _log(path: Path) -> tuple[np.ndarray, ...]:
@@ -96,9 +88,10 @@ def _images(path: Path) -> Iterator[np.ndarray]:
             if images.dtype != np.uint8 or images.shape[1:] != SHAPE:
                 raise InputError(f"{path}: X is not uint8 [N, 3, 160, 320]; {REMEDY}")
         for number in range(len(images)):
-            with library_errors(f"{path}: image {number + 1}", "damaged", REMEDY, ValueError):
-                image = np.ascontiguousarray(images[number].transpose(1, 2, 0))
-            yield image
+            try:
+                yield np.ascontiguousarray(images[number].transpose(1, 2, 0))
+            except (OSError, RuntimeError) as error:
+                raise ValueError(f"{path}: image {number + 1} is damaged ({error})") from None
 
 
 def _open(path: Path) -> Any:

@@ -5,6 +5,7 @@ Written after the format of `donkeycar/parts/tub_v2.py` and `datastore_v2.py` (v
 """
 
 import functools
+import itertools
 import json
 import os
 import re
@@ -34,6 +35,7 @@ from datamodules.recording import (
     keep_valid,
     list_files,
     make_recording,
+    spellings,
     unnamed_note,
 )
 from datamodules.recording_format import write_car
@@ -76,8 +78,8 @@ TYPES = {
 
 def detect(path: Path) -> bool:
     """Return whether a folder holds a manifest or a catalog, or records of Donkeycar 3."""
-    names = (path / MANIFEST).exists() or next(path.glob(CATALOGS), None)
-    return bool(names) or next(_old_paths(path), None) is not None
+    files = itertools.chain(path.glob(MANIFEST), path.glob(CATALOGS), _old_paths(path))
+    return next(files, None) is not None
 
 
 def read(path: Path, options: ReadOptions) -> Recording:
@@ -92,10 +94,9 @@ def read(path: Path, options: ReadOptions) -> Recording:
     bad, bad_images = BadRows(options.on_bad_row), []
     columns: dict[str, list] = {}
     deleted = piloted = 0
-    is_old, count = next(_old_paths(path), None) is not None, 0
-    is_old &= not (path / MANIFEST).exists()
+    is_old, count = next(path.glob(CATALOGS), None) is None and not (path / MANIFEST).exists(), 0
     texts = _old_records(path) if is_old else _new_records(path, bad.notes)
-    files = functools.cache(list_files)
+    spelled = functools.cache(lambda folder: spellings(list_files(folder)))
     for count, (place, text, images) in enumerate(texts, 1):
         check_most("rows", count, path, "divide the tub")
         if text is None:
@@ -109,10 +110,9 @@ def read(path: Path, options: ReadOptions) -> Recording:
         if record is None:
             piloted += 1
             continue
-        fault = find_file_fault(record["image"])
-        if fault:  # its name may differ in case
-            record["image"] = files(images).get(fold(record["image"][len(images) :]), "")
-            fault = find_file_fault(record["image"]) if record["image"] else fault
+        fault, name = find_file_fault(record["image"]), record["image"].removeprefix(images)
+        if fault and (other := spelled(images).get(fold(name))):  # its case may differ
+            record["image"], fault = other, find_file_fault(other)
         if fault:
             bad_images.append(f"{place}: {fault}")
         else:
@@ -146,7 +146,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
         # Of drivezoo's own tubs; the rig of others is unknown.
         rig=UDACITY if any(columns["is_own"]) else None,
     )
-    bad.notes += unnamed_note(recording.images, count - len(recording))
+    folder = str(path if is_old else path / IMAGES)
+    bad.notes += unnamed_note([folder], recording.images, count - len(recording))
     return keep_valid(recording, bad)
 
 
@@ -183,8 +184,6 @@ def _new_records(folder: Path, notes: list[str]) -> Iterator[tuple[str, str | No
     """
     path, place = folder / MANIFEST, f"{folder / MANIFEST}, row 5"
     there = [catalog.name for catalog in sorted(folder.glob(CATALOGS), key=_natural)]
-    gone: set[int] = set()
-    counted: Any = None
     if path.exists():
         lines = read_text(path, MOST_JSON_BYTES).splitlines()
         manifest = parse(lines[4] if len(lines) > 4 else "", place, dict)
@@ -192,17 +191,11 @@ def _new_records(folder: Path, notes: list[str]) -> Iterator[tuple[str, str | No
         names = [plain_name(name, place, "a catalog") for name in manifest["paths"]]
         if len(set(names)) < len(names):
             raise InputError(f"{place}: names a catalog more than once; name each once")
-        for name in there:
-            if name not in names:
-                with open_text(folder / name, MOST_CATALOG_BYTES, errors="replace") as file:
-                    records = sum(1 for _ in file)
-                notes.append(f"{name} with {records:,} records is left out: {MANIFEST} lacks it")
+        others = ", ".join(name for name in there if name not in names)
+        notes += [f"{others}: left out, since {MANIFEST} does not name it"] if others else []
     else:
-        names = there
-        notes.append(
-            f"the tub has no {MANIFEST}: all records of {', '.join(names)} are read, deleted ones, "
-            "too"
-        )
+        gone, counted, names = set(), None, there
+        notes.append(f"no {MANIFEST}: deleted records are read, too, of {', '.join(names)}")
     images = f"{folder / IMAGES}{os.sep}"
     index = 0
     for name in names:

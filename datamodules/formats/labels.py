@@ -121,7 +121,8 @@ def labelled_recording(
     )
     recording = _with_images(recording, options)
     left_out = len(CAMERAS) * (len(bad.faults) + len(recording.bad_images))
-    bad.notes += unnamed_note(recording.images, left_out)
+    files = {os.path.dirname(image) for image in recording.images[:, 0] if isinstance(image, str)}  # noqa: PTH120
+    bad.notes += unnamed_note(files, recording.images, left_out)
     recording = keep_valid(recording, bad)
     if options.unit:
         note = f"steering: {meant.words()}, as data.steering says"

@@ -159,19 +159,16 @@ def _size_fault(folder: Path, info: dict[str, Any], rows: Counter[int]) -> str:
         place = f"{path}, row {line}"
         entry = parse(text, place, dict)
         stated[int(number(entry, "episode_index", place))] = int(number(entry, "length", place))
-    total = info.get("total_frames", rows.total())
+    total, read_rows = info.get("total_frames", rows.total()), f"{rows.total():,} rows"
     differing = [
         f"episode {episode} has {rows[episode]:,} rows of {stated.get(episode, 0):,}"
-        for episode in sorted({*stated, *(rows if stated else ())})
+        for episode in sorted({*stated, *rows} if stated else ())
         if rows[episode] != stated.get(episode, 0)
     ]
     if total == rows.total() and not differing:
         return ""
-    parts = ", ".join(differing[:3]) + (f" and {len(differing) - 3:,} more" * (len(differing) > 3))
-    return (
-        f"{folder / INFO}: total_frames is {total!r:.20}, and its files hold {rows.total():,} rows"
-        f"{parts and f' ({parts})'}"
-    )
+    first = f" ({len(differing):,} episodes differ: {differing[0]})" if differing else ""
+    return f"{folder / INFO}: total_frames is {total!r:.20}, and its files hold {read_rows}{first}"
 
 
 def _notes(meaning: Meaning, speed_unit: str) -> list[str]:

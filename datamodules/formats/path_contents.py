@@ -15,18 +15,7 @@ SUGGESTED = 3  # recordings that a message names
 LEVELS, MOST_FOLDERS = 3, 1000  # folders below a path in which recordings are looked for
 LISTED = 2000  # files of a folder that are looked at
 # Files whose names tell a format.
-NAMES = {
-    name.lower(): name
-    for name in (
-        LOG_NAME,
-        "manifest.json",
-        "interpolated.csv",
-        "CH2_final_evaluation.csv",
-        "data.txt",
-        "out-key.csv",
-        "out-video.avi",
-    )
-}
+NAMES = ("interpolated.csv", "data.txt", "out-key.csv", "out-video.avi", LOG_NAME, "manifest.json")
 PACKED = (".zip", ".tar", ".gz", ".tgz", ".xz", ".bz2", ".7z", ".rar", ".xlsx", ".xls", ".ods")
 NEEDED = "name a folder with images or a video, and a table of their steering"
 
@@ -41,14 +30,11 @@ def is_recording(path: Path) -> bool:
 
 def find_below(path: Path) -> list[Path]:
     """Return the nearest folders below a path that are recordings."""
-    level, recordings, looked_at = [path], list[Path](), 0
+    level, recordings = [path], list[Path]()
     for _ in range(LEVELS):
-        inner = [folder for parent in level for folder in _folders(parent)]
-        inner = inner[: MOST_FOLDERS - looked_at]
-        looked_at += len(inner)
-        level = []
-        for folder in inner:
-            (recordings if is_recording(folder) else level).append(folder)
+        level = [folder for parent in level for folder in _folders(parent)][:MOST_FOLDERS]
+        recordings += [folder for folder in level if is_recording(folder)]
+        level = [folder for folder in level if folder not in recordings]
     return recordings
 
 
@@ -86,10 +72,10 @@ def _folder(path: Path) -> str:
     files = [one for one in files if one.is_file()]
     for file in files:
         near = difflib.get_close_matches(file.name.lower(), NAMES, 1, 0.8)
-        if near and file.name not in NAMES.values():
-            return f"is {file.name} its {NAMES[near[0]]}? then rename it"
-    for file in [one for one in files if one.suffix.lower() in PACKED]:
-        return f"its {file.name} {_file(file)}"
+        if near and file.name not in NAMES:
+            return f"is {file.name} its {near[0]}? then rename it"
+    if packed := [one for one in files if one.suffix.lower() in PACKED]:
+        return f"its {packed[0].name} {_file(packed[0])}"
     if tables := [one for one in files if one.suffix.lower() in table.SUFFIXES]:
         return _tables(tables)
     if next(path.glob("data/chunk-*"), None):

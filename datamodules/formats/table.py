@@ -42,7 +42,6 @@ NUMBERS = {
     "time": "time_s",
 }
 _IMAGE_WORD = re.compile(r"image|img|frame|file|path|cent(er|re)", re.IGNORECASE)
-_NUMBER = re.compile(r"-?\d+([.,]\d+)?(e-?\d+)?", re.IGNORECASE)
 ROWS_AT_ONCE = 256  # each cell may repeat a long text that stands in the file once
 # A time of at least so much is counted in so many parts of a second since 1970.
 PARTS = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3))
@@ -130,7 +129,7 @@ def find_columns(table: Path) -> tuple[list[str], list[str]]:
             names = [str(at) for at in range(len(names))]
         pairs = list(zip(names, rows[-1], strict=False))
         images = [name for name, field in pairs if IMAGE.search(field)]
-        numbers = [name for name, field in pairs if shown != names and _NUMBER.fullmatch(field)]
+        numbers = [name for name, _ in pairs if shown != names and name not in images]
     if len(images) == len(CAMERAS) and (len(numbers) >= 4 or "center" in names):
         return shown, ["format=udacity"]
     images += [name for name in names if _IMAGE_WORD.search(name)]

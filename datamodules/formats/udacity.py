@@ -1,6 +1,7 @@
 """The format of Udacity's simulator: a `driving_log.csv` and an `IMG` folder, from any machine."""
 
 import functools
+import os
 import re
 from collections import Counter
 from collections.abc import Callable
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datamodules.driving_log import CAMERAS, BadRows, LogRow, read_log
+from datamodules.driving_log import CAMERAS, IMAGE, BadRows, LogRow, read_log
 from datamodules.read_options import ReadOptions
 from datamodules.recording import (
     IMAGE_FOLDER,
@@ -20,6 +21,7 @@ from datamodules.recording import (
     fold,
     list_files,
     make_recording,
+    spellings,
     unnamed_note,
 )
 from zoo.base.errors import InputError
@@ -46,7 +48,6 @@ def read(path: Path, options: ReadOptions) -> Recording:
     find, bad_rows = image_finder(log.parent, folder), BadRows(options.on_bad_row)
     rows = list(read_log(log, bad_rows, options.unit))
     images = {name: [find(row.paths[at]) for row in rows] for at, name in enumerate(CAMERAS)}
-    notes = [*bad_rows.notes, *(_find_elsewhere(rows, images) if folder is None else ())]
     bad = _missing_images(log, rows, images)
     if bad and options.on_bad_image == "fail":
         raise InputError(
@@ -61,53 +62,18 @@ def read(path: Path, options: ReadOptions) -> Recording:
     recording = make_recording(
         log.parent, numbers, images, line=lines, bad_rows=tuple(bad_rows.faults), rig=UDACITY
     )
-    notes += unnamed_note(recording.images, len(CAMERAS) * len(bad_rows.faults))
+    centre = Counter(os.path.dirname(image) for image in images["center"] if image)  # noqa: PTH120
+    left_out = len(CAMERAS) * len(bad_rows.faults)
+    notes = [*bad_rows.notes, *unnamed_note(centre, recording.images, left_out)]
+    notes += [
+        f"the images of {count:,} rows are read from {place}, where the log's paths lead"
+        for place, count in centre.items()
+        if not folder and not Path(place).is_relative_to(log.parent)
+    ]
     recording = replace(recording, notes=tuple(notes))
     good = np.ones(len(rows), dtype=bool)
     good[list(bad)] = False
     return recording.keep(good, tuple(bad[index] for index in sorted(bad)))
-
-
-def _find_elsewhere(rows: list[LogRow], images: dict[str, list[str | None]]) -> list[str]:
-    """Find images at the absolute paths of a log, and return a note on where they are.
-
-    Paths of a folder of which an image is here, in the log's folder, are those of a copy: what is
-    missing here was left out of it.
-    """
-    columns = [[row.paths[camera] for row in rows] for camera in range(len(CAMERAS))]
-    written = list(zip(columns, images.values(), strict=True))
-    missing = [
-        (paths[index], column, index)
-        for paths, column in written
-        for index, image in enumerate(column)
-        if image is None and _is_absolute(paths[index])
-    ]
-    if not missing:
-        return []
-    here = {_parent(path) for pair in written for path, image in zip(*pair, strict=True) if image}
-    files, read_from = functools.cache(list_files), Counter[str]()
-    for path, column, index in missing:
-        if (folder := _parent(path)) not in here:
-            column[index] = files(folder).get(file_name(path))
-            read_from[folder] += column[index] is not None
-    return [
-        f"{count:,} images are read from {folder}, where the log's paths lead"
-        for folder, count in read_from.items()
-        if count
-    ]
-
-
-def _is_absolute(written: str) -> bool:
-    """Return whether a path is absolute on this machine, and not on a server.
-
-    Windows would log in on a stranger's server to read it.
-    """
-    is_local = re.match(r"([A-Za-z]:)?[\\/](?![\\/])", written)
-    return is_local is not None and Path(written).is_absolute()
-
-
-def _parent(written: str) -> str:
-    return written[: max(written.rfind("/"), written.rfind("\\")) + 1]
 
 
 def _missing_images(
@@ -139,6 +105,7 @@ def image_finder(root: Path, images: Path | None = None) -> Callable[[str], str 
     if images and not images.is_dir():
         raise InputError(f"{images}: no such folder; set data.images=FOLDER of the images")
     files = functools.cache(list_files)
+    inner = [entry.path for entry in os.scandir(root) if entry.is_dir()]
 
     @functools.cache
     def folders(written: str) -> list[str]:
@@ -148,24 +115,27 @@ def image_finder(root: Path, images: Path | None = None) -> Callable[[str], str 
         parts = [part for part in re.split(r"[\\/]", written) if part not in ("", ".")]
         tails = [root.joinpath(*parts[start:]) for start in range(len(parts))]
         img = [path for path in root.iterdir() if path.name.lower() == IMAGE_FOLDER.lower()]
-        return [str(folder) for folder in [*tails, root, *img]]
+        here = [str(folder) for folder in [*tails, root, *img]]
+        # Not \\SERVER\SHARE: Windows would log in on a stranger's server.
+        is_own = re.match(r"([A-Za-z]:)?[\\/](?![\\/])", written) and Path(written).is_absolute()
+        # Of a folder whose images were copied here, those that are missing were left out.
+        copied = set().union(*map(files, here)) & files(written).keys() if is_own else set()
+        return [*here, written] if is_own and not any(map(IMAGE.search, copied)) else here
 
-    @functools.cache
-    def inner() -> list[str]:
-        return [str(path) for path in root.iterdir() if path.is_dir()]
+    spelled = functools.cache(lambda folder: spellings(files(folder)))
 
     def find(written: str) -> str | None:
         if not (name := file_name(written)):
             return None
-        if found := look_up(folders(written[: -len(name)]), name):
-            return found[0]
+        within = folders(written[: -len(name)])
+        for paths, key in ((files, str), (spelled, fold)):
+            known = (paths(folder).get(key(name)) for folder in within)
+            if found := next(filter(None, known), None):
+                return found
         # A name without a folder may be of an image in any folder, unless two have that name.
-        found = [] if images or name != written else look_up(inner(), name)
-        return found[0] if len(found) == 1 else None
-
-    def look_up(within: list[str], name: str) -> list[str]:
-        known = map(files, within)
-        return [path for paths in known if (path := paths.get(name) or paths.get(fold(name)))]
+        anywhere = [] if images or name != written else inner
+        others = [path for folder in anywhere if (path := spelled(folder).get(fold(name)))]
+        return others[0] if len(others) == 1 else None
 
     return find
 

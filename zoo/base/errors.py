@@ -68,16 +68,13 @@ def file_errors(named: object, form: str = "{}; name another file") -> Iterator[
 
 
 @contextmanager
-def library_errors(
-    file: object, fault: str, remedy: str, kind: type[Exception] | None = None
-) -> Iterator[None]:
+def library_errors(file: object, fault: str, remedy: str) -> Iterator[None]:
     """Raise InputError for any error that a library raises at a damaged file within the block.
 
     Args:
         file: file that the library reads.
         fault: what is wrong with the file, where no system error says it.
         remedy: what the user can do.
-        kind: class of the error to raise instead.
     """
     try:
         yield
@@ -86,8 +83,7 @@ def library_errors(
     except Exception as error:  # damaged bytes make libraries raise errors of any type
         reason = " ".join(str(error).split()) or type(error).__name__
         system = error.strerror if isinstance(error, OSError) else None
-        line = f"{file}: {system or f'{fault} ({reason:.200})'}; {remedy}"
-        raise (kind or InputError)(line) from None
+        raise InputError(f"{file}: {system or f'{fault} ({reason:.200})'}; {remedy}") from None
 
 
 @contextmanager

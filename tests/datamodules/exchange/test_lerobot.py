@@ -294,7 +294,7 @@ def _playlist(dataset: Path) -> None:
         ),
         (
             lambda one: _rewrite(one, DATA, "episode_index", lambda old: [5] * len(old)),
-            "info.json: total_frames is 40, and its files hold 40 rows (episode 0 has 0 rows of 20",
+            "hold 40 rows (3 episodes differ: episode 0 has 0 rows of 20",
         ),
         (
             lambda one: _rewrite(
