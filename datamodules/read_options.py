@@ -24,7 +24,7 @@ class ReadOptions:
         on_bad_image: skip: leave out rows whose image is missing.
         on_bad_row: skip: leave out rows that cannot be read; each is counted.
         format: name of the format, such as table; null: found by the names of the files.
-        columns: columns of a table, {image: NAME, steering: NAME}.
+        columns: columns of a table, {image: NAME, steering: NAME}, or their positions from 0.
         steering: what the numbers mean, {unit: deg, full: 540, right: positive}, or the name of the
             number that steers, as LeRobot's action:0; null: as the format says.
         camera: name of the camera that looks ahead, in a LeRobot dataset; null: found by its name.

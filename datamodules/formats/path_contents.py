@@ -87,16 +87,17 @@ def _folder(path: Path) -> str:
 
 def _file(path: Path) -> str:
     """Return what a file is, and the remedy."""
+    folder, name = path.parent, path.name.lower()
+    commands = {".zip": ["python", "-m", "zipfile", "-e", path, folder / path.stem]}
+    commands |= {end: ["tar", "-xf", path, "-C", folder] for end in (".tar", ".tgz", ".tar.gz")}
     try:
         open_data(path, 1 << 62).close()
     except OSError as error:
-        folder, words = path.parent, f"{error.strerror}"
-        if path.suffix.lower() == ".zip":
-            out = folder / path.stem
-            return f"{words}; type {command_line(['python', '-m', 'zipfile', '-e', path, out])}"
-        if ".tar" in path.name.lower() or path.suffix.lower() == ".tgz":
-            return f"{words}; type {command_line(['tar', '-xf', path, '-C', folder])}"
-        return words
+        if "archive" not in f"{error.strerror}":
+            return f"{error.strerror}"
+    for end, command in commands.items():
+        if name.endswith(end):
+            return f"is an archive; type {command_line(command)}"
     if path.suffix.lower() in table.SUFFIXES:
         return _tables([path])
     return f"is a single {path.suffix or 'file'}; {NEEDED}"

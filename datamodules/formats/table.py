@@ -49,7 +49,7 @@ PARTS = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3))
 
 def detect(path: Path) -> bool:
     """Return whether a path is a Parquet table; other tables need `data.format=table`."""
-    return path.suffix == ".parquet" and path.is_file()
+    return path.suffix.lower() == ".parquet" and path.is_file()
 
 
 def read(path: Path, options: ReadOptions) -> Recording:
@@ -83,7 +83,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
         return row
 
     bad = BadRows(options.on_bad_row)
-    if table.suffix != ".parquet":
+    if table.suffix.lower() != ".parquet":
         found: Iterator[tuple[str, Mapping[str, Any]]] = read_csv(
             table, list(columns.values()), bad
         )
@@ -103,7 +103,7 @@ def _find_table(path: Path) -> Path:
     """Return a table, or the only one in a folder."""
     if path.is_file():
         return path
-    tables = [file for file in sorted(path.glob("*")) if file.suffix in SUFFIXES]
+    tables = [file for file in sorted(path.glob("*")) if file.suffix.lower() in SUFFIXES]
     if len(tables) == 1:
         return tables[0]
     names = ", ".join(file.name for file in tables[:3])
@@ -116,7 +116,7 @@ def find_columns(table: Path) -> tuple[list[str], list[str]]:
     Raises:
         InputError: the file cannot be read.
     """
-    if table.suffix == ".parquet":
+    if table.suffix.lower() == ".parquet":
         schema = open_parquet(table, ()).schema_arrow
         shown = names = schema.names
         images = [name for name in names if contents(schema.field(name).type) == "images"]

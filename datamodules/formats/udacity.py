@@ -43,7 +43,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
     Raises:
         InputError: the folder, the log, a row or an image is missing or wrong.
     """
-    log = path if path.suffix == ".csv" else path / LOG_NAME
+    log = path if path.is_file() else path / LOG_NAME
     folder = Path(options.images).expanduser() if options.images else None
     find, bad_rows = image_finder(log.parent, folder), BadRows(options.on_bad_row)
     rows = list(read_log(log, bad_rows, options.unit))

@@ -156,24 +156,24 @@ def packed(folder: Path, name: str) -> Path:
     source = tub(folder / "source")
     path = folder / "in" / name
     path.parent.mkdir()
-    if name.endswith(".zip"):
+    if name.lower().endswith(".zip"):
         with zipfile.ZipFile(path, "w") as archive:
             for file in source.rglob("*"):
                 archive.write(file, file.relative_to(source))
     else:
-        with tarfile.open(path, "w:gz" if "z" in name else "w") as archive:
+        with tarfile.open(path, "w:gz" if "gz" in name else "w") as archive:
             archive.add(source, "tub")
     shutil.rmtree(source)
     return path
 
 
-@pytest.mark.parametrize("name", ["tub.zip", "tub.tar.gz", "tub.tgz"])
+@pytest.mark.parametrize("name", ["tub.zip", "tub.tar.gz", "tub.tgz", "tub.tar", "TUB.ZIP"])
 @pytest.mark.parametrize("named", ["folder", "file"])
 def test_an_archive_has_the_command_that_unpacks_it(name: str, named: str, tmp_path: Path) -> None:
     path = packed(tmp_path, name)
     message = refusal(path if named == "file" else path.parent)
-    command = f"python -m zipfile -e {path} {path.parent}/tub"
-    if not name.endswith("zip"):
+    command = f"python -m zipfile -e {path} {path.parent}/{path.stem}"
+    if not name.lower().endswith("zip"):
         command = f"tar -xf {path} -C {path.parent}"
     assert message.endswith(f"type {command}")
 
