@@ -72,7 +72,8 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
         pool.shutdown(cancel_futures=True)  # on Ctrl-C, do not wait for the other images
     whole = recording.keep(is_whole)
     car = other_car(recording)  # the sign of Udacity's is certain
-    for line in [*(sign_lines(whole) if car else ()), *leak_lines(whole)] if len(whole) else ():
+    is_each = bool(np.bincount(whole.recording, minlength=len(whole.names)).all())
+    for line in [*(sign_lines(whole) if car and is_each else ()), *leak_lines(whole)]:
         _print(console, line)
     if recording.bad_rows:
         _print(console, f"skipped {len(recording.bad_rows):,} bad rows:")

@@ -132,9 +132,7 @@ def read_log(
         except InputError as error:
             if _is_header(fields):  # of a log that was joined to another one
                 order, _ = _column_order(log, [fields], [])
-                bad.notes.append(
-                    f"row {line} is a further header, which names the columns below it"
-                )
+                bad.notes.append(f"{log.name}: row {line} is a header of the rows below it")
             else:
                 bad.faults.append(f"{log}, row {line}: {error}")
             continue

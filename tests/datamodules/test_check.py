@@ -10,6 +10,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from datamodules.check import look_at_image
 from tests.datamodules.test_other_kinds import POINTER
+from tests.foreign_recordings import deeppicar
 from tests.recordings import Written, write_recording
 from tests.zoo.commands import ROOT, run_here
 
@@ -87,6 +88,16 @@ def test_findings_are_those_of_rows_with_whole_images(written):
     lines = run_check(written.folder).stdout.splitlines()
     assert not [line for line in lines if "repeat the row before" in line]
     assert [line for line in lines if line.startswith("- only 1 rows")]
+
+
+def test_a_recording_without_a_whole_image_beside_another_one_has_no_findings(written, tmp_path):
+    folder = deeppicar(tmp_path / "picar")
+    for image in written.folder.glob("IMG/*.jpg"):
+        image.write_bytes(POINTER)
+    done = run_check(written.folder, folder)
+    assert (done.returncode, done.stderr) == (1, "")
+    assert "36 bad images; " in done.stdout
+    assert [line for line in done.stdout.splitlines() if line.startswith("- only 60 rows")]
 
 
 def test_without_a_whole_image_there_are_no_findings_and_no_next_command(written):
