@@ -227,7 +227,9 @@ def _video_starts(folder: Path, key: str) -> dict[int, tuple[Path, float]]:
         table = read_table(path, ["episode_index", *about])
         columns = [component(table[name], path, name).tolist() for name in table]
         for row, (episode, chunk, file, start) in enumerate(zip(*columns, strict=True), 1):
-            whole = all(0 <= one <= MOST_NUMBER and one == int(one) for one in (chunk, file))
+            whole = all(
+                0 <= one <= MOST_NUMBER and one == int(one) for one in (episode, chunk, file)
+            )
             if not whole or not 0 <= start < MOST["rows"]:
                 raise InputError(f"{path}, row {row}: no place of a video; {REMEDY}")
             starts[int(episode)] = folder / video_file(key, int(chunk), int(file)), start
