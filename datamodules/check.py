@@ -52,14 +52,8 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
     recording = read_recordings(roots, **{**asdict(read), **skip})
     for line in report_lines(replace(recording, bad_images=(), bad_rows=())):
         _print(console, line)
-    car = other_car(recording)  # the sign of Udacity's is certain
-    for line in [*(sign_lines(recording) if car else ()), *leak_lines(recording)]:
-        _print(console, line)
-    if recording.bad_rows:
-        _print(console, f"skipped {len(recording.bad_rows):,} bad rows:")
-        _print_first(console, recording.bad_rows)
     sizes: Counter[tuple[int, int]] = Counter()
-    bad = list(recording.bad_images)
+    bad, is_whole = list(recording.bad_images), np.ones(len(recording), bool)
     rows, cameras = np.nonzero(recording.images)
     paths = recording.images[rows, cameras]
     pool = ThreadPoolExecutor(reading_threads(paths, os.cpu_count() or 1))
@@ -71,18 +65,30 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
             for row, path, size in zip(rows.tolist(), paths, looked_at, strict=True):
                 if isinstance(size, str):
                     bad.append(f"{recording.place(row)}: {path}: {size}")
+                    is_whole[row] = False
                 else:
                     sizes[size] += 1
     finally:
         pool.shutdown(cancel_futures=True)  # on Ctrl-C, do not wait for the other images
+    whole = recording.keep(is_whole)
+    car = other_car(recording)  # the sign of Udacity's is certain
+    is_each = bool(np.bincount(whole.recording, minlength=len(whole.names)).all())
+    for line in [*(sign_lines(whole) if car and is_each else ()), *leak_lines(whole)]:
+        _print(console, line)
+    if recording.bad_rows:
+        _print(console, f"skipped {len(recording.bad_rows):,} bad rows:")
+        _print_first(console, recording.bad_rows)
     for (width, height), count in sizes.most_common():
         _print(console, f"{count:,} images of {width} x {height}")
     _print_first(console, bad)
+    if not len(whole):
+        _print(console, f"{len(bad):,} bad images; no row is without one: copy them again")
+        return False
     verdict = (
         f"{len(bad):,} bad images; copy or record them again, or train with data.on_bad_image=skip"
     )
     _print(console, verdict if bad else "all images are whole")
-    oddities = find_oddities(recording)
+    oddities = find_oddities(whole)
     if oddities:
         _print(console, "before you train:")
     for oddity in oddities:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple, TextIO
 
 from datamodules.steering_unit import EXAMPLE, SteeringUnit
-from zoo.base.bounded_files import MOST_LINE, open_text
+from zoo.base.bounded_files import open_text
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most
 
@@ -21,6 +21,7 @@ CAMERAS = COLUMNS[:3]
 NUMBERS = COLUMNS[3:]
 # Ranges of the numbers. Forks reverse with a throttle below 0; the original's car reaches 31 mph.
 RANGES = {"steering": (-1, 1), "throttle": (-1, 1), "brake": (0, 1), "speed": (0, 200)}
+ROUNDING = 1e-6  # by which 32 bits may write a number beyond its range
 
 MOST_LOG_BYTES = 500_000_000  # of a million rows, as many as are read
 HINTED_SHARE = 0.05  # share of bad rows from which a cause that all rows share is likely
@@ -33,7 +34,10 @@ _HEADING = re.compile(r"[A-Za-z_][\w /-]*")  # a column's name
 # Bytes that are not UTF-8, as `surrogateescape` decodes them, and NUL, in a path's last part.
 _NO_TEXT = re.compile(r"[\0\udc80-\udcff][^/\\]*$")
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-_IMAGE = re.compile(r"\.(jpe?g|png)$", re.IGNORECASE)
+IMAGE = re.compile(r"\.(jpe?g|png)$", re.IGNORECASE)
+_BETWEEN_FIELDS = re.compile(r"(?<!\d),|,(?!\d)")  # not a decimal comma
+_SEPARATORS = {"\t": "tabs", ";": "semicolons", "|": "bars"}
+HEAD_ROWS = 100  # from which the columns of a log without names are found
 
 
 class BadRows:
@@ -44,11 +48,13 @@ class BadRows:
 
     Attributes:
         faults: place and fault of each bad row, in the order of the rows.
+        notes: a line on what was inferred of the file.
     """
 
     def __init__(self, on_bad_row: str = "fail") -> None:
         self._skips = on_bad_row == "skip"
         self.faults: list[str] = []
+        self.notes: list[str] = []
 
     def finish(self, good: int, hint: str = "") -> None:
         """Refuse the recording if a row is bad, unless bad rows are left out and others remain.
@@ -112,14 +118,11 @@ def read_log(
     """
     bad = bad or BadRows()
     previous_speed, largest = 0.0, 0.0
-    order: list[str] | None = None
+    head = [fields for _, fields in itertools.islice(read_fields(log, BadRows()), HEAD_ROWS)]
+    order, is_named = _column_order(log, head, bad.notes)
     line = good = 0
     fields: list[str] = []
-    for line, fields in read_fields(log, bad.faults):
-        if order is None:
-            order = _column_order(log, fields)
-            if _is_header(fields):
-                continue
+    for line, fields in itertools.islice(read_fields(log, bad), is_named, None):
         check_most("rows", line, log, MANY_ROWS)
         try:
             paths, values = _arrange(fields, order)
@@ -127,7 +130,11 @@ def read_log(
             if not (text := "".join(paths)).isascii() or "\0" in text:
                 paths = tuple(map(printable_path, paths))
         except InputError as error:
-            bad.faults.append(f"{log}, row {line}: {error}")
+            if _is_header(fields):  # of a log that was joined to another one
+                order, _ = _column_order(log, [fields], [])
+                bad.notes.append(f"{log.name}: row {line} is a header of the rows below it")
+            else:
+                bad.faults.append(f"{log}, row {line}: {error}")
             continue
         previous_speed = numbers[3]
         if unit:
@@ -138,7 +145,7 @@ def read_log(
             continue
         good += 1
         yield LogRow(line, paths, numbers)
-    if good and len(fields) < len(order or ()):
+    if good and len(fields) < len(order):
         forget_half_written(log, bad)
     if not good and not bad.faults:
         raise InputError(f"{log}: the log has no rows; record some driving first")
@@ -153,7 +160,7 @@ def forget_half_written(log: Path, bad: BadRows) -> None:
             bad.faults.pop()
 
 
-def read_fields(log: Path, faults: list[str]) -> Iterator[tuple[int, list[str]]]:
+def read_fields(log: Path, bad: BadRows) -> Iterator[tuple[int, list[str]]]:
     """Yield each row's line and stripped fields, without empty rows; a fault for each other row."""
     with open_text(log, MOST_LOG_BYTES) as file:
         head = file.buffer.read(4)
@@ -165,19 +172,22 @@ def read_fields(log: Path, faults: list[str]) -> Iterator[tuple[int, list[str]]]
         )
     # A folder's name may be in an old code page: images are found by their file names.
     with open_text(log, MOST_LOG_BYTES, errors="surrogateescape") as file:
-        reader = csv.reader(file, delimiter=find_delimiter(file), skipinitialspace=True)
+        delimiter = find_delimiter(file)
+        if delimiter in _SEPARATORS:
+            bad.notes.append(f"{log.name}: its columns are separated by {_SEPARATORS[delimiter]}")
+        reader = csv.reader(file, delimiter=delimiter, skipinitialspace=True)
         while True:
             line = reader.line_num + 1
             try:
                 fields = next(reader, None)
             except csv.Error as error:
-                faults.append(f"{log}, row {line}: not a CSV row ({error})")
+                bad.faults.append(f"{log}, row {line}: not a CSV row ({error})")
                 continue
             if fields is None:
                 return
             if reader.line_num > line:
                 closes = f"a quote opens here and closes in row {reader.line_num}"
-                faults.append(f"{log}, row {line}: {closes}")
+                bad.faults.append(f"{log}, row {line}: {closes}")
                 continue
             fields = [field.strip() for field in fields]
             if any(fields):
@@ -185,10 +195,12 @@ def read_fields(log: Path, faults: list[str]) -> Iterator[tuple[int, list[str]]]
 
 
 def find_delimiter(file: TextIO) -> str:
-    """Return the delimiter of the first line, whose numbers may have decimal commas."""
-    line = file.readline(MOST_LINE)
+    """Return the delimiter of the first line with text, whose numbers may have decimal commas."""
+    line = next(filter(str.strip, file), "")
     file.seek(0)
-    return ";" if line.count(";") >= max(3, line.count(",")) else ","
+    counts = {",": len(_BETWEEN_FIELDS.findall(line))}
+    counts |= {separator: line.count(separator) for separator in _SEPARATORS}
+    return max(counts, key=lambda separator: counts[separator])
 
 
 def printable_path(path: str) -> str:
@@ -208,8 +220,8 @@ def range_fault(numbers: Sequence[float]) -> str:
     """Return what is wrong with the range of a row's numbers, '' if nothing is."""
     for name, value in zip(NUMBERS, numbers, strict=True):
         low, high = RANGES[name]
-        if not low <= value <= high:
-            return f"{name} is {value:g}, beyond {low}..{high}"
+        if not low - ROUNDING <= value <= high + ROUNDING:
+            return f"{name} is {number_text(value)}, beyond {low}..{high}"
     return ""
 
 
@@ -224,15 +236,29 @@ def _is_header(fields: list[str]) -> bool:
     return any(field.lower() in ("center", "centre") for field in fields)
 
 
-def _column_order(log: Path, fields: list[str]) -> list[str]:
-    """Return the columns' names, from the header or from the number of images in a row."""
-    if len(fields) > 1 and all(map(_HEADING.fullmatch, fields)) and not _is_header(fields):
+def _column_order(log: Path, rows: list[list[str]], notes: list[str]) -> tuple[list[str], bool]:
+    """Return the columns' names, and whether the first row is a header.
+
+    Args:
+        log: path of the log, for messages.
+        rows: first rows of the log.
+        notes: list to which a line on columns that nothing names is added.
+    """
+    first = rows[0] if rows else []
+    is_header = _is_header(first)
+    words = [field for field in first if field]
+    if len(words) > 1 and all(map(_HEADING.fullmatch, words)) and not is_header:
         raise InputError(
-            f"{log}, row 1: the header {','.join(fields):.200} is of another format; name its "
-            f"columns {','.join(COLUMNS)} (left and right may be missing)"
+            f"{log}, row 1: the header {','.join(first):.200} is of another format; name its "
+            f"columns {','.join(COLUMNS)} (left and right may be missing), or read it with "
+            "format=table and columns="
         )
-    if _is_header(fields):
-        names = [replace_undecoded(field).lower() for field in fields]
+    numbered = [str(column) for column in range(len(words))]  # as pandas names columns
+    is_named = is_header or (bool(words) and words == numbered)
+    fields = without_empty(rows[is_named] if len(rows) > is_named else [])
+    index = len([*itertools.takewhile(str.isdigit, fields)])
+    if is_header:
+        names = [replace_undecoded(field).lower() for field in without_empty(first)]
         names = ["center" if name == "centre" else name for name in names]
         for name in COLUMNS:
             least = 0 if name in ("left", "right") else 1
@@ -241,15 +267,32 @@ def _column_order(log: Path, fields: list[str]) -> list[str]:
                     f"{log}, row 1: the header names {name} {names.count(name)} times; "
                     f"expected {','.join(COLUMNS)}"
                 )
-        return names
-    images = len([field for field in fields if _IMAGE.search(field)])
-    if images == 1 and len(fields) > 1 and fields[1]:  # a steering, not an empty path
-        return ["center", *NUMBERS]
-    return list(COLUMNS)
+    else:
+        is_single = len([field for field in fields if IMAGE.search(field)]) == 1
+        # After the only image stands the steering, not an empty path.
+        names = [*(CAMERAS[:1] if is_single and any(fields[index + 1 : index + 2]) else CAMERAS)]
+        names += NUMBERS
+    more = len(fields) - len(names)
+    # Decimal commas make a row longer, too.
+    alike = [row for row in rows[is_named:] if len(row) == len(rows[is_named])]
+    has_points = any("." in field for row in alike for field in row[-max(more, 0) - 4 :])
+    if more > 0 and names[0] == "center" and (has_points or index == more):
+        names = [""] * min(index, more) + names + [""] * (more - index)
+        shown = ",".join(name or "-" for name in names)
+        notes.append(f"{log.name}: its columns are taken for {shown:.200}")
+    return names, is_named
+
+
+def without_empty(fields: list[str], least: int = 0) -> list[str]:
+    """Return fields without the empty ones at the end that are more than `least`."""
+    while len(fields) > least and not fields[-1]:
+        fields = fields[:-1]
+    return fields
 
 
 def _arrange(fields: list[str], order: list[str]) -> tuple[tuple[str, ...], list[str]]:
     """Return a row's three paths and its numbers' fields, over 4 if they have decimal commas."""
+    fields = without_empty(fields, len(order))
     if order == [*COLUMNS] and len(fields) == len(order):  # nearly every log
         return (fields[0], fields[1], fields[2]), fields[3:]
     if len(fields) == len(order):

@@ -5,6 +5,7 @@ import io
 import os
 import struct
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -15,6 +16,7 @@ from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
 
 from zoo.base.bounded_files import open_regular, read_regular
+from zoo.base.file_kind import HEAD_BYTES, find_kind
 
 # Limits before an image is read and before it is decoded: a few kB can hold gigabytes of pixels.
 MOST_IMAGE_BYTES = 32_000_000
@@ -26,7 +28,7 @@ TAIL = 1024  # bytes at a file's end that must hold the end marker
 # marker stands only at the true end.
 _KINDS = ((b"\xff\xd8\xff", b"\xff\xd9"), (b"\x89PNG\r\n\x1a\n", b"IEND"))
 _FRAMES, _SCAN = (0xC0, 0xC1, 0xC2), 0xDA  # markers of frames and of a scan
-HEAD = 8  # bytes that identify the kind of file
+_EXIF, _TURN, _QUARTERS = b"Exif", 0x0112, (5, 6, 7, 8)  # turns that swap width and height
 NO_IMAGE = "the file is no JPEG or PNG"
 # Errors after which a link is replaced by a copy: another file system, or one without links; a
 # file of another user; too many links.
@@ -129,13 +131,14 @@ def checked_size(data: bytes) -> tuple[int, int]:
 
 
 def find_fault(data: bytes) -> str | None:
-    """Return what is wrong with an image by its first `HEAD` and last `TAIL` bytes, or None."""
+    """Return what is wrong with an image, by the bytes of `read_ends`, or None."""
     if not data:
         return "the file is empty"
     for start, end in _KINDS:
         if data.startswith(start):
             return None if end in data[-TAIL:] else "the image is truncated"
-    return NO_IMAGE
+    kind = find_kind(data[:HEAD_BYTES])
+    return f"{NO_IMAGE}: it {kind}" if kind else NO_IMAGE
 
 
 def find_size_fault(width: int, height: int) -> str | None:
@@ -155,23 +158,29 @@ def find_scan_fault(data: bytes, most: int = MOST_SCANS) -> str | None:
 
 
 def image_size(file: BinaryIO) -> tuple[int, int]:
-    """Return the width and height in a JPEG's or PNG's header.
+    """Return the width and height in a JPEG's or PNG's header, after the turn that EXIF names.
 
     Raises:
         ValueError: the header is damaged.
     """
-    head = file.read(HEAD)
+    head = file.read(HEAD_BYTES)
     file.seek(0)
     try:
         # Image.open would print a warning about a size that this module refuses itself.
         kind = PngImageFile if head.startswith(_KINDS[1][0]) else JpegImageFile
-        return kind(file).size
+        image = kind(file)
     except Exception as error:  # damaged bytes can make Pillow raise anything
         raise ValueError(f"{NO_IMAGE} ({str(error) or type(error).__name__})") from None
+    turn = None
+    with suppress(Exception):  # a damaged EXIF can raise anything; OpenCV turns nothing then
+        turn = image.getexif().get(_TURN) if "exif" in image.info else None
+    return image.size[::-1] if turn in _QUARTERS else image.size
 
 
 def jpeg_size(data: bytes) -> tuple[int, int] | None:
     """Return a plain JPEG's width and height, ten times as fast as Pillow; None for other data.
+
+    Plain is a JPEG without EXIF, which may turn it.
 
     It follows the segments (ITU-T T.81, annex B) to the one of the frame.
     """
@@ -184,19 +193,21 @@ def jpeg_size(data: bytes) -> tuple[int, int] | None:
         # A marker without a length, a fill byte, a scan, or a frame that OpenCV does not decode.
         if kind < _FRAMES[0] or kind in (0xC3, _SCAN, 0xFF) or 0xD0 <= kind <= 0xD9:
             break
+        if data[at + 4 : at + 8] == _EXIF:
+            break
         at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
     return None
 
 
 def read_ends(path: str) -> bytes:
-    """Return a file's first `HEAD` and last `TAIL` bytes, which `find_fault` needs.
+    """Return a file's first `HEAD_BYTES` and last `TAIL` bytes.
 
     Raises:
         OSError: the file cannot be read, is no regular one or too large.
     """
     descriptor, size = open_regular(path, MOST_IMAGE_BYTES)
     try:
-        head = os.read(descriptor, HEAD)
+        head = os.read(descriptor, HEAD_BYTES)
         os.lseek(descriptor, max(size - TAIL, 0), os.SEEK_SET)
         return head + os.read(descriptor, TAIL)
     finally:

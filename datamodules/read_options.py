@@ -24,7 +24,7 @@ class ReadOptions:
         on_bad_image: skip: leave out rows whose image is missing.
         on_bad_row: skip: leave out rows that cannot be read; each is counted.
         format: name of the format, such as table; null: found by the names of the files.
-        columns: columns of a table, {image: NAME, steering: NAME}.
+        columns: columns of a table, {image: NAME, steering: NAME}, or their positions from 0.
         steering: what the numbers mean, {unit: deg, full: 540, right: positive}, or the name of the
             number that steers, as LeRobot's action:0; null: as the format says.
         camera: name of the camera that looks ahead, in a LeRobot dataset; null: found by its name.
@@ -93,9 +93,19 @@ class ReadOptions:
         return self.steering if isinstance(self.steering, str) and self.unit is None else None
 
     @property
-    def named_columns(self) -> Mapping[str, Any]:
-        """Return the columns that the user names."""
-        return keys_and_values("columns", self.columns) or {}
+    def named_columns(self) -> Mapping[str, str]:
+        """Return the columns that the user names, a position as a text.
+
+        Raises:
+            UsageError: one is neither a name nor a position.
+        """
+        columns = keys_and_values("columns", self.columns) or {}
+        for key, name in columns.items():
+            if type(name) not in (str, int):
+                raise UsageError(
+                    f"columns: {key}: {name}: must be a column's name, or its position from 0"
+                )
+        return {key: str(name) for key, name in columns.items()}
 
 
 def said_in(data: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,7 +2,8 @@
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import unicodedata
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from datamodules.driving_log import CAMERAS, NUMBERS, RANGES, BadRows, range_fault, unit_hint
+from datamodules.driving_log import (
+    CAMERAS,
+    IMAGE,
+    NUMBERS,
+    RANGES,
+    ROUNDING,
+    BadRows,
+    range_fault,
+    unit_hint,
+)
 from datamodules.image import Stored, read_image, read_stored
 from zoo.base.rig import Rig
 
@@ -18,6 +28,7 @@ LOG_NAME, IMAGE_FOLDER = "driving_log.csv", "IMG"
 LABELS = ("steering", "throttle", "brake", "speed_mph")
 TIMED_LABELS = (*LABELS, "time_s")
 LABEL_DECIMALS = 6  # of a fingerprint
+MOST_INDEX = 2**53  # up to which float64 has all whole numbers
 ROW_SAMPLE = 256  # smallest hashes: a random sample of rows, whose shares are known to 6 %
 GAP_S = 1.0  # a longer time between two rows is a gap in the recording
 LAST_S = 253_402_300_800.0  # 10000-01-01: image names have four digits for the year
@@ -200,14 +211,18 @@ def keep_valid(recording: Recording, bad: BadRows) -> Recording:
     columns = (recording.steering, recording.throttle, recording.brake, recording.speed_mph)
     numbers, time_s = np.stack(columns, axis=1), recording.time_s
     low, high = np.array([RANGES[name] for name in NUMBERS]).T
-    within = ((numbers >= low) & (numbers <= high)).all(1)
+    within = ((numbers >= low - ROUNDING) & (numbers <= high + ROUNDING)).all(1)
     good = within & (np.isnan(time_s) | ((time_s >= 0) & (time_s < LAST_S)))
     for row in np.flatnonzero(~good).tolist():
         time = f"the time {time_s[row]:g} s is not between 1970 and 9999"
         bad.faults.append(f"{recording.place(row)}: {range_fault(numbers[row]) or time}")
     largest = np.abs(numbers[:, 0]).max(initial=0, where=np.isfinite(numbers[:, 0]))
     bad.finish(int(good.sum()), unit_hint(largest))
-    return replace(recording.keep(good), bad_rows=(*recording.bad_rows, *bad.faults))
+    return replace(
+        recording.keep(good),
+        bad_rows=(*recording.bad_rows, *bad.faults),
+        notes=(*recording.notes, *bad.notes),
+    )
 
 
 def make_recording(
@@ -232,6 +247,15 @@ def make_recording(
     return Recording(names=(str(folder),), images=stored, **columns, **fields)
 
 
+def indices(numbers: np.ndarray) -> np.ndarray:
+    """Return numbers of a file as indices, int64; -1 for a number that is none.
+
+    >>> indices(np.array([2.0, np.nan, -7.0, 1e300])).tolist()
+    [2, -1, -1, -1]
+    """
+    return np.where((numbers >= 0) & (numbers < MOST_INDEX), numbers, -1).astype(np.int64)
+
+
 def file_name(written: str) -> str:
     r"""Return the last part of a path of any system.
 
@@ -249,3 +273,34 @@ def list_files(folder: str) -> dict[str, str]:
             return {entry.name: entry.path for entry in entries if entry.is_file()}
     except OSError:
         return {}
+
+
+def fold(name: str) -> str:
+    r"""Return a file's name without differences of case and of Unicode's form.
+
+    >>> fold("A\u0308.JPG") == fold("\u00e4.jpg")
+    True
+    """
+    return unicodedata.normalize("NFC", name).casefold()
+
+
+def spellings(files: Mapping[str, str]) -> dict[str, str]:
+    """Return the paths of `list_files` by folded names."""
+    return {fold(name): files[name] for name in sorted(files)}
+
+
+def unnamed_note(folders: Iterable[str], images: np.ndarray, left_out: int) -> list[str]:
+    """Return a note on image files that no row names, or none.
+
+    Args:
+        folders: folders of the centre camera's images.
+        images: images of each row, object [N, 3].
+        left_out: number of images that other rows name, which are left out.
+    """
+    named, where, unnamed = set(images.flat), sorted(folders), -left_out
+    for folder in where:
+        with os.scandir(folder) as entries:
+            files = (entry for entry in entries if entry.path not in named)
+            unnamed += sum(1 for file in files if IMAGE.search(file.name))
+    more = f" and {len(where) - 1} folders" if len(where) > 1 else ""
+    return [f"{unnamed:,} images in {where[0]}{more} have no row"] if unnamed > 0 else []

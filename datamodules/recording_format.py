@@ -111,9 +111,10 @@ def find_format(path: Path, name: str | None = None) -> tuple[str, Format]:
         InputError: there is no such folder, or it has none of the formats, or several.
         UsageError: there is no format of this name.
     """
-    if named := known_format(path, name):
+    named = known_format(path, name)
+    if named and (path.exists() or named[1].detect(path)):  # an address does not exist here
         return named
-    raise InputError(importlib.import_module(OWN["udacity"]).missing(path))
+    raise InputError(importlib.import_module("datamodules.formats.path_contents").describe(path))
 
 
 def check_roots(roots: str | Sequence[str] | None) -> None:
@@ -130,8 +131,14 @@ def read_recording(path: Path, options: ReadOptions) -> tuple[str, Recording]:
     Raises:
         InputError, UsageError: see `find_format` and `Format.read`; or the rig's file is wrong.
     """
-    name, source = find_format(path, options.format)
-    recording = source.read(path, options)
+    try:
+        name, source = find_format(path, options.format)
+        recording = source.read(path, options)
+    except OSError as error:
+        raise InputError(
+            f"{error.filename or path}: {error.strerror or error}; allow your user to read it, or "
+            "name another folder"
+        ) from None
     folder = path.parent if path.is_file() else path
     rig = read_rig(Path(options.rig).expanduser()) if options.rig else find_rig(folder)
     if rig is None and read_source(recording.names):
@@ -155,7 +162,7 @@ def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
         raise InputError("data.root is an empty list: name the folder of a recording")
     options = ReadOptions(**said).of_each(len(roots))
     parts = [
-        _read_readable(Path(root).expanduser(), own)
+        read_recording(Path(root).expanduser(), own)[1]
         for root, own in zip(roots, options, strict=True)
     ]
     if any(part.places is not None for part in parts) and len(parts) > 1:
@@ -186,16 +193,6 @@ def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
 
 def _places(recording: Recording) -> np.ndarray:
     return np.array([recording.place(row) for row in range(len(recording))], object)
-
-
-def _read_readable(root: Path, options: ReadOptions) -> Recording:
-    try:
-        return read_recording(root, options)[1]
-    except OSError as error:
-        raise InputError(
-            f"{error.filename or root}: {error.strerror}; allow your user to read it, or name "
-            "another folder"
-        ) from None
 
 
 def write_car(

@@ -92,7 +92,8 @@ class ShardStore:
         """
         with self._open(file_name(file)) as shard:
             shard.seek(4 + 4 * number)  # after the number of images
-            begin, end = struct.unpack("<II", shard.read(8))
+            head = shard.read(8)
+            begin, end = struct.unpack("<II", head) if len(head) == 8 else (0, 0)
             shard.seek(begin + 4)  # after the image's own number of bytes
             data = shard.read(max(0, min(end - begin - 4, MOST_IMAGE_BYTES)))
         if not data or len(data) < end - begin - 4:
@@ -214,7 +215,7 @@ class ShardStore:
         except (KeyError, TypeError):
             is_known, shards = False, {}
         numbers = itertools.chain(*shards.values())
-        if not is_known or not all(is_ordinary(one, 1, 2**32) for one in numbers):
+        if not (is_known and shards and all(is_ordinary(one, 1, 2**32) for one in numbers)):
             raise InputError(f"{self.place}/{INDEX}: is no index of shards of images; {REMEDY}")
         return shards
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datamodules.driving_log import read_fields
+from datamodules.driving_log import BadRows, read_fields
 from datamodules.recording import LOG_NAME, Recording, file_name
 from datamodules.shard_store import shard_of
 from zoo.base.errors import InputError
@@ -204,17 +204,17 @@ def _split_recordings(
 
 
 def _read_split(recording: Recording, path: Path) -> np.ndarray:
-    parts, faults = {}, list[str]()
-    for line, fields in read_fields(path, faults):
+    parts, bad = {}, BadRows()
+    for line, fields in read_fields(path, bad):
         if len(fields) == 2 and fields[1] in PARTS:
             parts[file_name(fields[0])] = PARTS.index(fields[1])
         elif fields != ["image", "part"]:
-            faults.append(
+            bad.faults.append(
                 f"{path}, row {line}: {','.join(fields)[:80]!a} is not image,part with a part of "
                 f"{', '.join(PARTS)}"
             )
-        if faults:
-            raise InputError(f"{faults[0]}; correct the row")
+        if bad.faults:
+            raise InputError(f"{bad.faults[0]}; correct the row")
     names = [file_name(str(image)) for image in recording.images[:, 0]]
     part = np.array([parts.get(name, -1) for name in names])
     if (part < 0).all():

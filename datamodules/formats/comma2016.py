@@ -16,10 +16,10 @@ import numpy as np
 from datamodules.formats.labels import Rows, labelled_recording
 from datamodules.image import StoredImage
 from datamodules.read_options import ReadOptions
-from datamodules.recording import LONG_DRIVE, ForwardReader, Recording
+from datamodules.recording import LONG_DRIVE, ForwardReader, Recording, indices
 from datamodules.steering_unit import SteeringUnit
-from zoo.base.bounded_files import open_binary
-from zoo.base.errors import InputError, optional_import
+from zoo.base.bounded_files import open_data
+from zoo.base.errors import InputError, library_errors, optional_import
 from zoo.base.limits import MOST
 from zoo.base.rig import Camera, single_camera_rig
 
@@ -36,6 +36,7 @@ RIG = single_camera_rig(
 MOST_BYTES = 64_000_000_000
 MOST_VALUES, MOST_CHUNK = 10 * MOST["rows"], 100_000_000
 SHAPE = (3, 160, 320)
+DAMAGED, REMEDY = "no whole HDF5 file", "download it again"
 
 
 def detect(path: Path) -> bool:
@@ -50,7 +51,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
         InputError: h5py is missing, a file is damaged, or the images do not settle the sign.
     """
     rows: Rows = defaultdict(list)
-    reader = ForwardReader(_images)
+    reader, notes = ForwardReader(_images), []
     for camera in sorted((path / "camera").glob("*.h5")):
         log = path / "log" / camera.name
         pointer, degrees, speed, time_s = _log(log)
@@ -59,43 +60,45 @@ def read(path: Path, options: ReadOptions) -> Recording:
         images, first = images[images >= 0], first[images >= 0]
         rows["place"] += [f"{log}, row {row + 1}" for row in first.tolist()]
         rows["center"] += [StoredImage(str(camera), one, reader) for one in images.tolist()]
+        with _open(camera) as file, library_errors(camera, DAMAGED, REMEDY):
+            count = len(_dataset(file, camera, "X", 4))
+        unnamed = count - len(images)
+        notes += [f"{unnamed:,} of {count:,} images in {camera} have no row"] * (unnamed > 0)
         for name, column in (("steering", degrees), ("speed_mps", speed), ("time_s", time_s)):
             rows[name] += column[first].tolist()
-    return labelled_recording(
-        path, rows, UNIT, options, is_stated=False, rig=RIG, blocks=LONG_DRIVE
-    )
+    about: dict[str, Any] = {"rig": RIG, "notes": tuple(notes), "blocks": LONG_DRIVE}
+    return labelled_recording(path, rows, UNIT, options, is_stated=False, **about)
 
 
 def _log(path: Path) -> tuple[np.ndarray, ...]:
     """Return the columns of a log: image of each row, degrees, m/s, seconds."""
-    with _open(path) as file:
+    with _open(path) as file, library_errors(path, DAMAGED, REMEDY):
         names = ("cam1_ptr", "steering_angle", "speed", "times")
         pointer, *numbers = (_dataset(file, path, name, 1)[:] for name in names)
     if len({len(column) for column in (pointer, *numbers)}) > 1:
-        raise InputError(f"{path}: its columns differ in length; download it again")
-    return np.nan_to_num(pointer, nan=-1).astype(np.int64), *numbers
+        raise InputError(f"{path}: its columns differ in length; {REMEDY}")
+    return indices(pointer), *numbers
 
 
 def _images(path: Path) -> Iterator[np.ndarray]:
     """Yield the images of a file, uint8 [H, W, 3] RGB."""
     with _open(path) as file:
-        images = _dataset(file, path, "X", 4)
-        if images.dtype != np.uint8 or images.shape[1:] != SHAPE:
-            raise InputError(f"{path}: X is not uint8 [N, 3, 160, 320]; download it again")
+        with library_errors(path, DAMAGED, REMEDY):
+            images = _dataset(file, path, "X", 4)
+            if images.dtype != np.uint8 or images.shape[1:] != SHAPE:
+                raise InputError(f"{path}: X is not uint8 [N, 3, 160, 320]; {REMEDY}")
         for number in range(len(images)):
             try:
                 yield np.ascontiguousarray(images[number].transpose(1, 2, 0))
-            except OSError as error:
+            except (OSError, RuntimeError) as error:
                 raise ValueError(f"{path}: image {number + 1} is damaged ({error})") from None
 
 
 def _open(path: Path) -> Any:
     with optional_import(f"{path}: needs h5py; install drivezoo[keras]"):
         import h5py
-    try:
-        return h5py.File(open_binary(path, MOST_BYTES), "r")
-    except OSError as error:
-        raise InputError(f"{path}: no whole HDF5 file ({error}); download it again") from None
+    with library_errors(path, DAMAGED, REMEDY):
+        return h5py.File(open_data(path, MOST_BYTES), "r")
 
 
 def _dataset(file: Any, path: Path, name: str, dimensions: int) -> Any:
@@ -108,7 +111,7 @@ def _dataset(file: Any, path: Path, name: str, dimensions: int) -> Any:
         isinstance(found, h5py.Dataset) and found.ndim == dimensions and found.dtype.kind in "uif"
     )
     if not fits or found.external or found.is_virtual:
-        raise InputError(f"{path}: {name} is no array of numbers in the file; download it again")
+        raise InputError(f"{path}: {name} is no array of numbers in the file; {REMEDY}")
     # A few bytes can claim any number of equal values.
     most = MOST_VALUES if dimensions == 1 else MOST["rows"]
     if len(found) > most or math.prod(found.chunks or ()) * found.dtype.itemsize > MOST_CHUNK:

@@ -12,8 +12,8 @@ from datamodules.formats.labels import labelled_recording, video_images
 from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.steering_unit import SteeringUnit
-from zoo.base.bounded_files import open_binary
-from zoo.base.errors import InputError
+from zoo.base.bounded_files import open_data
+from zoo.base.errors import InputError, library_errors
 from zoo.base.limits import MOST
 from zoo.base.rig import Camera, single_camera_rig
 
@@ -67,9 +67,7 @@ def _at(times: np.ndarray, folder: Path) -> np.ndarray:
 
 def _array(path: Path) -> np.ndarray:
     """Return the numbers in a file of NumPy, float64 [N]."""
-    try:
-        with open_binary(path, MOST_BYTES) as file:
+    with library_errors(path, "no array of numbers", "download it again"):
+        with open_data(path, MOST_BYTES) as file:
             found = np.load(file, allow_pickle=False)
         return found.astype(np.float64).reshape(len(found))
-    except (OSError, ValueError, TypeError, AttributeError, EOFError) as error:
-        raise InputError(f"{path}: no array of numbers ({error}); download it again") from None

@@ -4,6 +4,8 @@ Written after the format of `donkeycar/parts/tub_v2.py` and `datastore_v2.py` (v
 `datastore.py` of version 3.
 """
 
+import functools
+import itertools
 import json
 import os
 import re
@@ -16,6 +18,7 @@ import numpy as np
 
 from datamodules.driving_log import BadRows
 from datamodules.formats.json_fields import number, parse, plain_name
+from datamodules.formats.path_contents import SUGGESTED, find_below
 from datamodules.formats.recording_writer import (
     Converted,
     left_out_note,
@@ -25,12 +28,21 @@ from datamodules.formats.recording_writer import (
 )
 from datamodules.image import find_file_fault
 from datamodules.read_options import ReadOptions
-from datamodules.recording import TIMED_LABELS, Recording, keep_valid, make_recording
+from datamodules.recording import (
+    TIMED_LABELS,
+    Recording,
+    fold,
+    keep_valid,
+    list_files,
+    make_recording,
+    spellings,
+    unnamed_note,
+)
 from datamodules.recording_format import write_car
 from datamodules.stretches import complete_times, continuous_drives, times_of_drives
 from zoo.base.bounded_files import MOST_JSON_BYTES, open_text, read_text
 from zoo.base.errors import InputError
-from zoo.base.limits import check_most
+from zoo.base.limits import check_most, is_ordinary
 from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.rig import MPS_PER_MPH, UDACITY
 
@@ -45,6 +57,8 @@ SPEEDS_MPS = ("enc/speed", "pos/speed")  # an odometer's, a simulator's
 EXACT = {name: f"drivezoo/{name}" for name in ("throttle", "brake", "speed_mph")}
 LOOP_HZ = 20.0  # Donkeycar's loop, for records without a time
 MOST_CATALOG_BYTES = 500_000_000
+
+CATALOGS = "[!.]*.catalog"
 
 _OLD_RECORD = re.compile(r"record_(\d{1,9})\.json")
 
@@ -63,8 +77,9 @@ TYPES = {
 
 
 def detect(path: Path) -> bool:
-    """Return whether a folder holds a manifest, or records of Donkeycar 3."""
-    return (path / MANIFEST).exists() or next(_old_paths(path), None) is not None
+    """Return whether a folder holds a manifest or a catalog, or records of Donkeycar 3."""
+    files = itertools.chain(path.glob(MANIFEST), path.glob(CATALOGS), _old_paths(path))
+    return next(files, None) is not None
 
 
 def read(path: Path, options: ReadOptions) -> Recording:
@@ -79,7 +94,9 @@ def read(path: Path, options: ReadOptions) -> Recording:
     bad, bad_images = BadRows(options.on_bad_row), []
     columns: dict[str, list] = {}
     deleted = piloted = 0
-    texts = _new_records(path) if (path / MANIFEST).exists() else _old_records(path)
+    is_old, count = next(path.glob(CATALOGS), None) is None and not (path / MANIFEST).exists(), 0
+    texts = _old_records(path) if is_old else _new_records(path, bad.notes)
+    spelled = functools.cache(lambda folder: spellings(list_files(folder)))
     for count, (place, text, images) in enumerate(texts, 1):
         check_most("rows", count, path, "divide the tub")
         if text is None:
@@ -92,15 +109,21 @@ def read(path: Path, options: ReadOptions) -> Recording:
             continue
         if record is None:
             piloted += 1
-        elif fault := find_file_fault(record["image"]):
+            continue
+        fault, name = find_file_fault(record["image"]), record["image"].removeprefix(images)
+        if fault and (other := spelled(images).get(fold(name))):  # its case may differ
+            record["image"], fault = other, find_file_fault(other)
+        if fault:
             bad_images.append(f"{place}: {fault}")
         else:
             for name, value in record.items():
                 columns.setdefault(name, []).append(value)
     if not columns:
         bad.finish(0)
-        reason = bad_images[0] if bad_images else "all are deleted or driven by an autopilot"
-        raise InputError(f"{path}: no record is left: {reason}; name another tub")
+        left_out = f"{deleted:,} are deleted and {piloted:,} driven by an autopilot"
+        reason = bad_images[0] if bad_images else left_out if count else "it has none"
+        others = " or ".join(map(str, find_below(path)[:SUGGESTED])) or "another tub"
+        raise InputError(f"{path}: no record is left: {reason}; name {others}")
     numbers = {name: np.array(columns[name], float) for name in TIMED_LABELS}
     if options.unit:
         numbers["steering"] = options.unit.steering(numbers["steering"])
@@ -119,10 +142,12 @@ def read(path: Path, options: ReadOptions) -> Recording:
         {"center": columns["image"]},
         places=np.array(columns["place"], object),
         bad_images=tuple(bad_images),
-        notes=tuple(note for note, count in counts.items() if count),
+        notes=tuple(note for note, number in counts.items() if number),
         # Of drivezoo's own tubs; the rig of others is unknown.
         rig=UDACITY if any(columns["is_own"]) else None,
     )
+    folder = str(path if is_old else path / IMAGES)
+    bad.notes += unnamed_note([folder], recording.images, count - len(recording))
     return keep_valid(recording, bad)
 
 
@@ -150,19 +175,27 @@ def _record(place: str, text: str, images: str) -> dict[str, Any] | None:
     }
 
 
-def _new_records(folder: Path) -> Iterator[tuple[str, str | None, str]]:
-    """Yield each record's place, text (None if it is deleted), and folder of images."""
-    path = folder / MANIFEST
-    lines = read_text(path, MOST_JSON_BYTES).splitlines()
-    place = f"{path}, row 5"
-    catalogs = parse(lines[4] if len(lines) > 4 else "", place, dict)
-    deleted, paths = catalogs.get("deleted_indexes", []), catalogs.get("paths")
-    if not isinstance(deleted, list) or not isinstance(paths, list):
-        raise InputError(f"{place}: no lists paths and deleted_indexes; copy the tub again")
-    names = [plain_name(name, place, "a catalog") for name in paths]
-    if len(set(names)) < len(names):
-        raise InputError(f"{place}: names a catalog more than once; name each once")
-    gone = {one for one in deleted if isinstance(one, int)}
+def _new_records(folder: Path, notes: list[str]) -> Iterator[tuple[str, str | None, str]]:
+    """Yield each record's place, text (None if it is deleted), and folder of images.
+
+    Args:
+        folder: folder of the tub.
+        notes: list to which a line is added on what the manifest and the catalogs do not agree in.
+    """
+    path, place = folder / MANIFEST, f"{folder / MANIFEST}, row 5"
+    there = [catalog.name for catalog in sorted(folder.glob(CATALOGS), key=_natural)]
+    if path.exists():
+        lines = read_text(path, MOST_JSON_BYTES).splitlines()
+        manifest = parse(lines[4] if len(lines) > 4 else "", place, dict)
+        gone, counted = _deleted(manifest, place), manifest.get("current_index")
+        names = [plain_name(name, place, "a catalog") for name in manifest["paths"]]
+        if len(set(names)) < len(names):
+            raise InputError(f"{place}: names a catalog more than once; name each once")
+        others = ", ".join(name for name in there if name not in names)
+        notes += [f"{others}: left out, since {MANIFEST} does not name it"] if others else []
+    else:
+        gone, counted, names = set(), None, there
+        notes.append(f"no {MANIFEST}: deleted records are read, too, of {', '.join(names)}")
     images = f"{folder / IMAGES}{os.sep}"
     index = 0
     for name in names:
@@ -180,6 +213,28 @@ def _new_records(folder: Path) -> Iterator[tuple[str, str | None, str]]:
                 # As Donkeycar does: a deleted index counts the records, whatever their _index.
                 yield f"{catalog}, row {line}", None if index in gone else text, images
                 index += 1
+    if is_ordinary(counted) and counted != index:
+        notes.append(f"{MANIFEST} counts {counted:,} records, and its catalogs hold {index:,}")
+
+
+def _deleted(manifest: dict[str, Any], place: str) -> set[int]:
+    """Return the numbers of deleted records, which programs also write as texts."""
+    deleted, paths = manifest.get("deleted_indexes", []), manifest.get("paths")
+    if isinstance(deleted, str):
+        deleted = [part for part in re.split(r"[\s,\[\]]+", deleted) if part]
+    if not isinstance(deleted, list) or not isinstance(paths, list):
+        raise InputError(f"{place}: no lists paths and deleted_indexes; copy the tub again")
+    for index in deleted:
+        if not re.fullmatch(r"\d{1,9}(\.0)?", str(index)):
+            raise InputError(
+                f"{place}: deleted_indexes has {index!r:.40}, no number of a record; correct it"
+            )
+    return {int(float(index)) for index in deleted}
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Return a key that sorts `catalog_10` behind `catalog_9`."""
+    return [(int(digits or 0), text) for text, digits in re.findall(r"(\D*)(\d{0,9})", path.name)]
 
 
 def _old_records(folder: Path) -> Iterator[tuple[str, str, str]]:

@@ -1,6 +1,6 @@
 """Recordings whose labels stand in a table beside images or a video: what their formats share."""
 
-import functools
+import itertools
 import math
 import os
 import re
@@ -13,11 +13,14 @@ import numpy as np
 
 from datamodules.driving_log import (
     CAMERAS,
+    IMAGE,
     BadRows,
     forget_half_written,
     read_fields,
     replace_undecoded,
+    without_empty,
 )
+from datamodules.formats.udacity import image_finder
 from datamodules.formats.video import read_frames
 from datamodules.image import StoredImage
 from datamodules.read_options import ReadOptions
@@ -27,12 +30,12 @@ from datamodules.recording import (
     ForwardReader,
     Recording,
     keep_valid,
-    list_files,
     make_recording,
+    unnamed_note,
 )
 from datamodules.sign_evidence import find_sign_evidence
 from datamodules.steering_unit import EXAMPLE, SteeringUnit
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, library_errors
 from zoo.base.limits import check_most
 from zoo.base.rig import MPS_PER_MPH, Rig
 
@@ -116,7 +119,11 @@ def labelled_recording(
         notes=notes,
         blocks=blocks,
     )
-    recording = keep_valid(_with_images(recording, options), bad)
+    recording = _with_images(recording, options)
+    left_out = len(CAMERAS) * (len(bad.faults) + len(recording.bad_images))
+    files = {os.path.dirname(image) for image in recording.images[:, 0] if isinstance(image, str)}  # noqa: PTH120
+    bad.notes += unnamed_note(files, recording.images, left_out)
+    recording = keep_valid(recording, bad)
     if options.unit:
         note = f"steering: {meant.words()}, as data.steering says"
     elif is_stated:  # `check` compares it with the images
@@ -168,6 +175,9 @@ def _agreement(folder: Path, recording: Recording, unit: SteeringUnit) -> str:
     evidence = find_sign_evidence(recording)
     if evidence.is_clear and evidence.correlation > 0:
         return f"steering: {unit.words()}, as the images show ({evidence.words()})"
+    if not evidence.is_clear:  # of images that cannot be read nothing is
+        with library_errors(recording.place(0), "its image is bad", "copy the images again"):
+            recording.image(0)
     what = "deny" if evidence.is_clear else "do not settle"
     raise InputError(
         f"{folder}: the format does not say what its steering is, and the images {what} that it is "
@@ -177,25 +187,27 @@ def _agreement(folder: Path, recording: Recording, unit: SteeringUnit) -> str:
 
 
 def _with_images(recording: Recording, options: ReadOptions) -> Recording:
-    """Return the rows whose centre image exists; a missing side image is none."""
-    files = functools.cache(list_files)
+    """Return the rows whose centre image exists, wherever the folder was moved to.
 
-    def exists(image: object) -> bool:
-        if not isinstance(image, str):
-            return image is not None
-        folder, name = os.path.split(image)
-        return name in files(folder)
+    A missing side image is none.
+    """
+    root = Path(recording.names[0])
+    find, start = image_finder(root), len(f"{root}{os.sep}")
 
-    found = np.frompyfunc(exists, 1, 1)(recording.images).astype(bool)
-    recording.images[~found] = None
-    rows = np.flatnonzero(~found[:, 0]).tolist()
-    missing = [f"{recording.place(row)}: no centre image" for row in rows]
+    def existing(image: object) -> object:
+        return find(image[start:]) if isinstance(image, str) else image
+
+    recording.images[:] = np.frompyfunc(existing, 1, 1)(recording.images)
+    found = recording.images[:, 0].astype(bool)
+    missing = [
+        f"{recording.place(row)}: no centre image" for row in np.flatnonzero(~found).tolist()
+    ]
     if missing and (options.on_bad_image == "fail" or len(missing) == len(recording)):
         raise InputError(
             f"{missing[0]} ({len(missing):,} of {len(recording):,} rows lack one); copy the images "
             "there, or set data.on_bad_image=skip"
         )
-    return recording.keep(found[:, 0], tuple(missing))
+    return recording.keep(found, tuple(missing))
 
 
 def read_csv(
@@ -206,28 +218,38 @@ def read_csv(
     A last row that is cut short before its line's end is left out: a program is still writing it.
 
     Args:
-        path: CSV file with a header.
+        path: CSV file with a header, or with columns that are named by their positions, from 0.
         columns: names of columns that must be there.
         bad: collector of rows with another number of fields.
 
     Raises:
         InputError: the header lacks a column or names one twice.
     """
-    rows = read_fields(path, bad.faults)
-    header = [replace_undecoded(name) for name in next(rows, (1, []))[1]]
-    for fault, names in (
+    rows = read_fields(path, bad)
+    first = next(rows, (1, []))
+    names = without_empty(first[1])
+    header, what = [replace_undecoded(name) for name in names], "the header {}"
+    if any(map(IMAGE.search, names)):  # a row: columns are named by their positions
+        rows, header = itertools.chain([first], rows), [str(at) for at in range(len(header))]
+        names, what = [], "a table without a header, of columns {},"
+    elif lacking := {name for name in columns if name not in header and name.isdigit()}:
+        header = [str(at) if str(at) in lacking else name for at, name in enumerate(header)]
+    for fault, faulty in (
         ("has no column", [name for name in columns if name not in header]),
         ("has twice", [name for name in columns if header.count(name) > 1]),
     ):
-        if names:
+        if faulty:
             raise InputError(
-                f"{path}, row 1: the header {','.join(header):.200} {fault} {', '.join(names)}; "
-                "correct it, or name another file"
+                f"{path}, row 1: {what.format(','.join(header)):.200} {fault} {', '.join(faulty)}; "
+                "name its columns, or another file"
             )
     fields = header
     for line, fields in rows:
         check_most("rows", line, path, "divide the recording")
-        if len(fields) == len(header):
+        fields = without_empty(fields, len(header))
+        if fields == names:
+            bad.notes.append(f"{path.name}: row {line} repeats the header, and is left out")
+        elif len(fields) == len(header):
             yield f"{path}, row {line}", dict(zip(header, fields, strict=True))
         else:
             bad.faults.append(f"{path}, row {line}: {len(fields)} columns, expected {len(header)}")
@@ -236,28 +258,33 @@ def read_csv(
 
 
 def decimal(fields: Mapping[str, Any], name: str) -> float:
-    """Return the number in a field.
+    """Return the number in a field, which may have a decimal comma.
 
     Raises:
         ValueError: the field has no finite number.
     """
+    field = fields[name]
     try:
-        value = float(fields[name])
+        value = float(field.replace(",", ".") if isinstance(field, str) else field)
     except (ValueError, TypeError):  # Parquet's empty cells are None
         value = math.nan
     if math.isfinite(value):
         return value
-    raise ValueError(f"{name} is {fields[name]!r:.80}, not a finite number")
+    raise ValueError(f"{name} is {field!r:.80}, not a finite number")
 
 
 def inside(folder: Path, name: str) -> str:
-    """Return the path of a file that a table names; it may have been written on any system.
+    """Return the path within a folder of a file that a table names.
+
+    It may have been written on any system. Of an absolute path, which is another machine's, the
+    last parts may lead to the file: see `image_finder`.
 
     Raises:
         ValueError: the name leads out of the folder.
     """
-    parts = [part for part in re.split(r"[\\/]", name) if part not in ("", ".")]
-    if not parts or ".." in parts or name[:1] in ("/", "\\") or ":" in name or "\0" in name:
+    local = re.sub(r"^[A-Za-z]:[\\/]", "", name)
+    parts = [part for part in re.split(r"[\\/]", local) if part not in ("", ".")]
+    if not parts or ".." in parts or ":" in local or "\0" in name:
         raise ValueError(f"the image {name!r:.80} is no path within the folder")
     return str(folder.joinpath(*parts))
 

@@ -1,5 +1,6 @@
 """The format LeRobotDataset 2.0, 2.1 and 3, of drivezoo or of another program."""
 
+from collections import Counter
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from datamodules.formats.lerobot_features import (
     EPISODES,
     INFO,
     OLD_DATA_PATH,
+    OLD_EPISODES,
     OLD_VIDEO_PATH,
     TIME,
     VERSION,
@@ -22,11 +24,23 @@ from datamodules.formats.lerobot_features import (
     find_meaning,
     video_file,
 )
-from datamodules.formats.parquet_columns import REMEDY, encoded_images, read_table
+from datamodules.formats.parquet_columns import (
+    REMEDY,
+    component,
+    encoded_images,
+    open_parquet,
+    read_table,
+)
 from datamodules.formats.video import read_frames
 from datamodules.image import StoredImage
 from datamodules.read_options import ReadOptions
-from datamodules.recording import ForwardReader, Recording, keep_valid, make_recording
+from datamodules.recording import (
+    ForwardReader,
+    Recording,
+    indices,
+    keep_valid,
+    make_recording,
+)
 from datamodules.stretches import times_of_drives
 from zoo.base.bounded_files import MOST_JSON_BYTES, read_text
 from zoo.base.errors import InputError
@@ -71,9 +85,13 @@ def read(path: Path, options: ReadOptions) -> Recording:
         raise InputError(f"{files[0]}: no rows; {REMEDY}")
 
     def column(key: str, position: int = 0) -> np.ndarray:
-        return np.concatenate([_component(table[key], position) for table in tables])
+        columns = [
+            component(table[key], file, key, position)
+            for file, table in zip(files, tables, strict=True)
+        ]
+        return np.concatenate(columns)
 
-    episode, timestamp = column("episode_index").astype(np.int64), column("timestamp")
+    episode, timestamp = indices(column("episode_index")), column("timestamp")
     numbers = {role: column(one.key, one.position) for role, one in meaning.roles.items()}
     if options.unit:
         numbers["steering"] = options.unit.steering(numbers["steering"])
@@ -90,7 +108,12 @@ def read(path: Path, options: ReadOptions) -> Recording:
         # The key is that of drivezoo's own datasets; the rig of others is unknown.
         rig=UDACITY if meaning.roles["steering"].key == "steering" else None,
     )
-    recording = keep_valid(recording, BadRows(options.on_bad_row))
+    bad = BadRows(options.on_bad_row)
+    if fault := _size_fault(path, info, Counter(episode.tolist())):
+        if options.on_bad_row == "fail":
+            raise InputError(f"{fault}; {REMEDY}, or read what is there with data.on_bad_row=skip")
+        bad.faults.append(fault)
+    recording = keep_valid(recording, bad)
     for camera, key in enumerate(meaning.cameras):
         if key is None:
             continue
@@ -114,6 +137,38 @@ def read(path: Path, options: ReadOptions) -> Recording:
                 position = round(frame)
             recording.images[row, camera] = StoredImage(str(file), position, reader)
     return recording
+
+
+def _size_fault(folder: Path, info: dict[str, Any], rows: Counter[int]) -> str:
+    """Return in what the rows of each episode differ from what the dataset says, '' if in nothing.
+
+    Args:
+        folder: folder of the dataset.
+        info: contents of `info.json`.
+        rows: number of rows that were read of each episode.
+    """
+    stated: dict[int, int] = {}
+    for path in sorted((folder / EPISODES).glob("chunk-*/file-*.parquet")):
+        if "length" in open_parquet(path, ()).schema_arrow.names:
+            table = read_table(path, ["episode_index", "length"])
+            columns = [indices(component(table[name], path, name)).tolist() for name in table]
+            stated |= dict(zip(*columns, strict=True))
+    path = folder / OLD_EPISODES
+    lines = read_text(path, MOST_JSON_BYTES).splitlines() if path.is_file() else []
+    for line, text in enumerate(lines, 1):
+        place = f"{path}, row {line}"
+        entry = parse(text, place, dict)
+        stated[int(number(entry, "episode_index", place))] = int(number(entry, "length", place))
+    total, read_rows = info.get("total_frames", rows.total()), f"{rows.total():,} rows"
+    differing = [
+        f"episode {episode} has {rows[episode]:,} rows of {stated.get(episode, 0):,}"
+        for episode in sorted({*stated, *rows} if stated else ())
+        if rows[episode] != stated.get(episode, 0)
+    ]
+    if total == rows.total() and not differing:
+        return ""
+    first = f" ({len(differing):,} episodes differ: {differing[0]})" if differing else ""
+    return f"{folder / INFO}: total_frames is {total!r:.20}, and its files hold {read_rows}{first}"
 
 
 def _notes(meaning: Meaning, speed_unit: str) -> list[str]:
@@ -154,10 +209,6 @@ def _read_info(folder: Path) -> dict[str, Any]:
     return info | {"fps": fps}
 
 
-def _component(table: np.ndarray, position: int) -> np.ndarray:
-    return table if table.ndim == 1 else table[:, min(position, table.shape[1] - 1)]
-
-
 def _old_videos(folder: Path, key: str) -> dict[int, tuple[Path, float]]:
     """Return each episode's own video of versions 2, and 0, its first frame's time in it."""
     paths = (folder / "videos").glob(f"chunk-*/{key}/episode_*.mp4")
@@ -174,9 +225,11 @@ def _video_starts(folder: Path, key: str) -> dict[int, tuple[Path, float]]:
     starts = {}
     for path in paths:
         table = read_table(path, ["episode_index", *about])
-        columns = [_component(table[name], 0).tolist() for name in ("episode_index", *about)]
+        columns = [component(table[name], path, name).tolist() for name in table]
         for row, (episode, chunk, file, start) in enumerate(zip(*columns, strict=True), 1):
-            whole = all(0 <= one <= MOST_NUMBER and one == int(one) for one in (chunk, file))
+            whole = all(
+                0 <= one <= MOST_NUMBER and one == int(one) for one in (episode, chunk, file)
+            )
             if not whole or not 0 <= start < MOST["rows"]:
                 raise InputError(f"{path}, row {row}: no place of a video; {REMEDY}")
             starts[int(episode)] = folder / video_file(key, int(chunk), int(file)), start

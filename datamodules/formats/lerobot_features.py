@@ -15,7 +15,7 @@ from zoo.base.rig import MPS_PER_MPH
 CENTRES = ("center", "centre", "front", "front_center", "front_forward", "main", "top", "cam")
 
 _KEY = re.compile(r"[\w.-]{1,200}")
-_WORDS = {
+WORDS = {
     "steering": re.compile(r"steer|(^|[/_. ])angle($|[/_. ])", re.IGNORECASE),
     "throttle": re.compile(r"throttle|gas\b|gas[ _]pedal|accelerator", re.IGNORECASE),
     "brake": re.compile(r"brake", re.IGNORECASE),
@@ -29,6 +29,7 @@ _UNITS = {
 VERSION = "v3.0"
 INFO = "meta/info.json"
 EPISODES = "meta/episodes"
+OLD_EPISODES = "meta/episodes.jsonl"  # of versions 2.0 and 2.1
 DATA = "data"
 # What info.json has for the same places.
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -88,7 +89,7 @@ def find_meaning(
         UsageError: what the user names does not exist.
     """
     components = list(_components(features))
-    roles = {role: found for role in _WORDS if (found := _find(components, role))}
+    roles = {role: found for role in WORDS if (found := _find(components, role))}
     if steering is not None:
         named = {str(one): one for one in components}
         if steering not in named:
@@ -130,7 +131,7 @@ def _flat(names: object) -> list[str]:
 
 def _find(components: list[Component], role: str) -> Component | None:
     """Return the likeliest component: an own column, then an action's, or a state's for speed."""
-    words, first = _WORDS[role], "observation" if role == "speed" else "action"
+    words, first = WORDS[role], "observation" if role == "speed" else "action"
     own = [one for one in components if one.key in (role, f"{role}_mph") and not one.name]
     named = [one for one in components if words.search(one.name)]
     named += [one for one in components if words.search(one.key) and not one.name]

@@ -23,7 +23,9 @@ _NAME = re.compile(r"(?:xy_)?(\d{1,5})_(\d{1,5})_[0-9a-f]{8}[0-9a-f-]*\.jpe?g", 
 
 def detect(path: Path) -> bool:
     """Return whether a folder holds an image with such a name."""
-    return path.is_dir() and any(_NAME.fullmatch(image.name) for image in path.glob("*_*_*.jp*g"))
+    return path.is_dir() and any(
+        _NAME.fullmatch(image.name) for image in path.glob("*_*_*.[jJ]*[gG]")
+    )
 
 
 def read(path: Path, options: ReadOptions) -> Recording:

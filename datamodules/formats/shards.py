@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, BadRows
-from datamodules.formats.parquet_columns import load_pyarrow, read_table
+from datamodules.formats.parquet_columns import component, load_pyarrow, read_table
 from datamodules.formats.recording_writer import Converted, left_out_note, reported
 from datamodules.image import Stored, StoredImage, encode_image, find_fault
 from datamodules.read_options import ReadOptions
-from datamodules.recording import TIMED_LABELS, Recording, keep_valid, make_recording
+from datamodules.recording import TIMED_LABELS, Recording, indices, keep_valid, make_recording
 from datamodules.rig_file import make_rig, rig_fields
 from datamodules.shard_store import EXTRA, INDEX, REMEDY, ShardStore, is_address
 from datamodules.stretches import complete_times, find_breaks
@@ -47,13 +47,14 @@ def read(path: Path, options: ReadOptions) -> Recording:
     store = ShardStore(path, cache, int(options.cache_gb * 1e9))
     labels = store.fetch(LABELS)
     rigs = _read_rigs(store)
-    table = read_table(labels, [*TIMED_LABELS, *CAMERAS, RECORDING])
+    columns = read_table(labels, [*TIMED_LABELS, *CAMERAS, RECORDING])
+    table = {name: component(column, labels, name) for name, column in columns.items()}
     counts = np.array(list(store.images.values()))
     files = [f"{store.place}/{name}" for name in store.images]
     ends = np.cumsum(counts)
     images = {}
     for camera in CAMERAS:
-        number = np.nan_to_num(table[camera], nan=-1).astype(np.int64)
+        number = indices(table[camera])
         if number.max(initial=-1) >= ends[-1]:
             raise InputError(f"{store.place}/{LABELS}: names images that no shard has; {REMEDY}")
         shard = np.searchsorted(ends, number, side="right")
@@ -70,7 +71,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
         {name: table[name] for name in TIMED_LABELS},
         images,
         places=np.array([f"{place}, row {row + 1}" for row in range(len(number))], object),
-        recording=table[RECORDING].astype(np.int64),
+        recording=indices(table[RECORDING]),
     )
     if not np.isin(recording.recording, range(len(rigs))).all():
         raise InputError(f"{place}: has rows of recordings that {RIGS} lacks; {REMEDY}")
@@ -78,7 +79,10 @@ def read(path: Path, options: ReadOptions) -> Recording:
     several = [f"{store.place}#{one + 1}" for one in range(len(rigs))]
     names = tuple(several) if len(rigs) > 1 else (store.place,)
     recording = replace(recording, names=names, rig=rig, rigs=rigs)
-    return keep_valid(recording, BadRows(options.on_bad_row))
+    bad, named = BadRows(options.on_bad_row), np.count_nonzero(recording.images.astype(bool))
+    if named < ends[-1]:
+        bad.notes.append(f"{ends[-1] - named:,} of {ends[-1]:,} images in the shards have no row")
+    return keep_valid(recording, bad)
 
 
 def export_shards(

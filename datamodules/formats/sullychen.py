@@ -7,6 +7,7 @@ for a servo's numbers, which is why the images must agree.
 
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.bounded_files import open_text
+from zoo.base.errors import InputError
 from zoo.base.rig import Camera, single_camera_rig
 
 title = "folder in SullyChen's layout"
@@ -36,8 +38,9 @@ def detect(path: Path) -> bool:
     """Return whether a folder holds a `data.txt` whose first row names an image."""
     if not (path / LOG).is_file():
         return False
-    with open_text(path / LOG, MOST_LOG_BYTES, errors="replace") as file:
+    with suppress(InputError), open_text(path / LOG, MOST_LOG_BYTES, errors="replace") as file:
         return bool(_ROW.fullmatch(file.readline(1000).strip()))
+    return False
 
 
 def read(path: Path, options: ReadOptions) -> Recording:

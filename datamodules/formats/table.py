@@ -3,24 +3,35 @@
 It is read where `data.format=table` asks for it, with `data.columns={image: NAME, steering: NAME}`.
 """
 
+import itertools
+import re
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from datamodules.driving_log import BadRows
+from datamodules.driving_log import CAMERAS, IMAGE, BadRows, read_fields
 from datamodules.formats.labels import collect, decimal, inside, labelled_recording, read_csv
-from datamodules.formats.parquet_columns import encoded_images, load_pyarrow, open_parquet
+from datamodules.formats.lerobot_features import WORDS
+from datamodules.formats.parquet_columns import (
+    DAMAGED,
+    REMEDY,
+    check_contents,
+    contents,
+    encoded_images,
+    open_parquet,
+)
 from datamodules.image import StoredImage
 from datamodules.read_options import MPS_PER, ReadOptions
 from datamodules.recording import ForwardReader, Recording
 from datamodules.steering_unit import SteeringUnit
-from zoo.base.errors import InputError, UsageError
+from zoo.base.errors import InputError, UsageError, library_errors
 from zoo.base.limits import check_unpacked
 
 title = "table"
 UNIT = SteeringUnit()
-SUFFIXES = (".csv", ".parquet")
+UNKNOWN = "NAME"  # of a column that cannot be guessed
+SUFFIXES = (".csv", ".tsv", ".parquet")
 # Names that `columns` may give, and those of the rows that they become.
 IMAGES = {"image": "center", "center": "center", "left": "left", "right": "right"}
 NUMBERS = {
@@ -30,6 +41,7 @@ NUMBERS = {
     "speed": "speed_mps",
     "time": "time_s",
 }
+_IMAGE_WORD = re.compile(r"image|img|frame|file|path|cent(er|re)", re.IGNORECASE)
 ROWS_AT_ONCE = 256  # each cell may repeat a long text that stands in the file once
 # A time of at least so much is counted in so many parts of a second since 1970.
 PARTS = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3))
@@ -37,7 +49,7 @@ PARTS = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3))
 
 def detect(path: Path) -> bool:
     """Return whether a path is a Parquet table; other tables need `data.format=table`."""
-    return path.suffix == ".parquet" and path.is_file()
+    return path.suffix.lower() == ".parquet" and path.is_file()
 
 
 def read(path: Path, options: ReadOptions) -> Recording:
@@ -52,7 +64,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
     known = {**IMAGES, **NUMBERS}
     if not {"steering"} <= set(columns) <= set(known) or not {"image", "center"} & set(columns):
         raise UsageError(
-            f"{table}: name its columns, data.columns={{image: NAME, steering: NAME}}; others are "
+            f"{table}: has the columns {', '.join(find_columns(table)[0]):.200}; name its columns, "
+            "data.columns={image: NAME, steering: NAME}; others are "
             f"{', '.join(sorted(set(known) - {'image', 'center', 'steering'}))}"
         )
     folder = Path(options.images) if options.images else table.parent
@@ -70,7 +83,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
         return row
 
     bad = BadRows(options.on_bad_row)
-    if table.suffix == ".csv":
+    if table.suffix.lower() != ".parquet":
         found: Iterator[tuple[str, Mapping[str, Any]]] = read_csv(
             table, list(columns.values()), bad
         )
@@ -90,17 +103,39 @@ def _find_table(path: Path) -> Path:
     """Return a table, or the only one in a folder."""
     if path.is_file():
         return path
-    tables = [file for file in sorted(path.glob("*")) if file.suffix in SUFFIXES]
+    tables = [file for file in sorted(path.glob("*")) if file.suffix.lower() in SUFFIXES]
     if len(tables) == 1:
         return tables[0]
     names = ", ".join(file.name for file in tables[:3])
     raise InputError(f"{path}: holds {names or 'no .csv and no .parquet'}; name one file")
 
 
-def _holds_images(kind: Any) -> bool:
-    """Return whether a Parquet column of this type holds images, not their paths."""
-    pyarrow = load_pyarrow()
-    return pyarrow.types.is_struct(kind) or pyarrow.types.is_binary(kind)
+def find_columns(table: Path) -> tuple[list[str], list[str]]:
+    """Return a table's columns in words, and the keys that read it, with NAME for what is unknown.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    if table.suffix.lower() == ".parquet":
+        schema = open_parquet(table, ()).schema_arrow
+        shown = names = schema.names
+        images = [name for name in names if contents(schema.field(name).type) == "images"]
+        numbers = []
+    else:
+        rows = [fields for _, fields in itertools.islice(read_fields(table, BadRows()), 2)] or [[]]
+        shown = names = rows[0]
+        if any(map(IMAGE.search, names)):  # no header
+            shown = [f"{at} ({field})" for at, field in enumerate(names)]
+            names = [str(at) for at in range(len(names))]
+        pairs = list(zip(names, rows[-1], strict=False))
+        images = [name for name, field in pairs if IMAGE.search(field)]
+        numbers = [name for name, _ in pairs if shown != names and name not in images]
+    if len(images) == len(CAMERAS) and (len(numbers) >= 4 or "center" in names):
+        return shown, ["format=udacity"]
+    images += [name for name in names if _IMAGE_WORD.search(name)]
+    steering = [name for name in names if WORDS["steering"].search(name)] or numbers
+    image, turn = images[0] if images else UNKNOWN, steering[0] if len(steering) == 1 else UNKNOWN
+    return shown, ["format=table", f"columns={{image: {image}, steering: {turn}}}"]
 
 
 def _parquet_rows(
@@ -108,17 +143,19 @@ def _parquet_rows(
 ) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Yield each row's place and fields; an image that stands in the table is a `StoredImage`."""
     file = open_parquet(table, list(columns.values()))
-    stored = {
-        name: ForwardReader(partial(encoded_images, key=name))
-        for key, name in columns.items()
-        if key in IMAGES and _holds_images(file.schema_arrow.field(name).type)
-    }
+    stored = {}
+    for key, name in columns.items():
+        expected = ("texts", "images" if key in IMAGES else "numbers")
+        held = check_contents(table, name, file.schema_arrow.field(name).type, *expected)
+        if held == "images":
+            stored[name] = ForwardReader(partial(encoded_images, key=name))
     plain = [name for name in columns.values() if name not in stored]
     number = unpacked = 0
-    for batch in file.iter_batches(batch_size=ROWS_AT_ONCE, columns=plain):
-        unpacked += batch.nbytes
-        check_unpacked(unpacked, table.stat().st_size, table)
-        for fields in batch.to_pylist():
-            images = {name: StoredImage(str(table), number, one) for name, one in stored.items()}
-            number += 1
-            yield f"{table}, row {number}", fields | images
+    with library_errors(table, DAMAGED, REMEDY):
+        for batch in file.iter_batches(batch_size=ROWS_AT_ONCE, columns=plain):
+            unpacked += batch.nbytes
+            check_unpacked(unpacked, table.stat().st_size, table)
+            for fields in batch.to_pylist():
+                images = {name: StoredImage(str(table), number, stored[name]) for name in stored}
+                number += 1
+                yield f"{table}, row {number}", fields | images

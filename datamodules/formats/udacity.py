@@ -1,21 +1,33 @@
 """The format of Udacity's simulator: a `driving_log.csv` and an `IMG` folder, from any machine."""
 
-import difflib
 import functools
+import os
 import re
+from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from datamodules.driving_log import CAMERAS, BadRows, LogRow, read_log
+from datamodules.driving_log import CAMERAS, IMAGE, BadRows, LogRow, read_log
 from datamodules.read_options import ReadOptions
-from datamodules.recording import LABELS, LOG_NAME, Recording, file_name, list_files, make_recording
+from datamodules.recording import (
+    IMAGE_FOLDER,
+    LABELS,
+    LOG_NAME,
+    Recording,
+    file_name,
+    fold,
+    list_files,
+    make_recording,
+    spellings,
+    unnamed_note,
+)
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
 
 title = "recording"
-SUGGESTED = 3  # folders with a log that the error about a folder without one names
 
 _TIME = re.compile(r"(\d{4})_(\d\d)_(\d\d)_(\d\d)_(\d\d)_(\d\d)_(\d{3})(?=\.\w+$)")
 
@@ -31,9 +43,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
     Raises:
         InputError: the folder, the log, a row or an image is missing or wrong.
     """
-    log = path if path.suffix == ".csv" else path / LOG_NAME
-    if not log.exists():
-        raise InputError(missing(path))
+    log = path if path.is_file() else path / LOG_NAME
     folder = Path(options.images).expanduser() if options.images else None
     find, bad_rows = image_finder(log.parent, folder), BadRows(options.on_bad_row)
     rows = list(read_log(log, bad_rows, options.unit))
@@ -52,22 +62,18 @@ def read(path: Path, options: ReadOptions) -> Recording:
     recording = make_recording(
         log.parent, numbers, images, line=lines, bad_rows=tuple(bad_rows.faults), rig=UDACITY
     )
+    centre = Counter(os.path.dirname(image) for image in images["center"] if image)  # noqa: PTH120
+    left_out = len(CAMERAS) * len(bad_rows.faults)
+    notes = [*bad_rows.notes, *unnamed_note(centre, recording.images, left_out)]
+    notes += [
+        f"the images of {count:,} rows are read from {place}, where the log's paths lead"
+        for place, count in centre.items()
+        if not folder and not Path(place).is_relative_to(log.parent)
+    ]
+    recording = replace(recording, notes=tuple(notes))
     good = np.ones(len(rows), dtype=bool)
     good[list(bad)] = False
     return recording.keep(good, tuple(bad[index] for index in sorted(bad)))
-
-
-def missing(root: Path) -> str:
-    """Return what a path lacks, and what to name: recordings in it or around it, or a near name."""
-    found = [path.parent for path in sorted(root.glob(f"*/{LOG_NAME}"))]
-    if not root.exists():
-        near = {path.parent.name: path.parent for path in root.parent.glob(f"*/{LOG_NAME}")}
-        found = [near[name] for name in difflib.get_close_matches(root.name, list(near), n=1)]
-    elif not found and (root.parent / LOG_NAME).is_file():  # its IMG folder was named
-        found = [root.parent]
-    what = f"holds no {LOG_NAME}, and is of no other format" if root.exists() else "no such folder"
-    named = ", or ".join(map(str, found[:SUGGESTED])) or f"the folder of a {LOG_NAME}"
-    return f"{root}: {what}; name {named}"
 
 
 def _missing_images(
@@ -87,7 +93,7 @@ def _missing_images(
     return bad
 
 
-def image_finder(root: Path, images: Path | None) -> Callable[[str], str | None]:
+def image_finder(root: Path, images: Path | None = None) -> Callable[[str], str | None]:
     """Return a function from an image, as a log names it, to its path here, or None.
 
     A path may be of Windows, macOS or Linux, absolute or relative. Each folder is listed once.
@@ -99,25 +105,37 @@ def image_finder(root: Path, images: Path | None) -> Callable[[str], str | None]
     if images and not images.is_dir():
         raise InputError(f"{images}: no such folder; set data.images=FOLDER of the images")
     files = functools.cache(list_files)
+    inner = [entry.path for entry in os.scandir(root) if entry.is_dir()]
 
     @functools.cache
     def folders(written: str) -> list[str]:
-        """Return folders to search, best first: the given one, or IMG, the path's tails, others."""
+        """Return folders to search: the given one, or the path's tails, IMG, and the log's."""
         if images:
             return [str(images)]
         parts = [part for part in re.split(r"[\\/]", written) if part not in ("", ".")]
         tails = [root.joinpath(*parts[start:]) for start in range(len(parts))]
-        img = [path for path in root.iterdir() if path.name.lower() == "img"]
+        img = [path for path in root.iterdir() if path.name.lower() == IMAGE_FOLDER.lower()]
+        here = [str(folder) for folder in [*tails, root, *img]]
         # Not \\SERVER\SHARE: Windows would log in on a stranger's server.
         is_own = re.match(r"([A-Za-z]:)?[\\/](?![\\/])", written) and Path(written).is_absolute()
-        found = [*img, *tails, root, *([Path(written)] if is_own else [])]
-        return [str(folder) for folder in found]
+        # Of a folder whose images were copied here, those that are missing were left out.
+        copied = set().union(*map(files, here)) & files(written).keys() if is_own else set()
+        return [*here, written] if is_own and not any(map(IMAGE.search, copied)) else here
+
+    spelled = functools.cache(lambda folder: spellings(files(folder)))
 
     def find(written: str) -> str | None:
         if not (name := file_name(written)):
             return None
-        found = (files(folder).get(name) for folder in folders(written[: -len(name)]))
-        return next(filter(None, found), None)
+        within = folders(written[: -len(name)])
+        for paths, key in ((files, str), (spelled, fold)):
+            known = (paths(folder).get(key(name)) for folder in within)
+            if found := next(filter(None, known), None):
+                return found
+        # A name without a folder may be of an image in any folder, unless two have that name.
+        anywhere = [] if images or name != written else inner
+        others = [path for folder in anywhere if (path := spelled(folder).get(fold(name)))]
+        return others[0] if len(others) == 1 else None
 
     return find
 

@@ -8,8 +8,8 @@ import imageio_ffmpeg
 import numpy as np
 
 from datamodules.image import MOST_PIXELS
-from zoo.base.bounded_files import open_binary
-from zoo.base.errors import InputError, file_errors
+from zoo.base.bounded_files import open_data
+from zoo.base.errors import InputError, library_errors
 from zoo.base.video import VideoWriter
 
 MOST_VIDEO_BYTES = 64_000_000_000
@@ -44,32 +44,22 @@ def read_frames(path: Path) -> Iterator[np.ndarray]:
     Raises:
         InputError: the file is missing or damaged, or its frames are too large.
     """
-    with file_errors(path, "{}; download the file again"):
-        open_binary(path, MOST_VIDEO_BYTES).close()
     container = CONTAINERS.get(path.suffix.lower(), "mov")
+    fault = f"no {KINDS[container]} video, or damaged"
+    with library_errors(path, fault, "copy it again"):
+        open_data(path, MOST_VIDEO_BYTES).close()
     limits = ["-f", container, "-protocol_whitelist", "file", "-max_pixels", str(MOST_PIXELS)]
     reader = imageio_ffmpeg.read_frames(
         f"file:{path.absolute()}",
         input_params=[*limits, "-err_detect", "explode", "-xerror"],
         output_params=["-map", "0:v:0", "-fps_mode", "passthrough", *EXACT_COLOURS],
     )
-    with contextlib.closing(reader):
-        try:
-            width, height = next(reader)["size"]
-        except Exception:  # a damaged header can make its parser raise anything
-            raise InputError(
-                f"{path}: no {KINDS[container]} video, or damaged; copy it again"
-            ) from None
+    with contextlib.closing(reader), library_errors(path, fault, "copy it again"):
+        width, height = next(reader)["size"]
         if width * height > MOST_PIXELS:
             raise InputError(
                 f"{path}: frames of {width} x {height} pixels, more than {MOST_PIXELS:,}; scale "
                 "the video down"
             )
-        while True:
-            try:
-                data = next(reader, None)
-            except RuntimeError:
-                raise InputError(f"{path}: the video is damaged; download it again") from None
-            if data is None:
-                return
+        for data in reader:
             yield np.frombuffer(data, np.uint8).reshape(height, width, 3)

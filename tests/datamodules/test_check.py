@@ -9,6 +9,8 @@ import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from datamodules.check import look_at_image
+from tests.datamodules.test_other_kinds import POINTER
+from tests.foreign_recordings import deeppicar
 from tests.recordings import Written, write_recording
 from tests.zoo.commands import ROOT, run_here
 
@@ -63,7 +65,7 @@ def test_each_bad_image_is_named_with_its_row(written):
     assert done.returncode == 1
     assert f"{log}, row 3: {written.image(2, 'left')}: the image is truncated" in done.stdout
     assert f"{log}, row 5: {written.image(4)}: the file is empty" in done.stdout
-    assert f"{log}, row 6: {written.image(5)}: the file is no JPEG or PNG" in done.stdout
+    assert f"{log}, row 6: {written.image(5)}: is a Git LFS pointer" in done.stdout
     assert f"{log}, row 8: no image {written.image(7, 'right').name}" in done.stdout
     assert "\n4 bad images; " in done.stdout
     assert done.stdout.splitlines()[-1].endswith(" data.on_bad_image=skip")
@@ -77,6 +79,44 @@ def test_after_twenty_bad_images_comes_a_count(written):
     assert len([line for line in lines if "truncated" in line]) == 20
     after = lines.index("and 4 more")
     assert lines[after + 1].startswith("24 bad images; ")
+
+
+def test_findings_are_those_of_rows_with_whole_images(written):
+    """Equal damaged images are no repeated ones, and a steering beside them teaches nothing."""
+    for row in range(11):
+        written.image(row).write_bytes(POINTER)
+    lines = run_check(written.folder).stdout.splitlines()
+    assert not [line for line in lines if "repeat the row before" in line]
+    assert [line for line in lines if line.startswith("- only 1 rows")]
+
+
+def test_a_recording_without_a_whole_image_beside_another_one_has_no_findings(written, tmp_path):
+    folder = deeppicar(tmp_path / "picar")
+    for image in written.folder.glob("IMG/*.jpg"):
+        image.write_bytes(POINTER)
+    done = run_check(written.folder, folder)
+    assert (done.returncode, done.stderr) == (1, "")
+    assert "36 bad images; " in done.stdout
+    assert [line for line in done.stdout.splitlines() if line.startswith("- only 60 rows")]
+
+
+def test_without_a_whole_image_there_are_no_findings_and_no_next_command(written):
+    for image in written.folder.glob("IMG/*.jpg"):
+        image.write_bytes(POINTER)
+    done = run_check(written.folder)
+    lines = done.stdout.splitlines()
+    assert done.returncode == 1
+    assert lines[-1].startswith("36 bad images; no row is without one")
+    assert "git lfs pull" in lines[1]
+
+
+def test_the_size_of_a_turned_image_is_that_which_is_trained_on(written):
+    for image in written.folder.glob("IMG/*.jpg"):
+        data = image.read_bytes()
+        exif = b"Exif\0\0MM\0*\0\0\0\10\0\1\1\22\0\3\0\0\0\1\0\6\0\0\0\0\0\0"
+        image.write_bytes(data[:2] + b"\xff\xe1\0\x22" + exif + data[2:])
+        assert cv2.imread(str(image)).shape == (320, 160, 3)
+    assert "36 images of 160 x 320" in run_check(written.folder).stdout
 
 
 def test_other_image_sizes_are_counted(written):

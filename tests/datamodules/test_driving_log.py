@@ -57,7 +57,28 @@ ONE_ROW: dict[str, tuple[str | bytes, tuple, tuple]] = {
     "no impossible speed": (f"{PATHS},0,1,0,30,19028", ALL, (0.0, 1.0, 0.0, 30.19028)),
     "a fork's reversing": (f"{PATHS},0,-0.5,0,2", ALL, (0.0, -0.5, 0.0, 2.0)),
     "full lock": (f"{PATHS},1,0,0,1", ALL, (1.0, 0.0, 0.0, 1.0)),
+    "a hair beyond full lock": (f"{PATHS},1.0000001,0,0,1", ALL, (1.0000001, 0.0, 0.0, 1.0)),
     "full lock left": (f"{PATHS},-1,0,0,1", ALL, (-1.0, 0.0, 0.0, 1.0)),
+    "tabs": (f"{PATHS},0.25,0.5,0,7".replace(",", "\t"), ALL, NUMBERS),
+    "bars": (f"{PATHS},0.25,0.5,0,7".replace(",", "|"), ALL, NUMBERS),
+    "tabs, decimal commas": (f"{PATHS},0;25,0;5,0,7".translate({44: 9, 59: 44}), ALL, NUMBERS),
+    "centre only, semicolons": (f"{CENTER};0,25;0,5;0;7", CENTRE, NUMBERS),
+    "blank first line": (f"\n{PATHS},0.25,0.5,0,7".replace(",", ";"), ALL, NUMBERS),
+    "trailing comma": (f"{PATHS},0.25,0.5,0,7,", ALL, NUMBERS),
+    "trailing commas": (f"{PATHS},0.25,0.5,0,7,,,", ALL, NUMBERS),
+    "trailing comma, decimal commas": (f"{PATHS},0,25,1,0,30,19028,", ALL, COMMA),
+    "trailing comma, header": (f"{HEADER},\n{PATHS},0.25,0.5,0,7,", ALL, NUMBERS),
+    "trailing comma, header without": (f"{HEADER}\n{PATHS},0.25,0.5,0,7,", ALL, NUMBERS),
+    "trailing comma, row without": (f"{HEADER},\n{PATHS},0.25,0.5,0,7", ALL, NUMBERS),
+    "pandas": (f",0,1,2,3,4,5,6\n0,{PATHS},0.25,0.5,0,7", ALL, NUMBERS),
+    "pandas without index": (f"0,1,2,3,4,5,6\n{PATHS},0.25,0.5,0,7", ALL, NUMBERS),
+    "pandas, names": (f",{HEADER}\n0,{PATHS},0.25,0.5,0,7", ALL, NUMBERS),
+    "index without a name": (f"{HEADER}\n0,{PATHS},0.25,0.5,0,7", ALL, NUMBERS),
+    "index twice": (f"0,0,{PATHS},0.25,0.5,0,7", ALL, NUMBERS),
+    "index, centre only": (f"0,{CENTER},0.25,0.5,0,7", CENTRE, NUMBERS),
+    "more columns": (f"{PATHS},0.25,0.5,0,7,3,lap", ALL, NUMBERS),
+    "more columns, header": (f"{HEADER}\n{PATHS},0.25,0.5,0,7,3", ALL, NUMBERS),
+    "more columns, index": (f"0,{PATHS},0.25,0.5,0,7,3", ALL, NUMBERS),
     "quoted comma in a name": (
         '"a, b/center_1.jpg","a, b/left_1.jpg",,0.25,0.5,0,7',
         ("a, b/center_1.jpg", "a, b/left_1.jpg", ""),
@@ -71,6 +92,57 @@ def test_a_row_in_every_dialect(tmp_path, name):
     text, paths, numbers = ONE_ROW[name]
     (row,) = read_text(tmp_path, text + (b"\n" if isinstance(text, bytes) else "\n"))
     assert (row.paths, row.numbers) == (paths, numbers)
+
+
+STANDING = f"{PATHS},0,0,0,0"
+JOINED = [
+    (f"{HEADER}\n{{}}\n{HEADER}\n{{}}", {}),
+    (f"{{}}\n{HEADER}\n{{}}", {}),
+    (f"{{}}\n{HEADER.upper()}\n{{}}", {}),
+    ("{}\nspeed,center,steering,brake,throttle\n{}", {1: f"7,{CENTER},0.25,0,0.5"}),
+]
+
+
+@pytest.mark.parametrize(("form", "rows"), JOINED)
+def test_a_header_in_the_middle_names_the_columns_below_it(tmp_path, form, rows):
+    parts = [rows.get(number, f"{PATHS},0.25,0.5,0,7") for number in range(2)]
+    log = tmp_path / "driving_log.csv"
+    log.write_text(form.format(*parts) + "\n")
+    bad = BadRows()
+    assert [row.numbers for row in read_log(log, bad)] == [NUMBERS, NUMBERS]
+    (note,) = bad.notes
+    assert f"row {log.read_text().count(chr(10)) - 1} " in note
+
+
+NOTES = [
+    (f"{PATHS},0.25,0.5,0,7".replace(",", "\t"), "separated by tabs"),
+    (f"{PATHS},0.25,0.5,0,7".replace(",", ";"), "separated by semicolons"),
+    (f"{PATHS},0.25,0.5,0,7".replace(",", "|"), "separated by bars"),
+    (f"0,{PATHS},0.25,0.5,0,7,3", "taken for -,center,left,right,steering,throttle,brake,speed,-"),
+]
+
+
+@pytest.mark.parametrize(("row", "words"), NOTES)
+def test_what_is_inferred_of_a_log_is_noted(tmp_path, row, words):
+    log = tmp_path / "driving_log.csv"
+    log.write_text(f"{row}\n")
+    bad = BadRows()
+    assert len(list(read_log(log, bad))) == 1
+    (note,) = bad.notes
+    assert "driving_log.csv" in note
+    assert words in note
+
+
+def test_a_further_column_of_whole_numbers_is_no_part_of_a_decimal_comma(tmp_path):
+    """The first row, of a standing car, has no point: the others tell."""
+    rows = read_text(tmp_path, f"{STANDING},1\n{PATHS},0.25,0.5,0,7,1\n{STANDING},2\n")
+    assert [row.numbers for row in rows] == [(0, 0, 0, 0), NUMBERS, (0, 0, 0, 0)]
+
+
+def test_points_of_other_rows_do_not_end_decimal_commas(tmp_path):
+    """Of two logs that were joined, one has decimal commas."""
+    rows = read_text(tmp_path, f"{PATHS},0,25,1,0,30,19028\n{PATHS},0.25,0.5,0,7\n")
+    assert [row.numbers for row in rows] == [COMMA, NUMBERS]
 
 
 def test_lines_count_the_header_and_empty_lines_and_end_in_any_way(tmp_path):
@@ -146,7 +218,6 @@ REFUSED = [
     (f"{GOOD}{CENTER},{LEFT},{RIGHT},0\n", "row 2: 4 columns, expected 7"),
     (f"{GOOD}{PATHS},0,0,0\n", "row 2: 6 columns, expected 7"),
     (f"{GOOD}{PATHS},0.5,0.25,0.5,20.5,7.5,9.5,1.5,2,3\n", "row 2: 12 columns"),
-    (f"{PATHS},0.5,0.25,0,20.5,7\n", "row 1: '0.5,0.25,0,20.5,7' are not the four numbers"),
     (HEADER.replace(",brake", "") + "\n", "row 1: the header names brake 0 times"),
     *(
         (f"{GOOD}{PATHS},{text},0,0,1\n", f"row 2: steering is {text!r}")
@@ -154,6 +225,8 @@ REFUSED = [
     ),
     (f"{PATHS},0,0,0,NaN\n", "row 1: speed is 'NaN'"),
     (f"{PATHS},1.01,0,0,1", "row 1: steering is 1.01, beyond"),
+    (f"{PATHS},1.0000051,0,0,1", "row 1: steering is 1.0000051, beyond"),
+    (f"{PATHS},0,0,0,200.00001", "row 1: speed is 200.00001, beyond"),
     (f"{PATHS},-25,0,0,1", "row 1: steering is -25, beyond"),
     (f"{GOOD}{PATHS},0,99,0,1\n", "row 2: throttle is 99, beyond -1..1"),
     (f"{GOOD}{PATHS},0,0,99,1\n", "row 2: brake is 99, beyond 0..1"),

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from datamodules.check import look_at_image
-from datamodules.image import decode_image
+from datamodules.image import checked_size, decode_image
 
 
 @pytest.fixture
@@ -80,3 +80,25 @@ def test_what_is_cut_off_is_refused_by_training_and_check_alike(jpeg, tmp_path, 
 def test_no_image(data):
     with pytest.raises(ValueError, match="no JPEG or PNG"):
         decode_image(data)
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG"])
+@pytest.mark.parametrize("turn", [*range(1, 9), 0, 99, 65_535])
+def test_a_size_is_that_after_the_turn_that_exif_names(kind, turn):
+    image = Image.fromarray(np.zeros((80, 160, 3), np.uint8))
+    exif, buffer = image.getexif(), io.BytesIO()
+    exif[0x0112] = turn
+    image.save(buffer, kind, exif=exif)
+    height, width, _ = decode_image(buffer.getvalue()).shape
+    assert checked_size(buffer.getvalue()) == (width, height)
+    assert (width, height) == ((80, 160) if 5 <= turn <= 8 else (160, 80))
+
+
+@pytest.mark.parametrize(
+    "exif", [b"Exif\0\0", b"Exif\0\0MM\0*\0\0\xff\xff", b"Exif\0\0XX", b"Exif"]
+)
+def test_a_damaged_exif_turns_nothing(exif):
+    buffer = io.BytesIO()
+    Image.fromarray(np.zeros((80, 160, 3), np.uint8)).save(buffer, "JPEG", exif=exif)
+    assert decode_image(buffer.getvalue()).shape == (80, 160, 3)
+    assert checked_size(buffer.getvalue()) == (160, 80)

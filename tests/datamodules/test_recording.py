@@ -166,6 +166,47 @@ def test_images_are_found_where_they_were_moved(tmp_path, style, move):
     assert Path(read_recordings(str(written.folder)).images[0, 0]).parent == there
 
 
+def recorded_here(folder: Path, rows: int = 4):
+    """Write a recording whose log has the absolute paths of this machine."""
+    written = write_recording(folder, rows=rows, style="linux")
+    text = written.log.read_text().replace(FOLDERS["linux"], f"{folder}/IMG/")
+    written.log.write_text(text)
+    return written
+
+
+def test_a_copy_of_the_log_alone_reads_the_originals_images_and_says_so(tmp_path):
+    written = recorded_here(tmp_path / "lake")
+    (tmp_path / "clean").mkdir()
+    shutil.copy(written.log, tmp_path / "clean")
+    recording = read_recordings(str(tmp_path / "clean"))
+    assert Path(recording.images[0, 0]).parent == tmp_path / "lake/IMG"
+    (note,) = recording.notes
+    assert f"the images of 4 rows are read from {tmp_path}/lake/IMG," in note
+
+
+def test_an_image_that_was_cleaned_out_of_a_copy_is_not_read_from_the_original(tmp_path):
+    written = recorded_here(tmp_path / "lake")
+    shutil.copytree(written.folder, tmp_path / "clean")
+    (tmp_path / "clean/IMG" / written.image(2).name).unlink()
+    message = refusal(str(tmp_path / "clean"))
+    assert f"row 3: no image {written.image(2).name} in {tmp_path}/clean/IMG" in message
+    recording = read_recordings(str(tmp_path / "clean"), on_bad_image="skip")
+    assert recording.line.tolist() == [1, 2, 4]
+    assert all(str(path).startswith(f"{tmp_path}/clean/") for path in recording.images.flat)
+
+
+def test_two_logs_joined_read_the_images_of_both(tmp_path):
+    one, two = recorded_here(tmp_path / "one"), recorded_here(tmp_path / "two")
+    for image in two.folder.glob("IMG/*"):
+        image.rename(image.with_name(image.name.replace("_2018_", "_2019_")))
+    with one.log.open("a") as log:
+        log.write(two.log.read_text().replace("_2018_", "_2019_"))
+    recording = read_recordings(str(one.folder))
+    parents = [Path(path).parents[1].name for path in recording.images[:, 0]]
+    assert parents == ["one"] * 4 + ["two"] * 4
+    assert f"the images of 4 rows are read from {tmp_path}/two/IMG," in recording.notes[0]
+
+
 def test_missing_folder(tmp_path):
     assert f"{tmp_path}/nowhere: no such folder" in refusal(str(tmp_path / "nowhere"))
 

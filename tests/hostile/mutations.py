@@ -17,6 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
@@ -30,6 +31,11 @@ ODD_VALUES: tuple[Any, ...] = (
     None, True, False, 0, 1, -1, 2**31, 2**63, 10**400, 0.0, 0.5, -1.0, 1e-320, 1e300, math.nan,
     math.inf, "", "x", "0", "\0", "\ud800", "../x", "/dev/zero", "9" * 5000, "x" * 10_000, [], {},
     [None], [[]], {"": 0}, [0] * 1000, {"x": {"x": {"x": 0}}},
+)  # fmt: skip
+ODD_FIELDS = (
+    "", "x", "0", "-", "nan", "inf", "-Infinity", "1e999", "1e308", "-1e-320", "true", "None",
+    "0,5", '"', "'", "\0", "\u00e9", "\udc80", "../../x.jpg", "/etc/passwd", "C:\\x\\y.jpg", "a:b",
+    "9" * 5000, "center", "steering", "1.jpg", "=1+1", "\ufeff",
 )  # fmt: skip
 
 
@@ -45,18 +51,22 @@ def read_damaged(
         count: number of damaged files.
     """
 
-    @settings(
+    def read_file(data: bytes) -> None:
+        path.write_bytes(data)
+        check_reading(read, path)
+
+    for_each(damaged, read_file, count)
+
+
+def for_each(examples: st.SearchStrategy[Any], test: Callable[[Any], None], count: int) -> None:
+    """Call a test with so many examples of a strategy."""
+    plan = settings(
         max_examples=count,
         phases=[Phase.generate, Phase.shrink],
         suppress_health_check=list(HealthCheck),
         report_multiple_bugs=False,
     )
-    @given(damaged)
-    def read_one(data: bytes) -> None:
-        path.write_bytes(data)
-        check_reading(read, path)
-
-    read_one()
+    plan(given(examples)(test))()
 
 
 def check_reading(read: Callable[[Path], object], path: Path) -> None:
@@ -126,6 +136,136 @@ def mutated_value(draw: st.DrawFn, value: Any, odd: tuple = ODD_VALUES) -> Any:
         else:
             inner.insert(key, copy.deepcopy(inner[key]))
     return found[0]
+
+
+@st.composite
+def mutated_csv(draw: st.DrawFn, data: bytes) -> bytes:
+    """Draw a table of text with one to three changes of its fields, rows or separators."""
+    rows = [line.split(",") for line in data.decode().splitlines()]
+    for _ in range(draw(st.integers(1, 3))):
+        row = rows[draw(st.integers(0, len(rows) - 1))]
+        column = draw(st.integers(0, len(row) - 1))
+        how = draw(st.sampled_from(("odd", "odd", "delete", "add", "copy", "row", "column", "cut")))
+        if how == "odd":
+            row[column] = draw(st.sampled_from(ODD_FIELDS))
+        elif how == "delete" and len(row) > 1:
+            del row[column]
+        elif how == "add":
+            row.insert(column, draw(st.sampled_from(ODD_FIELDS)))
+        elif how == "copy":
+            row[column] = draw(st.sampled_from(draw(st.sampled_from(rows)) or [""]))
+        elif how == "row":
+            rows.insert(draw(st.integers(0, len(rows))), list(draw(st.sampled_from(rows))))
+        elif how == "column":
+            odd, index = draw(st.sampled_from(ODD_FIELDS)), draw(st.booleans())
+            for number, changed in enumerate(rows):
+                changed.insert(column, str(number) if index else odd)
+        else:
+            del rows[draw(st.integers(1, len(rows))) :]
+    separator = draw(st.sampled_from((",", ",", ",", ";", "\t", "|", ", ", ",,")))
+    end = draw(st.sampled_from(("\n", "\n", "\r\n", ",\n", "\n\n", "\r")))
+    return end.join([separator.join(row) for row in rows] + [""]).encode("utf-8", "surrogatepass")
+
+
+@st.composite
+def mutated_parquet(draw: st.DrawFn, data: bytes) -> bytes:
+    """Draw a Parquet file in which a column has another type, shape or name, or is lost."""
+    pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    table = pq.read_table(io.BytesIO(data))
+    at = draw(st.integers(0, table.num_columns - 1))
+    name, values = table.column_names[at], table.column(at).to_pylist()
+    numbers = list(range(len(values)))
+    odd = draw(st.sampled_from((math.nan, math.inf, -1e300, 2.0**62, -1.0, None)))
+    row = draw(st.integers(0, len(values) - 1))
+    text, ragged = [f"../{one}.jpg" for one in numbers], [[0.5] * (one % 4) for one in numbers]
+    columns: dict[str, Callable[[], Any]] = {
+        "odd": lambda: pa.array([*map(float, numbers[:row]), odd, *map(float, numbers[row + 1 :])]),
+        "null": lambda: pa.nulls(len(values)),
+        "bool": lambda: pa.array([True] * len(values)),
+        "time": lambda: pa.array(numbers, pa.timestamp("us")),
+        "decimal": lambda: pa.array(numbers).cast(pa.decimal128(38, 2)),
+        "half": lambda: pa.array(np.zeros(len(values), np.float16)),
+        "uint64": lambda: pa.array([2**64 - 1] * len(values), pa.uint64()),
+        "ragged": lambda: pa.array(ragged, pa.list_(pa.float64())),
+        "large list": lambda: pa.array([[0.5]] * len(values), pa.large_list(pa.float64())),
+        "empty lists": lambda: pa.array([[]] * len(values), pa.list_(pa.float64())),
+        "pairs": lambda: pa.array([[0.5, 1.0]] * len(values), pa.list_(pa.float64(), 2)),
+        "lists of lists": lambda: pa.array([[[0.5]]] * len(values)),
+        "list of nulls": lambda: pa.array([[None]] * len(values), pa.list_(pa.float64())),
+        "text": lambda: pa.array(text),
+        "large text": lambda: pa.array(text, pa.large_string()),
+        "text view": lambda: pa.array(text, pa.string_view()),
+        "texts once": lambda: pa.array(text).dictionary_encode(),
+        "bytes": lambda: pa.array([one.encode() for one in text]),
+        "large bytes": lambda: pa.array([one.encode() for one in text], pa.large_binary()),
+        "bytes view": lambda: pa.array([one.encode() for one in text], pa.binary_view()),
+        "fixed bytes": lambda: pa.array([b"/etc/passwd"] * len(values), pa.binary(11)),
+        "struct": lambda: pa.array([{"path": one} for one in text]),
+        "texts in a struct": lambda: pa.array([{"bytes": one, "path": one} for one in text]),
+        "nulls in a struct": lambda: pa.array([{"bytes": None, "path": one} for one in text]),
+    }
+    how = draw(st.sampled_from(("lose", "rename", "twice", "no rows", "fewer", *columns)))
+    if how == "lose":
+        table = table.remove_column(at)
+    elif how == "rename":
+        table = table.rename_columns([one + "x" * (one == name) for one in table.column_names])
+    elif how == "twice":
+        table = table.append_column(name, table.column(at))
+    elif how in ("no rows", "fewer"):
+        table = table.slice(0, 0 if how == "no rows" else row)
+    else:
+        table = table.set_column(at, name, columns[how]())
+    written = io.BytesIO()
+    pq.write_table(table, written)
+    return written.getvalue()
+
+
+@st.composite
+def mutated_hdf5(draw: st.DrawFn, data: bytes) -> bytes:
+    """Draw an HDF5 file in which a dataset has another type or shape, is lost, or leads outside."""
+    h5py = pytest.importorskip("h5py")
+    written = io.BytesIO(data)
+    with h5py.File(written, "r+") as file:
+        name = draw(st.sampled_from(sorted(file)))
+        values = file[name][:]
+        changed: dict[str, Any] = {
+            "text": np.array([b"x"] * len(values)),
+            "bool": np.ones(len(values), bool),
+            "complex": np.ones(len(values), complex),
+            "fields": np.zeros(len(values), [("a", float), ("b", int)]),
+            "huge": np.full(len(values), 1e300),
+            "nan": np.full(len(values), np.nan),
+            "scalar": 0.5,
+            "none": np.zeros(0),
+            "fewer": values[:7],
+            "matrix": np.zeros((len(values), 2)),
+            "cube": np.zeros((2, 2, 2, 2), np.uint8),
+            "link": h5py.SoftLink("/nowhere"),
+            "outside": h5py.ExternalLink("/etc/passwd", "x"),
+        }
+        how = draw(st.sampled_from(("lose", "group", *changed)))
+        del file[name]
+        if how == "group":
+            file.create_group(name)
+        elif how != "lose":
+            file[name] = changed[how]
+    return written.getvalue()
+
+
+@st.composite
+def mutated_array(draw: st.DrawFn, data: bytes) -> bytes:
+    """Draw a file of NumPy whose array has another type, shape or values."""
+    values = np.load(io.BytesIO(data))
+    odd = np.array(values, float)
+    odd[draw(st.integers(0, len(odd) - 1))] = draw(st.sampled_from((np.nan, np.inf, -1e300, 0.0)))
+    arrays = [
+        odd, odd[:-1], odd[:0], odd[0], odd[::-1], odd.reshape(2, -1), odd.astype(complex),
+        odd.astype("U9"), odd.astype(bool), np.zeros(len(odd), "datetime64[s]"),
+        np.zeros(len(odd), [("a", float)]), np.zeros((len(odd), 0)),
+    ]  # fmt: skip
+    written = io.BytesIO()
+    np.save(written, arrays[draw(st.integers(0, len(arrays) - 1))])
+    return written.getvalue()
 
 
 def mutated_json(value: Any) -> st.SearchStrategy[bytes]:

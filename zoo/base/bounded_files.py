@@ -20,6 +20,7 @@ from typing import Any, BinaryIO, TextIO
 import yaml
 
 from zoo.base.errors import InputError, file_errors, hint
+from zoo.base.file_kind import HEAD_BYTES, MOST_POINTER_BYTES, POINTER, check_kind
 from zoo.base.limits import MOST
 
 MOST_LINE = 1_000_000  # characters of a row of text
@@ -144,7 +145,9 @@ def read_text(path: Path, most_bytes: int) -> str:
     """Return a file's text; raise InputError if it cannot be read, is too large or not UTF-8."""
     try:
         with file_errors(path, "cannot be read ({})"):
-            return read_regular(path, most_bytes).decode("utf-8-sig")
+            data = read_regular(path, most_bytes)
+            check_kind(data[:HEAD_BYTES], path)
+            return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(
             f"{path}: byte {error.start + 1:,} is not UTF-8; save it as UTF-8"
@@ -230,7 +233,8 @@ def open_regular(path: str | Path, most_bytes: int) -> tuple[int, int]:
     """Return a regular file's descriptor, for reading, and its size.
 
     Raises:
-        OSError: the file is missing, not regular, or above `most_bytes`; `strerror` says why.
+        OSError: the file is missing, not regular, above `most_bytes`, or a Git LFS pointer;
+            `strerror` says why.
     """
     try:
         descriptor = os.open(path, _FLAGS)
@@ -244,6 +248,10 @@ def open_regular(path: str | Path, most_bytes: int) -> tuple[int, int]:
         if found.st_size > most_bytes:
             reason = f"has {found.st_size:,} bytes, more than the {most_bytes:,} that are read"
             raise OSError(errno.EFBIG, reason, str(path))
+        if 0 < found.st_size < MOST_POINTER_BYTES:
+            if os.read(descriptor, len(POINTER)) == POINTER:
+                check_kind(POINTER, path)
+            os.lseek(descriptor, 0, os.SEEK_SET)
     except BaseException:
         os.close(descriptor)
         raise
@@ -288,14 +296,26 @@ def open_binary(path: str | Path, most_bytes: int) -> BinaryIO:
     return os.fdopen(descriptor, "rb")
 
 
+def open_data(path: str | Path, most_bytes: int) -> BinaryIO:
+    """Open a file of a recording; raises as `open_binary`, and for a file of no such kind."""
+    file = open_binary(path, most_bytes)
+    try:
+        check_kind(file.read(HEAD_BYTES), path)
+    except OSError:
+        file.close()
+        raise
+    file.seek(0)
+    return file
+
+
 def open_text(path: str | Path, most_bytes: int, errors: str = "strict") -> TextIO:
     """Open a CSV file, UTF-8 with or without a byte order mark; keep its line ends.
 
     Raises:
-        InputError: the file is missing, not regular or too large.
+        InputError: the file is missing, not regular, too large, or of another kind.
     """
     with file_errors(path):
-        file = open_binary(path, most_bytes)
+        file = open_data(path, most_bytes)
     return _BoundedLines(file, path, errors)
 
 

@@ -68,6 +68,25 @@ def file_errors(named: object, form: str = "{}; name another file") -> Iterator[
 
 
 @contextmanager
+def library_errors(file: object, fault: str, remedy: str) -> Iterator[None]:
+    """Raise InputError for any error that a library raises at a damaged file within the block.
+
+    Args:
+        file: file that the library reads.
+        fault: what is wrong with the file, where no system error says it.
+        remedy: what the user can do.
+    """
+    try:
+        yield
+    except (InputError, ImportError, MemoryError):
+        raise
+    except Exception as error:  # damaged bytes make libraries raise errors of any type
+        reason = " ".join(str(error).split()) or type(error).__name__
+        system = error.strerror if isinstance(error, OSError) else None
+        raise InputError(f"{file}: {system or f'{fault} ({reason:.200})'}; {remedy}") from None
+
+
+@contextmanager
 def placed_errors(place: object) -> Iterator[None]:
     """Raise an InputError within the block again with its place in front."""
     try:

@@ -70,6 +70,16 @@ def test_points_of_a_jetracer_are_shares_of_half_the_width(tmp_path: Path) -> No
     assert np.isnan(recording.time_s).all()
 
 
+def test_images_and_tables_with_capital_suffixes_are_detected(tmp_path: Path) -> None:
+    folder = jetracer(tmp_path / "recording")
+    for image in list(folder.iterdir()):
+        image.rename(image.with_suffix(".JPG"))
+    assert find_format(folder)[0] == "named_images"
+    assert len(read(folder)) == ROWS
+    (tmp_path / "ROWS.PARQUET").write_bytes(b"PAR1")
+    assert find_format(tmp_path / "ROWS.PARQUET")[0] == "table"
+
+
 def test_side_cameras_are_those_nearest_in_time(tmp_path: Path) -> None:
     recording = read(challenge2_training(tmp_path / "recording"))
     for row, (center, left, right) in enumerate(recording.images.tolist()):

@@ -286,7 +286,7 @@ def _playlist(dataset: Path) -> None:
         ),
         (
             lambda one: _rewrite(one, DATA, "steering", lambda old: ["x"] * len(old)),
-            "steering has no numbers",
+            f"{DATA}: steering is string, expected numbers",
         ),
         (
             lambda one: _rewrite(one, DATA, "timestamp", lambda old: [*old[:6], 1e9, *old[7:]]),
@@ -294,7 +294,7 @@ def _playlist(dataset: Path) -> None:
         ),
         (
             lambda one: _rewrite(one, DATA, "episode_index", lambda old: [5] * len(old)),
-            "episode 5 is not in",
+            "hold 40 rows (3 episodes differ: episode 0 has 0 rows of 20",
         ),
         (
             lambda one: _rewrite(

@@ -1,0 +1,175 @@
+"""Parquet columns of every type: read, or refused with the column and its type."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datamodules.formats.recording_writer import convert_to_recording
+from datamodules.read_options import ReadOptions
+from datamodules.recording_format import read_recordings
+from tests import foreign_recordings as foreign
+from zoo.base.errors import InputError
+
+pa = pytest.importorskip("pyarrow")
+pq = pytest.importorskip("pyarrow.parquet")
+
+ROWS = foreign.ROWS
+SAID = {
+    "columns": {"image": "img", "steering": "turn"},
+    "steering": {"unit": "share", "full": 1, "right": "positive"},
+}
+
+
+@pytest.fixture
+def images(tmp_path: Path) -> list[bytes]:
+    folder = foreign.table(tmp_path / "source")
+    return [(folder / f"pics/{row}.png").read_bytes() for row in range(ROWS)]
+
+
+def write(folder: Path, img: object, turn: object = foreign.STEERING) -> Path:
+    folder.mkdir(exist_ok=True)
+    pq.write_table(pa.table({"img": img, "turn": turn}), folder / "rows.parquet")
+    return folder / "rows.parquet"
+
+
+BYTES: dict[str, Callable[[list[bytes]], object]] = {
+    "binary": pa.array,
+    "large_binary": lambda data: pa.array(data, pa.large_binary()),  # as polars writes them
+    "binary_view": lambda data: pa.array(data, pa.binary_view()),
+    "dictionary": lambda data: pa.array(data).dictionary_encode(),
+    "struct": lambda data: pa.array([{"bytes": one, "path": "/etc/passwd"} for one in data]),
+    "large struct": lambda data: pa.array(
+        [{"bytes": one} for one in data], pa.struct([("bytes", pa.large_binary())])
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", BYTES)
+def test_images_in_every_type_of_bytes_are_read(
+    kind: str, images: list[bytes], tmp_path: Path
+) -> None:
+    table = write(tmp_path / "table", BYTES[kind](images))
+    recording = read_recordings(str(table), **SAID)
+    assert recording.image(ROWS - 1).shape == (80, 160, 3)
+    assert recording.stored(7, 0) == images[7]
+
+
+TEXTS = {
+    "string": pa.string(),
+    "large_string": pa.large_string(),
+    "string_view": pa.string_view(),
+    "dictionary": pa.dictionary(pa.int32(), pa.string()),
+}
+
+
+@pytest.mark.parametrize("kind", TEXTS)
+def test_paths_in_every_type_of_text_are_read(kind: str, tmp_path: Path) -> None:
+    folder = foreign.table(tmp_path / "source")
+    names = pa.array([f"pics/{row}.png" for row in range(ROWS)], TEXTS[kind])
+    recording = read_recordings(str(write(folder, names)), **SAID)
+    assert recording.images[3, 0] == str(folder / "pics/3.png")
+
+
+@pytest.mark.parametrize("kind", [pa.binary, pa.large_binary, pa.binary_view, "fixed"])
+def test_a_path_in_bytes_is_an_image_and_never_a_file(
+    kind: object, images: list[bytes], tmp_path: Path
+) -> None:
+    secret = tmp_path / "secret.png"
+    secret.write_bytes(images[0])
+    name = str(secret).encode()
+    column = pa.array([name] * ROWS, pa.binary(len(name)) if kind == "fixed" else kind())
+    table = write(tmp_path / "table", column)
+    with pytest.raises(InputError, match=r"rows\.parquet, row 1: .*no JPEG or PNG"):
+        convert_to_recording(table, tmp_path / "out", ReadOptions(**SAID))
+    assert not (tmp_path / "out").exists()
+
+
+COLUMNS: dict[str, object] = {
+    "double": np.zeros(ROWS),
+    "int64": np.zeros(ROWS, int),
+    "bool": np.ones(ROWS, bool),
+    "timestamp": pa.array(range(ROWS), pa.timestamp("us")),
+    "null": pa.nulls(ROWS),
+    "list": pa.array([[0.5]] * ROWS),
+    "struct": pa.array([{"path": "/etc/passwd"}] * ROWS),
+    "string": pa.array([{"bytes": "/etc/passwd"}] * ROWS),
+}
+
+
+@pytest.mark.parametrize("kind", COLUMNS)
+def test_an_image_of_another_type_is_refused_with_column_and_type(
+    kind: str, tmp_path: Path
+) -> None:
+    table = write(tmp_path / "table", COLUMNS[kind])
+    with pytest.raises(InputError, match=rf"rows\.parquet: img is .*{kind}.*, expected texts or"):
+        read_recordings(str(table), **SAID)
+
+
+@pytest.mark.parametrize("kind", ["bool", "timestamp", "null", "list", "struct"])
+def test_a_steering_of_another_type_is_refused_with_column_and_type(
+    kind: str, images: list[bytes], tmp_path: Path
+) -> None:
+    table = write(tmp_path / "table", pa.array(images), COLUMNS[kind])
+    with pytest.raises(InputError, match=rf"rows\.parquet: turn is .*{kind}.*, expected texts or"):
+        read_recordings(str(table), **SAID)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [pa.float32(), pa.float16(), pa.decimal128(20, 9), pa.large_string()],
+    ids=str,
+)
+def test_a_steering_in_every_type_of_numbers_is_read(
+    kind: object, images: list[bytes], tmp_path: Path
+) -> None:
+    numbers = np.round(foreign.STEERING, 3)
+    turn = pa.array(numbers.astype(np.float16)) if kind == pa.float16() else pa.array(numbers)
+    turn = turn if kind == pa.float16() else turn.cast(kind)
+    recording = read_recordings(str(write(tmp_path / "table", pa.array(images), turn)), **SAID)
+    np.testing.assert_allclose(recording.steering, numbers, atol=1e-3)
+
+
+RAGGED = [[0.5] * (1 + row % 3) for row in range(ROWS)]  # as many numbers as three a row
+
+
+@pytest.mark.parametrize(
+    ("action", "words"),
+    [
+        (pa.array([[0.1, 0.5]] * ROWS), ""),
+        (pa.array([[0.1, 0.5]] * ROWS, pa.large_list(pa.float32())), ""),
+        (pa.array([[0.1, 0.5]] * ROWS, pa.list_(pa.float64(), 2)), ""),
+        (pa.array(RAGGED), "action has no numbers of one length"),
+        (pa.array([[0.1, None]] * ROWS), "action has no numbers of one length"),
+        (pa.array([[0.1]] * ROWS), "action has 1 numbers a row, and number 2"),
+        (pa.array([[]] * ROWS, pa.list_(pa.float64())), "action has 0 numbers a row"),
+        (np.full(ROWS, 0.1), "action has 1 numbers a row, and number 2"),
+        (pa.array([[True, True]] * ROWS), "action is bool, expected numbers"),
+        (pa.array([["0.1", "0.5"]] * ROWS), "action is string, expected numbers"),
+        (pa.array([[[0.1], [0.5]]] * ROWS), "action is list"),
+        (pa.array([0.1] * (ROWS - 1) + [None]), f"row {ROWS}: action is empty"),
+    ],
+)
+def test_a_lerobot_column_has_the_shape_that_its_use_needs(
+    action: object, words: str, images: list[bytes], tmp_path: Path
+) -> None:
+    features = {
+        "action": {"dtype": "float32", "shape": [2], "names": ["steering", "throttle"]},
+        "front": {"dtype": "image", "shape": [80, 160, 3]},
+    }
+    info = {"codebase_version": "v3.0", "fps": 10, "features": features}
+    folder = tmp_path / "set"
+    for name in ("meta", "data/chunk-000"):
+        (folder / name).mkdir(parents=True)
+    (folder / "meta/info.json").write_text(str(info).replace("'", '"'))
+    columns = {"episode_index": np.zeros(ROWS), "timestamp": np.arange(ROWS) / 10}
+    columns |= {"action": action, "front": pa.array(images, pa.large_binary())}
+    pq.write_table(pa.table(columns), folder / "data/chunk-000/file-000.parquet")
+    if words:
+        with pytest.raises(InputError, match=rf"file-000\.parquet.*{words}"):
+            read_recordings(str(folder))
+    else:
+        recording = read_recordings(str(folder))
+        assert recording.throttle.tolist() == [0.5] * ROWS
+        assert recording.stored(3, 0) == images[3]

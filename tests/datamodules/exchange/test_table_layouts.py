@@ -1,0 +1,176 @@
+"""Tables as people have them: separators, headers, positions, paths of other machines."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from datamodules.recording import Recording
+from datamodules.recording_format import read_recordings
+from tests import foreign_recordings as foreign
+from zoo.base.errors import InputError, UsageError
+
+NAMED = {"image": "image", "steering": "steering"}
+PLACED = {"image": 0, "steering": 1}
+HEADER = "image,steering"
+
+
+def write(folder: Path, header: str, path: str = "IMG/{}.jpg", form: str = "{path},{turn}") -> Path:
+    foreign.write_frames(folder / "IMG", [f"{row}.jpg" for row in range(foreign.ROWS)])
+    lines = [
+        form.format(path=path.format(row), turn=f"{turn:.6f}", row=row)
+        for row, turn in enumerate(foreign.STEERING.tolist())
+    ]
+    (folder / "labels.csv").write_text("\n".join([header, *lines, ""] if header else [*lines, ""]))
+    return folder / "labels.csv"
+
+
+def read(table: Path, columns: object = NAMED, **said: object) -> Recording:
+    return read_recordings(str(table), format="table", columns=columns, **said)
+
+
+def check_whole(recording: Recording) -> None:
+    assert recording.steering == pytest.approx(foreign.STEERING, abs=1e-6)
+    assert Path(recording.images[7, 0]).name == "7.jpg"
+
+
+LAYOUTS = {
+    "commas": (HEADER, "{path},{turn}", NAMED),
+    "semicolons": ("image;steering", "{path};{turn}", NAMED),
+    "tabs": ("image\tsteering", "{path}\t{turn}", NAMED),
+    "bars": ("image|steering", "{path}|{turn}", NAMED),
+    "bars, three columns": ("t|image|steering", "{row}|{path}|{turn}", NAMED),
+    "no header": ("", "{path},{turn}", PLACED),
+    "no header, texts": ("", "{path},{turn}", "{image: 0, steering: 1}"),
+    "no header, semicolons": ("", "{path};{turn}", PLACED),
+    "no header, more columns": ("", "{row},{path},{turn},3", {"image": 1, "steering": 2}),
+    "header, positions": (HEADER, "{path},{turn}", PLACED),
+    "pandas": (f",{HEADER}", "{row},{path},{turn}", NAMED),
+    "pandas, numbers": (",0,1", "{row},{path},{turn}", PLACED),
+    "numbers": ("0,1", "{path},{turn}", PLACED),
+    "trailing comma": (HEADER, "{path},{turn},", NAMED),
+    "trailing commas": (f"{HEADER},", "{path},{turn},,", NAMED),
+    "trailing comma, header alone": (f"{HEADER},", "{path},{turn}", NAMED),
+    "blank lines": (f"\n{HEADER}\n", "{path},{turn}\n", NAMED),
+}
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_a_table_of_every_layout_is_read(name: str, tmp_path: Path) -> None:
+    header, form, columns = LAYOUTS[name]
+    check_whole(read(write(tmp_path / "set", header, form=form), columns))
+
+
+def test_decimal_commas_are_read_between_semicolons(tmp_path: Path) -> None:
+    table = write(tmp_path / "set", "image;steering")
+    table.write_text(re.sub(r"\.(?=\d)", ",", table.read_text().replace(".jpg,", ".jpg;")))
+    check_whole(read(table))
+    headless = table.read_text().partition("\n")[2]
+    table.write_text(headless)
+    check_whole(read(table, PLACED))
+
+
+@pytest.mark.parametrize(
+    ("separator", "word"), [(";", "semicolons"), ("\t", "tabs"), ("|", "bars")]
+)
+def test_another_separator_is_noted(separator: str, word: str, tmp_path: Path) -> None:
+    table = write(
+        tmp_path / "set", f"image{separator}steering", form=f"{{path}}{separator}{{turn}}"
+    )
+    assert f"labels.csv: its columns are separated by {word}" in "\n".join(read(table).notes)
+
+
+def test_a_header_in_the_middle_is_left_out_and_noted(tmp_path: Path) -> None:
+    table = write(tmp_path / "set", HEADER)
+    lines = table.read_text().splitlines()
+    table.write_text("\n".join([*lines[:30], HEADER, *lines[30:], ""]))
+    recording = read(table)
+    check_whole(recording)
+    assert "labels.csv: row 31 repeats the header" in "\n".join(recording.notes)
+
+
+def test_two_equal_rows_without_a_header_are_two_rows(tmp_path: Path) -> None:
+    table = write(tmp_path / "set", "")
+    lines = table.read_text().splitlines()
+    table.write_text("\n".join([lines[0], *lines, ""]))
+    assert len(read(table, PLACED)) == foreign.ROWS + 1
+
+
+PATHS = {
+    "bare": "{}.jpg",
+    "linux": "/content/drive/My Drive/car/IMG/{}.jpg",
+    "windows": r"C:\Users\me\car\IMG\{}.jpg",
+    "dots": "./IMG/{}.jpg",
+    "another folder": "somewhere/{}.jpg",
+}
+
+
+@pytest.mark.parametrize("style", PATHS)
+def test_paths_of_another_machine_lead_to_the_images_here(style: str, tmp_path: Path) -> None:
+    check_whole(read(write(tmp_path / "set", HEADER, PATHS[style])))
+
+
+def test_bare_names_are_found_in_one_folder_and_not_in_one_of_two(tmp_path: Path) -> None:
+    table = write(tmp_path / "set", HEADER, "{}.jpg")
+    (table.parent / "IMG").rename(table.parent / "frames")
+    check_whole(read(table))
+    foreign.write_frames(table.parent / "test", [f"{row}.jpg" for row in range(foreign.ROWS)])
+    with pytest.raises(InputError, match=r"labels\.csv, row 2: no centre image"):
+        read(table)
+
+
+def test_the_path_itself_comes_first(tmp_path: Path) -> None:
+    table = write(tmp_path / "set", HEADER, "pics/{}.jpg")
+    foreign.write_frames(table.parent / "pics", [f"{row}.jpg" for row in range(foreign.ROWS)])
+    assert Path(read(table).images[0, 0]).parent.name == "pics"
+
+
+@pytest.mark.parametrize(
+    "path", ["../secret/{}.jpg", r"..\secret\{}.jpg", "IMG/../../secret/{}.jpg"]
+)
+def test_a_path_out_of_the_folder_is_a_bad_row(path: str, tmp_path: Path) -> None:
+    foreign.write_frames(tmp_path / "secret", [f"{row}.jpg" for row in range(foreign.ROWS)])
+    table = write(tmp_path / "set", HEADER, path)
+    with pytest.raises(InputError, match=r"labels\.csv, row 2: .* is no path within the folder"):
+        read(table)
+
+
+def test_an_absolute_path_of_this_machine_is_not_followed_out_of_the_folder(tmp_path: Path) -> None:
+    foreign.write_frames(tmp_path / "secret", [f"s{row}.jpg" for row in range(foreign.ROWS)])
+    table = write(tmp_path / "set", HEADER, f"{tmp_path}/secret/s{{}}.jpg")
+    with pytest.raises(InputError, match=r"labels\.csv, row 2: no centre image"):
+        read(table)
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ({"image": 5, "steering": 1}, r"row 1: the header image,1 has no column 5; name"),
+        (
+            {"image": "x", "steering": "steering"},
+            r"row 1: the header image,steering has no column x",
+        ),
+    ],
+)
+def test_a_column_that_is_not_there_is_named(columns: dict, words: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=rf"labels\.csv, {words}"):
+        read(write(tmp_path / "set", HEADER), columns)
+
+
+def test_names_of_a_table_without_a_header_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        InputError, match=r"row 1: a table without a header, of columns 0,1, has no"
+    ):
+        read(write(tmp_path / "set", ""))
+
+
+@pytest.mark.parametrize("value", [[0], {"a": 0}, None, True, 0.5])
+def test_a_column_is_a_name_or_a_position(value: object, tmp_path: Path) -> None:
+    table = write(tmp_path / "set", HEADER)
+    with pytest.raises(UsageError, match=r"columns: image: .*name, or its position from 0"):
+        read(table, {"image": value, "steering": 1})
+
+
+def test_a_table_without_named_columns_names_those_that_it_has(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"labels\.csv: has the columns image, steering; name its"):
+        read(write(tmp_path / "set", HEADER), None)

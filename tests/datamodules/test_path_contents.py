@@ -1,0 +1,254 @@
+"""Paths that are no recording: the message names what lies there, and what to type."""
+
+import json
+import shutil
+import tarfile
+import unicodedata
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from datamodules.recording_format import read_recordings
+from tests import foreign_recordings as foreign
+from tests.recordings import write_recording
+from tests.zoo.commands import only_line, run_here
+from zoo.base.errors import InputError
+
+
+def refusal(path: Path, **said: object) -> str:
+    with pytest.raises(InputError) as caught:
+        read_recordings(str(path), **said)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith(f"{path}: ")
+    return message.removeprefix(f"{path}: ")
+
+
+def tub(folder: Path, rows: int = 3) -> Path:
+    foreign.write_frames(folder / "images", [f"{row}.jpg" for row in range(foreign.ROWS)])
+    records = [{"cam/image_array": f"{row}.jpg", "user/angle": row / 100} for row in range(rows)]
+    (folder / "catalog_0.catalog").write_text("".join(f"{json.dumps(one)}\n" for one in records))
+    catalogs = {"paths": ["catalog_0.catalog"], "current_index": rows, "deleted_indexes": []}
+    lines = [["cam/image_array"], ["image_array"], {}, {}, catalogs]
+    (folder / "manifest.json").write_text("".join(f"{json.dumps(one)}\n" for one in lines))
+    return folder
+
+
+WRITERS: dict[str, Callable[[Path], object]] = {
+    "log": lambda folder: write_recording(folder, rows=1),
+    "tub": tub,
+    "sullychen": foreign.sullychen,
+    "challenge2": foreign.challenge2_test,
+}
+
+
+@pytest.mark.parametrize("deep", ["data", "data/data", "a/b/c"])
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_recording_below_is_named(name: str, deep: str, tmp_path: Path) -> None:
+    WRITERS[name](tmp_path / "mycar" / deep)
+    assert refusal(tmp_path / "mycar").endswith(f"name {tmp_path}/mycar/{deep}")
+
+
+def test_tubs_beside_each_other_are_named_and_hidden_folders_are_not(tmp_path: Path) -> None:
+    for name in ("tub_1", "tub_2", ".trash", "__MACOSX"):
+        tub(tmp_path / name)
+    message = refusal(tmp_path)
+    assert "2 recordings lie below" in message
+    assert message.endswith(f"name {tmp_path}/tub_1, or {tmp_path}/tub_2")
+
+
+def test_an_empty_tub_names_the_tubs_in_it(tmp_path: Path) -> None:
+    tub(tmp_path / "data", rows=0)
+    message = refusal(tmp_path / "data")
+    assert "deleted" not in message
+    assert "it has none" in message
+    tub(tmp_path / "data" / "tub_1_24-01-01")
+    assert refusal(tmp_path / "data").endswith(f"name {tmp_path}/data/tub_1_24-01-01")
+
+
+@pytest.mark.parametrize("part", ["images", "images/3.jpg", "manifest.json", "catalog_0.catalog"])
+def test_a_part_of_a_recording_names_the_whole(part: str, tmp_path: Path) -> None:
+    folder = tub(tmp_path / "tub")
+    assert refusal(folder / part).endswith(f"name {folder}")
+
+
+@pytest.mark.parametrize("name", ["interpolated.csv", "data.txt", "out-key.csv"])
+def test_the_table_of_a_format_names_its_folder(name: str, tmp_path: Path) -> None:
+    writers = (foreign.challenge2_training, foreign.sullychen, foreign.deeppicar)
+    folder = next(
+        folder
+        for number, write in enumerate(writers)
+        if (folder := write(tmp_path / str(number))) and (folder / name).exists()
+    )
+    assert refusal(folder / name).endswith(f"name {folder}")
+
+
+@pytest.mark.parametrize(
+    "name", ["Driving_Log.csv", "DRIVING_LOG.CSV", "driving_log (1).csv", "driving_log.csv.txt"]
+)
+def test_a_log_of_nearly_the_right_name_is_named(name: str, tmp_path: Path) -> None:
+    written = write_recording(tmp_path / "lake", rows=1)
+    written.log.rename(tmp_path / "lake" / name)
+    message = refusal(tmp_path / "lake")
+    assert name in message
+    assert "rename" in message
+
+
+TABLES = {
+    "image,steering\nIMG/1.jpg,0.1\n": "image: image, steering: steering",
+    "filename;angle;speed\n1.png;0,1;3\n": "image: filename, steering: angle",
+    "t\tframe_path\tsteer_cmd\n0\tx\t0.1\n": "image: frame_path, steering: steer_cmd",
+    "IMG/1.jpg,0.1\nIMG/2.jpg,0.2\n": "image: 0, steering: 1",
+    "0.1|IMG/1.jpg\n": "image: 1, steering: 0",
+    "IMG/1.jpg,0.1,0.5\n": "image: 0, steering: NAME",
+    ",image,steering\n0,IMG/1.jpg,0.1\n": "image: image, steering: steering",
+}
+
+
+@pytest.mark.parametrize("text", TABLES)
+@pytest.mark.parametrize("named", ["folder", "file"])
+def test_a_table_has_the_command_that_reads_it(text: str, named: str, tmp_path: Path) -> None:
+    file = tmp_path / "labels.csv"
+    file.write_text(text)
+    message = refusal(tmp_path if named == "folder" else file)
+    assert f"type drivezoo check {file} format=table 'columns={{{TABLES[text]}}}'" in message
+
+
+def test_the_command_of_a_table_reads_it(here: Path) -> None:
+    foreign.table(here / "set")
+    (here / "set/my.csv").rename(here / "set/labels.csv")
+    text = (here / "set/labels.csv").read_text().replace("path,turn", "path,steering")
+    (here / "set/labels.csv").write_text(text)
+    line = only_line(run_here(here, "set", module="datamodules.check"))
+    words = line.partition("type drivezoo check ")[2].partition(" (keys")[0]
+    file, how, columns = words.split(" ", 2)
+    done = run_here(here, file, how, columns.strip("'"), module="datamodules.check")
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_log_under_another_name_has_its_formats_key(tmp_path: Path) -> None:
+    written = write_recording(tmp_path / "lake", rows=3)
+    other = written.log.rename(tmp_path / "lake" / "lap_one.csv")
+    assert f"type drivezoo check {other} format=udacity" in refusal(tmp_path / "lake")
+    assert len(read_recordings(str(other), format="udacity")) == 3
+
+
+def test_a_parquet_table_in_a_folder_has_its_command(tmp_path: Path) -> None:
+    pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    columns = {"img": pa.array([b"x"], pa.large_binary()), "steering": [0.1]}
+    pq.write_table(pa.table(columns), tmp_path / "rows.parquet")
+    message = refusal(tmp_path)
+    assert "rows.parquet format=table 'columns={image: img, steering: steering}'" in message
+
+
+def test_tables_of_a_rosbag_are_named_with_their_columns(tmp_path: Path) -> None:
+    (tmp_path / "camera.csv").write_text("time,filename\n1,a.jpg\n")
+    (tmp_path / "steering.csv").write_text("time,angle\n1,0.1\n")
+    message = refusal(tmp_path)
+    assert "camera.csv has the columns time, filename" in message
+    assert "steering.csv has the columns time, angle" in message
+    assert "join" in message
+
+
+def packed(folder: Path, name: str) -> Path:
+    source = tub(folder / "source")
+    path = folder / "in" / name
+    path.parent.mkdir()
+    if name.lower().endswith(".zip"):
+        with zipfile.ZipFile(path, "w") as archive:
+            for file in source.rglob("*"):
+                archive.write(file, file.relative_to(source))
+    else:
+        with tarfile.open(path, "w:gz" if "gz" in name else "w") as archive:
+            archive.add(source, "tub")
+    shutil.rmtree(source)
+    return path
+
+
+@pytest.mark.parametrize("name", ["tub.zip", "tub.tar.gz", "tub.tgz", "tub.tar", "TUB.ZIP"])
+@pytest.mark.parametrize("named", ["folder", "file"])
+def test_an_archive_has_the_command_that_unpacks_it(name: str, named: str, tmp_path: Path) -> None:
+    path = packed(tmp_path, name)
+    message = refusal(path if named == "file" else path.parent)
+    command = f"python -m zipfile -e {path} {path.parent}/{path.stem}"
+    if not name.lower().endswith("zip"):
+        command = f"tar -xf {path} -C {path.parent}"
+    assert message.endswith(f"type {command}")
+
+
+@pytest.mark.parametrize(
+    ("files", "words"),
+    [
+        ({}, "no files"),
+        ({"a.mp4": b"x"}, "1 .mp4; .*table of their steering"),
+        ({"a.jpg": b"x", "b.jpg": b"x"}, "2 .jpg; .*table of their steering"),
+        ({"labels.xlsx": b"PK\x03\x04" + bytes(26) + b"xl/workbook.xml"}, "labels.xlsx.*as CSV"),
+        ({"data/chunk-000/file-000.parquet": b"PAR1"}, "LeRobot.*meta/info.json"),
+        ({"labels.csv": b"<!DOCTYPE html>"}, "labels.csv: is a web page"),
+    ],
+)
+def test_what_a_folder_holds_is_named(files: dict[str, bytes], words: str, tmp_path: Path) -> None:
+    for name, data in files.items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+    with pytest.raises(InputError, match=words):
+        read_recordings(str(tmp_path))
+
+
+def test_an_address_is_no_folder_with_a_typo() -> None:
+    with pytest.raises(InputError, match=r"addresses .*download"):
+        read_recordings("https://example.org/recordings/lake")
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_typo_names_the_nearest_recording_of_any_format(name: str, tmp_path: Path) -> None:
+    WRITERS[name](tmp_path / "my_recording")
+    assert refusal(tmp_path / "my_recoding").endswith(f"name {tmp_path}/my_recording")
+
+
+def test_a_web_page_beside_a_log_does_not_hide_it(tmp_path: Path) -> None:
+    written = write_recording(tmp_path / "lake", rows=2)
+    (written.folder / "data.txt").write_text("<html></html>")
+    assert len(read_recordings(str(written.folder))) == 2
+
+
+# Images whose names differ in case or in Unicode's form, as other systems and tools write them.
+SPELLINGS = {
+    "case": ("Frame_1.JPG", "frame_1.jpg"),
+    "suffix": ("1.jpg", "1.JPG"),
+    "composed": (
+        unicodedata.normalize("NFC", "Bäume_1.jpg"),
+        unicodedata.normalize("NFD", "Bäume_1.jpg"),
+    ),
+    "decomposed": (
+        unicodedata.normalize("NFD", "Bäume_1.jpg"),
+        unicodedata.normalize("NFC", "Bäume_1.jpg"),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", ["log", "table", "tub"])
+@pytest.mark.parametrize("spelling", SPELLINGS)
+def test_an_image_is_found_by_another_spelling(kind: str, spelling: str, tmp_path: Path) -> None:
+    written, there = SPELLINGS[spelling]
+    folder = tmp_path / "recording"
+    foreign.write_frames(folder / "source", [f"{row}.jpg" for row in range(foreign.ROWS)])
+    images = folder / ("images" if kind == "tub" else "IMG")
+    images.mkdir()
+    (folder / "source/1.jpg").rename(images / there)
+    said: dict = {}
+    if kind == "log":
+        (folder / "driving_log.csv").write_text(f"IMG/{written},,,0.1,0,0,1\n")
+    elif kind == "table":
+        (folder / "labels.csv").write_text(f"image,steering\nIMG/{written},0.1\n")
+        said = {"format": "table", "columns": {"image": "image", "steering": "steering"}}
+        said |= {"steering": {"unit": "share", "full": 1}}
+    else:
+        record = {"cam/image_array": written, "user/angle": 0.1}
+        (folder / "catalog_0.catalog").write_text(json.dumps(record) + "\n")
+    file = folder / "labels.csv" if kind == "table" else folder
+    recording = read_recordings(str(file), **said)
+    assert Path(recording.images[0, 0]).name == there

@@ -1,0 +1,186 @@
+"""What a recording says of its own size is compared with what was read, both ways."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datamodules.formats.lerobot_export import export_lerobot
+from datamodules.recording_format import read_recordings
+from tests import foreign_recordings as foreign
+from tests.datamodules.exchange.test_lerobot import as_version_2, write_foreign
+from tests.datamodules.test_path_contents import tub
+from tests.recordings import write_recording
+from tests.zoo.commands import run_here
+from zoo.base.errors import InputError
+
+
+def notes(folder: Path, **said: object) -> str:
+    return "\n".join(read_recordings(str(folder), **said).notes)
+
+
+@pytest.fixture(params=["v3.0", "v2.1"])
+def dataset(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """Return a dataset of two episodes, of 6 and 4 rows, with a Parquet file for each."""
+    pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    folder = write_foreign(tmp_path / "set")
+    path = folder / "meta/info.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"total_frames": 10}))
+    if request.param == "v2.1":
+        as_version_2(folder)
+        lines = [{"episode_index": n, "length": length} for n, length in enumerate((6, 4))]
+        (folder / "meta/episodes.jsonl").write_text("".join(f"{json.dumps(x)}\n" for x in lines))
+        return folder
+    data = folder / "data/chunk-000"
+    whole = pq.read_table(data / "file-000.parquet")
+    for number, (first, count) in enumerate([(0, 6), (6, 4)]):
+        pq.write_table(whole.slice(first, count), data / f"file-00{number}.parquet")
+    episodes = next((folder / "meta/episodes").rglob("*.parquet"))
+    table = pq.read_table(episodes)
+    if "length" not in table.column_names:
+        pq.write_table(table.append_column("length", pa.array([6, 4])), episodes)
+    return folder
+
+
+def test_a_whole_dataset_is_read_without_a_word(dataset: Path) -> None:
+    assert len(read_recordings(str(dataset))) == 10
+    assert "rows" not in notes(dataset)
+
+
+def test_a_dataset_without_one_of_its_files_is_refused(dataset: Path) -> None:
+    sorted(dataset.glob("data/chunk-000/*.parquet"))[1].unlink()
+    with pytest.raises(
+        InputError,
+        match=r"info\.json: total_frames is 10, .* 6 rows .*episode 1 ha"
+        r"s 0 rows of 4.*on_bad_row=skip",
+    ):
+        read_recordings(str(dataset))
+    recording = read_recordings(str(dataset), on_bad_row="skip")
+    assert len(recording) == 6
+    assert "total_frames is 10" in recording.bad_rows[0]
+
+
+def test_a_dataset_with_more_rows_than_it_says_is_refused(dataset: Path) -> None:
+    path = dataset / "meta/info.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"total_frames": 7}))
+    with pytest.raises(InputError, match=r"total_frames is 7, and its files hold 10 rows"):
+        read_recordings(str(dataset))
+
+
+def test_check_of_a_dataset_without_a_file_fails(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    written = write_recording(tmp_path / "lap", 8, cameras=("center",))
+    export_lerobot(read_recordings(str(written.folder)), tmp_path / "set")
+    info = tmp_path / "set/meta/info.json"
+    info.write_text(info.read_text().replace('"total_frames": 8', '"total_frames": 127'))
+    done = run_here(tmp_path, "set", module="datamodules.check")
+    assert done.returncode == 1
+    assert "total_frames is 127, and its files hold 8 rows" in done.stdout
+
+
+def test_a_whole_tub_is_read_without_a_word(tmp_path: Path) -> None:
+    assert "images" not in notes(tub(tmp_path / "tub", foreign.ROWS)).replace("the images", "")
+
+
+def test_images_that_no_record_names_are_counted(tmp_path: Path) -> None:
+    folder = tub(tmp_path / "tub", rows=20)
+    assert f"40 images in {folder}/images have no row" in notes(folder)
+
+
+def test_images_of_deleted_records_have_a_record(tmp_path: Path) -> None:
+    folder = tub(tmp_path / "tub", foreign.ROWS)
+    manifest = folder / "manifest.json"
+    manifest.write_text(manifest.read_text().replace("[]}", "[3, 4]}"))
+    found = notes(folder)
+    assert "2 records left out" in found
+    assert "have no row" not in found
+
+
+@pytest.mark.parametrize("deleted", ['["3", "4"]', "[3.0, 4.0]", '"3, 4"', '"[3, 4]"'])
+def test_deleted_records_are_known_also_as_texts(deleted: str, tmp_path: Path) -> None:
+    folder = tub(tmp_path / "tub", rows=6)
+    manifest = folder / "manifest.json"
+    manifest.write_text(manifest.read_text().replace("[]}", f"{deleted}}}"))
+    steering = read_recordings(str(folder)).steering
+    assert steering == pytest.approx([0.0, 0.01, 0.02, 0.05])
+
+
+@pytest.mark.parametrize("deleted", ['["3-7"]', "[true]", "[null]", "[-1]", '["x"]', "[[3]]"])
+def test_what_is_no_deleted_record_is_refused(deleted: str, tmp_path: Path) -> None:
+    folder = tub(tmp_path / "tub")
+    manifest = folder / "manifest.json"
+    manifest.write_text(manifest.read_text().replace("[]}", f"{deleted}}}"))
+    with pytest.raises(InputError, match=r"manifest\.json, row 5: deleted_indexes has .*; correct"):
+        read_recordings(str(folder))
+
+
+def test_a_catalog_that_the_manifest_does_not_name_is_counted(tmp_path: Path) -> None:
+    folder = tub(tmp_path / "tub", rows=4)
+    shutil.copy(folder / "catalog_0.catalog", folder / "catalog_15.catalog")
+    (folder / "._catalog_0.catalog").write_bytes(b"\0\5\x16\7")
+    assert ": catalog_15.catalog: left out, since manifest.json does not name it" in notes(folder)
+
+
+@pytest.mark.parametrize("counted", [9, 3])
+def test_a_manifest_that_counts_other_records_is_named(counted: int, tmp_path: Path) -> None:
+    folder = tub(tmp_path / "tub", rows=4)
+    manifest = folder / "manifest.json"
+    text = manifest.read_text().replace('"current_index": 4', f'"current_index": {counted}')
+    manifest.write_text(text)
+    assert f"manifest.json counts {counted} records, and its catalogs hold 4" in notes(folder)
+
+
+def test_a_tub_without_its_manifest_is_read_in_the_order_of_its_catalogs(tmp_path: Path) -> None:
+    folder = tub(tmp_path / "tub", rows=3)
+    lines = (folder / "catalog_0.catalog").read_text().splitlines(keepends=True)
+    for number, line in zip((0, 2, 10), lines, strict=True):
+        (folder / f"catalog_{number}.catalog").write_text(line)
+    (folder / "manifest.json").unlink()
+    recording = read_recordings(str(folder))
+    assert recording.steering == pytest.approx([0.0, 0.01, 0.02])
+    words = "no manifest.json: deleted records are read, too, of catalog_0.catalog, catalog_2"
+    assert words in notes(folder)
+
+
+@pytest.mark.parametrize("rows", [1, 4])
+def test_images_beside_a_log_that_no_row_names_are_counted(rows: int, tmp_path: Path) -> None:
+    written = write_recording(tmp_path / "lake", rows=4)
+    lines = written.log.read_text().splitlines(keepends=True)
+    written.log.write_text("".join(lines[:rows]))
+    words = f"{3 * (4 - rows)} images in {written.folder}/IMG have no row"
+    assert (words in notes(written.folder)) == (rows < 4)
+    assert rows < 4 or not notes(written.folder)
+
+
+def test_images_of_bad_rows_have_a_row(tmp_path: Path) -> None:
+    written = write_recording(tmp_path / "lake", rows=4)
+    lines = written.log.read_text().splitlines(keepends=True)
+    written.log.write_text("".join([*lines[:3], lines[3].replace(",0", ",x", 1)[:-5] + "x\n"]))
+    recording = read_recordings(str(written.folder), on_bad_row="skip")
+    assert (len(recording), len(recording.bad_rows), recording.notes) == (3, 1, ())
+
+
+@pytest.mark.parametrize(
+    "write", [foreign.sullychen, foreign.challenge2_training, foreign.jetracer]
+)
+def test_an_image_beside_other_formats_that_no_row_names_is_counted(
+    write: object, tmp_path: Path
+) -> None:
+    folder = write(tmp_path / "recording")  # type: ignore[operator]
+    assert "have no row" not in notes(folder)
+    image = sorted(path for path in folder.rglob("*.jpg") if "left" not in str(path))[0]
+    shutil.copy(image, image.with_name("extra.jpg"))
+    assert f"1 images in {image.parent} have no row" in notes(folder)
+
+
+def test_images_of_an_hdf5_file_that_no_row_names_are_counted(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    folder = foreign.comma2016(tmp_path / "recording")
+    assert "have no row" not in notes(folder)
+    log = next((folder / "log").iterdir())
+    with h5py.File(log, "r+") as file:
+        pointers = np.minimum(file["cam1_ptr"][:], foreign.ROWS - 2)
+        file["cam1_ptr"][:] = pointers
+    assert "1 of 60 images in" in notes(folder)
