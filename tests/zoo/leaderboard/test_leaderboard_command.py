@@ -43,6 +43,33 @@ def test_autonomy_ranks_first_then_error_then_validation(tmp_path: Path) -> None
     assert order == [["b"], ["d"], ["c"], ["a"], ["e"]]
 
 
+@pytest.mark.parametrize(
+    ("runs", "words"),
+    [
+        ([{"autonomy": 0.9}, {"autonomy": None}], "the best driver first"),
+        ([{"autonomy": 0.0}, {"autonomy": 0.0}], "none drives: the smallest cross-track error"),
+        ([{"autonomy": None}, {"autonomy": None}], "nothing was driven: the lowest validation MSE"),
+        (
+            [{"autonomy": 0.9, "tracks": ("lake",)}, {"autonomy": 0.8, "tracks": ("mountain",)}],
+            "the best driver first",
+        ),
+    ],
+)
+def test_the_heading_says_what_the_order_is(
+    runs: list[dict], words: str, tmp_path: Path, console: Console
+) -> None:
+    folders = [
+        write_run(tmp_path / str(number), overrides=(f"x={number}",), **run)
+        for number, run in enumerate(runs)
+    ]
+    ranking = Ranking.read(folders, tmp_path, title="2 jobs")
+    ranking.show(console)
+    assert f"2 jobs, {words}" in " ".join(console.file.getvalue().split())
+    page = ranking.write_page(tmp_path / "page.html", "2 jobs").read_text()
+    assert words[1:] in page
+    assert words in ranking.result_table().caption
+
+
 def write_socket_drive(
     folder: Path, track: str = "lake", off_m: float = 0.1, mph: float = 9.0
 ) -> Path:
