@@ -18,7 +18,8 @@ from datamodules.image import AnyImage, checked_size, read_stored, reading_threa
 from datamodules.leak import leak_lines
 from datamodules.read_options import ReadOptions
 from datamodules.recording_format import other_car, read_recordings
-from datamodules.sign_evidence import sign_lines
+from datamodules.sign_evidence import SignEvidence, find_signs, sign_line
+from datamodules.steering_unit import SteeringUnit
 from zoo.base.command import command, is_help
 from zoo.base.command_keys import read_texts, typed
 from zoo.base.run_command import exit_after
@@ -52,8 +53,9 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
     recording = read_recordings(roots, **{**asdict(read), **skip})
     for line in report_lines(replace(recording, bad_images=(), bad_rows=())):
         _print(console, line)
-    car = other_car(recording)  # the sign of Udacity's is certain
-    for line in [*(sign_lines(recording) if car else ()), *leak_lines(recording)]:
+    car = other_car(recording)
+    signs = find_signs(recording)
+    for line in [*map(sign_line, recording.names, signs), *leak_lines(recording)]:
         _print(console, line)
     if recording.bad_rows:
         _print(console, f"skipped {len(recording.bad_rows):,} bad rows:")
@@ -91,7 +93,11 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
     keys |= {"on_bad_row": "skip"} if recording.bad_rows else {}
     # A network of another car is judged by its held-out drives, which single rows are not.
     split = ["data.split=blocks"] if car else []
-    for line in _next_commands(roots, keys, split):
+    turned = _turned(read, signs)
+    if turned:  # a network would learn to steer to the other side
+        words = [f"{key}={typed(value)}" for key, value in (keys | turned).items()]
+        _print(console, f"next: {command_line(['drivezoo', 'check', *roots, *words])}")
+    for line in () if turned else _next_commands(roots, keys, split):
         _print(console, line)
     return not bad and (not recording.bad_rows or read.on_bad_row == "skip")
 
@@ -115,6 +121,16 @@ def _next_commands(roots: list[str], given: dict[str, Any], split: list[str]) ->
     keys += [f"data.{key}={typed(value)}" for key, value in given.items()]
     yield f"show the network's input: {command_line(['drivezoo', 'preview', *keys])}"
     yield f"next: {command_line(['drivezoo', 'train', FIRST_TRY, *split, *keys])}"
+
+
+def _turned(read: ReadOptions, signs: Sequence[SignEvidence]) -> dict[str, Any]:
+    """Return the key that turns the sign of the recordings with left and right exchanged."""
+    unit = read.unit or SteeringUnit()
+    other = replace(unit, right="positive" if unit.right == "negative" else "negative")
+    wrong = [number for number, sign in enumerate(signs, 1) if sign.is_exchanged]
+    if len(wrong) == len(signs):
+        return {"steering": asdict(other)}
+    return {"each": {number: {"steering": asdict(other)} for number in wrong}} if wrong else {}
 
 
 def look_at_image(image: AnyImage) -> tuple[int, int] | str:
