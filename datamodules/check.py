@@ -13,15 +13,21 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
+from datamodules.balance import epoch_batches
+from datamodules.driving_log import CAMERAS
 from datamodules.findings import find_oddities, report_lines
 from datamodules.image import AnyImage, checked_size, read_stored, reading_threads
 from datamodules.leak import leak_lines
 from datamodules.read_options import ReadOptions
+from datamodules.recording import Recording
 from datamodules.recording_format import other_car, read_recordings
+from datamodules.samples import make_samples
 from datamodules.sign_evidence import SignEvidence, find_signs, sign_line
+from datamodules.split import split_rows
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.command import command, is_help
 from zoo.base.command_keys import read_texts, typed
+from zoo.base.errors import InputError
 from zoo.base.run_command import exit_after
 from zoo.base.terminal import command_line, printable
 
@@ -61,7 +67,7 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
         _print(console, f"skipped {len(recording.bad_rows):,} bad rows:")
         _print_first(console, recording.bad_rows)
     sizes: Counter[tuple[int, int]] = Counter()
-    bad = list(recording.bad_images)
+    bad, good = list(recording.bad_images), np.ones(len(recording), bool)
     rows, cameras = np.nonzero(recording.images)
     paths = recording.images[rows, cameras]
     pool = ThreadPoolExecutor(reading_threads(paths, os.cpu_count() or 1))
@@ -73,6 +79,7 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
             for row, path, size in zip(rows.tolist(), paths, looked_at, strict=True):
                 if isinstance(size, str):
                     bad.append(f"{recording.place(row)}: {path}: {size}")
+                    good[row] = False
                 else:
                     sizes[size] += 1
     finally:
@@ -80,9 +87,10 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
     for (width, height), count in sizes.most_common():
         _print(console, f"{count:,} images of {width} x {height}")
     _print_first(console, bad)
-    verdict = (
-        f"{len(bad):,} bad images; copy or record them again, or train with data.on_bad_image=skip"
+    remedy = "copy or record them again" + ", or train with data.on_bad_image=skip" * bool(
+        good.any()
     )
+    verdict = f"{len(bad):,} bad images; {remedy}"
     _print(console, verdict if bad else "all images are whole")
     oddities = find_oddities(recording)
     if oddities:
@@ -97,8 +105,14 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
     if turned:  # a network would learn to steer to the other side
         words = [f"{key}={typed(value)}" for key, value in (keys | turned).items()]
         _print(console, f"next: {command_line(['drivezoo', 'check', *roots, *words])}")
-    for line in () if turned else _next_commands(roots, keys, split):
-        _print(console, line)
+    elif good.any():
+        try:
+            keys |= _needed_keys(recording.keep(good))
+        except InputError as error:
+            _print(console, f"no training yet: {error}")
+        else:
+            for line in _next_commands(roots, keys, split):
+                _print(console, line)
     return not bad and (not recording.bad_rows or read.on_bad_row == "skip")
 
 
@@ -121,6 +135,21 @@ def _next_commands(roots: list[str], given: dict[str, Any], split: list[str]) ->
     keys += [f"data.{key}={typed(value)}" for key, value in given.items()]
     yield f"show the network's input: {command_line(['drivezoo', 'preview', *keys])}"
     yield f"next: {command_line(['drivezoo', 'train', FIRST_TRY, *split, *keys])}"
+
+
+def _needed_keys(recording: Recording) -> dict[str, Any]:
+    """Return the keys that a training on these rows needs to start.
+
+    Raises:
+        InputError: no key lets it start; see `split_rows`.
+    """
+    rows = split_rows(recording).train
+    samples = make_samples(recording, rows, [*CAMERAS], offset=1.0)  # side cameras show bends
+    try:
+        epoch_batches(samples, len(samples), epoch=0, seed=0)
+    except InputError:
+        return {"straight_cap": None}
+    return {}
 
 
 def _turned(read: ReadOptions, signs: Sequence[SignEvidence]) -> dict[str, Any]:

@@ -54,6 +54,12 @@ def _few_rows(recording: Recording) -> Iterator[str]:
 def _keyboard(recording: Recording) -> Iterator[str]:
     steering = recording.steering
     turned = steering[steering != 0]
+    if not len(turned):
+        yield (
+            "the steering is 0 in each row: there is nothing to learn; record bends, or name the "
+            "number that steers (data.steering, or data.columns of a table)"
+        )
+        return
     share, values = 1 - len(turned) / len(steering), len(np.unique(turned))
     if share > KEYBOARD_SHARE and not 0 < DISTINCT_SHARE * len(turned) <= values:
         yield (
@@ -98,6 +104,8 @@ def _no_speed(recording: Recording) -> Iterator[str]:
 
 
 def _two_speeds(recording: Recording) -> Iterator[str]:
+    if all(image is None for image in recording.images[:, 1:].flat):
+        return  # no side camera, no offset
     speed = recording.speed_mph
     first = _usual_speed(speed)
     far = speed[np.abs(speed - first) >= SPEEDS_APART_MPH]
@@ -106,10 +114,14 @@ def _two_speeds(recording: Recording) -> Iterator[str]:
     second = _usual_speed(far)
     shares = [np.mean(np.abs(speed - one) <= SPEED_WINDOW_MPH / 2) for one in (first, second)]
     if shares[1] >= SECOND_SPEED_SHARE and sum(shares) >= SPEEDS_SHARE:
+        by_rig = (
+            ""
+            if None in recording.each_rig
+            else "set data.recover_s=2, which uses each row's speed, or "
+        )
         yield (
             f"{shares[0]:.0%} of rows are driven at about {first:.0f} mph, {shares[1]:.0%} at "
-            f"about {second:.0f}: one data.offset fits only one speed; set "
-            "data.recover_s=2, which uses each row's speed, or record at one speed"
+            f"about {second:.0f}: one data.offset fits only one speed; {by_rig}record at one speed"
         )
 
 

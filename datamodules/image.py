@@ -25,6 +25,7 @@ TAIL = 1024  # bytes at a file's end that must hold the end marker
 # The first bytes of each kind of file, and its end marker. A JPEG's data never holds FF D9, so the
 # marker stands only at the true end.
 _KINDS = ((b"\xff\xd8\xff", b"\xff\xd9"), (b"\x89PNG\r\n\x1a\n", b"IEND"))
+_OTHER_KINDS = {b"BM": "a BMP", b"GIF8": "a GIF", b"II*\0": "a TIFF", b"RIFF": "a WebP"}
 _FRAMES, _SCAN = (0xC0, 0xC1, 0xC2), 0xDA  # markers of frames and of a scan
 HEAD = 8  # bytes that identify the kind of file
 NO_IMAGE = "the file is no JPEG or PNG"
@@ -135,7 +136,8 @@ def find_fault(data: bytes) -> str | None:
     for start, end in _KINDS:
         if data.startswith(start):
             return None if end in data[-TAIL:] else "the image is truncated"
-    return NO_IMAGE
+    other = next((name for start, name in _OTHER_KINDS.items() if data.startswith(start)), None)
+    return f"{NO_IMAGE}, but {other}: convert it" if other else NO_IMAGE
 
 
 def find_size_fault(width: int, height: int) -> str | None:

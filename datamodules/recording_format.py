@@ -42,6 +42,9 @@ OWN = {
 }
 
 
+WITH_IMAGES = "udacity"  # format whose images may lie in another folder
+
+
 class Format(Protocol):
     """One way to store recordings: a module, or an object, with these names.
 
@@ -131,6 +134,11 @@ def read_recording(path: Path, options: ReadOptions) -> tuple[str, Recording]:
         InputError, UsageError: see `find_format` and `Format.read`; or the rig's file is wrong.
     """
     name, source = find_format(path, options.format)
+    if options.images and name in OWN and name != WITH_IMAGES:
+        raise UsageError(
+            f"images={options.images}: {path} is a {source.title}, which names its own images; "
+            "leave images= out"
+        )
     recording = source.read(path, options)
     folder = path.parent if path.is_file() else path
     rig = read_rig(Path(options.rig).expanduser()) if options.rig else find_rig(folder)
@@ -179,7 +187,8 @@ def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
     if not len(whole):
         faults = whole.bad_images
         reason = f", all {len(faults)} have a bad image ({faults[0]})" if faults else ""
-        remedy = "copy the images, or set data.images=FOLDER" if faults else "record it again"
+        folder = ", or set data.images=FOLDER" if whole.places is None else ""
+        remedy = f"copy the images{folder}" if faults else "record it again"
         raise InputError(f"{', '.join(whole.names)}: no rows left{reason}; {remedy}")
     return whole
 

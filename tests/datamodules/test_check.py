@@ -168,7 +168,7 @@ def test_oddities_follow_the_figures_and_are_no_fault(tmp_path):
 
 
 def test_the_next_commands_close(tmp_path):
-    folder = write_recording(tmp_path / "my lake", rows=2).folder
+    folder = write_recording(tmp_path / "my lake", rows=60).folder
     images = folder / "IMG"
     see, train = run_check(folder, f"images={images}").stdout.splitlines()[-2:]
     keys = [f"data.root={folder}", f"data.images={images}"]
@@ -182,10 +182,49 @@ def test_the_next_commands_close(tmp_path):
 
 
 def test_the_next_command_names_several_folders_in_hydras_grammar(tmp_path):
-    folders = [str(write_recording(tmp_path / one, rows=2).folder) for one in ("a", "b's [2]")]
+    folders = [str(write_recording(tmp_path / one, rows=60).folder) for one in ("a", "b's [2]")]
     command = shlex.split(run_check(*folders).stdout.splitlines()[-1].partition(": ")[2])
     _, override = OverridesParser.create().parse_overrides(command[2:])
     assert (override.key_or_group, override.value()) == ("data.root", folders)
+
+
+def write_straight(folder: Path) -> Path:
+    """Write a log of one camera without a bend."""
+    log = driving_log(folder) / "driving_log.csv"
+    rows = [line.split(",") for line in log.read_text().splitlines()]
+    log.write_text("".join(f"{row[0]},,,0.01,0.2,0,9\n" for row in rows))
+    return folder
+
+
+def write_short(folder: Path) -> Path:
+    log = driving_log(folder) / "driving_log.csv"
+    log.write_text("".join(log.read_text().splitlines(keepends=True)[:2]))
+    return folder
+
+
+def write_cut_off(folder: Path) -> Path:
+    for image in (driving_log(folder) / "IMG").iterdir():
+        cut_off(image)
+    return folder
+
+
+def test_the_next_commands_hold_a_recording_without_bends(tmp_path: Path) -> None:
+    see, train = run_check(write_straight(tmp_path / "straight")).stdout.splitlines()[-2:]
+    assert see.endswith(" data.straight_cap=null")
+    assert train.endswith(" data.straight_cap=null")
+    assert "straight_cap" not in run_check(driving_log(tmp_path / "bends")).stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("write", "reason"), [(write_short, "no training yet: data.split"), (write_cut_off, "60 bad")]
+)
+def test_no_command_is_offered_that_would_stop(
+    write: Callable[[Path], Path], reason: str, tmp_path: Path
+) -> None:
+    printed = run_check(write(tmp_path / "recording")).stdout
+    assert reason in printed
+    assert "next: drivezoo train" not in printed
+    assert "on_bad_image" not in printed
 
 
 def test_png_is_whole_or_truncated(written, tmp_path):

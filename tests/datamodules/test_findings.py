@@ -57,8 +57,11 @@ def test_a_keyboard_is_named_with_its_figures_and_a_key():
     assert "data.straight_cap" in text
 
 
-def test_steering_that_is_always_0_is_a_keyboards():
-    assert "100%" in texts(recording_in_memory(np.zeros(2_000)))["keyboard"]
+def test_steering_that_is_always_0_is_no_keyboards():
+    text = texts(recording_in_memory(np.zeros(2_000)))["keyboard"]
+    assert text.startswith("the steering is 0 in each row")
+    assert "data.steering" in text
+    assert "keyboard" not in text
 
 
 def test_a_wheel_that_is_let_go_of_is_no_keyboard():

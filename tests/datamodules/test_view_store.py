@@ -211,7 +211,7 @@ def test_bad_images_are_zeros_and_named(written, cache, cached):
         assert loaded.faults[2] == f"{paths[2]}: the image is truncated"
         assert loaded.faults[5] == f"{paths[5]}: the file is empty"
         assert loaded.faults[9] == f"{paths[9]}: the file is no JPEG or PNG"
-        assert loaded.faults[10] == f"{paths[10]}: the file is no JPEG or PNG"
+        assert loaded.faults[10].endswith("no JPEG or PNG, but a BMP: convert it")
         assert loaded.faults[11] == f"{paths[11]}: No such file or directory"
         assert not loaded.views[[2, 5, 9, 10, 11]].any()
         np.testing.assert_array_equal(loaded.views[[3, 12]], expected([paths[3], paths[12]]))

@@ -110,7 +110,9 @@ def replay_recording(
     )
     world = ReplayWorld(recording, options.frame_rate, options.speed)
     source = other_car(recording)
-    if line := other_car_line(policy.data, f"a replay of {recording_folder}", source):
+    is_own = policy.data.get("fingerprint") == recording.fingerprint()
+    line = other_car_line(policy.data, f"a replay of {recording_folder}", source)
+    if line and not is_own:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     with command_folder(options.out, "replays") as folder:
         keep = ReplayFrames(folder if options.frames else None)
