@@ -96,10 +96,12 @@ def _centre_only(recording: Recording) -> Iterator[str]:
 
 def _no_speed(recording: Recording) -> Iterator[str]:
     if recording.without_speed:
+        replay = "replay it with the speed that the car drove: drivezoo replay CKPT FOLDER speed=9"
+        if None in recording.each_rig:
+            replay = "a replay needs a speed=, and the car (drivezoo new rig my_car)"
         yield (
             f"the speed is 0 mph in each row of {', '.join(recording.without_speed)}: "
-            "data.recover_s and networks that take or predict a speed cannot use it; replay it "
-            "with the speed that the car drove: drivezoo replay CKPT FOLDER speed=9"
+            f"data.recover_s and networks that take or predict a speed cannot use it; {replay}"
         )
 
 

@@ -16,11 +16,11 @@ import numpy as np
 
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
-from datamodules.rig_file import find_rig, read_rig, write_rig
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.parts import installed_entries
 from zoo.base.rig import UDACITY, Rig
+from zoo.base.rig_file import find_rig, named_rig, write_rig
 
 SOURCE_NAME = "source.json"  # beside the log of a converted recording
 GROUP = "drivezoo.formats"  # entry points of installed packages
@@ -141,7 +141,7 @@ def read_recording(path: Path, options: ReadOptions) -> tuple[str, Recording]:
         )
     recording = source.read(path, options)
     folder = path.parent if path.is_file() else path
-    rig = read_rig(Path(options.rig).expanduser()) if options.rig else find_rig(folder)
+    rig = named_rig(options.rig) if options.rig else find_rig(folder)
     if rig is None and read_source(recording.names):
         return name, replace(recording, rig=None)  # converted: the log's format is not the car's
     return name, replace(recording, rig=rig, rigs=()) if rig else recording

@@ -33,6 +33,7 @@ class BackgroundWriter:
 
     Attributes:
         recorded: number of rows in the folder's `driving_log.csv`.
+        rig: car of a simulator that tells its own, set before the first row.
 
     Raises:
         InputError: the folder holds a drive or a recording already.
@@ -45,7 +46,7 @@ class BackgroundWriter:
                     f"{folder}: holds a {name} already; name another folder with record="
                 )
         self.folder, self.notices, self.source = folder.absolute(), notices, source
-        self.recorded = 0
+        self.recorded, self.rig = 0, None
         self._held, self._is_open = contextlib.ExitStack(), False
         self._queue: queue.Queue[tuple[DriveRow, bytes | None] | None] = queue.Queue(WAITING)
         self._writer: DriveWriter | None = None
@@ -142,7 +143,7 @@ class BackgroundWriter:
                 self._open_folder()
                 (self.folder / IMAGE_FOLDER).mkdir(exist_ok=True)
                 if self.source is not None:
-                    write_rig_of(self.folder, None, self.source)
+                    write_rig_of(self.folder, self.rig, self.source)
                 self._recording = AppendedFile(self.folder / RECORDING_LOG)
             path = self.folder / IMAGE_FOLDER / image_name("center", self._moment())
             write_new(path, image)

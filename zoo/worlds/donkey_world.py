@@ -19,6 +19,7 @@ from datamodules.image import decode_image
 from zoo.base.errors import InputError
 from zoo.base.limits import MOST_MPH, MOST_REPORTED, parse_number
 from zoo.base.rig import MPS_PER_MPH
+from zoo.base.rig_file import make_rig
 from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import State, World
 
@@ -49,6 +50,7 @@ class DonkeyWorld(World):
 
     Attributes:
         image: latest image as the simulator sent it, in base64.
+        rig: car of `drivezoo simulator serve`; None for the Unity program, which does not say it.
 
     Raises:
         InputError: no simulator answers there, or it has no such scene.
@@ -81,7 +83,9 @@ class DonkeyWorld(World):
         self._shape: tuple[int, ...] | None = None
         self._send("reset_car")
         self._send("get_protocol_version")
-        self._wait_for("protocol_version")  # telemetry before it is of the drive before
+        answer = self._wait_for("protocol_version")  # telemetry before it is of the drive before
+        with suppress(InputError):  # only `drivezoo simulator serve` sends its camera and its car
+            self.rig = make_rig(answer.get("rig"), self.address)
         self._stand()
         self._began_s = self._needed(self._telemetry, "time")
         return self._state()

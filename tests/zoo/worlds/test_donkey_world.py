@@ -110,6 +110,14 @@ def test_a_car_of_unknown_speed_gets_no_throttle_and_no_intervention(speed: obje
     assert seen[-1] == seen[0], "a network sees the last speed that is known"
 
 
+def test_the_unity_programs_camera_is_unknown() -> None:
+    with donkey_replica(lambda number, message: message) as (address, _):
+        world = DonkeyWorld(address)
+        world.reset(Scenario(address, world="donkey"))
+        assert world.rig is None
+        world.close()
+
+
 def test_a_silent_simulator_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(donkey_world, "SILENT_S", 0.5)
     with (
