@@ -8,6 +8,7 @@ import numpy as np
 
 from datamodules.recording import GAP_S, Recording
 from datamodules.stretches import LEAST_CHANGE, find_breaks, find_stretches, steering_returns
+from zoo.base.rig import RIG_KEYS
 
 # The thresholds separate the original's keyboard recording (70 % of steering is 0, the other 798
 # rows share 414 values) from the expert's (no 0, as many values as rows).
@@ -96,12 +97,22 @@ def _centre_only(recording: Recording) -> Iterator[str]:
 
 def _no_speed(recording: Recording) -> Iterator[str]:
     if recording.without_speed:
-        replay = "replay it with the speed that the car drove: drivezoo replay CKPT FOLDER speed=9"
-        if None in recording.each_rig:
-            replay = "a replay needs a speed=, and the car (drivezoo new rig my_car)"
+        replay = (
+            "; replay it with the speed that the car drove: drivezoo replay CKPT FOLDER speed=9"
+        )
         yield (
             f"the speed is 0 mph in each row of {', '.join(recording.without_speed)}: "
-            f"data.recover_s and networks that take or predict a speed cannot use it; {replay}"
+            "data.recover_s and networks that take or predict a speed cannot use it"
+            f"{'' if None in recording.each_rig else replay}"
+        )
+
+
+def _no_rig(recording: Recording) -> Iterator[str]:
+    rigs = zip(recording.names, recording.each_rig, strict=True)
+    if unknown := ", ".join(name for name, rig in rigs if rig is None):
+        yield (
+            f"the camera and the car of {unknown} are unknown, so that no replay can score a "
+            f"network of it; name a known rig, {RIG_KEYS}, or write one: drivezoo new rig my_car"
         )
 
 
@@ -193,6 +204,7 @@ _LOOKS: tuple[Callable[[Recording], Iterator[str]], ...] = (
     _no_recoveries,
     _centre_only,
     _no_speed,
+    _no_rig,
     _two_speeds,
     _one_direction,
     _backward_times,

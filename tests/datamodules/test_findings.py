@@ -110,6 +110,23 @@ def test_a_missing_speed_is_named_with_its_recording_and_a_key():
     assert "no_speed" not in texts(recording_in_memory(SMOOTH))
 
 
+def test_an_unknown_rig_is_named_in_place_of_a_replay_that_would_stop():
+    unknown = replace(recording_in_memory(SMOOTH, np.zeros(2_000)), rig=None)
+    found = texts(unknown)
+    assert "drivezoo new rig" in found["no_rig"]
+    assert "data.rig=donkey_sim" in found["no_rig"]
+    assert not any("drivezoo replay" in text for text in found.values())
+    assert "no_rig" not in texts(recording_in_memory(SMOOTH))
+
+
+def test_a_remedy_for_side_cameras_is_not_offered_without_them_or_their_places():
+    speeds = np.where(np.arange(2_000) < 800, 15, 30)
+    with_sides = recording_in_memory(SMOOTH, speeds)
+    assert "data.recover_s" not in texts(replace(with_sides, rig=None))["two_speeds"]
+    centre = replace(with_sides, images=np.where([True, False, False], with_sides.images, None))
+    assert "two_speeds" not in texts(centre)
+
+
 @pytest.mark.parametrize(
     "speeds",
     [

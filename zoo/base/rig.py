@@ -213,6 +213,7 @@ def donkey_sim(camera: Camera | None = None) -> Rig:
 
 # Rigs by the names that `data.rig=` takes.
 RIGS = {"udacity": UDACITY, "donkey_sim": centred(donkey_sim())}
+RIG_KEYS = " or ".join(f"data.rig={name}" for name in RIGS)
 
 
 def single_camera_rig(
