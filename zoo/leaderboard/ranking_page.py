@@ -219,6 +219,8 @@ def following(entries: Sequence[Entry]) -> list[str]:
         same = next((one for one in others if one.tracks.keys() == best.tracks.keys()), None)
         return ["compare", str(best.folder), str(same.folder)] if same else []
     driver = best.name if best.val_mse is None else str(best.folder)
+    if best.car:  # no road shows it
+        return ["replay", driver, "FOLDER"]
     is_known = driver != "-" and best.source in ("", EMBEDDED)
     return ["benchmark", driver, "suite=quick"] if is_known else []
 

@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,6 +69,16 @@ def test_the_heading_says_what_the_order_is(
     page = ranking.write_page(tmp_path / "page.html", "2 jobs").read_text()
     assert words[1:] in page
     assert words in ranking.result_table().caption
+
+
+@pytest.mark.parametrize(("source", "command"), [(None, "benchmark"), ("donkeycar", "replay")])
+def test_the_next_command_drives_the_best_networks_own_car(
+    source: str | None, command: str, tmp_path: Path, console: Console
+) -> None:
+    data = {"fingerprint": "0" * 16, "rows": 9, "source": source}
+    Ranking.read([write_run(tmp_path / "0", data=data)], tmp_path).show(console)
+    last = console.file.getvalue().splitlines()[-1]
+    assert shlex.split(last)[:3] == ["next:", "drivezoo", command]
 
 
 def write_socket_drive(
