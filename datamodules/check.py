@@ -87,9 +87,9 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
     for (width, height), count in sizes.most_common():
         _print(console, f"{count:,} images of {width} x {height}")
     _print_first(console, bad)
-    remedy = "copy or record them again" + ", or train with data.on_bad_image=skip" * bool(
-        good.any()
-    )
+    remedy = "copy or record them again"
+    if good.any():
+        remedy += ", or train with data.on_bad_image=skip"
     verdict = f"{len(bad):,} bad images; {remedy}"
     _print(console, verdict if bad else "all images are whole")
     oddities = find_oddities(recording)

@@ -155,8 +155,8 @@ def rig_line(rig: Rig, tub: str | None) -> str:
     folder = Path(tub).expanduser()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if (known := find_rig(folder)) and known.name != rig.name:
-            return f"{folder / RIG_NAME}: is of another car, {known.name}, and stays"
+        if (other := find_rig(folder)) and other.name != rig.name:
+            return f"{folder / RIG_NAME}: is of another car, {other.name}, and stays"
         write_rig(folder, rig)
     except (OSError, InputError) as error:
         return f"tub={tub}: no {RIG_NAME} is written ({error})"

@@ -54,7 +54,7 @@ def is_ordinary(value: object, least: float = 0.0, most: float = 1e9) -> TypeGua
 
 
 def parse_number(value: object, most: float = MOST_REPORTED) -> float | None:
-    """Return the number in a message's JSON number or text, None for one that none reports.
+    """Return the number in a message's JSON number or text; None if it is none, or too large.
 
     >>> parse_number("9,2500"), parse_number(9.25), parse_number("1,234.5"), parse_number(1e308)
     (9.25, 9.25, None, None)

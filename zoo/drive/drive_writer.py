@@ -13,6 +13,7 @@ from simulator.recorder import IMAGE_FOLDER, image_name, number_text, split_peda
 from simulator.recorder import LOG_NAME as RECORDING_LOG
 from zoo.base.errors import InputError, file_errors
 from zoo.base.new_folder import written_folder
+from zoo.base.rig import Rig
 from zoo.base.whole_file import AppendedFile, write_new
 from zoo.drive.notices import Notices
 from zoo.drives.drive_log import LOG_NAME, DriveWriter, read_drive, write_summary
@@ -46,7 +47,8 @@ class BackgroundWriter:
                     f"{folder}: holds a {name} already; name another folder with record="
                 )
         self.folder, self.notices, self.source = folder.absolute(), notices, source
-        self.recorded, self.rig = 0, None
+        self.recorded = 0
+        self.rig: Rig | None = None
         self._held, self._is_open = contextlib.ExitStack(), False
         self._queue: queue.Queue[tuple[DriveRow, bytes | None] | None] = queue.Queue(WAITING)
         self._writer: DriveWriter | None = None

@@ -87,7 +87,7 @@ class DonkeyWorld(World):
         with suppress(InputError):  # only `drivezoo simulator serve` sends its camera and its car
             self.rig = make_rig(answer.get("rig"), self.address)
         self._stand()
-        self._began_s = self._needed(self._telemetry, "time")
+        self._began_s = self._required(self._telemetry, "time")
         return self._state()
 
     def frame(self, camera: str = "center") -> np.ndarray:
@@ -103,11 +103,11 @@ class DonkeyWorld(World):
 
     def put_back(self, speed_mph: float) -> State:
         """Put the car on the nearest node of the road, at a standstill."""
-        index = int(self._needed(self._telemetry, "activeNode"))
+        index = int(self._required(self._telemetry, "activeNode"))
         self._send("node_position", index=index)
         node = self._wait_for("node_position")
         keys = ("pos_x", "pos_y", "pos_z", "Qx", "Qy", "Qz", "Qw")
-        self._send("set_position", **{key: self._needed(node, key) for key in keys})
+        self._send("set_position", **{key: self._required(node, key) for key in keys})
         self._stand()
         return self._state()
 
@@ -201,16 +201,18 @@ class DonkeyWorld(World):
         self._frame, self._shape = frame, frame.shape
 
     def _state(self) -> State:
-        time_s = self._needed(self._telemetry, "time") - self._began_s
-        speed_mps = self._known("speed", MOST_MPH * MPS_PER_MPH)
-        x, y = self._known("pos_x"), self._known("pos_z")
+        time_s = self._required(self._telemetry, "time") - self._began_s
+        speed_mps = self._optional("speed", MOST_MPH * MPS_PER_MPH)
+        x, y = self._optional("pos_x"), self._optional("pos_z")
         lap = max(self._crossings - 1, 0)
-        along = (self._known("activeNode") or 0.0) / max(self._known("totalNodes") or 0.0, 1.0)
+        along = (self._optional("activeNode") or 0.0) / max(
+            self._optional("totalNodes") or 0.0, 1.0
+        )
         return State(
             time_s=time_s,
             speed_mph=math.nan if speed_mps is None else speed_mps / MPS_PER_MPH,
-            steering=self._known("steering_angle", MOST_STEERING),
-            cross_track_m=self._known("cte"),
+            steering=self._optional("steering_angle", MOST_STEERING),
+            cross_track_m=self._optional("cte"),
             lap=lap,
             contact=self._telemetry.get("hit", "none") != "none",
             xy=None if x is None or y is None else (x, y),
@@ -218,11 +220,11 @@ class DonkeyWorld(World):
             done=lap >= self._laps or time_s >= self._laps * LONGEST_LAP_S,
         )
 
-    def _known(self, key: str, most: float = MOST_REPORTED) -> float | None:
+    def _optional(self, key: str, most: float = MOST_REPORTED) -> float | None:
         """Return a number of the telemetry; None if the car's is unknown."""
         return parse_number(self._telemetry.get(key), most)
 
-    def _needed(self, message: Message, key: str) -> float:
+    def _required(self, message: Message, key: str) -> float:
         """Return a number without which no drive is possible."""
         value = parse_number(message.get(key))
         if value is None:
