@@ -12,10 +12,10 @@ from benchmarks.material import frames_of
 from benchmarks.measuring import print_table
 from datamodules.driving_log import CAMERAS
 from datamodules.recording_format import read_recordings
-from datamodules.rig_file import write_rig
 from simulator.recorder import Recorder
 from simulator.world import Start, open_world
 from zoo.base.rig import UDACITY, single_camera_rig
+from zoo.base.rig_file import write_rig
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.policy import load_policy
 from zoo.worlds.camera_warp import Warp

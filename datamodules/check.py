@@ -13,14 +13,21 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
+from datamodules.balance import epoch_batches
+from datamodules.driving_log import CAMERAS
 from datamodules.findings import find_oddities, report_lines
 from datamodules.image import AnyImage, checked_size, read_stored, reading_threads
 from datamodules.leak import leak_lines
 from datamodules.read_options import ReadOptions
+from datamodules.recording import Recording
 from datamodules.recording_format import other_car, read_recordings
-from datamodules.sign_evidence import sign_lines
+from datamodules.samples import make_samples
+from datamodules.sign_evidence import SignEvidence, find_signs, sign_line
+from datamodules.split import split_rows
+from datamodules.steering_unit import SteeringUnit
 from zoo.base.command import command, is_help
 from zoo.base.command_keys import read_texts, typed
+from zoo.base.errors import InputError
 from zoo.base.run_command import exit_after
 from zoo.base.terminal import command_line, printable
 
@@ -71,9 +78,10 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
     finally:
         pool.shutdown(cancel_futures=True)  # on Ctrl-C, do not wait for the other images
     whole = recording.keep(is_whole)
-    car = other_car(recording)  # the sign of Udacity's is certain
+    car = other_car(recording)
     is_each = bool(np.bincount(whole.recording, minlength=len(whole.names)).all())
-    for line in [*(sign_lines(whole) if car and is_each else ()), *leak_lines(whole)]:
+    signs = find_signs(whole) if is_each else []
+    for line in [*map(sign_line, whole.names, signs), *leak_lines(whole)]:
         _print(console, line)
     if recording.bad_rows:
         _print(console, f"skipped {len(recording.bad_rows):,} bad rows:")
@@ -97,8 +105,18 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
     keys |= {"on_bad_row": "skip"} if recording.bad_rows else {}
     # A network of another car is judged by its held-out drives, which single rows are not.
     split = ["data.split=blocks"] if car else []
-    for line in _next_commands(roots, keys, split):
-        _print(console, line)
+    turned = _turned(read, signs)
+    if turned:  # a network would learn to steer to the other side
+        words = [f"{key}={typed(value)}" for key, value in (keys | turned).items()]
+        _print(console, f"next: {command_line(['drivezoo', 'check', *roots, *words])}")
+    else:
+        try:
+            keys |= _needed_keys(whole)
+        except InputError as error:
+            _print(console, f"no training yet: {error}")
+        else:
+            for line in _next_commands(roots, keys, split):
+                _print(console, line)
     return not bad and (not recording.bad_rows or read.on_bad_row == "skip")
 
 
@@ -121,6 +139,31 @@ def _next_commands(roots: list[str], given: dict[str, Any], split: list[str]) ->
     keys += [f"data.{key}={typed(value)}" for key, value in given.items()]
     yield f"show the network's input: {command_line(['drivezoo', 'preview', *keys])}"
     yield f"next: {command_line(['drivezoo', 'train', FIRST_TRY, *split, *keys])}"
+
+
+def _needed_keys(recording: Recording) -> dict[str, Any]:
+    """Return the keys that a training on these rows needs to start.
+
+    Raises:
+        InputError: no key lets it start; see `split_rows`.
+    """
+    rows = split_rows(recording).train
+    samples = make_samples(recording, rows, [*CAMERAS], offset=1.0)  # side cameras show bends
+    try:
+        epoch_batches(samples, len(samples), epoch=0, seed=0)
+    except InputError:
+        return {"straight_cap": None}
+    return {}
+
+
+def _turned(read: ReadOptions, signs: Sequence[SignEvidence]) -> dict[str, Any]:
+    """Return the key that turns the sign of the recordings with left and right exchanged."""
+    unit = read.unit or SteeringUnit()
+    other = replace(unit, right="positive" if unit.right == "negative" else "negative")
+    wrong = [number for number, sign in enumerate(signs, 1) if sign.is_exchanged]
+    if len(wrong) == len(signs):
+        return {"steering": asdict(other)}
+    return {"each": {number: {"steering": asdict(other)} for number in wrong}} if wrong else {}
 
 
 def look_at_image(image: AnyImage) -> tuple[int, int] | str:

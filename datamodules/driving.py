@@ -168,9 +168,10 @@ class DrivingData(lightning.LightningDataModule):
             lines = tuple(f"{recording.place(row)}: {faults[row]}" for row in sorted(faults))
             good = ~np.isin(np.arange(len(recording)), list(faults))
             if self.read.on_bad_image == "fail" or not good.any():
+                skip = ", or set data.on_bad_image=skip" if good.any() else ""
                 raise InputError(
                     f"{lines[0]} ({len(lines)} of {len(recording)} rows have a bad image); "
-                    "record or copy it again, or set data.on_bad_image=skip"
+                    f"record or copy it again{skip}"
                 )
             recording, views = recording.keep(good, lines), views.keep(good)
         for transform in self.augment.transforms:

@@ -6,7 +6,7 @@ import itertools
 import math
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple, TextIO
@@ -117,7 +117,7 @@ def read_log(
             header names a column twice or lacks one; the log is UTF-16, has too many rows, or none.
     """
     bad = bad or BadRows()
-    previous_speed, largest = 0.0, 0.0
+    previous_speed, beyond, turns = 0.0, set[float](), False
     head = [fields for _, fields in itertools.islice(read_fields(log, BadRows()), HEAD_ROWS)]
     order, is_named = _column_order(log, head, bad.notes)
     line = good = 0
@@ -141,15 +141,16 @@ def read_log(
             numbers = (unit.steering(numbers[0]), *numbers[1:])
         if fault := range_fault(numbers):
             bad.faults.append(f"{log}, row {line}: {fault}")
-            largest = max(largest, abs(numbers[0]))
+            beyond.add(numbers[0])
             continue
         good += 1
+        turns = turns or numbers[0] != 0
         yield LogRow(line, paths, numbers)
     if good and len(fields) < len(order):
         forget_half_written(log, bad)
     if not good and not bad.faults:
         raise InputError(f"{log}: the log has no rows; record some driving first")
-    bad.finish(good, unit_hint(largest))
+    bad.finish(good, unit_hint(beyond, turns))
 
 
 def forget_half_written(log: Path, bad: BadRows) -> None:
@@ -225,9 +226,16 @@ def range_fault(numbers: Sequence[float]) -> str:
     return ""
 
 
-def unit_hint(largest: float) -> str:
-    """Return the remedy of a steering in another unit, '' for one whose largest is within -1..1."""
-    if largest <= RANGES["steering"][1]:
+def unit_hint(steering: Collection[float], turns: bool) -> str:
+    """Return the remedy of a steering in another unit, '' if the rows do not show one.
+
+    Args:
+        steering: distinct steering of the bad rows.
+        turns: whether other rows steer to a side within -1..1. Then a single number beyond is no
+            unit, but marks rows, as a receiver without signal does.
+    """
+    beyond = [value for value in steering if RANGES["steering"][1] < abs(value) < math.inf]
+    if not beyond or (turns and len(beyond) == 1):
         return ""
     return f"degrees, or another unit? name it: data.steering={{{EXAMPLE}}}"
 

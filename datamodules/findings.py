@@ -8,6 +8,7 @@ import numpy as np
 
 from datamodules.recording import GAP_S, Recording
 from datamodules.stretches import LEAST_CHANGE, find_breaks, find_stretches, steering_returns
+from zoo.base.rig import RIG_KEYS
 
 # The thresholds separate the original's keyboard recording (70 % of steering is 0, the other 798
 # rows share 414 values) from the expert's (no 0, as many values as rows).
@@ -54,6 +55,12 @@ def _few_rows(recording: Recording) -> Iterator[str]:
 def _keyboard(recording: Recording) -> Iterator[str]:
     steering = recording.steering
     turned = steering[steering != 0]
+    if not len(turned):
+        yield (
+            "the steering is 0 in each row: there is nothing to learn; record bends, or name the "
+            "number that steers (data.steering, or data.columns of a table)"
+        )
+        return
     share, values = 1 - len(turned) / len(steering), len(np.unique(turned))
     if share > KEYBOARD_SHARE and not 0 < DISTINCT_SHARE * len(turned) <= values:
         yield (
@@ -90,14 +97,28 @@ def _centre_only(recording: Recording) -> Iterator[str]:
 
 def _no_speed(recording: Recording) -> Iterator[str]:
     if recording.without_speed:
+        replay = (
+            "; replay it with the speed that the car drove: drivezoo replay CKPT FOLDER speed=9"
+        )
         yield (
             f"the speed is 0 mph in each row of {', '.join(recording.without_speed)}: "
-            "data.recover_s and networks that take or predict a speed cannot use it; replay it "
-            "with the speed that the car drove: drivezoo replay CKPT FOLDER speed=9"
+            "data.recover_s and networks that take or predict a speed cannot use it"
+            f"{'' if None in recording.each_rig else replay}"
+        )
+
+
+def _no_rig(recording: Recording) -> Iterator[str]:
+    rigs = zip(recording.names, recording.each_rig, strict=True)
+    if unknown := ", ".join(name for name, rig in rigs if rig is None):
+        yield (
+            f"the camera and the car of {unknown} are unknown, so that no replay can score a "
+            f"network of it; name a known rig, {RIG_KEYS}, or write one: drivezoo new rig my_car"
         )
 
 
 def _two_speeds(recording: Recording) -> Iterator[str]:
+    if all(image is None for image in recording.images[:, 1:].flat):
+        return  # no side camera, no offset
     speed = recording.speed_mph
     first = _usual_speed(speed)
     far = speed[np.abs(speed - first) >= SPEEDS_APART_MPH]
@@ -106,10 +127,14 @@ def _two_speeds(recording: Recording) -> Iterator[str]:
     second = _usual_speed(far)
     shares = [np.mean(np.abs(speed - one) <= SPEED_WINDOW_MPH / 2) for one in (first, second)]
     if shares[1] >= SECOND_SPEED_SHARE and sum(shares) >= SPEEDS_SHARE:
+        by_rig = (
+            ""
+            if None in recording.each_rig
+            else "set data.recover_s=2, which uses each row's speed, or "
+        )
         yield (
             f"{shares[0]:.0%} of rows are driven at about {first:.0f} mph, {shares[1]:.0%} at "
-            f"about {second:.0f}: one data.offset fits only one speed; set "
-            "data.recover_s=2, which uses each row's speed, or record at one speed"
+            f"about {second:.0f}: one data.offset fits only one speed; {by_rig}record at one speed"
         )
 
 
@@ -179,6 +204,7 @@ _LOOKS: tuple[Callable[[Recording], Iterator[str]], ...] = (
     _no_recoveries,
     _centre_only,
     _no_speed,
+    _no_rig,
     _two_speeds,
     _one_direction,
     _backward_times,

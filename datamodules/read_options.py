@@ -30,7 +30,8 @@ class ReadOptions:
         camera: name of the camera that looks ahead, in a LeRobot dataset; null: found by its name.
         speed_unit: unit of a speed whose name has none.
         each: keys of single recordings, by number, {2: {format: table, steering: ...}}.
-        rig: file of the car's rig; null: rig.yaml beside the recording, or as the format says.
+        rig: name or file of the car's rig, such as donkey_sim; null: rig.yaml beside the recording,
+            or as the format says.
         cache: folder in which shards from an address are kept.
         cache_gb: most GB of shards in it; those used longest ago are deleted.
     """

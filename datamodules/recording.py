@@ -216,8 +216,8 @@ def keep_valid(recording: Recording, bad: BadRows) -> Recording:
     for row in np.flatnonzero(~good).tolist():
         time = f"the time {time_s[row]:g} s is not between 1970 and 9999"
         bad.faults.append(f"{recording.place(row)}: {range_fault(numbers[row]) or time}")
-    largest = np.abs(numbers[:, 0]).max(initial=0, where=np.isfinite(numbers[:, 0]))
-    bad.finish(int(good.sum()), unit_hint(largest))
+    steering, turns = set(numbers[~good, 0].tolist()), bool(numbers[good, 0].any())
+    bad.finish(int(good.sum()), unit_hint(steering, turns))
     return replace(
         recording.keep(good),
         bad_rows=(*recording.bad_rows, *bad.faults),

@@ -16,11 +16,11 @@ import numpy as np
 
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
-from datamodules.rig_file import find_rig, read_rig, write_rig
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.parts import installed_entries
 from zoo.base.rig import UDACITY, Rig
+from zoo.base.rig_file import find_rig, named_rig, write_rig
 
 SOURCE_NAME = "source.json"  # beside the log of a converted recording
 GROUP = "drivezoo.formats"  # entry points of installed packages
@@ -40,6 +40,9 @@ OWN = {
         "shards",
     )
 }
+
+
+WITH_IMAGES = ("udacity", "table")  # formats whose images may lie in another folder
 
 
 class Format(Protocol):
@@ -133,6 +136,11 @@ def read_recording(path: Path, options: ReadOptions) -> tuple[str, Recording]:
     """
     try:
         name, source = find_format(path, options.format)
+        if options.images and name in OWN and name not in WITH_IMAGES:
+            raise UsageError(
+                f"images={options.images}: {path} is a {source.title}, which names its own "
+                "images; leave images= out"
+            )
         recording = source.read(path, options)
     except OSError as error:
         raise InputError(
@@ -140,7 +148,7 @@ def read_recording(path: Path, options: ReadOptions) -> tuple[str, Recording]:
             "name another folder"
         ) from None
     folder = path.parent if path.is_file() else path
-    rig = read_rig(Path(options.rig).expanduser()) if options.rig else find_rig(folder)
+    rig = named_rig(options.rig) if options.rig else find_rig(folder)
     if rig is None and read_source(recording.names):
         return name, replace(recording, rig=None)  # converted: the log's format is not the car's
     return name, replace(recording, rig=rig, rigs=()) if rig else recording
@@ -186,7 +194,8 @@ def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
     if not len(whole):
         faults = whole.bad_images
         reason = f", all {len(faults)} have a bad image ({faults[0]})" if faults else ""
-        remedy = "copy the images, or set data.images=FOLDER" if faults else "record it again"
+        folder = ", or set data.images=FOLDER" if whole.places is None else ""
+        remedy = f"copy the images{folder}" if faults else "record it again"
         raise InputError(f"{', '.join(whole.names)}: no rows left{reason}; {remedy}")
     return whole
 

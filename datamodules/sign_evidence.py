@@ -38,6 +38,11 @@ class SignEvidence:
         """Return whether the images settle the sign."""
         return abs(self.correlation) >= LEAST_CORRELATION and self.chance <= MOST_CHANCE
 
+    @property
+    def is_exchanged(self) -> bool:
+        """Return whether the images show that a positive steering turns left."""
+        return self.is_clear and self.correlation < 0
+
     def words(self) -> str:
         """Return the evidence in words."""
         if math.isnan(self.correlation):
@@ -70,18 +75,22 @@ def find_sign_evidence(recording: Recording) -> SignEvidence:
     return SignEvidence(float(correlations[0]), float(chance), len(turns))
 
 
-def sign_lines(recording: Recording) -> list[str]:
-    """Return a line for each recording on whether its images agree with its steering's sign."""
-    lines: list[str] = []
-    for number, name in enumerate(recording.names):
-        evidence = find_sign_evidence(recording.keep(recording.recording == number))
-        agreement = "left and right fit the images"
-        if not evidence.is_clear:
-            agreement = "the images do not settle left and right"
-        elif evidence.correlation < 0:
-            agreement = "LEFT AND RIGHT SEEM EXCHANGED: name the sign with data.steering="
-        lines.append(f"{name}: {agreement}; {evidence.words()}")
-    return lines
+def find_signs(recording: Recording) -> list[SignEvidence]:
+    """Return the evidence of each of the recordings."""
+    return [
+        find_sign_evidence(recording.keep(recording.recording == number))
+        for number in range(len(recording.names))
+    ]
+
+
+def sign_line(name: str, evidence: SignEvidence) -> str:
+    """Return a line on whether a recording's images agree with its steering's sign."""
+    agreement = "left and right fit the images"
+    if not evidence.is_clear:
+        agreement = "the images do not settle left and right"
+    elif evidence.is_exchanged:
+        agreement = "LEFT AND RIGHT SEEM EXCHANGED: name the sign with data.steering="
+    return f"{name}: {agreement}; {evidence.words()}"
 
 
 def _pairs(recording: Recording) -> np.ndarray:

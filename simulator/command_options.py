@@ -159,6 +159,7 @@ class ServeOptions:
         scene: scene that is loaded when a client connects; null: the client chooses.
         rate: telemetry messages per second, 1..50; max: one for each control, as fast as possible.
         clients: number of clients at the same time, each with a car and a world of its own.
+        tub: folder in which a client records; the rig.yaml of its camera and car is written there.
         renderer: auto, software or opengl.
     """
 
@@ -168,4 +169,5 @@ class ServeOptions:
     scene: str | None = None
     rate: Annotated[float, Field(ge=1, le=50)] | Literal["max"] = 20.0
     clients: Annotated[int, Field(ge=1, le=64)] = 4
+    tub: str | None = None
     renderer: Literal["auto", "software", "opengl"] = "auto"

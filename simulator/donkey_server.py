@@ -8,12 +8,15 @@ import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, suppress
+from pathlib import Path
 
 from simulator.command_options import ServeOptions
 from simulator.donkey_session import RATE, DonkeySession, Message, track_of
 from simulator.track_file import read_track
 from zoo.base.errors import InputError
 from zoo.base.process_pool import ProcessPool
+from zoo.base.rig import RIGS, Rig
+from zoo.base.rig_file import RIG_NAME, find_rig, write_rig
 
 MOST_BYTES = 65_536  # of one message
 RECEIVED_BYTES = 4096  # at a time; a client of 50 controls in a frame sends more
@@ -113,9 +116,13 @@ def _converse(
     session = DonkeySession(options.scene, rate, lockstep, options.renderer, note_some)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     stream, due_s, menu_s = MessageStream(), time.monotonic(), time.monotonic()
+    rig: Rig | None = None
     with closing(session):
         send([session.greeting])
         while not session.ended:
+            if session.world is not None and session.rig != rig:
+                rig = session.rig
+                note(rig_line(rig, options.tub))
             is_due = session.world is not None and not session.waits
             connection.settimeout(max(due_s - time.monotonic(), 1e-4) if is_due else MENU_S)
             try:
@@ -137,6 +144,23 @@ def _converse(
                 # Of a frame that comes late, the delay is not caught up.
                 due_s = max(due_s + session.world.frame_s, time.monotonic())
                 send(session.advance())
+
+
+def rig_line(rig: Rig, tub: str | None) -> str:
+    """Return which rig a client's recording has; write it into the folder of its tub."""
+    if tub is None:
+        if rig == RIGS[rig.name]:
+            return f"read its recordings with data.rig={rig.name}"
+        return f"it has a camera of its own; tub=FOLDER writes its {RIG_NAME}"
+    folder = Path(tub).expanduser()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if (other := find_rig(folder)) and other.name != rig.name:
+            return f"{folder / RIG_NAME}: is of another car, {other.name}, and stays"
+        write_rig(folder, rig)
+    except (OSError, InputError) as error:
+        return f"tub={tub}: no {RIG_NAME} is written ({error})"
+    return f"wrote {folder / RIG_NAME}"
 
 
 def serve(options: ServeOptions) -> None:

@@ -19,7 +19,8 @@ from simulator.rig import FOV_DEG, PIXELS
 from simulator.track_names import DRAWN, family_names, recorded_name, track_names
 from simulator.world import Start, World, open_world
 from zoo.base.errors import InputError
-from zoo.base.rig import MPS_PER_MPH, UDACITY
+from zoo.base.rig import MPS_PER_MPH, RIGS, UDACITY, Rig, centred, donkey_sim
+from zoo.base.rig_file import rig_fields
 
 # What is driven for each scene of the Unity program: closed roads, so that laps are counted.
 SCENES = {
@@ -35,13 +36,13 @@ SCENES = {
     "thunderhill": "udacity_jungle",
     "circuit_launch": "lakeside:16",
 }
-STEERING_DEG = 16.0  # of the wheels at a steering of 1
+STEERING_DEG = RIGS["donkey_sim"].steering_deg  # of the wheels at a steering of 1
 RATE = 20.0  # telemetry messages per second
 NODE_M = 2.0  # between two nodes of a road
 LINE_M = 1.0  # of the starting line; a drive begins before it
 AGAIN_M = 20.0  # before the line, from where a car can cross it again; more than a frame's way
 ENCODINGS = {"JPG": ".jpg", "PNG": ".png"}
-CAMERA = UDACITY.cameras["center"].changed(size=(160, 120), yaw_right_deg=0.0, roll_deg=0.0)
+CAMERA = donkey_sim().cameras["center"]
 
 Message = dict[str, Any]
 
@@ -84,6 +85,11 @@ class DonkeySession:
             return {"msg_type": "scene_selection_ready", "loaded": "1"}
         return {"msg_type": "car_loaded"}
 
+    @property
+    def rig(self) -> Rig:
+        """Return the car that the client drives, with the camera that it set."""
+        return centred(donkey_sim(self.cameras["center"]))
+
     def answer(self, message: Message) -> Iterator[Message]:
         """Obey a message of the client, and yield the answers.
 
@@ -100,7 +106,8 @@ class DonkeySession:
             if self.world is not None and self.waits:
                 yield from self.advance()
         elif kind == "get_protocol_version":
-            yield {"msg_type": "protocol_version", "version": "2"}
+            # The Unity program sends no rig, and its clients ignore it.
+            yield {"msg_type": "protocol_version", "version": "2", "rig": rig_fields(self.rig)}
         elif kind == "get_scene_names":
             yield {"msg_type": "scene_names", "scene_names": scene_names()}
         elif kind == "load_scene":

@@ -28,6 +28,17 @@ def frames(right: float = 1.0) -> list[np.ndarray]:
     return [scene[:, place : place + 160] for place in places]
 
 
+def driving_log(folder: Path, right: float = 1.0) -> Path:
+    """Write a log as of Udacity's simulator."""
+    names = [
+        f"center_2020_01_01_12_00_{row // 20:02d}_{row % 20 * 50:03d}.jpg" for row in range(ROWS)
+    ]
+    write_frames(folder / "IMG", names, right)
+    rows = [f"IMG/{name},,,{turn},0.2,0,9" for name, turn in zip(names, STEERING, strict=True)]
+    (folder / "driving_log.csv").write_text("\n".join(rows) + "\n")
+    return folder
+
+
 def sullychen(folder: Path, right: float = 1.0, full: float = 540.0, zero: float = 0.0) -> Path:
     names = [f"{row}.jpg" for row in range(ROWS)]
     write_frames(folder, names, right)

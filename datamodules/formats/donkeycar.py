@@ -120,10 +120,14 @@ def read(path: Path, options: ReadOptions) -> Recording:
                 columns.setdefault(name, []).append(value)
     if not columns:
         bad.finish(0)
-        left_out = f"{deleted:,} are deleted and {piloted:,} driven by an autopilot"
-        reason = bad_images[0] if bad_images else left_out if count else "it has none"
-        others = " or ".join(map(str, find_below(path)[:SUGGESTED])) or "another tub"
-        raise InputError(f"{path}: no record is left: {reason}; name {others}")
+        causes = {"deleted": deleted, "driven by an autopilot": piloted}
+        causes |= {f"with a bad image ({bad_images[0]})": len(bad_images)} if bad_images else {}
+        left_out = ", ".join(f"{count:,} {cause}" for cause, count in causes.items() if count)
+        what = f"no record is left: {left_out}" if left_out else "the tub has no records"
+        remedy = "correct the images" if bad_images else "record a drive by hand"
+        if others := find_below(path)[:SUGGESTED]:
+            remedy = f"name {' or '.join(map(str, others))}"
+        raise InputError(f"{path}: {what}; {remedy}")
     numbers = {name: np.array(columns[name], float) for name in TIMED_LABELS}
     if options.unit:
         numbers["steering"] = options.unit.steering(numbers["steering"])

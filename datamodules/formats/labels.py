@@ -106,7 +106,7 @@ def labelled_recording(
     check_most("rows", len(rows["place"]), folder, "divide the recording")
     written = np.array(rows["steering"], float)
     meant = options.unit or unit
-    _check_range(folder, written, meant, never_straight=is_stated or options.unit is not None)
+    _check_range(folder, written, meant, is_stated, is_said=options.unit is not None)
     numbers = {name: np.array(rows[name], float) for name in NUMBERS if name in rows}
     if "speed_mps" in numbers:
         numbers["speed_mph"] = np.abs(numbers.pop("speed_mps")) / MPS_PER_MPH
@@ -141,7 +141,7 @@ def _with_full_lock(rig: Rig | None, stated: SteeringUnit, meant: SteeringUnit) 
 
 
 def _check_range(
-    folder: Path, written: np.ndarray, unit: SteeringUnit, never_straight: bool
+    folder: Path, written: np.ndarray, unit: SteeringUnit, is_stated: bool, is_said: bool
 ) -> None:
     """Raise InputError for numbers that cannot be in a unit.
 
@@ -149,22 +149,33 @@ def _check_range(
         folder: folder of the recording.
         written: numbers of the format, float64 [N].
         unit: unit that they are taken for.
-        never_straight: whether a drive without a straight moment is possible.
+        is_stated: whether the format states the unit, so that a drive may have no straight moment.
+        is_said: whether the user states it, so that a drive may be a single bend.
     """
     known = written[np.isfinite(written)]
     if not len(known):
         return
     steering = unit.steering(known)
+    beyond = np.abs(steering) > 1
+    if len(np.unique(steering[beyond])) == 1 and steering[~beyond].any():
+        steering = steering[~beyond]  # one number that marks rows, which `keep_valid` names
     # Of few rows, these leave out the largest and the smallest: one bad row is not the unit's.
     low = np.percentile(steering, 1, method="higher")
     high = np.percentile(steering, 99, method="lower")
     middle = np.median(steering)
-    is_straight = never_straight or low <= 0 <= high
-    if max(-low, high) <= 1 and abs(middle) <= MOST_ASIDE and is_straight:
+    fits = max(-low, high) <= 1
+    is_centred = abs(middle) <= MOST_ASIDE and (is_stated or low <= 0 <= high)
+    if fits and (is_centred or is_said):
         return
+    found = f"not {unit.words()}; name what they are,"
+    if fits:
+        found = (
+            f"all on one side of {unit.zero:g}, so that nothing shows which number steers straight "
+            f"on; for a clip of one bend name data.{unit.key()},"
+        )
     raise InputError(
         f"{folder}: the steering numbers are {known.min():g}..{known.max():g}, mostly about "
-        f"{np.median(known):g}: not {unit.words()}; name what they are, for a servo "
+        f"{np.median(known):g}: {found} for a servo "
         "data.steering={unit: servo, zero: 90, full: 45, right: positive}, for a steering wheel "
         f"data.steering={{{EXAMPLE}}}"
     )
@@ -203,9 +214,10 @@ def _with_images(recording: Recording, options: ReadOptions) -> Recording:
         f"{recording.place(row)}: no centre image" for row in np.flatnonzero(~found).tolist()
     ]
     if missing and (options.on_bad_image == "fail" or len(missing) == len(recording)):
+        skip = ", or set data.on_bad_image=skip" if len(missing) < len(recording) else ""
         raise InputError(
             f"{missing[0]} ({len(missing):,} of {len(recording):,} rows lack one); copy the images "
-            "there, or set data.on_bad_image=skip"
+            f"there{skip}"
         )
     return recording.keep(found, tuple(missing))
 

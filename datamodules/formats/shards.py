@@ -17,13 +17,13 @@ from datamodules.formats.recording_writer import Converted, left_out_note, repor
 from datamodules.image import Stored, StoredImage, encode_image, find_fault
 from datamodules.read_options import ReadOptions
 from datamodules.recording import TIMED_LABELS, Recording, indices, keep_valid, make_recording
-from datamodules.rig_file import make_rig, rig_fields
 from datamodules.shard_store import EXTRA, INDEX, REMEDY, ShardStore, is_address
 from datamodules.stretches import complete_times, find_breaks
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, optional_import
 from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.rig import UDACITY, Rig
+from zoo.base.rig_file import make_rig, rig_fields
 
 title = "shards"
 LABELS = "labels.parquet"

@@ -50,10 +50,10 @@ def read(path: Path, options: ReadOptions) -> Recording:
     images = {name: [find(row.paths[at]) for row in rows] for at, name in enumerate(CAMERAS)}
     bad = _missing_images(log, rows, images)
     if bad and options.on_bad_image == "fail":
+        skip = ", or data.on_bad_image=skip" if len(bad) < len(rows) else ""
         raise InputError(
             f"{bad[min(bad)]} in {folder or log.parent / 'IMG'} ({len(bad)} of {len(rows)} "
-            "rows lack one); copy the IMG folder there, set data.images=FOLDER, or "
-            "data.on_bad_image=skip"
+            f"rows lack one); copy the IMG folder there, or set data.images=FOLDER{skip}"
         )
     columns = np.array([row.numbers for row in rows]).T
     numbers = dict(zip(LABELS, columns, strict=True))

@@ -19,7 +19,7 @@ from datamodules.recording_edits import Edits
 from datamodules.recording_format import OWN, find_format, formats, other_car, read_recordings
 from tests import foreign_recordings as foreign
 from tests.recordings import write_recording
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import UDACITY
 
 ROWS = 30
@@ -229,6 +229,23 @@ def test_a_bad_row_is_one_line_or_is_left_out_and_listed(name: str, tmp_path: Pa
     assert len(rest) + len(rest.bad_rows) == foreign.ROWS
     assert 1 <= len(rest.bad_rows) <= 2, "a missing signal is interpolated by both neighbours"
     assert re.search(place, rest.bad_rows[0])
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_folder_of_images_is_taken_or_refused(name: str, tmp_path: Path) -> None:
+    if name == "lerobot":
+        pytest.importorskip("pyarrow")
+    write, _, _, said = FORMATS[name]
+    folder = write(tmp_path / "recording")
+    images = str(shutil.copytree(folder, tmp_path / "elsewhere") / "IMG")
+    if name == "table":
+        images = str(tmp_path / "elsewhere")
+    if name in ("udacity", "table"):
+        image = read_recordings(str(folder), **said, images=images).images[0, 0]
+        assert image.startswith(images)
+        return
+    with pytest.raises(UsageError, match=r"^images=.*leave images= out"):
+        read_recordings(str(folder), **said, images=images)
 
 
 @pytest.mark.parametrize(

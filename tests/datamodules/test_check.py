@@ -2,6 +2,7 @@
 
 import shlex
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -9,8 +10,10 @@ import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from datamodules.check import look_at_image
+from datamodules.formats.donkeycar import export_tub
+from datamodules.recording_format import read_recordings
 from tests.datamodules.test_other_kinds import POINTER
-from tests.foreign_recordings import deeppicar
+from tests.foreign_recordings import deeppicar, driving_log
 from tests.recordings import Written, write_recording
 from tests.zoo.commands import ROOT, run_here
 
@@ -30,20 +33,62 @@ def cut_off(image: Path) -> None:
 
 def test_whole_recording(written):
     done = run_check(written.folder)
-    report, sizes, verdict, *_ = done.stdout.splitlines()
+    report, sign, sizes, verdict, *_ = done.stdout.splitlines()
     assert report.startswith(f"{written.folder}: 12 rows, 3 cameras")
+    assert "do not move enough to tell left from right" in sign
     assert sizes == "36 images of 320 x 160"
     assert verdict == "all images are whole"
     assert (done.returncode, done.stderr) == (0, "")
 
 
+def as_tub(folder: Path, right: float) -> Path:
+    tub = folder.with_name(f"{folder.name} tub")
+    export_tub(read_recordings(str(driving_log(folder, right))), tub)
+    return tub
+
+
+def as_another_car(folder: Path, right: float) -> Path:
+    (driving_log(folder, right) / "rig.yaml").write_text(
+        "{name: ours, camera: {size: [160, 80], vertical_fov_deg: 60, up_m: 1}, "
+        "wheelbase_m: 1, steering_deg: 30}"
+    )
+    return folder
+
+
+@pytest.mark.parametrize("write", [driving_log, as_tub, as_another_car])
+def test_left_and_right_are_compared_with_the_images_of_every_recording(
+    write: Callable[[Path, float], Path], tmp_path: Path
+) -> None:
+    right, wrong = write(tmp_path / "right", 1.0), write(tmp_path / "wrong", -1.0)
+    lines = run_check(right, wrong).stdout.splitlines()
+    assert any(line.startswith(f"{right}: left and right fit the images") for line in lines)
+    assert any(line.startswith(f"{wrong}: LEFT AND RIGHT SEEM EXCHANGED") for line in lines)
+    assert run_check(right).stdout.splitlines()[-1].startswith("next: drivezoo train")
+
+
+@pytest.mark.parametrize("given", [[], ["steering={unit: share, right: positive}"]])
+@pytest.mark.parametrize("others", [(), (1.0,)])
+def test_the_next_command_after_an_exchange_turns_the_sign(
+    tmp_path: Path, given: list[str], others: tuple[float, ...]
+) -> None:
+    folders = [driving_log(tmp_path / "wrong", -1.0)]
+    folders += [driving_log(tmp_path / "right", right) for right in others]
+    for _ in range(2):
+        last = run_check(*folders, *given).stdout.splitlines()[-1]
+        program, command, *given = shlex.split(last.removeprefix("next: "))
+        assert program == "drivezoo"
+        if command == "check":
+            given = given[len(folders) :]
+    assert command == "train"
+
+
 def test_several_recordings(written, tmp_path):
     other = write_recording(tmp_path / "other", rows=4, cameras=("center",))
     done = run_check(written.folder, other.folder)
-    assert [line.split(": ")[0] for line in done.stdout.splitlines()[:2]] == [
+    assert [line.split(": ")[0] for line in done.stdout.splitlines()[:4]] == [
         str(written.folder),
         str(other.folder),
-    ]
+    ] * 2
     assert "40 images of 320 x 160" in done.stdout
 
 
@@ -162,7 +207,7 @@ def test_oddities_follow_the_figures_and_are_no_fault(tmp_path):
 
 
 def test_the_next_commands_close(tmp_path):
-    folder = write_recording(tmp_path / "my lake", rows=2).folder
+    folder = write_recording(tmp_path / "my lake", rows=60).folder
     images = folder / "IMG"
     see, train = run_check(folder, f"images={images}").stdout.splitlines()[-2:]
     keys = [f"data.root={folder}", f"data.images={images}"]
@@ -176,10 +221,49 @@ def test_the_next_commands_close(tmp_path):
 
 
 def test_the_next_command_names_several_folders_in_hydras_grammar(tmp_path):
-    folders = [str(write_recording(tmp_path / one, rows=2).folder) for one in ("a", "b's [2]")]
+    folders = [str(write_recording(tmp_path / one, rows=60).folder) for one in ("a", "b's [2]")]
     command = shlex.split(run_check(*folders).stdout.splitlines()[-1].partition(": ")[2])
     _, override = OverridesParser.create().parse_overrides(command[2:])
     assert (override.key_or_group, override.value()) == ("data.root", folders)
+
+
+def write_straight(folder: Path) -> Path:
+    """Write a log of one camera without a bend."""
+    log = driving_log(folder) / "driving_log.csv"
+    rows = [line.split(",") for line in log.read_text().splitlines()]
+    log.write_text("".join(f"{row[0]},,,0.01,0.2,0,9\n" for row in rows))
+    return folder
+
+
+def write_short(folder: Path) -> Path:
+    log = driving_log(folder) / "driving_log.csv"
+    log.write_text("".join(log.read_text().splitlines(keepends=True)[:2]))
+    return folder
+
+
+def write_cut_off(folder: Path) -> Path:
+    for image in (driving_log(folder) / "IMG").iterdir():
+        cut_off(image)
+    return folder
+
+
+def test_the_next_commands_hold_a_recording_without_bends(tmp_path: Path) -> None:
+    see, train = run_check(write_straight(tmp_path / "straight")).stdout.splitlines()[-2:]
+    assert see.endswith(" data.straight_cap=null")
+    assert train.endswith(" data.straight_cap=null")
+    assert "straight_cap" not in run_check(driving_log(tmp_path / "bends")).stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("write", "reason"), [(write_short, "no training yet: data.split"), (write_cut_off, "60 bad")]
+)
+def test_no_command_is_offered_that_would_stop(
+    write: Callable[[Path], Path], reason: str, tmp_path: Path
+) -> None:
+    printed = run_check(write(tmp_path / "recording")).stdout
+    assert reason in printed
+    assert "next: drivezoo train" not in printed
+    assert "on_bad_image" not in printed
 
 
 def test_png_is_whole_or_truncated(written, tmp_path):

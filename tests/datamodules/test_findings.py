@@ -57,8 +57,11 @@ def test_a_keyboard_is_named_with_its_figures_and_a_key():
     assert "data.straight_cap" in text
 
 
-def test_steering_that_is_always_0_is_a_keyboards():
-    assert "100%" in texts(recording_in_memory(np.zeros(2_000)))["keyboard"]
+def test_steering_that_is_always_0_is_no_keyboards():
+    text = texts(recording_in_memory(np.zeros(2_000)))["keyboard"]
+    assert text.startswith("the steering is 0 in each row")
+    assert "data.steering" in text
+    assert "keyboard" not in text
 
 
 def test_a_wheel_that_is_let_go_of_is_no_keyboard():
@@ -105,6 +108,23 @@ def test_a_missing_speed_is_named_with_its_recording_and_a_key():
     assert "0 mph in each row of" in text
     assert "speed=" in text
     assert "no_speed" not in texts(recording_in_memory(SMOOTH))
+
+
+def test_an_unknown_rig_is_named_in_place_of_a_replay_that_would_stop():
+    unknown = replace(recording_in_memory(SMOOTH, np.zeros(2_000)), rig=None)
+    found = texts(unknown)
+    assert "drivezoo new rig" in found["no_rig"]
+    assert "data.rig=donkey_sim" in found["no_rig"]
+    assert not any("drivezoo replay" in text for text in found.values())
+    assert "no_rig" not in texts(recording_in_memory(SMOOTH))
+
+
+def test_a_remedy_for_side_cameras_is_not_offered_without_them_or_their_places():
+    speeds = np.where(np.arange(2_000) < 800, 15, 30)
+    with_sides = recording_in_memory(SMOOTH, speeds)
+    assert "data.recover_s" not in texts(replace(with_sides, rig=None))["two_speeds"]
+    centre = replace(with_sides, images=np.where([True, False, False], with_sides.images, None))
+    assert "two_speeds" not in texts(centre)
 
 
 @pytest.mark.parametrize(

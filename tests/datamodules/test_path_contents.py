@@ -63,7 +63,7 @@ def test_an_empty_tub_names_the_tubs_in_it(tmp_path: Path) -> None:
     tub(tmp_path / "data", rows=0)
     message = refusal(tmp_path / "data")
     assert "deleted" not in message
-    assert "it has none" in message
+    assert "has no records" in message
     tub(tmp_path / "data" / "tub_1_24-01-01")
     assert refusal(tmp_path / "data").endswith(f"name {tmp_path}/data/tub_1_24-01-01")
 

@@ -14,11 +14,14 @@ import cv2
 import numpy as np
 import pytest
 
-from simulator.donkey_server import MOST_BYTES, MessageStream
+from datamodules.recording_format import read_recordings
+from simulator.donkey_server import MOST_BYTES, MessageStream, rig_line
 from simulator.donkey_session import NODE_M, SCENES, DonkeySession
 from simulator.track_names import road_folder
 from tests.simulator.donkey_process import donkey_simulator
 from zoo.base.errors import InputError
+from zoo.base.rig import RIGS
+from zoo.base.rig_file import make_rig, rig_fields
 
 # As gym-donkeycar sends it: each value is a text, and 0 keeps the default.
 NO_CAMERA = {
@@ -65,9 +68,8 @@ def image_of(telemetry: dict, key: str = "image") -> np.ndarray:
 def test_a_client_chooses_a_scene(notes: list[str]) -> None:
     session = DonkeySession(None, 20.0, False, "software", notes.append)
     assert session.greeting["msg_type"] == "scene_selection_ready"
-    assert say(session, "get_protocol_version") == [
-        {"msg_type": "protocol_version", "version": "2"}
-    ]
+    (version,) = say(session, "get_protocol_version")
+    assert (version["msg_type"], version["version"]) == ("protocol_version", "2")
     ((names),) = (one["scene_names"] for one in say(session, "get_scene_names"))
     assert {*SCENES, "lake", "udacity_lake", "lakeside"} <= {*names}
     assert say(session, "load_scene", scene_name="mini_monaco") == [{"msg_type": "car_loaded"}]
@@ -174,6 +176,78 @@ def test_cameras_have_the_size_that_a_client_asks_for(
     say(session, "cam_config", **grey)
     assert image_of(drive(session, 1)).shape == usual.shape[:2]
     assert notes == []
+
+
+def test_the_rig_is_that_of_the_clients_camera(session: DonkeySession) -> None:
+    assert session.rig == RIGS["donkey_sim"]
+    camera = {"img_w": "200", "img_h": "66", "fov": "90", "offset_y": "0.9", "rot_x": "20"}
+    say(session, "cam_config", **(NO_CAMERA | camera))
+    (version,) = say(session, "get_protocol_version")
+    rig = make_rig(json.loads(json.dumps(version["rig"])), "sent")
+    lens, drawn = rig.cameras["center"], session.cameras["center"]
+    assert (lens.size, lens.vertical_fov_deg, lens.up_m) == ((200, 66), 90, 0.9)
+    assert lens.pitch_down_deg == drawn.pitch_down_deg == 20
+    assert lens.ahead_m + rig.rear_axle_m == pytest.approx(drawn.ahead_m + 1.6)
+
+
+def write_tub(folder: Path, client: "Client", rows: int) -> None:
+    """Record as Donkeycar's own client does."""
+    (folder / "images").mkdir(parents=True, exist_ok=True)
+    lines = []
+    for row in range(rows):
+        client.send("control", steering="0.1", throttle="0.5", brake="0.0")
+        name = f"{row}_cam_image_array_.jpg"
+        frame = cv2.imdecode(
+            np.frombuffer(base64.b64decode(client.wait_for("telemetry")["image"]), np.uint8), 1
+        )
+        cv2.imwrite(str(folder / "images" / name), frame)
+        record = {"cam/image_array": name, "user/angle": 0.1, "user/throttle": 0.5}
+        lines.append(json.dumps(record | {"_index": row, "_timestamp_ms": 50 * row}) + "\n")
+    (folder / "catalog_0.catalog").write_text("".join(lines))
+    catalogs = {"paths": ["catalog_0.catalog"], "current_index": rows, "deleted_indexes": []}
+    manifest = [["cam/image_array"], ["image_array"], {}, {}, catalogs]
+    (folder / "manifest.json").write_text("".join(json.dumps(one) + "\n" for one in manifest))
+
+
+@pytest.mark.parametrize("camera", [{}, {"img_w": "200", "img_h": "100", "fov": "80"}])
+def test_a_tub_of_any_client_gets_the_rig_of_its_camera(
+    tmp_path: Path, camera: dict[str, str]
+) -> None:
+    with donkey_simulator("rate=max", f"tub={tmp_path / 'tub'}") as (port, process):
+        client = Client(port)
+        client.load("generated_track")
+        if camera:
+            client.send("cam_config", **(NO_CAMERA | camera))
+        write_tub(tmp_path / "tub", client, 3)
+        client.send("quit_app")
+        recording = read_recordings(str(tmp_path / "tub"))
+        assert recording.rig is not None
+        assert recording.frame_size() == recording.rig.cameras["center"].size[::-1]
+        assert (recording.rig == RIGS["donkey_sim"]) == (not camera)
+        assert process.stdout is not None
+        lines = [process.stdout.readline() for _ in range(2)]
+        assert any("rig.yaml" in line for line in lines), lines
+
+
+@pytest.mark.parametrize("camera", [{}, {"img_w": "200", "img_h": "100"}])
+def test_a_server_names_the_rig_of_a_clients_recording(camera: dict[str, str]) -> None:
+    with donkey_simulator("rate=max", "scene=lake") as (port, process):
+        client = Client(port)
+        client.send("cam_config", **(NO_CAMERA | camera))
+        client.send("control", steering="0.1", throttle="0.5", brake="0.0")
+        client.wait_for("telemetry")
+        client.send("quit_app")
+        printed = "".join(process.stdout.readline() for _ in range(3 if camera else 2))
+    assert "data.rig=donkey_sim" in printed
+    assert ("tub=FOLDER" in printed) == bool(camera)
+
+
+def test_a_rig_of_another_car_in_the_tubs_folder_stays(tmp_path: Path) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text(json.dumps(rig_fields(RIGS["udacity"])))
+    before = path.read_bytes()
+    assert "udacity, and stays" in rig_line(RIGS["donkey_sim"], str(tmp_path))
+    assert path.read_bytes() == before
 
 
 def test_what_is_not_there_is_named(session: DonkeySession, notes: list[str]) -> None:
@@ -317,7 +391,7 @@ def test_cars_drive_in_worlds_of_their_own(server: tuple[int, subprocess.Popen])
     with pytest.raises(ConnectionError):
         second.wait_for("never")
     assert process.stdout is not None
-    lines = [process.stdout.readline() for _ in range(3)]
+    lines = [process.stdout.readline() for _ in range(5)]
     assert any("refused, 2 drive already" in line for line in lines), lines
 
 

@@ -5,6 +5,7 @@ limits keep each file's reading below five seconds and 500 MB.
 """
 
 import io
+import re
 import struct
 import zipfile
 from typing import BinaryIO, TypeGuard
@@ -28,6 +29,9 @@ MOST = {
 }
 # Bytes after decompression: a free amount, and so many times the bytes of the file.
 FREE_BYTES, MOST_RATIO = 64_000_000, 8
+# Largest values that a program may report; a larger one is as if it had reported none.
+MOST_MPH, MOST_REPORTED = 200.0, 1e10
+_NUMBER = re.compile(r"[+-]?\d{1,12}([.,]\d{1,20})?([eE][+-]?\d{1,3})?")
 _END, _END_64 = b"PK\5\6", b"PK\6\6"  # records at an archive's end
 _END_BYTES = 22 + 65_535 + 20 + 56  # both records, the comment between, and a locator
 LARGEST_32 = 0xFFFFFFFF
@@ -47,6 +51,23 @@ def is_ordinary(value: object, least: float = 0.0, most: float = 1e9) -> TypeGua
     return (
         isinstance(value, int | float) and type(value) is not bool and least <= abs(value) <= most
     )
+
+
+def parse_number(value: object, most: float = MOST_REPORTED) -> float | None:
+    """Return the number in a message's JSON number or text; None if it is none, or too large.
+
+    >>> parse_number("9,2500"), parse_number(9.25), parse_number("1,234.5"), parse_number(1e308)
+    (9.25, 9.25, None, None)
+
+    Args:
+        value: value from a program; a text may have either decimal sign.
+        most: largest absolute value.
+    """
+    if isinstance(value, str):
+        if not _NUMBER.fullmatch(value.strip()):
+            return None
+        value = float(value.strip().replace(",", "."))
+    return float(value) if is_ordinary(value, most=most) else None
 
 
 def check_most(what: str, count: int, place: object, remedy: str = "name another file") -> None:

@@ -193,6 +193,29 @@ UDACITY = Rig(
 )
 
 
+def centred(rig: Rig) -> Rig:
+    """Return a rig with the car's origin midway between its axles, as a rig's file has it."""
+    half = rig.wheelbase_m / 2
+    ahead_m = rig.rear_axle_m - half
+    cameras = {
+        name: replace(camera, ahead_m=camera.ahead_m + ahead_m)
+        for name, camera in rig.cameras.items()
+    }
+    return replace(rig, cameras=cameras, front_axle_m=half, rear_axle_m=half)
+
+
+def donkey_sim(camera: Camera | None = None) -> Rig:
+    """Return the car of `drivezoo simulator serve`, whose clients may set another camera."""
+    usual = UDACITY.cameras["center"].changed(size=(160, 120), yaw_right_deg=0.0, roll_deg=0.0)
+    cameras = {"center": camera or usual}
+    return replace(UDACITY, name="donkey_sim", cameras=cameras, steering_deg=16.0)
+
+
+# Rigs by the names that `data.rig=` takes.
+RIGS = {"udacity": UDACITY, "donkey_sim": centred(donkey_sim())}
+RIG_KEYS = " or ".join(f"data.rig={name}" for name in RIGS)
+
+
 def single_camera_rig(
     name: str,
     camera: Camera,

@@ -23,8 +23,11 @@ from zoo.base.bounded_files import check_text, check_version, leaves, open_binar
 from zoo.base.errors import InputError, file_errors
 from zoo.base.limits import check_unpacked, open_archive
 from zoo.base.parts import Part, part_class, part_of, unknown_part
+from zoo.base.rig import UDACITY, Rig
+from zoo.base.rig_file import find_rig
 from zoo.base.terminal import error_line
 from zoo.base.written_files import digest_of
+from zoo.checkpoints.checkpoint_path import FOLDER
 from zoo.checkpoints.checkpoint_path import find_checkpoint as find_checkpoint
 from zoo.checkpoints.pickle_limits import MOST_BYTES as MOST_PICKLE_BYTES
 from zoo.checkpoints.pickle_limits import check_pickles
@@ -82,6 +85,7 @@ class DataFields(Fields):
     split_by: str | None = None
     curvature_per_m: Number | None = None  # see `zoo.base.rig.SteeringLabel`
     source: str | None = None  # its other car or format; None for Udacity's rig
+    rig: str | None = None  # name of another car's rig; None if it is unknown
     row_hashes: list[Count] | None = None  # see `datamodules.recording.Recording.row_hashes`
     roads: list[str] | None = None  # see `zoo.training.recorded_roads`
 
@@ -252,7 +256,20 @@ def build_checkpoint(contents: dict, path: Path) -> Checkpoint:
     fix = f"{what} was changed after the training; restore it, or {_ANOTHER}"
     check_fit(network.state_dict(), state, type(network).__name__, path, fix)
     network.load_state_dict(state)
-    return Checkpoint(network.eval(), view, card["config"], card["data"])
+    data = card["data"]
+    if rig := added_rig(path):
+        data = {**data, "source": None if rig == UDACITY else rig.name, "rig": rig.name}
+    return Checkpoint(network.eval(), view, card["config"], data)
+
+
+def added_rig(path: str | Path) -> Rig | None:
+    """Return the rig that a user added to the run's folder of a checkpoint; None without one.
+
+    Raises:
+        InputError: see `zoo.base.rig_file.read_rig`.
+    """
+    folder = Path(path).absolute().parent
+    return find_rig(folder.parent) if folder.name == FOLDER else None
 
 
 def checked_state(state: object, path: Path) -> dict[str, Tensor]:

@@ -63,6 +63,7 @@ class DonkeyClient:
 
     def _drive(self, world: DonkeyWorld) -> None:
         state = world.reset(self._scenario)
+        self._driver.writer.rig = world.rig
         session = self._driver.connect(self._scenario.track)
         while not state.done:
             came_s = time.perf_counter()

@@ -13,6 +13,7 @@ from simulator.recorder import IMAGE_FOLDER, image_name, number_text, split_peda
 from simulator.recorder import LOG_NAME as RECORDING_LOG
 from zoo.base.errors import InputError, file_errors
 from zoo.base.new_folder import written_folder
+from zoo.base.rig import Rig
 from zoo.base.whole_file import AppendedFile, write_new
 from zoo.drive.notices import Notices
 from zoo.drives.drive_log import LOG_NAME, DriveWriter, read_drive, write_summary
@@ -33,6 +34,7 @@ class BackgroundWriter:
 
     Attributes:
         recorded: number of rows in the folder's `driving_log.csv`.
+        rig: car of a simulator that tells its own, set before the first row.
 
     Raises:
         InputError: the folder holds a drive or a recording already.
@@ -46,6 +48,7 @@ class BackgroundWriter:
                 )
         self.folder, self.notices, self.source = folder.absolute(), notices, source
         self.recorded = 0
+        self.rig: Rig | None = None
         self._held, self._is_open = contextlib.ExitStack(), False
         self._queue: queue.Queue[tuple[DriveRow, bytes | None] | None] = queue.Queue(WAITING)
         self._writer: DriveWriter | None = None
@@ -142,7 +145,7 @@ class BackgroundWriter:
                 self._open_folder()
                 (self.folder / IMAGE_FOLDER).mkdir(exist_ok=True)
                 if self.source is not None:
-                    write_rig_of(self.folder, None, self.source)
+                    write_rig_of(self.folder, self.rig, self.source)
                 self._recording = AppendedFile(self.folder / RECORDING_LOG)
             path = self.folder / IMAGE_FOLDER / image_name("center", self._moment())
             write_new(path, image)

@@ -177,10 +177,11 @@ class Driver:
             raise ValueError(f"its steering is {command.steering}, its throttle {command.throttle}")
         steering = session.steer(float(command.steering), now_s)
         command = replace(command, steering=steering)
-        throttle = session.controller.pedal(command, session.speed_mph, now_s)
+        mph = math.nan if telemetry.speed_mph is None else telemetry.speed_mph
+        throttle = session.controller.pedal(command, mph, now_s)
         session.send(steering)
         if self.paused:
-            throttle = limit_pedal(GENTLE_BRAKE, session.speed_mph)
+            throttle = limit_pedal(GENTLE_BRAKE, mph)
         row = DriveRow(
             time_s=self._time(now_s),
             client=session.number,

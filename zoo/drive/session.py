@@ -2,8 +2,9 @@
 
 import math
 
+from zoo.base.limits import parse_number
 from zoo.checkpoints.command import Command, Policy, PolicyFunction, as_policy
-from zoo.drive.telemetry_message import Telemetry, parse_number
+from zoo.drive.telemetry_message import Telemetry
 from zoo.drives.interventions import DEFAULT_MARGIN_M, InterventionRule
 from zoo.drives.latency_meter import LatencyMeter, latency_meter
 from zoo.drives.speed_controller import SpeedController, SteeringFilter
@@ -73,7 +74,7 @@ class Session:
         self.can_put_back = telemetry.can_put_back
         if self._margin_m is None and (telemetry.lane_m or 0) > 0:
             self.rule.margin_m = telemetry.lane_m
-        mph = math.inf if held else self.speed_mph
+        mph = math.inf if held or telemetry.speed_mph is None else telemetry.speed_mph
         kind = self.rule.judge(now_s, mph, telemetry.cross_track_m, telemetry.at_wall)
         return kind if self.sends_cross_track else None
 

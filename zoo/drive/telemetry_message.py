@@ -4,7 +4,6 @@ import base64
 import binascii
 import io
 import math
-import re
 from dataclasses import dataclass
 
 import cv2
@@ -12,6 +11,7 @@ import numpy as np
 from PIL import Image
 
 from datamodules.image import decode_image, find_scan_fault, jpeg_size
+from zoo.base.limits import MOST_MPH, parse_number
 from zoo.base.rig import UDACITY
 from zoo.drives.drive_record import DriveRow
 
@@ -23,8 +23,7 @@ PUT_BACK = "put_back"  # key of a reply: speed of the car that is put back on th
 MAX_IMAGE_BYTES = 1_000_000
 MAX_PIXELS = 1 << 20  # more than 1280 x 720
 MAX_SCANS = 16  # of a JPEG; a progressive JPEG usually has 10
-
-_NUMBER = re.compile(r"[+-]?\d{1,12}([.,]\d{1,12})?([eE][+-]?\d{1,3})?$")
+MOST_DEGREES, MOST_LANE_M = 90.0, 100.0  # of a car's wheels; half of a road's width
 
 
 class TelemetryError(ValueError):
@@ -47,8 +46,8 @@ class Telemetry:
     Attributes:
         frame: uint8 [H, W, 3] RGB, decoded as in training.
         image: bytes of the frame as sent, JPEG or PNG.
-        speed_mph: speed of the car, 0 or more; None if it cannot be read.
-        steering: steering of the wheels, -1..1; None if it cannot be read.
+        speed_mph: speed of the car, 0 or more; None if it is unknown.
+        steering: steering of the wheels, -1..1; None if it is unknown.
         cross_track_m: distance from the centreline in metres, positive is right; NaN if the
             simulator does not send it.
         lane_m: half the width of the road in metres; None if the simulator does not send it.
@@ -103,14 +102,14 @@ def read_telemetry(data: object) -> Telemetry:
     except (ValueError, cv2.error) as error:
         raise TelemetryError("image cannot be read", str(error)) from None
     oddities = []
-    speed = parse_number(data.get("speed"))
+    speed = parse_number(data.get("speed"), MOST_MPH)
     if speed is None:
         text = f"{data.get('speed')!r:.40}"
-        oddities.append(("speed is no number; the last one is used", text))
+        oddities.append(("speed is unknown; no speed is held", text))
     elif speed < 0:
         oddities.append(("speed is negative; 0 is used", f"{speed:g}"))
         speed = 0.0
-    degrees = parse_number(data.get("steering_angle"))
+    degrees = parse_number(data.get("steering_angle"), MOST_DEGREES)
     x, y = parse_number(data.get("x")), parse_number(data.get("y"))
     cross_track = parse_number(data.get("cte"))
     return Telemetry(
@@ -119,32 +118,13 @@ def read_telemetry(data: object) -> Telemetry:
         speed,
         None if degrees is None else degrees / UDACITY.steering_deg,
         math.nan if cross_track is None else cross_track,
-        lane_m=parse_number(data.get("lane")),
+        lane_m=parse_number(data.get("lane"), MOST_LANE_M),
         at_wall=bool(parse_number(data.get("wall"))),
         can_put_back=bool(parse_number(data.get("put_back"))),
         lap=parse_number(data.get("lap")),
         xy=None if x is None or y is None else (x, y),
         oddities=tuple(oddities),
     )
-
-
-def parse_number(value: object) -> float | None:
-    """Return a finite number from a JSON number or a text with either decimal sign, else None.
-
-    >>> parse_number("9,2500"), parse_number(9.25), parse_number("1,234.5"), parse_number("NaN")
-    (9.25, 9.25, None, None)
-    """
-    if isinstance(value, str):
-        if not _NUMBER.match(value.strip()):
-            return None
-        value = value.strip().replace(",", ".")
-    elif isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    try:
-        number = float(value)
-    except OverflowError:  # a JSON integer may have any size
-        return None
-    return number if math.isfinite(number) else None
 
 
 def _image(image: object) -> bytes:

@@ -60,12 +60,12 @@ class InterventionRule:
 
         Args:
             time_s: time of the drive in seconds; never decreases.
-            speed_mph: speed of the car.
+            speed_mph: speed of the car; NaN, for unknown, counts as moving.
             cross_track_m: distance from the centreline in metres; NaN, for unknown, counts as on
                 the road.
             at_wall: whether a wall holds the car.
         """
-        if self._moved_s is None or speed_mph >= STALLED_BELOW_MPH:
+        if self._moved_s is None or not speed_mph < STALLED_BELOW_MPH:
             self._moved_s = time_s
         stalled = time_s - self._moved_s > STALLED_S
         if at_wall or abs(cross_track_m) > self.margin_m:

@@ -8,6 +8,7 @@ from typing import Annotated
 from pydantic import Field
 
 from zoo.base.errors import InputError
+from zoo.base.limits import MOST_MPH, is_ordinary
 from zoo.checkpoints.command import Command
 
 LONGEST_STEP_S = 0.5  # longest step that the integral counts; a longer one is a pause
@@ -46,7 +47,9 @@ class SpeedController(ABC):
         """Forget earlier telemetry, after a person drove."""
 
     def pedal(self, command: Command, speed_mph: float, now_s: float) -> float:
-        """Return the throttle to send, -1..1."""
+        """Return the throttle to send, -1..1; 0 to hold a speed while the car's is unknown."""
+        if self.set_mph is not None and not is_ordinary(speed_mph, most=MOST_MPH):
+            return 0.0
         return limit_pedal(self.throttle(command, speed_mph, now_s), speed_mph)
 
 

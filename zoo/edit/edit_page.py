@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from http import HTTPStatus
 from pathlib import Path
+from urllib.parse import parse_qs
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
 import numpy as np
@@ -129,6 +130,14 @@ class EditPage(ServedPage):
 
     def _command(self, environ: dict) -> Answer:
         name, value = read_command(environ, COMMANDS)
+        with self.session.lock:
+            now = f"{self.session.name}.{self.session.changes}"
+            if parse_qs(environ.get("QUERY_STRING", "")).get("shown", [now]) != [now]:
+                line = "the edits were changed on another page, and are shown now; repeat yours"
+                raise RequestError(HTTPStatus.CONFLICT, line)
+            return self._apply(name, value)
+
+    def _apply(self, name: str, value: object) -> Answer:
         if name == "write":
             if not self.session.start_writing():
                 raise RequestError(HTTPStatus.CONFLICT, "the recording is being written; wait")

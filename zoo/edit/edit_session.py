@@ -1,5 +1,6 @@
 """State of an editing session: the edits with undo, their writing, and the analysis of frames."""
 
+import secrets
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -31,6 +32,9 @@ class EditSession:
         report: function called with each written recording.
 
     Attributes:
+        name: random name of the session.
+        changes: number of changes of the edits so far.
+        lock: lock of the edits, for a check of `changes` before a change.
         out: folder to write first.
         written: recording that was written last; None before.
     """
@@ -43,6 +47,7 @@ class EditSession:
         report: Callable[[WrittenRecording], None] = lambda written: None,
     ) -> None:
         self.recording, self._report = recording, report
+        self.name, self.changes, self.lock = secrets.token_hex(4), 0, threading.RLock()
         first = Path(recording.names[0]).absolute()
         self.out = (out or first.with_name(f"{first.name}_edited")).expanduser().absolute()
         self.written: WrittenRecording | None = None
@@ -50,7 +55,6 @@ class EditSession:
         self._past: list[Edits] = []  # before, the latest last
         self._future: list[Edits] = []  # after undo, the next last
         self._saved = Edits(len(recording))
-        self._lock = threading.RLock()
         self._share: float | None = None  # of the writing
         self._failure, self._finished = "", 0  # of the last writing; number of writings
         self._thread: threading.Thread | None = None
@@ -74,37 +78,47 @@ class EditSession:
         Raises:
             UsageError: the rows are not of the recording.
         """
-        with self._lock:
+        with self.lock:
             stacks = {"undo": (self._past, self._future), "redo": (self._future, self._past)}
             if name not in stacks:
                 edits = getattr(recording_edits, name)(self._now, value)
                 if edits != self._now:
                     self._past = [*self._past, self._now][-MOST_UNDO:]
-                    self._now, self._future = edits, []
+                    self._now, self._future, self.changes = edits, [], self.changes + 1
                 return
             source, target = stacks[name]
             if source:
                 target.append(self._now)
-                self._now = source.pop()
+                self._now, self.changes = source.pop(), self.changes + 1
 
-    def write(self, progress: Callable[[float], None] = lambda share: None) -> None:
+    def write(
+        self,
+        progress: Callable[[float], None] = lambda share: None,
+        edits: Edits | None = None,
+    ) -> None:
         """Write the edited recording.
+
+        Args:
+            progress: function called with the finished share, 0..1.
+            edits: edits to write; None for those of now.
 
         Raises:
             InputError: see `write_edited`.
         """
-        edits = self._now
+        edits = edits or self._now
         self.written = write_edited(self.recording, edits, free_folder(self.out), progress)
         self._saved = edits
         self._report(self.written)
 
     def start_writing(self) -> bool:
         """Write in the background; return False if a writing still runs."""
-        with self._lock:
+        with self.lock:
             if self._share is not None:
                 return False
             self._share, self._failure = 0.0, ""
-            self._thread = threading.Thread(target=self._write_in_background, daemon=True)
+            self._thread = threading.Thread(
+                target=self._write_in_background, args=(self._now,), daemon=True
+            )
             self._thread.start()
             return True
 
@@ -113,12 +127,12 @@ class EditSession:
         if self._thread is not None:
             self._thread.join()
 
-    def _write_in_background(self) -> None:
+    def _write_in_background(self, edits: Edits) -> None:
         def note(share: float) -> None:
             self._share = share
 
         try:
-            self.write(note)
+            self.write(note, edits)
         except InputError as error:
             self._failure = str(error)
         except Exception as error:
@@ -130,6 +144,8 @@ class EditSession:
         """Return the edits and the writing as plain containers."""
         edits, written = self._now, self.written
         return {
+            "session": self.name,
+            "changes": self.changes,
             "dropped": edits.dropped,
             "mirrored": edits.mirrored,
             "splits": edits.splits,

@@ -18,6 +18,7 @@ from zoo.base.command_keys import changed
 from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
 from zoo.base.terminal import print_written
+from zoo.checkpoints.checkpoint import added_rig
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.checkpoints.policy import load_policy
 from zoo.drives.drive_log import write_drive
@@ -114,9 +115,13 @@ def replay_recording(
     recording = read_recordings(
         recording_folder, **read_as_trained(policy, recording_folder, options)
     )
+    is_own = policy.data.get("fingerprint") == recording.fingerprint()
+    if is_own and recording.rig is None and isinstance(driver, str):
+        recording = replace(recording, rig=added_rig(driver))
     world = ReplayWorld(recording, options.frame_rate, options.speed)
     source = other_car(recording)
-    if line := other_car_line(policy.data, f"a replay of {recording_folder}", source):
+    line = other_car_line(policy.data, f"a replay of {recording_folder}", source)
+    if line and not is_own:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     with command_folder(options.out, "replays") as folder:
         keep = ReplayFrames(folder if options.frames else None)

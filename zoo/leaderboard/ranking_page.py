@@ -39,7 +39,7 @@ from zoo.runs.table_files import Result
 PAGE = Page(Path(__file__).with_name("static") / "ranking.html", "ranking.js")
 CURVES = ("drive/autonomy", "drive/cte_mean", "val/mse", "train/loss")
 CAPTION = (
-    "Ranking by autonomy. In brackets: 95 % interval over training seeds (Student's t); ±: sample "
+    "Ranking, {}. In brackets: 95 % interval over training seeds (Student's t); ±: sample "
     "standard deviation over training seeds."
 )
 FEW = 3  # settings that have columns of their own, and stand for the run's folder in a TeX table
@@ -75,11 +75,26 @@ class Ranking(Result):
         scored, unranked = read_scored(folders, drives)
         return cls(rank(scored), unranked, under, title)
 
+    @property
+    def order(self) -> str:
+        """Return which entry comes first, in words; see `rank`."""
+        if not self.entries:
+            return "no run has finished"
+        autonomy, mse = (self.entries[0].figures[key] for key in ("autonomy", "val_mse"))
+        if autonomy and autonomy[0] > 0:
+            return "the best driver first"
+        if autonomy:
+            return "none drives: the smallest cross-track error first"
+        driven = any(run.tracks for entry in self.entries for run in entry.runs)
+        why = "no autonomy was measured" if driven else "nothing was driven"
+        return f"{why}: {'the lowest validation MSE first' if mse else 'sorted by folder'}"
+
     def show(self, console: Console | None = None) -> None:
         """Print the ranking, a line for each kind of unranked run, and what was written."""
         console = console or wide_console()
         if self.entries:
-            table, left_out = ranking_table(self.entries, self.title, self.under, console.width)
+            title = ", ".join(filter(None, [self.title, self.order]))
+            table, left_out = ranking_table(self.entries, title, self.under, console.width)
             console.print(table)
             if left_out:
                 line = f"not shown in {console.width} characters: {'; '.join(left_out)}"
@@ -104,7 +119,7 @@ class Ranking(Result):
             seeds_column(self.entries),
             *(one.column(one.key in short) for one in figures),
         ]
-        return Table(columns, CAPTION)
+        return Table(columns, CAPTION.format(self.order))
 
     def unranked_lines(self) -> list[str]:
         """Return a line for each kind, such as `2 failed: 3 (no space left), 7 (...)`."""
@@ -149,7 +164,7 @@ class Ranking(Result):
         page = PAGE.render(
             title=title,
             where=f"{self.under.resolve()} \N{MIDDLE DOT} {datetime.now():%Y-%m-%d %H:%M}",
-            lead="The best driver comes first." if entries else "No run has finished.",
+            lead=f"{self.order[0].upper()}{self.order[1:]}.",
             heads=[(one.heading, True) for one in names]
             + [(one.heading, False) for one in figures],
             rows=list(zip(*cells, strict=True)),
@@ -204,6 +219,8 @@ def following(entries: Sequence[Entry]) -> list[str]:
         same = next((one for one in others if one.tracks.keys() == best.tracks.keys()), None)
         return ["compare", str(best.folder), str(same.folder)] if same else []
     driver = best.name if best.val_mse is None else str(best.folder)
+    if best.car:  # no road shows it
+        return ["replay", driver, "FOLDER"]
     is_known = driver != "-" and best.source in ("", EMBEDDED)
     return ["benchmark", driver, "suite=quick"] if is_known else []
 

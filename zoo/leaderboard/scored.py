@@ -16,6 +16,7 @@ from zoo.drives.metrics import leaderboard_metrics, measure
 from zoo.runs.metrics_file import NAME as METRICS_NAME
 from zoo.runs.metrics_file import read_metrics_file
 from zoo.runs.run import Run, TrainedOn
+from zoo.verdict.evidence import source_of
 
 BENCHMARK = "benchmark"  # source of drives on the roads of a suite
 UNKNOWN = "unknown track"
@@ -45,6 +46,7 @@ class Scored:
         trained_on: recordings of the training.
         wall_s: seconds of training; None for what is not a run.
         curves: by name (`val/mse`, `train/loss`, `drive/autonomy`), values by epoch from 1 on.
+        car: other car of a run's recording; None for Udacity's.
     """
 
     folder: Path
@@ -61,6 +63,7 @@ class Scored:
     test_mse: float | None = None
     wall_s: float | None = None
     curves: dict[str, dict[int, float]] = field(default_factory=dict, repr=False)
+    car: str | None = None
 
     @property
     def autonomy(self) -> float | None:
@@ -187,6 +190,7 @@ def load_run(folder: Path) -> Scored | None:
         test_mse=open_loop.get("test", {}).get("mse"),
         wall_s=float(metrics.get("wall_s") or 0),
         curves=run.curves(CURVES),
+        car=source_of(metrics.get("data")),
     )
 
 

@@ -1,4 +1,4 @@
-"""`drivezoo new`: write a part of your own (class, YAML file, test), or a notebook."""
+"""`drivezoo new`: write a part of your own (class, YAML file, test), a rig or a notebook."""
 
 from pathlib import Path
 
@@ -8,15 +8,15 @@ from zoo.base.terminal import print_next, print_written
 
 @command
 def new(kind: str, name: str) -> None:
-    """Write a part of your own (class, YAML file, test), or a notebook.
+    """Write a part of your own (class, YAML file, test), a rig or a notebook.
 
     Writes them from a template into the current folder, which needs no checkout of drivezoo, and
     prints what to type next.
 
     Args:
-        kind: model, augmentation, loss, callback, metric, perturbation, track, donkeycar (the pilot
-            of a Donkeycar), notebook (train a network and let it drive) or study (a notebook that
-            compares networks).
+        kind: model, augmentation, loss, callback, metric, perturbation, track, rig (camera and car
+            of a recording, to fill in), donkeycar (the pilot of a Donkeycar), notebook (train a
+            network and let it drive) or study (a notebook that compares networks).
         name: name in small letters, such as my_net.
 
     Raises:

@@ -10,6 +10,7 @@ from pathlib import Path
 from string import Template
 
 from zoo.base.errors import InputError, UsageError, hint
+from zoo.base.rig import RIGS
 from zoo.base.whole_file import write_new
 from zoo.cli.conf_files import choices, is_conf_folder, shipped_folder
 
@@ -81,6 +82,15 @@ KINDS = {
             ("drivezoo evaluate latest track=$here$name.yaml", "let a network drive on it"),
         ),
     ),
+    "rig": Kind(
+        None,
+        {"rig.yaml": "$here$name.yaml"},
+        (
+            ("drivezoo check FOLDER rig=$here$name.yaml", "after you filled it in"),
+            ("drivezoo train data.root=FOLDER data.rig=$here$name.yaml", "train with it"),
+            ("drivezoo replay CKPT FOLDER data.rig=$here$name.yaml", "or replay a finished run"),
+        ),
+    ),
     "donkeycar": Kind(
         None,
         {"donkeycar.py": "$here$name.py"},
@@ -137,7 +147,7 @@ def _check_free(name: str, kind: str) -> None:
     from zoo.evaluate.robustness import PERTURBATIONS
 
     group, files = KINDS[kind].group, KINDS[kind].files.values()
-    registered = {"metric": METRICS, "perturbation": PERTURBATIONS}.get(kind, ())
+    registered = {"metric": METRICS, "perturbation": PERTURBATIONS, "rig": RIGS}.get(kind, ())
     if name in registered or (group is not None and name in choices(group)):
         raise UsageError(f"{name}: there is a {kind} of that name; choose another name")
     if "$here$name.py" in files and importlib.util.find_spec(name) is not None:

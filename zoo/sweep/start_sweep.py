@@ -135,8 +135,7 @@ def conclude(folder: Path, console: Console) -> None:
         InputError: jobs failed; the message has each job's reason.
     """
     folders = records.job_folders(folder)
-    title = f"{len(folders)} jobs, the best driver first"
-    ranking = Ranking.read(folders, folder, title=title)
+    ranking = Ranking.read(folders, folder, title=f"{len(folders)} jobs")
     ranking.written.append(ranking.write_page(folder / PAGE, f"Sweep {folder.name}"))
     ranking.show(console)
     failed = [run for run in ranking.unranked if run.why in ("failed", "stopped")]

@@ -86,8 +86,7 @@ class Timing(Result):
 
     def show(self) -> None:
         """Print the table, the sentences and what was written."""
-        console, times = Console(emoji=False, soft_wrap=True), self.times[MEASURED]
-        print_line(console, printable(f"{times.name}: {times.words}"))
+        console = Console(emoji=False, soft_wrap=True)
         console.print(self.result_table().narrow().printed(left=1))
         for line in self.lines:
             print_line(console, printable(line))
@@ -103,11 +102,18 @@ class Timing(Result):
             Column("times", "loop times", names),
             number_column("rate_hz", "frames/s", [one.rate_hz for one in times], "{:.1f}"),
             number_column("delay_ms", "delay, ms", [one.delay_ms for one in times], "{:.0f}"),
-            interval_column("speed_mph", "highest speed, mph", speeds, "{:g}"),
+            self._bounded(interval_column("speed_mph", "highest speed, mph", speeds, "{:g}")),
             interval_column("gain_mph", "gain, mph", gains, "{:+g}"),
-            number_column("every_road_mph", "every road, mph", least, "{:g}"),
+            self._bounded(number_column("every_road_mph", "every road, mph", least, "{:g}")),
         ]
         return Table(columns, f"Highest clean speeds of {self.checkpoint}, median of the roads.")
+
+    def _bounded(self, column: Column) -> Column:
+        """Return a column of speeds, of which those that were not tried are bounds in its texts."""
+        least = self.options.least
+        pairs = zip(column.cells, column.figures[column.name], strict=True)
+        cells = [f"below {least:g}" if mph < least else text for text, mph in pairs]
+        return replace(column, cells=cells)
 
     def plot(self) -> Figure:
         """Draw the loop times, and the highest speeds with their intervals."""
@@ -118,7 +124,8 @@ class Timing(Result):
             f"{measured.rate_hz:.1f} frames per second"
         )
         left, right = figure.subplots(1, 2, width_ratios=[1, 1.4])
-        edges = np.linspace(0, max(measured.loop_ms.max(), measured.latency_ms.max()) * 1.05, 41)
+        longest_ms = max(measured.loop_ms.max(), np.nanmax(measured.latency_ms))
+        edges = np.linspace(0, longest_ms * 1.05, 41)
         left.hist(measured.loop_ms, edges, color=GREY, label="frame to next frame")
         left.hist(
             measured.latency_ms[~measured.lost],
@@ -192,6 +199,7 @@ def find_highest_speeds(
     roads = options.scenarios()
     times = {MEASURED: measured, **measured.improved()}
     policy = load_policy(checkpoint)  # reports a wrong file before processes start
+    print_line(console, printable(f"{measured.name}: {measured.words}"))
     if line := other_car_line(policy.data, options.family):
         print_line(console, printable(line))
     with command_folder(options.out, "timings") as folder:

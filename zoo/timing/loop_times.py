@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +17,10 @@ LONGEST_MS = 5000.0  # a pause of the program, not a delay of its loop
 SHORTEST_MS = 20.0  # step of the simulated car
 MOST_BYTES = 16_000_000
 MOST_TIMES = 20_000
+SECONDS_BELOW_MS = 1.0  # median of a table that was typed in seconds
 PROFILE = "99.9%"  # heading of the last column of Donkeycar's table
+# Classes of Donkeycar's parts that run a network, but not UserPilotCondition.
+PILOT = re.compile("(?!.*condition)(keras|tensorrt|onnx|torch|fastai|resnet|.*pilot)", re.I)
 DRAWN = 1000  # times drawn from a profile
 # Shares of the times below the columns of Donkeycar's table; its maximum is that of many times.
 QUANTILES = {"min": 0.0, "50%": 0.5, "90%": 0.9, "99%": 0.99, "99.9%": 0.999, "max": 1.0}
@@ -29,7 +33,8 @@ class LoopTimes:
     Attributes:
         name: file that they come from.
         loop_ms: milliseconds from each frame to the next, float [N].
-        latency_ms: milliseconds from each frame to the arrival of its steering, float [N].
+        latency_ms: milliseconds from each frame to the arrival of its steering, float [N]; NaN for
+            a lost frame.
         lost: whether each frame got lost, so that the steering stays as it was, bool [N].
         words: how the times were read.
     """
@@ -74,8 +79,10 @@ class LoopTimes:
             steady = np.full_like(loop_ms, loop_ms.mean()), np.full_like(loop_ms, self.delay_ms)
             found["no jitter"] = changed(*steady)
         if lost.any():
-            whole = np.zeros_like(lost)
-            found["no lost frames"] = LoopTimes(self.name, loop_ms, latency_ms, whole)
+            # A lost frame takes as long as the last one before it that arrived.
+            kept = np.flatnonzero(~lost)
+            whole = latency_ms[kept[np.searchsorted(kept, np.arange(len(lost)), "right") - 1]]
+            found["no lost frames"] = LoopTimes(self.name, loop_ms, whole, np.zeros_like(lost))
         return found
 
 
@@ -85,12 +92,13 @@ def read_loop_times(path: str, rate: float, part: str | None = None) -> LoopTime
     A CSV file has a column `latency_ms`, or one column without a name; `lost` in place of a number
     marks a frame that got lost. Without a column `loop_ms` the loop waits until `1 / rate` seconds
     have passed, as Donkeycar's does. From Donkeycar's table, which has quantiles only, times of the
-    pilot are drawn between them, and the means of the other parts are added.
+    pilot are drawn between them, and the means of the other parts are added. Where no part, or more
+    than one, is a pilot by its name, the one with the largest mean is taken.
 
     Args:
         path: CSV file, Donkeycar's printed table, or folder of a drive.
         rate: frames per second that the loop is set to.
-        part: row of Donkeycar's table; None for the one with the largest mean.
+        part: row of Donkeycar's table; None for the pilot.
 
     Raises:
         InputError: the file cannot be read, or a time is not possible.
@@ -143,9 +151,13 @@ def _of_table(path: str, text: str, rate: float) -> LoopTimes:
                 values.append(_milliseconds(f"{path}, row {line}", name, cell))
     latency_ms, loop_ms = np.array(columns[LATENCY]), np.array(columns[LOOP])
     lost = np.isnan(latency_ms)
-    latency_ms[lost] = 0.0
+    if not lost.all() and 0 < (median := float(np.nanmedian(latency_ms))) < SECONDS_BELOW_MS:
+        raise InputError(
+            f"{path}: {LATENCY} is {median:g} in the median, as of seconds; write milliseconds "
+            f"({1000 * median:g}), or 0 for a delay that is shorter than one"
+        )
     if LOOP not in names:
-        loop_ms = np.maximum(latency_ms, 1000 / rate)
+        loop_ms = np.fmax(latency_ms, 1000 / rate)
     words = f"{len(rows):,} times" + (f", of which {lost.sum():,} lost" if lost.any() else "")
     return _checked(path, loop_ms, latency_ms, lost, words)
 
@@ -170,8 +182,12 @@ def _of_profile(path: str, text: str, rate: float, part: str | None) -> LoopTime
         parts[row[0] if row[0] not in parts else f"{row[0]} {len(parts)}"] = named
     if not parts:
         raise InputError(f"{path}: its table has no parts; copy it whole")
+    chosen = "as part= says"
     if part is None:
-        part = max(parts, key=lambda name: parts[name]["avg"])
+        pilots = [name for name in parts if PILOT.match(name)]
+        part = max(pilots or parts, key=lambda name: parts[name]["avg"])
+        why = "a pilot by its name" if len(pilots) == 1 else "the longest pilot by its name"
+        chosen = why if pilots else "no pilot by its name, but the longest; part=NAME names another"
     elif part not in parts:
         raise UsageError(f"part={part}: no such part; {hint(part, parts)}")
     pilot = parts[part]
@@ -181,7 +197,7 @@ def _of_profile(path: str, text: str, rate: float, part: str | None) -> LoopTime
     drawn = np.interp(shares, list(QUANTILES.values()), np.maximum.accumulate(points))
     latency_ms = drawn + others_ms
     loop_ms = np.maximum(latency_ms, 1000 / rate)
-    words = f"Donkeycar's profile: {part} and {others_ms:.1f} ms of the other parts"
+    words = f"Donkeycar's profile: {part} ({chosen}) and {others_ms:.1f} ms of the other parts"
     return _checked(path, loop_ms, latency_ms, words=words)
 
 

@@ -25,7 +25,7 @@ class TimingOptions(ResultFiles):
         length: metres to drive of each road, at most.
         rate: frames per second that the loop is set to, where the times do not say it; Donkeycar's
             DRIVE_LOOP_HZ is 20.
-        part: row of Donkeycar's profile that is the pilot; null: the one that takes longest.
+        part: row of Donkeycar's profile that is the pilot; null: found by its name.
         delay_s: seconds that the camera and the servo add, 0..2.
         least: lowest speed to try, mph.
         most: highest speed to try, mph.

@@ -102,7 +102,8 @@ def _run(
         recorded[CURVATURE] = data.label.curvature_per_m
     replayed, not_replayed = None, None
     if source := other_car(data.recording):
-        recorded["source"] = source
+        rig = data.recording.rig
+        recorded |= {"source": source, "rig": rig and rig.name}
         if score is not None:  # the embedded tracks show another camera and another car
             try:
                 replayed = held_out_replay(data.recording, data.split, score.replay_speed)

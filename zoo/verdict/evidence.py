@@ -34,6 +34,7 @@ class Evidence:
         metrics: content of the run's `metrics.json`; empty without one.
         source: other car or format of its recording; None for Udacity's rig.
         overrides: arguments of `drivezoo train` that started the run; None if unknown.
+        has_rig: whether the camera and the car of its recording are known.
     """
 
     checkpoint: str | None
@@ -41,6 +42,7 @@ class Evidence:
     metrics: Mapping = field(default_factory=dict)
     overrides: tuple[str, ...] | None = None
     source: str | None = None
+    has_rig: bool = True
 
     def at(self, key: str, otherwise: object = None) -> object:
         """Return a value of the config by its dotted key.
@@ -79,7 +81,7 @@ def read_evidence(checkpoint: Path | str, config: Mapping, data: object = None) 
     found = evidence_of_run(folder, config, read_metrics(folder))
     is_best = (folder / "checkpoints" / "best.ckpt") == Path(checkpoint)
     name = short_name(folder if is_best else Path(checkpoint))
-    return replace(found, checkpoint=name, source=source_of(data))
+    return replace(found, checkpoint=name, source=source_of(data), has_rig=has_rig(data))
 
 
 def evidence_of_run(folder: Path, config: Mapping, metrics: Mapping) -> Evidence:
@@ -89,13 +91,19 @@ def evidence_of_run(folder: Path, config: Mapping, metrics: Mapping) -> Evidence
         with suppress(InputError):
             overrides = tuple(run.overrides)
     name = short_name(folder) if run.checkpoint_path else None
-    return Evidence(name, config, metrics, overrides, source_of(metrics.get("data")))
+    data = metrics.get("data")
+    return Evidence(name, config, metrics, overrides, source_of(data), has_rig(data))
 
 
 def source_of(data: object) -> str | None:
     """Return the other car or format of a recording, by a checkpoint's facts on it."""
     source = data.get("source") if isinstance(data, Mapping) else None
     return source if isinstance(source, str) else None
+
+
+def has_rig(data: object) -> bool:
+    """Return whether a recording's camera and car are known, by a checkpoint's facts on it."""
+    return not isinstance(data, Mapping) or data.get("rig", "") is not None
 
 
 def no_verdict(source: str) -> str:

@@ -197,11 +197,16 @@ def _without_verdict(
     reason = evidence.metrics.get("not_replayed")
     certainty = f"{no_verdict(source)}." + (f" Its held-out drives: {reason}." if reason else "")
     command = ("score it on a recording of its own car", _replay_command(evidence))
+    if not evidence.has_rig:  # no replay without it
+        command = ("describe its camera and car", "drivezoo new rig my_car")
     return Verdict(UNKNOWN, UNKNOWN_HEADLINE, lines, certainty, (), (command,))
 
 
 def _replay_command(evidence: Evidence) -> str:
     root, speed = evidence.at("data.root"), evidence.at("score.replay_speed")
+    facts = evidence.metrics.get("data")
+    if not speed and isinstance(facts, Mapping) and facts.get("speed_mph") == 0:
+        speed = 9  # to be adapted: the recording has none, and a replay needs one
     words = ["drivezoo", "replay", evidence.checkpoint or "CKPT"]
     words += [root if isinstance(root, str) else "FOLDER", *([f"speed={speed}"] if speed else [])]
     return command_line(words)

@@ -17,7 +17,9 @@ import numpy as np
 
 from datamodules.image import decode_image
 from zoo.base.errors import InputError
+from zoo.base.limits import MOST_MPH, MOST_REPORTED, parse_number
 from zoo.base.rig import MPS_PER_MPH
+from zoo.base.rig_file import make_rig
 from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import State, World
 
@@ -30,6 +32,7 @@ MOST_LINE = 16_000_000  # bytes of a message
 MOST_OLD = 100  # telemetry messages that are skipped for a newer one
 LONGEST_LAP_S = 300.0
 RATE = 20.0  # telemetry messages per second of the Unity program
+MOST_STEERING = 90.0  # some simulators send degrees in place of a share
 BRAKE = {"steering": 0, "throttle": 0, "brake": 1}
 
 Message = dict[str, Any]
@@ -47,6 +50,7 @@ class DonkeyWorld(World):
 
     Attributes:
         image: latest image as the simulator sent it, in base64.
+        rig: car of `drivezoo simulator serve`; None for the Unity program, which does not say it.
 
     Raises:
         InputError: no simulator answers there, or it has no such scene.
@@ -80,9 +84,11 @@ class DonkeyWorld(World):
         self._shape: tuple[int, ...] | None = None
         self._send("reset_car")
         self._send("get_protocol_version")
-        self._wait_for("protocol_version")  # telemetry before it is of the drive before
+        answer = self._wait_for("protocol_version")  # telemetry before it is of the drive before
+        with suppress(InputError):  # only `drivezoo simulator serve` sends its camera and its car
+            self.rig = make_rig(answer.get("rig"), self.address)
         self._stand()
-        self._began_s = self._number("time")
+        self._began_s = self._required(self._telemetry, "time")
         return self._state()
 
     def frame(self, camera: str = "center") -> np.ndarray:
@@ -98,11 +104,11 @@ class DonkeyWorld(World):
 
     def put_back(self, speed_mph: float) -> State:
         """Put the car on the nearest node of the road, at a standstill."""
-        index = int(self._number("activeNode"))
+        index = int(self._required(self._telemetry, "activeNode"))
         self._send("node_position", index=index)
         node = self._wait_for("node_position")
         keys = ("pos_x", "pos_y", "pos_z", "Qx", "Qy", "Qz", "Qw")
-        self._send("set_position", **{key: _number(node, key) for key in keys})
+        self._send("set_position", **{key: self._required(node, key) for key in keys})
         self._stand()
         return self._state()
 
@@ -196,37 +202,35 @@ class DonkeyWorld(World):
         self._frame, self._shape = frame, frame.shape
 
     def _state(self) -> State:
-        time_s = self._number("time") - self._began_s
-        has_place = "pos_x" in self._telemetry
+        time_s = self._required(self._telemetry, "time") - self._began_s
+        speed_mps = self._optional("speed", MOST_MPH * MPS_PER_MPH)
+        x, y = self._optional("pos_x"), self._optional("pos_z")
         lap = max(self._crossings - 1, 0)
-        along = 0.0
-        if "totalNodes" in self._telemetry:
-            along = self._number("activeNode") / max(self._number("totalNodes"), 1.0)
+        along = (self._optional("activeNode") or 0.0) / max(
+            self._optional("totalNodes") or 0.0, 1.0
+        )
         return State(
             time_s=time_s,
-            speed_mph=self._number("speed") / MPS_PER_MPH,
-            steering=self._number("steering_angle"),
-            cross_track_m=self._number("cte") if "cte" in self._telemetry else None,
+            speed_mph=math.nan if speed_mps is None else speed_mps / MPS_PER_MPH,
+            steering=self._optional("steering_angle", MOST_STEERING),
+            cross_track_m=self._optional("cte"),
             lap=lap,
             contact=self._telemetry.get("hit", "none") != "none",
-            xy=(self._number("pos_x"), self._number("pos_z")) if has_place else None,
+            xy=None if x is None or y is None else (x, y),
             share=min((lap + along) / self._laps, 1.0),
             done=lap >= self._laps or time_s >= self._laps * LONGEST_LAP_S,
         )
 
-    def _number(self, key: str) -> float:
-        try:
-            return _number(self._telemetry, key)
-        except ValueError:
-            raise self._lost(f"{key} is {self._telemetry.get(key)!r:.40}, no number") from None
+    def _optional(self, key: str, most: float = MOST_REPORTED) -> float | None:
+        """Return a number of the telemetry; None if the car's is unknown."""
+        return parse_number(self._telemetry.get(key), most)
+
+    def _required(self, message: Message, key: str) -> float:
+        """Return a number without which no drive is possible."""
+        value = parse_number(message.get(key))
+        if value is None:
+            raise self._lost(f"{key} is {message.get(key)!r:.40}, no number")
+        return value
 
     def _lost(self, reason: object) -> InputError:
         return InputError(f"{self.address}: the simulator failed: {reason}; start it again")
-
-
-def _number(message: Message, key: str) -> float:
-    """Return a finite number of a message; some simulators write a decimal comma."""
-    value = float(str(message.get(key)).replace(",", "."))
-    if not math.isfinite(value):
-        raise ValueError(key)
-    return value

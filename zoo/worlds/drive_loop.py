@@ -73,7 +73,7 @@ def drive(
     places: list[tuple[float, float] | None] = []
     distance_m: list[float | None] = []
     lap_s: list[float] = []
-    nan_frames = 0
+    nan_frames, seen_mph = 0, math.nan
     infractions: Counter[str] = Counter()
     rule, lap_began_s = InterventionRule(facts["lane_m"]), 0.0
     while not state.done:
@@ -81,7 +81,8 @@ def drive(
         if meter and state.steering is not None:
             meter.report(state.steering, state.time_s)
         began, mph = time.perf_counter(), state.speed_mph
-        command = policy(frame, mph)
+        seen_mph = seen_mph if math.isnan(mph) else mph  # a NaN stays in a network's memory
+        command = policy(frame, seen_mph)
         latency_ms = 1000 * (time.perf_counter() - began)
         nan_frames += math.isnan(command.steering)
         command = drivable(command)

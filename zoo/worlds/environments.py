@@ -9,6 +9,7 @@ import numpy as np
 
 from simulator.env import DrivingEnv
 from zoo.base.errors import InputError, hint
+from zoo.base.limits import parse_number
 from zoo.base.parts import import_part, registering_parts
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.drives.speed_controller import SpeedController
@@ -152,12 +153,12 @@ class EnvironmentWorld(World):
             raise self._fault(str(error)) from None
 
     def _number(self, quantity: Quantity | None) -> float | None:
-        """Return a quantity in mph or metres; None if the environment has none."""
+        """Return a quantity in mph or metres; None if the environment has none that is ordinary."""
         if quantity is None:
             return None
         value = self._value(quantity.place)
         try:
-            return quantity.factor * float(np.asarray(value).item())
+            return parse_number(quantity.factor * float(np.asarray(value).item()))
         except (TypeError, ValueError):
             kind = type(value).__name__
             raise self._fault(f"{quantity.place} is {kind}, not a number") from None

@@ -30,7 +30,7 @@ from datamodules.driving_log import CAMERAS
 from datamodules.image import read_image
 from datamodules.recording import GAP_S, Recording
 from zoo.base.errors import InputError
-from zoo.base.rig import MPS_PER_MPH, UDACITY, Rig
+from zoo.base.rig import MPS_PER_MPH, RIG_KEYS, UDACITY, Rig
 from zoo.drives.drive_record import REPLAY
 from zoo.drives.interventions import INTERVENTION_S
 from zoo.worlds.camera_warp import Warp
@@ -128,7 +128,8 @@ class ReplayWorld(World):
         if recording.rig is None:
             raise InputError(
                 f"{names}: the rig is unknown, so that it cannot be replayed; describe camera and "
-                "car in rig.yaml beside it, or in data.rig=FILE"
+                "car in rig.yaml beside it or in data.rig=FILE (drivezoo new rig my_car), or name "
+                f"a known one, {RIG_KEYS}"
             )
         self.rig, self.stretches, self.speed_mph = recording.rig, stretches, speed_mph
         self.recording = with_speed(recording, speed_mph)

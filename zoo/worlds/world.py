@@ -16,7 +16,7 @@ class State:
 
     Attributes:
         time_s: seconds since the reset.
-        speed_mph: speed of the car.
+        speed_mph: speed of the car; NaN if it is unknown.
         steering: steering of the wheels, -1..1, which follows a command late.
         throttle: throttle of the car, -1..1, in a world that drives at its own speed; the policy's
             is then ignored.

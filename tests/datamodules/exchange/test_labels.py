@@ -103,6 +103,50 @@ def test_a_table_has_the_columns_that_the_user_names(tmp_path: Path) -> None:
         reader.read(folder, ReadOptions())
 
 
+def as_table(folder: Path, steering: np.ndarray) -> Path:
+    rows = [f"pics/{row}.png,{value}" for row, value in enumerate(steering.tolist())]
+    (table(folder) / "my.csv").write_text("\n".join(["path,turn", *rows]) + "\n")
+    return folder
+
+
+COLUMNS = {"image": "path", "steering": "turn"}
+
+
+@pytest.mark.parametrize("middle", [0.3, -0.6])
+def test_a_clip_of_one_bend_is_no_other_unit(middle: float, tmp_path: Path) -> None:
+    folder = as_table(tmp_path / "bend", middle + STEERING / 9)
+    with pytest.raises(InputError, match="on one side of 0") as caught:
+        read_recordings(str(folder), format="table", columns=COLUMNS)
+    assert "not share" not in str(caught.value)
+    said = re.search(r"name data\.steering=(\{[^}]*\})", str(caught.value))
+    recording = read_recordings(str(folder), format="table", columns=COLUMNS, steering=said[1])
+    assert recording.steering == pytest.approx(middle + STEERING / 9)
+
+
+def test_a_number_that_marks_rows_of_a_table_is_no_unit(tmp_path: Path) -> None:
+    marked = np.where(np.arange(ROWS) % 9 == 5, -3.0, STEERING)
+    folder = as_table(tmp_path / "marked", marked)
+    options = {"format": "table", "columns": COLUMNS, "steering": {"unit": "share"}}
+    with pytest.raises(InputError, match=r"-3, beyond -1\.\.1.*on_bad_row=skip"):
+        read_recordings(str(folder), **options)
+    assert len(read_recordings(str(folder), **options, on_bad_row="skip")) == (marked > -3).sum()
+
+
+@pytest.mark.parametrize("images", [0, 30])
+def test_skipping_bad_images_is_offered_if_others_are_left(images: int, tmp_path: Path) -> None:
+    folder = as_table(tmp_path / "some", STEERING)
+    for path in sorted((folder / "pics").iterdir())[images:]:
+        path.unlink()
+    with pytest.raises(InputError, match="copy the images there") as caught:
+        read_recordings(str(folder), format="table", columns=COLUMNS)
+    assert ("on_bad_image=skip" in str(caught.value)) == (images > 0)
+    if not images:
+        with pytest.raises(InputError) as caught:
+            read_recordings(str(folder), format="table", columns=COLUMNS, on_bad_image="skip")
+        assert "on_bad_image" not in str(caught.value)
+        assert "images=" not in str(caught.value)
+
+
 @pytest.mark.parametrize("stored", [False, True])
 def test_a_parquet_table_names_or_holds_its_images(stored: bool, tmp_path: Path) -> None:
     pa = pytest.importorskip("pyarrow")

@@ -263,6 +263,50 @@ def test_angles_in_degrees_have_one_remedy_for_all_rows(tmp_path: Path) -> None:
     assert "delete" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("records", "deleted", "words", "unsaid"),
+    [
+        ([], (), "the tub has no records", ("deleted", "autopilot", "image")),
+        ([record(0), record(1)], (0, 1), "2 deleted;", ("autopilot", "image")),
+        ([record(0, user__mode="local")], (), "1 driven by an autopilot;", ("deleted", "image")),
+        ([record(0), record(1, user__mode="local")], (0,), "1 deleted, 1 driven", ("image",)),
+    ],
+)
+def test_a_tub_without_records_left_names_what_was_left_out(
+    records: list[dict],
+    deleted: tuple[int, ...],
+    words: str,
+    unsaid: tuple[str, ...],
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(InputError) as caught:
+        read_recordings(str(write_tub(tmp_path / "tub", records, deleted)))
+    line = str(caught.value)
+    assert words in line
+    assert not [word for word in unsaid if word in line]
+
+
+@pytest.mark.parametrize("ending", [".bmp", ".tif", ".webp"])
+def test_images_of_another_kind_are_named(ending: str, tmp_path: Path) -> None:
+    tub = write_tub(tmp_path / "tub", [record(0), record(1)])
+    for image in (tub / "images").iterdir():
+        image.write_bytes(cv2.imencode(ending, np.zeros((9, 9, 3), np.uint8))[1].tobytes())
+    with pytest.raises(InputError, match=r"2 with a bad image.*of another kind.*; correct the im"):
+        read_recordings(str(tub))
+
+
+@pytest.mark.parametrize("mark", [-3.0, 9999.0])
+def test_a_number_that_marks_rows_is_no_unit(mark: float, tmp_path: Path) -> None:
+    records = [record(one, user__angle=mark if one % 2 else one / 10) for one in range(8)]
+    tub = write_tub(tmp_path / "tub", records)
+    with pytest.raises(InputError, match=rf"{mark:g}, beyond.*4 of 8.*on_bad_row=skip") as caught:
+        read_recordings(str(tub))
+    assert "degrees" not in str(caught.value)
+    keyboard = [record(one, user__angle=-25.0 if one % 2 else 0.0) for one in range(8)]
+    with pytest.raises(InputError, match="degrees"):
+        read_recordings(str(write_tub(tmp_path / "degrees", keyboard)))
+
+
 def test_a_catalog_that_is_named_again_is_refused(tmp_path: Path) -> None:
     tub = write_tub(tmp_path / "tub", [record(one) for one in range(2)])
     manifest = tub / "manifest.json"

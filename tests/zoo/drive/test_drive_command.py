@@ -20,6 +20,7 @@ from tests.simulator.donkey_replica import donkey_replica, telemetry
 from tests.zoo.commands import only_line, run, succeed
 from tests.zoo.drive.old_client import OldClient
 from tests.zoo.drive.serve import served
+from zoo.base.rig import RIGS
 from zoo.checkpoints.policy import load_policy
 from zoo.drive.__main__ import EmbeddedClient
 from zoo.drives.drive_log import read_drive
@@ -240,7 +241,7 @@ def test_a_donkeycar_simulator_is_driven_until_it_ends(checkpoint: Path, tmp_pat
     recording = read_recordings(str(tmp_path / "drive"))
     assert len(recording) == len(record)
     assert recording.image(0).shape == (120, 160, 3)
-    assert recording.rig is None
+    assert recording.rig == RIGS["donkey_sim"]
     assert other_car(recording) == "lake"
 
 

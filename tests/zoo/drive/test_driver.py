@@ -15,6 +15,7 @@ from zoo.drive.drive_writer import BackgroundWriter
 from zoo.drive.driver import Driver
 from zoo.drive.notices import Notices
 from zoo.drive.session import Session
+from zoo.drive.telemetry_message import read_telemetry
 from zoo.drives.drive_record import FALLBACK
 from zoo.drives.speed_controller import PI, Constant, SpeedController, SteeringFilter
 
@@ -70,6 +71,45 @@ def test_frames_of_another_shape_than_the_trainings_are_reported(
     assert reply.row.driver != FALLBACK
     kinds = [kind for kind in driver.notices.counts if "shape" in kind]
     assert [driver.notices.counts[kind] for kind in kinds] == [1] * reported
+
+
+UNKNOWN = ["NaN", float("nan"), "1e308", 1e308, -1e308, "Infinity", 10**400, None, "fast", 250]
+
+
+@pytest.mark.parametrize("speed", UNKNOWN, ids=str)
+def test_no_speed_is_held_while_the_cars_is_unknown(make: Make, speed: object) -> None:
+    driver = make(PI(9, 0.1))
+    session = driver.connect("a")
+    for number in range(3):
+        reply = driver.answer(session, frame(number, speed=speed), number / 15)
+        assert reply.row.driver != FALLBACK
+        assert reply.values["throttle"] == "0.0000"
+    assert driver.notices.counts == {"speed is unknown; no speed is held": 3}
+    standing = driver.answer(session, frame(3, speed="0.0000"), 3 / 15)
+    assert float(standing.values["throttle"]) == pytest.approx(0.9)
+
+
+def test_a_paused_car_of_unknown_speed_does_not_reverse(make: Make) -> None:
+    driver = make(PI(9, 0.1))
+    session = driver.connect("a")
+    driver.answer(session, MOVING)
+    driver.paused = True
+    assert driver.answer(session, frame(1, speed="NaN")).values["throttle"] == "0.0000"
+
+
+@pytest.mark.parametrize("value", [1e308, "1e308", "NaN", -1e308])
+@pytest.mark.parametrize("key", ["steering_angle", "cte", "lane", "lap", "x", "time", "wall"])
+def test_a_value_that_no_car_has_is_as_if_it_was_not_sent(
+    make: Make, key: str, value: object
+) -> None:
+    driver = make(PI(9, 0.1))
+    sent, unsent = driver.connect("a"), driver.connect("b")
+    usual = frame(0, cte=0.5, time=1.0, x=1.0, y=2.0)
+    with_value, without = usual | {key: value}, usual | {key: None}
+    assert repr(read_telemetry(with_value)) == repr(read_telemetry(without))
+    replies = driver.answer(sent, with_value, 1.0), driver.answer(unsent, without, 1.0)
+    assert replies[0].values == replies[1].values
+    assert replies[0].row.time_s == replies[1].row.time_s
 
 
 def test_pause_brakes_and_steers_on(make: Make) -> None:

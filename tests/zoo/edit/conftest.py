@@ -48,8 +48,9 @@ class ServedPage:
         assert status == 200, body
         return json.loads(body)
 
-    def order(self, **command: object) -> tuple[int, dict]:
-        status, _, body = self.ask("POST", "/command", command)
+    def order(self, shown: str = "", **command: object) -> tuple[int, dict]:
+        query = f"?shown={shown}" if shown else ""
+        status, _, body = self.ask("POST", f"/command{query}", command)
         return status, json.loads(body)
 
 

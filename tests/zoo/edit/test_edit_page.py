@@ -87,6 +87,38 @@ def test_an_edit_changes_the_state_and_can_be_undone(served: ServedPage) -> None
     assert served.order(redo=True)[1]["splits"] == [60]
 
 
+def shown(state: dict) -> str:
+    return f"{state['session']}.{state['changes']}"
+
+
+@pytest.mark.parametrize("other", [{"drop": [10, 20]}, {"split": 60}, {"undo": True}])
+@pytest.mark.parametrize("own", [{"write": True}, {"undo": True}, {"redo": True}, {"drop": [1, 2]}])
+def test_a_page_that_shows_old_edits_neither_edits_nor_writes(
+    served: ServedPage, other: dict, own: dict, tmp_path: Path
+) -> None:
+    old = shown(served.order(drop=[50, 60])[1])
+    state = served.order(old, **other)[1]
+    status, answer = served.order(old, **own)
+    assert status == 409
+    assert "another page" in answer["error"]
+    after = served.read("/state.json")
+    assert {**after, "analysed": 0} == {**state, "analysed": 0}
+    assert not (tmp_path / "lap_edited").exists()
+    assert served.order(shown(after), **own)[0] == 200
+
+
+def test_a_page_of_an_earlier_session_is_refused(served: ServedPage) -> None:
+    state = served.read("/state.json")
+    assert served.order(f"0{state['session']}.{state['changes']}", write=True)[0] == 409
+
+
+def test_an_edit_that_changes_nothing_leaves_other_pages_as_they_are(served: ServedPage) -> None:
+    old = shown(served.read("/state.json"))
+    assert served.order(undo=True)[0] == 200
+    assert served.order(drop=[10, 200])[0] == 400
+    assert served.order(old, drop=[10, 20])[0] == 200
+
+
 @pytest.mark.parametrize(
     ("command", "word"),
     [
@@ -239,10 +271,26 @@ def test_a_user_cleans_a_recording(served: ServedPage, tmp_path: Path) -> None:
         browser.click("#confirm-write")
         browser.wait_for("!document.querySelector('#written').hidden")
         browser.click("#cancel")
+        check_stale(browser, served)
         check_narrow(browser)
         check_playback(browser, served)
         assert browser.errors == []
     assert 80 < len(read_recordings(str(tmp_path / "lap_edited"))) < 100
+
+
+def check_stale(browser: Browser, served: ServedPage) -> None:
+    """Check that edits of another tab are shown in place of a writing that would have them."""
+    rows = served.order(drop=[100, 110])[1]["parts"][0]
+    browser.click("#write")
+    browser.wait_for("document.querySelector('#confirm').open")
+    browser.click("#confirm-write")
+    browser.wait_for("!document.querySelector('#message').hidden")
+    browser.wait_for(f"document.querySelector('#kept').textContent.startsWith('{rows} of')")
+    assert served.read("/state.json")["finished"] == 1
+    browser.click("#dismiss")
+    browser.click("#undo")
+    browser.wait_for(f"document.querySelector('#kept').textContent.startsWith('{rows + 10} of')")
+    browser.errors = [one for one in browser.errors if "409" not in one]
 
 
 def check_narrow(browser: Browser) -> None:

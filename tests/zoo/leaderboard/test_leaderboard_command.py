@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -41,6 +42,43 @@ def test_autonomy_ranks_first_then_error_then_validation(tmp_path: Path) -> None
     undriven = write_run(tmp_path / "e", None, val_mse=0.0001, overrides=("x=5",))
     order = ranked(undriven, better_mse, far, near, low)
     assert order == [["b"], ["d"], ["c"], ["a"], ["e"]]
+
+
+@pytest.mark.parametrize(
+    ("runs", "words"),
+    [
+        ([{"autonomy": 0.9}, {"autonomy": None}], "the best driver first"),
+        ([{"autonomy": 0.0}, {"autonomy": 0.0}], "none drives: the smallest cross-track error"),
+        ([{"autonomy": None}, {"autonomy": None}], "nothing was driven: the lowest validation MSE"),
+        (
+            [{"autonomy": 0.9, "tracks": ("lake",)}, {"autonomy": 0.8, "tracks": ("mountain",)}],
+            "the best driver first",
+        ),
+    ],
+)
+def test_the_heading_says_what_the_order_is(
+    runs: list[dict], words: str, tmp_path: Path, console: Console
+) -> None:
+    folders = [
+        write_run(tmp_path / str(number), overrides=(f"x={number}",), **run)
+        for number, run in enumerate(runs)
+    ]
+    ranking = Ranking.read(folders, tmp_path, title="2 jobs")
+    ranking.show(console)
+    assert f"2 jobs, {words}" in " ".join(console.file.getvalue().split())
+    page = ranking.write_page(tmp_path / "page.html", "2 jobs").read_text()
+    assert words[1:] in page
+    assert words in ranking.result_table().caption
+
+
+@pytest.mark.parametrize(("source", "command"), [(None, "benchmark"), ("donkeycar", "replay")])
+def test_the_next_command_drives_the_best_networks_own_car(
+    source: str | None, command: str, tmp_path: Path, console: Console
+) -> None:
+    data = {"fingerprint": "0" * 16, "rows": 9, "source": source}
+    Ranking.read([write_run(tmp_path / "0", data=data)], tmp_path).show(console)
+    last = console.file.getvalue().splitlines()[-1]
+    assert shlex.split(last)[:3] == ["next:", "drivezoo", command]
 
 
 def write_socket_drive(

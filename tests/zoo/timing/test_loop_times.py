@@ -41,7 +41,20 @@ def test_a_lost_frame_lengthens_the_loop_before_it(tmp_path: Path) -> None:
     times = read_loop_times(written(tmp_path, table), rate=20)
     assert times.loop == ((0.09, 0.01), (0.09, 0.02))  # the first lost one ends the last loop
     assert times.rate_hz == pytest.approx(2 / 0.18)
-    assert times.improved()["no lost frames"].loop_ms.sum() == 180
+    whole = times.improved()["no lost frames"]
+    assert whole.loop_ms.sum() == 180
+    assert whole.latency_ms.tolist() == [20, 10, 10, 20], "as of the frame before, not 0"
+
+
+@pytest.mark.parametrize("lost", [0, 12, 150])
+def test_no_improvement_takes_a_lost_frame_for_a_delay_of_0(tmp_path: Path, lost: int) -> None:
+    cells = ["400"] * 300
+    cells[: 2 * lost : 2] = ["lost"] * lost
+    times = read_loop_times(written(tmp_path, "\n".join(["latency_ms", *cells])), rate=20)
+    assert times.delay_ms == 400
+    for name, better in times.improved().items():
+        assert better.delay_ms == (200 if name in ("half the delay", "both") else 400)
+        assert better.rate_hz >= times.rate_hz
 
 
 def test_times_are_drawn_between_the_quantiles_of_a_profile(tmp_path: Path) -> None:
@@ -55,6 +68,24 @@ def test_times_are_drawn_between_the_quantiles_of_a_profile(tmp_path: Path) -> N
     assert camera.loop_ms.tolist() == [500] * len(camera.loop_ms)
     with pytest.raises(UsageError, match=r"part=PiCamra.*PiCamera"):
         read_loop_times(written(tmp_path, PROFILE), rate=20, part="PiCamra")
+
+
+@pytest.mark.parametrize(
+    ("slow", "fast", "taken"),
+    [
+        ("TubWriter", "KerasLinear", "KerasLinear"),
+        ("PiCamera", "TensorRTLinear", "TensorRTLinear"),
+        ("TubWriter", "FastAILinear", "FastAILinear"),
+        ("UserPilotCondition", "MyPilot", "MyPilot"),
+        ("ResNet18", "KerasLocalizer", "ResNet18"),
+        ("TubWriter", "MyNet", "TubWriter"),
+    ],
+)
+def test_the_pilot_is_found_by_its_name(tmp_path: Path, slow: str, fast: str, taken: str) -> None:
+    table = PROFILE.replace("    Pilot    ", f" {slow} ").replace("   PiCamera  ", f" {fast} ")
+    times = read_loop_times(written(tmp_path, table), rate=20)
+    assert f": {taken} (" in times.words
+    assert ("part=NAME" in times.words) == (taken == "TubWriter"), "a guess is said"
 
 
 def test_a_drive_holds_its_own_times(tmp_path: Path) -> None:
@@ -88,6 +119,8 @@ def test_an_improvement_changes_one_property(tmp_path: Path) -> None:
         ("latency_ms,loop_ms\n5,0\n", ("row 2", "loop_ms", "milliseconds")),
         ("latency_ms,loop_ms\n5\n", ("row 2", "milliseconds")),
         ("speed,time\n5,6\n", ("latency_ms", "speed")),
+        ("latency_ms\n0.2\n0.25\nlost\n1.5\n", ("seconds", "milliseconds (250)", "0 for")),
+        ("latency_ms,loop_ms\n0.2,0.3\n", ("seconds", "milliseconds (200)")),
         ("lost\nlost\n", ("all frames are lost",)),
         ("", ("0 times",)),
         (PROFILE.replace("280.00", "-3"), ("part Pilot", "min")),

@@ -1,13 +1,16 @@
 """Trainings on a recording of another car: what they are judged by."""
 
 import json
+import re
 import shlex
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from datamodules.formats.donkeycar import export_tub
 from datamodules.read_options import ReadOptions
 from datamodules.recording_format import read_recordings
 from datamodules.split import split_rows
@@ -120,6 +123,50 @@ def test_a_replay_of_another_cars_drives_says_so(recorded: Written, tmp_path: Pa
     assert "another car's network drives a replay" in printed
     assert "guessed: camera" in printed
     assert "next: drivezoo replay" in printed
+
+
+@pytest.fixture(scope="module")
+def unknown(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder with a tub of an unknown car, and a run on it."""
+    cwd = tmp_path_factory.mktemp("unknown")
+    export_tub(read_recordings(str(recorded.folder)), cwd / "tub")
+    for file in ("rig.yaml", "source.json"):
+        (cwd / "tub" / file).unlink()
+    for catalog in (cwd / "tub").glob("*.catalog"):
+        catalog.write_text(re.sub(r'"drivezoo/[^,]*, ', "", catalog.read_text()))
+    printed = succeed(run(cwd, *SMALL, "data.root=tub", "hydra.run.dir=run"))
+    (cwd / "stdout.txt").write_text(printed)
+    return cwd
+
+
+def test_the_command_after_a_training_without_a_rig_writes_one(unknown: Path) -> None:
+    line = (unknown / "stdout.txt").read_text().splitlines()[-1]
+    program, *words = shlex.split(line.removeprefix("next: "), comments=True)
+    assert (program, *words[:2]) == ("drivezoo", "new", "rig")
+    assert "the rig is unknown" in only_line(run(unknown, "run", "tub", module="zoo.replay"))
+
+
+@pytest.mark.parametrize("place", ["data.rig=my_car.yaml", "run/rig.yaml", "tub/rig.yaml"])
+def test_a_rig_is_added_to_a_finished_run_whose_replays_are_of_its_car(
+    unknown: Path, tmp_path: Path, place: str
+) -> None:
+    for name in ("run", "tub"):
+        shutil.copytree(unknown / name, tmp_path / name)
+    succeed(run(tmp_path, "rig", "my_car", module="zoo.new"))
+    path = tmp_path / "my_car.yaml"
+    assert "my_car.yaml: camera.size" in only_line(
+        run(tmp_path, "run", "tub", "data.rig=my_car.yaml", module="zoo.replay")
+    ), "what is not filled in is named"
+    numbers = iter(["[320, 160]", "60", "1.2", "2.87", "25"])
+    path.write_text(re.sub(r"\bnull\b(?= +#)", lambda _: next(numbers), path.read_text()))
+    if "=" not in place:
+        path.rename(tmp_path / place)
+    words = [place] if "=" in place else []
+    printed = succeed(run(tmp_path, "run", "tub", *words, "out=out", module="zoo.replay"))
+    assert "rig: my_car" in printed
+    assert "another car's network" not in printed
+    card = load_checkpoint(tmp_path / "run" / "checkpoints" / "best.ckpt").data
+    assert card["source"] == ("my_car" if place.startswith("run") else "a car of unknown make")
 
 
 @pytest.mark.parametrize(

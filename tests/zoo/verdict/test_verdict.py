@@ -12,7 +12,7 @@ from rich.console import Console
 from tests.zoo.commands import run_here, succeed
 from tests.zoo.written_checkpoints import write_constant
 from zoo.drives.intervals import ONE_TRACK
-from zoo.verdict.evidence import Evidence, read_evidence, training_command
+from zoo.verdict.evidence import Evidence, has_rig, read_evidence, training_command
 from zoo.verdict.judgement import judge, print_verdict
 
 
@@ -104,6 +104,26 @@ def test_a_network_of_another_car_gets_no_verdict_by_driving() -> None:
     assert "donkeycar" in verdict.certainty
     assert [shlex.split(command)[:2] for _, command in verdict.commands] == [["drivezoo", "replay"]]
     assert "my laps" in verdict.commands[0][1]
+
+
+@pytest.mark.parametrize(
+    ("facts", "words"),
+    [
+        ({"rig": "my car", "speed_mph": 9.0}, ["replay", "run/checkpoints/best.ckpt", "tub"]),
+        (
+            {"rig": "my car", "speed_mph": 0.0},
+            ["replay", "run/checkpoints/best.ckpt", "tub", "speed=9"],
+        ),
+        ({"rig": None, "speed_mph": 0.0}, ["new", "rig", "my_car"]),
+        ({}, ["replay", "run/checkpoints/best.ckpt", "tub"]),  # a run of an earlier version
+    ],
+)
+def test_the_next_command_for_another_car_has_what_a_replay_needs(
+    facts: dict, words: list[str]
+) -> None:
+    known = evidence({"data": {"root": "tub"}}, data=facts)
+    verdict = judge([], replace(known, source="donkeycar", has_rig=has_rig(facts)))
+    assert shlex.split(verdict.commands[0][1])[1:] == words
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,14 @@
 
 import socket
 
+import numpy as np
 import pytest
 
 from tests.simulator.donkey_replica import Change, donkey_replica, telemetry
 from zoo.base.errors import InputError
 from zoo.worlds import donkey_world
 from zoo.worlds.donkey_world import DonkeyWorld
+from zoo.worlds.drive_loop import drive
 from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import State
 
@@ -53,7 +55,7 @@ def test_a_slow_network_drives_by_the_newest_frame() -> None:
     [
         (lambda number, message: None if number == 4 else message, "left|reset|Broken pipe"),
         (lambda number, message: {} if number == 4 else message, "timed out"),
-        (lambda number, message: message | {"speed": "NaN"}, "speed is 'NaN', no number"),
+        (lambda number, message: message | {"time": "NaN"}, "time is 'NaN', no number"),
         (lambda number, message: message | {"image": "AAAA"}, "image: "),
         (lambda number, message: telemetry(number, (60, 80)) if number > 3 else message, "changed"),
         (lambda number, message: message | {"more": "x" * 20_000}, "more than"),
@@ -71,6 +73,49 @@ def test_a_simulator_that_fails_is_named(
     ):
         step_through(address)
     assert address in str(caught.value)
+
+
+@pytest.mark.parametrize("value", ["NaN", "1e308", 1e308, -1e308, "none"])
+@pytest.mark.parametrize("key", ["speed", "steering_angle", "cte", "pos_x", "activeNode"])
+def test_a_value_that_no_car_has_is_unknown(key: str, value: object) -> None:
+    with donkey_replica(lambda number, message: message | {key: value}) as (address, _):
+        state = step_through(address)[-1]
+    fields = {"speed": "speed_mph", "steering_angle": "steering", "cte": "cross_track_m"}
+    unknown = getattr(state, fields.get(key, "xy"))
+    if key == "activeNode":
+        assert state.share == 0
+    else:
+        assert unknown is None or np.isnan(unknown)
+
+
+@pytest.mark.parametrize("speed", ["NaN", 1e308])
+def test_a_car_of_unknown_speed_gets_no_throttle_and_no_intervention(speed: object) -> None:
+    seen: list[float] = []
+
+    def policy(frame: np.ndarray, speed_mph: float) -> tuple[float, None]:
+        seen.append(speed_mph)
+        return 0.0, None
+
+    def change(number: int, message: dict) -> dict:
+        return message | ({"speed": speed} if number > 3 else {}) | {"time": float(number)}
+
+    with donkey_replica(change) as (address, _):
+        world = DonkeyWorld(address)
+        driven = drive(policy, world, Scenario(address, laps=0.05, world="donkey"))
+        world.close()
+    assert np.isnan(driven.speed_mph[-1])
+    assert driven.throttle[0] > 0
+    assert driven.throttle[-1] == 0
+    assert not driven.intervention.any()
+    assert seen[-1] == seen[0], "a network sees the last speed that is known"
+
+
+def test_the_unity_programs_camera_is_unknown() -> None:
+    with donkey_replica(lambda number, message: message) as (address, _):
+        world = DonkeyWorld(address)
+        world.reset(Scenario(address, world="donkey"))
+        assert world.rig is None
+        world.close()
 
 
 def test_a_silent_simulator_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

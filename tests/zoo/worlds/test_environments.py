@@ -48,7 +48,7 @@ class SmallCar(gymnasium.Env):
     action_space = spaces.Box(np.float32([0, -0.5, 0]), np.float32([1, 0.5, 1]))
     observation_space = spaces.Tuple([spaces.Box(0, 255, (8, 12, 3), np.uint8)])
 
-    def __init__(self, fault: str = "") -> None:
+    def __init__(self, fault: str | float = "") -> None:
         self.fault, self.car, self.actions = fault, Car(), []
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict]:
@@ -62,6 +62,8 @@ class SmallCar(gymnasium.Env):
         self.actions.append(action.tolist())
         self.steps += 1
         self.side -= float(action[1])
+        if isinstance(self.fault, float):
+            self.car.speed = self.side = self.fault
         hit = self.steps >= 8
         return self._see(), 1.0, hit and self.fault != "endless", False, self._info(hit)
 
@@ -142,6 +144,16 @@ def test_a_film_plays_at_the_environments_own_rate(tmp_path: Path) -> None:
     all_drives(as_policy(lambda frame, mph: (0.1, -0.5)), [scenario], KeptDrive(tmp_path / "a", 1))
     meta = next(imageio_ffmpeg.read_frames(str(tmp_path / "a/film.mp4")))
     assert meta["fps"] == 10
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), 1e308])
+def test_a_number_that_no_car_has_is_unknown(value: float) -> None:
+    gymnasium.registry["SmallCar-v0"].kwargs["fault"] = value
+    driven, world = straight(MAPPED + ROAD + "lap: {place: info.side}\n", speed=12)
+    assert driven.speed_mph[0] == 10
+    assert np.isnan(driven.speed_mph[1:3]).all()
+    assert np.isnan(driven.cross_track_m[1:3]).all()
+    assert world.environment.unwrapped.actions[1][0] == 0, "no throttle for an unknown speed"
 
 
 @pytest.mark.parametrize(

@@ -32,14 +32,20 @@ async function get(path) {
   return response;
 }
 
-async function send(command) {
+// Commands wait for each other: each says which edits this page shows, and the server refuses it
+// if another page has changed them.
+let sending = Promise.resolve();
+const send = (command) => (sending = sending.then(() => post(command)));
+
+async function post(command) {
   try {
-    const response = await fetch("command", {
+    const response = await fetch(`command?shown=${edits.session}.${edits.changes}`, {
       method: "POST",
       headers: { "Content-Type": "application/json" },
       body: JSON.stringify(command),
     });
     const answer = await response.json();
+    if (response.status === 409) show(await (await get("state.json")).json());
     if (!response.ok) throw new Error(answer.error);
     show(answer);
     return true;
@@ -64,6 +70,7 @@ function text(id, value) {
 }
 
 function show(state) {
+  if (edits !== null && state.session !== edits.session) location.reload(); // another recording's
   const ended = edits !== null && state.finished > edits.finished;
   edits = state;
   timeline.edits = state;
@@ -452,6 +459,7 @@ document.onkeydown = (event) => {
   event.preventDefault();
   KEYS[letter](event);
 };
+document.onvisibilitychange = () => about && !document.hidden && poll(); // another page may have edited
 window.onresize = () => timeline.redrawAll();
 matchMedia("(prefers-color-scheme: light)").onchange = () => timeline.redrawAll();
 start().catch((error) => notify(error.message));

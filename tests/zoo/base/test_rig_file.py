@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from datamodules.rig_file import find_rig, read_rig, write_rig
 from zoo.base.errors import InputError
+from zoo.base.rig import RIGS, UDACITY
+from zoo.base.rig_file import find_rig, named_rig, read_rig, write_rig
 
 TEXT = """\
 name: my car
@@ -50,6 +51,28 @@ def test_an_impossible_number_is_named(old: str, new: str, place: str, tmp_path:
     path.write_text(TEXT.replace(old, new, 1))
     with pytest.raises(InputError, match=rf"rig\.yaml: {place}: .*; correct it"):
         read_rig(path)
+
+
+def test_a_rig_has_a_name_or_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert named_rig("donkey_sim").steering_deg == 16
+    assert named_rig("udacity") == UDACITY
+    (tmp_path / "mine.yaml").write_text(TEXT)
+    assert named_rig("mine.yaml").name == "my car"
+    with pytest.raises(InputError, match=r"^rig=donkey_sin: .*donkey_sim\?.*drivezoo new rig"):
+        named_rig("donkey_sin")
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_a_rig_that_is_written_drives_the_same(name: str, tmp_path: Path) -> None:
+    write_rig(tmp_path, RIGS[name])
+    again = read_rig(tmp_path / "rig.yaml")
+    assert (again.steering_deg, again.wheelbase_m) == (
+        RIGS[name].steering_deg,
+        pytest.approx(RIGS[name].wheelbase_m),
+    )
+    lens, own = again.cameras["center"], RIGS[name].cameras["center"]
+    assert lens.ahead_m + again.rear_axle_m == pytest.approx(own.ahead_m + RIGS[name].rear_axle_m)
 
 
 BONNET = "own_car: [[[0, 480], [320, 400.5], [640, 480]]]"

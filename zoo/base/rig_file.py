@@ -1,4 +1,4 @@
-"""A car's rig in a file: `rig.yaml` beside a recording, or the file that `data.rig=` names."""
+"""A car's rig by its name or in a file: `rig.yaml` beside a recording, or `data.rig=`."""
 
 import json
 from dataclasses import asdict
@@ -8,8 +8,8 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from zoo.base.bounded_files import read_yaml
-from zoo.base.errors import InputError
-from zoo.base.rig import Camera, Rig, single_camera_rig
+from zoo.base.errors import InputError, hint
+from zoo.base.rig import RIGS, Camera, Rig, centred, single_camera_rig
 
 RIG_NAME = "rig.yaml"
 
@@ -53,6 +53,21 @@ class RigFields(_Fields):
     guesses: Annotated[list[str], Field(max_length=20)] = []
 
 
+def named_rig(name: str) -> Rig:
+    """Return the rig of a name, or of a file.
+
+    Raises:
+        InputError: there is neither, or see `read_rig`.
+    """
+    path = Path(name).expanduser()
+    if path.exists():
+        return read_rig(path)
+    if name not in RIGS:
+        write = f"{hint(name, RIGS)}, or describe the car: drivezoo new rig my_car"
+        raise InputError(f"rig={name}: no such file, and no rig's name; {write}")
+    return RIGS[name]
+
+
 def read_rig(path: Path) -> Rig:
     """Return the rig in a file.
 
@@ -83,6 +98,7 @@ def make_rig(found: Any, path: object) -> Rig:
 
 def rig_fields(rig: Rig) -> dict[str, Any]:
     """Return the contents of a rig's file."""
+    rig = centred(rig)
     centre, right = rig.cameras["center"], rig.cameras.get("right")
     return {
         "name": rig.name,
