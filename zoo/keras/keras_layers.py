@@ -171,8 +171,8 @@ def _input_shape(
     saved = model.input_shape or [None, None, None]
     if len(saved) != 3:
         raise InputError(
-            f"{model.path}: its input is {by(saved)}, not an image of rows, columns and channels; "
-            "only networks of one image are converted"
+            f"{model.path}: its input is {by(saved):.100}, not an image of rows, columns and "
+            "channels; only networks of one image are converted"
         )
     channels, rows, columns = saved if first else (saved[2], *saved[:2])
     if channels is None:
