@@ -51,7 +51,7 @@ def searched(study: Study, run: Path, told: bool) -> Row:
     return {
         "scale_from": "the file" if told else "the search",
         "verdict": "not certain" if judged.doubts else "certain",
-        "left_lane": int(not (judged.driven and judged.driven[0].kept)),
+        "drive": "kept the lane" if judged.driven and judged.driven[0].kept else "left the lane",
         "colour_differs": int(found.view.colour != view.colour),
         # 128 and 127.5 are the same for a network.
         "scale_differs": int(not np.allclose(found.scale, own.scale, rtol=0.01)),
