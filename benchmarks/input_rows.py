@@ -27,7 +27,7 @@ def input_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
 
 
 def searched(study: Study, run: Path, told: bool) -> Row:
-    """Return whether the search of a network's input is convincing, and what it finds.
+    """Return what the search of a network's input finds, whether it is certain, and its drive.
 
     Args:
         study: study with the folder of the recording.
@@ -50,7 +50,8 @@ def searched(study: Study, run: Path, told: bool) -> Row:
     rows_off = np.abs(np.subtract(found.view.crop, view.crop)).max()
     return {
         "scale_from": "the file" if told else "the search",
-        "verdict": "not convincing" if judged.doubts else "convincing",
+        "verdict": "not certain" if judged.doubts else "certain",
+        "drive": "kept the lane" if judged.driven and judged.driven[0].kept else "left the lane",
         "colour_differs": int(found.view.colour != view.colour),
         # 128 and 127.5 are the same for a network.
         "scale_differs": int(not np.allclose(found.scale, own.scale, rtol=0.01)),

@@ -4,6 +4,7 @@ import io
 import json
 import math
 import struct
+import zipfile
 from pathlib import Path
 
 import h5py
@@ -31,6 +32,7 @@ from tests.zoo.keras.keras_files import (
     model_config,
     random_weights,
     write_h5,
+    write_json,
     write_keras,
 )
 from tests.zoo.models.test_models_command import build
@@ -41,7 +43,7 @@ from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.onnx_policy import CARD, OnnxPolicy
 from zoo.checkpoints.policy import build_doubt, doubt_contents
 from zoo.hub.card import described_hash
-from zoo.keras.keras_file import read_keras
+from zoo.keras.keras_file import check_kind, read_keras
 from zoo.keras.keras_lambda import describe_lambda, specs_of_word
 from zoo.keras.keras_layers import convert
 from zoo.models.layer_spec import LayerSpec
@@ -115,6 +117,78 @@ def test_a_damaged_keras_archive_is_named(count: int, tmp_path: Path) -> None:
         ".h5": st.integers(0, len(weights)).map(lambda end: weights[:end]),
     }
     read_damaged(mutated_zip(path.read_bytes(), members), imported, path, count)
+
+
+ODD_ATTRIBUTES = (
+    True, 0, 2**40, math.nan, "", "x", b"\xff", np.zeros(0), np.array([b"a", b"b"]), np.eye(2),
+    h5py.Empty("f"),
+)  # fmt: skip
+ODD_DATA = (
+    1.0, "text", h5py.Empty("f"), np.zeros(0), np.zeros((3, 3, 3, 3, 3)), np.zeros(2, np.complex64),
+    np.full((1008, 1), np.nan), np.array([b"abc"]), np.zeros((2, 3), bool),
+)  # fmt: skip
+
+
+@st.composite
+def mutated_hdf5(draw: st.DrawFn, data: bytes) -> bytes:
+    """Draw an HDF5 file with lost, renamed or odd groups, arrays and attributes."""
+    buffer = io.BytesIO(data)
+    with h5py.File(buffer, "r+") as file:
+        for _ in range(draw(st.integers(1, 3))):
+            items: list = [file]
+            file.visititems(lambda _, item, items=items: items.append(item))
+            if draw(st.booleans()) and (named := [one for one in items if len(one.attrs)]):
+                attributes = draw(st.sampled_from(named)).attrs
+                key = draw(st.sampled_from(sorted(attributes)))
+                del attributes[key]
+                if draw(st.booleans()):
+                    attributes[key] = draw(st.sampled_from(ODD_ATTRIBUTES))
+            elif len(items) > 1:
+                path = draw(st.sampled_from([item.name for item in items[1:]]))
+                how = draw(st.sampled_from(("lose", "move", "group", "data", "data")))
+                target = f"{path}x" if how == "move" else path
+                if how == "move":
+                    file.move(path, target)
+                else:
+                    del file[path]
+                if how == "group":
+                    file.create_group(path)
+                elif how == "data":
+                    file[path] = draw(st.sampled_from(ODD_DATA))
+    return buffer.getvalue()
+
+
+@FEW_AND_MANY
+@pytest.mark.parametrize("name", ["whole", "weights", "packed"])
+def test_a_damaged_hdf5_file_is_named(name: str, count: int, tmp_path: Path) -> None:
+    whole = write_h5(tmp_path / "m.h5", KERAS).read_bytes()
+    damaged, path = mutated_hdf5(whole), tmp_path / "m.h5"
+    if name == "weights":
+        write_json(tmp_path / "m.json", KERAS)
+        damaged = mutated_hdf5(path.read_bytes())
+    elif name == "packed":
+        path = tmp_path / "m.zip"
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("course/m.h5", whole)
+        damaged = mutated_zip(path.read_bytes(), {".h5": damaged}) | mutated_bytes(
+            path.read_bytes()
+        )
+    read_damaged(damaged, imported, path, count)
+
+
+KIND_BEGINS = (
+    b"PK\3\4" + b"\0" * 40, b"\x80\x02}q\x00.", b"\x08\x07\x12\x07pytorch", b"\x08\x01\x12\x10",
+    b"\x89HDF\r\n\x1a\n" + b"\0" * 40, b"version https://git-lfs.github.com/spec/v1", b"<html>",
+    b'{"a": 1}', b"\0\0\0\0TFL3", b"\0" * 60 + b"\x57\xfb\x80\x8b\x24\x75\x47\xdb",
+)  # fmt: skip
+
+
+@FEW_AND_MANY
+@pytest.mark.parametrize("suffix", [".h5", ".pb", ".ckpt"])
+def test_a_damaged_file_of_another_kind_is_named(suffix: str, count: int, tmp_path: Path) -> None:
+    damaged = st.sampled_from(KIND_BEGINS).flatmap(mutated_bytes)
+    for read in (imported, load_checkpoint, check_kind):
+        read_damaged(damaged, read, tmp_path / f"x{suffix}", count // 3)
 
 
 @pytest.fixture(scope="module")

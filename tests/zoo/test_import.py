@@ -1,8 +1,11 @@
 """`drivezoo import`: from a Keras file to a checkpoint that every command takes."""
 
+import re
+import shlex
 import subprocess
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import torch
@@ -26,6 +29,7 @@ from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.policy import load_policy
 from zoo.doctor.inputs import check_checkpoint
+from zoo.export.compiled_policy import find_compiler
 from zoo.input_search import tied_drives
 from zoo.models.pilotnet import PilotNet
 
@@ -70,11 +74,12 @@ def test_the_input_is_found_and_stands_in_the_checkpoint(imported: Path, lake: W
 
 def test_layers_trials_and_sources_are_printed(imported: Path) -> None:
     printed = (imported.parent / "stdout.txt").read_text()
-    for text in ("Flatten", "Dense", "12 x 40 x 3", "1,441", "yuv_old", "agreement", "convincing"):
+    for text in ("Flatten", "Dense", "12 x 40 x 3", "1,441", "yuv_old", "agreement"):
         assert text in printed
     assert "the file" in printed
     assert "trying on the recording" in printed
-    assert "of udacity_lake at" in printed
+    assert "what it saw: colour=yuv_old crop=[60,25]" in printed
+    assert "how it drives: " in printed
     assert "wrote: old.ckpt\nnext: drivezoo evaluate old.ckpt" in printed
 
 
@@ -158,14 +163,61 @@ def test_a_pilotnet_of_keras_steers_as_ours(tmp_path: Path) -> None:
         torch.testing.assert_close(imported, network(images), atol=1e-5, rtol=1e-5)
 
 
-def test_a_network_that_never_learned_is_not_convincing(lake: Written, tmp_path: Path) -> None:
+def test_a_network_that_never_learned_is_not_certain(lake: Written, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     weights = rng.normal(size=(12 * 40 * 3, 1)).astype(np.float32) / 1000
     dense = dense_layer(weights, np.zeros(1, np.float32))
     write_h5(tmp_path / "random.h5", [SCALED, ("Flatten", {}, []), dense], shape=(12, 40, 3))
     printed = succeed(import_file(tmp_path, "random.h5", f"recording={lake.folder}", "drive=false"))
-    assert "no input is convincing" in printed
+    assert "not certain: " in printed
+    assert "how it drives: not tried" in printed
     assert (tmp_path / "random.ckpt").is_file()
+
+
+@pytest.mark.parametrize("outputs", [1, 2])
+def test_a_line_is_applied_by_the_checkpoint_and_by_each_export(
+    outputs: int, tmp_path: Path
+) -> None:
+    """Its output is 0..1, 0.5 straight on, by a sigmoid, which no weights before it can undo."""
+    rng = np.random.default_rng(0)
+    weights = rng.normal(size=(12 * 40 * 3, outputs)).astype(np.float32) / 20
+    dense = dense_layer(weights, np.zeros(outputs, np.float32), activation="sigmoid")
+    write_h5(tmp_path / "old.h5", [SCALED, ("Flatten", {}, []), dense], shape=(12, 40, 3))
+    keys = ["outputs=[throttle,steering]"] * (outputs - 1)
+    for name, line in (("plain", []), ("lined", ["steering=[2.4,-1.2]"])):
+        succeed(import_file(tmp_path, "old.h5", f"out={name}.ckpt", *keys, *line))
+    for out in ("lined.onnx", *(["lined.c"] if find_compiler() else [])):
+        printed = succeed(run_here(tmp_path, "lined.ckpt", f"out={out}", module="zoo.export"))
+        assert "largest difference from the checkpoint" in printed
+    frames = rng.integers(0, 256, (4, 20, 40, 3), np.uint8).repeat(8, 1).repeat(8, 2)
+    plain, *lined = (
+        load_policy(tmp_path / f"{one}") for one in ("plain.ckpt", "lined.ckpt", "lined.onnx")
+    )
+    for frame in frames:
+        steering, throttle = plain(frame, 9.0)
+        for policy in lined:
+            assert policy(frame, 9.0).steering == pytest.approx(2.4 * steering - 1.2, abs=1e-5)
+            assert policy(frame, 9.0).throttle == pytest.approx(throttle, abs=1e-5)
+
+
+def test_the_line_that_is_offered_makes_the_output_steering(lake: Written, tmp_path: Path) -> None:
+    """Also after a wrong line; the command keeps the other keys."""
+    recording = read_recordings(str(lake.folder))
+    path = write_steering_h5(tmp_path / "old.h5", recording, VIEW, SCALED)
+    with h5py.File(path, "r+") as file:
+        group = file["model_weights/dense_1/dense_1"]
+        for name, term in (("kernel:0", 0.0), ("bias:0", 0.5)):
+            group[name][...] = group[name][...] / 2.4 + term
+    keys = [f"recording={lake.folder}", "colour=yuv_old", "crop=[60,25]", "drive=false"]
+    for more in ([], ["steering=[-3,1]"]):
+        printed = succeed(import_file(tmp_path, "old.h5", *keys, *more))
+        command = re.search(r"drivezoo import (.*)", printed)[1]
+        assert "not like steering" in printed
+        again = succeed(import_file(tmp_path, *shlex.split(command)))
+        assert "not certain" not in again
+        factor, offset = map(float, re.search(r"steering=\[(.*?),(.*?)\]", command).groups())
+        assert (factor, offset) == pytest.approx((2.4, -1.2), rel=0.1)
+        assert set(keys) < set(shlex.split(command))
 
 
 def test_an_import_replaces_its_own_file_only(keras_file: Path, tmp_path: Path) -> None:
@@ -185,6 +237,9 @@ def test_an_import_replaces_its_own_file_only(keras_file: Path, tmp_path: Path) 
         (["crop=[100,80]"], "data.crop=[100, 80]", "crop less"),
         (["size=[66,200]"], "size=[66,200]", "12 x 40"),
         (["scale=[0,1]"], "scale=[0,1]", "[127.5,1]"),
+        (["steering=[0,1]"], "steering=[0,1]", "[2.4,-1.2]"),
+        (["steering=[nan,1]"], "steering=[nan,1]", "[2.4,-1.2]"),
+        (["steering=2.4"], "steering=2.4", "[2.4,-1.2]"),
         (["colour=gray"], "colour=gray", "3 channels"),
         (["recording=nowhere"], "nowhere", "no such folder"),
         (["out=old.h5"], "out=old.h5", ".ckpt"),

@@ -29,6 +29,13 @@ from zoo.base.terminal import error_line
 from zoo.base.written_files import digest_of
 from zoo.checkpoints.checkpoint_path import FOLDER
 from zoo.checkpoints.checkpoint_path import find_checkpoint as find_checkpoint
+from zoo.checkpoints.network_kind import (
+    PICKLE,
+    TORCH,
+    describe_kind,
+    describe_torch,
+    file_kind,
+)
 from zoo.checkpoints.pickle_limits import MOST_BYTES as MOST_PICKLE_BYTES
 from zoo.checkpoints.pickle_limits import check_pickles
 from zoo.models.make_network import make_network
@@ -143,11 +150,20 @@ def checked_contents(contents: Any, path: Path) -> dict:
         )
     card = contents.get("drivezoo") if isinstance(contents, dict) else None
     if not isinstance(card, dict) or "state_dict" not in contents:
-        raise InputError(
-            f"{path}: is not a checkpoint of drivezoo; name one from a run of drivezoo train"
-        )
+        raise InputError(f"{path}: {_describe_contents(contents, path)}")
     check_version(card.get("format"), FORMAT, path)
     return contents
+
+
+def _describe_contents(contents: Any, path: Path) -> str:
+    """Return what a torch file is that is not a checkpoint of drivezoo."""
+    states = {"": contents} | (contents if isinstance(contents, dict) else {})
+    for key, state in states.items():
+        if isinstance(state, dict) and state and all(map(torch.is_tensor, state.values())):
+            load = f"torch.load({str(path)!r}, weights_only=True){f'[{key!r}]' if key else ''}"
+            own = "from YOUR_FILE import YOUR_CLASS; net = YOUR_CLASS()"
+            return describe_torch(f"{own}; net.load_state_dict({load})")
+    return "is not a checkpoint of drivezoo; name one from a run of drivezoo train"
 
 
 def load_plain(path: Path) -> Any:
@@ -173,14 +189,14 @@ def _load_plain(file: BinaryIO, path: Path) -> object:
         InputError: see `load_plain`.
         OSError: the file cannot be read.
     """
-    begin = file.read(4)
-    if not begin:
-        raise InputError(f"{path}: is empty (0 bytes); {_ANOTHER}")
-    is_zip = begin.startswith(b"PK")
+    kind = file_kind(file, path.name)
+    if kind not in (TORCH, PICKLE):
+        what = describe_kind(path, kind) if kind else f"is not a torch file; {_ANOTHER}"
+        raise InputError(f"{path}: {what}")
+    file.seek(0)
+    is_zip = file.read(2) == b"PK"  # else a pickle, as torch wrote before 1.6
     if is_zip and not zipfile.is_zipfile(file):  # its end record is missing
         raise InputError(f"{path}: is truncated (its end is missing); copy it again, or {_ANOTHER}")
-    if not is_zip and not begin.startswith(b"\x80"):  # a pickle, as torch wrote before 1.6
-        raise InputError(f"{path}: is not a torch file; {_ANOTHER}")
     try:
         check_pickles(*_first_pickles(file, path, is_zip))
         size = file.seek(0, io.SEEK_END)
@@ -192,7 +208,7 @@ def _load_plain(file: BinaryIO, path: Path) -> object:
     except pickle.UnpicklingError:
         raise InputError(
             f"{path}: is damaged or contains code, which was not run; name a checkpoint of "
-            "drivezoo train, or a file that holds only a state_dict()"
+            "drivezoo train, or a file to which its own program saved only a state_dict()"
         ) from None
     except InputError:
         raise
@@ -250,7 +266,7 @@ def build_checkpoint(contents: dict, path: Path) -> Checkpoint:
         view = View.from_dict(card["view"])
         network = make_network(card["config"]["model"], view, most)
     except (InputError, RuntimeError, KeyError, TypeError) as error:
-        reason = str(error).splitlines()[0]
+        reason = str(error).splitlines()[0][:300]
         raise InputError(f"{path}: its network cannot be built ({reason}); {_ANOTHER}") from None
     what = changed or "its config"
     fix = f"{what} was changed after the training; restore it, or {_ANOTHER}"

@@ -165,9 +165,12 @@ def _in_folder(folder: Path) -> Path:
             f"{folder}: this run has no checkpoint yet (no {FOLDER}/{BEST}); resume it: "
             f"drivezoo train resume={folder}"
         )
-    raise InputError(
-        f"{folder}: is a folder without {FOLDER}/{BEST}; name a run's folder or a checkpoint"
-    )
+    # The doctor imports this module without packages.
+    from zoo.checkpoints.network_kind import describe_kind, network_kind
+
+    what = f"is a folder without {FOLDER}/{BEST}; name a run's folder or a checkpoint"
+    kind = network_kind(folder)
+    raise InputError(f"{folder}: {describe_kind(folder, kind) if kind else what}")
 
 
 def _started(run: Path, checkpoint: Path) -> float:

@@ -64,7 +64,7 @@ def progress_bar(what: str, console: "Console") -> Iterator[Callable[[float], No
             task = progress.add_task(escape(what), total=1.0)
             yield lambda share: progress.update(task, completed=share)
         return
-    began = time.monotonic()
+    began = started = time.monotonic()
     every_s = NOTEBOOK_EVERY_S if console.is_jupyter else LINE_EVERY_S
     next_line = began + every_s
 
@@ -76,12 +76,14 @@ def progress_bar(what: str, console: "Console") -> Iterator[Callable[[float], No
             console.print(text, highlight=False, markup=False)
 
     def print_line(share: float) -> None:
-        nonlocal next_line
+        nonlocal next_line, started
         now = time.monotonic()
+        if not share:  # processes start, which says nothing of the pace
+            started = now
         if now < next_line:
             return
         next_line = now + every_s
-        left = f", {(now - began) * (1 - share) / share:.0f} s left" if share >= KNOWN else ""
+        left = f", {(now - started) * (1 - share) / share:.0f} s left" if share >= KNOWN else ""
         show_text(f"{what}: {share:.0%} after {now - began:.0f} s{left}")
 
     try:

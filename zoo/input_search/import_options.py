@@ -14,17 +14,22 @@ Pixels = Annotated[int, Field(ge=0, le=9999)]
 Number = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
-def _divides(scale: tuple[float, float]) -> tuple[float, float]:
-    if not scale[0]:
-        raise ValueError("the divisor is 0")
-    return scale
+def _begins(pair: tuple[float, float]) -> tuple[float, float]:
+    if not pair[0]:
+        raise ValueError("the first number is 0")
+    return pair
 
 
 Crop = Annotated[tuple[Pixels, Pixels], Field(examples=[(60, 25)])]
 Size = Annotated[tuple[Pixels, Pixels], Field(examples=[(66, 200)])]
+Line = Annotated[
+    tuple[Number, Number],
+    AfterValidator(_begins),
+    Field(examples=["[2.4,-1.2], the factor first and not 0"]),
+]
 DividedScale = Annotated[
     tuple[Number, Number],
-    AfterValidator(_divides),
+    AfterValidator(_begins),
     Field(examples=["[127.5,1], the divisor first and not 0"]),
 ]
 
@@ -45,6 +50,7 @@ class ImportOptions:
         lambdas: [WORD,...]: what each unclear Lambda computes, in order.
         outputs: [steering,ignored]: name of each output (steering, throttle, ignored), if there are
             several.
+        steering: [2.4,-1.2]: the car's steering is 2.4 x output - 1.2; null: the output.
         throttle_range: MODEL_CATEGORICAL_MAX_THROTTLE_RANGE of a categorical network of Donkeycar.
         weights: .h5 file with the weights of a .json; null: the one in its folder.
         frames: largest number of frames to try an input on.
@@ -60,6 +66,7 @@ class ImportOptions:
     scale: DividedScale | None = None
     lambdas: list[str] | None = None
     outputs: list[str] | None = None
+    steering: Line | None = None
     throttle_range: Annotated[float, Field(gt=0, le=1)] = THROTTLE_RANGE
     weights: str | None = None
     frames: Annotated[int, Field(ge=LEAST_ROWS, le=2000)] = 300

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
+from zoo.base.terminal import command_line
 from zoo.input_search.combinations import Combination
-from zoo.input_search.judgement import Judgement
+from zoo.input_search.judgement import Driven, Judgement
 from zoo.input_search.tied_drives import STRETCH
 from zoo.input_search.trials import Trial
 from zoo.keras.keras_layers import LayerNote
@@ -33,8 +34,13 @@ def architecture_table(name: str, notes: Sequence[LayerNote], width: int) -> Tab
     return fitted_table(title, columns[:4], columns[4:], width, first=2)[0]
 
 
-def input_table(found: Combination, sources: dict[str, str], width: int) -> Table:
-    """Return the parts of the network's input, and where each came from."""
+def input_table(
+    found: Combination,
+    line: tuple[float, float] | None,
+    sources: dict[str, str],
+    width: int,
+) -> Table:
+    """Return the parts of the network's input and the line of its output, with their origins."""
     view = found.view
     height, columns, _ = view.shape
     divisor, less = found.scale
@@ -45,9 +51,21 @@ def input_table(found: Combination, sources: dict[str, str], width: int) -> Tabl
         "resize": view.resize if view.size else "-",
         "scale": f"pixel / {divisor:g} - {less:g}",
     }
+    if line is not None:
+        values["steering"] = line_text(line)
     rows = [(key, value, sources[key]) for key, value in values.items()]
     columns = Columns.of(["input", "value", "from"], rows).columns
     return fitted_table("what the network sees", columns, [], width)[0]
+
+
+def line_text(line: tuple[float, float]) -> str:
+    """Return the formula of a straight line.
+
+    >>> line_text((2.4, -1.2))
+    '2.4 x output - 1.2'
+    """
+    factor, offset = line
+    return f"{factor:.3g} x output {'-' if offset < 0 else '+'} {abs(offset):.3g}"
 
 
 def trials_table(judged: Judgement, width: int) -> Table:
@@ -73,34 +91,51 @@ def trials_table(judged: Judgement, width: int) -> Table:
     return fitted_table(title, names, columns[4:], width, first=2)[0]
 
 
-def print_judgement(judged: Judgement, console: Console) -> None:
-    """Print whether the best input is convincing, and which others may be right."""
+def print_judgement(
+    judged: Judgement, line: tuple[float, float], again: Sequence[object], console: Console
+) -> None:
+    """Print what the network saw, how it drives, and which other inputs may be right.
+
+    Args:
+        judged: judgement of the search.
+        line: straight line from the file's output to the recorded steering.
+        again: words of the command, which a key for the line is added to.
+        console: console to print on.
+    """
     best = judged.best
+    saw = f"what it saw: {best.combination.text()}"
     if judged.doubts:
-        lines = [
-            "no input is convincing; the best is taken, but",
-            *(f"- {one}" for one in judged.doubts),
-            "was the network trained to steer by one image, on a track as in this recording? Name "
-            "a recording of that track, or set colour=, crop= and scale= if you know them",
-        ]
+        lines = [f"{saw}, the best of those tried, but not certain: {'; '.join(judged.doubts)}"]
     else:
         lines = [
-            f"convincing: correlation {best.correlation:.2f} with the recorded steering; "
-            f"by chance, the best of all inputs reaches {judged.chance:.2f} (99 %)"
+            f"{saw}: correlation {best.correlation:.2f} with the recorded steering; by chance, "
+            f"the best of all inputs reaches {judged.chance:.2f} (99 %)"
         ]
+    lines.append(f"how it drives: {_drive(judged.driven[0]) if judged.driven else 'not tried'}")
+    if abs(best.correlation) > judged.chance:
+        lines.append(f"straight line to the recorded steering: steering = {line_text(line)}")
+        if not best.means_steering:
+            key = "steering=[{:.3g},{:.3g}]".format(*line)
+            lines.append(
+                "its output may mean something else than steering of -1..1, such as degrees or "
+                "0..1: set steering=[factor,offset] as its program computes the steering from it, "
+                f"or try the line: {command_line([*again, key])}"
+            )
+    if judged.doubts or not all(one.kept for one in judged.driven[:1]):
+        lines.append(
+            "was it trained to steer by one image, on a track as in this recording? Name a "
+            "recording of that track, or set the keys that you know. No key cuts off columns, "
+            "finds edges (Canny), blurs over more than 3 x 3 pixels or scales each image by its "
+            "own pixels: what such a program computes must stand in a function of your own, "
+            "given to drivezoo.evaluate"
+        )
     if judged.next:
-        margin, what = best.score - judged.next.score, "agreement"
-        what = "correlation of all cameras" if best.free_scale else what
         lines.append(
             f"the next input that is worse for certain: {_difference(best, judged.next)}, "
-            f"{what} lower by {margin:.3f}"
+            f"correlation of all cameras lower by {best.score - judged.next.score:.3f}"
         )
-    for one in judged.driven:
-        drove = "drove" if one.kept else "left the lane after"
-        lines.append(
-            f"{drove} {one.driven_m:.0f} m of {STRETCH.track} at {STRETCH.speed:g} mph, "
-            f"{one.cte_mean_m:.2f} m from the centreline: {one.trial.combination.text()}"
-        )
+    for one in judged.driven[1:]:
+        lines.append(f"{_drive(one)}: {one.trial.combination.text()}")
     if judged.alike:
         alike = "; ".join(_difference(best, one) for one in judged.alike)
         lines.append(f"steers the same, so the difference does not matter: {alike}")
@@ -109,6 +144,15 @@ def print_judgement(judged: Judgement, console: Console) -> None:
         lines.append(f"too near to tell apart, but steers differently; try by driving: {tied}")
     for line in lines:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def _drive(driven: Driven) -> str:
+    """Return a text on how well an input drove."""
+    drove = "kept the lane over" if driven.kept else "left the lane after"
+    return (
+        f"{drove} {driven.driven_m:.0f} m of {STRETCH.track} at {STRETCH.speed:g} mph, "
+        f"{driven.cte_mean_m:.2f} m from the centreline"
+    )
 
 
 def _difference(best: Trial, other: Trial) -> str:

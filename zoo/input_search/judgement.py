@@ -1,4 +1,4 @@
-"""Judgement of a search: whether its best combination is convincing, and which others may be right.
+"""Judgement of a search: whether a network saw its best combination, and which others may be right.
 
 Correlations of outputs that have nothing to do with the steering are measured by rolling the
 recorded steering along the recording, which keeps how it changes with time. For each shift, the
@@ -12,18 +12,22 @@ import numpy as np
 
 from datamodules.view import RESIZES
 from zoo.input_search.combinations import POPULAR, SCALES, KnownInput, TrialFrames
-from zoo.input_search.trials import Network, Trial, Trials, correlations, try_all, try_inputs
+from zoo.input_search.trials import (
+    MOST_TIED,
+    Network,
+    Trial,
+    Trials,
+    correlations,
+    planned_images,
+    try_all,
+    try_inputs,
+)
 
 NULL_SHARE = 0.99
 LEAST_CORRELATION = 0.5  # the output explains a quarter of the steering's variance
-# The agreement of a network with that correlation, trained on squared errors: its steering spreads
-# over `correlation` times the recorded one, so its concordance is 2 r^2 / (1 + r^2). Untrained
-# networks can correlate by 0.9 in a simple world, but agree by less than 0.1.
-LEAST_AGREEMENT = 0.4
 SURE = 0.95
 RESAMPLES = 200
 BLOCKS = 30  # neighbouring frames are alike
-MOST_TIED = 4  # that are tried on all frames
 SAME_STEERING = 0.02  # mean difference of two outputs that makes no difference in driving
 
 
@@ -51,7 +55,7 @@ class Judgement:
     Attributes:
         best: trial that drove best, or the one with the highest score; of those that steer like
             it, the most usual one.
-        doubts: reasons why the best combination is not convincing; empty if it is.
+        doubts: reasons why the network may have seen something else than the best combination.
         chance: correlation that steering which is rolled along the recording exceeds in 1 %.
         alike: other finalists that steer the same as the best.
         tied: finalists that steer differently, but whose score may be as high as the best's.
@@ -89,14 +93,22 @@ def search(
     Raises:
         InputError: no combination fits.
     """
-    trials = try_inputs(network, known, frames, show, show_best)
+    planned, seen = planned_images(known, frames), [0]
+
+    def did(images: int) -> None:  # from several threads
+        seen.append(images)
+        show(min(sum(seen) / planned, 1.0))
+
+    trials = try_inputs(network, known, frames, did, show_best)
     judged = judge(trials)
     if not judged.tied or len(judged.best.steering) == len(frames.steering):
+        show(1.0)
         return judged
     near = [judged.best, *judged.tied[:MOST_TIED], *([judged.next] if judged.next else [])]
     chosen = [one.combination for one in near]
     chosen += [one.combination for one in trials.finalists if one.combination == POPULAR]
-    again = try_all(network, list(dict.fromkeys(chosen)), frames, judged.best.free_scale)
+    again = try_all(network, list(dict.fromkeys(chosen)), frames, did)
+    show(1.0)
     show_best(again[0])
     return judge(replace(trials, finalists=tuple(again)), before=judged)
 
@@ -127,7 +139,7 @@ def judge(
     tied = [one for one in different if _low(scores - _scores(one, samples)) <= 0]
     return Judgement(
         best,
-        tuple(_doubts(best, chance, samples, driven)),
+        tuple(_doubts(best, chance, samples)),
         chance,
         tuple(dict.fromkeys(one for one in alike if one is not best)),
         tuple(tied),
@@ -143,38 +155,32 @@ def chance_correlation(trials: Trials) -> float:
     outputs = np.stack([one.cameras[0] for one in trials.coarse])
     rows = len(steering)
     shifts = range(rows // 20, rows - rows // 20 + 1)
-    highest = [correlations(outputs, np.roll(steering, shift)).max() for shift in shifts]
+    highest = [np.abs(correlations(outputs, np.roll(steering, one))).max() for one in shifts]
     return float(np.quantile(highest, NULL_SHARE))
 
 
-def _doubts(
-    best: Trial, chance: float, samples: list[np.ndarray], driven: tuple[Driven, ...]
-) -> list[str]:
+def _doubts(best: Trial, chance: float, samples: list[np.ndarray]) -> list[str]:
     doubts = []
-    if driven and not driven[0].kept:
-        doubts.append(f"its drive left the lane after {driven[0].driven_m:.0f} m")
-    if best.correlation <= chance:
+    if abs(best.correlation) <= chance:
         doubts.append(
             f"its correlation with the recorded steering, {best.correlation:.2f}, is not above "
             f"{chance:.2f}, which one of {len(best.steering):,} frames can reach by chance"
         )
-    elif driven and driven[0].kept:
-        return []  # a drive without an intervention is the strongest evidence
-    elif best.correlation < LEAST_CORRELATION:
+    elif abs(best.correlation) < LEAST_CORRELATION:
         doubts.append(
             f"its correlation with the recorded steering, {best.correlation:.2f}, is below "
             f"{LEAST_CORRELATION:g}; it is also so low with a wrong colour or crop"
         )
-    if best.agreement < LEAST_AGREEMENT:
+    if not best.means_steering:
         spread = best.cameras[0].std() / best.steering.std()
         doubts.append(
-            f"its agreement with the steering that the images call for, {best.agreement:.2f}, is "
-            f"below {LEAST_AGREEMENT:g}; its steering spreads over {spread:.2g} times the recorded "
-            "one"
+            f"its output is not like steering: its spread is {spread:.2g} times the recorded one, "
+            f"its mean {best.cameras[0].mean():.2g}"
         )
+    sign = np.sign(best.correlation)
     if (
         len(best.cameras) > 1
-        and _low(np.array([best.rows(rows).recovery for rows in samples])) <= 0
+        and _low(np.array([sign * best.rows(rows).recovery for rows in samples])) <= 0
     ):
         doubts.append(f"its recovery response, {best.recovery:+.3f}, is not surely above 0")
     return doubts

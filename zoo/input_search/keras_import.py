@@ -67,7 +67,8 @@ def import_network(file: str, options: ImportOptions, console: Console) -> Path:
     else:
         judged = find_input(path, converted, known, recording, options, console)
         found, rest = judged.best.combination, SEARCH
-    console.print(input_table(found, _sources(known, options, rest), console.width))
+    sources = _sources(known, options, rest)
+    console.print(input_table(found, options.steering, sources, console.width))
     if recording is None:
         _warn_of_guesses(path, known, found, console)
     source = "donkeycar" if model.is_donkeycar else None
@@ -102,6 +103,7 @@ def _known(
     """Convert the model, and return what its file and the user's keys tell of its input."""
     scale = options.scale
     given = (options.lambdas, options.outputs, options.size, options.throttle_range)
+    given = (*given, options.steering)
     try:
         converted = convert(model, scale, *given)
         scale = converted.scale
@@ -173,21 +175,26 @@ def find_input(
     def write(trial: Trial, out: Path) -> None:
         _write(out, path, converted, trial.combination, recording)
 
+    with progress_bar("reading images", console) as show:
+        frames = read_trial_frames(recording, options.frames, show)
     with progress_bar("trying colours and crops", console) as show:
-        some = read_trial_frames(recording, options.frames, lambda share: show(0.1 * share))
-        make = network_maker(converted)
-        judged = search(make, known, some, lambda share: show(0.1 + 0.9 * share), show_best)
+        judged = search(network_maker(converted), known, frames, show, show_best)
     if options.drive and other_car(recording) is None:
         judged = drive_tied(judged, write, console)
     console.print(trials_table(judged, console.width))
-    print_judgement(judged, console)
+    (factor, offset), (before, shift) = judged.best.line, options.steering or (1.0, 0.0)
+    usual = vars(ImportOptions(steering=options.steering))
+    keys = {key: value for key, value in vars(options).items() if value != usual[key]}
+    again = ["drivezoo", "import", path, *(f"{key}={typed(value)}" for key, value in keys.items())]
+    print_judgement(judged, (factor * before, factor * shift + offset), again, console)
     return judged
 
 
 def _sources(known: KnownInput, options: ImportOptions, rest: str) -> dict[str, str]:
     """Return where each part of the input came from."""
     keys = ("colour", "crop", "resize", "scale")
-    found = {key: FILE if getattr(known, key) else rest for key in keys} | {"size": FILE}
+    found = {key: FILE if getattr(known, key) else rest for key in keys}
+    found |= {"size": FILE, "steering": KEY}
     return {key: KEY if getattr(options, key) else source for key, source in found.items()}
 
 

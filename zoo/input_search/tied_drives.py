@@ -40,9 +40,10 @@ def drive_tied(
     finalists = judged.trials.finalists
     popular = [one for one in finalists if one.combination == POPULAR and one not in judged.alike]
     ordered = dict.fromkeys([judged.best, *popular, *groups.values(), *judged.tied])
-    chosen = [one for one in ordered if one.correlation > judged.chance][:MOST_DRIVEN]
+    chosen = [one for one in ordered if abs(one.correlation) > judged.chance][:MOST_DRIVEN]
     driven = _drive(chosen[:1], write, console)
-    if not all(one.kept for one in driven):
+    # Of outputs that mean something else, no drive tells which input is right.
+    if judged.best.means_steering and not all(one.kept for one in driven):
         driven += _drive(chosen[1:], write, console)
     driven.sort(key=lambda one: (not one.kept, -round(one.driven_m, -1), round(one.cte_mean_m, 1)))
     return judge(judged.trials, tuple(driven), judged)

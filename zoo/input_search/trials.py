@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from datamodules.view import View
+from datamodules.view import RESIZES, View
 from zoo.base.cores import usable_cores
 from zoo.input_search.combinations import (
     SCALES,
@@ -36,10 +36,13 @@ from zoo.worlds.run_drives import one_thread
 # Steering that each camera's image calls for more than the centre's; solutions of the course add
 # 0.2 to 0.3 for the left camera.
 SIDE_OFFSETS = np.array([0.0, 0.25, -0.25])
-SPREAD_WEIGHT = 1 / 8  # of the spread and the mean beside the correlation, if the scale is free
+SPREAD_WEIGHT = 1 / 8  # of the spread and the mean, beside the correlation
+LEAST_LIKENESS = 0.5  # of an output that means steering; published networks reach 0.65 or more
 COARSE_ROWS, COARSE_STEP = 100, 3  # rows after the first stage, and every how many in it
 COARSE_SCALES = [one for one in SCALES if one != (128.0, 1.0)]  # it is near (127.5, 1)
 FINALISTS = 6
+MOST_TIED = 4  # that are tried on all frames
+USUAL_NEIGHBOURS = 6  # crops and scales that are tried in the fourth stage
 HOPELESS = 0.5  # of the best agreement in the first stage; another colour below it is left out
 NEAR_ROWS = 5  # difference of neighbouring crops, at the top and at the bottom
 BATCH = 64
@@ -55,13 +58,11 @@ class Trial:
         cameras: steering that the network returns for each camera's frames, float64 [cameras, N]:
             the centre one, or the centre, left and right ones.
         steering: recorded steering, float64 [N].
-        free_scale: whether the scale is searched, too.
     """
 
     combination: Combination
     cameras: np.ndarray
     steering: np.ndarray
-    free_scale: bool = False
 
     @cached_property
     def correlation(self) -> float:
@@ -84,15 +85,32 @@ class Trial:
 
     @cached_property
     def score(self) -> float:
-        """Return what ranks the trial: the agreement, or mostly the correlation for a free scale.
+        """Return what ranks the trial: mostly the correlation, of all cameras, without its sign.
 
-        A wrong scale amplifies the output, and the agreement of a weak network rises with it. The
-        correlation alone is the same for all scales of a linear network. Both are of all cameras.
+        A wrong colour or scale amplifies the output, and the agreement of a weak network rises with
+        it. The agreement of outputs that mean something else, such as degrees, tells nothing.
         """
         correlation = float(correlations(self.outputs[None], self.wanted)[0])
-        if not self.free_scale or correlation <= 0:
-            return self.agreement
-        return correlation * (self.agreement / correlation) ** SPREAD_WEIGHT
+        if not correlation:
+            return 0.0
+        return abs(correlation) * abs(self.agreement / correlation) ** SPREAD_WEIGHT
+
+    @cached_property
+    def line(self) -> tuple[float, float]:
+        """Return factor and offset of the straight line from the output to the recorded steering.
+
+        It is that of the least squares, centre camera.
+        """
+        output = self.cameras[0]
+        variance = output.var()
+        factor = np.mean((output - output.mean()) * self.steering) / variance if variance else 0.0
+        return float(factor), float(self.steering.mean() - factor * output.mean())
+
+    @property
+    def means_steering(self) -> bool:
+        """Return whether the output's sign, mean and spread are like those of the steering."""
+        agreement = concordance(self.cameras[0], self.steering)
+        return self.correlation > 0 and agreement >= LEAST_LIKENESS * self.correlation
 
     @property
     def wanted(self) -> np.ndarray:
@@ -107,7 +125,7 @@ class Trial:
     def rows(self, rows: np.ndarray) -> "Trial":
         """Return the trial of some rows only, such as a bootstrap's."""
         cameras, steering = self.cameras[:, rows], self.steering[rows]
-        return Trial(self.combination, cameras, steering, self.free_scale)
+        return Trial(self.combination, cameras, steering)
 
 
 @dataclass(frozen=True)
@@ -150,11 +168,23 @@ def correlations(outputs: np.ndarray, steering: np.ndarray) -> np.ndarray:
     return np.nan_to_num(product, nan=0.0, posinf=0.0, neginf=0.0)
 
 
+def planned_images(known: KnownInput, frames: TrialFrames) -> int:
+    """Return the number of images that the stages take at most, but for further neighbours."""
+    possible = combinations(known)
+    some, cameras = len(_some(frames).steering), len(frames.cameras)
+    views = {one.view for one in possible}
+    colours = {view.colour for view in views}
+    fine = FINALISTS + len(colours) + USUAL_NEIGHBOURS + len(RESIZES)
+    coarse = len(_coarse(possible, known)) // COARSE_STEP + _kept(len(views))
+    again = 0 if some == len(frames.steering) else (MOST_TIED + 3) * len(frames.steering) * cameras
+    return some * (coarse + fine * cameras) + again
+
+
 def try_inputs(
     network: Network,
     known: KnownInput,
     frames: TrialFrames,
-    show: Callable[[float], None],
+    did: Callable[[int], None],
     show_best: Callable[[Trial], None],
 ) -> Trials:
     """Try the combinations that fit what is known, and return the trials.
@@ -164,38 +194,45 @@ def try_inputs(
             mode, on the CPU.
         known: facts about the input.
         frames: frames to try on.
-        show: function called with the finished share of the work, 0..1.
+        did: function called with the number of images that a network has seen.
         show_best: function called with the best trial of each stage.
 
     Raises:
         InputError: no combination fits.
     """
-    free = known.scale is None
-    some = frames.every(max(1, len(frames.steering) // COARSE_ROWS))
+    some = _some(frames)
 
-    def stage(chosen: Sequence[Combination], frames: TrialFrames, *shares: float) -> list[Trial]:
-        """Return the trials, the best first, and show the work from one share to another."""
-        found = try_all(
-            network, chosen, frames, free, lambda one: show(np.interp(one, (0, 1), shares))
-        )
+    def stage(chosen: Sequence[Combination], frames: TrialFrames) -> list[Trial]:
+        """Return the trials, the best first."""
+        found = try_all(network, chosen, frames, did)
         for best in found[:1]:
             show_best(best)
         return found
 
     possible = combinations(known)
-    first = [one for one in possible if not free or one.scale in COARSE_SCALES]
     best: dict[View, Combination] = {}  # the best scale of each view
-    for one in stage(first, some.every(COARSE_STEP).center_only(), 0.0, 0.4):
+    for one in stage(_coarse(possible, known), some.every(COARSE_STEP).center_only()):
         best.setdefault(one.combination.view, one.combination)
-    kept = list(best.values())[: max(FINALISTS, len(best) // 3)]
-    coarse = stage(kept, some.center_only(), 0.4, 0.6)
-    finalists = stage(_finalists(coarse), some, 0.6, 0.8)
+    coarse = stage(list(best.values())[: _kept(len(best))], some.center_only())
+    finalists = stage(_finalists(coarse), some)
     while more := _neighbours(finalists, possible):
-        finalists += stage(more, some, 0.8, 0.8)
+        finalists += stage(more, some)
     found = max(finalists, key=_score).combination
     last = dict.fromkeys([*with_each_resize(found, known)[1:], *popular_combinations(known)])
-    finalists += stage(list(last), some, 0.8, 1.0)
+    finalists += stage(list(last), some)
     return Trials(tuple(sorted(finalists, key=_score, reverse=True)), tuple(coarse))
+
+
+def _some(frames: TrialFrames) -> TrialFrames:
+    return frames.every(max(1, len(frames.steering) // COARSE_ROWS))
+
+
+def _coarse(possible: Sequence[Combination], known: KnownInput) -> list[Combination]:
+    return [one for one in possible if known.scale or one.scale in COARSE_SCALES]
+
+
+def _kept(views: int) -> int:
+    return max(FINALISTS, views // 3)
 
 
 def _neighbours(finalists: list[Trial], possible: list[Combination]) -> list[Combination]:
@@ -219,38 +256,40 @@ def try_all(
     network: Network,
     chosen: Sequence[Combination],
     frames: TrialFrames,
-    free_scale: bool,
-    show: Callable[[float], None] = lambda share: None,
+    did: Callable[[int], None] = lambda images: None,
 ) -> list[Trial]:
     """Return the trial of each combination, the best first; each core tries another one.
 
     This is faster than to share each batch among the cores, most of all on a busy machine.
     """
-    trials = []
     threads = min(torch.get_num_threads(), usable_cores())
     with one_thread(), ThreadPoolExecutor(threads) as pool:
-        for one in pool.map(lambda one: try_one(network, one, frames, free_scale), chosen):
-            trials.append(one)
-            show(len(trials) / len(chosen))
+        trials = list(pool.map(lambda one: try_one(network, one, frames, did), chosen))
     return sorted(trials, key=_score, reverse=True)
 
 
 @torch.inference_mode()
 def try_one(
-    network: Network, combination: Combination, frames: TrialFrames, free_scale: bool = False
+    network: Network,
+    combination: Combination,
+    frames: TrialFrames,
+    did: Callable[[int], None] = lambda images: None,
 ) -> Trial:
     """Return the trial of a combination."""
     module = network(combination.view, combination.scale)
-    outputs = np.stack([_steering(module, combination.view, one) for one in frames.cameras])
-    return Trial(combination, outputs, frames.steering, free_scale)
+    outputs = np.stack([_steering(module, combination.view, one, did) for one in frames.cameras])
+    return Trial(combination, outputs, frames.steering)
 
 
-def _steering(module: nn.Module, view: View, frames: np.ndarray) -> np.ndarray:
+def _steering(
+    module: nn.Module, view: View, frames: np.ndarray, did: Callable[[int], None]
+) -> np.ndarray:
     """Return the network's steering for frames uint8 [N, H, W, 3] RGB, float64 [N]."""
     steering = []
     for start in range(0, len(frames), BATCH):
         images = np.stack([view(frame) for frame in frames[start : start + BATCH]])
         steering.append(module(torch.from_numpy(images).permute(0, 3, 1, 2))[:, 0].numpy())
+        did(len(images))
     return np.concatenate(steering).astype(np.float64)
 
 

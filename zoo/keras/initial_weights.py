@@ -16,12 +16,12 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import (
     PREFIX,
     check_fit,
+    checked_contents,
     checked_state,
     find_checkpoint,
     load_plain,
-    read_checkpoint_file,
 )
-from zoo.keras.keras_file import SUFFIXES as KERAS_SUFFIXES
+from zoo.checkpoints.network_kind import IMPORTED, network_kind
 from zoo.keras.keras_file import read_keras_apart
 from zoo.keras.keras_layers import convert
 from zoo.keras.keras_weights import load_keras_weights
@@ -30,7 +30,6 @@ from zoo.models.transfer import Transfer
 
 IMAGENET = "imagenet"
 REMEDY = "or set model.weights=FILE, or model.weights=null for random weights"
-TORCH_SUFFIXES = (".pth", ".pt")
 
 
 def load_weights(network: nn.Module, source: str) -> str:
@@ -57,19 +56,16 @@ def load_weights(network: nn.Module, source: str) -> str:
             path = find_checkpoint(source)
         except InputError as error:
             raise InputError(f"model.weights={error}") from None
-    suffix = path.suffix.lower()
-    if suffix in KERAS_SUFFIXES:
+    if network_kind(path) in IMPORTED:
         if isinstance(network, Sequential):
             return load_converted(network, path)
         return load_keras_weights(network, path)
-    if suffix == ".ckpt":
-        state = checked_state(read_checkpoint_file(path)["state_dict"], path)
+    contents = load_plain(path)
+    if path.suffix.lower() == ".ckpt":
+        state = checked_state(checked_contents(contents, path)["state_dict"], path)
         state = {name.removeprefix(PREFIX): tensor for name, tensor in state.items()}
         return load_state(network, state, path)
-    if suffix in TORCH_SUFFIXES:
-        return load_state(network, checked_state(load_plain(path), path), path)
-    known = ", ".join((".ckpt", *TORCH_SUFFIXES, *KERAS_SUFFIXES))
-    raise InputError(f"{path}: model.weights cannot read this format; name a file of {known}")
+    return load_state(network, checked_state(contents, path), path)
 
 
 def load_state(network: nn.Module, state: dict[str, Tensor], path: Path) -> str:

@@ -1,7 +1,7 @@
 """Read a Keras model, architecture and weights, from `.h5`, `.json` with `.h5`, or `.keras`.
 
-Nothing in a file is run or unpickled, sizes are bounded, and nothing is extracted to disk. A
-Lambda's code stays the text that it is in the file.
+Nothing in a file is run or unpickled, sizes are bounded, and of a zip only such files are unpacked,
+for as long as they are read. A Lambda's code stays the text that it is in the file.
 """
 
 import io
@@ -10,9 +10,10 @@ import sys
 import time
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from zoo.base.bounded_files import (
@@ -26,6 +27,18 @@ from zoo.base.bounded_files import (
 from zoo.base.errors import InputError, optional_import
 from zoo.base.limits import open_archive
 from zoo.base.process_pool import LOOK_S, KilledProcessError, ProcessPool
+from zoo.checkpoints.network_kind import (
+    FOLDER,
+    IMPORTED,
+    JSON,
+    KERAS,
+    PACKED,
+    TORCH,
+    WHOLE_SUFFIXES,
+    describe_kind,
+    network_kind,
+    networks_in,
+)
 from zoo.keras.keras_arrays import WeightsFile
 from zoo.keras.keras_model import KerasLayer, joined_outputs, read_architecture
 from zoo.keras.keras_model import KerasModel as KerasModel
@@ -34,15 +47,7 @@ MOST_BYTES = 4_000_000_000
 # Limits of the reading process, for a small file and for each byte of a larger one.
 READ_S, BYTES_PER_S = 30.0, 10e6
 FREE_BYTES, COPIES = 1_000_000_000, 4
-H5_SUFFIXES = (".h5", ".hdf5")
-SUFFIXES = (*H5_SUFFIXES, ".keras", ".json")
-TORCH = "a file of PyTorch, which has weights and no layers; train further from it with {}"
-OTHER_KINDS = {
-    ".pth": TORCH,
-    ".pt": TORCH,
-    ".tflite": "a file of TensorFlow Lite; its training wrote a .h5 or .keras beside it",
-}
-LFS = b"version https://git-lfs"
+SUFFIXES = (*WHOLE_SUFFIXES, ".json")
 CONFIG, METADATA, WEIGHTS = "config.json", "metadata.json", "model.weights.h5"  # of `.keras`
 
 
@@ -52,7 +57,7 @@ def read_keras(
     """Return a model that Keras 1, 2 or 3 saved.
 
     Args:
-        path: `.h5`, `.keras` or `.json` file.
+        path: file of HDF5, `.keras` or JSON, by its content; or a folder or a zip with only one.
         weights: `.h5` file for a `.json`; None to find it in the same folder.
         as_chain: whether to refuse a model that is no chain of layers, and to look for the `.json`
             of a `.h5` file of weights alone in the same folder.
@@ -62,15 +67,18 @@ def read_keras(
             or the model is not a chain of layers.
     """
     path = Path(path)
-    if kind := OTHER_KINDS.get(path.suffix.lower()):
-        kind = kind.format(f"model.weights={path}")
-        raise InputError(f"{path}: is {kind}; name a network of Keras ({', '.join(SUFFIXES)})")
-    if path.suffix.lower() == ".json":
+    kind = network_kind(path)
+    is_json = kind == JSON or path.suffix.lower() == ".json"
+    if weights is not None and not is_json:
+        raise InputError(f"{path}: weights={weights} belongs to a .json file; name that file")
+    if kind == FOLDER:
+        return read_keras(_only_network(path), None, as_chain)
+    if kind == PACKED:
+        return _read_packed(path, as_chain)
+    if is_json:
         found = Path(weights) if weights is not None else _weights_of(path)
         return replace(_read_h5(found, path, as_chain), path=path)
-    if weights is not None:
-        raise InputError(f"{path}: weights={weights} belongs to a .json file; name that file")
-    if path.suffix.lower() == ".keras":
+    if kind == KERAS or (not kind and path.suffix.lower() == ".keras"):
         return _read_zip(path, as_chain)
     return _read_h5(path, None, as_chain)
 
@@ -84,6 +92,7 @@ def read_keras_apart(path: str | Path, *arguments: Any) -> KerasModel:
         InputError: see `read_keras`; or the process crashed, or took too long for the file's size.
     """
     path = Path(path)
+    check_kind(path)
     size = path.stat().st_size if path.is_file() else 0
     last_s = time.monotonic() + READ_S + size / BYTES_PER_S
     reason = "does not end reading it"
@@ -104,6 +113,47 @@ def _read(path: Path, arguments: tuple, most_bytes: int, _report: object) -> Ker
 
         resource.setrlimit(resource.RLIMIT_DATA, (most_bytes, most_bytes))
     return read_keras(path, *arguments)
+
+
+def check_kind(path: Path) -> None:
+    """Raise InputError for a file that is of another kind than Keras', by its content."""
+    check_exists(path)
+    kind = network_kind(path)
+    if kind == TORCH:
+        from zoo.checkpoints.checkpoint import read_checkpoint_file  # slow import: torch
+
+        read_checkpoint_file(path)
+        raise InputError(
+            f"{path}: is a checkpoint of drivezoo, which drives as it is: drivezoo drive {path}"
+        )
+    if kind and kind not in IMPORTED:
+        raise InputError(f"{path}: {describe_kind(path, kind)}")
+
+
+def _only_network(folder: Path) -> Path:
+    """Return the only file of a network in a folder."""
+    paths = networks_in(folder)
+    if len(paths) == 1:
+        return paths[0]
+    names = ", ".join(str(path.relative_to(folder)) for path in paths)
+    raise InputError(f"{folder}: holds {len(paths)} networks ({names:.300}); name one of them")
+
+
+def _read_packed(path: Path, as_chain: bool) -> KerasModel:
+    """Return the model of the only network in a zip."""
+    with TemporaryDirectory() as folder:
+        with (
+            _naming_damage(path, "zip"),
+            open_binary(path, MOST_BYTES) as raw,
+            open_archive(raw, path) as archive,
+        ):
+            for name in archive.namelist():
+                if name.lower().endswith(SUFFIXES) and not name.startswith("__MACOSX"):
+                    archive.extract(name, folder)
+        try:
+            return replace(read_keras(_only_network(Path(folder)), None, as_chain), path=path)
+        except InputError as error:
+            raise InputError(str(error).replace(folder, str(path))) from None
 
 
 def _read_h5(path: Path, json: Path | None, as_chain: bool) -> KerasModel:
@@ -203,7 +253,8 @@ def _weights_of(path: Path) -> Path:
     """Return the weights file in the folder of a `.json` file."""
     stem = path.stem
     usual = (stem, f"{stem}.weights", f"{stem}_weights", f"{stem}-weights", "model", "weights")
-    files = [one for suffix in H5_SUFFIXES for one in sorted(path.parent.glob(f"*{suffix}"))]
+    files = [one for one in sorted(path.parent.glob("*")) if one.suffix.lower() in WHOLE_SUFFIXES]
+    files = [one for one in files if network_kind(one) != KERAS]
     found = [one for name in usual for one in files if one.stem == name][:1] or files
     if len(found) == 1:
         return found[0]
@@ -255,9 +306,8 @@ def check_exists(path: Path) -> None:
 
 
 def _unreadable(path: Path, text: str) -> InputError:
-    """Return the error about a file that is a pointer of Git LFS, or else `text`."""
+    """Return the error about a file of another kind, or else `text`."""
     check_exists(path)
-    with suppress(OSError), open_binary(path, MOST_BYTES) as file:
-        if file.read(len(LFS)) == LFS:
-            text = "is a pointer of Git LFS, not the file itself; fetch it with git lfs pull"
-    return InputError(f"{path}: {text}")
+    kind = network_kind(path)
+    is_other = kind and kind not in IMPORTED
+    return InputError(f"{path}: {describe_kind(path, kind) if is_other else text}")

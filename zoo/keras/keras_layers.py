@@ -69,6 +69,7 @@ def convert(
     outputs: Sequence[str] | None = None,
     size: Sequence[int] | None = None,
     throttle_range: float = THROTTLE_RANGE,
+    line: Sequence[float] | None = None,
 ) -> ConvertedKeras:
     """Return a Keras model's layers and weights for `Sequential`.
 
@@ -80,6 +81,7 @@ def convert(
         outputs: name of each output, `steering`, `throttle` or `ignored`, if there are several.
         size: rows and columns of the images, if the file does not have them.
         throttle_range: throttle at the end of Donkeycar's bins.
+        line: factor and offset that change the output to the steering; None if it is the steering.
 
     Raises:
         InputError: a layer is unknown or unclear, or does not fit the one before; names its
@@ -123,10 +125,27 @@ def convert(
     network = Sequential((channels, rows, columns), specs, chain.scale)
     for index, module in enumerate(modules):
         network.layers[index] = module
+    if line is not None:
+        specs.append({"layer": "Dense", "units": network.outputs})
+        network.layers.append(_line_layer(network.outputs, *line))
     input_shape = (rows, columns, channels)
     return ConvertedKeras(
         specs, network.state_dict(), input_shape, chain.scale, notes, network.outputs
     )
+
+
+def _line_layer(outputs: int, factor: float, offset: float) -> torch.nn.Linear:
+    """Return a layer that computes `factor x steering + offset`, and keeps a throttle.
+
+    A dense layer of its own, which all exports know, also after an activation.
+    """
+    layer = torch.nn.Linear(outputs, outputs)
+    with torch.no_grad():
+        layer.weight.copy_(torch.eye(outputs))
+        layer.weight[0, 0] = factor
+        layer.bias.zero_()
+        layer.bias[0] = offset
+    return layer
 
 
 def _notes(
@@ -152,8 +171,8 @@ def _input_shape(
     saved = model.input_shape or [None, None, None]
     if len(saved) != 3:
         raise InputError(
-            f"{model.path}: its input is {by(saved)}, not an image of rows, columns and channels; "
-            "only networks of one image are converted"
+            f"{model.path}: its input is {by(saved):.100}, not an image of rows, columns and "
+            "channels; only networks of one image are converted"
         )
     channels, rows, columns = saved if first else (saved[2], *saved[:2])
     if channels is None:

@@ -259,4 +259,4 @@ def _channels_first(model: KerasModel) -> bool | None:
 
 def _input(model: KerasModel) -> str:
     """Return a text on the model's input, such as `; its input is 160 x 320 x 3`."""
-    return f"; its input is {by(model.input_shape)}" if model.input_shape else ""
+    return f"; its input is {by(model.input_shape):.100}" if model.input_shape else ""

@@ -22,9 +22,9 @@ from zoo.base.new_folder import RECIPE, RECORDINGS, whole_folder
 from zoo.base.terminal import print_line
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import check_card, find_checkpoint, read_checkpoint_file
+from zoo.checkpoints.network_kind import IMPORTED, network_kind
 from zoo.cli.compose import escape_interpolation
 from zoo.cli.conf_files import choice_files
-from zoo.keras.keras_file import SUFFIXES as KERAS_SUFFIXES
 from zoo.models.make_network import view_of
 from zoo.models.window import Window
 
@@ -118,7 +118,7 @@ def with_layers(config: DictConfig) -> DictConfig:
     view = view_of(plain, config.data.crop)
     try:
         path = find_checkpoint(str(model.weights))
-        read = _of_keras if path.suffix.lower() in KERAS_SUFFIXES else _of_checkpoint
+        read = _of_keras if network_kind(path) in IMPORTED else _of_checkpoint
         layers, scale = read(path, view, plain.get("scale"))
     except InputError as error:
         raise InputError(f"model.weights={error}") from None
@@ -153,8 +153,6 @@ def _of_keras(path: Path, view: View, scale: list | None) -> tuple[list, list]:
 
 
 def _of_checkpoint(path: Path, view: View, scale: list | None) -> tuple[list, list]:
-    if path.suffix.lower() != ".ckpt":
-        raise InputError(f"{path}: holds no layers; name a .h5, .keras, .json or .ckpt file")
     card = read_checkpoint_file(path)["drivezoo"]
     check_card(card, path)
     model, own = card["config"]["model"], View.from_dict(card["view"])

@@ -58,6 +58,17 @@ def test_a_log_gets_a_line_at_intervals(log: Console, monkeypatch: pytest.Monkey
     assert "left" in second
 
 
+def test_the_time_left_counts_from_the_first_work(
+    log: Console, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    times = iter([0.0, 20.0, 30.0])  # it begins, its processes have started, half is done
+    monkeypatch.setattr(console_progress.time, "monotonic", lambda: next(times))
+    with progress_bar("driving", log) as show:
+        show(0.0)
+        show(0.5)
+    assert "driving: 50% after 30 s, 10 s left" in log.file.getvalue()
+
+
 def test_a_notebook_gets_one_line_that_changes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(console_progress, "NOTEBOOK_EVERY_S", 0.0)
     notebook = Console(file=io.StringIO(), width=100, force_jupyter=True)

@@ -1,10 +1,13 @@
 """Search of a network's input: what is tried, how it is judged, and what is found."""
 
+import io
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
+from torch import Tensor, nn
 
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
@@ -25,9 +28,10 @@ from zoo.input_search.combinations import (
     read_trial_frames,
     with_each_resize,
 )
-from zoo.input_search.judgement import Driven, judge, search
+from zoo.input_search.import_tables import print_judgement
+from zoo.input_search.judgement import Driven, Judgement, judge, search
 from zoo.input_search.keras_import import network_maker
-from zoo.input_search.trials import Trial, Trials, concordance
+from zoo.input_search.trials import Trial, Trials, concordance, planned_images
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert
 
@@ -57,6 +61,34 @@ def test_colour_and_crop_of_the_training_are_found(
     assert found.doubts == ()
     assert shares == sorted(shares)
     assert shares[-1] == 1
+
+
+def test_the_progress_counts_every_image_that_a_network_sees(
+    recording: Recording, tmp_path: Path
+) -> None:
+    """Also those of the last stage, on all frames, which takes longest."""
+    converted = convert(
+        read_keras(write_steering_h5(tmp_path / "m.h5", recording, View((60, 25), "rgb", SIZE)))
+    )
+    known = KnownInput(shape=(*SIZE, 3), scale=SCALES[0])
+    make, seen = network_maker(converted), [0]
+
+    def counted(view: View, scale: tuple[float, float]) -> nn.Module:
+        network = make(view, scale)
+
+        def count(images: Tensor) -> Tensor:
+            seen[0] += len(images)
+            return network(images)
+
+        return count
+
+    shares: list[float] = []
+    frames = read_trial_frames(recording, 200)
+    search(counted, known, frames, shares.append)
+    planned = planned_images(known, frames)
+    assert 0.5 * planned < seen[0] < 1.3 * planned
+    assert sum(0.4 < share < 1 for share in shares) > 10
+    assert shares[0] < 0.05
 
 
 def test_an_unknown_scale_is_found(recording: Recording, tmp_path: Path) -> None:
@@ -182,7 +214,7 @@ def judged(*trials: Trial, driven: tuple[Driven, ...] = ()):
     return judge(Trials(tuple(ranked), tuple(ranked)), driven)
 
 
-def test_a_network_that_steers_as_recorded_is_convincing() -> None:
+def test_what_a_network_saw_that_steers_as_recorded_is_certain() -> None:
     found = judged(trial(noise=0.1), trial("yuv", gain=0.3, noise=0.3, seed=1))
     assert found.doubts == ()
     assert found.best.combination.view.colour == "rgb"
@@ -195,7 +227,7 @@ def test_a_network_that_steers_as_recorded_is_convincing() -> None:
     [
         ({"gain": 0.0, "noise": 1.0}, "by chance"),
         ({"gain": 1.0, "noise": 0.62}, "correlation"),
-        ({"gain": 0.05, "side": 0.01}, "spreads over 0.05 times"),
+        ({"gain": 0.05, "side": 0.01}, "spread is 0.05 times"),
         ({"side": -0.25}, "recovery response"),
     ],
 )
@@ -205,24 +237,86 @@ def test_a_doubt_names_its_reason(doubtful: dict, reason: str) -> None:
     assert any(reason in one for one in found.doubts)
 
 
-def test_a_free_scale_is_ranked_by_correlation() -> None:
-    """A wrong scale amplifies the steering, which raises the agreement of a weak network."""
+# What networks return in place of the steering, as functions of it.
+MEANINGS = {
+    "steering": (1.0, 0.0),
+    "(output - 0.5) x 2.4": (1 / 2.4, 0.5),
+    "0..1": (0.5, 0.5),
+    "degrees": (25.0, 0.0),
+    "radians": (0.436, 0.0),
+    "left positive": (-1.0, 0.0),
+}
+
+
+def meaning(one: Trial, name: str) -> Trial:
+    factor, offset = MEANINGS[name]
+    return replace(one, cameras=factor * one.cameras + offset)
+
+
+@pytest.mark.parametrize("name", MEANINGS)
+def test_a_colour_that_amplifies_is_not_ranked_higher(name: str) -> None:
+    """It raises the agreement of a weak network, which says nothing of the colour."""
     weak, amplified = trial(gain=0.3, side=0.07), trial("yuv", noise=0.35, seed=1)
     assert amplified.agreement > weak.agreement
-    free = [replace(one, free_scale=True) for one in (weak, amplified)]
-    assert free[0].score > free[1].score
+    assert meaning(weak, name).score > meaning(amplified, name).score
+
+
+@pytest.mark.parametrize("name", MEANINGS)
+def test_the_straight_line_tells_what_the_output_means(name: str) -> None:
+    one = meaning(trial(noise=0.05), name)
+    factor, offset = MEANINGS[name]
+    assert one.line == pytest.approx((1 / factor, -offset / factor), rel=0.05, abs=0.01)
+    # A factor of 2 is that of a network that steers weakly, too.
+    assert one.means_steering == (name in ("steering", "radians"))
+    doubts = judged(one, trial("yuv", gain=0, noise=1, seed=1)).doubts
+    assert ["not like steering" in doubt for doubt in doubts] == [True] * (not one.means_steering)
+
+
+@pytest.mark.parametrize("gain", [0.4, 2.0])
+def test_a_weak_or_strong_steering_is_steering(gain: float) -> None:
+    assert trial(gain=gain, noise=0.1).means_steering
+
+
+def test_a_constant_output_has_a_line() -> None:
+    assert trial(gain=0).line == (0.0, pytest.approx(STEERING.mean()))
+
+
+def printed(found: Judgement) -> str:
+    console = Console(file=io.StringIO(), width=200)
+    again = ["drivezoo", "import", "my net.h5", "recording=lake"]
+    print_judgement(found, found.best.line, again, console)
+    return console.file.getvalue()
+
+
+@pytest.mark.parametrize("kept", [True, False])
+@pytest.mark.parametrize("noise", [0.1, 0.62])
+def test_what_it_saw_and_how_it_drives_are_two_sentences(kept: bool, noise: float) -> None:
+    one = trial(noise=noise)
+    lines = printed(judged(one, driven=(Driven(one, 150, kept, 0.3),))).splitlines()
+    saw, drives = (
+        next(line for line in lines if line.startswith(begin))
+        for begin in ("what it saw: colour=rgb crop=[60,25]", "how it drives: ")
+    )
+    assert ("not certain" in saw) == (noise > 0.5)
+    assert ("left the lane after 150 m" in drives) == (not kept)
+    failed = noise > 0.5 or not kept
+    missing = [word for word in ("columns", "Canny", "blurs", "own pixels") if word in str(lines)]
+    assert len(missing) == 4 * failed, "what no key does is told where the search fails"
+
+
+def test_a_line_that_is_far_from_the_output_is_offered_as_a_key() -> None:
+    found = printed(judged(meaning(trial(noise=0.05), "0..1")))
+    assert "how it drives: not tried" in found
+    assert "drivezoo import 'my net.h5' recording=lake 'steering=[" in found
+    assert "steering=[" not in printed(judged(trial(noise=0.05)))
+    assert "steering = 0.9" in printed(judged(trial(noise=0.05)))
 
 
 def test_the_input_that_drives_is_taken() -> None:
-    amplified, weak = trial(noise=0.3), trial("yuv", gain=0.2, side=0.05, noise=0.06, seed=1)
-    drives = (Driven(weak, 285, True, 0.3), Driven(amplified, 60, False, 1.5))
-    found = judged(amplified, weak, driven=drives)
-    assert judged(amplified, weak).best is amplified
-    assert found.best is weak
-    assert found.doubts == ()
-    left = (Driven(amplified, 60, False, 1.5), Driven(weak, 30, False, 1.0))
-    lost = judged(amplified, weak, driven=left)
-    assert any("left the lane after 60 m" in one for one in lost.doubts)
+    likely, driver = trial(noise=0.05), trial("yuv", gain=0.2, side=0.05, noise=0.06, seed=1)
+    drives = (Driven(driver, 285, True, 0.3), Driven(likely, 60, False, 1.5))
+    assert judged(likely, driver).best is likely
+    assert judged(likely, driver, driven=drives).best is driver
 
 
 def test_chance_counts_all_inputs_that_were_tried() -> None:

@@ -1,0 +1,148 @@
+"""The kind of a network's file or folder, by its content, and what makes it drive.
+
+A name proves little: comma.ai's `.keras` of 2016 is HDF5, and a `.h5` may be PyTorch's archive.
+"""
+
+import io
+import re
+from contextlib import suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from zoo.base.bounded_files import open_binary
+from zoo.base.limits import open_archive
+from zoo.base.terminal import command_line
+
+MOST_BYTES = 8_000_000_000
+WHOLE_SUFFIXES = (".h5", ".hdf5", ".keras")  # of files that can hold weights and layers
+HDF5, KERAS, JSON, FOLDER, PACKED = "hdf5", "keras", "json", "folder", "packed"
+IMPORTED = (HDF5, KERAS, JSON, FOLDER, PACKED)  # kinds that `drivezoo import` reads
+TORCH, SCRIPT, PICKLE = "torch", "script", "pickle"
+IMPORT = "make a checkpoint of it: {import}"
+SAVE = "save it in its own environment with model.save('model.h5'), then drivezoo import model.h5"
+# What a file is, and what to do with it.
+KINDS = {
+    HDF5: ("an HDF5 file, as Keras writes it", IMPORT),
+    KERAS: ("an archive of Keras 3", IMPORT),
+    JSON: ("JSON, as Keras writes the layers of a network", IMPORT),
+    FOLDER: ("a folder with a network of Keras", IMPORT),
+    PACKED: ("a zip with a network of Keras", IMPORT),
+    TORCH: ("PyTorch's, whose layers are code", "drivezoo import tells how it drives"),
+    "onnx": (
+        "an ONNX file; only those that drivezoo export wrote drive, with a name in .onnx",
+        "import the network of Keras that it was exported from",
+    ),
+    "model": ("a SavedModel or a graph of TensorFlow, which is not read", f"load it and {SAVE}"),
+    "tensors": (
+        "a checkpoint of TensorFlow, which has weights without layers",
+        f"build its model, load the weights and {SAVE}",
+    ),
+    "lite": (
+        "a file of TensorFlow Lite, which is not read",
+        "its training wrote a .h5 or .keras beside it: drivezoo import that",
+    ),
+    PICKLE: ("a pickle of Python, whose code is not run", f"load its model and {SAVE}"),
+    "archive": ("packed", "unpack it, and name the network in it"),
+    "lfs": ("a pointer of Git LFS, not the file itself", "fetch it with git lfs pull"),
+    "page": ("a web page, not the file itself", "download the raw file"),
+    "empty": ("empty (0 bytes)", "copy it again"),
+}
+# Begins of files; the first that matches. Protocol buffers begin with their version.
+BEGINS = {
+    HDF5: rb"\x89HDF\r\n\x1a\n",
+    TORCH: rb"\x80\x02\x8a\nl\xfc\x9cF\xf9 j\xa8P\x19",  # before PyTorch 1.6
+    PICKLE: rb"\x80[\x02-\x05]",
+    "lite": rb".{4}TFL3",
+    "model": rb"\x08\x01\x12",
+    "onnx": rb"\x08[\x02-\x20][\x12\x1a\x22\x28\x32\x3a\x42]",
+    "tensors": rb"model_checkpoint_path:",
+    "archive": rb"\x1f\x8b|7z\xbc\xaf|Rar!|BZh|\xfd7zXZ",
+    "lfs": rb"version https://git-lfs",
+    "page": rb"\s*(?i:<!doctype html|<html)",
+    JSON: rb'(\xef\xbb\xbf)?\s*["{]',
+}
+TABLE_END = b"\x57\xfb\x80\x8b\x24\x75\x47\xdb"  # of TensorFlow's tables of tensors
+NAMES = {"tensors": r"\.index$|\.meta$|\.data-\d{5}-of-\d{5}$", "model": r"\.pb(txt)?$"}
+
+
+def network_kind(path: Path) -> str:
+    """Return the kind of a file or folder, a key of `KINDS`; empty for any other content."""
+    with suppress(OSError):
+        if path.is_dir():
+            return _folder_kind(path)
+        with open_binary(path, MOST_BYTES) as file:
+            return file_kind(file, path.name)
+    return ""
+
+
+def file_kind(file: BinaryIO, name: str) -> str:
+    """Return the kind of an opened file; its name counts where its content tells nothing."""
+    begin = file.read(512)
+    if not begin:
+        return "empty"
+    if begin.startswith(b"PK\3\4"):
+        return _archive_kind(file, begin)
+    found = next((kind for kind, form in BEGINS.items() if re.match(form, begin, re.DOTALL)), "")
+    file.seek(-min(len(TABLE_END), len(begin)), io.SEEK_END)
+    return "tensors" if file.read() == TABLE_END else found or _kind_of_name(name)
+
+
+def describe_kind(path: Path, kind: str) -> str:
+    """Return what a file is and what to do with it, for one line after the path."""
+    if kind == SCRIPT:
+        return describe_torch(f"net = torch.jit.load({str(path)!r})")
+    what, remedy = KINDS[kind]
+    command = command_line(["drivezoo", "import", path])
+    return f"is {what}; {remedy.replace('{import}', command)}"
+
+
+def describe_torch(load: str) -> str:
+    """Return what a file of PyTorch is, and the three lines of Python that drive it.
+
+    Args:
+        load: statements that set `net`.
+    """
+    lines = (
+        "import drivezoo, torch",
+        load,
+        "drivezoo.evaluate(lambda frame, mph: (float(net.eval()(torch.tensor(frame).permute(2, 0, "
+        "1)[None] / 127.5 - 1).detach()),), track='lake')",
+    )
+    return (
+        "is PyTorch's, whose layers are code; three lines of Python drive it, with its own class, "
+        f"and its own input in place of frame / 127.5 - 1: {'; '.join(lines)}"
+    )
+
+
+def networks_in(folder: Path) -> list[Path]:
+    """Return the Keras files in a folder and, as a packed repository has them, one level below."""
+    paths = [*folder.glob("*"), *folder.glob("*/*")]
+    return sorted(
+        path
+        for path in paths
+        if path.suffix.lower() in WHOLE_SUFFIXES and not path.name.startswith(".")
+    )
+
+
+def _folder_kind(folder: Path) -> str:
+    names = [_kind_of_name(path.name) for path in (*folder.glob("*"), *folder.glob("variables/*"))]
+    if "model" in names or (folder / "variables").is_dir():
+        return "model"
+    return "tensors" if "tensors" in names else FOLDER if networks_in(folder) else ""
+
+
+def _kind_of_name(name: str) -> str:
+    return next((kind for kind, end in NAMES.items() if re.search(end, name.lower())), "")
+
+
+def _archive_kind(file: BinaryIO, begin: bytes) -> str:
+    try:
+        names = open_archive(file, "").namelist()
+    except Exception:  # zipfile raises any error on damaged bytes
+        names = [begin[30:][: int.from_bytes(begin[26:28], "little")].decode("latin-1")]
+    tops = {"config.json", "metadata.json", "model.weights.h5"}
+    if any(name.endswith("/data.pkl") for name in names):
+        return SCRIPT if any("/code/" in name for name in names) else TORCH
+    if tops & set(names):
+        return KERAS
+    return PACKED if any(name.lower().endswith(WHOLE_SUFFIXES) for name in names) else "archive"
