@@ -32,7 +32,7 @@ from datamodules.steering_label import curvature_label, in_label, label_lines
 from datamodules.view import View
 from datamodules.windows import Windows
 from zoo.base.command_keys import convert
-from zoo.base.errors import InputError, UsageError
+from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.rig import STEERING, SteeringLabel
 
 MOST_WINDOW = 256  # frames, rows or targets of a window
@@ -106,7 +106,8 @@ class DrivingData(lightning.LightningDataModule):
         ahead: Annotated[int, Field(ge=0, le=MOST_WINDOW)] | None = None,
         **read: Any,
     ) -> None:
-        given = {**locals(), **read}
+        given = {key: value for key, value in locals().items() if key not in ("self", "__class__")}
+        given |= given.pop("read")
         super().__init__()
         if root is None:
             raise InputError("data.root is not set: name your recording, data.root=FOLDER")
@@ -114,11 +115,11 @@ class DrivingData(lightning.LightningDataModule):
             **get_type_hints(DrivingData.__init__, include_extras=True),
             **get_type_hints(ReadOptions, include_extras=True),
         }
-        for key in (kinds.keys() & given.keys()) - UNTYPED:
-            try:
-                convert(f"data.{key}", kinds[key], given[key])
-            except UsageError as error:  # exit status 1, as of any other value of the config
-                raise InputError(error) from None
+        for key in given.keys() - UNTYPED:
+            if key not in kinds:
+                near = hint(f"data.{key}", [f"data.{one}" for one in kinds])
+                raise UsageError(f"data.{key}: no such key; {near}")
+            convert(f"data.{key}", kinds[key], given[key])
         camera_numbers(cameras)
         self.windows = Windows(sequence or 1, stride or 1, ahead or 0)
         self.root, self.view = root, view

@@ -24,9 +24,9 @@ class SteeringUnit:
     """
 
     unit: Literal["share", "deg", "rad", "servo", "px"] = "share"
-    full: Annotated[float, Field(gt=0, le=1e6)] = 1.0
+    full: Annotated[float, Field(gt=0, le=1e6, strict=True)] = 1.0
     right: Literal["positive", "negative"] = "positive"
-    zero: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.0
+    zero: Annotated[float, Field(ge=-1e6, le=1e6, strict=True)] = 0.0
 
     def steering(self, values: Any) -> Any:
         """Return the steering, right positive, 1 at full lock, of values, a float or an array."""

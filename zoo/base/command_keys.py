@@ -26,6 +26,7 @@ NULLS = ("", "null", "~")
 WIDTH, NAMES = 100, 24  # characters of a help line, and of its first column
 REQUIRED: Any = inspect.Parameter.empty
 _NAMED = {float: "a number", int: "a whole number", bool: "true or false"}
+_NAMED |= dict.fromkeys((list, tuple, Sequence), "a list")
 SECTION = re.compile(r"^\w+:$", re.MULTILINE)
 _ENTRY = re.compile(r"^ {4}([\w, *]+): (.*(?:\n {8}.*)*)", re.MULTILINE)
 
@@ -203,7 +204,7 @@ def wanted(kind: Any) -> str:
     examples = [one for mark in marks for one in getattr(mark, "examples", None) or ()]
     if examples:
         return f"as in {', '.join(map(typed, examples))}"
-    return f"{_NAMED.get(plain, 'text')} {bounds(kind)}".strip()
+    return f"{_NAMED.get(get_origin(plain) or plain, 'text')} {bounds(kind)}".strip()
 
 
 def choices_of(kind: Any) -> tuple[str, ...]:
@@ -229,6 +230,8 @@ def convert(name: str, kind: Any, value: Any) -> Any:
     >>> convert("track", str, ["lake", "mountain"])
     'lake,mountain'
 
+    True is no number, as it is in Python.
+
     Raises:
         UsageError: it has the wrong type or range; the message names key, value and range.
     """
@@ -239,6 +242,8 @@ def convert(name: str, kind: Any, value: Any) -> Any:
     given = value
     parts = [getattr(part, "__origin__", part) for part in (*get_args(kind), kind)]
     plain = {get_origin(part) or part for part in parts}
+    if is_misplaced_bool(kind, value):
+        raise UsageError(f"{name}={typed(given)}: must be {wanted(kind)}")
     if isinstance(value, str) and plain & {list, tuple}:
         from zoo.base.bounded_files import parse_yaml  # slow import: YAML
 
@@ -256,13 +261,42 @@ def convert(name: str, kind: Any, value: Any) -> Any:
         raise UsageError(f"{name}={typed(given)}: must be {wanted(kind)}") from None
 
 
+def is_misplaced_bool(kind: Any, value: Any) -> bool:
+    """Return whether a value has true or false where a type has numbers alone.
+
+    >>> is_misplaced_bool(list[float] | None, [0.5, True]), is_misplaced_bool(bool | float, True)
+    (True, False)
+    """
+    if isinstance(value, list | tuple):
+        return any(is_misplaced_bool(kind, each) for each in value)
+    kinds = kinds_in(kind)
+    return isinstance(value, bool) and bool not in kinds and not kinds.isdisjoint({int, float})
+
+
+@functools.lru_cache(maxsize=1024)
+def kinds_in(kind: Any) -> frozenset[Any]:
+    """Return the classes that a type is made of; those of a `Literal`'s values, too.
+
+    >>> sorted(one.__name__ for one in kinds_in(dict[str, float] | Literal["a"] | None))
+    ['NoneType', 'dict', 'float', 'str']
+    """
+    if get_origin(kind) is Literal:
+        return frozenset(map(type, get_args(kind)))
+    if get_origin(kind) is Annotated:
+        return kinds_in(get_args(kind)[0])
+    origin = get_origin(kind)
+    inner = frozenset().union(*(kinds_in(part) for part in get_args(kind)))
+    return inner if origin in (Union, types.UnionType) else inner | {origin or kind}
+
+
 @functools.lru_cache(maxsize=1024)
 def _adapter(kind: Any) -> Any:
     """Return pydantic's `TypeAdapter` of a type, which takes a millisecond to make."""
     from pydantic import ConfigDict, TypeAdapter
 
-    config = None if is_dataclass(kind) else ConfigDict(coerce_numbers_to_str=True)
-    return TypeAdapter(kind, config=config)
+    if is_dataclass(kind):
+        return TypeAdapter(kind)
+    return TypeAdapter(kind, config=ConfigDict(coerce_numbers_to_str=True, allow_inf_nan=False))
 
 
 def meanings_of(function: Callable[..., Any]) -> dict[str, str]:

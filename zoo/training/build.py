@@ -40,15 +40,13 @@ OWN_KEYS = ("compile", "group_batches")
 
 def build_data(config: DictConfig) -> DrivingData:
     """Return the datamodule; call its `load` before use."""
-    if type(config.seed) is not int or config.seed < 0:
-        raise InputError(f"seed={config.seed} is not a whole number, 0 or more")
     model = OmegaConf.to_container(config.model, resolve=True)
     view = view_of(model, config.data.crop)
     data = OmegaConf.to_container(config.data, resolve=True)
     settings = {key: v for key, v in data.items() if key not in ("crop", "record")}
     places = {key: settings.pop(key) for key in PLACES if key in settings}
     # Hydra would convert the view, a dataclass, to a config.
-    make = _instantiate("data", settings, _partial_=True)
+    make = construct("data", settings, _partial_=True)
     return make(view=view, seed=config.seed, **places)
 
 
@@ -83,22 +81,18 @@ def build_module(
 ) -> SteeringModule:
     """Return the LightningModule around a network."""
     optim = {key: v for key, v in config.optim.items() if key not in ("l2", "backbone_lr")}
-    for section, key in (("optim", "lr"), ("loss", "delta"), ("loss", "weight")):
-        value = config[section].get(key, 1)
-        if not isinstance(value, int | float) or value <= 0:
-            raise InputError(f"{section}.{key}={value} is not a number above 0")
-    loss = _instantiate("loss", config.loss)
+    loss = construct("loss", config.loss)
     _check_spread(network, loss)
     chosen = config.get("module") or {"_target_": OWN}
-    make = _instantiate("module", chosen, _partial_=True)
+    make = construct("module", chosen, _partial_=True)
     if not (inspect.isclass(make.func) and issubclass(make.func, SteeringModule)):
         raise InputError(f"module: {chosen['_target_']} does not derive from {OWN}")
     with part_errors(part_of(chosen["_target_"])):
         module = make(
             network,
             loss=loss,
-            optimizer=_instantiate("optim", optim),
-            schedule=_instantiate("schedule", config.schedule),
+            optimizer=construct("optim", optim),
+            schedule=construct("schedule", config.schedule),
             l2=config.optim.l2,
             backbone_lr=config.optim.backbone_lr,
             seed=config.seed,
@@ -135,15 +129,11 @@ def build_feed(data: DrivingData, plan: TrainingPlan, console: Console) -> Drivi
 def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lightning.Trainer:
     """Return the Trainer with callbacks and loggers that write in the run's folder."""
     silence_libraries()
-    if type(config.trainer.max_epochs) is not int or config.trainer.max_epochs < 0:
-        raise InputError(
-            f"trainer.max_epochs={config.trainer.max_epochs} is not a whole number, 0 or more"
-        )
     lightnings = {key: value for key, value in config.trainer.items() if key not in OWN_KEYS}
     if lightnings.get("precision") == AUTO:  # not chosen, see `choose_precision`
         lightnings["precision"] = FULL
     callbacks = [
-        _instantiate(f"callbacks.{name}", settings)
+        construct(f"callbacks.{name}", settings)
         for name, settings in (config.callbacks or {}).items()
         if settings
     ]
@@ -167,10 +157,10 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
         if settings:
             named = naming_arguments(name, config, folder)
             unset = {k: v for k, v in named.items() if k == "save_dir" or k not in settings}
-            loggers.append(_instantiate(f"logger.{name}", settings, **unset))
-    plugins = {} if lightnings.get("plugins") else {"plugins": [CheckpointFiles()]}
+            loggers.append(construct(f"logger.{name}", settings, **unset))
+    plugins = {} if lightnings.get("plugins") else {"plugins": [CheckpointFiles(callbacks)]}
     made = {"callbacks": callbacks, "logger": loggers, "default_root_dir": str(folder)}
-    return _instantiate("trainer", lightnings, **plugins, **made)
+    return construct("trainer", lightnings, **plugins, **made)
 
 
 def keep_earlier_log(folder: Path) -> None:
@@ -194,7 +184,7 @@ def silence_libraries() -> None:
     warnings.filterwarnings("ignore", message=".*Detected call of `lr_scheduler.step")
 
 
-def _instantiate(key: str, settings: dict | DictConfig, **more: object) -> object:
+def construct(key: str, settings: dict | DictConfig, **more: object) -> object:
     """Call `hydra.utils.instantiate`; name the config's key where it fails."""
     os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
     target = settings.get("_target_")

@@ -27,6 +27,7 @@ from zoo.cli.conf_files import choice_files
 from zoo.keras.keras_file import SUFFIXES as KERAS_SUFFIXES
 from zoo.models.make_network import view_of
 from zoo.models.window import Window
+from zoo.training.config_values import check_config
 
 QUICK_EPOCHS = 3
 TARGET = "zoo.models.sequential.Sequential"
@@ -36,9 +37,12 @@ MOST_JOBS = 8  # processes that draw if the user names no number: each opens its
 def settle_config(config: DictConfig, console: Console) -> DictConfig:
     """Return the config to train with.
 
-    It sets `model.layers` and the windows, applies `quick`, and records `data.record`.
+    It sets `model.layers` and the windows, applies `quick`, checks all values, and then records
+    `data.record`.
     """
-    return with_recording(with_quick(settle_windows(with_layers(config))), console)
+    settled = with_quick(settle_windows(with_layers(config)))
+    check_config(settled)
+    return with_recording(settled, console)
 
 
 def with_quick(config: DictConfig) -> DictConfig:
@@ -49,12 +53,12 @@ def with_quick(config: DictConfig) -> DictConfig:
     """
     if not isinstance(config.quick, bool):
         raise InputError(f"quick={config.quick}: must be true or false")
-    if not config.quick:
-        return config
-    config = config.copy()
     samples = config.quick_samples
     if type(samples) is not int or samples < 1:
         raise InputError(f"quick_samples={samples} is not a whole number above 0")
+    if not config.quick:
+        return config
+    config = config.copy()
     for node, key, most in (
         (config.trainer, "max_epochs", QUICK_EPOCHS),
         (config.data, "samples_per_epoch", samples),
