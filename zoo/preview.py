@@ -27,13 +27,13 @@ def preview(*overrides: str) -> None:
     from rich.console import Console
 
     from datamodules.recording_format import check_roots
-    from zoo.cli.compose import compose_config, escape_interpolation, quote_paths
+    from zoo.cli.compose import compose_config, escape_interpolation, hydra_overrides
 
     console = Console(soft_wrap=True)
     written = [Path("outputs/preview") / f"{name}.png" for name in NAMES]
     for path in written:
         check_output(path, key="")
-    config = OmegaConf.create(escape_interpolation(compose_config(quote_paths(list(overrides)))))
+    config = OmegaConf.create(escape_interpolation(compose_config(hydra_overrides(overrides))))
     check_roots(config.data.root)  # reports a wrong path before torch is imported
     with loading():
         from zoo.callbacks.training_images import figure_of_fed_batch, figure_of_steering

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ast
+import functools
+import importlib.util
 import re
 from pathlib import Path
 
@@ -55,6 +58,17 @@ def choice_files(group: str) -> dict[str, Path]:
     """Return the YAML file of each choice of a group, the user's parts included."""
     folders = [*part_folders(), conf_folder()]
     return {path.stem: path for one in folders for path in sorted((one / group).glob("*.yaml"))}
+
+
+@functools.cache
+def trainer_keys() -> tuple[str, ...]:
+    """Return the arguments of Lightning's Trainer, from its source: an import takes seconds."""
+    package = importlib.util.find_spec("lightning")
+    (folder,) = package.submodule_search_locations if package else ()
+    source = Path(folder, "pytorch", "trainer", "trainer.py").read_text(encoding="utf-8")
+    trainer = next(n for n in ast.parse(source).body if getattr(n, "name", "") == "Trainer")
+    called = next(n for n in trainer.body if getattr(n, "name", "") == "__init__")
+    return tuple(argument.arg for argument in called.args.kwonlyargs)
 
 
 def comments_of(text: str, prefix: str = "") -> dict[str, str]:

@@ -12,7 +12,7 @@ from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.module_start import run_module
 from zoo.base.parts import installed_entries
 from zoo.base.run_command import run_command
-from zoo.base.terminal import printable
+from zoo.base.terminal import printable, take_verbosity
 
 if TYPE_CHECKING:
     from zoo.base.command import Command
@@ -68,7 +68,7 @@ CLOSING = (
 
 def main() -> int:
     """Run the command that the first argument names, as `python -m zoo.COMMAND` does."""
-    name, *rest = sys.argv[1:] or ["--help"]
+    name, *rest = take_verbosity(sys.argv[1:]) or ["--help"]
     if name in LISTED:
         name, rest = "list", [name, *rest]
     name, rest = as_typed_below(name, rest)

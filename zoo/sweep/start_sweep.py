@@ -16,7 +16,7 @@ from zoo.base.parts import typed_parts
 from zoo.base.terminal import command_line, print_line
 from zoo.base.whole_file import refuse_links_out
 from zoo.base.written_files import note_files
-from zoo.cli.compose import conf_folder, quote, quote_paths
+from zoo.cli.compose import conf_folder, hydra_overrides, quote
 from zoo.leaderboard.ranking_page import Ranking, wide_console
 from zoo.runs.run_folder import check_name
 from zoo.runs.saved_config import split_trust
@@ -116,7 +116,7 @@ def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bo
         if not finished:
             try:
                 named = f"{FOLDER_KEY}{quote(str(folder.resolve()))}"
-                _run_hydra([*quote_paths(arguments, sweep=True), named])
+                _run_hydra([*hydra_overrides(arguments, sweep=True), named])
             except KeyboardInterrupt:
                 again = command_line(["drivezoo", "sweep", f"resume={folder}", *typed_parts()])
                 raise StoppedError(f"stopped; resume with the same command, or: {again}") from None
@@ -164,7 +164,9 @@ def _composed_folder(arguments: list[str]) -> Path:
     _drop_shadowed()
     own = [word for word in arguments if word.startswith(HYDRA_KEYS)]
     with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
-        return Path(compose("config", quote_paths(own), return_hydra_config=True).hydra.sweep.dir)
+        return Path(
+            compose("config", hydra_overrides(own), return_hydra_config=True).hydra.sweep.dir
+        )
 
 
 def _refuse_changed(folder: Path, record: records.SweepRecord) -> None:

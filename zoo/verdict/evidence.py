@@ -168,15 +168,15 @@ def training_command(overrides: Sequence[str], changed: Mapping[str, str | None]
 
 
 def as_typed(override: str) -> str:
-    """Return an override without the quotes that a command adds to paths for Hydra.
+    """Return an override as a user types it, without what a command adds for Hydra.
 
-    >>> as_typed("data.root='/my laps'"), as_typed("model.name='a'")
-    ('data.root=/my laps', "model.name='a'")
+    >>> as_typed("data.root='/my laps'"), as_typed("++trainer.max_steps=9")
+    ('data.root=/my laps', 'trainer.max_steps=9')
     """
-    from zoo.cli.compose import quote_paths
+    from zoo.cli.compose import hydra_overrides
 
-    plain = override.replace("'", "")
-    return plain if quote_paths([plain]) == [override] else override
+    plain = override.replace("'", "").lstrip("+")
+    return plain if hydra_overrides([plain]) == [override] else override
 
 
 @dataclass(frozen=True)
