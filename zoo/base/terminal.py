@@ -31,6 +31,16 @@ def printable(text: str) -> str:
     )
 
 
+def counted(count: float, noun: str, plural: str = "") -> str:
+    """Return a number with its noun, which has an s unless the number is 1 or the plural is given.
+
+    >>> counted(1, "thread"), counted(0.5, "lap"), counted(12_000, "row"), counted(2, "is", "are")
+    ('1 thread', '0.5 laps', '12,000 rows', '2 are')
+    """
+    number = f"{count:g}" if isinstance(count, float) else f"{count:,}"
+    return f"{number} {noun if count == 1 else plural or f'{noun}s'}"
+
+
 def command_line(words: Iterable[object]) -> str:
     """Return words as a command that a person can read and paste into a shell.
 

@@ -15,7 +15,7 @@ from zoo.base.errors import InputError
 from zoo.base.terminal import print_line
 from zoo.base.whole_file import write_whole
 from zoo.callbacks.closed_loop import DRIVEN
-from zoo.checkpoints.checkpoint import read_checkpoint_file
+from zoo.checkpoints.checkpoint import read_checkpoint_file, trained_epochs
 from zoo.drives.interventions import driving_score
 from zoo.evaluate.track_scores import KeptDrive, RunScore, driving_line
 from zoo.worlds.run_drives import all_drives
@@ -88,8 +88,9 @@ def find_candidates(checkpoints: Path, monitor: str | None) -> list[dict]:
     for file, what in SOURCES.items():
         path = checkpoints / file
         if path.is_file():
-            epoch = int(read_checkpoint_file(path)["epoch"]) + 1
-            row = {"file": file, "what": what or monitored_as(monitor), "epoch": epoch}
+            epoch = trained_epochs(read_checkpoint_file(path))
+            what = (what or monitored_as(monitor)) if epoch else "the initial weights"
+            row = {"file": file, "what": what, "epoch": epoch}
             candidates.setdefault(epoch, row)
     return list(candidates.values())
 

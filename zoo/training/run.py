@@ -62,7 +62,11 @@ def run_experiment(
     first = is_first_process(needs_processes(config))
     with interruptions.naming_lost_files(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        with run_status(folder, first), interruptions.naming_lost_files(folder):
+        with (
+            run_status(folder, first),
+            interruptions.naming_lost_files(folder),
+            interruptions.naming_resume(folder),
+        ):
             _run(config, folder, first, resume, keep_config, verdict)
 
 
@@ -112,6 +116,8 @@ def _run(
     OmegaConf.update(config, "trainer.precision", precision, force_add=True)
     card["precision"] = str(precision)
     trainer = build.build_trainer(config, folder, has_validation=len(data.split.val) > 0)
+    if resumed is not None:
+        resumed.end_early(trainer)
     print_start(card, network, data, leaks, trainer.strategy.root_device, console)
     plan = make_plan(config, data, network, trainer, console)
     print_line(console, plan.line())
