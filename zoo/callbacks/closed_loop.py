@@ -143,7 +143,7 @@ class ClosedLoop(Callback):
         from zoo.worlds.run_drives import all_drives
 
         began = time.perf_counter()
-        copied, data = copy.deepcopy(network).cpu().eval(), card.get("data", {})
+        copied, data = copy.deepcopy(network).cpu().float().eval(), card.get("data", {})
         policy = CheckpointPolicy(Checkpoint(copied, view, {}, data))
         track = self.world.simulated.track
         # On an open road the last start leaves room for a whole drive.

@@ -4,6 +4,7 @@ import inspect
 import logging
 import os
 import warnings
+from collections.abc import Collection
 from functools import partial
 from pathlib import Path
 
@@ -36,6 +37,10 @@ from zoo.training.steering_module import OWN, SteeringModule
 PLACES = ("root", "images", "cache", "split")  # keys of `data` that hold paths
 # Keys of `trainer` that are not arguments of Lightning's Trainer.
 OWN_KEYS = ("compile", "group_batches")
+# Keys of `trainer` with which an epoch may end without a validation, and of callbacks, which else
+# act after an epoch.
+RARER = {"check_val_every_n_epoch", "val_check_interval", "max_steps", "max_time"}
+AFTER_EPOCH = ("save_on_train_epoch_end", "check_on_train_epoch_end")
 
 
 def build_data(config: DictConfig) -> DrivingData:
@@ -133,20 +138,22 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
     if lightnings.get("precision") == AUTO:  # not chosen, see `choose_precision`
         lightnings["precision"] = FULL
     callbacks = [
-        construct(f"callbacks.{name}", settings)
+        construct(f"callbacks.{name}", settings, **_when(settings, lightnings.keys()))
         for name, settings in (config.callbacks or {}).items()
         if settings
     ]
+    no_rows = None if has_validation else "data.val_share=0"
+    if lightnings.get("limit_val_batches") == 0:
+        no_rows = "trainer.limit_val_batches=0"
     drives = any(isinstance(callback, ClosedLoop) for callback in callbacks)
     for callback in callbacks:
         if isinstance(callback, ModelCheckpoint):
             callback.dirpath = str(folder / "checkpoints")
         monitor, name = getattr(callback, "monitor", None) or "", type(callback).__name__
-        if monitor.startswith("val/") and not has_validation:
+        if monitor.startswith("val/") and no_rows:
             raise InputError(
-                f"{name} monitors {monitor}, but data.val_share=0 leaves no validation rows; set "
-                "data.val_share=0.1, or callbacks.early_stopping=null "
-                "callbacks.best.monitor=train/loss"
+                f"{name} monitors {monitor}, but {no_rows} leaves no validation rows; set another "
+                "number, or callbacks.early_stopping=null callbacks.best.monitor=train/loss"
             )
         if monitor.startswith(MONITORED) and not drives:
             raise InputError(
@@ -161,6 +168,15 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
     plugins = {} if lightnings.get("plugins") else {"plugins": [CheckpointFiles(callbacks)]}
     made = {"callbacks": callbacks, "logger": loggers, "default_root_dir": str(folder)}
     return construct("trainer", lightnings, **plugins, **made)
+
+
+def _when(settings: DictConfig, keys: Collection[str]) -> dict[str, bool]:
+    """Return arguments with which a callback acts on a figure when it is new, of `trainer`'s keys.
+
+    Where an epoch may end without a validation, its figure is old by then, or not there yet.
+    """
+    is_late = str(settings.get("monitor")).startswith("val/") and not RARER.isdisjoint(keys)
+    return {key: False for key in AFTER_EPOCH if is_late and key in settings}
 
 
 def keep_earlier_log(folder: Path) -> None:

@@ -32,7 +32,10 @@ TARGET, HYDRA = "_target_", ("_target_", "_partial_", "_convert_", "_recursive_"
 # Keys that the section's constructor does not take: drivezoo reads them.
 OWN = {"model": BORDER_KEYS, "trainer": OWN_KEYS, "optim": ("l2", "backbone_lr")}
 BOUNDED: dict[str, Any] = dict.fromkeys(("seed", "trainer.max_epochs"), Annotated[int, Field(ge=0)])
+BOUNDED["trainer.accumulate_grad_batches"] = Annotated[int, Field(ge=1)]
 BOUNDED |= dict.fromkeys(("optim.lr", "loss.delta", "loss.weight"), Annotated[float, Field(gt=0)])
+SET_BY_RUN = {"logger": "logger=NAME", "callbacks": "callbacks=NAME"}
+SET_BY_RUN["default_root_dir"] = "hydra.run.dir=FOLDER"
 PLAIN = {NoneType, bool, int, float, str, list, tuple, dict, Sequence, Mapping}
 
 
@@ -46,6 +49,8 @@ def check_config(config: DictConfig) -> None:
     plain: Any = OmegaConf.to_container(config, resolve=True)
     if plain["trainer"].get("precision") == AUTO:  # not Lightning's, see `choose_precision`
         del plain["trainer"]["precision"]
+    for name in SET_BY_RUN.keys() & plain["trainer"].keys():
+        raise UsageError(f"trainer.{name}: a run sets it itself; type {SET_BY_RUN[name]} instead")
     for key, kind in BOUNDED.items():
         section, _, name = key.rpartition(".")
         if name in (values := plain[section] if section else plain):

@@ -6,6 +6,7 @@ from pathlib import Path
 import lightning
 import numpy as np
 import torch
+from lightning.fabric.utilities.exceptions import MisconfigurationException
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from torch import nn
@@ -18,7 +19,7 @@ from datamodules.split import PARTS, rows_per_second, write_split
 from zoo.base.errors import InputError, hint
 from zoo.base.rig import CURVATURE
 from zoo.base.terminal import print_line
-from zoo.base.whole_file import refuse_links_out
+from zoo.base.whole_file import refuse_links_out, write_whole
 from zoo.callbacks.closed_loop import best_drive
 from zoo.checkpoints.checkpoint import make_card, read_checkpoint_file
 from zoo.cli.console_progress import working
@@ -141,7 +142,10 @@ def _run(
     if not trainer.is_global_zero:
         return
 
+    if summary := trainer.profiler.summary():  # as a log message, it would not be shown
+        print_line(console, summary)
     choice = choose_best(score, _monitor(trainer), folder, console, source)
+    module.float()  # as in a loaded checkpoint, whatever trainer.precision left
     if (best := folder / "checkpoints" / "best.ckpt").is_file():
         module.load_state_dict(read_checkpoint_file(best)["state_dict"])
     open_loop = conclusion.evaluate_rows(module, data, console)
@@ -205,6 +209,7 @@ def _fit(
 ) -> None:
     try:
         path = start.path if start else None
+        trainer.precision_plugin.convert_module(module)  # before its weights are restored
         trainer.fit(module, datamodule=data, ckpt_path=path, weights_only=True)
     except SystemExit:
         if not trainer.interrupted:
@@ -216,17 +221,25 @@ def _fit(
         for name in {getattr(callback, "monitor", None) for callback in trainer.callbacks}:
             if name and figures and name not in figures and name in str(error):
                 raise InputError(f"monitor={name}: no such figure; {hint(name, figures)}") from None
+        if isinstance(error, MisconfigurationException):
+            raise InputError(f"trainer: {' '.join(str(error).split())}") from error
         raise
     if trainer.interrupted:
         raise interruptions.stopped_error(folder, trainer.current_epoch + 1)
-    if trainer.max_epochs == 0:  # no training: only write the weights to checkpoints
-        for name in ("best", "last"):
-            trainer.save_checkpoint(folder / "checkpoints" / f"{name}.ckpt")
+    checkpoints = folder / "checkpoints"
+    for callback in trainer.checkpoint_callbacks:  # of no training, or one without a validation
+        path, last = checkpoints / f"{callback.filename}.ckpt", checkpoints / "last.ckpt"
+        if path.stem not in ("best", "last") or path.is_file() or trainer.fast_dev_run:
+            continue
+        if last.is_file():
+            write_whole(path, last.read_bytes())
+        else:
+            trainer.save_checkpoint(path)
 
 
 def _monitor(trainer: lightning.Trainer) -> str | None:
     """Return the figure that chose `best.ckpt`; None if that is the last epoch's."""
     for callback in trainer.checkpoint_callbacks:
-        if Path(callback.filename or "").stem == "best":
+        if Path(callback.filename or "").stem == "best" and callback.best_model_path:
             return callback.monitor
     return None

@@ -65,6 +65,7 @@ def test_true_is_no_number_in_any_key_of_any_choice(group: str, name: str) -> No
     [
         ("seed", "one", "seed=one: must be a whole number"),
         ("seed", 1.5, "seed=1.5: must be a whole number"),
+        ("optim.lr", 0, "optim.lr=0: must be a number above 0"),
         ("optim.lr", "fast", "optim.lr=fast: must be a number"),
         ("optim.lr", float("nan"), "optim.lr=nan: must be a number"),
         ("optim.lr", float("inf"), "optim.lr=inf: must be a number"),
