@@ -22,7 +22,7 @@ from datamodules.sign_evidence import sign_lines
 from zoo.base.command import command, is_help
 from zoo.base.command_keys import read_texts, typed
 from zoo.base.run_command import exit_after
-from zoo.base.terminal import command_line, printable
+from zoo.base.terminal import command_line, counted, printable
 
 FIRST_TRY = "experiment=first_try"  # docs/recipes.md, "A first try that drives"
 AT_ONCE = 64  # images of a thread's task: each task takes 1 kB until the last is done
@@ -76,7 +76,7 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
     finally:
         pool.shutdown(cancel_futures=True)  # on Ctrl-C, do not wait for the other images
     for (width, height), count in sizes.most_common():
-        _print(console, f"{count:,} images of {width} x {height}")
+        _print(console, f"{counted(count, 'image')} of {width} x {height}")
     _print_first(console, bad)
     verdict = (
         f"{len(bad):,} bad images; copy or record them again, or train with data.on_bad_image=skip"

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from datamodules.balance import BatchKey
+from zoo.base.terminal import counted
 from zoo.runs import plots
 
 
@@ -73,7 +74,7 @@ def figure_of_fed_batch(data: LightningDataModule, count: int) -> Figure:
     batch = data.training_batches()[BatchKey(0, 0, np.concatenate(indices)[:count])]
     images = batch["images"].movedim(-3, -1).numpy()
     height, width, channels = images.shape[-3:]
-    kind = f"{width} x {height} {data.view.colour}, {channels} channel{'s' * (channels > 1)}"
+    kind = f"{width} x {height} {data.view.colour}, {counted(channels, 'channel')}"
     title = f"network inputs: {kind}; steering above each image"
     steering = batch["targets"][..., 0].numpy()
     if sequence > 1:

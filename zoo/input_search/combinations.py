@@ -10,6 +10,7 @@ from datamodules.image import read_image
 from datamodules.recording import Recording
 from datamodules.view import CONVERSIONS, FRAME, RESIZES, View
 from zoo.base.errors import InputError
+from zoo.base.terminal import counted
 
 Scale = tuple[float, float]
 Pair = tuple[int, int]
@@ -88,7 +89,7 @@ def combinations(known: KnownInput) -> list[Combination]:
         height, width, channels = known.shape
         raise InputError(
             f"colour={known.colour}: the network's input is {height} x {width} x {channels}; set a "
-            f"colour of {channels} channel{'s' * (channels > 1)}"
+            f"colour of {counted(channels, 'channel')}"
         )
     return found
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from zoo.base.errors import InputError, StoppedError
 from zoo.base.new_folder import is_held, written_folder
 from zoo.base.parts import typed_parts
-from zoo.base.terminal import command_line, print_line
+from zoo.base.terminal import command_line, counted, print_line
 from zoo.base.whole_file import refuse_links_out
 from zoo.base.written_files import note_files
 from zoo.cli.compose import conf_folder, hydra_overrides, quote
@@ -135,7 +135,7 @@ def conclude(folder: Path, console: Console) -> None:
         InputError: jobs failed; the message has each job's reason.
     """
     folders = records.job_folders(folder)
-    title = f"{len(folders)} jobs, the best driver first"
+    title = f"{counted(len(folders), 'job')}, the best driver first"
     ranking = Ranking.read(folders, folder, title=title)
     ranking.written.append(ranking.write_page(folder / PAGE, f"Sweep {folder.name}"))
     ranking.show(console)
@@ -143,8 +143,8 @@ def conclude(folder: Path, console: Console) -> None:
     if failed:
         reasons = "; ".join(f"{run.folder.name}: {run.reason or 'it was killed'}" for run in failed)
         raise InputError(
-            f"{len(failed)} of {len(folders)} jobs failed: {reasons}; the same command runs them "
-            "again"
+            f"{len(failed)} of {counted(len(folders), 'job')} failed: {reasons}; the same command "
+            "runs them again"
         )
 
 

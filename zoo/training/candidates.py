@@ -12,7 +12,7 @@ from rich.console import Console
 
 from simulator.track_names import short_name
 from zoo.base.errors import InputError
-from zoo.base.terminal import print_line
+from zoo.base.terminal import counted, print_line
 from zoo.base.whole_file import write_whole
 from zoo.callbacks.closed_loop import DRIVEN
 from zoo.checkpoints.checkpoint import read_checkpoint_file, trained_epochs
@@ -146,8 +146,8 @@ def _drive(
     drives = []
     print_line(
         console,
-        f"candidates for best.ckpt, {laps:g} lap{'' if laps == 1 else 's'} of the "
-        f"{short_name(track)} each, from another start than the score:",
+        f"candidates for best.ckpt, {counted(laps, 'lap')} of the {short_name(track)} each, from "
+        "another start than the score:",
     )
     for candidate, figures in zip(candidates, driven, strict=True):
         count, error = figures["interventions"], figures["cte_mean_m"]
@@ -156,7 +156,7 @@ def _drive(
         print_line(
             console,
             f"  epoch {candidate['epoch']:>3}, {candidate['what']}: autonomy "
-            f"{figures['autonomy']:.1%}, {count} intervention{'' if count == 1 else 's'}, mean "
+            f"{figures['autonomy']:.1%}, {counted(count, 'intervention')}, mean "
             f"error {error:.2f} m",
         )
     return sorted(drives, key=lambda drive: -drive["score"])  # stable: ties keep their order

@@ -9,7 +9,7 @@ from rich.console import Console
 from datamodules.driving import DrivingData
 from datamodules.findings import find_oddities
 from datamodules.split import PARTS
-from zoo.base.terminal import print_line, print_written
+from zoo.base.terminal import counted, print_line, print_written
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.cli.console_progress import working
@@ -156,8 +156,9 @@ def print_conclusion(
     if metrics["samples_per_second"]:
         print_line(
             console,
-            f"{metrics['epochs']} epochs, {metrics['samples_per_second']:,.0f} samples/s, "
-            f"{metrics['wall_s']:.0f} s total" + (f"; best after epoch {best}" if best else ""),
+            f"{counted(metrics['epochs'], 'epoch')}, "
+            f"{metrics['samples_per_second']:,.0f} samples/s, {metrics['wall_s']:.0f} s total"
+            + (f"; best after epoch {best}" if best else ""),
         )
     best_path = folder / "checkpoints" / "best.ckpt"
     written = [best_path] if best_path.is_file() else []

@@ -17,7 +17,7 @@ from torch import nn
 from datamodules.driving import DrivingData
 from datamodules.features import FeaturePlan, Front, plan_features
 from zoo.base.errors import InputError
-from zoo.base.terminal import print_line
+from zoo.base.terminal import counted, print_line
 from zoo.models.layers import in_pieces
 
 KEY = "model.cache_features"
@@ -68,7 +68,7 @@ def plan_cached_features(
         )
         refusal = _too_large(setting, plan, config, data)
     if refusal is None:
-        size = f"{plan.images:,} images, {plan.front.image_bytes / 1e3:.1f} kB each"
+        size = f"{counted(plan.images, 'image')}, {plan.front.image_bytes / 1e3:.1f} kB each"
         if plan.missing:
             size = f"{plan.missing:,} of {size}, {_size(plan.missing_bytes)}"
         print_line(console, f"frozen blocks: caching the features of {size}, {_place(plan)}")

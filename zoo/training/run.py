@@ -18,7 +18,7 @@ from datamodules.recording_format import other_car
 from datamodules.split import PARTS, rows_per_second, write_split
 from zoo.base.errors import InputError, hint
 from zoo.base.rig import CURVATURE
-from zoo.base.terminal import print_line
+from zoo.base.terminal import counted, print_line
 from zoo.base.whole_file import refuse_links_out, write_whole
 from zoo.callbacks.closed_loop import best_drive
 from zoo.checkpoints.checkpoint import make_card, read_checkpoint_file
@@ -182,8 +182,8 @@ def print_start(
     lines = [
         f"{model['name']}: {parameters:,} parameters, sees {width} x {height} "
         f"{data.view.colour} of frames of {frame[1]} x {frame[0]}, on {device}",
-        f"split by {card['data']['split_by']}: {split} rows; {len(data.samples):,} "
-        "training samples",
+        f"split by {card['data']['split_by']}: {split} rows; "
+        f"{counted(len(data.samples), 'training sample')}",
     ]
     for part, leak in leaks.items():
         lines.append(

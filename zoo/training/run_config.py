@@ -19,7 +19,7 @@ from zoo.base.command_keys import typed
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError, file_errors
 from zoo.base.new_folder import RECIPE, RECORDINGS, whole_folder
-from zoo.base.terminal import print_line
+from zoo.base.terminal import counted, print_line
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import check_card, find_checkpoint, read_checkpoint_file
 from zoo.cli.compose import escape_interpolation
@@ -228,7 +228,8 @@ def _record(folder: Path, recipe: dict, jobs: int | None, console: Console) -> N
         )
     print_line(
         console,
-        f"recording {len(recipe['passes'])} drives with the embedded simulator, once, in {folder}",
+        f"recording {counted(len(recipe['passes']), 'drive')} with the embedded simulator, once, "
+        f"in {folder}",
     )
     try:
         with whole_folder(folder, RECORDINGS) as unfinished:
