@@ -217,7 +217,7 @@ def unit_hint(largest: float) -> str:
     """Return the remedy of a steering in another unit, '' for one whose largest is within -1..1."""
     if largest <= RANGES["steering"][1]:
         return ""
-    return f"degrees, or another unit? name it: data.steering={{{EXAMPLE}}}"
+    return f"degrees, or another unit? name it: 'data.steering={{{EXAMPLE}}}'"
 
 
 def _is_header(fields: list[str]) -> bool:

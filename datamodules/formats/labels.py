@@ -158,8 +158,8 @@ def _check_range(
     raise InputError(
         f"{folder}: the steering numbers are {known.min():g}..{known.max():g}, mostly about "
         f"{np.median(known):g}: not {unit.words()}; name what they are, for a servo "
-        "data.steering={unit: servo, zero: 90, full: 45, right: positive}, for a steering wheel "
-        f"data.steering={{{EXAMPLE}}}"
+        "'data.steering={unit: servo, zero: 90, full: 45, right: positive}', for a steering wheel "
+        f"'data.steering={{{EXAMPLE}}}'"
     )
 
 
@@ -172,7 +172,7 @@ def _agreement(folder: Path, recording: Recording, unit: SteeringUnit) -> str:
     raise InputError(
         f"{folder}: the format does not say what its steering is, and the images {what} that it is "
         f"{unit.words()} ({evidence.words()}); look at them, and name what is right, such as "
-        f"data.{unit.key()}"
+        f"'data.{unit.key()}'"
     )
 
 

@@ -52,8 +52,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
     known = {**IMAGES, **NUMBERS}
     if not {"steering"} <= set(columns) <= set(known) or not {"image", "center"} & set(columns):
         raise UsageError(
-            f"{table}: name its columns, data.columns={{image: NAME, steering: NAME}}; others are "
-            f"{', '.join(sorted(set(known) - {'image', 'center', 'steering'}))}"
+            f"{table}: name its columns, 'data.columns={{image: NAME, steering: NAME}}'; others "
+            f"are {', '.join(sorted(set(known) - {'image', 'center', 'steering'}))}"
         )
     folder = Path(options.images) if options.images else table.parent
 

@@ -22,6 +22,7 @@ from zoo.base.command_keys import (
     typed,
 )
 from zoo.base.errors import InputError, UsageError
+from zoo.base.terminal import command_line
 from zoo.cli.console_script import ALIASES, GROUPS, LISTED, load, places
 from zoo.evaluate.evaluate_options import EvaluateOptions, ReplayOptions
 
@@ -85,7 +86,7 @@ def test_the_help_has_a_row_for_each_argument_and_key(
     for argument in one.arguments:
         assert f"\n  {argument}" in printed
     for key in one.keys:
-        assert f"\n  {key.name}={key.typed}" in printed
+        assert f"\n  {command_line([f'{key.name}={key.typed}'])}" in printed
 
 
 @pytest.mark.parametrize("name", WITH_KEYS)

@@ -19,6 +19,7 @@ from operator import attrgetter
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from zoo.base.errors import InputError, UsageError, hint
+from zoo.base.terminal import command_line
 
 Made = TypeVar("Made")
 
@@ -65,7 +66,7 @@ class Key:
         meaning = re.sub(r"\bNone\b", "null", self.meaning)
         if limits and not (self.choices and explained):
             meaning += f" ({limits})"
-        return help_row(f"{self.name}={self.typed}", meaning)
+        return help_row(command_line([f"{self.name}={self.typed}"]), meaning)
 
 
 @dataclass(frozen=True)

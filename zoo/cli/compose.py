@@ -22,6 +22,7 @@ from zoo.base.bounded_files import mapped
 from zoo.base.command import is_path
 from zoo.base.command_keys import help_row, typed_keys
 from zoo.base.errors import UsageError, hint
+from zoo.base.terminal import command_line
 from zoo.cli.conf_files import choice_files, choices, comments_of, conf_folder, trainer_keys
 
 # Keys whose values are paths; in a path, Hydra's grammar has no meaning except `${...}`.
@@ -333,7 +334,7 @@ def config_help(arguments: Sequence[str]) -> str:
     groups = [f"{name}: {', '.join(choices(name))}" for name in config_groups()]
     meanings = key_comments(chosen)
     keys = [
-        help_row(f"{key}={value}", meanings.get(key, ""), NAMES)
+        help_row(command_line([f"{key}={value}"]), meanings.get(key, ""), NAMES)
         for key, value in typed_keys(config)
         if "._" not in key  # `_target_`, which the choices decide
     ]

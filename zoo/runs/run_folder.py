@@ -9,6 +9,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from zoo.base.errors import InputError
+from zoo.base.terminal import command_line
 from zoo.base.written_files import MARK
 from zoo.cli.compose import conf_folder, quote
 from zoo.cli.process_ranks import is_first_process, needs_processes
@@ -103,8 +104,8 @@ def _refuse_a_run(folder: Path) -> None:
     found = next((name for name in TRACES if (folder / name).exists()), None)
     if found:
         raise InputError(
-            f"{folder}: already holds a run ({found}); resume it with resume={folder}, or "
-            "name another folder: hydra.run.dir=FOLDER"
+            f"{folder}: already holds a run ({found}); resume it with "
+            f"{command_line([f'resume={folder}'])}, or name another folder: hydra.run.dir=FOLDER"
         )
 
 

@@ -144,13 +144,13 @@ def _of_keras(path: Path, view: View, scale: list | None) -> tuple[list, list]:
     if network.input_shape != view.shape:
         raise InputError(
             f"{path}: its input is {rows} x {columns} x {channels}, the view gives "
-            f"{' x '.join(map(str, view.shape))}; set data.crop=[0,0] model.size=[{rows},{columns}]"
-            f" model.colour={'gray' if channels == 1 else 'rgb'}, with the crop and the colour of "
-            f"its training, {remedy}"
+            f"{' x '.join(map(str, view.shape))}; set 'data.crop=[0,0]' "
+            f"'model.size=[{rows},{columns}]' model.colour={'gray' if channels == 1 else 'rgb'}, "
+            f"with the crop and the colour of its training, {remedy}"
         )
     if network.scale is None:
         raise InputError(
-            f"{path}: does not tell how it scales pixels; set model.scale=[127.5,1] for "
+            f"{path}: does not tell how it scales pixels; set 'model.scale=[127.5,1]' for "
             f"pixel / 127.5 - 1, or [1,0] for none, {remedy}"
         )
     return network.layers, list(network.scale)
@@ -169,8 +169,8 @@ def _of_checkpoint(path: Path, view: View, scale: list | None) -> tuple[list, li
         )
     if replace(own, frame=view.frame) != view:  # the recording has not been read yet
         raise InputError(
-            f"{path}: was trained on another view; set data.crop={typed(own.crop)} "
-            f"model.colour={own.colour} model.size={typed(own.size)} model.resize={own.resize}"
+            f"{path}: was trained on another view; set 'data.crop={typed(own.crop)}' "
+            f"model.colour={own.colour} 'model.size={typed(own.size)}' model.resize={own.resize}"
         )
     return model["layers"], scale or model.get("scale") or [127.5, 1.0]
 

@@ -302,7 +302,7 @@ def _recording(evidence: Evidence, _: Sequence[str]) -> Cause | None:
     found = " ".join(f"{text.rstrip('.')}." for text in texts)
     if set(ROBUST) <= set(_augmentations(evidence)):
         return Cause(f"The recording: {found} drivezoo check names what to record.")
-    remedy = f"augment=[{','.join(ROBUST)}] makes up for some of it."
+    remedy = f"'augment=[{','.join(ROBUST)}]' makes up for some of it."
     return Cause(f"The recording: {found} {remedy}", augment=ROBUST)
 
 
@@ -317,7 +317,7 @@ def _unseen(evidence: Evidence, tracks: Sequence[str]) -> Cause | None:
     text = f"Its training images do not show the {' and '.join(unseen)};"
     if "bend" in _augmentations(evidence):
         return Cause(f"{text} record more roads.")
-    return Cause(f"{text} augment=[{','.join(BENDS)}] helps.", augment=BENDS)
+    return Cause(f"{text} 'augment=[{','.join(BENDS)}]' helps.", augment=BENDS)
 
 
 # The likeliest first.
