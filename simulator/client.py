@@ -241,15 +241,18 @@ class Client:
         counts, frames = self.counts, len(self.cte)
         cte = np.abs(self.cte) if self.cte else np.zeros(1)
         wall_s = max(time.monotonic() - self.began_s, 1e-9)
-        times = {name: counted(count, "time") for name, count in counts.items()}
-        put_back = f", put back {times['put back']}" if self.options.put_back else ""
+        back, hand, off, connected = (
+            counted(counts[name], "time")
+            for name in ("put back", "taken over", "off road", "connections")
+        )
+        put_back = f", put back {back}" if self.options.put_back else ""
         self.print_once(
             f"{self.driven} in {frames * self.world.frame_s:.1f} s of simulated time; "
             f"{counted(frames, 'frame')}, {frames / wall_s:.0f} per second; "
             f"{counted(counts['telemetry'], 'telemetry message')}; "
-            f"connected {times['connections']}; taken over by hand {times['taken over']}; "
+            f"connected {connected}; taken over by hand {hand}; "
             f"cross-track error {cte.mean():.2f} m on average, {cte.max():.2f} m at most; "
-            f"left the road {times['off road']}{put_back}"
+            f"left the road {off}{put_back}"
         )
 
     def _connect(self) -> "Socket":

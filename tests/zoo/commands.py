@@ -3,6 +3,7 @@
 import contextlib
 import functools
 import io
+import itertools
 import os
 import runpy
 import signal
@@ -97,7 +98,8 @@ def last_of_each(module: str, arguments: Sequence[str]) -> list[str]:
     key_of = [word.lstrip("+").partition("=")[0] for word in arguments]
     if module != "zoo":
         return [*arguments]
-    return [word for at, word in enumerate(arguments) if key_of[at] not in key_of[at + 1 :]]
+    last = [key == "parts" or key not in key_of[at + 1 :] for at, key in enumerate(key_of)]
+    return list(itertools.compress(arguments, last))
 
 
 def run_words(cwd: Path, *words: str, **variables: str) -> subprocess.CompletedProcess:

@@ -258,8 +258,10 @@ def convert(name: str, kind: Any, value: Any) -> Any:
         value = typed(value)
     try:
         return _adapter(kind).validate_python(value)
-    except ValidationError:
-        raise UsageError(f"{name}={typed(given)}: must be {wanted(kind)}") from None
+    except ValidationError as error:
+        is_number = error.errors()[0]["type"] == "finite_number"
+        what = "a finite number" if is_number else wanted(kind)
+        raise UsageError(f"{name}={typed(given)}: must be {what}") from None
 
 
 def is_misplaced_bool(kind: Any, value: Any) -> bool:

@@ -172,7 +172,7 @@ def test_start_seeds_of_one_track_have_a_count_and_no_interval() -> None:
             evidence(
                 {}, (), findings=[{"text": "84 % of steering is 0."}, {"text": "0 recoveries"}]
             ),
-            "The recording: 84 % of steering is 0. 0 recoveries. augment=",
+            "The recording: 84 % of steering is 0. 0 recoveries. 'augment=",
             "augment=[brightness,shadow,shift]",
         ),
         (
