@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
-import lightning
 import numpy as np
 import torch
 from pydantic import Field
@@ -26,6 +25,7 @@ from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.row_views import RowViews, load_row_views
+from datamodules.run_data import RunData
 from datamodules.samples import CENTER, camera_numbers, make_samples
 from datamodules.split import PARTS, Split, split_rows, split_words
 from datamodules.steering_label import curvature_label, in_label, label_lines
@@ -43,7 +43,7 @@ Least0 = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(ge=1)]
 
 
-class DrivingData(lightning.LightningDataModule):
+class DrivingData(RunData):
     """The batches of recordings; call `load` before use. The keys of `conf/data` are arguments.
 
     Args:
@@ -217,6 +217,14 @@ class DrivingData(lightning.LightningDataModule):
             console.print(f"{line}, which are one batch", highlight=False)
             self.batch_size = count
         next(iter(self.sampler()))  # to report a wrong straight_cap now
+
+    def steering_of(self, rows: np.ndarray) -> np.ndarray:
+        """Return the true steering of rows, in the unit of the labels."""
+        return self.labelled.steering[rows]
+
+    def count_samples(self) -> int:
+        """Return the number of training samples, of all cameras."""
+        return len(self.samples)
 
     def sampler(self, rank: int = 0, world: int = 1) -> BalancedBatches:
         """Return the sampler of an epoch's batch keys, of one rank.

@@ -124,7 +124,7 @@ def check_data(config: "DictConfig", folder: Path) -> None:
     from zoo.runs.status import run_status
 
     try:
-        check_roots(config.data.root)
+        check_roots(config.data.get("root"))
     except InputError:
         with run_status(folder, is_first_process(needs_processes(config))):
             raise

@@ -34,13 +34,15 @@ def preview(*overrides: str) -> None:
     for path in written:
         check_output(path, key="")
     config = OmegaConf.create(escape_interpolation(compose_config(hydra_overrides(overrides))))
-    check_roots(config.data.root)  # reports a wrong path before torch is imported
+    check_roots(config.data.get("root"))  # reports a wrong path before torch is imported
     with loading():
+        from datamodules.driving import DrivingData
         from zoo.callbacks.training_images import figure_of_fed_batch, figure_of_steering
         from zoo.runs import plots
-        from zoo.training.build import build_data
+        from zoo.training.build import build_data, check_members
         from zoo.training.run_config import settle_config
     data = build_data(settle_config(config, console))
+    check_members("data", data, DrivingData, ("sampler", "training_batches"))
     data.load(console)
     figures = figure_of_fed_batch(data, COUNT), figure_of_steering(data)
     for path, figure in zip(written, figures, strict=True):

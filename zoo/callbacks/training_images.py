@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from datamodules.balance import BatchKey
+from datamodules.driving import DrivingData
 from zoo.base.terminal import counted
 from zoo.runs import plots
 
@@ -25,7 +26,7 @@ class FedBatch(Callback):
 
     def on_train_start(self, trainer: Trainer, module: LightningModule) -> None:
         """Plot the samples."""
-        if trainer.is_global_zero:
+        if trainer.is_global_zero and isinstance(trainer.datamodule, DrivingData):
             publish(trainer, "fed_batch", figure_of_fed_batch(trainer.datamodule, self.count))
 
 
@@ -34,7 +35,7 @@ class SteeringHistogram(Callback):
 
     def on_train_start(self, trainer: Trainer, module: LightningModule) -> None:
         """Plot the steering."""
-        if trainer.is_global_zero:
+        if trainer.is_global_zero and isinstance(trainer.datamodule, DrivingData):
             publish(trainer, "steering_histogram", figure_of_steering(trainer.datamodule))
 
 

@@ -4,7 +4,7 @@ import inspect
 import logging
 import os
 import warnings
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -18,8 +18,8 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from torch import nn
 
-from datamodules.driving import DrivingData
 from datamodules.features import load_features
+from datamodules.run_data import RunData
 from datamodules.view import View
 from zoo.base.errors import InputError, UsageError
 from zoo.base.parts import import_part, part_errors, part_of
@@ -32,27 +32,66 @@ from zoo.models.make_network import make_network, view_of
 from zoo.training.host_settings import AUTO, FULL
 from zoo.training.plan import TrainingPlan, compile_step
 from zoo.training.run_loggers import naming_arguments
+from zoo.training.run_module import RunModule
 from zoo.training.steering_module import OWN, SteeringModule
 
 PLACES = ("root", "images", "cache", "split")  # keys of `data` that hold paths
 # Keys of `trainer` that are not arguments of Lightning's Trainer.
 OWN_KEYS = ("compile", "group_batches")
+WINDOW = ("sequence", "stride", "ahead")  # keys of `data` that the network decides
 # Keys of `trainer` with which an epoch may end without a validation, and of callbacks, which else
 # act after an epoch.
 RARER = {"check_val_every_n_epoch", "val_check_interval", "max_steps", "max_time"}
 AFTER_EPOCH = ("save_on_train_epoch_end", "check_on_train_epoch_end")
 
 
-def build_data(config: DictConfig) -> DrivingData:
+def build_data(config: DictConfig) -> RunData:
     """Return the datamodule; call its `load` before use."""
     model = OmegaConf.to_container(config.model, resolve=True)
-    view = view_of(model, config.data.crop)
     data = OmegaConf.to_container(config.data, resolve=True)
     settings = {key: v for key, v in data.items() if key not in ("crop", "record")}
+    kind = construct("data", {"_target_": data["_target_"]}, _partial_=True).func
+    check_members("data", kind, RunData, RunData.NEEDED)
+    # What the user has not chosen goes only to a datamodule that takes it.
+    offered = {key: settings.pop(key) for key in WINDOW if key in settings}
+    if not data.get("augment"):
+        settings.pop("augment", None)
+    offered |= {"view": view_of(model, data.get("crop", [0, 0])), "seed": config.seed}
     places = {key: settings.pop(key) for key in PLACES if key in settings}
     # Hydra would convert the view, a dataclass, to a config.
     make = construct("data", settings, _partial_=True)
-    return make(view=view, seed=config.seed, **places)
+    try:
+        with part_errors(part_of(data["_target_"])):
+            return make(**places, **_taken(kind, offered))
+    except TypeError as error:
+        raise UsageError(f"data: {error}; leave that key out") from error
+
+
+def check_members(key: str, owner: object, base: type, names: Sequence[str]) -> None:
+    """Raise InputError for members that a run needs and a class or an object lacks.
+
+    Args:
+        key: section of the config.
+        owner: class, or an object of it, which need not derive from `base`.
+        base: class that has the members, or names them; those of Lightning's class above it do
+            not count.
+        names: needed members.
+    """
+    kind, absent = owner if inspect.isclass(owner) else type(owner), object()
+    values = {name: getattr(owner, name, absent) for name in names}
+    above = {name: getattr(base.__base__, name, absent) for name in names}
+    if missing := [name for name in names if values[name] in (absent, above[name])]:
+        raise InputError(
+            f"{key}: {kind.__module__}.{kind.__qualname__} lacks {', '.join(missing)}, which a run "
+            f"needs; see {base.__module__}.{base.__qualname__} and docs/extending.md"
+        )
+
+
+def _taken(kind: Callable, offered: dict[str, object]) -> dict[str, object]:
+    """Return those of the arguments that a constructor takes."""
+    parameters = inspect.signature(kind).parameters
+    takes_any = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
+    return {key: one for key, one in offered.items() if takes_any or key in parameters}
 
 
 def build_network(
@@ -83,29 +122,31 @@ def build_module(
     plan: TrainingPlan,
     card: dict,
     console: Console,
-) -> SteeringModule:
+) -> RunModule:
     """Return the LightningModule around a network."""
     optim = {key: v for key, v in config.optim.items() if key not in ("l2", "backbone_lr")}
     loss = construct("loss", config.loss)
     _check_spread(network, loss)
     chosen = config.get("module") or {"_target_": OWN}
     make = construct("module", chosen, _partial_=True)
-    if not (inspect.isclass(make.func) and issubclass(make.func, SteeringModule)):
-        raise InputError(f"module: {chosen['_target_']} does not derive from {OWN}")
+    if plan.features and not issubclass(make.func, SteeringModule):
+        raise InputError("module: features need SteeringModule; set model.cache_features=false")
+    offered = {
+        "network": network,
+        "loss": loss,
+        "optimizer": construct("optim", optim),
+        "schedule": construct("schedule", config.schedule),
+        "l2": config.optim.l2,
+        "backbone_lr": config.optim.backbone_lr,
+        "seed": config.seed,
+        "card": card,
+        "skips_front": plan.features is not None,
+        "compile_loss": partial(compile_step, console=console) if plan.compiled_batch else None,
+        "compiled_batch": plan.compiled_batch,
+    }
     with part_errors(part_of(chosen["_target_"])):
-        module = make(
-            network,
-            loss=loss,
-            optimizer=construct("optim", optim),
-            schedule=construct("schedule", config.schedule),
-            l2=config.optim.l2,
-            backbone_lr=config.optim.backbone_lr,
-            seed=config.seed,
-            card=card,
-            skips_front=plan.features is not None,
-            compile_loss=partial(compile_step, console=console) if plan.compiled_batch else None,
-            compiled_batch=plan.compiled_batch,
-        )
+        module = make(**_taken(make.func, offered))
+    check_members("module", module, RunModule, ("network",))
     if type(module) is SteeringModule:  # a schedule of the user's may need the trainer
         try:
             module.configure_optimizers()  # to report wrong settings before training starts
@@ -125,7 +166,7 @@ def _check_spread(network: nn.Module, loss: nn.Module) -> None:
         )
 
 
-def build_feed(data: DrivingData, plan: TrainingPlan, console: Console) -> DrivingData:
+def build_feed(data: RunData, plan: TrainingPlan, console: Console) -> RunData:
     """Return the data with the plan's feed; compute the features that are not cached."""
     features = load_features(plan.features, data.views, console) if plan.features else None
     return data.with_feed(plan.batch_device, plan.batches_per_step, features)

@@ -24,8 +24,9 @@ from zoo.base.command_keys import (
 from zoo.base.errors import UsageError, hint
 from zoo.cli.compose import LISTS_ALL
 from zoo.models.make_network import BORDER_KEYS
-from zoo.training.build import OWN_KEYS, build_data, construct
+from zoo.training.build import OWN_KEYS, build_data, check_members, construct
 from zoo.training.host_settings import AUTO
+from zoo.training.run_module import RunModule
 from zoo.training.steering_module import SteeringModule
 
 TARGET, HYDRA = "_target_", ("_target_", "_partial_", "_convert_", "_recursive_", "_args_")
@@ -59,6 +60,8 @@ def check_config(config: DictConfig) -> None:
         _check(f"optim.{key}", get_type_hints(SteeringModule.__init__)[key], plain["optim"][key])
     for key, settings in _parts(plain):
         function = construct(key, {TARGET: settings.get(TARGET)}, _partial_=True).func
+        if key == "module":
+            check_members(key, function, RunModule, RunModule.NEEDED)
         ours = (*HYDRA, *OWN.get(key, ()))
         check_arguments(key, function, {k: v for k, v in settings.items() if k not in ours})
     record = plain["data"].get("record")

@@ -16,6 +16,7 @@ from torch import nn
 
 from datamodules.driving import DrivingData
 from datamodules.features import FeaturePlan, Front, plan_features
+from datamodules.run_data import RunData
 from zoo.base.errors import InputError
 from zoo.base.terminal import counted, print_line
 from zoo.models.layers import in_pieces
@@ -28,7 +29,7 @@ AUTO_BYTES = 16_000_000_000
 def plan_cached_features(
     config: DictConfig,
     network: nn.Module,
-    data: DrivingData,
+    data: RunData,
     device: torch.device,
     console: Console,
 ) -> FeaturePlan | None:
@@ -52,7 +53,7 @@ def plan_cached_features(
     setting = config.model.get("cache_features", False)
     if setting not in ("auto", True, False):
         raise InputError(f"{KEY}={setting} is not auto, true or false")
-    frozen = getattr(network, "frozen_front", None)
+    frozen = getattr(network, "frozen_front", None) if isinstance(data, DrivingData) else None
     if setting is False or (setting == "auto" and frozen is None):
         return None
     plan, refusal = None, _refusal(config, data, frozen)

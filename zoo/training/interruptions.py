@@ -16,6 +16,7 @@ from zoo.base.run_command import was_stopped
 from zoo.base.terminal import command_line, counted, print_line
 from zoo.checkpoints.checkpoint import check_part, read_checkpoint_file, trained_epochs
 from zoo.runs.status import read_status
+from zoo.training.run_module import RunModule
 from zoo.training.steering_module import SteeringModule
 
 
@@ -96,8 +97,10 @@ class ResumePoint:
         if has_stopped_early(self.contents, max(patience, default=None)):
             trainer.fit_loop.max_epochs = trained_epochs(self.contents)
 
-    def check_optimizer(self, module: SteeringModule) -> None:
+    def check_optimizer(self, module: RunModule) -> None:
         """Raise InputError if the new optimizer has other groups than the saved one."""
+        if not isinstance(module, SteeringModule):
+            return
         groups = module.make_optimizer(module.parameter_groups()).param_groups
         now = [len(group["params"]) for group in groups]
         if self.group_sizes != now:

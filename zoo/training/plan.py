@@ -17,8 +17,8 @@ from torch import nn
 
 from datamodules.balance import share_of
 from datamodules.batches import GROUP
-from datamodules.driving import DrivingData
 from datamodules.features import FeaturePlan
+from datamodules.run_data import RunData
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError
 from zoo.base.terminal import counted, print_line
@@ -70,7 +70,7 @@ class TrainingPlan:
 
 def make_plan(
     config: DictConfig,
-    data: DrivingData,
+    data: RunData,
     network: nn.Module,
     trainer: lightning.Trainer,
     console: Console,

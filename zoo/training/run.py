@@ -11,10 +11,10 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from torch import nn
 
-from datamodules.driving import DrivingData
 from datamodules.leak import Leak
 from datamodules.recording import ROW_SAMPLE
 from datamodules.recording_format import other_car
+from datamodules.run_data import RunData
 from datamodules.split import PARTS, rows_per_second, write_split
 from zoo.base.errors import InputError, hint
 from zoo.base.rig import CURVATURE
@@ -37,7 +37,7 @@ from zoo.training.precision import choose_precision
 from zoo.training.recorded_roads import recorded_roads
 from zoo.training.run_config import settle_config, with_layers
 from zoo.training.run_loggers import log_config, log_results
-from zoo.training.steering_module import SteeringModule
+from zoo.training.run_module import RunModule
 
 
 def run_experiment(
@@ -84,6 +84,7 @@ def _run(
 
     data = build.build_data(config)
     data.load(console)
+    build.check_members("data", data, RunData, RunData.LOADED)
     with working("measuring train/validation similarity", console):
         leaks = data.leaks()
     recorded = {
@@ -170,7 +171,7 @@ def _run(
 def print_start(
     card: dict,
     network: nn.Module,
-    data: DrivingData,
+    data: RunData,
     leaks: dict[str, Leak],
     device: torch.device,
     console: Console,
@@ -183,7 +184,7 @@ def print_start(
         f"{model['name']}: {parameters:,} parameters, sees {width} x {height} "
         f"{data.view.colour} of frames of {frame[1]} x {frame[0]}, on {device}",
         f"split by {card['data']['split_by']}: {split} rows; "
-        f"{counted(len(data.samples), 'training sample')}",
+        f"{counted(data.count_samples(), 'training sample')}",
     ]
     for part, leak in leaks.items():
         lines.append(
@@ -202,8 +203,8 @@ def print_start(
 
 def _fit(
     trainer: lightning.Trainer,
-    module: SteeringModule,
-    data: DrivingData,
+    module: RunModule,
+    data: RunData,
     start: interruptions.ResumePoint | None,
     folder: Path,
 ) -> None:
