@@ -23,7 +23,7 @@ from zoo.base.command import is_path
 from zoo.base.command_keys import help_row, typed_keys
 from zoo.base.errors import UsageError, hint
 from zoo.base.terminal import command_line
-from zoo.cli.conf_files import choice_files, choices, comments_of, conf_folder, trainer_keys
+from zoo.cli.conf_files import choice_files, choices, comments_of, conf_folder, trainer_arguments
 
 # Keys whose values are paths; in a path, Hydra's grammar has no meaning except `${...}`.
 PATH_KEYS = (
@@ -94,8 +94,7 @@ def hydra_overrides(arguments: Sequence[str], sweep: bool = False) -> list[str]:
         sweep: whether a comma separates the values of a sweep.
 
     Raises:
-        UsageError: an option is not one of drivezoo's, a key is given twice, or `+` adds a key to
-            no part of a training.
+        UsageError: an option is not one of drivezoo's, or a key is given twice.
     """
     refuse_repeated(arguments)
     return [_hydra_override(argument, sweep) for argument in arguments]
@@ -119,11 +118,15 @@ def _hydra_override(argument: str, sweep: bool) -> str:
         value = _quote_value(value, sweep)
     if key.startswith("hydra") or not {*"@/"}.isdisjoint(key):
         return f"{typed}={value}"
-    if typed != key:
-        _check_section(key)
-    if typed != key or (key == "callbacks" and value.startswith("{")) or _is_added(key):
-        return f"++{key}={value}"  # adds the key, or replaces the one of that name
-    return f"{key}={value}"
+    section = key.partition(".")[0]
+    is_added = typed != key and section in config_groups()  # others Hydra finds to be no key
+    is_added |= key == "callbacks" or (section == "trainer" and key in _trainer_keys())
+    return f"++{key}={value}" if is_added else f"{key}={value}"  # ++ adds a key, or replaces it
+
+
+def _trainer_keys() -> list[str]:
+    """Return the keys of `trainer` that no YAML file has, but Lightning."""
+    return [f"trainer.{name}" for name in trainer_arguments()]
 
 
 def _names_folder(value: str) -> bool:
@@ -140,23 +143,6 @@ def _searched(option: str) -> str:
     known = [FOREIGN[name]] if name in FOREIGN else valid_keys()
     near = hint(FOREIGN.get(name, name.replace("-", "_")), known, LISTS_ALL)
     raise UsageError(f"{option}: no such option; type key=value, such as seed=2: {near}")
-
-
-def _check_section(key: str) -> None:
-    """Raise UsageError for an added key that belongs to no part of a training."""
-    known = comments_of((conf_folder() / "config.yaml").read_text(encoding="utf-8"))
-    section = key.partition(".")[0]
-    if section not in (*known, *config_groups()):
-        raise UsageError(f"{key}: no such key; {hint(section, valid_keys(), LISTS_ALL)}")
-
-
-def _is_added(key: str) -> bool:
-    """Return whether a key is an argument of Lightning's Trainer that no YAML file has."""
-    section, _, name = key.partition(".")
-    if section != "trainer" or not name:
-        return False
-    text = (conf_folder() / "trainer" / "default.yaml").read_text(encoding="utf-8")
-    return name in trainer_keys() and name not in comments_of(text)
 
 
 def refuse_repeated(arguments: Iterable[str]) -> None:
@@ -238,15 +224,12 @@ def one_line_errors(arguments: Sequence[str]) -> Iterator[None]:
     except ValueError as error:
         if not str(error).startswith("Config group override"):
             raise
-        groups = {word: choices(word.partition("=")[0]) for word in arguments}
-        word, names = next(pair for pair in groups.items() if pair[1] and _chosen_wrongly(*pair))
-        raise UsageError(f"{word}: name a choice; available: {', '.join(names)}") from error
-
-
-def _chosen_wrongly(word: str, names: Sequence[str]) -> bool:
-    """Return whether a word gives a group null, true or a number: no name, and no list."""
-    value = word.partition("=")[2]
-    return value not in names and not value.startswith("[")
+        for word in arguments:  # null, true or a number is no name of a choice
+            group, _, value = word.partition("=")
+            if (names := choices(group)) and value not in names and value[:1] != "[":
+                what = f"name a choice; available: {', '.join(names)}"
+                raise UsageError(f"{word}: {what}") from error
+        raise
 
 
 def _explained(error: Exception, arguments: Sequence[str]) -> str:
@@ -289,7 +272,7 @@ def _explained(error: Exception, arguments: Sequence[str]) -> str:
 def valid_keys() -> list[str]:
     """Return every key that users can type, including groups, `parts`, `resume` and `trust`."""
     keys = ["parts", "resume", "trust", *config_groups()]
-    keys += [f"trainer.{name}" for name in trainer_keys()]
+    keys += _trainer_keys()
 
     def walk(node: dict, prefix: str = "") -> None:
         for key, value in node.items():

@@ -61,14 +61,18 @@ def choice_files(group: str) -> dict[str, Path]:
 
 
 @functools.cache
-def trainer_keys() -> tuple[str, ...]:
-    """Return the arguments of Lightning's Trainer, from its source: an import takes seconds."""
+def trainer_arguments() -> tuple[str, ...]:
+    """Return the arguments of Lightning's Trainer that are keys of no YAML file.
+
+    They are read from its source, since an import takes seconds.
+    """
     package = importlib.util.find_spec("lightning")
     (folder,) = package.submodule_search_locations if package else ()
     source = Path(folder, "pytorch", "trainer", "trainer.py").read_text(encoding="utf-8")
     trainer = next(n for n in ast.parse(source).body if getattr(n, "name", "") == "Trainer")
     called = next(n for n in trainer.body if getattr(n, "name", "") == "__init__")
-    return tuple(argument.arg for argument in called.args.kwonlyargs)
+    ours = comments_of((conf_folder() / "trainer" / "default.yaml").read_text(encoding="utf-8"))
+    return tuple(one.arg for one in called.args.kwonlyargs if one.arg not in ours)
 
 
 def comments_of(text: str, prefix: str = "") -> dict[str, str]:

@@ -8,31 +8,24 @@ import math
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import NoneType
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any
 
 from omegaconf import DictConfig, OmegaConf
 from pydantic import Field
 
-from zoo.base.command_keys import (
-    choices_of,
-    convert,
-    is_misplaced_bool,
-    kinds_in,
-    typed,
-    wanted,
-)
+from zoo.base.command_keys import choices_of, convert, is_misplaced_bool, kinds_in, typed, wanted
 from zoo.base.errors import UsageError, hint
 from zoo.cli.compose import LISTS_ALL
 from zoo.models.make_network import BORDER_KEYS
 from zoo.training.build import OWN_KEYS, build_data, check_members, construct
 from zoo.training.host_settings import AUTO
 from zoo.training.run_module import RunModule
-from zoo.training.steering_module import SteeringModule
 
 TARGET, HYDRA = "_target_", ("_target_", "_partial_", "_convert_", "_recursive_", "_args_")
 # Keys that the section's constructor does not take: drivezoo reads them.
 OWN = {"model": BORDER_KEYS, "trainer": OWN_KEYS, "optim": ("l2", "backbone_lr")}
 BOUNDED: dict[str, Any] = dict.fromkeys(("seed", "trainer.max_epochs"), Annotated[int, Field(ge=0)])
+BOUNDED |= {"optim.l2": float, "optim.backbone_lr": float | None}
 BOUNDED["trainer.accumulate_grad_batches"] = Annotated[int, Field(ge=1)]
 BOUNDED |= dict.fromkeys(("optim.lr", "loss.delta", "loss.weight"), Annotated[float, Field(gt=0)])
 SET_BY_RUN = {"logger": "logger=NAME", "callbacks": "callbacks=NAME"}
@@ -56,8 +49,6 @@ def check_config(config: DictConfig) -> None:
         section, _, name = key.rpartition(".")
         if name in (values := plain[section] if section else plain):
             convert(key, kind, values[name])
-    for key in OWN["optim"]:
-        _check(f"optim.{key}", get_type_hints(SteeringModule.__init__)[key], plain["optim"][key])
     for key, settings in _parts(plain):
         function = construct(key, {TARGET: settings.get(TARGET)}, _partial_=True).func
         if key == "module":
