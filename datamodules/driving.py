@@ -117,7 +117,7 @@ class DrivingData(RunData):
         }
         for key in given.keys() - UNTYPED:
             if key not in kinds:
-                near = hint(f"data.{key}", [f"data.{one}" for one in kinds])
+                near = hint(f"data.{key}", [f"data.{name}" for name in kinds])
                 raise UsageError(f"data.{key}: no such key; {near}")
             convert(f"data.{key}", kinds[key], given[key])
         camera_numbers(cameras)

@@ -280,7 +280,7 @@ def is_misplaced_bool(kind: Any, value: Any) -> bool:
 def kinds_in(kind: Any) -> frozenset[Any]:
     """Return the classes that a type is made of; those of a `Literal`'s values, too.
 
-    >>> sorted(one.__name__ for one in kinds_in(dict[str, float] | Literal["a"] | None))
+    >>> sorted(kind.__name__ for kind in kinds_in(dict[str, float] | Literal["a"] | None))
     ['NoneType', 'dict', 'float', 'str']
     """
     if get_origin(kind) is Literal:

@@ -21,14 +21,16 @@ class CheckpointFiles(TorchCheckpointIO):
     old checkpoint. A full disk then destroys both.
 
     Args:
-        callbacks: callbacks of the trainer. The patience that they are given counts, not a saved
-            one, which Lightning would restore.
+        callbacks: callbacks of the trainer. The patience that they are given counts, not the
+            saved patience, which Lightning would restore.
     """
 
     def __init__(self, callbacks: Sequence[Callback] = ()) -> None:
         super().__init__()
         self._patience = {
-            one.state_key: one.patience for one in callbacks if isinstance(one, EarlyStopping)
+            callback.state_key: callback.patience
+            for callback in callbacks
+            if isinstance(callback, EarlyStopping)
         }
 
     def save_checkpoint(

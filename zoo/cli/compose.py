@@ -140,8 +140,8 @@ def _searched(option: str) -> str:
     if option in SWEEPS:
         return option
     name = option.lstrip("-").partition("=")[0]
-    known = [FOREIGN[name]] if name in FOREIGN else valid_keys()
-    near = hint(FOREIGN.get(name, name.replace("-", "_")), known, LISTS_ALL)
+    keys = [FOREIGN[name]] if name in FOREIGN else valid_keys()
+    near = hint(FOREIGN.get(name, name.replace("-", "_")), keys, LISTS_ALL)
     raise UsageError(f"{option}: no such option; type key=value, such as seed=2: {near}")
 
 

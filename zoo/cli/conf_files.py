@@ -66,13 +66,12 @@ def trainer_arguments() -> tuple[str, ...]:
 
     They are read from its source, since an import takes seconds.
     """
-    package = importlib.util.find_spec("lightning")
-    (folder,) = package.submodule_search_locations if package else ()
+    (folder,) = importlib.util.find_spec("lightning").submodule_search_locations
     source = Path(folder, "pytorch", "trainer", "trainer.py").read_text(encoding="utf-8")
-    trainer = next(n for n in ast.parse(source).body if getattr(n, "name", "") == "Trainer")
-    called = next(n for n in trainer.body if getattr(n, "name", "") == "__init__")
-    ours = comments_of((conf_folder() / "trainer" / "default.yaml").read_text(encoding="utf-8"))
-    return tuple(one.arg for one in called.args.kwonlyargs if one.arg not in ours)
+    functions = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef))
+    called = next(node for node in functions if node.name == "__init__")
+    yaml = comments_of((conf_folder() / "trainer" / "default.yaml").read_text(encoding="utf-8"))
+    return tuple(node.arg for node in called.args.kwonlyargs if node.arg not in yaml)
 
 
 def comments_of(text: str, prefix: str = "") -> dict[str, str]:

@@ -87,11 +87,15 @@ def check_members(key: str, owner: object, base: type, names: Sequence[str]) -> 
         )
 
 
+def takes(function: Callable, name: str) -> bool:
+    """Return whether a function or a constructor takes an argument of a name."""
+    parameters = inspect.signature(function).parameters
+    return name in parameters or any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+
+
 def _taken(kind: Callable, offered: dict[str, object]) -> dict[str, object]:
     """Return those of the arguments that a constructor takes."""
-    parameters = inspect.signature(kind).parameters
-    takes_any = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
-    return {key: one for key, one in offered.items() if takes_any or key in parameters}
+    return {name: value for name, value in offered.items() if takes(kind, name)}
 
 
 def build_network(

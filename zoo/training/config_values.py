@@ -17,7 +17,7 @@ from zoo.base.command_keys import choices_of, convert, is_misplaced_bool, kinds_
 from zoo.base.errors import UsageError, hint
 from zoo.cli.compose import LISTS_ALL
 from zoo.models.make_network import BORDER_KEYS
-from zoo.training.build import OWN_KEYS, build_data, check_members, construct
+from zoo.training.build import OWN_KEYS, build_data, check_members, construct, takes
 from zoo.training.host_settings import AUTO
 from zoo.training.run_module import RunModule
 
@@ -71,12 +71,11 @@ def check_arguments(key: str, function: Callable[..., Any], given: Mapping[str, 
     """
     called = function.__init__ if inspect.isclass(function) else function
     parameters = inspect.signature(called).parameters
-    takes_any = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
     for name, value in given.items():
         if name in parameters:
             _check(f"{key}.{name}", _kind(parameters[name], called), value)
-        elif not takes_any:
-            names = [f"{key}.{one}" for one in parameters if one != "self"]
+        elif not takes(called, name):
+            names = [f"{key}.{parameter}" for parameter in parameters if parameter != "self"]
             near = hint(f"{key}.{name}", names, LISTS_ALL)
             raise UsageError(f"{key}.{name}: no such key; {near}")
 
@@ -95,7 +94,7 @@ def _check(name: str, kind: Any, value: Any) -> None:
     kinds, is_text = kinds_in(kind), isinstance(value, str)
     if kinds <= PLAIN and (not is_text or choices_of(kind)):
         convert(name, kind, value)
-    number = next((one for one in (float, int) if one in kinds), None)
+    number = next((number for number in (float, int) if number in kinds), None)
     is_wrong = isinstance(value, float) and not math.isfinite(value)
     if number and (is_wrong or is_misplaced_bool(kind, value) or (is_text and str not in kinds)):
         raise UsageError(f"{name}={typed(value)}: must be {wanted(number)}")
@@ -105,7 +104,7 @@ def _parts(node: Mapping[str, Any], key: str = "") -> Iterator[tuple[str, Mappin
     """Yield each mapping that names what to construct, with its dotted key; not `data` itself."""
     for name, value in node.items():
         if isinstance(value, Mapping) and value:
-            place = f"{key}.{name}".lstrip(".")
-            if place != "data" and (TARGET in value or key in ("callbacks", "logger")):
-                yield place, value
-            yield from _parts(value, place)
+            dotted = f"{key}.{name}".lstrip(".")
+            if dotted != "data" and (TARGET in value or key in ("callbacks", "logger")):
+                yield dotted, value
+            yield from _parts(value, dotted)

@@ -93,7 +93,8 @@ class ResumePoint:
 
     def end_early(self, trainer: lightning.Trainer) -> None:
         """Let a trainer train no further epoch if early stopping had ended the training."""
-        patience = [one.patience for one in trainer.callbacks if isinstance(one, EarlyStopping)]
+        stopping = [each for each in trainer.callbacks if isinstance(each, EarlyStopping)]
+        patience = [callback.patience for callback in stopping]
         if has_stopped_early(self.contents, max(patience, default=None)):
             trainer.fit_loop.max_epochs = trained_epochs(self.contents)
 
@@ -120,7 +121,7 @@ def has_stopped_early(contents: dict, patience: int | None) -> bool:
         patience: epochs for which it now waits; None without early stopping.
     """
     states = contents.get("callbacks") or {}
-    state = next((one for key, one in states.items() if key.startswith("EarlyStopping")), None)
+    state = next((states[key] for key in states if key.startswith("EarlyStopping")), None)
     if state is None or patience is None:
         return False
     has_stopped = 0 < state["stopped_epoch"] == contents["epoch"]

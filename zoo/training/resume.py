@@ -106,7 +106,7 @@ def unobeyed(saved: DictConfig, config: DictConfig) -> dict[str, tuple[str, str]
 def _is_obeyed(key: str, then: str, now: str) -> bool:
     if key == PATIENCE:
         return then.isdigit() and now.isdigit() and int(now) > int(then)
-    return any(f"{key}.".startswith(f"{one}.") for one in OBEYED)
+    return any(f"{key}.".startswith(f"{obeyed}.") for obeyed in OBEYED)
 
 
 def _is_dropped(key: str, now: dict[str, str]) -> bool:
@@ -137,8 +137,8 @@ def _finished_lines(
         yield f"best checkpoint (after epoch {metrics.get('best_epoch')}): {best}"
     if page.is_file():
         yield f"report: {page}"
-    if last.is_file() and (more := _further(config, epochs)):
-        command = ["drivezoo", "train", f"resume={folder}", *more, *typed_parts()]
+    if last.is_file() and (keys := _further(config, epochs)):
+        command = ["drivezoo", "train", f"resume={folder}", *keys, *typed_parts()]
         yield f"train further: {command_line(command)}"
     if best.is_file():
         yield f"or start a new run from its weights: model.weights={best}"
@@ -148,11 +148,11 @@ def _further(config: DictConfig, epochs: int) -> list[str]:
     """Return the overrides that train a finished run further; empty where none would be obeyed."""
     if epochs < _max_epochs(config):
         return [f"{STOPPING}=null"] if _patience(config) is not None else []
-    more = [f"trainer.max_epochs={2 * max(epochs, 1)}"]
+    keys = [f"trainer.max_epochs={2 * max(epochs, 1)}"]
     if config.quick:
         samples = _settled(config)["data.samples_per_epoch"]
-        more += ["quick=false", f"data.samples_per_epoch={samples}"]
-    return more if not unobeyed(config, overridden(config, more)[0]) else []
+        keys += ["quick=false", f"data.samples_per_epoch={samples}"]
+    return keys if not unobeyed(config, overridden(config, keys)[0]) else []
 
 
 def _patience(config: DictConfig) -> int | None:
