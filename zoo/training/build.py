@@ -57,14 +57,13 @@ def build_data(config: DictConfig) -> RunData:
     if not data.get("augment"):
         settings.pop("augment", None)
     offered |= {"view": view_of(model, data.get("crop", [0, 0])), "seed": config.seed}
+    if unknown := [key for key in settings if key[0] != "_" and not takes(kind, key)]:
+        raise UsageError(f"data.{unknown[0]}: {kind.__qualname__} does not take it; leave it out")
     places = {key: settings.pop(key) for key in PLACES if key in settings}
     # Hydra would convert the view, a dataclass, to a config.
     make = construct("data", settings, _partial_=True)
-    try:
-        with part_errors(part_of(data["_target_"])):
-            return make(**places, **_taken(kind, offered))
-    except TypeError as error:
-        raise UsageError(f"data: {error}; leave that key out") from error
+    with part_errors(part_of(data["_target_"])):
+        return make(**places, **_taken(kind, offered))
 
 
 def check_members(key: str, owner: object, base: type, names: Sequence[str]) -> None:
@@ -79,8 +78,9 @@ def check_members(key: str, owner: object, base: type, names: Sequence[str]) -> 
     """
     kind, absent = owner if inspect.isclass(owner) else type(owner), object()
     values = {name: getattr(owner, name, absent) for name in names}
-    above = {name: getattr(base.__base__, name, absent) for name in names}
-    if missing := [name for name in names if values[name] in (absent, above[name])]:
+    bare = {name: (absent, getattr(base.__base__, name, absent)) for name in names}
+    missing = [name for name in names if any(values[name] is value for value in bare[name])]
+    if missing:
         raise InputError(
             f"{key}: {kind.__module__}.{kind.__qualname__} lacks {', '.join(missing)}, which a run "
             f"needs; see {base.__module__}.{base.__qualname__} and docs/extending.md"

@@ -19,7 +19,7 @@ from zoo.base.command_keys import typed
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError, file_errors
 from zoo.base.new_folder import RECIPE, RECORDINGS, whole_folder
-from zoo.base.terminal import counted, print_line
+from zoo.base.terminal import command_line, counted, print_line
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import check_card, find_checkpoint, read_checkpoint_file
 from zoo.cli.compose import escape_interpolation
@@ -168,10 +168,9 @@ def _of_checkpoint(path: Path, view: View, scale: list | None) -> tuple[list, li
             "model to its name"
         )
     if replace(own, frame=view.frame) != view:  # the recording has not been read yet
-        raise InputError(
-            f"{path}: was trained on another view; set 'data.crop={typed(own.crop)}' "
-            f"model.colour={own.colour} 'model.size={typed(own.size)}' model.resize={own.resize}"
-        )
+        keys = [f"data.crop={typed(own.crop)}", f"model.colour={own.colour}"]
+        keys += [f"model.size={typed(own.size)}", f"model.resize={own.resize}"]
+        raise InputError(f"{path}: was trained on another view; set {command_line(keys)}")
     return model["layers"], scale or model.get("scale") or [127.5, 1.0]
 
 

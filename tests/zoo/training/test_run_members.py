@@ -109,6 +109,12 @@ def test_what_a_class_lacks_is_named_before_anything_is_recorded(
     assert not (tmp_path / "outputs" / "recordings").exists()
 
 
+def test_a_key_that_a_datamodule_does_not_take_is_named(parts: Path, recorded: Written) -> None:
+    keys = ("parts=my_parts.py", "data=centre", f"data.root={recorded.folder}")
+    line = only_line(run(parts, *SHORT, *keys), 2)
+    assert "data.augment: CentreData does not take it" in line
+
+
 def test_what_load_leaves_out_is_named() -> None:
     with pytest.raises(InputError, match=r"RunData lacks recording, split, view, "):
         check_members("data", RunData(), RunData, RunData.LOADED)

@@ -116,7 +116,8 @@ def test_a_stop_while_it_is_scored_names_the_command_that_resumes(
     name: str, zoo: Zoo, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     number = getattr(signal, name)
-    before = signal.getsignal(number)
+    usual = signal.default_int_handler if name == "SIGINT" else signal.SIG_DFL
+    before = signal.signal(number, usual)  # the tests may run under nohup
     words = (*SMALL, *data_of(recorded), "trainer.max_epochs=2", "hydra.run.dir=run")
     with monkeypatch.context() as patch:
         patch.setattr(conclusion, "evaluate_rows", lambda *_: signal.raise_signal(number))
