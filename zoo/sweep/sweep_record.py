@@ -114,13 +114,14 @@ def job_folders(folder: Path) -> list[Path]:
 
 
 def varying(jobs: Sequence[Sequence[str]]) -> dict[tuple[str, ...], str]:
-    """Return by job the overrides that the jobs do not share, as text.
+    """Return by job the overrides that the jobs do not share, as typed.
 
-    >>> varying([("a=1", "b=1"), ("a=2", "b=1")])
-    {('a=1', 'b=1'): 'a=1', ('a=2', 'b=1'): 'a=2'}
+    >>> varying([("a=1", "b=1"), ("++a=2", "b=1")])
+    {('a=1', 'b=1'): 'a=1', ('++a=2', 'b=1'): 'a=2'}
     """
     shared = set.intersection(*(set(job) for job in jobs)) if len(jobs) > 1 else set()
-    return {tuple(job): " ".join(each for each in job if each not in shared) for job in jobs}
+    own = {tuple(job): [each.lstrip("+") for each in job if each not in shared] for job in jobs}
+    return {job: " ".join(words) for job, words in own.items()}
 
 
 def is_same(record: SweepRecord, arguments: list[str]) -> bool:
