@@ -170,12 +170,11 @@ def stalls_or_autonomy(rows: Rows) -> str:
 
 
 def commands(rows: Rows) -> str:
-    """Return the commands that train the recipes of a table, as a block."""
-    lines = [
-        f"# {group[0]['setting']}\n{group[0]['command'].removesuffix(' seed=1')}"
+    """Return the commands that train the recipes of a table, a block for each."""
+    return "\n\n".join(
+        f"{group[0]['setting']}:\n\n```bash\n{group[0]['command'].removesuffix(' seed=1')}\n```"
         for group in grouped(rows, ["setting"])
-    ]
-    return "\n".join(["```bash", *lines, "```"])
+    )
 
 
 def packaged() -> list[dict]:

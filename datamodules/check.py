@@ -29,7 +29,7 @@ from zoo.base.command import command, is_help
 from zoo.base.command_keys import read_texts, typed
 from zoo.base.errors import InputError
 from zoo.base.run_command import exit_after
-from zoo.base.terminal import command_line, printable
+from zoo.base.terminal import command_line, counted, printable
 
 FIRST_TRY = "experiment=first_try"  # docs/recipes.md, "A first try that drives"
 AT_ONCE = 64  # images of a thread's task: each task takes 1 kB until the last is done
@@ -87,7 +87,7 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
         _print(console, f"skipped {len(recording.bad_rows):,} bad rows:")
         _print_first(console, recording.bad_rows)
     for (width, height), count in sizes.most_common():
-        _print(console, f"{count:,} images of {width} x {height}")
+        _print(console, f"{counted(count, 'image')} of {width} x {height}")
     _print_first(console, bad)
     if not len(whole):
         _print(console, f"{len(bad):,} bad images; no row is without one: copy them again")

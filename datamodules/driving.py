@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
-import lightning
 import numpy as np
 import torch
 from pydantic import Field
@@ -26,13 +25,14 @@ from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.row_views import RowViews, load_row_views
+from datamodules.run_data import RunData
 from datamodules.samples import CENTER, camera_numbers, make_samples
 from datamodules.split import PARTS, Split, split_rows, split_words
 from datamodules.steering_label import curvature_label, in_label, label_lines
 from datamodules.view import View
 from datamodules.windows import Windows
 from zoo.base.command_keys import convert
-from zoo.base.errors import InputError, UsageError
+from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.rig import STEERING, SteeringLabel
 
 MOST_WINDOW = 256  # frames, rows or targets of a window
@@ -43,7 +43,7 @@ Least0 = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(ge=1)]
 
 
-class DrivingData(lightning.LightningDataModule):
+class DrivingData(RunData):
     """The batches of recordings; call `load` before use. The keys of `conf/data` are arguments.
 
     Args:
@@ -106,7 +106,8 @@ class DrivingData(lightning.LightningDataModule):
         ahead: Annotated[int, Field(ge=0, le=MOST_WINDOW)] | None = None,
         **read: Any,
     ) -> None:
-        given = {**locals(), **read}
+        given = {key: value for key, value in locals().items() if key not in ("self", "__class__")}
+        given |= given.pop("read")
         super().__init__()
         if root is None:
             raise InputError("data.root is not set: name your recording, data.root=FOLDER")
@@ -114,11 +115,11 @@ class DrivingData(lightning.LightningDataModule):
             **get_type_hints(DrivingData.__init__, include_extras=True),
             **get_type_hints(ReadOptions, include_extras=True),
         }
-        for key in (kinds.keys() & given.keys()) - UNTYPED:
-            try:
-                convert(f"data.{key}", kinds[key], given[key])
-            except UsageError as error:  # exit status 1, as of any other value of the config
-                raise InputError(error) from None
+        for key in given.keys() - UNTYPED:
+            if key not in kinds:
+                near = hint(f"data.{key}", [f"data.{name}" for name in kinds])
+                raise UsageError(f"data.{key}: no such key; {near}")
+            convert(f"data.{key}", kinds[key], given[key])
         camera_numbers(cameras)
         self.windows = Windows(sequence or 1, stride or 1, ahead or 0)
         self.root, self.view = root, view
@@ -218,6 +219,14 @@ class DrivingData(lightning.LightningDataModule):
             self.batch_size = count
         next(iter(self.sampler()))  # to report a wrong straight_cap now
 
+    def steering_of(self, rows: np.ndarray) -> np.ndarray:
+        """Return the true steering of rows, in the unit of the labels."""
+        return self.labelled.steering[rows]
+
+    def count_samples(self) -> int:
+        """Return the number of training samples, of all cameras."""
+        return len(self.samples)
+
     def sampler(self, rank: int = 0, world: int = 1) -> BalancedBatches:
         """Return the sampler of an epoch's batch keys, of one rank.
 
@@ -260,7 +269,7 @@ class DrivingData(lightning.LightningDataModule):
         if missing and self.augment_on == "device":
             raise InputError(
                 f"data.augment_on=device: {missing} has no equivalent on the device; leave it out "
-                "of augment=[...], or set data.augment_on=cpu"
+                "of 'augment=[...]', or set data.augment_on=cpu"
             )
         if missing:
             line = f"augmented on the CPU: the device has no equivalent of {missing}"

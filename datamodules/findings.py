@@ -9,6 +9,7 @@ import numpy as np
 from datamodules.recording import GAP_S, Recording
 from datamodules.stretches import LEAST_CHANGE, find_breaks, find_stretches, steering_returns
 from zoo.base.rig import RIG_KEYS
+from zoo.base.terminal import counted
 
 # The thresholds separate the original's keyboard recording (70 % of steering is 0, the other 798
 # rows share 414 values) from the expert's (no 0, as many values as rows).
@@ -46,8 +47,8 @@ def find_oddities(recording: Recording) -> list[Finding]:
 def _few_rows(recording: Recording) -> Iterator[str]:
     if len(recording) < FEW_ROWS:
         yield (
-            f"only {len(recording):,} rows: validation and test cover one place each, and a "
-            "network memorizes the road; record two laps or more (about 2,700 rows), or try with "
+            f"only {counted(len(recording), 'row')}: validation and test cover one place each, and "
+            "a network memorizes the road; record two laps or more (about 2,700 rows), or try with "
             "quick=true"
         )
 
@@ -65,7 +66,7 @@ def _keyboard(recording: Recording) -> Iterator[str]:
     if share > KEYBOARD_SHARE and not 0 < DISTINCT_SHARE * len(turned) <= values:
         yield (
             f"{share:.0%} of steering is exactly 0 and the other {len(turned):,} rows share "
-            f"{values:,} value{'s' * (values > 1)}, as from a keyboard: a network learns to drive "
+            f"{counted(values, 'value')}, as from a keyboard: a network learns to drive "
             "straight and to jerk; keep data.straight_cap=0.5, or steer by mouse or gamepad "
             "(drivezoo simulator drive)"
         )
@@ -81,7 +82,7 @@ def _no_recoveries(recording: Recording) -> Iterator[str]:
     if len(stretches.first) and count < RECOVERIES_PER_ROW * len(recording):
         yield (
             f"{count} stretches follow a pause and steer back to the middle: a network learns to "
-            "return only from side cameras (data.offset) and augment=[shift]; record recoveries: "
+            "return only from side cameras (data.offset) and 'augment=[shift]'; record recoveries: "
             "pause, drive off the middle, record while you return "
             "(or drivezoo simulator record noise=1)"
         )
@@ -91,7 +92,7 @@ def _centre_only(recording: Recording) -> Iterator[str]:
     if all(image is None for image in recording.images[:, 1:].flat):
         yield (
             "no side cameras: data.offset has no effect, and no image shows how to return to the "
-            "middle; set augment=[shift], or record with three cameras"
+            "middle; set 'augment=[shift]', or record with three cameras"
         )
 
 
@@ -266,12 +267,13 @@ def report_lines(recording: Recording) -> list[str]:
     for report in report_recordings(recording):
         timing = "no times in the file names"
         if np.isfinite(report.seconds):
-            gaps = f"{report.gaps} gap{'' if report.gaps == 1 else 's'}"
+            gaps = counted(report.gaps, "gap")
             timing = f"{report.seconds:.0f} s at {report.fps:.1f} frames/s, {gaps}"
-        some = f" in {report.side_cameras:,} rows" if report.side_cameras < report.rows else ""
+        seen = report.side_cameras
+        some = f" in {counted(seen, 'row')}" if seen < report.rows else ""
         sides = f"3 cameras{some}" if report.side_cameras else "centre camera only"
         lines.append(
-            f"{report.name}: {report.rows:,} rows, {sides}, {timing}, "
+            f"{report.name}: {counted(report.rows, 'row')}, {sides}, {timing}, "
             f"{report.zero_share:.0%} of steering exactly 0, mean {report.mean_speed_mph:.1f} mph"
         )
     return [*lines, *recording.notes, *skipped_lines(recording)]

@@ -10,6 +10,7 @@ from datamodules.steering_unit import SteeringUnit, keys_and_values, read_unit
 from zoo.base.command_keys import convert
 from zoo.base.errors import UsageError
 from zoo.base.rig import MPS_PER_MPH
+from zoo.base.terminal import counted
 
 MPS_PER = {"mph": MPS_PER_MPH, "mps": 1.0, "kmh": 1 / 3.6}  # m/s of a unit of speed
 OWN_KEYS = ("format", "columns", "steering", "camera", "speed_unit")  # that `each` may have
@@ -72,8 +73,8 @@ class ReadOptions:
             found.append(replace(self, **values))
         if own:
             raise UsageError(
-                f"each: {', '.join(own)}: data.root names {roots} recordings; their numbers are "
-                f"1..{roots}"
+                f"each: {', '.join(own)}: data.root names {counted(roots, 'recording')}; their "
+                f"numbers are 1..{roots}"
             )
         return found
 

@@ -24,9 +24,9 @@ class SteeringUnit:
     """
 
     unit: Literal["share", "deg", "rad", "servo", "px"] = "share"
-    full: Annotated[float, Field(gt=0, le=1e6)] = 1.0
+    full: Annotated[float, Field(gt=0, le=1e6, strict=True)] = 1.0
     right: Literal["positive", "negative"] = "positive"
-    zero: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.0
+    zero: Annotated[float, Field(ge=-1e6, le=1e6, strict=True)] = 0.0
 
     def steering(self, values: Any) -> Any:
         """Return the steering, right positive, 1 at full lock, of values, a float or an array."""
@@ -82,5 +82,5 @@ def read_unit(given: Mapping) -> SteeringUnit:
         first = error.errors()[0]
         name = ".".join(map(str, first["loc"]))
         raise UsageError(
-            f"steering: {name}: {first['msg'].lower()}; for example steering={{{EXAMPLE}}}"
+            f"steering: {name}: {first['msg'].lower()}; for example 'steering={{{EXAMPLE}}}'"
         ) from None

@@ -15,6 +15,7 @@ from zoo.base.command_keys import constructed, typed_keys
 from zoo.base.errors import UsageError
 from zoo.base.parts import name_parts
 from zoo.base.run_command import expected_failure
+from zoo.base.terminal import counted
 from zoo.benchmark.__main__ import benchmark as benchmark_command
 from zoo.compare.__main__ import compare as compare_command
 from zoo.drive.__main__ import drive as drive_command
@@ -108,7 +109,7 @@ class ServedDrive(Result):
 
     def __repr__(self) -> str:
         driven_m, lost = (self.figures.get(key) or 0 for key in ("driven_m", "interventions"))
-        return f"ServedDrive in {self.folder}: {driven_m:.0f} m, {lost:g} interventions"
+        return f"ServedDrive in {self.folder}: {driven_m:.0f} m, {counted(lost, 'intervention')}"
 
     def result_table(self) -> Table:
         """Return one row with all figures."""

@@ -23,6 +23,7 @@ from simulator.legacy_socket import (
 )
 from simulator.telemetry import make_telemetry, read_put_back, read_steer
 from simulator.world import Start, World
+from zoo.base.terminal import counted
 from zoo.base.video import Film
 
 if TYPE_CHECKING:
@@ -238,16 +239,20 @@ class Client:
     def print_summary(self) -> None:
         """Print the figures of the drive."""
         counts, frames = self.counts, len(self.cte)
-        put_back = f", put back {counts['put back']} times" if self.options.put_back else ""
         cte = np.abs(self.cte) if self.cte else np.zeros(1)
         wall_s = max(time.monotonic() - self.began_s, 1e-9)
+        back, hand, off, connected = (
+            counted(counts[name], "time")
+            for name in ("put back", "taken over", "off road", "connections")
+        )
+        put_back = f", put back {back}" if self.options.put_back else ""
         self.print_once(
             f"{self.driven} in {frames * self.world.frame_s:.1f} s of simulated time; "
-            f"{frames:,} frames, {frames / wall_s:.0f} per second; "
-            f"{counts['telemetry']:,} telemetry messages; connected {counts['connections']} times; "
-            f"taken over by hand {counts['taken over']} times; cross-track error {cte.mean():.2f} "
-            f"m on average, {cte.max():.2f} m at most; left the road {counts['off road']} times"
-            f"{put_back}"
+            f"{counted(frames, 'frame')}, {frames / wall_s:.0f} per second; "
+            f"{counted(counts['telemetry'], 'telemetry message')}; "
+            f"connected {connected}; taken over by hand {hand}; "
+            f"cross-track error {cte.mean():.2f} m on average, {cte.max():.2f} m at most; "
+            f"left the road {off}{put_back}"
         )
 
     def _connect(self) -> "Socket":

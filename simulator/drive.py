@@ -19,6 +19,7 @@ from simulator.scenery.frame_effects import FOG_RGB, bonnet_image
 from simulator.weather import Weather
 from simulator.window import ImagePanel, Window
 from simulator.world import Start, World
+from zoo.base.terminal import counted
 
 SHOWN_PER_S = 60.0
 LONGEST_S = 0.1  # longest step of real time; on slower machines the world slows down
@@ -168,9 +169,9 @@ class Drive:
         """Draw the world at a fraction between its last two steps, for smooth motion."""
         rows = self.recorder.rows
         if self.is_recording:
-            status = f"REC   {rows:,} rows"
+            status = f"REC   {counted(rows, 'row')}"
         else:
-            status = f"paused   {rows:,} rows" if rows else "R: record"
+            status = f"paused   {counted(rows, 'row')}" if rows else "R: record"
         begun = rows or self.is_recording
         notice = self.recorder.folder.name if begun else "nothing is recorded yet"
         if self.world.at_end:

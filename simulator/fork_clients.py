@@ -22,6 +22,7 @@ from simulator.weather import read_weather
 from simulator.world import Start
 from zoo.base.errors import InputError
 from zoo.base.rig import MPS_PER_MPH
+from zoo.base.terminal import counted
 
 if TYPE_CHECKING:
     from simulator.client import Socket
@@ -64,7 +65,7 @@ class ForkClient(Client):
     @property
     def driven(self) -> str:
         """Return the number of episodes, in words."""
-        return f"{self.counts['episodes']} episodes"
+        return f"{counted(self.counts['episodes'], 'episode')}"
 
     def handle_event(self, socket: "Socket", name: str, data: object) -> None:
         """Obey an order, or handle an event as the original client does."""

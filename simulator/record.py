@@ -20,7 +20,7 @@ from simulator.rig import CAMERAS, PHYSICS_STEP_S
 from simulator.world import World
 from zoo.base.errors import InputError, file_errors
 from zoo.base.new_folder import RECIPE
-from zoo.base.terminal import print_written
+from zoo.base.terminal import counted, print_written
 from zoo.base.whole_file import json_text, write_new
 
 FIRST_TRY = ("train", "experiment=first_try")  # docs/recipes.md
@@ -111,7 +111,9 @@ def print_report(
     table.add_row("drawn by", f"the {renderer} renderer")
     table.add_row("off centre", f"{cte.mean():.2f} m on average, {cte.max():.2f} m at most")
     if off_road := sum(one.off_road for one in all_driven):
-        table.add_row("off the road", f"{off_road:,} rows, from which a network learns to leave it")
+        table.add_row(
+            "off the road", f"{counted(off_road, 'row')}, from which a network learns to leave it"
+        )
     table.add_row("steering", f"-1 {histogram(steering)} 1")
     console.print(table)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zoo.base.command import is_help
-from zoo.base.errors import InputError, StoppedError, UsageError
+from zoo.base.errors import InputError, UsageError
 from zoo.base.run_command import exit_after
 from zoo.checkpoints.checkpoint_path import find_run, name_latest
 from zoo.cli.console_progress import loading
@@ -47,6 +47,9 @@ def train(arguments: list[str], several: bool = True) -> Path:
         several: whether the training may start further processes with the same command.
     """
     limit_spinning()
+    from zoo.cli.compose import refuse_repeated
+
+    refuse_repeated(arguments)
     arguments = [name_latest(one) for one in arguments]
     resumed = [one for one in arguments if is_resume(one)]
     if resumed:
@@ -72,7 +75,7 @@ def train_once(arguments: list[str], several: bool = True) -> Path:
     from hydra.core.hydra_config import HydraConfig
     from hydra.errors import HydraException
 
-    from zoo.cli.compose import quote_paths
+    from zoo.cli.compose import hydra_overrides
     from zoo.cli.process_ranks import needs_processes
     from zoo.runs.run_folder import is_folder_named, run_in_folder
 
@@ -93,16 +96,12 @@ def train_once(arguments: list[str], several: bool = True) -> Path:
                     "starts several processes; set trainer.devices=1 trainer.strategy=auto"
                 )
             run_experiment(config, folder)
-        except InputError as error:
-            failures.append(error)  # Hydra would print a traceback
-        except StoppedError as error:
-            raise KeyboardInterrupt(str(error)) from error
+        except Exception as error:  # Hydra would print lines of its own
+            failures.append(error)
 
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises its errors instead of printing them
     try:
-        run_in_folder(quote_paths(arguments), train)
-    except KeyboardInterrupt as error:
-        raise StoppedError(str(error) or "stopped") from None
+        run_in_folder(hydra_overrides(arguments), train)
     except OSError as error:
         if began or isinstance(error, HydraException):  # a missing config is an OSError, too
             raise
@@ -125,7 +124,7 @@ def check_data(config: "DictConfig", folder: Path) -> None:
     from zoo.runs.status import run_status
 
     try:
-        check_roots(config.data.root)
+        check_roots(config.data.get("root"))
     except InputError:
         with run_status(folder, is_first_process(needs_processes(config))):
             raise

@@ -9,7 +9,7 @@ from pydantic import Field
 from datamodules.read_options import ReadOptions
 from zoo.base.command import command
 from zoo.base.errors import UsageError
-from zoo.base.terminal import command_line, print_next, print_written, printable
+from zoo.base.terminal import command_line, counted, print_next, print_written, printable
 
 Written = Literal["udacity", "lerobot", "donkeycar", "shards"]
 
@@ -109,8 +109,8 @@ def convert(
                 words += ["--episode-index", "0"]
                 purpose = "where LeRobot is installed"
             result = replace(result, notes=(*skipped_lines(recording), *result.notes))
-    drives = f"{result.drives:,} continuous drive{'' if result.drives == 1 else 's'}"
-    print(f"{titles[found]} -> {titles[to]}: {result.rows:,} rows, {drives}")
+    drives = counted(result.drives, "continuous drive")
+    print(f"{titles[found]} -> {titles[to]}: {counted(result.rows, 'row')}, {drives}")
     for note in result.notes:
         print(printable(f"- {note}"))
     print_written([result.folder])

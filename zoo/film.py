@@ -17,7 +17,7 @@ from datamodules.recording_format import known_format, read_recordings
 from zoo.base.command import command
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
-from zoo.base.terminal import print_line, print_written
+from zoo.base.terminal import counted, print_line, print_written
 from zoo.cli.console_progress import progress_bar
 from zoo.drives import drive_log
 from zoo.drives.drive_film import MOMENTS, draw_overlay
@@ -112,8 +112,8 @@ def make_film(
     if not drawn:
         raise InputError(f"{faults[0]}; none of {len(shots)} images can be read")
     if faults:
-        print_line(console, f"{len(faults):,} images left out: {faults[0]}")
-    print_line(console, f"{drawn:,} frames at {rate:g} per second, {drawn / rate:.1f} s")
+        print_line(console, f"{counted(len(faults), 'image')} left out: {faults[0]}")
+    print_line(console, f"{counted(drawn, 'frame')} at {rate:g} per second, {drawn / rate:.1f} s")
     return out
 
 

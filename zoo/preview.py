@@ -17,7 +17,7 @@ def preview(*overrides: str) -> None:
 
     Writes outputs/preview/fed_batch.png, the first images of an epoch with their labels, and
     outputs/preview/steering_histogram.png, the steering before and after balancing. Takes the keys
-    of training, such as data.root=FOLDER and augment=[brightness,shadow]: see drivezoo train
+    of training, such as data.root=FOLDER and 'augment=[brightness,shadow]': see drivezoo train
     --help.
 
     Args:
@@ -27,20 +27,22 @@ def preview(*overrides: str) -> None:
     from rich.console import Console
 
     from datamodules.recording_format import check_roots
-    from zoo.cli.compose import compose_config, escape_interpolation, quote_paths
+    from zoo.cli.compose import compose_config, escape_interpolation, hydra_overrides
 
     console = Console(soft_wrap=True)
     written = [Path("outputs/preview") / f"{name}.png" for name in NAMES]
     for path in written:
         check_output(path, key="")
-    config = OmegaConf.create(escape_interpolation(compose_config(quote_paths(list(overrides)))))
-    check_roots(config.data.root)  # reports a wrong path before torch is imported
+    config = OmegaConf.create(escape_interpolation(compose_config(hydra_overrides(overrides))))
+    check_roots(config.data.get("root"))  # reports a wrong path before torch is imported
     with loading():
+        from datamodules.driving import DrivingData
         from zoo.callbacks.training_images import figure_of_fed_batch, figure_of_steering
         from zoo.runs import plots
-        from zoo.training.build import build_data
+        from zoo.training.build import build_data, check_members
         from zoo.training.run_config import settle_config
     data = build_data(settle_config(config, console))
+    check_members("data", data, DrivingData, ("sampler", "training_batches"))
     data.load(console)
     figures = figure_of_fed_batch(data, COUNT), figure_of_steering(data)
     for path, figure in zip(written, figures, strict=True):

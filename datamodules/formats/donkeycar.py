@@ -45,6 +45,7 @@ from zoo.base.errors import InputError
 from zoo.base.limits import check_most, is_ordinary
 from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.rig import MPS_PER_MPH, UDACITY
+from zoo.base.terminal import counted
 
 MANIFEST = "manifest.json"  # a tub of Donkeycar 3 has a file for each record
 STAMPS = ("_timestamp_ms", "milliseconds")
@@ -136,8 +137,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
         drive = np.array([sessions[one] for one in columns["session"]])
         numbers["time_s"] = times_of_drives(drive, np.arange(len(drive)) / LOOP_HZ)
     counts = {
-        f"{deleted:,} records left out that the tub marks as deleted": deleted,
-        f"{piloted:,} records left out that an autopilot drove": piloted,
+        f"{counted(deleted, 'record')} left out that the tub marks as deleted": deleted,
+        f"{counted(piloted, 'record')} left out that an autopilot drove": piloted,
         "the tub has no speed: the log has 0 mph in each row": not any(columns["has_speed"]),
     }
     recording = make_recording(

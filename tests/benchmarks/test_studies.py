@@ -492,7 +492,7 @@ def test_the_table_of_results_has_means_and_the_worst(pages: Path) -> None:
     few = "| linear | few | 15 | 2 | 20 s | 0.5000 (0.2500) | 90.0% (80.0%) | 0.20, 1.00 "
     assert line_of("docs/recipes.md", "| linear |") == few + "| 60.0% (50.0%) | 1.0 |"
     page = Path("docs/models/linear.md").read_text()
-    assert f"# few\n{row['command'].removesuffix(' seed=1')}\n```" in page
+    assert f"few:\n\n```bash\n{row['command'].removesuffix(' seed=1')}\n```" in page
 
 
 def test_a_page_without_markers_is_named(pages: Path) -> None:

@@ -12,8 +12,17 @@ from pydantic import TypeAdapter
 from simulator.__main__ import COMMANDS as SIMULATOR
 from tests.zoo.commands import ROOT, environment, only_line, run_here
 from zoo.base.command import Command, command
-from zoo.base.command_keys import Choice, changed, keys_of, meanings_of, read_options, typed
+from zoo.base.command_keys import (
+    Choice,
+    changed,
+    keys_of,
+    kinds_in,
+    meanings_of,
+    read_options,
+    typed,
+)
 from zoo.base.errors import InputError, UsageError
+from zoo.base.terminal import command_line
 from zoo.cli.console_script import ALIASES, GROUPS, LISTED, load, places
 from zoo.evaluate.evaluate_options import EvaluateOptions, ReplayOptions
 
@@ -77,7 +86,7 @@ def test_the_help_has_a_row_for_each_argument_and_key(
     for argument in one.arguments:
         assert f"\n  {argument}" in printed
     for key in one.keys:
-        assert f"\n  {key.name}={key.typed}" in printed
+        assert f"\n  {command_line([f'{key.name}={key.typed}'])}" in printed
 
 
 @pytest.mark.parametrize("name", WITH_KEYS)
@@ -96,6 +105,22 @@ def test_a_value_of_another_type_names_the_key(name: str, key: str) -> None:
     keys = [f"{key}=many"] + ["out=x"] * (name == "simulator record")
     with pytest.raises(UsageError, match=f"^{key}=many: must be "):
         one.main([*arguments_of(one), *keys])
+
+
+@pytest.mark.parametrize(("name", "key"), RANGED)
+def test_true_is_no_number(name: str, key: str) -> None:
+    one = COMMANDS[name]
+    kind = next(each.kind for each in one.keys if each.name == key)
+    if bool not in kinds_in(kind):
+        given = {key: True} | ({"out": "x"} if name == "simulator record" else {})
+        with pytest.raises(UsageError, match=f"^{key}=true: must be "):
+            one(*arguments_of(one), **given)
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", float("nan"), float("-inf")])
+def test_what_is_not_finite_is_no_number(value: object) -> None:
+    with pytest.raises(UsageError, match="laps="):
+        example(laps=value)
 
 
 def test_a_value_out_of_range_names_the_range() -> None:

@@ -220,7 +220,7 @@ def test_every_yaml_runs_on_every_colour(path, colour, recorded):
 def test_every_yaml_opens_with_the_command_that_uses_it(path):
     package, command = path.read_text().splitlines()[:2]
     assert package == f"# @package data.augment.{path.stem}"
-    assert command.startswith("# drivezoo train augment=[")
+    assert command.startswith("# drivezoo train 'augment=[")
     assert path.stem in command
 
 

@@ -169,7 +169,7 @@ def test_other_image_sizes_are_counted(written):
     cv2.imwrite(str(written.image(3)), large)
     done = run_check(written.folder)
     assert "35 images of 320 x 160\n" in done.stdout
-    assert "1 images of 640 x 320\n" in done.stdout
+    assert "1 image of 640 x 320\n" in done.stdout
     assert done.returncode == 0
 
 

@@ -12,6 +12,7 @@ import pytest
 from tests.recordings import Written
 from tests.zoo.commands import command, environment, run_here, succeed
 from tests.zoo.trainings import SMALL
+from zoo.base.run_command import ForgivingOutput
 from zoo.training import conclusion
 
 posix = pytest.mark.skipif(os.name != "posix", reason="names of any bytes, /dev/full")
@@ -149,6 +150,30 @@ def test_a_full_disk_is_one_line(name: str, recorded: Written, tmp_path: Path) -
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_closed_output_is_no_error(name: str, recorded: Written, tmp_path: Path) -> None:
     assert printing(name, recorded, tmp_path, ">&-") == (0, "")
+
+
+@posix
+def test_a_pipe_that_its_reader_closed_is_no_failure() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as stream:
+        output = ForgivingOutput(stream)
+        for _ in range(3):
+            output.write("epoch   1/30\n")
+            output.flush()
+    assert output.failure is None
+
+
+@posix
+@pytest.mark.slow
+def test_a_training_whose_reader_ends_early_is_whole(recorded: Written, tmp_path: Path) -> None:
+    words = [*SCRIPT, "train", *arguments(str(recorded.folder))]
+    line = ["sh", "-c", '"$@" | head -n 1', "sh", *words]
+    result = subprocess.run(
+        line, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False
+    )
+    assert (len(result.stdout.splitlines()), result.stderr) == (1, "")
+    check_whole(tmp_path / "run")
 
 
 @posix

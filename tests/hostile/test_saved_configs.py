@@ -250,6 +250,8 @@ def test_a_users_own_class_is_trusted_by_name_or_when_typed(
     assert "trust=my_losses.Mine" in only_line(run_here(tmp_path, *more), 1)
     succeed(run_here(tmp_path, *more, "trust=my_losses.Mine"))
     change(strangers, "loss", before)
+    (strangers / "checkpoints" / "last.ckpt").unlink()  # no epoch forbids another loss
+    (strangers / "status.json").unlink()
     more = ["resume=run", "trainer.max_epochs=3", "loss._target_=my_losses.Mine"]
     succeed(run_here(tmp_path, *more))
 

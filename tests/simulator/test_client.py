@@ -82,7 +82,7 @@ def test_steering_is_obeyed_normalised_and_reported_in_degrees() -> None:
 def test_the_summary_has_the_drives_figures(driven) -> None:
     pattern = (
         r"0\.\d\d laps in 0\.6 s of simulated time; 9 frames, \d+ per second; 11 telemetry "
-        r"messages; connected 1 times; taken over by hand 0 times; cross-track error 0\.\d\d m "
+        r"messages; connected 1 time; taken over by hand 0 times; cross-track error 0\.\d\d m "
         r"on average, 0\.\d\d m at most; left the road 0 times"
     )
     assert re.search(pattern, driven[2])
@@ -302,7 +302,7 @@ def test_the_modern_protocol_drives_with_python_socketio() -> None:
     assert client.counts["manual"] == 3
     assert client.counts["steer"] == 6
     assert client.world.car.speed_mph > 4
-    assert "connected 1 times; taken over by hand 1 times" in printed
+    assert "connected 1 time; taken over by hand 1 time" in printed
 
 
 def test_its_film_has_every_frame_of_the_world(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import contextlib
 import functools
 import io
+import itertools
 import os
 import runpy
 import signal
@@ -10,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -52,7 +53,7 @@ def run(
     variables = environment(code) | {"OMP_NUM_THREADS": threads}
     if sys.platform != "linux":  # elsewhere, forking a process that has threads is not safe
         return subprocess.run(
-            command(module, *arguments),
+            command(module, *last_of_each(module, arguments)),
             cwd=cwd,
             env=variables,
             capture_output=True,
@@ -62,7 +63,7 @@ def run(
         )
     with tempfile.NamedTemporaryFile("r") as output, tempfile.NamedTemporaryFile("r") as errors:
         files = Path(output.name), Path(errors.name)
-        words = [module, *arguments]
+        words = [module, *last_of_each(module, arguments)]
         status = forked_commands(code).run(words, cwd, variables, timeout, *files)
         if status == -signal.SIGALRM:
             raise subprocess.TimeoutExpired([module, *arguments], timeout)
@@ -78,7 +79,7 @@ def run_here(cwd: Path, *arguments: str, module: str = "zoo") -> subprocess.Comp
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of runpy, for what was imported before
         patch.chdir(cwd)
-        patch.setattr(sys, "argv", [module, *arguments])
+        patch.setattr(sys, "argv", [module, *last_of_each(module, arguments)])
         status = 0
         try:
             with contextlib.redirect_stdout(printed[0]), contextlib.redirect_stderr(printed[1]):
@@ -87,6 +88,18 @@ def run_here(cwd: Path, *arguments: str, module: str = "zoo") -> subprocess.Comp
             status = int(end.code or 0)
     texts = [one.buffer.getvalue().decode() for one in printed if one.flush() is None]
     return subprocess.CompletedProcess(arguments, status, *texts)
+
+
+def last_of_each(module: str, arguments: Sequence[str]) -> list[str]:
+    """Return a training's arguments without those that a later one of the same key replaces.
+
+    Tests add keys to `SMALL`; a user may type none twice.
+    """
+    key_of = [word.lstrip("+").partition("=")[0] for word in arguments]
+    if module != "zoo":
+        return [*arguments]
+    last = [key == "parts" or key not in key_of[at + 1 :] for at, key in enumerate(key_of)]
+    return list(itertools.compress(arguments, last))
 
 
 def run_words(cwd: Path, *words: str, **variables: str) -> subprocess.CompletedProcess:

@@ -263,7 +263,7 @@ def test_an_unclear_scale_is_asked_for_by_key(lake: Written, tmp_path: Path) -> 
     unclear = ("Lambda", lambda_config(lambda x: (x - x.mean()) / 127.5), [])
     write_steering_h5(tmp_path / "unclear.h5", recording, VIEW, unclear)
     for name in ("none.h5", "unclear.h5"):
-        assert "set scale=[" in only_line(import_file(tmp_path, name))
+        assert "set 'scale=[" in only_line(import_file(tmp_path, name))
         assert import_file(tmp_path, name, "scale=[127.5,1]").returncode == 0
         keys = [f"recording={lake.folder}", "colour=yuv_old", "crop=[60,25]", "drive=false"]
         succeed(import_file(tmp_path, name, *keys, "frames=60"))

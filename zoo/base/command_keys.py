@@ -19,6 +19,7 @@ from operator import attrgetter
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from zoo.base.errors import InputError, UsageError, hint
+from zoo.base.terminal import command_line
 
 Made = TypeVar("Made")
 
@@ -26,6 +27,7 @@ NULLS = ("", "null", "~")
 WIDTH, NAMES = 100, 24  # characters of a help line, and of its first column
 REQUIRED: Any = inspect.Parameter.empty
 _NAMED = {float: "a number", int: "a whole number", bool: "true or false"}
+_NAMED |= dict.fromkeys((list, tuple, Sequence), "a list")
 SECTION = re.compile(r"^\w+:$", re.MULTILINE)
 _ENTRY = re.compile(r"^ {4}([\w, *]+): (.*(?:\n {8}.*)*)", re.MULTILINE)
 
@@ -64,7 +66,7 @@ class Key:
         meaning = re.sub(r"\bNone\b", "null", self.meaning)
         if limits and not (self.choices and explained):
             meaning += f" ({limits})"
-        return help_row(f"{self.name}={self.typed}", meaning)
+        return help_row(command_line([f"{self.name}={self.typed}"]), meaning)
 
 
 @dataclass(frozen=True)
@@ -203,7 +205,7 @@ def wanted(kind: Any) -> str:
     examples = [one for mark in marks for one in getattr(mark, "examples", None) or ()]
     if examples:
         return f"as in {', '.join(map(typed, examples))}"
-    return f"{_NAMED.get(plain, 'text')} {bounds(kind)}".strip()
+    return f"{_NAMED.get(get_origin(plain) or plain, 'text')} {bounds(kind)}".strip()
 
 
 def choices_of(kind: Any) -> tuple[str, ...]:
@@ -229,6 +231,8 @@ def convert(name: str, kind: Any, value: Any) -> Any:
     >>> convert("track", str, ["lake", "mountain"])
     'lake,mountain'
 
+    True is no number, as it is in Python.
+
     Raises:
         UsageError: it has the wrong type or range; the message names key, value and range.
     """
@@ -239,6 +243,8 @@ def convert(name: str, kind: Any, value: Any) -> Any:
     given = value
     parts = [getattr(part, "__origin__", part) for part in (*get_args(kind), kind)]
     plain = {get_origin(part) or part for part in parts}
+    if is_misplaced_bool(kind, value):
+        raise UsageError(f"{name}={typed(given)}: must be {wanted(kind)}")
     if isinstance(value, str) and plain & {list, tuple}:
         from zoo.base.bounded_files import parse_yaml  # slow import: YAML
 
@@ -252,8 +258,38 @@ def convert(name: str, kind: Any, value: Any) -> Any:
         value = typed(value)
     try:
         return _adapter(kind).validate_python(value)
-    except ValidationError:
-        raise UsageError(f"{name}={typed(given)}: must be {wanted(kind)}") from None
+    except ValidationError as error:
+        is_number = error.errors()[0]["type"] == "finite_number"
+        what = "a finite number" if is_number else wanted(kind)
+        raise UsageError(f"{name}={typed(given)}: must be {what}") from None
+
+
+def is_misplaced_bool(kind: Any, value: Any) -> bool:
+    """Return whether a value has true or false where a type has numbers alone.
+
+    >>> is_misplaced_bool(list[float] | None, [0.5, True]), is_misplaced_bool(bool | float, True)
+    (True, False)
+    """
+    if isinstance(value, list | tuple):
+        return any(is_misplaced_bool(kind, each) for each in value)
+    kinds = kinds_in(kind)
+    return isinstance(value, bool) and bool not in kinds and not kinds.isdisjoint({int, float})
+
+
+@functools.lru_cache(maxsize=1024)
+def kinds_in(kind: Any) -> frozenset[Any]:
+    """Return the classes that a type is made of; those of a `Literal`'s values, too.
+
+    >>> sorted(kind.__name__ for kind in kinds_in(dict[str, float] | Literal["a"] | None))
+    ['NoneType', 'dict', 'float', 'str']
+    """
+    if get_origin(kind) is Literal:
+        return frozenset(map(type, get_args(kind)))
+    if get_origin(kind) is Annotated:
+        return kinds_in(get_args(kind)[0])
+    origin = get_origin(kind)
+    inner = frozenset().union(*(kinds_in(part) for part in get_args(kind)))
+    return inner if origin in (Union, types.UnionType) else inner | {origin or kind}
 
 
 @functools.lru_cache(maxsize=1024)
@@ -261,8 +297,9 @@ def _adapter(kind: Any) -> Any:
     """Return pydantic's `TypeAdapter` of a type, which takes a millisecond to make."""
     from pydantic import ConfigDict, TypeAdapter
 
-    config = None if is_dataclass(kind) else ConfigDict(coerce_numbers_to_str=True)
-    return TypeAdapter(kind, config=config)
+    if is_dataclass(kind):
+        return TypeAdapter(kind)
+    return TypeAdapter(kind, config=ConfigDict(coerce_numbers_to_str=True, allow_inf_nan=False))
 
 
 def meanings_of(function: Callable[..., Any]) -> dict[str, str]:

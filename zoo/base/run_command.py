@@ -101,9 +101,16 @@ def exit_after(name: str, command: Callable[[list[str]], object]) -> NoReturn:
 
 
 def raise_interrupts() -> None:
-    """Let Ctrl-C raise KeyboardInterrupt, also if it arrives in a finalizer or callback."""
+    """Let Ctrl-C raise KeyboardInterrupt, also if it arrives in a finalizer or callback.
+
+    So do the signals by which a terminal or a scheduler announces the end.
+    """
     if signal.getsignal(signal.SIGINT) is stop_in_one_line:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    for name in ("SIGHUP", "SIGUSR1"):  # of a closed terminal or a scheduler; not on Windows
+        number = getattr(signal, name, None)
+        if number and signal.getsignal(number) is signal.SIG_DFL:  # else it is ignored, as by nohup
+            signal.signal(number, signal.default_int_handler)
     if sys.platform == "win32":  # where a process can send no Ctrl-C to one other process
         signal.signal(signal.SIGBREAK, signal.default_int_handler)
     if sys.unraisablehook is sys.__unraisablehook__:
@@ -174,16 +181,11 @@ def was_stopped(error: BaseException | None) -> bool:
     return error is not None
 
 
-class ClosedOutputError(Exception):
-    """The closed pipe of a reading program, as after `| head`.
-
-    It is no BrokenPipeError, for which rich ends the process with 1.
-    """
-
-
 @contextmanager
 def forgiving_output() -> Iterator[None]:
-    """Print to standard output within the block; a pipe that its reader closed ends the block.
+    """Print to standard output within the block; what cannot be printed does not end it.
+
+    A pipe that its reader closed, as `| head` does, is no failure.
 
     Raises:
         InputError: after the block, if something could not be printed.
@@ -204,8 +206,6 @@ def forgiving_output() -> Iterator[None]:
         finally:
             output.flush()
             sys.stdout = before
-    except ClosedOutputError:
-        return
     except SystemExit as end:  # such as argparse's after its help
         if end.code or not output.failure:
             raise
@@ -251,6 +251,5 @@ class ForgivingOutput:
     def _failed(self, error: OSError) -> None:
         # The rest of the buffer would fail again, at the latest when Python exits.
         os.dup2(os.open(os.devnull, os.O_WRONLY), self.stream.fileno())
-        if isinstance(error, BrokenPipeError):
-            raise ClosedOutputError from error
-        self.failure = self.failure or error
+        if not isinstance(error, BrokenPipeError):
+            self.failure = self.failure or error

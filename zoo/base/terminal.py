@@ -31,6 +31,16 @@ def printable(text: str) -> str:
     )
 
 
+def counted(count: float, noun: str, plural: str = "") -> str:
+    """Return a number with its noun, which has an s unless the number is 1 or the plural is given.
+
+    >>> counted(1, "thread"), counted(0.5, "lap"), counted(12_000, "row"), counted(2, "is", "are")
+    ('1 thread', '0.5 laps', '12,000 rows', '2 are')
+    """
+    number = f"{count:g}" if isinstance(count, float) else f"{count:,}"
+    return f"{number} {noun if count == 1 else plural or f'{noun}s'}"
+
+
 def command_line(words: Iterable[object]) -> str:
     """Return words as a command that a person can read and paste into a shell.
 
@@ -45,7 +55,7 @@ def command_line(words: Iterable[object]) -> str:
 def _quoted(word: str) -> str:
     if "'" in word and not re.search(r'["$`\\!]', word):
         return f'"{word}"'
-    return shlex.quote(word)
+    return f"'{word}'" if word.startswith("=") else shlex.quote(word)  # zsh looks up =NAME
 
 
 def error_line(name: str, error: object) -> str:
@@ -130,16 +140,19 @@ def print_written(
 
 
 def print_next(command: str, purpose: str = "", console: "Console | None" = None) -> None:
-    """Print `next: COMMAND  # PURPOSE`; the text after `next:` can be pasted into a shell.
+    """Print `next: COMMAND`, which can be pasted into any shell, and the purpose below it.
 
-    The user's `parts=...` are added to a command that takes them. With `-q` nothing is printed.
+    In zsh a `#` begins no comment. The user's `parts=...` are added to a command that takes them.
+    With `-q` nothing is printed.
     """
     if is_quiet():
         return
     program, name, *_ = [*command.split(), ""]
     if program == "drivezoo" and name not in ("check", "simulator"):
         command = f"{command} {command_line(typed_parts())}".rstrip()
-    _print(f"next: {command}{f'  # {purpose}' if purpose else ''}", console)
+    _print(f"next: {command}", console)
+    if purpose:
+        _print(f"      {purpose}", console)
 
 
 def _print(line: str, console: "Console | None") -> None:

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from zoo.base.errors import StoppedError
 from zoo.base.new_folder import command_folder
-from zoo.base.terminal import print_written, printable
+from zoo.base.terminal import counted, print_written, printable
 from zoo.base.whole_file import write_whole
 from zoo.benchmark import marks
 from zoo.benchmark.baselines import HUMAN, NO_CHECKPOINT
@@ -162,8 +162,8 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
             drives = drive_suite(drivers, jobs, suite.mean_steering, *how)
         except KeyboardInterrupt:
             raise StoppedError(
-                f"stopped after {len(finished.drives)} of {len(jobs)} drives; the same command "
-                f"with out={folder} resumes"
+                f"stopped after {len(finished.drives)} of {counted(len(jobs), 'drive')}; the same "
+                f"command with out={folder} resumes"
             ) from None
         result = BenchmarkResult(
             version=VERSION,
@@ -292,7 +292,7 @@ def overall_line(result: BenchmarkResult) -> str:
     """Return the figures over all roads as a sentence."""
     seeds = len(result.checkpoints)
     trained = any(driver.sha256 for driver in result.checkpoints)
-    by = f"{seeds} training seed{'' if seeds == 1 else 's'}" if trained else "without training"
+    by = counted(seeds, "training seed") if trained else "without training"
     own = drives_of(result.drives, OVERALL) or result.drives
     clean = sum(not one.figures["interventions"] for one in own)
     rate = with_interval(overall(result)["interventions_per_km"], "{:.2f}")

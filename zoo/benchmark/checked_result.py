@@ -11,7 +11,7 @@ from rich.console import Console
 from zoo.base.bounded_files import check_version, hash_file, read_json
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most
-from zoo.base.terminal import printable
+from zoo.base.terminal import counted, printable
 from zoo.benchmark.baselines import HUMAN, NO_CHECKPOINT
 from zoo.benchmark.result import (
     ANALYSIS,
@@ -190,16 +190,16 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
     recorded = [result.drives[number] for number in numbers]
     jobs = [(one.checkpoint, by_road[road_of(one)]) for one in recorded]
     driven = drive_suite(drivers, jobs, found.mean_steering, workers, console)
-    counted = f"{len(recorded)} of {len(result.drives)} drives repeated"
+    repeated = f"{len(recorded)} of {counted(len(result.drives), 'drive')} repeated"
     lines = list(filter(None, map(difference_line, recorded, driven)))
     equal = "all digests" if not lines else f"{len(recorded) - len(lines)} digests"
-    total = f"{path}: {counted}: {equal} are equal; {repeated_line(recorded, driven)}"
+    total = f"{path}: {repeated}: {equal} are equal; {repeated_line(recorded, driven)}"
     for line in [*lines, total]:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     if lines:
         raise InputError(
-            f"{path}: {counted}: {len(lines)} with another digest or other figures; repeat it with "
-            f"the code that drove it ({code_name(result.code)})"
+            f"{path}: {repeated}: {len(lines)} with another digest or other figures; repeat it "
+            f"with the code that drove it ({code_name(result.code)})"
         )
 
 

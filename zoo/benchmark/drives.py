@@ -11,6 +11,7 @@ from rich.console import Console
 
 from zoo.base.bounded_files import MOST_JSON_BYTES, hash_file, parse_json, read_text
 from zoo.base.errors import InputError, UsageError, file_errors
+from zoo.base.terminal import counted
 from zoo.base.whole_file import write_whole
 from zoo.benchmark.baselines import BASELINES, NO_CHECKPOINT
 from zoo.benchmark.result import Driver, DriveRecord, check_distinct
@@ -63,7 +64,7 @@ def drive_suite(
         [_driver(one, mean_steering) for one in files],
         [jobs[number][1].scenario for number in order],
         workers=workers,
-        what=f"driving {len(order)} roads",
+        what=f"driving {counted(len(order), 'road')}",
         console=console,
         # Other renderers draw other frames: the digest would depend on the machine.
         renderer="none" if is_baseline else "software",

@@ -14,6 +14,7 @@ from torch import nn
 from datamodules.recording_format import other_car
 from datamodules.view import View
 from zoo.base.errors import InputError
+from zoo.base.terminal import counted
 
 MONITORED = "drive/"
 FRAME_IMAGES = 8  # training images that take as long as a driven frame: PilotNet's, on two cores
@@ -103,7 +104,8 @@ class ClosedLoop(Callback):
             figures = self.drive(module.network, data.view, module.card)
             Console(soft_wrap=True).print(
                 f"           drove {self.starts} x {self.metres:g} m: autonomy "
-                f"{figures['autonomy']:.1%}, {figures['interventions']} interventions, mean error "
+                f"{figures['autonomy']:.1%}, "
+                f"{counted(figures['interventions'], 'intervention')}, mean error "
                 f"{figures['cte_mean']:.2f} m ({self.last_s:.1f} s)",
                 highlight=False,
             )
@@ -134,10 +136,9 @@ class ClosedLoop(Callback):
                 "seconds": self.spent_s,
                 "share": self.spent_s / trained_s,
             }
-            count = f"{self.drives} drive{'' if self.drives == 1 else 's'}"
             Console(soft_wrap=True).print(
-                f"closed loop: {count} took {self.spent_s:.1f} s, {self.cost['share']:.0%} of the "
-                f"{trained_s:.1f} s of training",
+                f"closed loop: {counted(self.drives, 'drive')} took {self.spent_s:.1f} s, "
+                f"{self.cost['share']:.0%} of the {trained_s:.1f} s of training",
                 highlight=False,
             )
 
@@ -150,7 +151,7 @@ class ClosedLoop(Callback):
         from zoo.worlds.run_drives import all_drives
 
         began = time.perf_counter()
-        copied, data = copy.deepcopy(network).cpu().eval(), card.get("data", {})
+        copied, data = copy.deepcopy(network).cpu().float().eval(), card.get("data", {})
         policy = CheckpointPolicy(Checkpoint(copied, view, {}, data))
         track = self.world.simulated.track
         # On an open road the last start leaves room for a whole drive.

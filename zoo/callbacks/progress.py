@@ -74,7 +74,8 @@ class TrainingProgress(Callback):
         for name in ("val/mse", "val/mae"):
             if name in metrics:
                 line += f"  {name} {float(metrics[name]):.4f}"
-        line += f"  {module.train_samples / module.train_seconds:,.0f} samples/s"
+        if module.train_seconds:
+            line += f"  {module.train_samples / module.train_seconds:,.0f} samples/s"
         self.console.print(line, highlight=False)
 
     def teardown(self, trainer: Trainer, module: LightningModule, stage: str) -> None:

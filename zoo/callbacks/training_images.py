@@ -9,6 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from datamodules.balance import BatchKey
+from datamodules.driving import DrivingData
+from zoo.base.terminal import counted
 from zoo.runs import plots
 
 
@@ -24,7 +26,7 @@ class FedBatch(Callback):
 
     def on_train_start(self, trainer: Trainer, module: LightningModule) -> None:
         """Plot the samples."""
-        if trainer.is_global_zero:
+        if trainer.is_global_zero and isinstance(trainer.datamodule, DrivingData):
             publish(trainer, "fed_batch", figure_of_fed_batch(trainer.datamodule, self.count))
 
 
@@ -33,7 +35,7 @@ class SteeringHistogram(Callback):
 
     def on_train_start(self, trainer: Trainer, module: LightningModule) -> None:
         """Plot the steering."""
-        if trainer.is_global_zero:
+        if trainer.is_global_zero and isinstance(trainer.datamodule, DrivingData):
             publish(trainer, "steering_histogram", figure_of_steering(trainer.datamodule))
 
 
@@ -73,7 +75,7 @@ def figure_of_fed_batch(data: LightningDataModule, count: int) -> Figure:
     batch = data.training_batches()[BatchKey(0, 0, np.concatenate(indices)[:count])]
     images = batch["images"].movedim(-3, -1).numpy()
     height, width, channels = images.shape[-3:]
-    kind = f"{width} x {height} {data.view.colour}, {channels} channel{'s' * (channels > 1)}"
+    kind = f"{width} x {height} {data.view.colour}, {counted(channels, 'channel')}"
     title = f"network inputs: {kind}; steering above each image"
     steering = batch["targets"][..., 0].numpy()
     if sequence > 1:

@@ -133,6 +133,11 @@ def read_checkpoint_file(path: str | Path) -> dict:
     return checked_contents(load_plain(path), path)
 
 
+def trained_epochs(contents: dict) -> int:
+    """Return the number of the epoch after which a checkpoint was saved; 0 for initial weights."""
+    return int(contents["epoch"]) + (contents.get("global_step") != 0)
+
+
 def doubt_members(contents: object) -> list | None:
     """Return the checkpoints within a file of `drivezoo doubt`; None if it is another file."""
     card = contents.get("drivezoo") if isinstance(contents, dict) else None

@@ -1,11 +1,14 @@
 """A run's checkpoint files, which survive a full disk and a moved run folder."""
 
 import io
+from collections.abc import Sequence
 from pathlib import Path, PurePath
 from typing import Any
 
 import torch
+from lightning import Callback
 from lightning.fabric.plugins import TorchCheckpointIO
+from lightning.pytorch.callbacks import EarlyStopping
 
 from zoo.base.errors import InputError
 from zoo.base.whole_file import write_whole
@@ -16,7 +19,19 @@ class CheckpointFiles(TorchCheckpointIO):
 
     Lightning's own writer writes a file in /tmp and, when /tmp is another disk, copies it over the
     old checkpoint. A full disk then destroys both.
+
+    Args:
+        callbacks: callbacks of the trainer. The patience that they are given counts, not the
+            saved patience, which Lightning would restore.
     """
+
+    def __init__(self, callbacks: Sequence[Callback] = ()) -> None:
+        super().__init__()
+        self._patience = {
+            callback.state_key: callback.patience
+            for callback in callbacks
+            if isinstance(callback, EarlyStopping)
+        }
 
     def save_checkpoint(
         self, checkpoint: dict, path: str | Path, storage_options: object = None
@@ -43,7 +58,9 @@ class CheckpointFiles(TorchCheckpointIO):
         """
         checkpoint = super().load_checkpoint(path, *args, **more)
         now = str(Path(path).parent)
-        for state in checkpoint.get("callbacks", {}).values():
+        for key, state in checkpoint.get("callbacks", {}).items():
+            if key in self._patience:
+                state["patience"] = self._patience[key]
             before = state.get("dirpath") if isinstance(state, dict) else None
             if before:
                 state.update(_moved(state, str(before), now))

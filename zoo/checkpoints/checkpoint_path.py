@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from zoo.base.errors import InputError, UsageError
-from zoo.base.terminal import error_line
+from zoo.base.terminal import command_line, error_line
 
 LATEST = "latest"
 OUTPUTS = Path("outputs")  # below the current folder
@@ -163,7 +163,7 @@ def _in_folder(folder: Path) -> Path:
     if (folder / ".hydra").is_dir():
         raise InputError(
             f"{folder}: this run has no checkpoint yet (no {FOLDER}/{BEST}); resume it: "
-            f"drivezoo train resume={folder}"
+            + command_line(["drivezoo", "train", f"resume={folder}"])
         )
     # The doctor imports this module without packages.
     from zoo.checkpoints.network_kind import describe_kind, network_kind

@@ -3,20 +3,27 @@
 Hydra's own help would also list groups of the driver and the simulator, which share `conf`.
 """
 
+import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException
+from hydra.errors import (
+    ConfigCompositionException,
+    HydraException,
+    MissingConfigException,
+    OverrideParseException,
+)
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
 from zoo.base.bounded_files import mapped
 from zoo.base.command import is_path
 from zoo.base.command_keys import help_row, typed_keys
 from zoo.base.errors import UsageError, hint
-from zoo.cli.conf_files import choice_files, choices, comments_of, conf_folder
+from zoo.base.terminal import command_line
+from zoo.cli.conf_files import choice_files, choices, comments_of, conf_folder, trainer_arguments
 
 # Keys whose values are paths; in a path, Hydra's grammar has no meaning except `${...}`.
 PATH_KEYS = (
@@ -31,6 +38,18 @@ PATH_KEYS = (
 )
 LISTS_ALL = "drivezoo train --help lists all"
 NO_PATHS = ("", "null", "true", "false")
+# Other names of choices: a network's usual name, and none where a choice adds nothing.
+ALIASES = {
+    ("model", "pilotnet"): "nvidia",
+    ("logger", "none"): "csv",
+    ("callbacks", "none"): "checkpoints",
+    ("augment", "none"): "[]",
+    ("schedule", "none"): "constant",
+}
+# Options of Hydra's that are taken, and words of other projects' commands.
+SWEEPS, OWN_CHOICES = ("-m", "--multirun"), "--config-dir="
+FOREIGN = {"tub": "data.root", "epochs": "trainer.max_epochs", "learning-rate": "optim.lr"}
+LISTED = ("augment", "callbacks", "logger")  # groups of which several may be chosen
 
 # Groups in `conf` that are not part of the training config: driver, simulator, Hydra.
 OTHER_GROUPS = ("drive", "environment", "road", "suite", "track", "world", "hydra")
@@ -55,33 +74,85 @@ See also: drivezoo models (networks), preview (what a network is fed), check (a 
 NAMES = 36  # characters of the first column: these keys are long
 
 _PACKAGE = re.compile(r"# @package (?P<package>[\w.]+)")
+_SEVERAL = re.compile(r"Ambiguous value for argument '(?P<typed>.*)'")
 _NO_OVERRIDE = re.compile(r"Could not override '(?P<key>[^'@]+)")
 _NO_KEY = re.compile(r"full_key: (?P<key>\S+)|Key '(?P<short>[^']+)' is not in struct")
 
 
-def quote_paths(arguments: list[str], sweep: bool = False) -> list[str]:
-    r"""Quote the values of keys that take a path, so that Hydra does not parse them.
+def hydra_overrides(arguments: Sequence[str], sweep: bool = False) -> list[str]:
+    r"""Return overrides as Hydra reads them, from what a user types.
 
-    Hydra still interpolates `${...}`, unless a file or folder has exactly that name. It never
-    interpolates `\${...}`.
+    Paths are quoted, so that Hydra does not parse them. It still interpolates `${...}`, unless a
+    file or folder has exactly that name; it never interpolates `\${...}`. Other names of choices
+    are replaced, and any argument of Lightning's Trainer is a key of `trainer`.
 
-    >>> quote_paths(["data.root=a=b", "data.root=[my laps,b]", "seed=1"])
-    ["data.root='a=b'", "data.root=['my laps','b']", 'seed=1']
+    >>> hydra_overrides(["data.root=a=b", "model=pilotnet", "data=my laps/", "trainer.max_steps=9"])
+    ["data.root='a=b'", 'model=nvidia', "data.root='my laps/'", '++trainer.max_steps=9']
 
     Args:
         arguments: overrides as typed.
         sweep: whether a comma separates the values of a sweep.
+
+    Raises:
+        UsageError: an option is not one of drivezoo's, or a key is given twice.
     """
-    quoted = []
+    refuse_repeated(arguments)
+    return [_hydra_override(argument, sweep) for argument in arguments]
+
+
+def _hydra_override(argument: str, sweep: bool) -> str:
+    typed, equals, value = argument.partition("=")
+    if typed.startswith("-"):
+        return _searched(argument)
+    key = typed.lstrip("+")
+    if not equals:
+        return argument
+    names = value.split(",") if sweep else [value]
+    if key == "data" and not {*names} <= {*choices(key)} and any(map(_names_folder, names)):
+        key = typed = "data.root"
+    elif key in config_groups() and not value.startswith("{"):
+        if value.startswith("[") and key not in LISTED:
+            raise UsageError(f"{argument}: takes one name; add -m, and remove the brackets")
+        return f"{key}={','.join(ALIASES.get((key, name), name) for name in names)}"
+    if key in PATH_KEYS:
+        value = _quote_value(value, sweep)
+    if key.startswith("hydra") or not {*"@/"}.isdisjoint(key):
+        return f"{typed}={value}"
+    section = key.partition(".")[0]
+    is_added = typed != key and section in config_groups()  # others Hydra finds to be no key
+    is_added |= key == "callbacks" or (section == "trainer" and key in _trainer_keys())
+    return f"++{key}={value}" if is_added else f"{key}={value}"  # ++ adds a key, or replaces it
+
+
+def _trainer_keys() -> list[str]:
+    """Return the keys of `trainer` that no YAML file has, but Lightning."""
+    return [f"trainer.{name}" for name in trainer_arguments()]
+
+
+def _names_folder(value: str) -> bool:
+    return is_path(value) or "/" in value or os.sep in value
+
+
+def _searched(option: str) -> str:
+    """Return the override that searches the folder of `--config-dir=` for choices."""
+    if option.startswith(OWN_CHOICES):
+        return f"hydra.searchpath=[{quote(f'file://{option.removeprefix(OWN_CHOICES)}')}]"
+    if option in SWEEPS:
+        return option
+    name = option.lstrip("-").partition("=")[0]
+    keys = [FOREIGN[name]] if name in FOREIGN else valid_keys()
+    near = hint(FOREIGN.get(name, name.replace("-", "_")), keys, LISTS_ALL)
+    raise UsageError(f"{option}: no such option; type key=value, such as seed=2: {near}")
+
+
+def refuse_repeated(arguments: Iterable[str]) -> None:
+    """Raise UsageError for a key that is given twice; Lightning repeats Hydra's in its ranks."""
+    seen = set()
     for argument in arguments:
-        key, equals, value = argument.partition("=")
-        if equals and key.lstrip("+") in PATH_KEYS:
-            argument = f"{key}={_quote_value(value, sweep)}"
-        elif key.startswith("+callbacks.") or (key == "callbacks" and value.startswith("{")):
-            # `++` adds a callback, or replaces the one of that name.
-            argument = f"++{argument.lstrip('+')}"
-        quoted.append(argument)
-    return quoted
+        key = argument.lstrip("+").partition("=")[0]
+        if "=" in argument and key in seen and not key.startswith("hydra."):
+            raise UsageError(f"{key}: given twice; give it once")
+        seen.add(key)
 
 
 def escape_interpolation(value: Any) -> Any:
@@ -153,13 +224,25 @@ def one_line_errors(arguments: Sequence[str]) -> Iterator[None]:
     except ValueError as error:
         if not str(error).startswith("Config group override"):
             raise
-        nulls = " ".join(word for word in arguments if word.endswith("=null"))  # callbacks=null
-        raise UsageError(f"{nulls}: name a choice; {LISTS_ALL}") from error
+        for word in arguments:  # null, true or a number is no name of a choice
+            group, _, value = word.partition("=")
+            if (names := choices(group)) and value not in names and value[:1] != "[":
+                what = f"name a choice; available: {', '.join(names)}"
+                raise UsageError(f"{word}: {what}") from error
+        raise
 
 
 def _explained(error: Exception, arguments: Sequence[str]) -> str:
     """Return one line for an error of Hydra, with the nearest valid key or choice."""
     text = str(error)
+    if isinstance(error, OverrideParseException) and "=" in error.override:
+        return f"{error.override}: cannot be read; close its brackets and quotes"
+    if several := _SEVERAL.search(text):
+        key, _, value = several["typed"].partition("=")
+        return (
+            f"{key}={value}: names several values; add -m to train with each, or type "
+            f"'{key}=[{value}]' for a list, and a decimal number with a point"
+        )
     if isinstance(error, MissingConfigException) and error.missing_cfg_file:
         group, _, choice = str(error.missing_cfg_file).rpartition("/")
         own = Path("conf", group, f"{choice}.yaml")
@@ -189,6 +272,7 @@ def _explained(error: Exception, arguments: Sequence[str]) -> str:
 def valid_keys() -> list[str]:
     """Return every key that users can type, including groups, `parts`, `resume` and `trust`."""
     keys = ["parts", "resume", "trust", *config_groups()]
+    keys += _trainer_keys()
 
     def walk(node: dict, prefix: str = "") -> None:
         for key, value in node.items():
@@ -229,11 +313,11 @@ def config_help(arguments: Sequence[str]) -> str:
     overrides = [
         one for one in arguments if not one.startswith(("-", "resume=", "trust=", "hydra"))
     ]
-    config, chosen = compose_with_choices(quote_paths(overrides))
+    config, chosen = compose_with_choices(hydra_overrides(overrides))
     groups = [f"{name}: {', '.join(choices(name))}" for name in config_groups()]
     meanings = key_comments(chosen)
     keys = [
-        help_row(f"{key}={value}", meanings.get(key, ""), NAMES)
+        help_row(command_line([f"{key}={value}"]), meanings.get(key, ""), NAMES)
         for key, value in typed_keys(config)
         if "._" not in key  # `_target_`, which the choices decide
     ]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ast
+import functools
+import importlib.util
 import re
 from pathlib import Path
 
@@ -55,6 +58,20 @@ def choice_files(group: str) -> dict[str, Path]:
     """Return the YAML file of each choice of a group, the user's parts included."""
     folders = [*part_folders(), conf_folder()]
     return {path.stem: path for one in folders for path in sorted((one / group).glob("*.yaml"))}
+
+
+@functools.cache
+def trainer_arguments() -> tuple[str, ...]:
+    """Return the arguments of Lightning's Trainer that are keys of no YAML file.
+
+    They are read from its source, since an import takes seconds.
+    """
+    (folder,) = importlib.util.find_spec("lightning").submodule_search_locations
+    source = Path(folder, "pytorch", "trainer", "trainer.py").read_text(encoding="utf-8")
+    functions = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef))
+    called = next(node for node in functions if node.name == "__init__")
+    yaml = comments_of((conf_folder() / "trainer" / "default.yaml").read_text(encoding="utf-8"))
+    return tuple(node.arg for node in called.args.kwonlyargs if node.arg not in yaml)
 
 
 def comments_of(text: str, prefix: str = "") -> dict[str, str]:

@@ -2,7 +2,6 @@
 
 import ast
 import importlib
-import shlex
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,7 +11,7 @@ from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.module_start import run_module
 from zoo.base.parts import installed_entries
 from zoo.base.run_command import run_command
-from zoo.base.terminal import printable
+from zoo.base.terminal import command_line, printable, take_verbosity
 
 if TYPE_CHECKING:
     from zoo.base.command import Command
@@ -47,7 +46,7 @@ ENTRY_POINTS = "drivezoo.commands"
 # it has one, and how a user types a choice.
 LISTED = {
     "models": ("model", "model=NAME"),
-    "augmentations": ("augment", "augment=[NAME,NAME]"),
+    "augmentations": ("augment", "'augment=[NAME,NAME]'"),
     "losses": ("loss", "loss=NAME"),
     "optimizers": ("optim", "optim=NAME"),
     "schedules": ("schedule", "schedule=NAME"),
@@ -68,7 +67,7 @@ CLOSING = (
 
 def main() -> int:
     """Run the command that the first argument names, as `python -m zoo.COMMAND` does."""
-    name, *rest = sys.argv[1:] or ["--help"]
+    name, *rest = take_verbosity(sys.argv[1:]) or ["--help"]
     if name in LISTED:
         name, rest = "list", [name, *rest]
     name, rest = as_typed_below(name, rest)
@@ -88,7 +87,7 @@ def _help_or_hint(arguments: list[str], outside: Iterable[str]) -> None:
         return
     near = hint(name, [*commands(), *outside], "drivezoo --help lists all")
     if "=" in name:  # keys of a training without its name
-        near = f"did you mean drivezoo train {shlex.join(arguments)}?"
+        near = f"did you mean drivezoo train {command_line(arguments)}?"
     raise UsageError(f"{name!a}: no such command; {near}")
 
 

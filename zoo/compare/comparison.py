@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 
-from zoo.base.terminal import print_line, print_written, printable
+from zoo.base.terminal import counted, print_line, print_written, printable
 from zoo.base.whole_file import json_text, write_output
 from zoo.benchmark.result import SCORES
 from zoo.compare.differences import (
@@ -74,7 +74,7 @@ class ComparedEntries(Result):
     def lines(self) -> list[str]:
         """Return the verdict over all groups, what limits it, and what is needed to tell."""
         name, overall = next(reversed(self.groups.items()))
-        where = f"{overall.roads} roads" + ("" if name == OVERALL else f" of group {name}")
+        where = counted(overall.roads, "road") + f" of group {name}" * (name != OVERALL)
         first, second = (f"{one[self._score]:.1%}" for one in (overall.a, overall.b))
         what = SCORES[self._score]
         lines = [f"verdict: {overall.verdict} ({what} {first} and {second} on {where})"]

@@ -13,6 +13,7 @@ from simulator.recorder import IMAGE_FOLDER, LOG_NAME, Recorder, split_pedals
 from simulator.weather import read_weather
 from simulator.world import World
 from zoo.base.new_folder import RECORDINGS, whole_folder
+from zoo.base.terminal import counted
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.command import Command, Policy, PolicyWrapper
 from zoo.correct.correct_options import FIRST_SEED, CorrectOptions
@@ -139,7 +140,7 @@ def collect(
             begin_s = int.from_bytes(digest[:8], "big") % START_RANGE_S
             keeps.append(RecordedErrors(parts / f"{number:03d}", options, begin_s))
         labelled = Labelled(checkpoint, options, options.beta**round_number)
-        what = f"collecting {len(scenarios)} drives"
+        what = f"collecting {counted(len(scenarios), 'drive')}"
         rows = sum(all_drives(labelled, scenarios, keeps, options.workers, what, console))
         if rows:
             _join(sorted(parts.iterdir()), folder)

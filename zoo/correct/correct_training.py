@@ -12,6 +12,7 @@ from datamodules.driving_log import read_log
 from datamodules.recording import LOG_NAME, file_name
 from datamodules.split import write_split
 from zoo.base.errors import InputError
+from zoo.base.terminal import counted
 from zoo.base.whole_file import csv_text, write_whole
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.cli.compose import escape_interpolation
@@ -88,7 +89,7 @@ def write_own_split(
     if data.recording.fingerprint() != checkpoint.data["fingerprint"]:
         console.print(
             f"note: {', '.join(data.recording.names)} is not the recording that the checkpoint was "
-            f"trained on ({checkpoint.data['rows']} rows); this training uses it",
+            f"trained on ({counted(checkpoint.data['rows'], 'row')}); this training uses it",
             highlight=False,
             markup=False,
         )

@@ -15,6 +15,7 @@ from datamodules.driving_log import read_log
 from datamodules.recording import LOG_NAME
 from zoo.base.bounded_files import hash_file, read_json
 from zoo.base.errors import InputError, file_errors
+from zoo.base.terminal import counted
 from zoo.base.whole_file import json_text, write_whole
 from zoo.base.written_files import remove_written
 from zoo.checkpoints.checkpoint import load_checkpoint
@@ -112,9 +113,10 @@ class Correction:
         split = place / "split.csv"
         config = training_config(self.config, options, corrections, start, own_split, split)
         self._print(
-            f"round {number}: {rows:,} rows of corrections ({time.perf_counter() - began:.0f} s); "
-            f"training {options.epochs} epochs on them and on {last['corrections']:,} earlier "
-            f"ones, drawn {options.weight:g} times as often as other rows"
+            f"round {number}: {counted(rows, 'row')} of corrections "
+            f"({time.perf_counter() - began:.0f} s); training {counted(options.epochs, 'epoch')} "
+            f"on them and on {last['corrections']:,} earlier ones, drawn {options.weight:g} times "
+            "as often as other rows"
         )
         checkpoint = train_round(config, place / "run", self.run_folder)
         self._finish(number, str(checkpoint), last["corrections"] + rows)
@@ -163,8 +165,8 @@ class Correction:
         corrections = "a person's corrections, one round"
         if not self.options.by_a_person:
             corrections = (
-                f"the expert's corrections in up to {rounds} rounds, from drives with start seeds "
-                f"from {FIRST_SEED}"
+                f"the expert's corrections in up to {counted(rounds, 'round')}, from drives with "
+                f"start seeds from {FIRST_SEED}"
             )
         self._print(
             f"{self.path}: {corrections}; scored with start seeds 0 to {self.options.seeds - 1}, "

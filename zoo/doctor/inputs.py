@@ -13,6 +13,7 @@ from contextlib import suppress
 from itertools import compress
 
 from zoo.base.child_process import end_module, start_module
+from zoo.base.terminal import command_line
 from zoo.doctor.machine import FAULT, OK, WARNING, Finding
 
 SLOW_MS = 1000 / 60  # the original simulator sends up to 60 images per second
@@ -90,7 +91,7 @@ def check_recording(folder: str) -> Iterator[Finding]:
             bad.append(f"{recording.place(row)}: {recording.images[row, 0]}: {error}")
     if bad:
         found = f"{len(bad):,} or more bad images: {bad[0]}"
-        fix = f"list them with drivezoo check {folder}; train with "
+        fix = f"list them with {command_line(['drivezoo', 'check', folder])}; train with "
         yield Finding(WARNING, "images", found, f"{fix}data.on_bad_image=skip")
     else:
         yield Finding(OK, "images", f"a sample of {len(rows)} can be read")
@@ -99,7 +100,7 @@ def check_recording(folder: str) -> Iterator[Finding]:
 def check_round_trip(checkpoint: str) -> Iterator[Finding]:
     """Start `drivezoo drive` with a checkpoint, and send it grey images."""
     what = "round trip"
-    fix = f"start it yourself to see its output: drivezoo drive {checkpoint}"
+    fix = f"start it yourself to see its output: {command_line(['drivezoo', 'drive', checkpoint])}"
     with tempfile.TemporaryDirectory() as folder:
         process = start_module(
             "zoo.drive",

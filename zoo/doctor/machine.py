@@ -17,6 +17,7 @@ from pathlib import Path
 
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError
+from zoo.base.terminal import counted
 
 OK, WARNING, FAULT = "ok", "warning", "fault"
 INSTALL = "activate the virtual environment, then in the checkout: pip install -e ."
@@ -163,8 +164,8 @@ def check_device() -> Iterator[Finding]:
     import torch
 
     threads, cores = torch.get_num_threads(), usable_cores()
-    setting = os.environ.get("OMP_NUM_THREADS")
-    found = f"{threads} threads on {cores} cores, OMP_NUM_THREADS is {setting or 'not set'}"
+    setting = f"OMP_NUM_THREADS is {os.environ.get('OMP_NUM_THREADS') or 'not set'}"
+    found = f"{counted(threads, 'thread')} on {counted(cores, 'core')}, {setting}"
     if threads > cores:
         fix = f"export OMP_NUM_THREADS={cores}: more threads than cores slow each other down"
         yield Finding(WARNING, "CPU", found, fix)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from rich.console import Console
 
+from zoo.base.terminal import counted
 from zoo.drives.intervals import ONE_TRACK
 from zoo.drives.metrics import DRIVES, METRICS
 from zoo.runs.record_fields import Spread
@@ -68,8 +69,9 @@ def nan_line(drives: list[dict]) -> str | None:
     frames = sum(one["nan_frames"] for one in bad)
     names = ", ".join(dict.fromkeys(f"{one['track']}-{one['seed']}" for one in bad))
     return (
-        f"the network steered NaN in {frames:,} frames ({names}): the car was steered straight on "
-        "instead, so that these figures are not the network's; train again with a smaller optim.lr"
+        f"the network steered NaN in {counted(frames, 'frame')} ({names}): the car was steered "
+        "straight on instead, so that these figures are not the network's; train again with a "
+        "smaller optim.lr"
     )
 
 

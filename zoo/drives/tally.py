@@ -5,6 +5,7 @@ from collections import Counter
 
 import numpy as np
 
+from zoo.base.terminal import counted
 from zoo.drives.interventions import INTERVENTION_S, OFF_ROAD, STANDSTILL, TAKEOVER, WORDS
 
 # Key in `drive.json` of the number of interventions of each kind.
@@ -136,11 +137,11 @@ def autonomy_line(figures: dict) -> str:
     """Return autonomy with the interventions by kind, or why it is not measured."""
     count = figures["interventions"]
     parts = [f"{figures[key]} {WORDS[kind]}" for kind, key in KEYS.items() if figures[key]]
-    counted = f"{count} intervention{'' if count == 1 else 's'}"
-    counted += f" ({', '.join(parts)})" if parts else ""
+    lost = counted(count, "intervention")
+    lost += f" ({', '.join(parts)})" if parts else ""
     if math.isfinite(figures["autonomy"]):
-        return f"autonomy {figures['autonomy']:.1%}: {counted}"
+        return f"autonomy {figures['autonomy']:.1%}: {lost}"
     reason = "this simulator sends no cross-track error, and nobody took over"
     if not figures["mean_speed_mph"] > 0:  # NaN after a single telemetry
         reason = "the car did not move"
-    return f"autonomy: not measured ({reason}){f'; {counted}' if count else ''}"
+    return f"autonomy: not measured ({reason}){f'; {lost}' if count else ''}"

@@ -7,6 +7,7 @@ from typing import Any
 
 from simulator.track_content import road_content
 from zoo.base.command_keys import check_keys, constructed, keys_of
+from zoo.base.terminal import counted
 from zoo.checkpoints.command import Policy
 from zoo.drives.drive_record import Drive
 from zoo.drives.metrics import cte_max_m
@@ -65,7 +66,7 @@ def drive_road(
     largest_m, arrived = cte_max_m(drive), drive.driven_m > drive.length_m - ARRIVED_M
     margin_m = drive.lane_m
     if drive.nan_frames:
-        reason = f"steered NaN in {drive.nan_frames} frames"
+        reason = f"steered NaN in {counted(drive.nan_frames, 'frame')}"
     elif largest_m > margin_m:
         reason = f"left the lane after {drive.driven_m:.1f} m"
     elif drive.intervention.any() or not arrived:

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from simulator.track_names import short_name
 from zoo.base.new_folder import command_folder
-from zoo.base.terminal import print_written
+from zoo.base.terminal import counted, print_written
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.checkpoints.policy import load_policy
 from zoo.drives.drives_table import COUNTS, DEVIATION, figure_columns, nan_line, print_drives
@@ -169,7 +169,7 @@ def curves(swept: By, usual: Scenario) -> Figure:
 
 
 def _how(usual: Scenario) -> str:
-    laps = f"{usual.laps:g} lap{'' if usual.laps == 1 else 's'}"
+    laps = counted(usual.laps, "lap")
     if usual.throttle == "network":
         return f"{laps} with its own throttle"
     return f"{laps} at {usual.speed:g} mph"

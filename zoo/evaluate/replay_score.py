@@ -17,7 +17,7 @@ from datamodules.stretches import STRETCH_S, long_stretches
 from zoo.base.command_keys import changed
 from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
-from zoo.base.terminal import print_written
+from zoo.base.terminal import counted, print_written
 from zoo.checkpoints.checkpoint import added_rig
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.checkpoints.policy import load_policy
@@ -70,7 +70,7 @@ class Replay(Result):
     written: list[Path] = field(default_factory=list)
 
     def __repr__(self) -> str:
-        lost = f"{self.figures['interventions']:g} interventions"
+        lost = counted(self.figures["interventions"], "intervention")
         return f"Replay in {self.folder}: autonomy {self.figures['autonomy']:.1%}, {lost}"
 
     def show(self) -> None:
@@ -133,7 +133,7 @@ def replay_recording(
         write_metrics_file(folder, about | {"margin_m": drive.lane_m, "replay": figures})
         title = (
             f"replay of {Path(recording.names[0]).name}: autonomy {figures['autonomy']:.1%}, "
-            f"{figures['interventions']} interventions"
+            f"{counted(figures['interventions'], 'intervention')}"
         )
         save_figure(error_over_distance(drive, title), folder / "error.png")
         nan = nan_line([{"track": "replay", "seed": drive.seed, "nan_frames": drive.nan_frames}])

@@ -19,7 +19,7 @@ from simulator.track_names import file_name
 from simulator.weather import CLEAR
 from zoo.base.command_keys import check_keys, constructed, keys_of
 from zoo.base.errors import InputError, placed_errors
-from zoo.base.terminal import print_line
+from zoo.base.terminal import counted, print_line
 from zoo.base.written_files import remove_written
 from zoo.checkpoints.checkpoint_path import checkpoint_of
 from zoo.checkpoints.command import Policy
@@ -126,7 +126,7 @@ class KeptDrive(Keep):
             share = "not measured" if measured is None else f"{measured:.1%}"
             title = (
                 f"{drive.track}, start seed {drive.seed}: autonomy {share}, "
-                f"{figures['interventions']} interventions"
+                f"{counted(figures['interventions'], 'intervention')}"
             )
             if isinstance(world, EmbeddedWorld):
                 track = birds_eye(world.simulated.track, drive, title)
@@ -225,7 +225,8 @@ def score_on_tracks(
 def driving_line(scenarios: Sequence[Scenario]) -> str:
     """Return the text beside the progress of drives of equal laps."""
     laps = scenarios[0].laps
-    return f"driving {len(scenarios)} x {laps:g} lap{'' if laps == 1 else 's'}"
+    each = " each" * (len(scenarios) > 1)
+    return f"{counted(len(scenarios), 'drive')} of {counted(laps, 'lap')}{each}"
 
 
 NOT_OF_RUNS = ("out", "perturb", "record", "page", "replay", "table", "columns", "plot", "executor")

@@ -17,7 +17,7 @@ from zoo.base.bounded_files import hash_file, parse_yaml
 from zoo.base.child_process import end_module, start_module
 from zoo.base.errors import InputError, UsageError
 from zoo.base.new_folder import command_folder
-from zoo.base.terminal import print_line, print_written
+from zoo.base.terminal import counted, print_line, print_written
 from zoo.base.whole_file import write_whole
 from zoo.benchmark.benchmarked import Benchmarked
 from zoo.benchmark.marks import (
@@ -94,7 +94,7 @@ class Graded(Result):
 
     def __repr__(self) -> str:
         counts = Counter(one.status for one in self.grades)
-        return f"{len(self.grades)} submissions: " + ", ".join(
+        return f"{counted(len(self.grades), 'submission')}: " + ", ".join(
             f"{count} {status}" for status, count in counts.most_common()
         )
 
@@ -256,7 +256,8 @@ def _with_warnings(
 
 def _overview(graded: Graded, suite: Suite) -> list[Section]:
     roads = len({one.track for one in suite.drives})
-    line = f"Suite {suite.name}, {len(suite.drives)} drives on {roads} roads. {graded!r}."
+    drives = counted(len(suite.drives), "drive")
+    line = f"Suite {suite.name}, {drives} on {counted(roads, 'road')}. {graded!r}."
     table = graded.result_table()
     shown = replace(table, columns=table.columns[:-1])  # the last one's texts are long
     sections = [Section("", [Text(line), Rows(shown, left=3)])]

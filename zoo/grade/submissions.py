@@ -8,6 +8,7 @@ from pathlib import Path
 from datamodules.recording import Recording
 from zoo.base.bounded_files import read_text
 from zoo.base.errors import InputError, file_errors
+from zoo.base.terminal import counted
 from zoo.benchmark.result import Driver
 from zoo.drives.intervals import wilson_interval
 from zoo.grade.submitted_network import NetworkFacts
@@ -67,7 +68,7 @@ def _of_folder(folder: Path) -> Submission:
     files = sorted(one for one in folder.rglob("*") if one.suffix in ENDINGS and one.is_file())
     if len(files) == 1:
         return Submission(folder.name, files[0])
-    count = f"{len(files)} networks, must be one" if files else "no .ckpt or .onnx file"
+    count = f"{counted(len(files), 'network')}, must be one" if files else "no .ckpt or .onnx file"
     return Submission(folder.name, None, f"{folder}: has {count}")
 
 

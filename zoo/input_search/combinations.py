@@ -10,6 +10,7 @@ from datamodules.image import read_image
 from datamodules.recording import Recording
 from datamodules.view import CONVERSIONS, FRAME, RESIZES, View
 from zoo.base.errors import InputError
+from zoo.base.terminal import command_line, counted
 
 Scale = tuple[float, float]
 Pair = tuple[int, int]
@@ -41,12 +42,12 @@ class Combination:
         """Return the keys of `drivezoo import` that choose this combination.
 
         >>> Combination(View((60, 25), "yuv", (66, 200)), (127.5, 1.0)).text()
-        'colour=yuv crop=[60,25] size=[66,200] resize=area scale=[127.5,1]'
+        "colour=yuv 'crop=[60,25]' 'size=[66,200]' resize=area 'scale=[127.5,1]'"
         """
         view = self.view
         keys = [f"colour={view.colour}", f"crop={_pair(view.crop)}"]
         keys += [f"size={_pair(view.size)}", f"resize={view.resize}"] if view.size else []
-        return " ".join([*keys, f"scale={_pair(self.scale)}"])
+        return command_line([*keys, f"scale={_pair(self.scale)}"])
 
 
 # The whole input of a popular course (rslim087a, "The Complete Self-Driving Car Course"), whose
@@ -88,7 +89,7 @@ def combinations(known: KnownInput) -> list[Combination]:
         height, width, channels = known.shape
         raise InputError(
             f"colour={known.colour}: the network's input is {height} x {width} x {channels}; set a "
-            f"colour of {channels} channel{'s' * (channels > 1)}"
+            f"colour of {counted(channels, 'channel')}"
         )
     return found
 

@@ -12,7 +12,7 @@ from datamodules.recording_format import other_car, read_recordings
 from datamodules.view import FRAME, View
 from zoo.base.command_keys import typed
 from zoo.base.errors import InputError
-from zoo.base.terminal import print_written
+from zoo.base.terminal import command_line, print_written
 from zoo.base.whole_file import write_output
 from zoo.base.written_files import checked_file
 from zoo.checkpoints.checkpoint import PREFIX, make_card
@@ -120,7 +120,7 @@ def _known(
         )
     if scale is None and not searches:
         raise InputError(
-            f"{model.path}: does not tell how its pixels are scaled; set scale=[127.5,1] for "
+            f"{model.path}: does not tell how its pixels are scaled; set 'scale=[127.5,1]' for "
             "x / 127.5 - 1, [255,0.5], [255,0] or [1,0], or recording=FOLDER to find it out"
         )
     known = KnownInput(
@@ -206,7 +206,8 @@ def _warn_of_guesses(path: Path, known: KnownInput, found: Combination, console:
     if guessed:
         are = "is a guess" if len(guessed) == 1 else "are guesses"
         text = f"warning: {' and '.join(guessed)} {are}: the file does not tell. Set them if you "
-        text += f"know them, or find them out: drivezoo import {path} recording=FOLDER"
+        command = command_line(["drivezoo", "import", path, "recording=FOLDER"])
+        text += f"know them, or find them out: {command}"
         console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from zoo.base.command import command
 from zoo.base.errors import InputError
-from zoo.base.terminal import command_line
+from zoo.base.terminal import command_line, counted
 from zoo.runs.table_files import TableFiles
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def leaderboard(
             f"{', '.join(map(str, roots))}: no runs found; train one: drivezoo train, or score a "
             "checkpoint: drivezoo evaluate CKPT out=FOLDER"
         )
-    title = f"leaderboard of {', '.join(map(str, roots))}: {len(folders)} runs"
+    title = f"leaderboard of {', '.join(map(str, roots))}: {counted(len(folders), 'run')}"
     title += f", {len(drives)} evaluations, benchmarks or drives" if drives else ""
     under = roots[0] if len(roots) == 1 else Path()
     ranking = Ranking.read(folders, under, drives, title)

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from zoo.base.terminal import counted
+
 MOST_FRAMES = 256
 
 
@@ -36,8 +38,7 @@ class Window:
                 )
 
     def __str__(self) -> str:
-        frames = "1 frame" if self.sequence == 1 else f"{self.sequence} frames"
-        rows = "1 row" if self.stride == 1 else f"{self.stride} rows"
+        frames, rows = counted(self.sequence, "frame"), counted(self.stride, "row")
         apart = f", {rows} apart" if self.sequence > 1 else ""
-        ahead = f", and {self.ahead} steps of {rows} ahead" if self.ahead else ""
+        ahead = f", and {counted(self.ahead, 'step')} of {rows} ahead" if self.ahead else ""
         return f"windows of {frames}{apart}{ahead}"

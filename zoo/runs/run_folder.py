@@ -9,6 +9,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from zoo.base.errors import InputError
+from zoo.base.terminal import command_line
 from zoo.base.written_files import MARK
 from zoo.cli.compose import conf_folder, quote
 from zoo.cli.process_ranks import is_first_process, needs_processes
@@ -26,11 +27,11 @@ OWN = (MARK, "status.lock")
 def run_in_folder(arguments: list[str], task: Callable[[DictConfig], None]) -> None:
     """Call a function with the config of the arguments, as `hydra.main` does, in the run's folder.
 
-    `hydra.main` composes the config twice. It runs only commands with Hydra's own flags.
+    `hydra.main` composes the config twice.
 
     Args:
-        arguments: overrides of the config, quoted for Hydra's parser. During the call, `sys.argv`
-            has them, too: Lightning starts other ranks with it.
+        arguments: overrides of the config, as Hydra reads them. During the call, `sys.argv` has
+            them, too: Lightning starts other ranks with it.
         task: function that is called with the config. Its exceptions pass.
 
     Raises:
@@ -39,28 +40,14 @@ def run_in_folder(arguments: list[str], task: Callable[[DictConfig], None]) -> N
     """
     import hydra
     from hydra._internal.callbacks import Callbacks
-    from hydra._internal.utils import get_args_parser
     from hydra.core.global_hydra import GlobalHydra
     from hydra.core.utils import run_job
     from hydra.types import HydraContext, RunMode
 
-    flags = get_args_parser().parse_args(arguments)
-    has_flags, overrides = flags.overrides != arguments, flags.overrides
-    # The config is only printed, or is not drivezoo's.
-    is_other = any((flags.cfg, flags.info, flags.hydra_help, flags.config_name, flags.config_path))
-    claims = not is_other and any(map(is_folder_named, arguments))
-    if flags.config_dir:
-        overrides = [*overrides, f"hydra.searchpath=[{quote(f'file://{flags.config_dir}')}]"]
-    conf, config = str(conf_folder().resolve()), None
-    with hydra.initialize_config_dir(conf, version_base="1.3"):
-        if claims or not has_flags:
-            config = hydra.compose("config", overrides, return_hydra_config=True)
+    with hydra.initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
+        config = hydra.compose("config", arguments, return_hydra_config=True)
         with _claimed_folder(arguments, config) as claimed:
             sys.argv = [sys.argv[0], *claimed]
-            if config is None or has_flags or config.hydra.mode is not None:
-                GlobalHydra.instance().clear()
-                hydra.main(version_base="1.3", config_path=conf, config_name="config")(task)()
-                return
             config.hydra.mode, callbacks = RunMode.RUN, Callbacks(config)
             callbacks.on_run_start(config=config, config_name="config")
             context = HydraContext(GlobalHydra.instance().config_loader(), callbacks)
@@ -70,15 +57,15 @@ def run_in_folder(arguments: list[str], task: Callable[[DictConfig], None]) -> N
 
 
 @contextmanager
-def _claimed_folder(arguments: list[str], config: DictConfig | None) -> Iterator[list[str]]:
+def _claimed_folder(arguments: list[str], config: DictConfig) -> Iterator[list[str]]:
     """Claim the folder that `hydra.run.dir=` names, for a run inside this context.
 
     Yield the arguments with the claimed folder's name. If Hydra has written nothing there, the
-    folder is left as it was before. Without `hydra.run.dir=`, without a config, and in every rank
-    but the first, nothing is claimed.
+    folder is left as it was before. Without `hydra.run.dir=`, and in every rank but the first,
+    nothing is claimed.
     """
     named = [one for one in arguments if is_folder_named(one)]
-    if not named or config is None or not is_first_process(needs_processes(config)):
+    if not named or not is_first_process(needs_processes(config)):
         check_name(Path())
         yield arguments
         return
@@ -117,8 +104,8 @@ def _refuse_a_run(folder: Path) -> None:
     found = next((name for name in TRACES if (folder / name).exists()), None)
     if found:
         raise InputError(
-            f"{folder}: already holds a run ({found}); resume it with resume={folder}, or "
-            "name another folder: hydra.run.dir=FOLDER"
+            f"{folder}: already holds a run ({found}); resume it with "
+            f"{command_line([f'resume={folder}'])}, or name another folder: hydra.run.dir=FOLDER"
         )
 
 

@@ -164,12 +164,12 @@ def overridden(saved: DictConfig, overrides: list[str]) -> tuple[DictConfig, set
     """
     from hydra.core.override_parser.overrides_parser import OverridesParser
 
-    from zoo.cli.compose import config_groups, one_line_errors, quote_paths
+    from zoo.cli.compose import config_groups, hydra_overrides, one_line_errors
 
     config, typed = saved.copy(), set()
     OmegaConf.set_struct(config, True)
     with one_line_errors(overrides):
-        for change in OverridesParser.create().parse_overrides(quote_paths(overrides)):
+        for change in OverridesParser.create().parse_overrides(hydra_overrides(overrides)):
             key, line = change.key_or_group, change.input_line
             if key in config_groups():
                 raise UsageError(

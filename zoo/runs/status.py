@@ -1,4 +1,4 @@
-"""Write and read `status.json`: whether a run is running, finished, pruned or failed, and why."""
+"""Write and read `status.json`: running, finished, stopped, pruned or failed, and why."""
 
 import json
 import os
@@ -14,7 +14,7 @@ import psutil
 from filelock import FileLock
 
 from zoo.base.bounded_files import read_json
-from zoo.base.errors import InputError, PrunedError
+from zoo.base.errors import InputError, PrunedError, StoppedError
 from zoo.base.whole_file import remove_parts, write_whole
 from zoo.base.written_files import mark_folder, note_files
 from zoo.runs.metrics_file import read_metrics_file
@@ -44,7 +44,7 @@ class Status(Fields):
 
 @contextmanager
 def run_status(folder: Path, first: bool = True) -> Iterator[None]:
-    """Write `running` at the start, and `finished`, `pruned` or `failed` at the end.
+    """Write `running` at the start, and at the end `finished`, `stopped`, `pruned` or `failed`.
 
     Args:
         folder: run's folder.
@@ -66,7 +66,8 @@ def run_status(folder: Path, first: bool = True) -> Iterator[None]:
         yield
     except BaseException as error:
         message = str(error) or type(error).__name__
-        status = "pruned" if isinstance(error, PrunedError) else "failed"
+        ends = {PrunedError: "pruned", StoppedError: "stopped", KeyboardInterrupt: "stopped"}
+        status = next((end for kind, end in ends.items() if isinstance(error, kind)), "failed")
         reason = {"reason": message.splitlines()[0]}
         raise
     finally:

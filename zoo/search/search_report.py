@@ -14,7 +14,7 @@ from zoo.base.command_keys import changed
 from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
 from zoo.base.process_pool import opened_pool
-from zoo.base.terminal import print_written
+from zoo.base.terminal import counted, print_written
 from zoo.base.whole_file import json_text, write_whole
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.checkpoints.policy import load_policy
@@ -104,7 +104,7 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
         report = Report(checkpoint, digest, options, space, archive, usual_features(space), folder)
         with (
             opened_pool(options.workers, most=BATCH) as pool,
-            progress_bar(f"{options.budget} drives", console) as show,
+            progress_bar(counted(options.budget, "drive"), console) as show,
         ):
 
             def keep(drives: list[Driven]) -> None:
@@ -121,7 +121,7 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
         console.print(table.printed())
         cells, drives = archive.cells**2, len(report.drives)
         console.print(
-            f"{drives} drives, {len(report.failed)} with an intervention; cells: "
+            f"{counted(drives, 'drive')}, {len(report.failed)} with an intervention; cells: "
             f"{len(archive.driven)} of {cells} driven, {len(archive.failed)} with an intervention",
             highlight=False,
         )
@@ -186,7 +186,7 @@ def draw_map(report: Report) -> Figure:
     title = (
         f"{Path(report.checkpoint).name} on {report.space.family.name}, sampler={options.sampler}: "
         f"{len(archive.failed)} of {archive.cells**2} cells with an intervention, "
-        f"{len(report.drives)} drives"
+        + counted(len(report.drives), "drive")
     )
     points = [(one.candidate.features, one.outcome.failed) for one in report.drives]
     return failure_map(archive, points, mildest and mildest.candidate.features, title)

@@ -13,10 +13,10 @@ from rich.console import Console
 from zoo.base.errors import InputError, StoppedError
 from zoo.base.new_folder import is_held, written_folder
 from zoo.base.parts import typed_parts
-from zoo.base.terminal import command_line, print_line
+from zoo.base.terminal import command_line, counted, print_line
 from zoo.base.whole_file import refuse_links_out
 from zoo.base.written_files import note_files
-from zoo.cli.compose import conf_folder, quote, quote_paths
+from zoo.cli.compose import conf_folder, hydra_overrides, quote
 from zoo.leaderboard.ranking_page import Ranking, wide_console
 from zoo.runs.run_folder import check_name
 from zoo.runs.saved_config import split_trust
@@ -116,7 +116,7 @@ def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bo
         if not finished:
             try:
                 named = f"{FOLDER_KEY}{quote(str(folder.resolve()))}"
-                _run_hydra([*quote_paths(arguments, sweep=True), named])
+                _run_hydra([*hydra_overrides(arguments, sweep=True), named])
             except KeyboardInterrupt:
                 again = command_line(["drivezoo", "sweep", f"resume={folder}", *typed_parts()])
                 raise StoppedError(f"stopped; resume with the same command, or: {again}") from None
@@ -135,15 +135,15 @@ def conclude(folder: Path, console: Console) -> None:
         InputError: jobs failed; the message has each job's reason.
     """
     folders = records.job_folders(folder)
-    ranking = Ranking.read(folders, folder, title=f"{len(folders)} jobs")
+    ranking = Ranking.read(folders, folder, title=counted(len(folders), "job"))
     ranking.written.append(ranking.write_page(folder / PAGE, f"Sweep {folder.name}"))
     ranking.show(console)
     failed = [run for run in ranking.unranked if run.why in ("failed", "stopped")]
     if failed:
         reasons = "; ".join(f"{run.folder.name}: {run.reason or 'it was killed'}" for run in failed)
         raise InputError(
-            f"{len(failed)} of {len(folders)} jobs failed: {reasons}; the same command runs them "
-            "again"
+            f"{len(failed)} of {counted(len(folders), 'job')} failed: {reasons}; the same command "
+            "runs them again"
         )
 
 
@@ -163,7 +163,9 @@ def _composed_folder(arguments: list[str]) -> Path:
     _drop_shadowed()
     own = [word for word in arguments if word.startswith(HYDRA_KEYS)]
     with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
-        return Path(compose("config", quote_paths(own), return_hydra_config=True).hydra.sweep.dir)
+        return Path(
+            compose("config", hydra_overrides(own), return_hydra_config=True).hydra.sweep.dir
+        )
 
 
 def _refuse_changed(folder: Path, record: records.SweepRecord) -> None:

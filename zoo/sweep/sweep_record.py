@@ -22,7 +22,7 @@ from zoo.base.bounded_files import check_version, hash_file, read_json
 from zoo.base.errors import InputError
 from zoo.base.parts import KEY
 from zoo.base.whole_file import write_whole
-from zoo.cli.compose import choices, config_groups, quote_paths
+from zoo.cli.compose import choices, config_groups, hydra_overrides
 from zoo.runs.code_fingerprint import package_versions
 from zoo.runs.record_fields import Fields, Whole, check_fields
 from zoo.runs.saved_config import TRUST, check_saved_config
@@ -124,13 +124,14 @@ def job_folders(folder: Path) -> list[Path]:
 
 
 def varying(jobs: Sequence[Sequence[str]]) -> dict[tuple[str, ...], str]:
-    """Return by job the overrides that the jobs do not share, as text.
+    """Return by job the overrides that the jobs do not share, as typed.
 
-    >>> varying([("a=1", "b=1"), ("a=2", "b=1")])
-    {('a=1', 'b=1'): 'a=1', ('a=2', 'b=1'): 'a=2'}
+    >>> varying([("a=1", "b=1"), ("++a=2", "b=1")])
+    {('a=1', 'b=1'): 'a=1', ('++a=2', 'b=1'): 'a=2'}
     """
     shared = set.intersection(*(set(job) for job in jobs)) if len(jobs) > 1 else set()
-    return {tuple(job): " ".join(each for each in job if each not in shared) for job in jobs}
+    own = {tuple(job): [each.lstrip("+") for each in job if each not in shared] for job in jobs}
+    return {job: " ".join(words) for job, words in own.items()}
 
 
 def is_same(record: SweepRecord, arguments: list[str]) -> bool:
@@ -222,7 +223,7 @@ def check_overrides(overrides: Sequence[str], sweep: SavedSweep) -> None:
         if flag.startswith("-"):
             _refuse(flag, flag.partition("=")[0], sweep)
     given = [word for word in overrides if not word.startswith("-")]
-    for override in OverridesParser.create().parse_overrides(quote_paths(given, sweep=True)):
+    for override in OverridesParser.create().parse_overrides(hydra_overrides(given, sweep=True)):
         key = override.get_key_element().lstrip("+~")
         if key not in sweep.trusted and not _is_allowed(override, key):
             _refuse(override.input_line, key, sweep)

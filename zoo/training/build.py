@@ -4,6 +4,7 @@ import inspect
 import logging
 import os
 import warnings
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -17,8 +18,8 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from torch import nn
 
-from datamodules.driving import DrivingData
 from datamodules.features import load_features
+from datamodules.run_data import RunData
 from datamodules.view import View
 from zoo.base.errors import InputError, UsageError
 from zoo.base.parts import import_part, part_errors, part_of
@@ -31,25 +32,70 @@ from zoo.models.make_network import make_network, view_of
 from zoo.training.host_settings import AUTO, FULL
 from zoo.training.plan import TrainingPlan, compile_step
 from zoo.training.run_loggers import naming_arguments
+from zoo.training.run_module import RunModule
 from zoo.training.steering_module import OWN, SteeringModule
 
 PLACES = ("root", "images", "cache", "split")  # keys of `data` that hold paths
 # Keys of `trainer` that are not arguments of Lightning's Trainer.
 OWN_KEYS = ("compile", "group_batches")
+WINDOW = ("sequence", "stride", "ahead")  # keys of `data` that the network decides
+# Keys of `trainer` with which an epoch may end without a validation, and of callbacks, which else
+# act after an epoch.
+RARER = {"check_val_every_n_epoch", "val_check_interval", "max_steps", "max_time"}
+AFTER_EPOCH = ("save_on_train_epoch_end", "check_on_train_epoch_end")
 
 
-def build_data(config: DictConfig) -> DrivingData:
+def build_data(config: DictConfig) -> RunData:
     """Return the datamodule; call its `load` before use."""
-    if type(config.seed) is not int or config.seed < 0:
-        raise InputError(f"seed={config.seed} is not a whole number, 0 or more")
     model = OmegaConf.to_container(config.model, resolve=True)
-    view = view_of(model, config.data.crop)
     data = OmegaConf.to_container(config.data, resolve=True)
     settings = {key: v for key, v in data.items() if key not in ("crop", "record")}
+    kind = construct("data", {"_target_": data["_target_"]}, _partial_=True).func
+    check_members("data", kind, RunData, RunData.NEEDED)
+    # What the user has not chosen goes only to a datamodule that takes it.
+    offered = {key: settings.pop(key) for key in WINDOW if key in settings}
+    if not data.get("augment"):
+        settings.pop("augment", None)
+    offered |= {"view": view_of(model, data.get("crop", [0, 0])), "seed": config.seed}
+    if unknown := [key for key in settings if key[0] != "_" and not takes(kind, key)]:
+        raise UsageError(f"data.{unknown[0]}: {kind.__qualname__} does not take it; leave it out")
     places = {key: settings.pop(key) for key in PLACES if key in settings}
     # Hydra would convert the view, a dataclass, to a config.
-    make = _instantiate("data", settings, _partial_=True)
-    return make(view=view, seed=config.seed, **places)
+    make = construct("data", settings, _partial_=True)
+    with part_errors(part_of(data["_target_"])):
+        return make(**places, **_taken(kind, offered))
+
+
+def check_members(key: str, owner: object, base: type, names: Sequence[str]) -> None:
+    """Raise InputError for members that a run needs and a class or an object lacks.
+
+    Args:
+        key: section of the config.
+        owner: class, or an object of it, which need not derive from `base`.
+        base: class that has the members, or names them; those of Lightning's class above it do
+            not count.
+        names: needed members.
+    """
+    kind, absent = owner if inspect.isclass(owner) else type(owner), object()
+    values = {name: getattr(owner, name, absent) for name in names}
+    bare = {name: (absent, getattr(base.__base__, name, absent)) for name in names}
+    missing = [name for name in names if any(values[name] is value for value in bare[name])]
+    if missing:
+        raise InputError(
+            f"{key}: {kind.__module__}.{kind.__qualname__} lacks {', '.join(missing)}, which a run "
+            f"needs; see {base.__module__}.{base.__qualname__} and docs/extending.md"
+        )
+
+
+def takes(function: Callable, name: str) -> bool:
+    """Return whether a function or a constructor takes an argument of a name."""
+    parameters = inspect.signature(function).parameters
+    return name in parameters or any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+
+
+def _taken(kind: Callable, offered: dict[str, object]) -> dict[str, object]:
+    """Return those of the arguments that a constructor takes."""
+    return {name: value for name, value in offered.items() if takes(kind, name)}
 
 
 def build_network(
@@ -80,33 +126,31 @@ def build_module(
     plan: TrainingPlan,
     card: dict,
     console: Console,
-) -> SteeringModule:
+) -> RunModule:
     """Return the LightningModule around a network."""
     optim = {key: v for key, v in config.optim.items() if key not in ("l2", "backbone_lr")}
-    for section, key in (("optim", "lr"), ("loss", "delta"), ("loss", "weight")):
-        value = config[section].get(key, 1)
-        if not isinstance(value, int | float) or value <= 0:
-            raise InputError(f"{section}.{key}={value} is not a number above 0")
-    loss = _instantiate("loss", config.loss)
+    loss = construct("loss", config.loss)
     _check_spread(network, loss)
     chosen = config.get("module") or {"_target_": OWN}
-    make = _instantiate("module", chosen, _partial_=True)
-    if not (inspect.isclass(make.func) and issubclass(make.func, SteeringModule)):
-        raise InputError(f"module: {chosen['_target_']} does not derive from {OWN}")
+    make = construct("module", chosen, _partial_=True)
+    if plan.features and not issubclass(make.func, SteeringModule):
+        raise InputError("module: features need SteeringModule; set model.cache_features=false")
+    offered = {
+        "network": network,
+        "loss": loss,
+        "optimizer": construct("optim", optim),
+        "schedule": construct("schedule", config.schedule),
+        "l2": config.optim.l2,
+        "backbone_lr": config.optim.backbone_lr,
+        "seed": config.seed,
+        "card": card,
+        "skips_front": plan.features is not None,
+        "compile_loss": partial(compile_step, console=console) if plan.compiled_batch else None,
+        "compiled_batch": plan.compiled_batch,
+    }
     with part_errors(part_of(chosen["_target_"])):
-        module = make(
-            network,
-            loss=loss,
-            optimizer=_instantiate("optim", optim),
-            schedule=_instantiate("schedule", config.schedule),
-            l2=config.optim.l2,
-            backbone_lr=config.optim.backbone_lr,
-            seed=config.seed,
-            card=card,
-            skips_front=plan.features is not None,
-            compile_loss=partial(compile_step, console=console) if plan.compiled_batch else None,
-            compiled_batch=plan.compiled_batch,
-        )
+        module = make(**_taken(make.func, offered))
+    check_members("module", module, RunModule, ("network",))
     if type(module) is SteeringModule:  # a schedule of the user's may need the trainer
         try:
             module.configure_optimizers()  # to report wrong settings before training starts
@@ -126,7 +170,7 @@ def _check_spread(network: nn.Module, loss: nn.Module) -> None:
         )
 
 
-def build_feed(data: DrivingData, plan: TrainingPlan, console: Console) -> DrivingData:
+def build_feed(data: RunData, plan: TrainingPlan, console: Console) -> RunData:
     """Return the data with the plan's feed; compute the features that are not cached."""
     features = load_features(plan.features, data.views, console) if plan.features else None
     return data.with_feed(plan.batch_device, plan.batches_per_step, features)
@@ -135,28 +179,26 @@ def build_feed(data: DrivingData, plan: TrainingPlan, console: Console) -> Drivi
 def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lightning.Trainer:
     """Return the Trainer with callbacks and loggers that write in the run's folder."""
     silence_libraries()
-    if type(config.trainer.max_epochs) is not int or config.trainer.max_epochs < 0:
-        raise InputError(
-            f"trainer.max_epochs={config.trainer.max_epochs} is not a whole number, 0 or more"
-        )
     lightnings = {key: value for key, value in config.trainer.items() if key not in OWN_KEYS}
     if lightnings.get("precision") == AUTO:  # not chosen, see `choose_precision`
         lightnings["precision"] = FULL
     callbacks = [
-        _instantiate(f"callbacks.{name}", settings)
+        construct(f"callbacks.{name}", settings, **_when(settings, lightnings.keys()))
         for name, settings in (config.callbacks or {}).items()
         if settings
     ]
+    no_rows = None if has_validation else "data.val_share=0"
+    if lightnings.get("limit_val_batches") == 0:
+        no_rows = "trainer.limit_val_batches=0"
     drives = any(isinstance(callback, ClosedLoop) for callback in callbacks)
     for callback in callbacks:
         if isinstance(callback, ModelCheckpoint):
             callback.dirpath = str(folder / "checkpoints")
         monitor, name = getattr(callback, "monitor", None) or "", type(callback).__name__
-        if monitor.startswith("val/") and not has_validation:
+        if monitor.startswith("val/") and no_rows:
             raise InputError(
-                f"{name} monitors {monitor}, but data.val_share=0 leaves no validation rows; set "
-                "data.val_share=0.1, or callbacks.early_stopping=null "
-                "callbacks.best.monitor=train/loss"
+                f"{name} monitors {monitor}, but {no_rows} leaves no validation rows; set another "
+                "number, or callbacks.early_stopping=null callbacks.best.monitor=train/loss"
             )
         if monitor.startswith(MONITORED) and not drives:
             raise InputError(
@@ -167,10 +209,19 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
         if settings:
             named = naming_arguments(name, config, folder)
             unset = {k: v for k, v in named.items() if k == "save_dir" or k not in settings}
-            loggers.append(_instantiate(f"logger.{name}", settings, **unset))
-    plugins = {} if lightnings.get("plugins") else {"plugins": [CheckpointFiles()]}
+            loggers.append(construct(f"logger.{name}", settings, **unset))
+    plugins = {} if lightnings.get("plugins") else {"plugins": [CheckpointFiles(callbacks)]}
     made = {"callbacks": callbacks, "logger": loggers, "default_root_dir": str(folder)}
-    return _instantiate("trainer", lightnings, **plugins, **made)
+    return construct("trainer", lightnings, **plugins, **made)
+
+
+def _when(settings: DictConfig, keys: Collection[str]) -> dict[str, bool]:
+    """Return arguments with which a callback acts on a figure when it is new, of `trainer`'s keys.
+
+    Where an epoch may end without a validation, its figure is old by then, or not there yet.
+    """
+    is_late = str(settings.get("monitor")).startswith("val/") and not RARER.isdisjoint(keys)
+    return {key: False for key in AFTER_EPOCH if is_late and key in settings}
 
 
 def keep_earlier_log(folder: Path) -> None:
@@ -194,7 +245,7 @@ def silence_libraries() -> None:
     warnings.filterwarnings("ignore", message=".*Detected call of `lr_scheduler.step")
 
 
-def _instantiate(key: str, settings: dict | DictConfig, **more: object) -> object:
+def construct(key: str, settings: dict | DictConfig, **more: object) -> object:
     """Call `hydra.utils.instantiate`; name the config's key where it fails."""
     os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
     target = settings.get("_target_")

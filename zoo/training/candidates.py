@@ -12,10 +12,10 @@ from rich.console import Console
 
 from simulator.track_names import short_name
 from zoo.base.errors import InputError
-from zoo.base.terminal import print_line
+from zoo.base.terminal import counted, print_line
 from zoo.base.whole_file import write_whole
 from zoo.callbacks.closed_loop import DRIVEN
-from zoo.checkpoints.checkpoint import read_checkpoint_file
+from zoo.checkpoints.checkpoint import read_checkpoint_file, trained_epochs
 from zoo.drives.interventions import driving_score
 from zoo.evaluate.track_scores import KeptDrive, RunScore, driving_line
 from zoo.worlds.run_drives import all_drives
@@ -88,8 +88,9 @@ def find_candidates(checkpoints: Path, monitor: str | None) -> list[dict]:
     for file, what in SOURCES.items():
         path = checkpoints / file
         if path.is_file():
-            epoch = int(read_checkpoint_file(path)["epoch"]) + 1
-            row = {"file": file, "what": what or monitored_as(monitor), "epoch": epoch}
+            epoch = trained_epochs(read_checkpoint_file(path))
+            what = (what or monitored_as(monitor)) if epoch else "the initial weights"
+            row = {"file": file, "what": what, "epoch": epoch}
             candidates.setdefault(epoch, row)
     return list(candidates.values())
 
@@ -145,8 +146,8 @@ def _drive(
     drives = []
     print_line(
         console,
-        f"candidates for best.ckpt, {laps:g} lap{'' if laps == 1 else 's'} of the "
-        f"{short_name(track)} each, from another start than the score:",
+        f"candidates for best.ckpt, {counted(laps, 'lap')} of the {short_name(track)} each, from "
+        "another start than the score:",
     )
     for candidate, figures in zip(candidates, driven, strict=True):
         count, error = figures["interventions"], figures["cte_mean_m"]
@@ -155,7 +156,7 @@ def _drive(
         print_line(
             console,
             f"  epoch {candidate['epoch']:>3}, {candidate['what']}: autonomy "
-            f"{figures['autonomy']:.1%}, {count} intervention{'' if count == 1 else 's'}, mean "
+            f"{figures['autonomy']:.1%}, {counted(count, 'intervention')}, mean "
             f"error {error:.2f} m",
         )
     return sorted(drives, key=lambda drive: -drive["score"])  # stable: ties keep their order

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from datamodules.driving import DrivingData
 from datamodules.findings import find_oddities
+from datamodules.run_data import RunData
 from datamodules.split import PARTS
-from zoo.base.terminal import print_line, print_written
+from zoo.base.terminal import counted, print_line, print_written
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.cli.console_progress import working
@@ -25,7 +25,7 @@ from zoo.training.open_loop import (
     predict_steering,
     side_response,
 )
-from zoo.training.steering_module import SteeringModule
+from zoo.training.run_module import RunModule
 from zoo.verdict.evidence import evidence_of_run
 from zoo.verdict.judgement import Verdict, judge, print_verdict
 
@@ -47,9 +47,9 @@ class OpenLoop:
     steering: dict[str, tuple[np.ndarray, np.ndarray]]
 
 
-def evaluate_rows(module: SteeringModule, data: DrivingData, console: Console) -> OpenLoop:
+def evaluate_rows(module: RunModule, data: RunData, console: Console) -> OpenLoop:
     """Predict each part's rows; of `val` and `test` also the side cameras' rows."""
-    train_mean = float(data.labelled.steering[data.split.train].mean())
+    train_mean = float(data.steering_of(data.split.train).mean())
     open_loop = OpenLoop({}, {}, {}, {})
     for part in PARTS:
         batches = data.evaluation_batches(part)
@@ -57,7 +57,7 @@ def evaluate_rows(module: SteeringModule, data: DrivingData, console: Console) -
             continue
         with working(f"predicting {part} rows", console):
             predicted = predict_steering(module, batches)
-            true = data.labelled.steering[batches.rows]
+            true = data.steering_of(batches.rows)
             open_loop.figures[part] = open_loop_metrics(predicted, true)
             open_loop.baselines[part] = baseline_metrics(true, train_mean)
             if part != "train":
@@ -100,8 +100,8 @@ def print_open_loop(open_loop: OpenLoop, name: str, console: Console) -> None:
 def write_metrics(
     folder: Path,
     card: dict,
-    data: DrivingData,
-    module: SteeringModule,
+    data: RunData,
+    module: RunModule,
     open_loop: OpenLoop,
     more: dict,
 ) -> tuple[dict, Verdict]:
@@ -156,8 +156,9 @@ def print_conclusion(
     if metrics["samples_per_second"]:
         print_line(
             console,
-            f"{metrics['epochs']} epochs, {metrics['samples_per_second']:,.0f} samples/s, "
-            f"{metrics['wall_s']:.0f} s total" + (f"; best after epoch {best}" if best else ""),
+            f"{counted(metrics['epochs'], 'epoch')}, "
+            f"{metrics['samples_per_second']:,.0f} samples/s, {metrics['wall_s']:.0f} s total"
+            + (f"; best after epoch {best}" if best else ""),
         )
     best_path = folder / "checkpoints" / "best.ckpt"
     written = [best_path] if best_path.is_file() else []

@@ -16,8 +16,9 @@ from torch import nn
 
 from datamodules.driving import DrivingData
 from datamodules.features import FeaturePlan, Front, plan_features
+from datamodules.run_data import RunData
 from zoo.base.errors import InputError
-from zoo.base.terminal import print_line
+from zoo.base.terminal import counted, print_line
 from zoo.models.layers import in_pieces
 
 KEY = "model.cache_features"
@@ -30,7 +31,7 @@ AUTO_BYTES = 16_000_000_000
 def plan_cached_features(
     config: DictConfig,
     network: nn.Module,
-    data: DrivingData,
+    data: RunData,
     device: torch.device,
     console: Console,
 ) -> FeaturePlan | None:
@@ -54,7 +55,7 @@ def plan_cached_features(
     setting = config.model.get("cache_features", False)
     if setting not in ("auto", True, False):
         raise InputError(f"{KEY}={setting} is not auto, true or false")
-    frozen = getattr(network, "frozen_front", None)
+    frozen = getattr(network, "frozen_front", None) if isinstance(data, DrivingData) else None
     if setting is False or (setting == "auto" and frozen is None):
         return None
     plan, refusal = None, _refusal(config, data, frozen)
@@ -75,7 +76,7 @@ def plan_cached_features(
                 f"{KEY}={setting}: caching takes {_size(plan.missing_bytes)}, with {_size(free)} "
                 f"free {_place(plan)}; {REMEDY}, or {KEY}=false"
             )
-        size = f"{plan.images:,} images, {plan.front.image_bytes / 1e3:.1f} kB each"
+        size = f"{counted(plan.images, 'image')}, {plan.front.image_bytes / 1e3:.1f} kB each"
         if plan.missing:
             size = f"{plan.missing:,} of {size}, {_size(plan.missing_bytes)}"
         print_line(console, f"frozen blocks: caching the features of {size}, {_place(plan)}")

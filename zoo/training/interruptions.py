@@ -6,13 +6,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import lightning
+from lightning.pytorch.callbacks import EarlyStopping
 from rich.console import Console
 
-from zoo.base.errors import InputError, StoppedError
+from zoo.base.errors import InputError, StoppedError, UsageError
 from zoo.base.parts import typed_parts
-from zoo.base.terminal import command_line, print_line
-from zoo.checkpoints.checkpoint import check_part, read_checkpoint_file
+from zoo.base.run_command import was_stopped
+from zoo.base.terminal import command_line, counted, print_line
+from zoo.checkpoints.checkpoint import check_part, read_checkpoint_file, trained_epochs
 from zoo.runs.status import read_status
+from zoo.training.run_module import RunModule
 from zoo.training.steering_module import SteeringModule
 
 
@@ -35,6 +39,19 @@ def naming_lost_files(folder: Path) -> Iterator[None]:
         threading.excepthook = before
 
 
+@contextmanager
+def naming_resume(folder: Path) -> Iterator[None]:
+    """Raise StoppedError, which names the command that resumes, for a Ctrl-C within the block."""
+    try:
+        yield
+    except StoppedError:
+        raise
+    except BaseException as error:
+        if was_stopped(error):
+            raise stopped_error(folder) from error
+        raise
+
+
 def resume_command(folder: Path) -> str:
     """Return the command that resumes a run."""
     return command_line(["drivezoo", "train", f"resume={folder}", *typed_parts()])
@@ -50,9 +67,9 @@ def kept(folder: Path) -> str:
     return "no epoch was complete yet"
 
 
-def stopped_error(folder: Path, epoch: int) -> StoppedError:
-    """Return the error of a training that was stopped in `epoch`, counted from 1."""
-    done = f"stopped in epoch {epoch}; {kept(folder)}"
+def stopped_error(folder: Path, epoch: int | None = None) -> StoppedError:
+    """Return the error of a run that was stopped in an epoch, from 1; None for none of them."""
+    done = f"stopped{f' in epoch {epoch}' if epoch else ''}; {kept(folder)}"
     if (finished := read_status(folder).get("finished_epochs")) is not None:
         done += f"; metrics.json holds the figures of {finished} finished epochs"
     return StoppedError(f"{done}; resume with: {resume_command(folder)}")
@@ -66,14 +83,25 @@ class ResumePoint:
         path: checkpoint file.
         group_sizes: number of parameters in each group of its optimizer.
         precision: precision of the training by Lightning's name; None if it is unknown.
+        contents: checkpoint's contents.
     """
 
     path: Path
     group_sizes: list[int]
     precision: str | None
+    contents: dict
 
-    def check_optimizer(self, module: SteeringModule) -> None:
+    def end_early(self, trainer: lightning.Trainer) -> None:
+        """Let a trainer train no further epoch if early stopping had ended the training."""
+        stopping = [each for each in trainer.callbacks if isinstance(each, EarlyStopping)]
+        patience = [callback.patience for callback in stopping]
+        if has_stopped_early(self.contents, max(patience, default=None)):
+            trainer.fit_loop.max_epochs = trained_epochs(self.contents)
+
+    def check_optimizer(self, module: RunModule) -> None:
         """Raise InputError if the new optimizer has other groups than the saved one."""
+        if not isinstance(module, SteeringModule):
+            return
         groups = module.make_optimizer(module.parameter_groups()).param_groups
         now = [len(group["params"]) for group in groups]
         if self.group_sizes != now:
@@ -83,6 +111,21 @@ class ResumePoint:
                 "values that the run was started with, or start a new run with "
                 f"model.weights={self.path}"
             )
+
+
+def has_stopped_early(contents: dict, patience: int | None) -> bool:
+    """Return whether early stopping ended a training at its checkpoint, and again would.
+
+    Args:
+        contents: checkpoint's contents.
+        patience: epochs for which it now waits; None without early stopping.
+    """
+    states = contents.get("callbacks") or {}
+    state = next((states[key] for key in states if key.startswith("EarlyStopping")), None)
+    if state is None or patience is None:
+        return False
+    has_stopped = 0 < state["stopped_epoch"] == contents["epoch"]
+    return has_stopped and not state["patience"] <= state["wait_count"] < patience
 
 
 def find_resume_point(folder: Path, card: dict, console: Console) -> ResumePoint | None:
@@ -95,6 +138,7 @@ def find_resume_point(folder: Path, card: dict, console: Console) -> ResumePoint
 
     Raises:
         InputError: the checkpoint cannot be read, or was trained on another recording.
+        UsageError: it was trained for more epochs than it should be.
     """
     last = folder / "checkpoints" / "last.ckpt"
     if not last.is_file():
@@ -112,4 +156,10 @@ def find_resume_point(folder: Path, card: dict, console: Console) -> ResumePoint
         )
     saved = checkpoint["optimizer_states"][0]["param_groups"]
     precision = checkpoint["drivezoo"].get("precision")
-    return ResumePoint(last, [len(group["params"]) for group in saved], precision)
+    epochs, most = trained_epochs(checkpoint), card["config"]["trainer"]["max_epochs"]
+    if most < epochs:
+        raise UsageError(
+            f"trainer.max_epochs={most}: {counted(epochs, 'epoch')} of {folder} are finished; "
+            f"set it to {epochs} or more"
+        )
+    return ResumePoint(last, [len(group["params"]) for group in saved], precision, checkpoint)

@@ -17,11 +17,11 @@ from torch import nn
 
 from datamodules.balance import share_of
 from datamodules.batches import GROUP
-from datamodules.driving import DrivingData
 from datamodules.features import FeaturePlan
+from datamodules.run_data import RunData
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError
-from zoo.base.terminal import print_line
+from zoo.base.terminal import counted, print_line
 from zoo.training.frozen_layers import plan_cached_features
 from zoo.training.host_settings import multiplies_bf16
 from zoo.training.steering_module import OWN
@@ -60,8 +60,7 @@ class TrainingPlan:
         processes = f", {self.processes} processes" if self.processes > 1 else ""
         together = f", {self.batches_per_step} batches per step"
         return (
-            f"plan: {self.precision} on {self.device}{processes}, {self.threads} "
-            f"thread{'' if self.threads == 1 else 's'}"
+            f"plan: {self.precision} on {self.device}{processes}, {counted(self.threads, 'thread')}"
             + together * (self.batches_per_step > 1)
             + ", compiled" * bool(self.compiled_batch)
             + ", cached features" * bool(self.features)
@@ -71,7 +70,7 @@ class TrainingPlan:
 
 def make_plan(
     config: DictConfig,
-    data: DrivingData,
+    data: RunData,
     network: nn.Module,
     trainer: lightning.Trainer,
     console: Console,

@@ -1,16 +1,37 @@
-"""`drivezoo train resume=FOLDER`: resume a stopped run, or train a finished run further."""
+"""`drivezoo train resume=FOLDER`: resume a stopped run, or train a finished run further.
+
+A resumed run ends as a run that was started with its config. So it obeys only keys that change
+nothing of what its finished epochs were trained with; any other is refused.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
-from zoo.base.errors import InputError
+from zoo.base.command_keys import typed_keys
+from zoo.base.errors import InputError, UsageError
 from zoo.base.parts import typed_parts
-from zoo.base.terminal import command_line
+from zoo.base.terminal import command_line, counted
 from zoo.base.whole_file import refuse_links_out
 from zoo.cli.console_progress import loading
 from zoo.runs.saved_config import check_saved_config, overridden, split_trust
+
+# Keys and sections that may change: how long, on which machine, from which folder, what is logged.
+# `quick` counts by what it sets. Of another recording, `find_resume_point` finds other rows.
+OBEYED = (
+    *("trainer.max_epochs", "trainer.min_epochs", "trainer.max_steps", "trainer.max_time"),
+    *("trainer.accelerator", "trainer.devices", "trainer.num_nodes", "trainer.strategy"),
+    *("trainer.compile", "trainer.group_batches", "trainer.profiler", "trainer.log_every_n_steps"),
+    *("data.root", "data.images", "data.cache", "data.cache_gb", "data.workers", "data.augment_on"),
+    *("callbacks.progress", "callbacks.learning_rate", "callbacks.fed_batch"),
+    *("callbacks.steering_histogram", "callbacks.predicted_against_true"),
+    *("score", "logger", "quick", "quick_samples"),
+)
+STOPPING = "callbacks.early_stopping"
+PATIENCE = f"{STOPPING}.patience"  # it may grow, and early stopping may be left out
+LIGHTNINGS_PATIENCE = 3  # of a config without the key
+WRITERS = ("callbacks.best", "callbacks.last")  # whose files are of all epochs
 
 
 def resume(folder: Path, overrides: list[str]) -> None:
@@ -21,8 +42,9 @@ def resume(folder: Path, overrides: list[str]) -> None:
     refuses.
 
     Raises:
-        InputError: the folder holds no run, an override is wrong, the config names something that
-            is not allowed, or there is no checkpoint to resume from; see also `run_experiment`.
+        InputError: the folder holds no run, the config names something that is not allowed, or
+            there is no checkpoint to resume from; see also `run_experiment`.
+        UsageError: an override is wrong, or cannot be obeyed.
         StoppedError: on Ctrl-C.
     """
     saved_path = folder / ".hydra" / "config.yaml"
@@ -31,17 +53,26 @@ def resume(folder: Path, overrides: list[str]) -> None:
             f"{folder}: is no run's folder (no .hydra/config.yaml); name the folder of a run"
         )
     overrides, trusted = split_trust(overrides)
+    from zoo.checkpoints.checkpoint import read_checkpoint_file
     from zoo.runs.metrics_file import read_metrics_file
     from zoo.runs.run import load_config
     from zoo.runs.status import read_status_file
+    from zoo.training.interruptions import has_stopped_early
 
     refuse_links_out(folder)
     saved = load_config(folder)
     config, typed = overridden(saved, overrides)
     check_saved_config(config, saved_path, trusted, typed)
+    last = folder / "checkpoints" / "last.ckpt"
+    if last.is_file():
+        for key, (then, now) in unobeyed(saved, config).items():
+            raise UsageError(
+                f"{' '.join(overrides)}: {key} was {then} in the finished epochs, and cannot be "
+                f"{now} in the next ones; start a new run with model.weights={last}"
+            )
     if read_status_file(folder).get("status") == "finished":
         metrics = read_metrics_file(folder)
-        epochs, last = metrics.get("epochs") or 0, folder / "checkpoints" / "last.ckpt"
+        epochs = metrics.get("epochs") or 0
         if not overrides or _max_epochs(config) <= epochs:
             print("\n".join(_finished_lines(folder, saved, metrics, overrides)))
             return
@@ -50,10 +81,46 @@ def resume(folder: Path, overrides: list[str]) -> None:
                 f"{last}: missing, so the run cannot be resumed; start a new run with "
                 f"model.weights={last.with_name('best.ckpt')}"
             )
+        if has_stopped_early(read_checkpoint_file(last), _patience(config)):
+            raise UsageError(
+                f"{' '.join(overrides)}: early stopping ended the run after {epochs} epochs, and "
+                f"would again; add {PATIENCE}=NUMBER, above {_patience(config)}, or {STOPPING}=null"
+            )
     with loading():
         from zoo.training.run import run_experiment
 
     run_experiment(config, folder.resolve(), resume=True, keep_config=bool(overrides))
+
+
+def unobeyed(saved: DictConfig, config: DictConfig) -> dict[str, tuple[str, str]]:
+    """Return the changed keys that the finished epochs forbid, with the values then and now."""
+    then, now = _settled(saved), _settled(config)
+    changed = {key: (then.get(key, "null"), now.get(key, "null")) for key in then | now}
+    return {
+        key: values
+        for key, values in changed.items()
+        if values[0] != values[1] and not _is_obeyed(key, *values) and not _is_dropped(key, now)
+    }
+
+
+def _is_obeyed(key: str, then: str, now: str) -> bool:
+    if key == PATIENCE:
+        return then.isdigit() and now.isdigit() and int(now) > int(then)
+    return any(f"{key}.".startswith(f"{obeyed}.") for obeyed in OBEYED)
+
+
+def _is_dropped(key: str, now: dict[str, str]) -> bool:
+    """Return whether a key is of a callback that is left out, but none that writes checkpoints."""
+    section = ".".join(key.split(".")[:2])
+    is_callback = key.startswith("callbacks.") and section not in WRITERS
+    return is_callback and not any(other.startswith(f"{section}.") for other in now)
+
+
+def _settled(config: DictConfig) -> dict[str, str]:
+    """Return the values of a config by dotted key, as users type them, with what `quick` sets."""
+    from zoo.training.run_config import with_quick
+
+    return dict(typed_keys(OmegaConf.to_container(with_quick(config), resolve=True)))
 
 
 def _finished_lines(
@@ -64,20 +131,34 @@ def _finished_lines(
     best, last = (folder / "checkpoints" / f"{name}.ckpt" for name in ("best", "last"))
     page = folder / "report" / "index.html"
     ignored = f" ({' '.join(overrides)}: no more epochs)" if overrides else ""
-    early = f" of {most}, stopped early" if epochs < most else ""
-    yield f"{folder}: finished after {epochs} epochs{early}; nothing to do{ignored}"
+    early = f" of {most}" if epochs < most else ""
+    yield f"{folder}: finished after {counted(epochs, 'epoch')}{early}; nothing to do{ignored}"
     if best.is_file():
         yield f"best checkpoint (after epoch {metrics.get('best_epoch')}): {best}"
     if page.is_file():
         yield f"report: {page}"
-    if last.is_file():
-        more = ["callbacks.early_stopping=null"] * bool(early)
-        more += ["quick=false"] * bool(config.quick and not early)
-        more += [f"trainer.max_epochs={2 * max(epochs, 1)}"] * (not early)
-        command = ["drivezoo", "train", f"resume={folder}", *more, *typed_parts()]
+    if last.is_file() and (keys := _further(config, epochs)):
+        command = ["drivezoo", "train", f"resume={folder}", *keys, *typed_parts()]
         yield f"train further: {command_line(command)}"
     if best.is_file():
         yield f"or start a new run from its weights: model.weights={best}"
+
+
+def _further(config: DictConfig, epochs: int) -> list[str]:
+    """Return the overrides that train a finished run further; empty where none would be obeyed."""
+    if epochs < _max_epochs(config):
+        return [f"{STOPPING}=null"] if _patience(config) is not None else []
+    keys = [f"trainer.max_epochs={2 * max(epochs, 1)}"]
+    if config.quick:
+        samples = _settled(config)["data.samples_per_epoch"]
+        keys += ["quick=false", f"data.samples_per_epoch={samples}"]
+    return keys if not unobeyed(config, overridden(config, keys)[0]) else []
+
+
+def _patience(config: DictConfig) -> int | None:
+    """Return for how many epochs early stopping waits; None without it."""
+    settings = (config.callbacks or {}).get("early_stopping")
+    return settings.get("patience", LIGHTNINGS_PATIENCE) if settings else None
 
 
 def _max_epochs(config: DictConfig) -> float:

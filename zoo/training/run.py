@@ -6,19 +6,20 @@ from pathlib import Path
 import lightning
 import numpy as np
 import torch
+from lightning.fabric.utilities.exceptions import MisconfigurationException
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from torch import nn
 
-from datamodules.driving import DrivingData
 from datamodules.leak import Leak
 from datamodules.recording import ROW_SAMPLE
 from datamodules.recording_format import other_car
+from datamodules.run_data import RunData
 from datamodules.split import PARTS, rows_per_second, write_split
 from zoo.base.errors import InputError, hint
 from zoo.base.rig import CURVATURE
-from zoo.base.terminal import print_line
-from zoo.base.whole_file import refuse_links_out
+from zoo.base.terminal import counted, print_line
+from zoo.base.whole_file import refuse_links_out, write_whole
 from zoo.callbacks.closed_loop import best_drive
 from zoo.checkpoints.checkpoint import make_card, read_checkpoint_file
 from zoo.cli.console_progress import working
@@ -36,7 +37,7 @@ from zoo.training.precision import choose_precision
 from zoo.training.recorded_roads import recorded_roads
 from zoo.training.run_config import settle_config, with_layers
 from zoo.training.run_loggers import log_config, log_results
-from zoo.training.steering_module import SteeringModule
+from zoo.training.run_module import RunModule
 
 
 def run_experiment(
@@ -64,7 +65,11 @@ def run_experiment(
     first = is_first_process(needs_processes(config))
     with interruptions.naming_lost_files(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        with run_status(folder, first), interruptions.naming_lost_files(folder):
+        with (
+            run_status(folder, first),
+            interruptions.naming_lost_files(folder),
+            interruptions.naming_resume(folder),
+        ):
             _run(config, folder, first, resume, keep_config, verdict, bf16)
 
 
@@ -87,6 +92,7 @@ def _run(
 
     data = build.build_data(config)
     data.load(console)
+    build.check_members("data", data, RunData, RunData.LOADED)
     with working("measuring train/validation similarity", console):
         leaks = data.leaks()
     recorded = {
@@ -124,6 +130,8 @@ def _run(
             OmegaConf.update(settled, "trainer.precision", precision, force_add=True)
     card["config"]["trainer"]["precision"] = card["precision"] = precision
     trainer = build.build_trainer(config, folder, has_validation=len(data.split.val) > 0)
+    if resumed is not None:
+        resumed.end_early(trainer)
     print_start(card, network, data, leaks, trainer.strategy.root_device, console)
     plan = make_plan(config, data, network, trainer, console)
     print_line(console, plan.line())
@@ -148,7 +156,10 @@ def _run(
     if not trainer.is_global_zero:
         return
 
+    if summary := trainer.profiler.summary():  # as a log message, it would not be shown
+        print_line(console, summary)
     choice = choose_best(score, _monitor(trainer), folder, console, source)
+    module.float()  # as in a loaded checkpoint, whatever trainer.precision left
     if (best := folder / "checkpoints" / "best.ckpt").is_file():
         module.load_state_dict(read_checkpoint_file(best)["state_dict"])
     open_loop = conclusion.evaluate_rows(module, data, console)
@@ -173,7 +184,7 @@ def _run(
 def print_start(
     card: dict,
     network: nn.Module,
-    data: DrivingData,
+    data: RunData,
     leaks: dict[str, Leak],
     device: torch.device,
     console: Console,
@@ -185,8 +196,8 @@ def print_start(
     lines = [
         f"{model['name']}: {parameters:,} parameters, sees {width} x {height} "
         f"{data.view.colour} of frames of {frame[1]} x {frame[0]}, on {device}",
-        f"split by {card['data']['split_by']}: {split} rows; {len(data.samples):,} "
-        "training samples",
+        f"split by {card['data']['split_by']}: {split} rows; "
+        f"{counted(data.count_samples(), 'training sample')}",
     ]
     for part, leak in leaks.items():
         lines.append(
@@ -205,13 +216,14 @@ def print_start(
 
 def _fit(
     trainer: lightning.Trainer,
-    module: SteeringModule,
-    data: DrivingData,
+    module: RunModule,
+    data: RunData,
     start: interruptions.ResumePoint | None,
     folder: Path,
 ) -> None:
     try:
         path = start.path if start else None
+        trainer.precision_plugin.convert_module(module)  # before its weights are restored
         trainer.fit(module, datamodule=data, ckpt_path=path, weights_only=True)
     except SystemExit:
         if not trainer.interrupted:
@@ -223,17 +235,25 @@ def _fit(
         for name in {getattr(callback, "monitor", None) for callback in trainer.callbacks}:
             if name and figures and name not in figures and name in str(error):
                 raise InputError(f"monitor={name}: no such figure; {hint(name, figures)}") from None
+        if isinstance(error, MisconfigurationException):
+            raise InputError(f"trainer: {' '.join(str(error).split())}") from error
         raise
     if trainer.interrupted:
         raise interruptions.stopped_error(folder, trainer.current_epoch + 1)
-    if trainer.max_epochs == 0:  # no training: only write the weights to checkpoints
-        for name in ("best", "last"):
-            trainer.save_checkpoint(folder / "checkpoints" / f"{name}.ckpt")
+    checkpoints = folder / "checkpoints"
+    for callback in trainer.checkpoint_callbacks:  # of no training, or one without a validation
+        path, last = checkpoints / f"{callback.filename}.ckpt", checkpoints / "last.ckpt"
+        if path.stem not in ("best", "last") or path.is_file() or trainer.fast_dev_run:
+            continue
+        if last.is_file():
+            write_whole(path, last.read_bytes())
+        else:
+            trainer.save_checkpoint(path)
 
 
 def _monitor(trainer: lightning.Trainer) -> str | None:
     """Return the figure that chose `best.ckpt`; None if that is the last epoch's."""
     for callback in trainer.checkpoint_callbacks:
-        if Path(callback.filename or "").stem == "best":
+        if Path(callback.filename or "").stem == "best" and callback.best_model_path:
             return callback.monitor
     return None

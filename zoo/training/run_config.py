@@ -19,7 +19,7 @@ from zoo.base.command_keys import typed
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError, file_errors
 from zoo.base.new_folder import RECIPE, RECORDINGS, whole_folder
-from zoo.base.terminal import print_line
+from zoo.base.terminal import command_line, counted, print_line
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import check_card, find_checkpoint, read_checkpoint_file
 from zoo.checkpoints.network_kind import IMPORTED, network_kind
@@ -27,6 +27,7 @@ from zoo.cli.compose import escape_interpolation
 from zoo.cli.conf_files import choice_files
 from zoo.models.make_network import view_of
 from zoo.models.window import Window
+from zoo.training.config_values import check_config
 
 QUICK_EPOCHS = 3
 TARGET = "zoo.models.sequential.Sequential"
@@ -36,9 +37,12 @@ MOST_JOBS = 8  # processes that draw if the user names no number: each opens its
 def settle_config(config: DictConfig, console: Console) -> DictConfig:
     """Return the config to train with.
 
-    It sets `model.layers` and the windows, applies `quick`, and records `data.record`.
+    It sets `model.layers` and the windows, applies `quick`, checks all values, and then records
+    `data.record`.
     """
-    return with_recording(with_quick(settle_windows(with_layers(config))), console)
+    settled = with_quick(settle_windows(with_layers(config)))
+    check_config(settled)
+    return with_recording(settled, console)
 
 
 def with_quick(config: DictConfig) -> DictConfig:
@@ -49,12 +53,12 @@ def with_quick(config: DictConfig) -> DictConfig:
     """
     if not isinstance(config.quick, bool):
         raise InputError(f"quick={config.quick}: must be true or false")
-    if not config.quick:
-        return config
-    config = config.copy()
     samples = config.quick_samples
     if type(samples) is not int or samples < 1:
         raise InputError(f"quick_samples={samples} is not a whole number above 0")
+    if not config.quick:
+        return config
+    config = config.copy()
     for node, key, most in (
         (config.trainer, "max_epochs", QUICK_EPOCHS),
         (config.data, "samples_per_epoch", samples),
@@ -140,13 +144,13 @@ def _of_keras(path: Path, view: View, scale: list | None) -> tuple[list, list]:
     if network.input_shape != view.shape:
         raise InputError(
             f"{path}: its input is {rows} x {columns} x {channels}, the view gives "
-            f"{' x '.join(map(str, view.shape))}; set data.crop=[0,0] model.size=[{rows},{columns}]"
-            f" model.colour={'gray' if channels == 1 else 'rgb'}, with the crop and the colour of "
-            f"its training, {remedy}"
+            f"{' x '.join(map(str, view.shape))}; set 'data.crop=[0,0]' "
+            f"'model.size=[{rows},{columns}]' model.colour={'gray' if channels == 1 else 'rgb'}, "
+            f"with the crop and the colour of its training, {remedy}"
         )
     if network.scale is None:
         raise InputError(
-            f"{path}: does not tell how it scales pixels; set model.scale=[127.5,1] for "
+            f"{path}: does not tell how it scales pixels; set 'model.scale=[127.5,1]' for "
             f"pixel / 127.5 - 1, or [1,0] for none, {remedy}"
         )
     return network.layers, list(network.scale)
@@ -162,10 +166,9 @@ def _of_checkpoint(path: Path, view: View, scale: list | None) -> tuple[list, li
             "model to its name"
         )
     if replace(own, frame=view.frame) != view:  # the recording has not been read yet
-        raise InputError(
-            f"{path}: was trained on another view; set data.crop={typed(own.crop)} "
-            f"model.colour={own.colour} model.size={typed(own.size)} model.resize={own.resize}"
-        )
+        keys = [f"data.crop={typed(own.crop)}", f"model.colour={own.colour}"]
+        keys += [f"model.size={typed(own.size)}", f"model.resize={own.resize}"]
+        raise InputError(f"{path}: was trained on another view; set {command_line(keys)}")
     return model["layers"], scale or model.get("scale") or [127.5, 1.0]
 
 
@@ -222,7 +225,8 @@ def _record(folder: Path, recipe: dict, jobs: int | None, console: Console) -> N
         )
     print_line(
         console,
-        f"recording {len(recipe['passes'])} drives with the embedded simulator, once, in {folder}",
+        f"recording {counted(len(recipe['passes']), 'drive')} with the embedded simulator, once, "
+        f"in {folder}",
     )
     try:
         with whole_folder(folder, RECORDINGS) as unfinished:

@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-import lightning
 import numpy as np
 import torch
 from lightning.pytorch.plugins import Precision
@@ -16,12 +15,13 @@ from zoo.base.errors import InputError
 from zoo.models.layers import piece_length
 from zoo.models.memory import Memory
 from zoo.training.open_loop import open_loop_metrics
+from zoo.training.run_module import RunModule
 
 OWN = "zoo.training.steering_module.SteeringModule"
 CHECK_EVERY = 20  # steps between checks of the loss: each check waits for the device
 
 
-class SteeringModule(lightning.LightningModule):
+class SteeringModule(RunModule):
     """A LightningModule that trains a network of the zoo on batches of `DrivingData`.
 
     A subclass in a user's part, chosen with `module=NAME`, replaces `make_optimizer`,
@@ -66,16 +66,13 @@ class SteeringModule(lightning.LightningModule):
         compile_loss: Callable[[Callable], Callable] | None = None,
         compiled_batch: int | None = None,
     ) -> None:
-        super().__init__()
-        self.network, self.loss = network, loss
+        super().__init__(network, card)
+        self.loss = loss
         self.optimizer, self.schedule = optimizer, schedule
-        self.l2, self.backbone_lr, self.seed, self.card = l2, backbone_lr, seed, card or {}
-        # Of this process alone: a resumed run counts from 0.
-        self.train_epochs, self.train_seconds = 0, 0.0
+        self.l2, self.backbone_lr, self.seed = l2, backbone_lr, seed
         self._samples_before = 0
         self._loss_sum: Tensor | float = 0.0
         self._loss_count: Tensor | int = 0
-        self.validation: tuple[np.ndarray, np.ndarray] | None = None
         self.skips_front, self._compiled_batch = skips_front, compiled_batch
         self._loss = self._plain_loss()
         self._compiled = compile_loss(self._loss) if compile_loss else None
@@ -322,10 +319,6 @@ class SteeringModule(lightning.LightningModule):
             }
             for (is_backbone, decays), parameters in groups.items()
         ]
-
-    def on_save_checkpoint(self, checkpoint: dict) -> None:
-        """Add the card to the checkpoint."""
-        checkpoint["drivezoo"] = self.card
 
 
 def predict(network: nn.Module, batch: Batch, skips_front: bool = False) -> Tensor:

@@ -176,15 +176,15 @@ def training_command(overrides: Sequence[str], changed: Mapping[str, str | None]
 
 
 def as_typed(override: str) -> str:
-    """Return an override without the quotes that a command adds to paths for Hydra.
+    """Return an override as a user types it, without what a command adds for Hydra.
 
-    >>> as_typed("data.root='/my laps'"), as_typed("model.name='a'")
-    ('data.root=/my laps', "model.name='a'")
+    >>> as_typed("data.root='/my laps'"), as_typed("++trainer.max_steps=9")
+    ('data.root=/my laps', 'trainer.max_steps=9')
     """
-    from zoo.cli.compose import quote_paths
+    from zoo.cli.compose import hydra_overrides
 
-    plain = override.replace("'", "")
-    return plain if quote_paths([plain]) == [override] else override
+    plain = override.replace("'", "").lstrip("+")
+    return plain if hydra_overrides([plain]) == [override] else override
 
 
 @dataclass(frozen=True)
@@ -310,7 +310,7 @@ def _recording(evidence: Evidence, _: Sequence[str]) -> Cause | None:
     found = " ".join(f"{text.rstrip('.')}." for text in texts)
     if set(ROBUST) <= set(_augmentations(evidence)):
         return Cause(f"The recording: {found} drivezoo check names what to record.")
-    remedy = f"augment=[{','.join(ROBUST)}] makes up for some of it."
+    remedy = f"'augment=[{','.join(ROBUST)}]' makes up for some of it."
     return Cause(f"The recording: {found} {remedy}", augment=ROBUST)
 
 
@@ -325,7 +325,7 @@ def _unseen(evidence: Evidence, tracks: Sequence[str]) -> Cause | None:
     text = f"Its training images do not show the {' and '.join(unseen)};"
     if "bend" in _augmentations(evidence):
         return Cause(f"{text} record more roads.")
-    return Cause(f"{text} augment=[{','.join(BENDS)}] helps.", augment=BENDS)
+    return Cause(f"{text} 'augment=[{','.join(BENDS)}]' helps.", augment=BENDS)
 
 
 # The likeliest first.

@@ -99,7 +99,7 @@ def test_a_table_has_the_columns_that_the_user_names(tmp_path: Path) -> None:
     assert recording.images[3, 0] == str(folder / "pics" / "3.png")
     with pytest.raises(InputError, match=r"my\.csv, row 1: the header path,turn has no column x"):
         reader.read(folder, ReadOptions(columns={**columns, "speed": "x"}))
-    with pytest.raises(InputError, match=r"name its columns, data\.columns="):
+    with pytest.raises(InputError, match=r"name its columns, 'data\.columns="):
         reader.read(folder, ReadOptions())
 
 

@@ -102,7 +102,7 @@ def test_deleted_and_autopilot_records_are_left_out(tmp_path: Path) -> None:
     assert new.time_s[0] == 1_600_000_000.0
     notes = "\n".join(result.notes)
     assert "2 records left out that the tub marks as deleted" in notes
-    assert "1 records left out that an autopilot drove" in notes
+    assert "1 record left out that an autopilot drove" in notes
     assert "no speed" in notes
 
 

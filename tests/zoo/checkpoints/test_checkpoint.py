@@ -138,7 +138,7 @@ def test_a_checkpoints_wrong_scale_is_named(scale: object, best: Path, tmp_path:
     contents = torch.load(best, weights_only=True)
     contents["drivezoo"]["config"]["model"]["scale"] = scale
     torch.save(contents, tmp_path / "x.ckpt")
-    with pytest.raises(InputError, match=r"x\.ckpt: .*model\.scale=.*set model\.scale=\["):
+    with pytest.raises(InputError, match=r"x\.ckpt: .*model\.scale=.*set 'model\.scale=\["):
         load_checkpoint(tmp_path / "x.ckpt")
 
 

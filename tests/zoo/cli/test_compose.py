@@ -1,8 +1,10 @@
 """Overrides as users type them: choices, paths, lists and typos."""
 
+import inspect
 import sys
 from pathlib import Path
 
+import lightning
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hypothesis import given
@@ -15,9 +17,10 @@ from zoo.cli.compose import (
     compose_config,
     conf_folder,
     escape_interpolation,
+    hydra_overrides,
     quote,
-    quote_paths,
 )
+from zoo.cli.conf_files import trainer_arguments
 
 
 @pytest.mark.parametrize("path", sorted(conf_folder().rglob("*.yaml")), ids=lambda path: path.stem)
@@ -38,8 +41,21 @@ def test_every_yaml_opens_with_a_command(path: Path) -> None:
         ("model=nvidai", "model=nvidai: no such choice; did you mean nvidia?"),
         ("experiment=pilotnt", "did you mean pilotnet"),
         ("augment=[rain]", "bend, blur, brightness"),
-        ("data.offset=[", "--help"),
-        ("callbacks=null", "callbacks=null: "),
+        ("data.offset=[", "close its brackets"),
+        ("callbacks=null", "callbacks=null: name a choice; available: "),
+        ("score=true", "score=true: name a choice; available: lake, none"),
+        ("optim=1", "optim=1: name a choice; available: adam, sgd"),
+        ("model=[lenet,tiny]", "add -m"),
+        ("optim.lr=0.1,0.2", "add -m to train with each"),
+        ("optim.lr=0,5", "a decimal number with a point"),
+        ("data.crop=40,20", "'data.crop=[40,20]'"),
+        ("foo=1", "foo: no such key"),
+        ("--tub=laps", "did you mean data.root?"),
+        ("--epochs", "did you mean trainer.max_epochs?"),
+        ("--batch-size=3", "did you mean data.batch_size?"),
+        ("--cfg=job", "--cfg=job: no such option"),
+        ("--experimental-rerun=x", "--experimental-rerun=x: no such option"),
+        ("trainer.max_stesp=3", "did you mean trainer.max_steps"),
         ("resume=nowhere", "nowhere: "),
     ],
 )
@@ -50,6 +66,74 @@ def test_a_typo_gets_one_line_with_the_nearest_valid(
     assert words in line
     assert "+" not in line
     assert list(tmp_path.iterdir()) == [], "a typo leaves nothing behind"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--epochs", "5"], "did you mean trainer.max_epochs?"),
+        (["--tub", "laps", "--model", "mine.h5"], "did you mean data.root?"),
+        (["+foo=1"], "foo: no such key"),
+        (["++modle.x=1"], "modle.x: no such key"),
+    ],
+)
+@pytest.mark.parametrize("sweep", [[], ["-m"]])
+def test_words_that_are_no_keys_get_one_line(
+    arguments: list[str], words: str, sweep: list[str], tmp_path: Path
+) -> None:
+    assert words in only_line(run_here(tmp_path, *sweep, *arguments), 2)
+    assert not list(tmp_path.glob("outputs/*/*/*/status.json"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [
+        (["seed=1", "model=tiny", "seed=2"], "seed"),
+        (["optim.lr=1", "+optim.lr=2"], "optim.lr"),
+        (["resume=a", "resume=b"], "resume"),
+        (["-m", "model=tiny", "model=lenet"], "model"),
+    ],
+)
+def test_a_key_is_given_once(arguments: list[str], key: str, tmp_path: Path) -> None:
+    code = "import sys; from zoo.cli.console_script import main; sys.exit(main())"
+    result = run_words(tmp_path, sys.executable, "-c", code, "train", *arguments)
+    assert f"{key}: given twice" in only_line(result, 2)
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("model=pilotnet", "model=nvidia"),
+        ("logger=none", "logger=csv"),
+        ("callbacks=none", "callbacks=checkpoints"),
+        ("augment=none", "augment=[]"),
+        ("schedule=none", "schedule=constant"),
+        ("data={folder}", "data.root={folder}"),
+        ("data=not/yet", "data.root=not/yet"),
+        ("+optim.lr=0.1", "optim.lr=0.1"),
+        ("+model=lenet", "model=lenet"),
+        ("trainer.max_steps=9", "+trainer.max_steps=9"),
+        ("trainer.profiler=simple", "+trainer.profiler=simple"),
+        ("--config-dir={folder}", "hydra.searchpath=[file://{folder}]"),
+    ],
+)
+def test_what_users_type_means_the_same(typed: str, meant: str, tmp_path: Path) -> None:
+    (tmp_path / "my lake").mkdir()
+    folder = tmp_path / "my lake"
+    found = compose_config(hydra_overrides([typed.format(folder=folder)]))
+    assert found == compose_config(hydra_overrides([meant.format(folder=folder)]))
+    assert found != compose_config([]) or "lr" not in typed
+
+
+def test_aliases_are_taken_in_a_sweep() -> None:
+    assert hydra_overrides(["model=lenet,pilotnet"], sweep=True) == ["model=lenet,nvidia"]
+
+
+def test_the_trainers_keys_are_those_of_the_installed_lightning() -> None:
+    ours = set(compose_config([])["trainer"]) & (
+        wanted := set(inspect.signature(lightning.Trainer).parameters)
+    )
+    assert set(trainer_arguments()) == wanted - ours
 
 
 def test_a_file_in_place_of_the_runs_folder_gets_one_line(tmp_path: Path) -> None:
@@ -96,7 +180,7 @@ def test_any_text_can_be_quoted(text: str) -> None:
 
 
 def test_a_sweep_over_odd_paths_splits_at_commas() -> None:
-    assert quote_paths(["data.root=my laps,b=1"], sweep=True) == ["data.root='my laps','b=1'"]
+    assert hydra_overrides(["data.root=my laps,b=1"], sweep=True) == ["data.root='my laps','b=1'"]
 
 
 def composed(argument: str, key: str) -> object:
@@ -104,7 +188,7 @@ def composed(argument: str, key: str) -> object:
     from hydra import compose, initialize_config_dir
 
     with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
-        config = compose("config", quote_paths([argument]), return_hydra_config=True)
+        config = compose("config", hydra_overrides([argument]), return_hydra_config=True)
     found = OmegaConf.select(config, key)
     return list(found) if OmegaConf.is_list(found) else found
 
@@ -132,10 +216,12 @@ def test_every_choice_of_callbacks_keeps_checkpoints_and_progress(
 
 def test_single_callbacks_are_added_and_switched_off() -> None:
     typed = ["callbacks={mine:{_target_:lightning.pytorch.callbacks.Timer}}"]
-    found = compose_config(quote_paths([*typed, "callbacks.progress=null"]))["callbacks"]
+    found = compose_config(hydra_overrides([*typed, "callbacks.progress=null"]))["callbacks"]
     assert set(found) >= {"best", "last", "mine", "early_stopping"}
     assert found["progress"] is None
-    again = quote_paths(["+callbacks.progress._target_=zoo.callbacks.progress.TrainingProgress"])
+    again = hydra_overrides(
+        ["+callbacks.progress._target_=zoo.callbacks.progress.TrainingProgress"]
+    )
     assert "progress" in compose_config(again)["callbacks"]
 
 

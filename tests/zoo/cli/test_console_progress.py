@@ -34,11 +34,11 @@ def terminal() -> Console:
 
 
 def test_a_terminal_shows_a_bar_that_leaves_nothing(terminal: Console) -> None:
-    with progress_bar("driving 2 x 1 laps [/red]", terminal) as show:
+    with progress_bar("2 drives of 1 lap [/red]", terminal) as show:
         show(0.25)
         time.sleep(0.3)
         drawn = terminal.file.getvalue()
-    assert "driving 2 x 1 laps [/red]" in drawn
+    assert "2 drives of 1 lap [/red]" in drawn
     assert "25%" in drawn
     assert terminal.file.getvalue().endswith("\x1b[2K"), "the line is erased"
 
@@ -130,7 +130,7 @@ def test_evaluate_shows_what_it_does_from_loading_to_the_last_drive(
     options = ("laps=0.03", "quality=simple", f"out={tmp_path / 'out'}")
     printed = on_a_terminal(tmp_path, *command("zoo.evaluate", str(run_folder), *options))
     loads, drives, table = (
-        printed.find(one) for one in ("loading PyTorch", "driving 1 x 0.03 laps", "autonomy")
+        printed.find(one) for one in ("loading PyTorch", "1 drive of 0.03 laps", "autonomy")
     )
     assert 0 <= loads < drives < table
 

@@ -45,6 +45,14 @@ def test_older_names_are_typed_below_another_command(tmp_path: Path) -> None:
     assert len(stopped.stderr.splitlines()) == 1
 
 
+@pytest.mark.parametrize("flags", [["-q"], ["-v"], ["--quiet", "-v"]])
+def test_how_much_is_printed_may_stand_before_the_command(flags: list[str], tmp_path: Path) -> None:
+    before = drivezoo(tmp_path, *flags, "list", "losses")
+    assert (before.returncode, before.stderr) == (0, "")
+    assert ("next: " in before.stdout) == (flags != ["-q"])
+    assert drivezoo(tmp_path, "list", "losses", *flags).stdout == before.stdout
+
+
 def test_a_typo_gets_one_line_and_the_status_of_wrong_use(tmp_path: Path) -> None:
     result = drivezoo(tmp_path, "evalute")
     assert result.returncode == WRONG_USE

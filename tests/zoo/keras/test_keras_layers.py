@@ -289,7 +289,7 @@ def test_an_unclear_lambda_is_asked_for_by_key(tmp_path: Path) -> None:
         convert(model)
     message = str(caught.value)
     assert f"{model.path}: layer 1 of 5, lambda_1 (Lambda)" in message
-    assert "set scale=[divisor,subtracted]" in message
+    assert "set 'scale=[divisor,subtracted]'" in message
     assert "lambdas=[WORD]" in message
     found = convert(model, scale=[255, 0.5])
     assert found.scale == (255, 0.5)
@@ -371,7 +371,7 @@ def test_rows_of_an_index_are_a_crop_of_the_input(tmp_path: Path) -> None:
 
 def test_an_unclear_lambda_that_does_more_than_scale_is_named(tmp_path: Path) -> None:
     model = read(tmp_path, [UNCLEAR, *REST], shape=(40, 60, 3))
-    with pytest.raises(InputError, match=r"Lambda.*lambdas=\[WORD\] for layer 1 of 5, lambda_1"):
+    with pytest.raises(InputError, match=r"Lambda.*lambdas=\[WORD\]' for layer 1 of 5, lambda_1"):
         convert(model, scale=[255, 0.5])
 
 

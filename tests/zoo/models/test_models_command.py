@@ -139,7 +139,7 @@ def test_vgg_freezes_all_but_the_last_blocks(trainable: int) -> None:
         ("model.activation=tanh", "activation=.*elu, relu"),
         ("+model.colour_depth=3", "colour_depth"),
         ("model.resize=cubic", "model.resize=cubic .*linear_first"),
-        ("model.scale=[0,1]", r"model.scale=.*set model.scale=\[127.5,1\]"),
+        ("model.scale=[0,1]", r"model.scale=.*set 'model.scale=\[127.5,1\]"),
         ("model.scale=255", "model.scale=255: .*two finite numbers"),
         ("model.scale=[true,1]", "model.scale="),
         ("model._target_=os.system", "no network of zoo.models"),

@@ -146,9 +146,10 @@ def test_a_part_at_the_top_of_a_checkout_brings_no_yaml_files(
 @pytest.mark.parametrize(("kind", "source"), [("notebook", "quickstart"), ("study", "study")])
 def test_a_notebook_is_the_one_that_the_tests_run(kind: str, source: str, tmp_path: Path) -> None:
     result = run_here(tmp_path, kind, "mine", module="zoo.new")
-    assert result.stdout.splitlines()[:2] == [
+    assert result.stdout.splitlines()[:3] == [
         "wrote: mine.ipynb",
-        "next: jupyter lab mine.ipynb  # open it (pip install jupyterlab)",
+        "next: jupyter lab mine.ipynb",
+        "      open it (pip install jupyterlab)",
     ]
     assert (tmp_path / "mine.ipynb").read_bytes() == (NOTEBOOKS / f"{source}.ipynb").read_bytes()
     assert "exists" in only_line(run_here(tmp_path, kind, "mine", module="zoo.new"))

@@ -14,9 +14,8 @@ from tests.zoo.commands import ROOT, only_line, run, succeed
 from tests.zoo.trainings import SMALL
 from zoo.checkpoints.checkpoint import load_checkpoint
 
-BLOCK = re.compile(
-    r"```(?:python|yaml)\n# (?P<path>(?:my_training|conf/)\S+)\n(?P<text>.*?)```", re.S
-)
+NAMES = r"my_training\.py|conf/module/my_training\.yaml|conf/callbacks/ema\.yaml"
+BLOCK = re.compile(rf"```(?:python|yaml)\n# (?P<path>{NAMES})\n(?P<text>.*?)```", re.S)
 NAMED = "parts=[my_net.py,my_training.py]"
 CHOSEN = ("model=my_net", "module=my_training", "callbacks=ema")
 # In training a second column, for the speed.

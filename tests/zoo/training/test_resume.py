@@ -13,7 +13,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from datamodules.balance import BalancedBatches, BatchKey
-from tests.recordings import Written
+from tests.recordings import Written, write_recording
 from tests.zoo.commands import Zoo, command, environment, only_line, run, run_here, succeed
 from tests.zoo.sweeps import change_status
 from tests.zoo.trainings import SMALL, data_of, equal, weights
@@ -21,6 +21,8 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.leaderboard.scored import read_scored
 from zoo.runs.status import read_status, write_status
+
+INTERRUPT = "tests.zoo.spoil.Interrupt"
 
 
 def metrics(run_folder: Path) -> dict:
@@ -106,10 +108,11 @@ def test_a_run_that_was_stopped_early_is_finished(two_epochs: Path, zoo: Zoo) ->
 
 
 def test_a_finished_run_that_fails_to_train_further_keeps_its_figures_and_rank(
-    two_epochs: Path, zoo: Zoo
+    two_epochs: Path, zoo: Zoo, tmp_path: Path
 ) -> None:
     before = metrics(two_epochs)
-    only_line(zoo("resume=run", "trainer.max_epochs=3", "optim.l2=0.1"), 1)
+    other = write_recording(tmp_path / "other", seed=1)
+    only_line(zoo("resume=run", "trainer.max_epochs=3", f"data.root={other.folder}"), 1)
     assert metrics(two_epochs) == before
     status = read_status(two_epochs)
     assert (status["status"], status["finished_epochs"]) == ("failed", 2)
@@ -123,9 +126,9 @@ def test_ctrl_c_while_training_further_names_the_figures_that_stand(
     two_epochs: Path, zoo: Zoo
 ) -> None:
     before = metrics(two_epochs)
-    interrupt = "+callbacks.stop._target_=tests.zoo.spoil.Interrupt"
-    stop = (interrupt, "+callbacks.stop.epoch=3")
-    line = only_line(zoo("resume=run", "trainer.max_epochs=4", *stop), 130)
+    change_config(two_epochs, callbacks={"stop": {"_target_": INTERRUPT, "epoch": 3}})
+    trust = f"trust={INTERRUPT}"
+    line = only_line(zoo("resume=run", "trainer.max_epochs=4", trust), 130)
     assert "metrics.json" in line
     assert f"resume={two_epochs}" in line
     assert metrics(two_epochs) == before
@@ -133,6 +136,137 @@ def test_ctrl_c_while_training_further_names_the_figures_that_stand(
     assert ranked.folder == two_epochs
     succeed(zoo("resume=run", "callbacks.stop=null"))
     assert metrics(two_epochs)["epochs"] == 4, "it goes on with what was asked for"
+
+
+# Of each kind: optimizer, schedule, loss, data, view, network, seed, trainer, callbacks' state.
+FORBIDDEN = {
+    "optim.lr": "1e-9",
+    "optim.l2": "0.1",
+    "+optim.betas": "[0.8,0.9]",
+    "schedule.factor": "0.5",
+    "loss._target_": "torch.nn.L1Loss",
+    "seed": "2",
+    "data.crop": "[40,20]",
+    "data.flip": "0",
+    "data.batch_size": "8",
+    "data.samples_per_epoch": "50",
+    "data.val_share": "0.2",
+    "data.offset": "0.3",
+    "data.augment.brightness.p": "0.5",
+    "model.size": "[10,30]",
+    "trainer.gradient_clip_val": "1",
+    "trainer.accumulate_grad_batches": "2",
+    "trainer.limit_train_batches": "3",
+    "trainer.precision": "bf16-mixed",
+    "callbacks.best.monitor": "val/mae",
+    "callbacks.best": "null",
+    "+callbacks.more._target_": "lightning.pytorch.callbacks.Timer",
+    "quick_samples": "10 quick=true",
+}
+
+
+@pytest.mark.parametrize("key", FORBIDDEN)
+def test_a_key_that_the_finished_epochs_forbid_is_refused(
+    key: str, two_epochs: Path, zoo: Zoo
+) -> None:
+    before = times(two_epochs)
+    words = f"{key}={FORBIDDEN[key]}".split()
+    line = only_line(zoo("resume=run", "trainer.max_epochs=13", *words), 2)
+    named = {"quick_samples": "data.samples_per_epoch"}.get(key, key.lstrip("+"))
+    assert f": {named}" in line
+    assert "model.weights=run/checkpoints/last.ckpt" in line
+    assert times(two_epochs) == before, "the config says what was not trained"
+
+
+def test_keys_that_change_no_finished_epoch_are_obeyed(
+    two_epochs: Path, zoo: Zoo, recorded: Written, tmp_path: Path
+) -> None:
+    moved = shutil.copytree(recorded.folder, tmp_path / "moved")
+    more = [
+        f"data.root={moved}",
+        "data.workers=0",
+        "trainer.log_every_n_steps=1",
+        "logger.tensorboard=null",
+    ]
+    succeed(zoo("resume=run", "trainer.max_epochs=3", *more, "callbacks.progress=null"))
+    config = OmegaConf.load(two_epochs / ".hydra" / "config.yaml")
+    assert (config.data.root, config.callbacks.progress) == (str(moved), None)
+
+
+def test_a_schedule_that_ends_with_the_epochs_is_not_drawn_out(two_epochs: Path, zoo: Zoo) -> None:
+    cosine = {"_target_": "torch.optim.lr_scheduler.CosineAnnealingLR", "_partial_": True}
+    change_config(two_epochs, schedule=cosine | {"T_max": "${trainer.max_epochs}", "factor": None})
+    line = only_line(zoo("resume=run", "trainer.max_epochs=4"), 2)
+    assert "trainer.max_epochs=4: schedule.T_max was 2 " in line
+    assert "train further" not in succeed(zoo("resume=run")), "it names what is refused"
+
+
+def test_fewer_epochs_than_are_finished_are_refused(two_epochs: Path, zoo: Zoo) -> None:
+    change_status(two_epochs, status="stopped")
+    line = only_line(zoo("resume=run", "trainer.max_epochs=1"), 2)
+    assert "trainer.max_epochs=1: 2 epochs" in line
+
+
+@pytest.fixture(scope="module")
+def stopped_early(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train until the error has risen twice; tests copy the run."""
+    cwd = tmp_path_factory.mktemp("early")
+    succeed(run_here(cwd, *EARLY, *data_of(recorded), "hydra.run.dir=run"))
+    assert metrics(cwd / "run")["epochs"] < 12, "the setting shows nothing"
+    return cwd / "run"
+
+
+EARLY = (*SMALL, "trainer.max_epochs=12", "optim.lr=0.5", "callbacks=early_stopping")
+EARLY = (*EARLY, "callbacks.early_stopping.patience=2")
+PATIENCE = "callbacks.early_stopping.patience"
+
+
+@pytest.mark.parametrize("words", ["", f" {PATIENCE}=2"])
+def test_more_epochs_after_early_stopping_need_more_patience(
+    words: str, stopped_early: Path, zoo: Zoo, tmp_path: Path
+) -> None:
+    shutil.copytree(stopped_early, tmp_path / "run")
+    before = times(tmp_path / "run")
+    line = only_line(zoo("resume=run", "trainer.max_epochs=60", *words.split()), 2)
+    assert f"add {PATIENCE}=NUMBER, above 2, or callbacks.early_stopping=null" in line
+    assert times(tmp_path / "run") == before
+    only_line(zoo("resume=run", f"{PATIENCE}=1"), 2)
+
+
+@pytest.mark.parametrize("change", [f"{PATIENCE}=20", "callbacks.early_stopping=null"])
+def test_a_resumed_run_waits_as_long_as_an_unbroken_one(
+    change: str, stopped_early: Path, zoo: Zoo, recorded: Written, tmp_path: Path
+) -> None:
+    shutil.copytree(stopped_early, tmp_path / "run")
+    succeed(zoo("resume=run", change))
+    whole = [word for word in EARLY if not word.startswith(PATIENCE)]
+    succeed(zoo(*whole, *data_of(recorded), change, "hydra.run.dir=whole"))
+    assert metrics(tmp_path / "run")["epochs"] == metrics(tmp_path / "whole")["epochs"] == 12
+    for name in ("best", "last"):
+        assert equal(weights(tmp_path / "run", name), weights(tmp_path / "whole", name))
+
+
+def test_a_run_that_was_stopped_while_it_was_scored_trains_no_further_epoch(
+    stopped_early: Path, zoo: Zoo, tmp_path: Path
+) -> None:
+    shutil.copytree(stopped_early, tmp_path / "run")
+    change_status(tmp_path / "run", status="stopped")
+    before = weights(tmp_path / "run")
+    succeed(zoo("resume=run"))
+    assert equal(weights(tmp_path / "run"), before)
+    assert metrics(tmp_path / "run")["epochs"] == metrics(stopped_early)["epochs"]
+
+
+def change_config(run: Path, **sections: dict) -> None:
+    """Change keys of sections in a run's saved config; None removes one."""
+    path = run / ".hydra" / "config.yaml"
+    config = OmegaConf.load(path)
+    for section, values in sections.items():
+        for key, value in values.items():
+            config[section].pop(key, None)
+            if value is not None:
+                config[section][key] = value
+    OmegaConf.save(config, path)
 
 
 def test_a_finished_run_without_its_last_checkpoint_does_not_begin_again(

@@ -129,10 +129,10 @@ def test_layers_of_the_config_are_kept(tmp_path: Path) -> None:
     [
         ([], "set model.weights=FILE"),
         (["model.weights=none.h5"], r"none\.h5"),
-        (["model.size=null"], r"20 x 30 x 3, .*set data\.crop=\[0,0\] model\.size=\[20,30\]"),
+        (["model.size=null"], r"20 x 30 x 3, .*set 'data\.crop=\[0,0\]' 'model\.size=\[20,30\]\'"),
         (["model.colour=gray"], r"model\.colour=rgb"),
         (["unclear"], r"lambda_1 .*model\.scale; or run drivezoo import"),
-        (["unscaled"], r"set model\.scale=\[127\.5,1\]"),
+        (["unscaled"], r"set 'model\.scale=\[127\.5,1\]'"),
     ],
 )
 def test_what_is_missing_is_named(overrides: list[str], words: str, tmp_path: Path) -> None:
@@ -161,8 +161,8 @@ def test_a_checkpoint_of_another_view_names_its_keys(tmp_path: Path) -> None:
     layers = [{"layer": "Flatten"}, {"layer": "Dense", "units": 1}]
     config = {"model": {"name": "keras", "layers": layers, "scale": [255, 0.5]}}
     for view, words in (
-        (View([60, 25], "yuv_old", (66, 200), "linear"), "crop=[60,25] model.colour=yuv_old "),
-        (View([0, 0], "bgr", None), "crop=[0,0] model.colour=bgr model.size=null "),
+        (View([60, 25], "yuv_old", (66, 200), "linear"), "crop=[60,25]' model.colour=yuv_old "),
+        (View([0, 0], "bgr", None), "crop=[0,0]' model.colour=bgr model.size=null "),
     ):
         card = make_card(config, view, {"fingerprint": "0", "rows": 1})
         torch.save({"drivezoo": card, "state_dict": {}}, tmp_path / "old.ckpt")
@@ -296,7 +296,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Run `drivezoo train` with a short recording and no other data; return its folder."""
     cwd = tmp_path_factory.mktemp("first_use")
     printed = succeed(run(cwd, *SHORT, "hydra.run.dir=run"))
-    assert "recording 1 drives with the embedded simulator" in printed
+    assert "recording 1 drive with the embedded simulator" in printed
     return cwd
 
 

@@ -49,11 +49,6 @@ def test_frozen_blocks_are_left_to_no_optimizer(recorded: Written) -> None:
     assert sum(len(group["params"]) for group in found) == 4
 
 
-def test_a_rate_that_is_none_is_refused(recorded: Written) -> None:
-    with pytest.raises(InputError, match=r"optim\.lr=0 is not a number above 0"):
-        groups(recorded, "optim.lr=0")
-
-
 def test_weights_that_overflow_in_an_epochs_last_step_stop_the_training(
     recorded: Written, tmp_path: Path
 ) -> None:

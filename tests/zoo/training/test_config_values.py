@@ -1,0 +1,105 @@
+"""Values of a config, checked before anything is recorded or read."""
+
+import copy
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from omegaconf import OmegaConf
+
+from tests.zoo.commands import only_line, run_here
+from tests.zoo.compositions import composed
+from zoo.base.errors import InputError, UsageError
+from zoo.cli.compose import choices, config_groups
+from zoo.evaluate.track_scores import run_options
+from zoo.training.config_values import check_arguments, check_config
+from zoo.training.run_config import settle_windows, with_quick
+
+CHOICES = [(group, name) for group in config_groups() for name in choices(group)]
+CHOICES.remove(("model", "keras"))  # its layers are in a file
+
+
+def check(config: dict) -> None:
+    created = OmegaConf.create(config)
+    run_options(created.get("score"))
+    check_config(with_quick(settle_windows(created)))
+
+
+def config_of(group: str, name: str) -> dict:
+    choice = f"{group}=[{name}]" if group == "augment" else f"{group}={name}"
+    network = ["model=nvidia_gaussian"] if name == "gaussian" else []
+    return composed(choice, *network, "data.root=laps")
+
+
+def numbers(node: dict, *keys: str) -> Iterator[tuple[tuple[str, ...], list | int | float]]:
+    """Yield each number and list of numbers with its keys."""
+    for key, value in node.items():
+        listed = value if isinstance(value, list) else [value]
+        if isinstance(value, dict):
+            yield from numbers(value, *keys, key)
+        elif listed and all(type(one) in (int, float) for one in listed):
+            yield (*keys, key), value
+
+
+@pytest.mark.parametrize(("group", "name"), CHOICES)
+def test_true_is_no_number_in_any_key_of_any_choice(group: str, name: str) -> None:
+    config = config_of(group, name)
+    check(config)
+    found = list(numbers(config))
+    assert len(found) > 20
+    if name != choices(group)[0]:  # the other groups' keys are those of the first choice
+        found = [(keys, value) for keys, value in found if group in (*keys, "experiment")]
+    for keys, value in found:
+        changed = copy.deepcopy(config)
+        section = changed
+        for key in keys[:-1]:
+            section = section[key]
+        section[keys[-1]] = [True, *value[1:]] if isinstance(value, list) else True
+        with pytest.raises(InputError, match=re.compile(f"{keys[-1]}=\\[?true", re.IGNORECASE)):
+            check(changed)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("seed", "one", "seed=one: must be a whole number"),
+        ("seed", 1.5, "seed=1.5: must be a whole number"),
+        ("optim.lr", 0, "optim.lr=0: must be a number above 0"),
+        ("optim.lr", "fast", "optim.lr=fast: must be a number"),
+        ("optim.lr", float("nan"), "optim.lr=nan: must be a finite number"),
+        ("optim.lr", float("inf"), "optim.lr=inf: must be a finite number"),
+        ("optim.eps", "'1'", "optim.eps='1': must be a number"),
+        ("data.flip", 2, "data.flip=2: must be a number in 0..1, or both"),
+        ("callbacks.best.save_top_k", 1.5, "save_top_k=1.5: must be a whole number"),
+        ("trainer.precision", "fp16", "trainer.precision=fp16: must be "),
+        ("trainer.max_epochs", -1, "trainer.max_epochs=-1: must be a whole number of 0 or more"),
+        ("data.ofset", 1, "data.ofset: no such key; did you mean data.offset"),
+        ("optim.momentun", 1, "optim.momentun: no such key"),
+        ("model.dropuot", 1, "model.dropuot: no such key; did you mean model.dropout"),
+        ("trainer.foo", 1, "trainer.foo: no such key"),
+        ("callbacks.best.modus", "min", "did you mean callbacks.best.mode"),
+        ("callbacks.none.x", 1, "callbacks.none: has keys, but no _target_"),
+        ("loss._target_", "torch.nn.NoLoss", "NoLoss"),
+    ],
+)
+def test_a_wrong_value_or_key_is_named(key: str, value: object, words: str) -> None:
+    config = OmegaConf.create(composed("data.root=laps"))
+    OmegaConf.update(config, key, value, force_add=True)
+    with pytest.raises(InputError, match=re.escape(words)):
+        check(OmegaConf.to_container(config))
+
+
+@pytest.mark.parametrize("key", ["seed=one", "data.flip=true", "optim.lr=true", "+optim.foo=1"])
+def test_a_wrong_value_is_named_before_the_lake_is_recorded(key: str, tmp_path: Path) -> None:
+    assert key.lstrip("+").partition("=")[0] in only_line(run_here(tmp_path, key), 2)
+    assert not (tmp_path / "outputs" / "recordings").exists()
+
+
+def test_annotations_that_only_type_checkers_resolve_are_left_out() -> None:
+    def function(rate: "Unknown", count: "int") -> None:  # noqa: F821
+        pass
+
+    check_arguments("loss", function, {"rate": True, "count": 1})
+    with pytest.raises(UsageError, match="count=true"):
+        check_arguments("loss", function, {"count": True})

@@ -1,0 +1,110 @@
+"""Check the values of a config before work begins: types, ranges, and keys that nothing takes.
+
+Each value is compared with the annotation of the constructor's argument that it is for.
+"""
+
+import inspect
+import math
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import NoneType
+from typing import Annotated, Any
+
+from omegaconf import DictConfig, OmegaConf
+from pydantic import Field
+
+from zoo.base.command_keys import choices_of, convert, is_misplaced_bool, kinds_in, typed, wanted
+from zoo.base.errors import UsageError, hint
+from zoo.cli.compose import LISTS_ALL
+from zoo.models.make_network import BORDER_KEYS
+from zoo.training.build import OWN_KEYS, build_data, check_members, construct, takes
+from zoo.training.host_settings import AUTO
+from zoo.training.run_module import RunModule
+
+TARGET, HYDRA = "_target_", ("_target_", "_partial_", "_convert_", "_recursive_", "_args_")
+# Keys that the section's constructor does not take: drivezoo reads them.
+OWN = {"model": BORDER_KEYS, "trainer": OWN_KEYS, "optim": ("l2", "backbone_lr")}
+BOUNDED: dict[str, Any] = dict.fromkeys(("seed", "trainer.max_epochs"), Annotated[int, Field(ge=0)])
+BOUNDED |= {"optim.l2": float, "optim.backbone_lr": float | None}
+BOUNDED["trainer.accumulate_grad_batches"] = Annotated[int, Field(ge=1)]
+BOUNDED |= dict.fromkeys(("optim.lr", "loss.delta", "loss.weight"), Annotated[float, Field(gt=0)])
+SET_BY_RUN = {"logger": "logger=NAME", "callbacks": "callbacks=NAME"}
+SET_BY_RUN["default_root_dir"] = "hydra.run.dir=FOLDER"
+PLAIN = {NoneType, bool, int, float, str, list, tuple, dict, Sequence, Mapping}
+
+
+def check_config(config: DictConfig) -> None:
+    """Check the values of a config whose recording may not exist yet.
+
+    Raises:
+        InputError: a part cannot be imported.
+        UsageError: a value has the wrong type or range, or a constructor does not take a key.
+    """
+    plain: Any = OmegaConf.to_container(config, resolve=True)
+    if plain["trainer"].get("precision") == AUTO:  # not Lightning's, see `choose_precision`
+        del plain["trainer"]["precision"]
+    for name in SET_BY_RUN.keys() & plain["trainer"].keys():
+        raise UsageError(f"trainer.{name}: a run sets it itself; type {SET_BY_RUN[name]} instead")
+    for key, kind in BOUNDED.items():
+        section, _, name = key.rpartition(".")
+        if name in (values := plain[section] if section else plain):
+            convert(key, kind, values[name])
+    for key, settings in _parts(plain):
+        function = construct(key, {TARGET: settings.get(TARGET)}, _partial_=True).func
+        if key == "module":
+            check_members(key, function, RunModule, RunModule.NEEDED)
+        ours = (*HYDRA, *OWN.get(key, ()))
+        check_arguments(key, function, {k: v for k, v in settings.items() if k not in ours})
+    record = plain["data"].get("record")
+    if record and plain["data"]["root"] is None:
+        config = OmegaConf.merge(config, {"data": {"root": record["out"]}})
+    build_data(config)  # it checks its own values
+
+
+def check_arguments(key: str, function: Callable[..., Any], given: Mapping[str, Any]) -> None:
+    """Raise UsageError for an argument that a function or class does not take.
+
+    Args:
+        key: section of the config, for the message.
+        function: function or class.
+        given: its arguments by name.
+    """
+    called = function.__init__ if inspect.isclass(function) else function
+    parameters = inspect.signature(called).parameters
+    for name, value in given.items():
+        if name in parameters:
+            _check(f"{key}.{name}", _kind(parameters[name], called), value)
+        elif not takes(called, name):
+            names = [f"{key}.{parameter}" for parameter in parameters if parameter != "self"]
+            near = hint(f"{key}.{name}", names, LISTS_ALL)
+            raise UsageError(f"{key}.{name}: no such key; {near}")
+
+
+def _kind(parameter: inspect.Parameter, function: Callable[..., Any]) -> Any:
+    """Return a parameter's type; Any where only type checkers import its names."""
+    if not isinstance(parameter.annotation, str):
+        return parameter.annotation
+    try:
+        return eval(parameter.annotation, vars(sys.modules[function.__module__]))
+    except NameError:
+        return Any
+
+
+def _check(name: str, kind: Any, value: Any) -> None:
+    kinds, is_text = kinds_in(kind), isinstance(value, str)
+    if kinds <= PLAIN and (not is_text or choices_of(kind)):
+        convert(name, kind, value)
+    number = next((number for number in (float, int) if number in kinds), None)
+    is_wrong = isinstance(value, float) and not math.isfinite(value)
+    if number and (is_wrong or is_misplaced_bool(kind, value) or (is_text and str not in kinds)):
+        raise UsageError(f"{name}={typed(value)}: must be {wanted(number)}")
+
+
+def _parts(node: Mapping[str, Any], key: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield each mapping that names what to construct, with its dotted key; not `data` itself."""
+    for name, value in node.items():
+        if isinstance(value, Mapping) and value:
+            dotted = f"{key}.{name}".lstrip(".")
+            if dotted != "data" and (TARGET in value or key in ("callbacks", "logger")):
+                yield dotted, value
+            yield from _parts(value, dotted)
