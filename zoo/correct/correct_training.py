@@ -12,7 +12,8 @@ from datamodules.driving_log import read_log
 from datamodules.recording import LOG_NAME, file_name
 from datamodules.split import write_split
 from zoo.base.errors import InputError
-from zoo.base.whole_file import csv_text, write_whole
+from zoo.base.file_text import csv_text
+from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.cli.compose import escape_interpolation
 from zoo.correct.correct_options import CorrectOptions
