@@ -25,6 +25,7 @@ from zoo.base.limits import check_unpacked, open_archive
 from zoo.base.parts import Part, part_class, part_of, unknown_part
 from zoo.base.terminal import error_line
 from zoo.base.written_files import digest_of
+from zoo.checkpoints.checkpoint_path import STARTED_IN
 from zoo.checkpoints.checkpoint_path import find_checkpoint as find_checkpoint
 from zoo.checkpoints.pickle_limits import MOST_BYTES as MOST_PICKLE_BYTES
 from zoo.checkpoints.pickle_limits import check_pickles
@@ -102,6 +103,7 @@ class Card(Fields):
     data: DataFields
     parts: list[PartCard] | None = None  # only where there are some
     precision: str | None = None  # of the training: the config may say `auto`
+    started_in: str | None = None  # of the training; files for other people lack it
 
 
 def make_card(config: dict, view: View, data: dict) -> dict:
@@ -252,7 +254,8 @@ def build_checkpoint(contents: dict, path: Path) -> Checkpoint:
     fix = f"{what} was changed after the training; restore it, or {_ANOTHER}"
     check_fit(network.state_dict(), state, type(network).__name__, path, fix)
     network.load_state_dict(state)
-    return Checkpoint(network.eval(), view, card["config"], card["data"])
+    data = card["data"] | {key: card[key] for key in [STARTED_IN] if key in card}
+    return Checkpoint(network.eval(), view, card["config"], data)
 
 
 def checked_state(state: object, path: Path) -> dict[str, Tensor]:

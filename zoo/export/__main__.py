@@ -43,7 +43,7 @@ def export(
         calibration: recording whose frames give the ranges of values of weights=int8 in an ONNX
             file; null: as frames.
         frames: recording whose frames are compared; null: the training's recording, else the
-            embedded lake's, else new frames of the embedded lake.
+            embedded lake's, else new frames of the embedded lake, in the size of the training's.
 
     Raises:
         InputError: the checkpoint or recording does not exist, a package is not installed, the

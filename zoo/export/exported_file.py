@@ -118,7 +118,7 @@ class Int8OnnxFile(OnnxFile):
         from zoo.export.int8_onnx import int8_graph
         from zoo.export.parity import CALIBRATION, take_frames
 
-        frames = take_frames(self.calibration, self.checkpoint.config, CALIBRATION)
+        frames = take_frames(self.calibration, self.checkpoint, CALIBRATION)
         return int8_graph(self.checkpoint, frames)
 
     def changes(self, original: "Checkpoint", frames: "Frames") -> list[str]:
@@ -282,7 +282,7 @@ def export_checkpoint(
             )
         exported = kind(checkpoint, out, calibration)
         files = exported.files("")
-        frames = exported.shown(take_frames(recording, checkpoint.config))
+        frames = exported.shown(take_frames(recording, checkpoint))
         with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
             trial = Path(folder, out.name)
             for suffix, contents in files.items():

@@ -3,12 +3,14 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from zoo.base.errors import InputError
 from zoo.base.parts import typed_parts
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import refuse_links_out
+from zoo.checkpoints.checkpoint_path import trained_paths
+from zoo.cli.compose import escape_interpolation
 from zoo.cli.console_progress import loading
 from zoo.runs.saved_config import check_saved_config, overridden, split_trust
 
@@ -32,11 +34,12 @@ def resume(folder: Path, overrides: list[str]) -> None:
         )
     overrides, trusted = split_trust(overrides)
     from zoo.runs.metrics_file import read_metrics_file
-    from zoo.runs.run import load_config
+    from zoo.runs.run import Run, load_config
     from zoo.runs.status import read_status_file
 
     refuse_links_out(folder)
     saved = load_config(folder)
+    lead_from(Run(folder).started_in, saved)
     config, typed = overridden(saved, overrides)
     check_saved_config(config, saved_path, trusted, typed)
     if read_status_file(folder).get("status") == "finished":
@@ -54,6 +57,12 @@ def resume(folder: Path, overrides: list[str]) -> None:
         from zoo.training.run import run_experiment
 
     run_experiment(config, folder.resolve(), resume=True, keep_config=bool(overrides))
+
+
+def lead_from(begin: Path | None, config: DictConfig) -> None:
+    """Change the relative paths of a run's recording, which begin in another folder."""
+    paths = trained_paths(OmegaConf.to_container(config.data), begin)
+    config.data.update(escape_interpolation(paths))
 
 
 def _finished_lines(

@@ -201,7 +201,7 @@ def _without_verdict(
 
 
 def _replay_command(evidence: Evidence) -> str:
-    root, speed = evidence.at("data.root"), evidence.at("score.replay_speed")
+    root, speed = evidence.root, evidence.at("score.replay_speed")
     words = ["drivezoo", "replay", evidence.checkpoint or "CKPT"]
     words += [root if isinstance(root, str) else "FOLDER", *([f"speed={speed}"] if speed else [])]
     return command_line(words)

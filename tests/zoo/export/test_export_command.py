@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -212,15 +213,17 @@ def test_a_calibration_that_cannot_be_read_is_named(checkpoint: Path, tmp_path: 
 def test_frames_are_those_of_training_or_else_rendered(
     checkpoint: Path, recorded: Written, here: Path
 ) -> None:
-    trained_on = take_frames(None, load_checkpoint(checkpoint).config)
-    assert trained_on.source == f"of {recorded.folder}"
-    rendered = take_frames(None, {"data": {"root": str(here / "of another machine")}})
-    assert rendered.source == "rendered on the embedded lake"
+    loaded = load_checkpoint(checkpoint)
+    assert take_frames(None, loaded).source == f"of {recorded.folder}"
+    moved = replace(loaded, config={"data": {"root": str(here / "of another machine")}})
+    rendered = take_frames(None, moved)
+    assert rendered.source.startswith("rendered on the embedded lake, in 320 x 160, since")
+    assert "of another machine is not found" in rendered.source
     assert len(rendered.frames) == len(rendered.speeds_mph) == RENDERED
     assert {frame.shape for frame in rendered.frames} == {(160, 320, 3)}
     assert len({frame.tobytes() for frame in rendered.frames}) == RENDERED
     with pytest.raises(InputError, match="nowhere"):
-        take_frames("nowhere", {})
+        take_frames("nowhere", loaded)
 
 
 def test_the_network_uses_the_threads_of_the_driver(exported: Path) -> None:
