@@ -75,7 +75,8 @@ def write_files(files: Mapping[str, bytes], out: str) -> list[Path]:
     Raises:
         InputError: the folder is not empty, or cannot be written to.
     """
-    with command_folder(out, HUB) as folder, file_errors(folder, "{}; name another folder"):
+    errors = file_errors(out, "{}; name another folder with repo=")
+    with command_folder(out, HUB, key="repo=") as folder, errors:
         return [write_whole(folder / name, data) for name, data in files.items()]
 
 
