@@ -181,16 +181,11 @@ class DonkeycarFile(ExportedFile):
 
         policy = CheckpointPolicy(self.checkpoint)
         steering, throttle = zip(*(policy(one, 0.0) for one in frames.frames), strict=True)
-        source = "of the network"
-        if self._written[1] == "inferred":
-            source, throttle = "computed by Donkeycar", inferred_throttle(steering)
-        bound = f"throttle={self.throttle} bounds it"
-        if self.throttle is None:
-            bound = "it may be too fast for a car; bound it with throttle=0.2"
-        return [
-            f"Throttle: {min(throttle):.2f} to {max(throttle):.2f} over these frames, {source}; "
-            f"{bound}."
-        ]
+        if self._written[1] == "inferred":  # Donkeycar computes it
+            throttle = inferred_throttle(steering)
+        line = f"Throttle: {min(throttle):.2f} to {max(throttle):.2f} over these frames"
+        risk = "; it may be too fast for a car: bound it with throttle=0.2"
+        return [f"{line}{risk if self.throttle is None else ''}."]
 
     def hints(self) -> list[str]:
         """Return what to type in Donkeycar, see `ExportedFile`."""

@@ -2,7 +2,7 @@
 
 import subprocess
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -153,29 +153,25 @@ def grade_class(
             raise InputError(f"{path}: other roads were begun there; name another out=")
         write_whole(path, text)
         suite = read_suite(str(path))
-        packaged = {
+        packaged: dict[str, NetworkFacts | None] = {
             f"{name}, which comes with drivezoo": network_facts(PACKAGED / f"{name}.ckpt")
             for name in packaged_names()
         }
-        graded = Graded(out, [Grade(one) for one in submissions])
-        with (
-            ThreadPoolExecutor(options.jobs) as pool,
-            progress_bar("grading", console) as report,
-        ):
-            jobs = {
-                pool.submit(_grade, one, out, suite, options, recording): number
-                for number, one in enumerate(submissions)
-            }
+        grades = [Grade(submission) for submission in submissions]
+        pool = ThreadPoolExecutor(options.jobs)
+        with pool, progress_bar("grading", console) as report:
+            settings = out, suite, options, recording
+            jobs = {pool.submit(_grade, one, *settings): n for n, one in enumerate(submissions)}
             try:
                 for count, job in enumerate(as_completed(jobs), 1):
-                    graded.grades[jobs[job]] = grade = job.result()
+                    grades[jobs[job]] = grade = job.result()
                     print_line(console, printable(f"{grade.submission.name}: {grade.status}"))
-                    written = _write_marks(graded, suite, packaged)
+                    graded = _with_copies(Graded(out, grades), packaged)
+                    graded.written.extend(_write_marks(graded, suite))
                     report(count / len(jobs))
             finally:
                 pool.shutdown(wait=False, cancel_futures=True)
-        graded = _with_copies(graded, packaged)
-        graded.written.extend([*written, *options.write_files(graded)])
+        graded.written.extend(options.write_files(graded))
         return graded
 
 
@@ -198,14 +194,13 @@ def _grade(
         result = Benchmarked.read(folder).result
         grade = Grade(submission, result, reached_marks(result, suite.marks))
         with _noted(problems, "not looked at"):
-            facts = read_facts(facts_file(folder))
-            roads = {road_key(track): track for track in {one.track for one in suite.drives}}
-            driver = result.checkpoints[0]
-            warnings = warnings_of(submission, driver, facts, roads, recording)
-            grade = replace(grade, facts=facts, warnings=warnings)
+            grade = replace(grade, facts=read_facts(facts_file(folder)))
+            roads = {road_key(track): track for track in {drive.track for drive in suite.drives}}
+            facts = result.checkpoints[0], grade.facts
+            problems += warnings_of(submission, *facts, roads, recording)
     with _noted(problems, "no page"):
         _write_page(out, grade, options.seed is not None, problems)
-    return replace(grade, warnings=[*grade.warnings, *problems])
+    return replace(grade, warnings=problems)
 
 
 @contextmanager
@@ -257,26 +252,26 @@ def _drive(folder: Path, submission: Submission, suite: Path, minutes: float) ->
         )
 
 
-def _with_copies(graded: Graded, packaged: Mapping[str, NetworkFacts]) -> Graded:
+def _with_copies(graded: Graded, packaged: dict[str, NetworkFacts | None]) -> Graded:
     """Return the marks with a warning for each network that is another one's copy."""
-    found = []
-    for one in graded.grades:
-        others = {each.submission.name: each.facts for each in graded.grades if each is not one}
-        warnings = []
-        for name, other in (*packaged.items(), *others.items()):
-            if one.facts and other and (one.facts.equals(other) or one.facts.resembles(other)):
-                nearly = "" if one.facts.equals(other) else "nearly "
-                warnings.append(f"is {nearly}the same network as {name}")
-        found.append(replace(one, warnings=[*one.warnings, *warnings]))
-    return replace(graded, grades=found)
+    facts = packaged | {grade.submission.name: grade.facts for grade in graded.grades}
+    grades = []
+    for grade in graded.grades:
+        others = {name: one for name, one in facts.items() if name != grade.submission.name}
+        copies = [
+            f"is {likeness} network as {name}"
+            for name, other in others.items()
+            if grade.facts and other and (likeness := grade.facts.likeness(other))
+        ]
+        grades.append(replace(grade, warnings=[*grade.warnings, *copies]))
+    return replace(graded, grades=grades)
 
 
-def _write_marks(graded: Graded, suite: Suite, packaged: Mapping[str, NetworkFacts]) -> list[Path]:
+def _write_marks(graded: Graded, suite: Suite) -> list[Path]:
     """Write what is known of the marks of the class; return the paths of the files."""
-    graded = _with_copies(graded, packaged)
     page = to_html("Marks of the class", _overview(graded, suite), footer="")
-    page_path = write_whole(graded.folder / "grades.html", page)
-    return [page_path, graded.write_table(graded.folder / "grades.csv")]
+    written = write_whole(graded.folder / "grades.html", page)
+    return [written, graded.write_table(graded.folder / "grades.csv")]
 
 
 def _overview(graded: Graded, suite: Suite) -> list[Section]:
@@ -295,8 +290,8 @@ def _write_page(out: Path, grade: Grade, is_secret: bool, problems: Sequence[str
     path = out / PAGES / f"{grade.submission.stem}.html"
     path.parent.mkdir(exist_ok=True)
     if grade.result is None:
-        sections = [Section("", [Bullets(problems)])]
-        write_whole(path, to_html(f"{grade.submission.name}: not driven", sections, footer=""))
+        reasons = [Section("", [Bullets(problems)])]
+        write_whole(path, to_html(f"{grade.submission.name}: not driven", reasons, footer=""))
         return
     if path.is_file() and grade.result.digest in path.read_text(encoding="utf-8"):
         return  # of an earlier command

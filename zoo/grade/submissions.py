@@ -76,15 +76,15 @@ def find_submissions(folder: Path) -> list[Submission]:
         InputError: the folder cannot be read, or has no submission.
         UsageError: onnxruntime, which runs a submission, is not installed.
     """
-    found: dict[str, list[Path]] = {}
+    by_name: dict[str, list[Path]] = {}
     with file_errors(folder, "cannot be read ({}); name the folder of the submissions"):
         for entry in sorted(folder.iterdir()):
             is_network = _is_network(entry) and not entry.is_dir()
             if is_network or (entry.name[0] != "." and not entry.is_file()):
-                found.setdefault(entry.stem if is_network else entry.name, []).append(entry)
-    if not found:
+                by_name.setdefault(entry.stem if is_network else entry.name, []).append(entry)
+    if not by_name:
         raise InputError(f"{folder}: holds no {' or '.join(ENDINGS)} file, and no folder of one")
-    submissions = [_submission(name, paths) for name, paths in sorted(found.items())]
+    submissions = [_submission(name, paths) for name, paths in sorted(by_name.items())]
     files = [one.file for one in submissions if one.file and is_onnx(one.file)]
     if files and importlib.util.find_spec("onnxruntime") is None:
         raise UsageError(f"{files[0]}: onnxruntime, which runs it, is not installed; {INSTALL}")
@@ -99,13 +99,14 @@ def _submission(name: str, paths: Sequence[Path]) -> Submission:
         return Submission(name, None, f"{name} stands for two submissions, {names}; keep one")
     try:
         inner = sorted(first.rglob("*")) if first.is_dir() else paths
-        found = [one for one in inner if _is_network(one) and one.is_file()]
+        files = [path for path in inner if _is_network(path) and path.is_file()]
     except OSError as error:
         return Submission(name, None, f"{first}: cannot be read ({error.strerror})")
-    if len(found) == 1:
-        return Submission(name, found[0])
-    missing = "has no .ckpt or .onnx file" if first.is_dir() else "is no file, or a link to nothing"
-    problem = f"has {len(found)} networks, must be one" if found else missing
+    if len(files) == 1:
+        return Submission(name, files[0])
+    problem = f"has {len(files)} networks, must be one"
+    if not files:
+        problem = "has no .ckpt or .onnx file, or a link to nothing"
     return Submission(name, None, f"{first}: {problem}")
 
 

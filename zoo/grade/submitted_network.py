@@ -45,14 +45,17 @@ class NetworkFacts(Fields):
         same = all(abs(one - two) <= TOLERANCE for one, two in pairs)
         return same and len(self.outputs) == len(other.outputs)
 
-    def resembles(self, other: "NetworkFacts") -> bool:
-        """Return whether the steering is that of a copy with slightly changed weights."""
-        if any(len(each.outputs) % IMAGES or not each.outputs for each in (self, other)):
-            return False  # of an earlier version
-        one, two = (np.reshape(each.outputs, (IMAGES, -1))[:, 0] for each in (self, other))
-        if min(one.std(), two.std()) < FLAT:
-            return bool(np.abs(one - two).max() <= CLOSE)
-        return bool(np.corrcoef(one, two)[0, 1] >= NEAR)
+    def likeness(self, other: "NetworkFacts") -> str:
+        """Return `the same`, `nearly the same` with slightly changed weights, or nothing."""
+        if self.equals(other):
+            return "the same"
+        if any(len(facts.outputs) % IMAGES or not facts.outputs for facts in (self, other)):
+            return ""  # of an earlier version
+        ours, theirs = (np.reshape(facts.outputs, (IMAGES, -1))[:, 0] for facts in (self, other))
+        near = np.abs(ours - theirs).max() <= CLOSE
+        if min(ours.std(), theirs.std()) >= FLAT:
+            near = np.corrcoef(ours, theirs)[0, 1] >= NEAR
+        return "nearly the same" if near else ""
 
 
 def facts_file(folder: Path) -> Path:
