@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from zoo.base.bounded_files import mapped
 from zoo.base.errors import InputError, UsageError
 from zoo.base.terminal import error_line
 
@@ -46,6 +45,7 @@ def trained_paths(data: Mapping, begin: object) -> dict:
     """
     if not isinstance(begin, str | Path) or Path(begin) == Path.cwd():
         return {}
+    from zoo.base.bounded_files import mapped  # imports yaml, which the doctor may lack
 
     def absolute(path: Any) -> Any:
         place = Path(begin, os.path.expanduser(path)) if isinstance(path, str) else None  # noqa: PTH111
