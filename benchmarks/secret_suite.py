@@ -3,11 +3,11 @@
 import secrets
 from pathlib import Path
 
-import yaml
 from rich.console import Console
 
 from zoo.base.bounded_files import hash_file, read_yaml
 from zoo.base.errors import InputError
+from zoo.base.file_text import yaml_text
 from zoo.base.whole_file import write_whole
 from zoo.benchmark.drives import drive_suite, find_drivers
 from zoo.benchmark.suite import read_suite, suite_path
@@ -33,8 +33,8 @@ def secret_suite(name: str = "v2-2027") -> None:
             levels[:] = [one | {"family": str(own)} for one in levels]
     while True:
         content = {"like": "v2", "name": name, "seed": secrets.randbelow(MOST_WHOLE), "axes": axes}
-        write_whole(own, yaml.safe_dump(secret_family(), sort_keys=False))
-        write_whole(path, yaml.safe_dump(content, sort_keys=False))
+        write_whole(own, yaml_text(secret_family()))
+        write_whole(path, yaml_text(content))
         suite = read_suite(str(path))
         drivers = find_drivers(["expert"], suite)
         jobs = [(0, drive) for drive in suite.drives]

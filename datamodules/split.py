@@ -10,7 +10,8 @@ from datamodules.driving_log import BadRows, read_fields
 from datamodules.recording import LOG_NAME, Recording, file_name
 from datamodules.shard_store import shard_of
 from zoo.base.errors import InputError
-from zoo.base.whole_file import csv_text, write_whole
+from zoo.base.file_text import csv_cell, csv_text
+from zoo.base.whole_file import write_whole
 
 PARTS = ("train", "val", "test")
 KINDS = ("blocks", "random", "recording")
@@ -207,7 +208,7 @@ def _read_split(recording: Recording, path: Path) -> np.ndarray:
     parts, bad = {}, BadRows()
     for line, fields in read_fields(path, bad):
         if len(fields) == 2 and fields[1] in PARTS:
-            parts[file_name(fields[0])] = PARTS.index(fields[1])
+            parts[csv_cell(file_name(fields[0]))] = PARTS.index(fields[1])
         elif fields != ["image", "part"]:
             bad.faults.append(
                 f"{path}, row {line}: {','.join(fields)[:80]!a} is not image,part with a part of "
@@ -216,7 +217,7 @@ def _read_split(recording: Recording, path: Path) -> np.ndarray:
         if bad.faults:
             raise InputError(f"{bad.faults[0]}; correct the row")
     names = [file_name(str(image)) for image in recording.images[:, 0]]
-    part = np.array([parts.get(name, -1) for name in names])
+    part = np.array([parts.get(csv_cell(name), -1) for name in names])
     if (part < 0).all():
         raise InputError(
             f"{path}: names no image of this recording ({LOG_NAME} starts "

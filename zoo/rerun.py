@@ -17,6 +17,7 @@ from zoo.checkpoints.checkpoint_path import find_run
 from zoo.cli.compose import escape_interpolation
 from zoo.runs.saved_config import TRUST, check_saved_config, split_trust
 from zoo.training.host_settings import AUTO, FULL, HALF
+from zoo.training.resume import lead_from
 
 # Keys of metrics.json that are compared; times differ by machine.
 COMPARED = (
@@ -63,6 +64,7 @@ def rerun(run: str, *, out: str | None = None, trust: str = "") -> None:
     then = read_metrics_file(source)
     _, trusted = split_trust([f"{TRUST}={trust}"])
     config = _trained_config(source)
+    lead_from(place_of(source), config)
     check_saved_config(config, source, trusted)
     is_auto = OmegaConf.select(config, "trainer.precision") == AUTO
     if is_auto and then.get("precision") in (FULL, HALF):

@@ -1,6 +1,8 @@
 """Every command: a typed function with the same grammar, help, hints and Python callable."""
 
 import inspect
+import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +12,9 @@ import pytest
 from pydantic import TypeAdapter
 
 from simulator.__main__ import COMMANDS as SIMULATOR
-from tests.zoo.commands import ROOT, environment, only_line, run_here
+from tests.recordings import Written, write_recording
+from tests.zoo.commands import ROOT, environment, only_line, run, run_here
+from tests.zoo.written_checkpoints import write_constant
 from zoo.base.command import Command, command
 from zoo.base.command_keys import (
     Choice,
@@ -256,3 +260,54 @@ def test_a_command_of_another_package_is_one_like_ours(tmp_path: Path) -> None:
     assert "lap_m=0: must be a number above 0, up to 5000" in only_line(wrong)
     assert "did you mean count_laps?" in outside(place, "count_lap").stderr
     assert len(OUTSIDE.splitlines()) < 40
+
+
+# Commands whose output cannot be written: what is in the way, and the words.
+IN_THE_WAY = {
+    "hub": ("push", "tiny41", "repo=./full"),
+    "hub, a file": ("push", "tiny41", "repo=./file"),
+    "drive": ("tiny41", "port=0", "record=file"),
+    "drive, in a file": ("tiny41", "port=0", "record=file/x"),
+    "drive, a recording": ("tiny41", "port=0", "record=lake"),
+    "edit": ("lake", "page=false", "out=full"),
+    "edit, in a file": ("lake", "page=false", "drop=1-3", "out=file/x"),
+    "convert": ("lake", "out=full"),
+    "convert, in a file": ("lake", "out=file/x"),
+    "evaluate": ("tiny41", "track=lake", "out=full"),
+    "grade": ("class", "out=file"),
+    "export": ("tiny41", "out=file/x.onnx"),
+}
+
+
+@pytest.mark.parametrize("case", IN_THE_WAY)
+def test_a_refused_output_names_a_key_that_the_command_has(
+    case: str, recorded: Written, tmp_path: Path
+) -> None:
+    shutil.copytree(recorded.folder, tmp_path / "lake")
+    for folder in ("full", "class"):
+        (tmp_path / folder).mkdir()
+        write_constant(tmp_path / folder / "a.ckpt", 0.0)
+    (tmp_path / "file").touch()
+    name = case.partition(",")[0]
+    module = PLACES[name].partition(":")[0]
+    line = run(tmp_path, *IN_THE_WAY[case], module=module).stderr.splitlines()[-1]
+    named = re.findall(r"([\w.]+)=", line)
+    assert named, line
+    assert set(named) <= {key.name for key in COMMANDS[name].keys}
+    assert ".part" not in line
+    assert "free some space" not in line
+
+
+@pytest.mark.parametrize("name", ["check", "edit", "convert"])
+def test_a_key_of_a_training_that_a_message_names_is_taken(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    folder = str(write_recording(tmp_path / "lake", rows=30).folder)
+    given = {"edit": ["page=false", "out=a"], "convert": ["to=donkeycar", "out=a"]}.get(name, [])
+    key = "data.steering={unit: share, right: negative}"
+    COMMANDS[name].main([folder, *given, key])
+    with pytest.raises(UsageError, match="given twice"):
+        COMMANDS[name].main([folder, *given, key, key.removeprefix("data.")])
+    with pytest.raises(UsageError, match=r"data\.ofset: no such key"):
+        COMMANDS[name].main([folder, *given, "data.ofset=1"])

@@ -177,6 +177,21 @@ def test_a_split_file_is_by_name_not_by_row(small, tmp_path):
     np.testing.assert_array_equal(again.test, split.test[split.test >= 5] - 5)
 
 
+def test_a_split_of_images_named_as_formulas_reads_back_and_holds_none(small, tmp_path):
+    names = [f"=HYPERLINK(1)\x1b{row}.jpg" for row in range(40)]
+    small = replace(small, images=np.array([[f"IMG/{name}"] for name in names], object))
+    split = split_rows(small, "blocks")
+    write_split(tmp_path / "split.csv", small, split)
+    written = (tmp_path / "split.csv").read_text()
+    assert "\n=" not in written
+    assert "\x1b" not in written
+    again = split_rows(small, str(tmp_path / "split.csv"))
+    np.testing.assert_array_equal(again.train, split.train)
+    rows = [[names[row], part] for part in PARTS for row in getattr(split, part)]
+    earlier = write_rows(tmp_path / "0.csv", rows)  # with the names as they are
+    np.testing.assert_array_equal(split_rows(small, earlier).train, split.train)
+
+
 def write_rows(path: Path, rows: list[list[str]]) -> str:
     with path.open("w", newline="") as file:
         csv.writer(file).writerows(rows)

@@ -90,7 +90,7 @@ class Command(Generic[Made]):
             return
         arguments, options = self.split(given)
         own, overrides = self._own(options)
-        texts = command_keys.read_texts(own, self.name)
+        texts = command_keys.read_texts(own, self.name, {key.name for key in self.keys})
         result = self._run([*arguments, *overrides], texts)
         if isinstance(result, Shown):
             result.show()

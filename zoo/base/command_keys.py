@@ -13,7 +13,7 @@ import re
 import sys
 import textwrap
 import types
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from operator import attrgetter
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -396,8 +396,12 @@ def _bounded_keys(kind: type) -> list[Key]:
     return [key for key in keys_of(kind) if bounds(key.kind)]
 
 
-def read_texts(arguments: Iterable[str], command: str = "") -> dict[str, str]:
+def read_texts(
+    arguments: Iterable[str], command: str = "", known: Collection[str] = ()
+) -> dict[str, str]:
     """Return the texts of `key=value` arguments by key; `--film` means `film=true`.
+
+    Of the known keys, `data.KEY` means KEY, since messages about a recording name a training's.
 
     Raises:
         UsageError: a key is repeated or has no value.
@@ -408,6 +412,7 @@ def read_texts(arguments: Iterable[str], command: str = "") -> dict[str, str]:
         if not equals and not argument.startswith("--"):
             raise UsageError(f"{argument}: no value given; write {argument}=VALUE")
         key = key.lstrip("-").replace("-", "_").removeprefix(f"{command}.")
+        key = key if key in known or key[5:] not in known else key.removeprefix("data.")
         if key in given:
             raise UsageError(f"{key}: given twice; give it once")
         given[key] = text if equals else "true"

@@ -46,7 +46,7 @@ def command_folder(
         InputError: the folder is not empty; or see `written_folder`.
     """
     folder = Path(out).expanduser() if out else dated_folder(kind)
-    with file_errors(folder, "cannot be written to ({})"):
+    with file_errors(folder, f"cannot be written to ({{}}); name another folder with {key}"):
         is_filled = folder.exists() and bool(_names(folder))
     if is_filled and not (resumed_by and (folder / resumed_by).is_file()):
         more = f" and has no {resumed_by}" if resumed_by else ""
@@ -116,14 +116,14 @@ def is_locked(path: Path) -> bool:
 
 
 @contextmanager
-def whole_folder(out: Path, kind: str) -> Iterator[Path]:
+def whole_folder(out: Path, kind: str, key: str = "out=") -> Iterator[Path]:
     """Yield a hidden folder to write to, which becomes `out`; an exception removes it.
 
     Raises:
         InputError: `out` exists, or a file cannot be written.
     """
     out = out.expanduser().absolute()
-    refuse_existing(out)
+    refuse_existing(out, key)
     part = out.with_name(f".{out.name}.{secrets.token_hex(8)}.part")
     try:
         try:
@@ -140,9 +140,10 @@ def whole_folder(out: Path, kind: str) -> Iterator[Path]:
             shutil.rmtree(part, ignore_errors=True)
             raise
     except OSError as error:
+        space = "free some space, or " * (error.errno in (errno.ENOSPC, errno.EDQUOT))
+        named = str(error.filename or out).replace(str(part), str(out))
         raise InputError(
-            f"{error.filename or out}: {error.strerror}; nothing was written: free some space, or "
-            "name another folder with out="
+            f"{named}: {error.strerror}; nothing was written: {space}name another folder with {key}"
         ) from None
 
 
@@ -155,10 +156,10 @@ def free_folder(folder: Path) -> Path:
     return found
 
 
-def refuse_existing(out: Path) -> None:
+def refuse_existing(out: Path, key: str = "out=") -> None:
     """Raise InputError if a folder to write exists."""
     if os.path.lexists(out):
-        raise InputError(f"out={out}: exists already; name another folder")
+        raise InputError(f"{key}{out}: exists already; name another folder")
 
 
 def is_unfinished(path: Path) -> bool:

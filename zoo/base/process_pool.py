@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
 from multiprocessing.reduction import ForkingPickler
@@ -117,6 +117,16 @@ class ProcessPool(AbstractContextManager):
             except BrokenProcessPool:
                 raise self._killed() from None
         return results
+
+    def used_bytes(self) -> int:
+        """Return the memory that the processes take at this moment."""
+        import psutil  # slow
+
+        used = 0
+        for child in self._children:
+            with suppress(psutil.Error):  # it has ended
+                used += psutil.Process(child.pid).memory_info().rss
+        return used
 
     def _killed(self) -> KilledProcessError:
         return KilledProcessError(

@@ -1,7 +1,5 @@
 """Replace files in one step, so that they are complete even if the process is killed."""
 
-import csv
-import io
 import json
 import math
 import os
@@ -16,6 +14,7 @@ import numpy as np
 
 from zoo.base.bounded_files import mapped
 from zoo.base.errors import InputError, file_errors
+from zoo.base.file_text import csv_text
 from zoo.base.written_files import check_output, note_files, note_output
 
 OPEN_FILES_STAY = os.name == "nt"  # Windows replaces no file that a program has open
@@ -36,17 +35,6 @@ def _without_nan(value: object) -> object:
     if isinstance(value, float | np.floating):
         return float(value) if math.isfinite(value) else None
     return value
-
-
-def csv_text(rows: Iterable[Iterable[object]], line_end: str = "\n") -> str:
-    r"""Return rows as CSV; None is an empty cell.
-
-    >>> csv_text([["a", "b,c"], [None, 0.1]])
-    'a,"b,c"\n,0.1\n'
-    """
-    text = io.StringIO()
-    csv.writer(text, lineterminator=line_end).writerows(rows)
-    return text.getvalue()
 
 
 def write_whole(path: Path, data: str | bytes | memoryview) -> Path:
@@ -143,7 +131,7 @@ class AppendedFile:
         Raises:
             OSError: the disk is full; none of the rows is written.
         """
-        text, written = csv_text(rows).encode(errors="surrogateescape"), 0
+        text, written = csv_text(rows, exact=True).encode(errors="surrogateescape"), 0
         size = os.fstat(self._file.fileno()).st_size
         try:
             while written < len(text):  # a nearly full disk accepts only the beginning

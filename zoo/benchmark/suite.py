@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-import yaml
 from pydantic import Field
 
 from simulator.road_family import MOST_SEED, roads_digest
@@ -20,6 +19,7 @@ from simulator.weather import CLEAR, read_weather
 from simulator.world_settings import Quality
 from zoo.base.bounded_files import read_like
 from zoo.base.errors import InputError, UsageError, hint, placed_errors
+from zoo.base.file_text import yaml_text
 from zoo.base.limits import check_most
 from zoo.cli.conf_files import choices, conf_folder
 from zoo.runs.record_fields import Count, Number, OnlyFields, check_fields
@@ -250,7 +250,7 @@ def redraw_suite(name: str, seed: int | None, roads: int) -> str:
             ]
             for group, drives in content.get("groups", {}).items()
         }
-    return yaml.safe_dump(content, sort_keys=False)
+    return yaml_text(content)
 
 
 def _redrawn(track: str, seed: int, roads: int) -> list[str]:

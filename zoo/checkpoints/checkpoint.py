@@ -27,7 +27,7 @@ from zoo.base.rig import UDACITY, Rig
 from zoo.base.rig_file import find_rig
 from zoo.base.terminal import error_line
 from zoo.base.written_files import digest_of
-from zoo.checkpoints.checkpoint_path import FOLDER
+from zoo.checkpoints.checkpoint_path import FOLDER, STARTED_IN
 from zoo.checkpoints.checkpoint_path import find_checkpoint as find_checkpoint
 from zoo.checkpoints.network_kind import (
     PICKLE,
@@ -113,6 +113,7 @@ class Card(Fields):
     data: DataFields
     parts: list[PartCard] | None = None  # only where there are some
     precision: str | None = None  # of the training: the config may say `auto`
+    started_in: str | None = None  # of the training; files for other people lack it
 
 
 def make_card(config: dict, view: View, data: dict) -> dict:
@@ -277,7 +278,7 @@ def build_checkpoint(contents: dict, path: Path) -> Checkpoint:
     fix = f"{what} was changed after the training; restore it, or {_ANOTHER}"
     check_fit(network.state_dict(), state, type(network).__name__, path, fix)
     network.load_state_dict(state)
-    data = card["data"]
+    data = card["data"] | {key: card[key] for key in [STARTED_IN] if key in card}
     if rig := added_rig(path):
         data = {**data, "source": None if rig == UDACITY else rig.name, "rig": rig.name}
     return Checkpoint(network.eval(), view, card["config"], data)

@@ -8,6 +8,7 @@ import functools
 import json
 import os
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,39 @@ OUTPUTS = Path("outputs")  # below the current folder
 WEIGHTS_KEY = "model.weights"
 FOLDER, BEST, LAST = "checkpoints", "best.ckpt", "last.ckpt"
 PACKAGED = Path(__file__).with_name("packaged")
+STARTED_IN = "started_in"  # in a card: the folder where the relative paths of its config begin
+PATHS = ("root", "images", "rig")  # keys of `data` that name what is read
+
+
+def trained_data(config: Mapping, facts: object) -> dict:
+    """Return a training's `data` config whose paths lead to its recording from any folder.
+
+    Args:
+        config: config of the training; another program's may lack `data`.
+        facts: facts on the recording, with the folder where the training started.
+    """
+    found = config.get("data")
+    data = dict(found) if isinstance(found, Mapping) else {}
+    return data | trained_paths(data, facts.get(STARTED_IN) if isinstance(facts, Mapping) else None)
+
+
+def trained_paths(data: Mapping, begin: object) -> dict:
+    """Return the paths in a training's `data` that lead to their files from another folder only.
+
+    Args:
+        data: section of its config, as plain containers.
+        begin: folder where the training started; anything else returns no paths.
+    """
+    if not isinstance(begin, str | Path) or Path(begin) == Path.cwd():
+        return {}
+    from zoo.base.bounded_files import mapped  # imports yaml, which the doctor may lack
+
+    def absolute(path: Any) -> Any:
+        place = Path(begin, os.path.expanduser(path)) if isinstance(path, str) else None  # noqa: PTH111
+        return str(place) if place and os.path.lexists(place) else path
+
+    found = {key: mapped(absolute, data[key]) for key in PATHS if key in data}
+    return {key: path for key, path in found.items() if path != data[key]}
 
 
 def find_checkpoint(named: str | Path) -> Path:

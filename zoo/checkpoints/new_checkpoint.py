@@ -11,6 +11,7 @@ import torch
 
 from zoo.base.bounded_files import mapped
 from zoo.checkpoints.checkpoint import PREFIX
+from zoo.checkpoints.checkpoint_path import STARTED_IN
 
 SUFFIX = ".ckpt"
 # The folders before the last name of an absolute path, at the begin of a text or of a value in it.
@@ -26,7 +27,7 @@ def lean_contents(contents: dict) -> dict:
     Args:
         contents: contents of a checkpoint's file, see `read_checkpoint_file`.
     """
-    card = contents["drivezoo"]
+    card = {key: one for key, one in contents["drivezoo"].items() if key != STARTED_IN}
     config = {key: value for key, value in card["config"].items() if key not in _SECRET}
     state = contents["state_dict"]
     return {

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from zoo.base.errors import InputError
 from zoo.base.rig import CURVATURE
+from zoo.checkpoints.checkpoint_path import STARTED_IN
 from zoo.checkpoints.onnx_policy import CARD, IMAGES, NEXT, SPEED, STATE
 
 # torch, a slow import, comes late: --help and typos answer at once.
@@ -52,7 +53,8 @@ def onnx_bytes(checkpoint: "Checkpoint", model_card: str = "", graph: bytes = b"
     from zoo.models.memory import Memory
 
     network, view = checkpoint.network, checkpoint.view
-    card = make_card(checkpoint.config, view, checkpoint.data) | {
+    data = {key: one for key, one in checkpoint.data.items() if key != STARTED_IN}  # is private
+    card = make_card(checkpoint.config, view, data) | {
         "network": type(network).__name__,
         "parameters": sum(one.numel() for one in network.parameters()),
         "predicts_spread": getattr(network, "predicts_spread", False),

@@ -4,6 +4,8 @@ The frame passes through the same `View` as in training; onnxruntime runs only t
 """
 
 import math
+import re
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -28,6 +30,8 @@ MOST_BYTES = 2_000_000_000  # ONNX's limit for a single file
 CARD = "drivezoo"  # key in the metadata; the value is JSON
 IMAGES, SPEED = "images", "speed"  # the graph's inputs
 STATE, NEXT = "state_", "next_"  # beginning of the names of a state's inputs and outputs
+# An operation's type, field 4 of a node, in protobuf's bytes: the only one that may run for ever.
+LOOP = re.compile(rb"(?:\x22|\xa2\x80*\x00)(?:\x04|\x84\x80*\x00)Loop")
 INSTALL = "pip install 'drivezoo[onnx]'"
 # What reading a damaged card raises.
 UNUSABLE = (InputError, ValueError, KeyError, TypeError, ArithmeticError, RecursionError)
@@ -63,7 +67,8 @@ class OnnxPolicy(SessionPolicy):
         self.onnx = open_session(self.path, threads)
         window = self._read_card()
         self.takes_speed = SPEED in [one.name for one in self.onnx.get_inputs()]
-        self.outputs = self.onnx.get_outputs()[0].shape[-1] - self.predicts_spread
+        self._controls = self.onnx.get_outputs()[0].shape[1:]
+        self.outputs = self._controls[-1] - self.predicts_spread
         if window is not None:
             self.keep_memory(self._first_state(1), window, self.data)
         _check_finite(self)
@@ -132,12 +137,13 @@ class OnnxPolicy(SessionPolicy):
     def _run(self, inputs: dict[str, np.ndarray], *state: np.ndarray) -> list[np.ndarray]:
         """Return the outputs and the new state."""
         states = {f"{STATE}{number}": one for number, one in enumerate(state)}
-        try:
-            return self.onnx.run(None, inputs | states)
-        except Exception as error:  # onnxruntime raises any error on a damaged graph
+        outputs = run_network(self.onnx, self.path, inputs | states)
+        if outputs[0].shape != (len(inputs[IMAGES]), *self._controls):
             raise InputError(
-                f"{self.path}: its graph cannot be run ({type(error).__name__}); export it again"
-            ) from None
+                f"{self.path}: its graph returns an array of {outputs[0].shape} for "
+                f"{len(inputs[IMAGES])} images; export it again"
+            )
+        return outputs
 
     def _first_state(self, count: int) -> list[np.ndarray]:
         """Return zeros, the state before the first frame, for `count` cars."""
@@ -158,6 +164,38 @@ def _check_finite(policy: OnnxPolicy) -> None:
         )
 
 
+def run_once(path: Path) -> None:
+    """Open a file and run its network on an image, to learn whether that ends.
+
+    Raises:
+        InputError: see `open_session`; or the network cannot be run.
+    """
+    session, rng = open_session(path, 1), np.random.default_rng(0)
+    inputs = {}
+    for one in session.get_inputs():
+        shape = [size if isinstance(size, int) else 1 for size in one.shape]
+        if one.type not in STATE_TYPES:
+            return  # `OnnxPolicy` refuses it before it runs
+        inputs[one.name] = rng.integers(0, 256, shape).astype(STATE_TYPES[one.type])
+    run_network(session, path, inputs)
+
+
+def run_network(
+    session: "onnxruntime.InferenceSession", path: Path, inputs: Mapping[str, np.ndarray]
+) -> list[np.ndarray]:
+    """Return a network's outputs.
+
+    Raises:
+        InputError: the graph cannot be run.
+    """
+    try:
+        return session.run(None, inputs)
+    except Exception as error:  # onnxruntime raises any error on a damaged graph
+        raise InputError(
+            f"{path}: its graph cannot be run ({reason_of(error)}); export it again"
+        ) from None
+
+
 def open_session(path: Path, threads: int) -> "onnxruntime.InferenceSession":
     """Open a file with onnxruntime on the CPU, and return the session.
 
@@ -175,14 +213,20 @@ def open_session(path: Path, threads: int) -> "onnxruntime.InferenceSession":
         model = read_regular(path, MOST_BYTES)
     if not model:
         raise InputError(f"{path}: is empty (0 bytes); export it again")
+    if LOOP.search(model):
+        raise InputError(f"{path}: has a loop, which may never end; name a file of drivezoo export")
     try:
         return start_session(model, threads, path.absolute().parent)
     except Exception as error:  # onnxruntime raises any error on damaged bytes
-        reason = type(error).__name__
         raise InputError(
             f"{path}: is damaged, or onnxruntime {onnxruntime.__version__} cannot run it "
-            f"({reason}); export it again"
+            f"({reason_of(error)}); export it again"
         ) from None
+
+
+def reason_of(error: Exception) -> str:
+    """Return the name and the end of an error of onnxruntime, which begins with codes."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())[-80:]}"
 
 
 def start_session(

@@ -15,6 +15,7 @@ from pydantic import Field
 
 from zoo.base.bounded_files import check_version
 from zoo.base.errors import InputError, placed_errors
+from zoo.base.read_apart import read_apart
 from zoo.checkpoints.checkpoint import (
     FORMAT,
     PREFIX,
@@ -32,7 +33,7 @@ from zoo.checkpoints.doubt_policy import DropoutPolicy, EnsemblePolicy
 from zoo.checkpoints.engine import Engine, chosen_forward
 from zoo.checkpoints.frame_memory import FrameMemory, SessionPolicy
 from zoo.checkpoints.frozen_graph import NetworkPolicy, network_inputs
-from zoo.checkpoints.onnx_policy import OnnxPolicy, is_onnx
+from zoo.checkpoints.onnx_policy import OnnxPolicy, is_onnx, run_once
 from zoo.models.memory import Memory
 from zoo.runs.record_fields import Fields, check_fields
 
@@ -101,6 +102,7 @@ def load_policy(
             `DropoutPolicy` and `chosen_forward`.
     """
     if is_onnx(path):
+        read_apart(run_once, Path(path))
         return OnnxPolicy(path, threads)
     path = find_checkpoint(path)
     contents = load_plain(path)

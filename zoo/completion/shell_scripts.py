@@ -10,6 +10,7 @@ from simulator.track_names import ALIASES as TRACKS
 from simulator.track_names import track_names
 from zoo.base.command import Command
 from zoo.base.command_keys import choices_of, typed_keys
+from zoo.base.file_text import shell_words
 from zoo.base.parts import KEY
 from zoo.benchmark.baselines import NO_CHECKPOINT
 from zoo.checkpoints.checkpoint_path import LATEST, packaged_names
@@ -145,13 +146,13 @@ def _training_keys() -> dict[str, tuple[str, ...]]:
 def fish_script(words: Mapping[str, Words]) -> str:
     """Return the script for fish."""
     lines = ["# Completion of drivezoo for fish."]
-    names = shlex.quote(" ".join(one for one in words if " " not in one))
+    names = shell_words(words)
     lines.append(f"complete -c drivezoo -n __fish_use_subcommand -f -a {names}")
     for command, one in words.items():
         seen = " ".join(f"__fish_seen_subcommand_from {part}; and" for part in command.split())
         condition = shlex.quote(seen.removesuffix("; and"))
         values = [f"{key}={value}" for key, own in one.keys.items() for value in own]
-        typed = shlex.quote(" ".join([*_words_of(one), *values]))
+        typed = shell_words([*_words_of(one), *values])
         lines.append(f"complete -c drivezoo -n {condition} -a {typed}")
     return "\n".join(lines) + "\n"
 
@@ -165,17 +166,15 @@ SCRIPTS: dict[str, Callable[[Mapping[str, Words]], str]] = {
 
 def _word_function(words: Mapping[str, Words]) -> str:
     """Return a shell function that prints the words of a command, or the values of its key."""
-    cases = {"": [one for one in words if " " not in one]}
+    cases = {"": list(words)}
     for command, one in words.items():
         cases[command] = _words_of(one)
         cases |= {f"{command} {key}": list(own) for key, own in one.keys.items() if own}
-    lines = [f"        {shlex.quote(name)}) echo {_quoted(own)} ;;" for name, own in cases.items()]
+    lines = [
+        f"        {shlex.quote(name)}) echo {shell_words(own)} ;;" for name, own in cases.items()
+    ]
     return '_drivezoo_words() {\n    case "$1" in\n' + "\n".join(lines) + "\n    esac\n}\n"
 
 
 def _words_of(one: Words) -> list[str]:
     return [*one.first, *(f"{key}=" for key in one.keys), *FLAGS]
-
-
-def _quoted(words: list[str]) -> str:
-    return shlex.quote(" ".join(words))

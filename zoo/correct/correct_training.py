@@ -12,9 +12,11 @@ from datamodules.driving_log import read_log
 from datamodules.recording import LOG_NAME, file_name
 from datamodules.split import write_split
 from zoo.base.errors import InputError
+from zoo.base.file_text import csv_text
 from zoo.base.terminal import counted
-from zoo.base.whole_file import csv_text, write_whole
+from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.checkpoint_path import trained_data
 from zoo.cli.compose import escape_interpolation
 from zoo.correct.correct_options import CorrectOptions
 from zoo.runs.saved_config import check_saved_config, overridden
@@ -35,7 +37,8 @@ def own_config(
         InputError: a missing recording, or a config that names what is not allowed; see also
             `overridden`.
     """
-    saved = OmegaConf.create(escape_interpolation(checkpoint.config))
+    trained = checkpoint.config | {"data": trained_data(checkpoint.config, checkpoint.data)}
+    saved = OmegaConf.create(escape_interpolation(trained))
     config, typed = overridden(saved, overrides)
     check_saved_config(config, path, trusted, typed)
     if config.data.images is not None:

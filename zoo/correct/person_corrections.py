@@ -20,8 +20,9 @@ from datamodules.recording import IMAGE_FOLDER
 from datamodules.recording_format import read_recordings
 from simulator.recorder import split_pedals
 from zoo.base.errors import InputError
+from zoo.base.file_text import csv_text
 from zoo.base.new_folder import RECORDINGS, whole_folder
-from zoo.base.whole_file import csv_text, write_whole
+from zoo.base.whole_file import write_whole
 from zoo.correct.correct_options import CorrectOptions
 from zoo.drives.drive_log import read_drive
 from zoo.drives.drive_record import PERSON, POLICY, Drive

@@ -24,10 +24,11 @@ from datamodules.split import KINDS, rows_per_second, split_rows
 from datamodules.stretches import find_breaks
 from zoo.base.bounded_files import open_text
 from zoo.base.errors import InputError, UsageError
+from zoo.base.file_text import csv_text
 from zoo.base.new_folder import command_folder
 from zoo.base.rig import UDACITY, Rig
 from zoo.base.terminal import print_written
-from zoo.base.whole_file import csv_text, write_whole
+from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.checkpoints.policy import load_policy

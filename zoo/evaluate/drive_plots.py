@@ -8,6 +8,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from simulator.track import Track
+from zoo.base.file_text import plot_text
 from zoo.base.rig import MPS_PER_MPH
 from zoo.drives.drive_record import Drive
 from zoo.runs.plots import BLUE, GREY, ORANGE, NotebookFigure
@@ -41,7 +42,7 @@ def birds_eye(track: Track, drive: Drive, title: str) -> Figure:
         axis.scatter(*way[lost].T, marker="x", s=70, color=ORANGE, lw=2.5, zorder=3)
     axis.plot(*way[0], marker="o", color="black", ms=6, zorder=3)
     axis.annotate("start", way[0], xytext=(6, 6), textcoords="offset points")
-    axis.set(aspect="equal", xlabel="m", ylabel="m", title=title)
+    axis.set(aspect="equal", xlabel="m", ylabel="m", title=plot_text(title))
     axis.autoscale_view()
     axis.spines[["top", "right"]].set_visible(False)
     return figure
@@ -67,7 +68,8 @@ def error_over_distance(drive: Drive, title: str) -> Figure:
     axis.scatter(driven[lost], error[lost], marker="x", color=ORANGE, lw=2, label="intervention")
     if lost.any():
         axis.legend(frameon=False)
-    axis.set(xlabel="distance driven (m)", ylabel="cross-track error (m, + right)", title=title)
+    axis.set(xlabel="distance driven (m)", ylabel="cross-track error (m, + right)")
+    axis.set_title(plot_text(title))
     axis.margins(x=0)
     axis.spines[["top", "right"]].set_visible(False)
     return figure
@@ -89,7 +91,7 @@ def figures_by_track(drives: Sequence[Mapping]) -> Figure:
             axis.plot(values, [row] * len(values), "o", color=BLUE, alpha=0.5, mew=0)
             axis.plot(np.mean(values), row, marker="|", ms=16, mew=2, color=ORANGE)
         axis.set(xlabel=label, ylim=(len(tracks) - 0.5, -0.5))
-        axis.set_yticks(range(len(tracks)), tracks)
+        axis.set_yticks(range(len(tracks)), map(plot_text, tracks))
         axis.grid(axis="x", alpha=0.2)
         axis.spines[["top", "right"]].set_visible(False)
     axes[0].set_xlim(-4, 104)
@@ -128,5 +130,5 @@ def degradation_curves(
         right.set_ylabel("mean cross-track error (m)", color=ORANGE)
         for each in (axis, right):
             each.spines["top"].set_visible(False)
-    figure.suptitle(title)
+    figure.suptitle(plot_text(title))
     return figure

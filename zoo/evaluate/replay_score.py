@@ -19,6 +19,7 @@ from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
 from zoo.base.terminal import counted, print_written
 from zoo.checkpoints.checkpoint import added_rig
+from zoo.checkpoints.checkpoint_path import trained_data
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.checkpoints.policy import load_policy
 from zoo.drives.drive_log import write_drive
@@ -172,8 +173,8 @@ def held_out_replay(recording: Recording, split: Split, speed_mph: float | None)
 
 def read_as_trained(policy: Policy, folder: str, options: ReplayOptions) -> dict[str, Any]:
     """Return what the training said of a recording, if it trained on it, and the user's keys."""
-    data = policy.config.get("data")
-    root = data.get("root") if isinstance(data, dict) else None
+    data = trained_data(policy.config, policy.data)
+    root = data.get("root")
     said: dict[str, Any] = {}
     if isinstance(root, str) and Path(root).expanduser().resolve() == Path(folder).resolve():
         said = said_in(data)

@@ -1,8 +1,9 @@
 """`drivezoo export`: write a checkpoint as an ONNX file, for Donkeycar, or as C."""
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
+from pydantic import Field
 from rich.console import Console
 
 from zoo.base.command import command
@@ -17,6 +18,7 @@ def export(
     weights: Literal["float", "int8"] = "float",
     calibration: str | None = None,
     frames: str | None = None,
+    throttle: Annotated[float, Field(gt=0, le=1)] | None = None,
 ) -> Path:
     """Write a checkpoint as an ONNX file, for Donkeycar, or as C.
 
@@ -27,6 +29,7 @@ def export(
       drivezoo export latest out=model.onnx
       drivezoo export latest to=c out=steer.c weights=int8
       drivezoo export latest to=onnx weights=int8 calibration=RECORDING
+      drivezoo export latest to=donkeycar throttle=0.2
 
     `drivezoo export doubt CKPT...` makes one checkpoint of several, which also returns its spread;
     see drivezoo doubt --help.
@@ -43,7 +46,9 @@ def export(
         calibration: recording whose frames give the ranges of values of weights=int8 in an ONNX
             file; null: as frames.
         frames: recording whose frames are compared; null: the training's recording, else the
-            embedded lake's, else new frames of the embedded lake.
+            embedded lake's, else new frames of the embedded lake, in the size of the training's.
+        throttle: donkeycar: largest throttle, and the only one of a network that only steers; null:
+            the network's, or what Donkeycar computes from the steering, 0.56 to 1.
 
     Raises:
         InputError: the checkpoint or recording does not exist, a package is not installed, the
@@ -52,7 +57,7 @@ def export(
     """
     from zoo.export.exported_file import export_checkpoint
 
-    return export_checkpoint(ckpt, out, frames, Console(), to, weights, calibration)
+    return export_checkpoint(ckpt, out, frames, Console(), to, weights, calibration, throttle)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ transposition, moves places here and needs no C. Images lie with their channels 
 """
 
 import copy
-import textwrap
 from dataclasses import replace
 from string import Template
 from typing import TYPE_CHECKING, Any
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zoo.base.errors import InputError
+from zoo.base.file_text import c_comment
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.onnx_file import graph_bytes
 from zoo.checkpoints.onnx_policy import IMAGES, SPEED
@@ -24,7 +24,6 @@ from zoo.models.memory import Memory
 if TYPE_CHECKING:
     import onnx
 
-WIDTH = 97  # of a comment
 MOST = 127  # of a weight of 8 bits
 MOST_LANES = 8  # outputs that are summed at a time: two vector registers of 128 bits
 OTHERWISE = "name a file that ends in .onnx"
@@ -115,7 +114,7 @@ def c_header(checkpoint: Checkpoint, name: str, model_card: str) -> str:
     values = {
         "name": name,
         "UPPER": name.upper(),
-        "card": _comment(model_card),
+        "card": c_comment(model_card),
         "rows": rows,
         "columns": columns,
         "speed": "the car's speed" if network.takes_speed else "not used by this network",
@@ -124,21 +123,6 @@ def c_header(checkpoint: Checkpoint, name: str, model_card: str) -> str:
     text = Template(parts["header"]).substitute(values)
     throttle = Template(parts["header throttle"]).substitute(values)
     return text.replace("THROTTLE", f"{throttle}\n\n" if network.outputs > 1 else "") + "\n"
-
-
-def _comment(text: str) -> str:
-    """Return text that may come from another person as lines of a C comment, which it cannot end.
-
-    >>> _comment("a */ b")
-    ' * a * / b'
-    """
-    plain = text.encode("ascii", "replace").decode().replace("\\", "").replace("??", "? ?")
-    plain = plain.replace("*/", "* /").replace("/*", "/ *")
-    lines = []
-    for line in ("".join(filter(str.isprintable, one)) for one in plain.splitlines()):
-        is_whole = line.startswith(("drivezoo ", "|"))  # a command, or a row of a table
-        lines += [line] if is_whole else textwrap.wrap(line, WIDTH, subsequent_indent="  ") or [""]
-    return "\n".join(f" * {line}".rstrip() for line in lines)
 
 
 class _Graph:

@@ -4,14 +4,16 @@ The file has the architecture of a functional model and its weights in the layou
 HDF5 format (`saving/legacy/hdf5_format.py`). Crop, colour and size of the view are layers of it.
 """
 
+import copy
 import io
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from torch import nn
 
 from datamodules.view import View
@@ -29,6 +31,7 @@ from zoo.models.sequential import Sequential
 Layer = tuple[str, dict[str, Any], list[np.ndarray]]  # class, config, kernel and bias
 WAYS = {"linear": "bilinear", "area": "area"}
 ACTIVATIONS = {nn.ReLU: "relu", nn.ELU: "elu", nn.Tanh: "tanh", nn.Sigmoid: "sigmoid"}
+NEVER = -1e9  # value of a bin that is never the largest
 IGNORED = (nn.Flatten, nn.Identity, nn.Dropout)  # flattening has its place before a dense layer
 # OpenCV's RGB to YUV of values 0..1: a row for each channel, and what is added to it.
 YUV = np.array([[0.299, 0.587, 0.114], [-0.147, -0.289, 0.436], [0.615, -0.515, -0.1]])
@@ -39,6 +42,45 @@ COLOURS = {
     "yuv": (YUV, YUV_OFFSET),
     "yuv_old": (YUV[:, ::-1], YUV_OFFSET),
 }
+
+
+class BoundedThrottle(nn.Sequential):
+    """A network, and layers that return its steering and a bounded throttle."""
+
+    takes_speed, outputs = False, 2
+
+
+def bounded(checkpoint: Checkpoint, most: float) -> Checkpoint:
+    """Return a checkpoint whose throttle is at most `most`; always that if it only steers.
+
+    A network of bins gets the best of the bins up to it.
+    """
+    network = copy.deepcopy(checkpoint.network)
+    bins = [one for one in network.modules() if isinstance(one, Unbin)]
+    with torch.no_grad():
+        if bins:
+            steering, (count, low, step) = bins[0].groups
+            last = [one for one in network.modules() if isinstance(one, nn.Linear)][-1]
+            above = low + step * torch.arange(count) > most + 1e-6
+            last.weight[steering[0] :][above] = 0
+            last.bias[steering[0] :][above] = NEVER
+            return replace(checkpoint, network=network)
+        if network.outputs == 1:
+            signs, layers = torch.tensor([[1.0], [0.0]]), [nn.Linear(1, 2)]
+        else:  # s = relu(s) - relu(-s), and the throttle = most - relu(most - throttle)
+            signs = torch.tensor([[1.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
+            layers = [nn.Linear(2, 3), nn.ReLU(), nn.Linear(3, 2)]
+            layers[0].weight.copy_(signs.T)
+            layers[0].bias.copy_(torch.tensor([0.0, 0.0, most]))
+        layers[-1].weight.copy_(signs)
+        layers[-1].bias.copy_(torch.tensor([0.0, most]))
+    return replace(checkpoint, network=BoundedThrottle(network, *layers).eval())
+
+
+def inferred_throttle(steering: Sequence[float]) -> list[float]:
+    """Return the throttle that Donkeycar computes from the steering: `donkeycar.utils.throttle`."""
+    share = (np.array(steering) + 1) / 2
+    return (np.exp(-0.5 * share) - 0.05 * share).tolist()
 
 
 def donkeycar_bytes(checkpoint: Checkpoint) -> tuple[bytes, str]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -42,6 +42,7 @@ class ExportedFile:
         out: file to write.
         calibration: recording whose frames give the ranges of values of 8 bits; None for the
             training's.
+        throttle: largest throttle of a Donkeycar file; None for no bound.
 
     Attributes:
         default: name of the file if the user names none.
@@ -59,8 +60,15 @@ class ExportedFile:
     tolerance = TOLERANCE
     remedy = "try another version of what runs it"
 
-    def __init__(self, checkpoint: "Checkpoint", out: Path, calibration: str | None = None) -> None:
-        self.checkpoint, self.out, self.calibration = checkpoint, out, calibration
+    def __init__(
+        self,
+        checkpoint: "Checkpoint",
+        out: Path,
+        calibration: str | None = None,
+        throttle: float | None = None,
+    ) -> None:
+        self.checkpoint, self.out = checkpoint, out
+        self.calibration, self.throttle = calibration, throttle
 
     @classmethod
     def check_name(cls, out: Path, inputs: Sequence[Path]) -> None:
@@ -118,7 +126,7 @@ class Int8OnnxFile(OnnxFile):
         from zoo.export.int8_onnx import int8_graph
         from zoo.export.parity import CALIBRATION, take_frames
 
-        frames = take_frames(self.calibration, self.checkpoint.config, CALIBRATION)
+        frames = take_frames(self.calibration, self.checkpoint, CALIBRATION)
         return int8_graph(self.checkpoint, frames)
 
     def changes(self, original: "Checkpoint", frames: "Frames") -> list[str]:
@@ -134,8 +142,12 @@ class DonkeycarFile(ExportedFile):
     install = "pip install h5py"
     engine = "the file's layers"
 
-    def __init__(self, checkpoint: "Checkpoint", out: Path, calibration: str | None = None) -> None:
-        super().__init__(checkpoint, out, calibration)
+    def __init__(self, checkpoint: "Checkpoint", *more: Any) -> None:
+        from zoo.export.donkeycar_file import bounded
+
+        super().__init__(checkpoint, *more)
+        if self.throttle is not None:
+            self.checkpoint = bounded(checkpoint, self.throttle)
         if checkpoint.view.size or checkpoint.view.colour != "rgb":
             self.tolerance = ROUNDED_TOLERANCE
 
@@ -161,6 +173,19 @@ class DonkeycarFile(ExportedFile):
 
         whole = whole_view(self.checkpoint.view)
         return replace(frames, frames=[whole(frame) for frame in frames.frames])
+
+    def changes(self, original: "Checkpoint", frames: "Frames") -> list[str]:
+        """Return which throttle the car gets, see `ExportedFile`."""
+        from zoo.checkpoints.policy import CheckpointPolicy
+        from zoo.export.donkeycar_file import inferred_throttle
+
+        policy = CheckpointPolicy(self.checkpoint)
+        steering, throttle = zip(*(policy(one, 0.0) for one in frames.frames), strict=True)
+        if self._written[1] == "inferred":  # Donkeycar computes it
+            throttle = inferred_throttle(steering)
+        line = f"Throttle: {min(throttle):.2f} to {max(throttle):.2f} over these frames"
+        risk = "; it may be too fast for a car: bound it with throttle=0.2"
+        return [f"{line}{risk if self.throttle is None else ''}."]
 
     def hints(self) -> list[str]:
         """Return what to type in Donkeycar, see `ExportedFile`."""
@@ -221,10 +246,10 @@ class Int8CFile(CFile):
 
     weights = "int8"
 
-    def __init__(self, checkpoint: "Checkpoint", out: Path, calibration: str | None = None) -> None:
+    def __init__(self, checkpoint: "Checkpoint", *more: Any) -> None:
         from zoo.export.c_file import rounded
 
-        super().__init__(rounded(checkpoint), out, calibration)
+        super().__init__(rounded(checkpoint), *more)
 
     def changes(self, original: "Checkpoint", frames: "Frames") -> list[str]:
         """Return what the rounding changes, see `ExportedFile`."""
@@ -250,6 +275,7 @@ def export_checkpoint(
     to: str | None = None,
     weights: str = "float",
     calibration: str | None = None,
+    throttle: float | None = None,
 ) -> Path:
     """Export a checkpoint, print the comparison with it, and return the file's path.
 
@@ -261,6 +287,7 @@ def export_checkpoint(
         to: kind of the file; None for that of the file's ending.
         weights: type of the weights in the file.
         calibration: recording for the ranges of values of 8 bits; None for the training's.
+        throttle: largest throttle of a Donkeycar file; None for no bound.
 
     Raises:
         InputError: the checkpoint or recording does not exist, a package is not installed, the
@@ -268,6 +295,8 @@ def export_checkpoint(
     """
     path = find_checkpoint(checkpoint_path)
     kind, out = _checked_out(path, file, to, weights, calibration)
+    if throttle is not None and kind is not DonkeycarFile:
+        raise UsageError("throttle: belongs to to=donkeycar; leave it out")
     with loading():
         from zoo.checkpoints.policy import CheckpointPolicy
         from zoo.export.parity import PYTORCH, compare, latency, own_latency, take_frames
@@ -280,9 +309,9 @@ def export_checkpoint(
                 f"{path}: its curvature is converted to the steering of a car by drivezoo alone; "
                 f"train with data.label=steering, or name a file that ends in {SUFFIX}"
             )
-        exported = kind(checkpoint, out, calibration)
+        exported = kind(checkpoint, out, calibration, throttle)
         files = exported.files("")
-        frames = exported.shown(take_frames(recording, checkpoint.config))
+        frames = exported.shown(take_frames(recording, checkpoint))
         with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
             trial = Path(folder, out.name)
             for suffix, contents in files.items():

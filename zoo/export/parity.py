@@ -3,20 +3,26 @@
 import statistics
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
+import cv2
 import numpy as np
 import torch
 
 from datamodules.image import read_image
+from datamodules.read_options import said_in
 from datamodules.recording_format import read_recordings
 from zoo.base.cores import processor_name
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.checkpoint_path import trained_data
 from zoo.checkpoints.command import Command
 from zoo.checkpoints.frame_memory import SessionPolicy
 from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy import CheckpointPolicy
+from zoo.cli.compose import compose_config
 
 FRAMES = 64
 CALIBRATION = 200
@@ -57,26 +63,34 @@ class Parity:
     exported_ms: float
 
 
-def take_frames(recording: str | None, config: dict, count: int = FRAMES) -> Frames:
-    """Return frames of a recording, or rendered frames if no recording can be read.
+def take_frames(recording: str | None, checkpoint: Checkpoint, count: int = FRAMES) -> Frames:
+    """Return frames of a recording, or frames of the embedded lake in the size of the network's.
 
     Args:
         recording: folder to read; None tries the recording of the training, then the embedded
             lake's.
-        config: config of the checkpoint.
+        checkpoint: checkpoint of the network.
         count: largest number of frames.
 
     Raises:
         InputError: the given recording cannot be read, or rendering fails.
     """
     if recording is not None:
-        return _frames_of(recording, count)
-    for folder, images in _known_recordings(config):
-        try:
-            return _frames_of(folder, count, images)
-        except (InputError, OSError):  # on another machine, or incomplete
-            continue
-    return _rendered_frames()
+        return _frames_of(recording, count, {})
+    data = trained_data(checkpoint.config, checkpoint.data)
+    root, found = data.get("root"), None
+    with suppress(InputError, OSError):  # on another machine, or incomplete
+        if root:
+            return _frames_of(root, count, said_in(data))
+    with suppress(InputError, OSError):
+        found = _frames_of(compose_config(["data=lake"])["data"]["record"]["out"], count, {})
+    found, (rows, columns) = found or _rendered_frames(), checkpoint.view.frame
+    why = f", since the training's recording {root} is not found; name it, frames=FOLDER"
+    return Frames(
+        [cv2.resize(one, (columns, rows), interpolation=cv2.INTER_AREA) for one in found.frames],
+        found.speeds_mph,
+        f"{found.source}, in {columns} x {rows}{why if root else ''}",
+    )
 
 
 def compare(policy: CheckpointPolicy, exported: SessionPolicy, frames: Frames) -> Parity:
@@ -153,8 +167,8 @@ def _first_steps(policy: CheckpointPolicy, images: np.ndarray) -> np.ndarray:
     return steps.clamp(-1, 1).numpy()
 
 
-def _frames_of(folder: str | list[str], count: int, images: str | None = None) -> Frames:
-    recording = read_recordings(folder, images=images, on_bad_image="skip")
+def _frames_of(folder: str | list[str], count: int, said: Mapping[str, Any]) -> Frames:
+    recording = read_recordings(folder, **{**said, "on_bad_image": "skip"})
     rows = np.unique(np.linspace(0, len(recording) - 1, count).round().astype(int))
     frames = []
     for row in rows:
@@ -165,15 +179,6 @@ def _frames_of(folder: str | list[str], count: int, images: str | None = None) -
             raise InputError(f"{recording.place(row)}: {path}: {error}") from None
     source = f"of {', '.join(recording.names)}"
     return Frames(frames, recording.speed_mph[rows].tolist(), source)
-
-
-def _known_recordings(config: dict) -> list[tuple[str | list[str], str | None]]:
-    from zoo.cli.compose import compose_config
-
-    data = config.get("data", {})
-    embedded = compose_config(["data=lake"])["data"]["record"]["out"]
-    places = [(data.get("root"), data.get("images")), (embedded, None)]
-    return [(root, images) for root, images in places if root]
 
 
 def _rendered_frames() -> Frames:

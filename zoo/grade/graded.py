@@ -1,10 +1,10 @@
 """`drivezoo grade`: drives of all submissions, their marks, warnings and pages."""
 
-import datetime
 import subprocess
 from collections import Counter
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from zoo.base.bounded_files import hash_file, parse_yaml
 from zoo.base.child_process import end_module, start_module
 from zoo.base.errors import InputError, UsageError
 from zoo.base.new_folder import command_folder
-from zoo.base.terminal import counted, print_line, print_written
+from zoo.base.terminal import counted, print_line, print_written, printable
 from zoo.base.whole_file import write_whole
 from zoo.benchmark.benchmarked import Benchmarked
 from zoo.benchmark.marks import (
@@ -33,9 +33,11 @@ from zoo.benchmark.marks import (
 )
 from zoo.benchmark.result import NAME, BenchmarkResult, DriveRecord
 from zoo.benchmark.suite import Suite, read_suite, redraw_suite
+from zoo.checkpoints.checkpoint_path import PACKAGED, packaged_names
+from zoo.cli.console_progress import progress_bar
 from zoo.grade.grade_options import GradeOptions
 from zoo.grade.submissions import Submission, warnings_of
-from zoo.grade.submitted_network import NetworkFacts, facts_file, read_facts
+from zoo.grade.submitted_network import NetworkFacts, facts_file, network_facts, read_facts
 from zoo.report.blocks import Block, Bullets, Heading, Rows, Section, Text, to_html
 from zoo.report.drive_section import failure
 from zoo.runs.table import Column, Table
@@ -66,16 +68,10 @@ class Grade:
 
     @property
     def status(self) -> str:
-        """Return passed, open or missed, or `not driven`."""
-        return verdict(self.reached) if self.result else "not driven"
-
-    @property
-    def submitted(self) -> str:
-        """Return the time of the file's last change, local time."""
-        if self.submission.file is None:
-            return "-"
-        seconds = self.submission.file.stat().st_mtime
-        return f"{datetime.datetime.fromtimestamp(seconds):%Y-%m-%d %H:%M}"
+        """Return passed, open or missed, `not driven`, or `waiting` before the drive."""
+        if self.result:
+            return verdict(self.reached)
+        return "not driven" if self.warnings else "waiting"
 
 
 @dataclass(frozen=True, repr=False)
@@ -89,7 +85,7 @@ class Graded(Result):
     """
 
     folder: Path
-    grades: Sequence[Grade]
+    grades: list[Grade]
     written: list[Path] = field(default_factory=list)
 
     def __repr__(self) -> str:
@@ -107,7 +103,7 @@ class Graded(Result):
         """Print what to look at, the counts, and what was written."""
         console = Console(emoji=False)
         for line in self.lines:
-            print_line(console, line)
+            print_line(console, printable(line))
         print_line(console, repr(self))
         print_written(self.written, console=console)
 
@@ -115,7 +111,7 @@ class Graded(Result):
         """Return a row for each student."""
         shown = [
             Column("student", "student", [one.submission.name for one in self.grades]),
-            Column("submitted", "submitted", [one.submitted for one in self.grades]),
+            Column("submitted", "submitted", [one.submission.submitted for one in self.grades]),
             Column("result", "result", [one.status for one in self.grades]),
         ]
         marks = [{(mark.group, mark.figure): mark for mark in one.reached} for one in self.grades]
@@ -157,45 +153,70 @@ def grade_class(
             raise InputError(f"{path}: other roads were begun there; name another out=")
         write_whole(path, text)
         suite = read_suite(str(path))
-        with ThreadPoolExecutor(options.jobs) as pool:
-            grades = list(
-                pool.map(lambda one: _grade(one, out, suite, options, console), submissions)
-            )
-        grades = _with_warnings(grades, suite, recording)
-        for one in grades:
-            if one.result is not None:
-                _write_page(out, one, options.seed is not None)
-        graded = Graded(out, grades)
-        page = to_html("Marks of the class", _overview(graded, suite), footer="")
-        graded.written.append(write_whole(out / "grades.html", page))
-        graded.written.append(graded.write_table(out / "grades.csv"))
+        packaged: dict[str, NetworkFacts | None] = {
+            f"{name}, which comes with drivezoo": network_facts(PACKAGED / f"{name}.ckpt")
+            for name in packaged_names()
+        }
+        grades = [Grade(submission) for submission in submissions]
+        pool = ThreadPoolExecutor(options.jobs)
+        with pool, progress_bar("grading", console) as report:
+            settings = out, suite, options, recording
+            jobs = {pool.submit(_grade, one, *settings): n for n, one in enumerate(submissions)}
+            try:
+                for count, job in enumerate(as_completed(jobs), 1):
+                    grades[jobs[job]] = grade = job.result()
+                    print_line(console, printable(f"{grade.submission.name}: {grade.status}"))
+                    graded = _with_copies(Graded(out, grades), packaged)
+                    graded.written.extend(_write_marks(graded, suite))
+                    report(count / len(jobs))
+            finally:
+                pool.shutdown(wait=False, cancel_futures=True)
         graded.written.extend(options.write_files(graded))
         return graded
 
 
 def _grade(
-    submission: Submission, out: Path, suite: Suite, options: GradeOptions, console: Console
+    submission: Submission,
+    out: Path,
+    suite: Suite,
+    options: GradeOptions,
+    recording: Recording | None,
 ) -> Grade:
-    """Drive a submission in a process of its own, unless it has been driven, and read its marks."""
-    try:
+    """Drive a submission in a process of its own, unless it has been driven, and mark it."""
+    problems: list[str] = []
+    grade = Grade(submission)
+    with _noted(problems, "not driven"):
         if submission.file is None:
             raise InputError(submission.problem)
         folder = _drives(out, submission)
         if not (folder / NAME).is_file():
             _drive(folder, submission, out / SUITE, options.minutes)
         result = Benchmarked.read(folder).result
-    except InputError as error:
-        return Grade(submission, warnings=[f"not driven: {error}"])
-    marks = reached_marks(result, suite.marks)
-    grade = Grade(submission, result, marks, facts=read_facts(facts_file(folder)))
-    print_line(console, f"{submission.name}: {grade.status}")
-    return grade
+        grade = Grade(submission, result, reached_marks(result, suite.marks))
+        with _noted(problems, "not looked at"):
+            grade = replace(grade, facts=read_facts(facts_file(folder)))
+            roads = {road_key(track): track for track in {drive.track for drive in suite.drives}}
+            facts = result.checkpoints[0], grade.facts
+            problems += warnings_of(submission, *facts, roads, recording)
+    with _noted(problems, "no page"):
+        _write_page(out, grade, options.seed is not None, problems)
+    return replace(grade, warnings=problems)
+
+
+@contextmanager
+def _noted(problems: list[str], what: str) -> Iterator[None]:
+    """Note what goes wrong with one submission, so that the others are marked."""
+    try:
+        yield
+    except Exception as error:  # any, of a stranger's file
+        text = error if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+        problems.append(f"{what}: {text}")
 
 
 def _drives(out: Path, submission: Submission) -> Path:
     """Return the folder of a file's drives; a changed file is another submission."""
     assert submission.file is not None
-    return out / DRIVES / f"{submission.name}-{hash_file(submission.file)[:8]}"
+    return out / DRIVES / f"{submission.stem}-{hash_file(submission.file)[:8]}"
 
 
 def _drive(folder: Path, submission: Submission, suite: Path, minutes: float) -> None:
@@ -204,7 +225,7 @@ def _drive(folder: Path, submission: Submission, suite: Path, minutes: float) ->
     Raises:
         InputError: it took too long, or could not be driven.
     """
-    words = [str(submission.file), f"suite={suite}", f"entry={submission.name}", f"out={folder}"]
+    words = [str(submission.file), f"suite={suite}", f"entry={submission.stem}", f"out={folder}"]
     folder.parent.mkdir(exist_ok=True)
     log = folder.with_name(f"{folder.name}.txt")
     with log.open("w", encoding="utf-8") as file:
@@ -231,27 +252,26 @@ def _drive(folder: Path, submission: Submission, suite: Path, minutes: float) ->
         )
 
 
-def _with_warnings(
-    grades: Sequence[Grade], suite: Suite, recording: Recording | None
-) -> list[Grade]:
-    """Return the grades with what a teacher should look at."""
-    roads = {road_key(track): track for track in {one.track for one in suite.drives}}
-    found = []
-    for one in grades:
-        if one.result is None:
-            found.append(one)
-            continue
-        driver = one.result.checkpoints[0]
-        warnings = warnings_of(one.submission, driver, one.facts, roads, recording)
-        same = [
-            other.submission.name
-            for other in grades
-            if other is not one and one.facts and other.facts and one.facts.equals(other.facts)
+def _with_copies(graded: Graded, packaged: dict[str, NetworkFacts | None]) -> Graded:
+    """Return the marks with a warning for each network that is another one's copy."""
+    facts = packaged | {grade.submission.name: grade.facts for grade in graded.grades}
+    grades = []
+    for grade in graded.grades:
+        others = {name: one for name, one in facts.items() if name != grade.submission.name}
+        copies = [
+            f"is {likeness} network as {name}"
+            for name, other in others.items()
+            if grade.facts and other and (likeness := grade.facts.likeness(other))
         ]
-        if same:
-            warnings.append(f"is the same network as {', '.join(same)}")
-        found.append(replace(one, warnings=warnings))
-    return found
+        grades.append(replace(grade, warnings=[*grade.warnings, *copies]))
+    return replace(graded, grades=grades)
+
+
+def _write_marks(graded: Graded, suite: Suite) -> list[Path]:
+    """Write what is known of the marks of the class; return the paths of the files."""
+    page = to_html("Marks of the class", _overview(graded, suite), footer="")
+    written = write_whole(graded.folder / "grades.html", page)
+    return [written, graded.write_table(graded.folder / "grades.csv")]
 
 
 def _overview(graded: Graded, suite: Suite) -> list[Section]:
@@ -266,10 +286,14 @@ def _overview(graded: Graded, suite: Suite) -> list[Section]:
     return sections
 
 
-def _write_page(out: Path, grade: Grade, is_secret: bool) -> None:
+def _write_page(out: Path, grade: Grade, is_secret: bool, problems: Sequence[str]) -> None:
     """Write the page of a student, with films of where the network left the road."""
-    assert grade.result is not None
-    path = out / PAGES / f"{grade.submission.name}.html"
+    path = out / PAGES / f"{grade.submission.stem}.html"
+    path.parent.mkdir(exist_ok=True)
+    if grade.result is None:
+        reasons = [Section("", [Bullets(problems)])]
+        write_whole(path, to_html(f"{grade.submission.name}: not driven", reasons, footer=""))
+        return
     if path.is_file() and grade.result.digest in path.read_text(encoding="utf-8"):
         return  # of an earlier command
     folder = _drives(out, grade.submission)
@@ -282,7 +306,6 @@ def _write_page(out: Path, grade: Grade, is_secret: bool) -> None:
     facts.append(f"Digest of the drives: {grade.result.digest}")
     secret = [Text(KEPT_BACK)] if is_secret else []
     sections.append(Section("What was driven", [Bullets(facts), *secret]))
-    path.parent.mkdir(exist_ok=True)
     write_whole(path, marks_page(grade.result, grade.reached, sections))
 
 

@@ -1,15 +1,20 @@
 """What a class submits: a checkpoint or an ONNX file a student, and an optional card."""
 
+import hashlib
+import importlib.util
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 from datamodules.recording import Recording
 from zoo.base.bounded_files import read_text
-from zoo.base.errors import InputError, file_errors
+from zoo.base.errors import InputError, UsageError, file_errors
 from zoo.base.terminal import counted
 from zoo.benchmark.result import Driver
+from zoo.checkpoints.onnx_policy import INSTALL, is_onnx
 from zoo.drives.intervals import wilson_interval
 from zoo.grade.submitted_network import NetworkFacts
 
@@ -37,6 +42,23 @@ class Submission:
     problem: str = ""
 
     @property
+    def stem(self) -> str:
+        """Return the beginning of its files' names: its name, or a part that a file can have."""
+        plain = re.sub(r"[^\w .,'()-]", "_", self.name).encode()[:80].decode(errors="ignore")
+        if plain == self.name:
+            return plain
+        return f"{plain}-{hashlib.sha256(os.fsencode(self.name)).hexdigest()[:8]}"
+
+    @property
+    def submitted(self) -> str:
+        """Return the time of the file's last change, local time."""
+        try:
+            seconds = self.file.stat().st_mtime if self.file else None
+        except OSError:  # it was removed since
+            seconds = None
+        return "-" if seconds is None else f"{datetime.fromtimestamp(seconds):%Y-%m-%d %H:%M}"
+
+    @property
     def cards(self) -> list[Path]:
         """Return the Markdown files that belong to the file."""
         assert self.file is not None
@@ -49,27 +71,48 @@ class Submission:
 def find_submissions(folder: Path) -> list[Submission]:
     """Return the submissions of a folder, sorted by name.
 
+    What is wrong with one of them is its `problem`, and does not end the others' marks.
+
     Raises:
-        InputError: the folder cannot be read, has no submission, or two of the same name.
+        InputError: the folder cannot be read, or has no submission.
+        UsageError: onnxruntime, which runs a submission, is not installed.
     """
+    by_name: dict[str, list[Path]] = {}
     with file_errors(folder, "cannot be read ({}); name the folder of the submissions"):
-        entries = sorted(one for one in folder.iterdir() if not one.name.startswith("."))
-    found = [_of_folder(one) for one in entries if one.is_dir()]
-    found += [Submission(one.stem, one) for one in entries if one.suffix in ENDINGS]
-    names = [one.name for one in found]
-    if not found:
+        for entry in sorted(folder.iterdir()):
+            is_network = _is_network(entry) and not entry.is_dir()
+            if is_network or (entry.name[0] != "." and not entry.is_file()):
+                by_name.setdefault(entry.stem if is_network else entry.name, []).append(entry)
+    if not by_name:
         raise InputError(f"{folder}: holds no {' or '.join(ENDINGS)} file, and no folder of one")
-    if twice := [name for name in names if names.count(name) > 1]:
-        raise InputError(f"{folder}: {twice[0]} stands for two submissions; rename one")
-    return sorted(found, key=lambda one: one.name)
+    submissions = [_submission(name, paths) for name, paths in sorted(by_name.items())]
+    files = [one.file for one in submissions if one.file and is_onnx(one.file)]
+    if files and importlib.util.find_spec("onnxruntime") is None:
+        raise UsageError(f"{files[0]}: onnxruntime, which runs it, is not installed; {INSTALL}")
+    return submissions
 
 
-def _of_folder(folder: Path) -> Submission:
-    files = sorted(one for one in folder.rglob("*") if one.suffix in ENDINGS and one.is_file())
+def _submission(name: str, paths: Sequence[Path]) -> Submission:
+    """Return the one submission of a name, or what is wrong with it."""
+    first = paths[0]
+    if len(paths) > 1:
+        names = " and ".join(one.name for one in paths)
+        return Submission(name, None, f"{name} stands for two submissions, {names}; keep one")
+    try:
+        inner = sorted(first.rglob("*")) if first.is_dir() else paths
+        files = [path for path in inner if _is_network(path) and path.is_file()]
+    except OSError as error:
+        return Submission(name, None, f"{first}: cannot be read ({error.strerror})")
     if len(files) == 1:
-        return Submission(folder.name, files[0])
-    count = f"{counted(len(files), 'network')}, must be one" if files else "no .ckpt or .onnx file"
-    return Submission(folder.name, None, f"{folder}: has {count}")
+        return Submission(name, files[0])
+    problem = f"has {counted(len(files), 'network')}, must be one"
+    if not files:
+        problem = "has no .ckpt or .onnx file, or a link to nothing"
+    return Submission(name, None, f"{first}: {problem}")
+
+
+def _is_network(path: Path) -> bool:
+    return path.suffix.lower() in ENDINGS and not path.name.startswith(".")
 
 
 def warnings_of(
@@ -96,8 +139,14 @@ def warnings_of(
         trained = driver.data or "an unknown recording"
         share = _shared_rows((facts and facts.row_hashes) or [], set(recording.row_hashes()))
         found.append(f"trained on {trained}, not on the course's recording ({course}): {share}")
+    if facts is None or (facts.roads is None and facts.row_hashes is None):
+        found.append("its file tells nothing of its training, neither roads nor rows")
     for card in submission.cards:
-        text = read_text(card, MOST_CARD_BYTES)
+        try:
+            text = read_text(card, MOST_CARD_BYTES)
+        except InputError as error:
+            found.append(str(error))
+            continue
         for key, form in STATED.items():
             stated, own = form.search(text), str(getattr(driver, key))
             if stated and own and stated[1].replace(",", "") != own:

@@ -17,8 +17,13 @@ from zoo.base.whole_file import json_text, write_whole
 from zoo.benchmark.__main__ import benchmark
 from zoo.checkpoints.onnx_policy import TOLERANCE
 from zoo.runs.record_fields import Count, Fields, Number, check_fields
+from zoo.training.recorded_roads import trained_roads
 
-IMAGES, SPEED_MPH = 8, 15.0
+IMAGES, SPEED_MPH = 64, 15.0
+# On noise, trainings that differ only in their seed correlate below 0.6, and a network whose
+# weights were changed by 3 % with its original by 0.998.
+NEAR = 0.95
+FLAT, CLOSE = 1e-3, 0.02  # deviation of a steering that hardly changes; difference of two such
 
 
 class NetworkFacts(Fields):
@@ -40,6 +45,18 @@ class NetworkFacts(Fields):
         same = all(abs(one - two) <= TOLERANCE for one, two in pairs)
         return same and len(self.outputs) == len(other.outputs)
 
+    def likeness(self, other: "NetworkFacts") -> str:
+        """Return `the same`, `nearly the same` with slightly changed weights, or nothing."""
+        if self.equals(other):
+            return "the same"
+        if any(len(facts.outputs) % IMAGES or not facts.outputs for facts in (self, other)):
+            return ""  # of an earlier version
+        ours, theirs = (np.reshape(facts.outputs, (IMAGES, -1))[:, 0] for facts in (self, other))
+        near = np.abs(ours - theirs).max() <= CLOSE
+        if min(ours.std(), theirs.std()) >= FLAT:
+            near = np.corrcoef(ours, theirs)[0, 1] >= NEAR
+        return "nearly the same" if near else ""
+
 
 def facts_file(folder: Path) -> Path:
     """Return the file of the facts, beside the folder of the drives."""
@@ -51,8 +68,8 @@ def read_facts(path: Path) -> NetworkFacts | None:
     return check_fields(NetworkFacts, read_json(path), path) if path.is_file() else None
 
 
-def write_facts(file: Path, out: Path) -> None:
-    """Write the facts of a checkpoint or ONNX file as JSON.
+def network_facts(file: Path) -> NetworkFacts:
+    """Return the facts of a checkpoint or ONNX file.
 
     Raises:
         InputError: the file cannot be used, or its facts are of other types.
@@ -67,8 +84,14 @@ def write_facts(file: Path, out: Path) -> None:
         command = policy(cv2.resize(blobs, policy.view.frame[::-1]), SPEED_MPH)
         known = (command.steering, command.throttle, command.spread)
         outputs += [float(one) for one in known if one is not None]
-    facts = {key: policy.data.get(key) for key in ("row_hashes", "roads")} | {"outputs": outputs}
-    write_whole(out, json_text(check_fields(NetworkFacts, facts, file).model_dump()))
+    facts = {"row_hashes": policy.data.get("row_hashes"), "outputs": outputs}
+    facts["roads"] = trained_roads(policy.config, policy.data)
+    return check_fields(NetworkFacts, facts, file)
+
+
+def write_facts(file: Path, out: Path) -> None:
+    """Write the facts of a checkpoint or ONNX file as JSON; raise as `network_facts`."""
+    write_whole(out, json_text(network_facts(file).model_dump()))
 
 
 if __name__ == "__main__":

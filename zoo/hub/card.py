@@ -10,9 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-
 from zoo.base.errors import file_errors
+from zoo.base.file_text import yaml_text
 from zoo.base.new_folder import command_folder
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import write_whole
@@ -76,7 +75,8 @@ def write_files(files: Mapping[str, bytes], out: str) -> list[Path]:
     Raises:
         InputError: the folder is not empty, or cannot be written to.
     """
-    with command_folder(out, HUB) as folder, file_errors(folder, "{}; name another folder"):
+    errors = file_errors(out, "{}; name another folder with repo=")
+    with command_folder(out, HUB, key="repo=") as folder, errors:
         return [write_whole(folder / name, data) for name, data in files.items()]
 
 
@@ -84,7 +84,7 @@ def card_text(shared: SharedFile) -> str:
     """Return the text of the card."""
     first, *others = card_sections(shared.of, _file(shared))
     sections = [first, Section("Drive it", _drive(shared)), *others]
-    header = yaml.safe_dump(_header(shared), sort_keys=False, allow_unicode=True)
+    header = yaml_text(_header(shared))
     return f"---\n{header}---\n\n{to_markdown(_title(shared), sections)}"
 
 

@@ -6,8 +6,6 @@ for as long as they are read. A Lambda's code stays the text that it is in the f
 
 import io
 import re
-import sys
-import time
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,7 +24,7 @@ from zoo.base.bounded_files import (
 )
 from zoo.base.errors import InputError, optional_import
 from zoo.base.limits import open_archive
-from zoo.base.process_pool import LOOK_S, KilledProcessError, ProcessPool
+from zoo.base.read_apart import read_apart
 from zoo.checkpoints.network_kind import (
     FOLDER,
     IMPORTED,
@@ -44,9 +42,6 @@ from zoo.keras.keras_model import KerasLayer, joined_outputs, read_architecture
 from zoo.keras.keras_model import KerasModel as KerasModel
 
 MOST_BYTES = 4_000_000_000
-# Limits of the reading process, for a small file and for each byte of a larger one.
-READ_S, BYTES_PER_S = 30.0, 10e6
-FREE_BYTES, COPIES = 1_000_000_000, 4
 SUFFIXES = (*WHOLE_SUFFIXES, ".json")
 CONFIG, METADATA, WEIGHTS = "config.json", "metadata.json", "model.weights.h5"  # of `.keras`
 
@@ -86,33 +81,11 @@ def read_keras(
 def read_keras_apart(path: str | Path, *arguments: Any) -> KerasModel:
     """Return what `read_keras` returns, read by a process of its own.
 
-    The HDF5 library crashes on some damaged files, and never returns from others.
-
     Raises:
-        InputError: see `read_keras`; or the process crashed, or took too long for the file's size.
+        InputError: see `read_keras` and `read_apart`.
     """
-    path = Path(path)
-    check_kind(path)
-    size = path.stat().st_size if path.is_file() else 0
-    last_s = time.monotonic() + READ_S + size / BYTES_PER_S
-    reason = "does not end reading it"
-    with ProcessPool(1) as pool:
-        pool.submit(_read, path, arguments, FREE_BYTES + COPIES * size)
-        try:
-            while time.monotonic() < last_s:
-                for _, found in pool.finished(LOOK_S):
-                    return found
-        except KilledProcessError:
-            reason = "crashes on it"
-    raise InputError(f"{path}: is damaged: the HDF5 library {reason}; copy it again")
-
-
-def _read(path: Path, arguments: tuple, most_bytes: int, _report: object) -> KerasModel:
-    if sys.platform != "win32":
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_DATA, (most_bytes, most_bytes))
-    return read_keras(path, *arguments)
+    check_kind(Path(path))
+    return read_apart(read_keras, Path(path), *arguments)
 
 
 def check_kind(path: Path) -> None:

@@ -17,8 +17,9 @@ from matplotlib.figure import Figure
 
 from zoo.base.bounded_files import hash_file, read_regular
 from zoo.base.errors import InputError
+from zoo.base.file_text import markdown_code, markdown_text
 from zoo.base.new_folder import command_folder
-from zoo.base.terminal import command_line, printable
+from zoo.base.terminal import command_line
 from zoo.base.whole_file import write_output
 from zoo.base.written_files import LOCK, MARK, remove_files, written_below
 from zoo.benchmark.benchmarked import INTERVALS, SHORT, figure_columns
@@ -335,25 +336,25 @@ def _appendix(paper: Paper, command: str, missing: Sequence[str]) -> str:
         ]
         for name, number in here.items()
     ]
-    lines = ["# How the figures were made", "", *_block([command])]
+    lines = ["# How the figures were made", "", markdown_code(command)]
     lines += [f"Written by the code {code_name(code_fingerprint())}."]
     for name, table in paper.tables.items():
-        lines += ["", f"`{name}`: {table.caption}"]
+        lines += ["", f"`{name}`: {markdown_text(table.caption)}"]
     lines += ["", "## Commands"]
     for name, commands in paper.commands.items():
-        lines += ["", f"{printable(name)}:", "", *_block(commands)]
+        lines += ["", f"{markdown_text(name)}:", "", markdown_code("\n".join(commands))]
     lines += ["", "## Fingerprints", "", Table.of_figures(paper.rows).markdown(left=99), ""]
     lines += ["## Versions", ""]
     lines += [Table.of(["package", "here", "of the trainings"], versions).markdown(left=3), ""]
-    lines += ["## What is missing", "", *(_block(missing) if missing else ["Nothing."])]
+    lines += [
+        "## What is missing",
+        "",
+        markdown_code("\n".join(missing)) if missing else "Nothing.",
+    ]
     lines += ["", "## Repeat it", "", f"Unpack {ARCHIVE}, and type there:", ""]
     again = [f"drivezoo leaderboard {next(iter(paper.files)).split('/')[0]} paper=again"]
     again += [f"drivezoo {command} {folder}" for folder, command in paper.repeats.items()]
-    return "\n".join([*lines, *_block(again), ""])
-
-
-def _block(lines: Sequence[str]) -> list[str]:
-    return ["```", *map(printable, lines), "```"]
+    return "\n".join([*lines, markdown_code("\n".join(again)), ""])
 
 
 def _archive(files: Mapping[str, bytes]) -> bytes:

@@ -4,6 +4,7 @@ import io
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 import PIL.Image
@@ -11,9 +12,11 @@ from markupsafe import Markup
 
 from datamodules.image import MOST_IMAGE_BYTES, encode_image
 from zoo.base.bounded_files import read_regular
+from zoo.base.file_text import markdown_cell, markdown_code
+from zoo.base.file_text import markdown_text as plain
+from zoo.base.terminal import printable
 from zoo.runs.page import Page
-from zoo.runs.table import Table, markdown_cell
-from zoo.runs.table import markdown_escape as plain
+from zoo.runs.table import Table
 
 QUALITY = 88  # of JPEG images
 
@@ -55,8 +58,7 @@ class Code(Text):
 
     def markdown(self) -> str:
         """Return Markdown, see `Block`."""
-        fence = "````" if "```" in self.text else "```"
-        return f"{fence}\n{self.text.rstrip()}\n{fence}"
+        return markdown_code(self.text.rstrip())
 
 
 @dataclass(frozen=True)
@@ -157,7 +159,7 @@ class Images(Block):
 
     def markdown(self) -> str:
         """Return images one below another, or side by side in a table with images as headings."""
-        links = [f"![{Path(one.name).stem}](<{one.name}>)" for one in self.images]
+        links = [f"![{plain(Path(one.name).stem)}](<{quote(one.name)}>)" for one in self.images]
         pairs = list(zip(links, (one.caption for one in self.images), strict=True))
         if self.columns == 1:
             return "\n\n".join(f"{link}\n\n{plain(caption)}" for link, caption in pairs)
@@ -186,7 +188,7 @@ class Film(Block):
 
     def markdown(self) -> str:
         """Return Markdown, see `Block`."""
-        return f"[{plain(self.caption)}](<{self.link}>)"
+        return f"[{plain(self.caption)}](<{quote(self.link)}>)"
 
 
 @dataclass(frozen=True)
@@ -209,7 +211,9 @@ class Box(Block):
 
     def markdown(self) -> str:
         """Return Markdown, see `Block`."""
-        typed = [f"{plain(purpose)}:\n\n    {command}" for purpose, command in self.commands]
+        typed = [
+            f"{plain(purpose)}:\n\n    {printable(command)}" for purpose, command in self.commands
+        ]
         bullets = Bullets(self.items).markdown()
         return _joined([f"**{plain(self.title)}**", *map(plain, self.lines), bullets, *typed])
 
@@ -256,7 +260,7 @@ def to_markdown(title: str, sections: Sequence[Section]) -> str:
     """Return the text of `report.md`; the first section has no heading."""
     parts = [f"# {plain(title)}"]
     for number, section in enumerate(sections):
-        parts.append(f"## {section.title}" if number else "")
+        parts.append(f"## {plain(section.title)}" if number else "")
         parts += [block.markdown() for block in section.blocks]
     return _joined(parts) + "\n"
 

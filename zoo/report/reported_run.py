@@ -12,7 +12,7 @@ from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
-from zoo.checkpoints.checkpoint_path import short_name
+from zoo.checkpoints.checkpoint_path import short_name, trained_paths
 from zoo.checkpoints.command import Policy
 from zoo.checkpoints.policy import CheckpointPolicy, load_policy
 from zoo.drives.drive_log import LOG_NAME, read_drive
@@ -155,13 +155,10 @@ class ReportedRun(ReportedDrives, Run):
     @cached_property
     def recording(self) -> Recording:
         """Read the recording again; raise InputError or OSError if it cannot be read."""
-        data = self.config["data"]
-        root, images = data["root"], data.get("images")
-        if root is None:
+        data = self.config["data"] | trained_paths(self.config["data"], self.started_in)
+        if data["root"] is None:
             raise InputError("The run stopped before it opened its recording.")
-        roots = [self._found(one) for one in ([root] if isinstance(root, str) else root)]
-        said = said_in(data) | {"on_bad_image": "skip"}
-        return read_recordings(roots, **said | {"images": self._found(images) if images else None})
+        return read_recordings(data["root"], **said_in(data) | {"on_bad_image": "skip"})
 
     @property
     def ended_early(self) -> str:
@@ -180,9 +177,3 @@ class ReportedRun(ReportedDrives, Run):
     def plot(self, name: str, caption: str) -> Image:
         """Return a plot of the run; raise OSError if it is missing."""
         return Image.read(self.folder / "plots" / f"{name}.png", caption)
-
-    def _found(self, place: str) -> str:
-        """Return a path of the run's config, relative to the folder where the run was started."""
-        path = Path(place).expanduser()
-        there = (self.started_in or Path()) / path
-        return str(there if there.exists() and not path.exists() else path)

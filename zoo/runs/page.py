@@ -9,7 +9,7 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from zoo.runs.table import indented
+from zoo.base.file_text import html_text, indented
 
 SHARED = Path(__file__).with_name("static")
 
@@ -36,6 +36,7 @@ class Page:
         environment = Environment(
             loader=FileSystemLoader([folder, SHARED]),
             autoescape=True,
+            finalize=html_text,
             undefined=StrictUndefined,
             trim_blocks=True,
             lstrip_blocks=True,

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from datamodules.view import view_to_rgb
+from zoo.base.file_text import plot_text
 from zoo.base.whole_file import write_whole
 
 BLUE, ORANGE, GREY = "#2a6fbb", "#d9822b", "#8a8a8a"
@@ -169,7 +170,7 @@ def interval_panels(panels: Mapping[str, tuple[Mapping[str, Any], float]]) -> Fi
             low, value, high = factor * np.array([one.low, one.value, one.high], float)
             axis.plot([low, high], [row, row], color=BLUE, lw=1.5)
             axis.plot(value, row, "o", color=BLUE)
-        axis.set_yticks(range(len(figures)), list(figures))
+        axis.set_yticks(range(len(figures)), map(plot_text, figures))
         axis.set(xlabel=label, ylim=(rows - 0.5, -0.5))
         plain_axis(axis, "x")
     return figure
@@ -199,12 +200,13 @@ def share_panels(
             low, value, high = 100 * np.array(bounds, float).T
             # Side by side, since bars of several curves at one place hide each other.
             beside = np.array(places) + (0.6 * (number + 0.5) / len(curves) - 0.3 if few else 0)
-            (curve,) = axis.plot(beside, value, ("." if few else "") + next(styles), label=name)
+            style = ("." if few else "") + next(styles)
+            (curve,) = axis.plot(beside, value, style, label=plot_text(name))
             if few:
                 axis.vlines(beside, low, high, color=curve.get_color(), lw=1, alpha=0.6)
             else:
                 axis.fill_between(beside, low, high, color=curve.get_color(), alpha=0.15, lw=0)
-        axis.set(title=title, ylim=(-2 if few else 0, 102), xlabel=label)
+        axis.set(title=plot_text(title), ylim=(-2 if few else 0, 102), xlabel=label)
         axis.margins(x=0.05 if few else 0)
         plain_axis(axis)
     axes[0].set_ylabel(f"{shares}; {'bar' if few else 'band'}: 95 % interval")

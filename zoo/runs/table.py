@@ -8,8 +8,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from zoo.base.errors import UsageError, hint
-from zoo.base.terminal import printable
-from zoo.base.whole_file import csv_text
+from zoo.base.file_text import csv_text, html_text, markdown_cell, tex_text
 
 if TYPE_CHECKING:
     import rich.table
@@ -174,13 +173,13 @@ class Table:
         <BLANKLINE>
         """
         head, *rows = (
-            " & ".join(map(tex_escape, row)) + r" \\" for row in (self.headings, *self.cells)
+            " & ".join(map(tex_text, row)) + r" \\" for row in (self.headings, *self.cells)
         )
         kinds = "".join("l" if is_text else "r" for is_text in self._are_texts())
         lines = [rf"\begin{{tabular}}{{{kinds}}}", r"\toprule", head, r"\midrule", *rows]
         lines += [r"\bottomrule", r"\end{tabular}"]
         if self.caption:
-            caption = rf"\caption{{{tex_escape(self.caption)}}}"
+            caption = rf"\caption{{{tex_text(self.caption)}}}"
             box = r"\begin{adjustbox}{max width=\linewidth}"  # figures with intervals are wide
             lines = [caption, box, *lines, r"\end{adjustbox}"]
             lines = [r"\begin{table}", r"\centering", *lines, r"\end{table}"]
@@ -309,46 +308,6 @@ def known(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
-_TEX = {
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "±": r"$\pm$",
-    "-": "$-$",
-    ">=": r"$\geq$",
-    "<=": r"$\leq$",
-    **{sign: f"${sign}$" for sign in "<>|"},
-    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
-}
-
-
-def tex_escape(text: str) -> str:
-    r"""Return a text for LaTeX, in one line.
-
-    >>> tex_escape("50_% >= {x}"), tex_escape("-1 to 2, 2026-01-02")
-    ('50\\_\\% $\\geq$ \\{x\\}', '$-$1 to 2, 2026-01-02')
-    """
-    special = r"[<>]=|[\\~^±<>|&%$#_{}]|(?<![\w-])-(?=\d)"
-    return re.sub(special, lambda sign: _TEX[sign[0]], " ".join(text.split()))
-
-
-def markdown_escape(text: str) -> str:
-    """Return a text with Markdown's special characters escaped."""
-    return re.sub(r"([\\`*_\[\]<>#])", r"\\\1", text)
-
-
-def indented(text: str) -> str:
-    """Return a text with visible leading blanks: HTML and Markdown hide normal ones."""
-    words = text.lstrip(" ")
-    return "\N{NO-BREAK SPACE}" * (len(text) - len(words)) + words
-
-
-def markdown_cell(cell: str) -> str:
-    """Return a text as a cell of a Markdown table."""
-    escaped = markdown_escape(indented(cell.rstrip(" ")))
-    return escaped.replace("|", "\\|").replace("\n", " ")
-
-
 def _text(value: Cell) -> str:
     if value is None:
         return "-"
@@ -356,4 +315,4 @@ def _text(value: Cell) -> str:
 
 
 def _html(text: str) -> str:
-    return escape(printable(text)).replace("\\n", "<br>")
+    return escape(html_text(text)).replace("\n", "<br>")

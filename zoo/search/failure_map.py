@@ -9,6 +9,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
+from zoo.base.file_text import plot_text
 from zoo.runs.plots import BLUE
 from zoo.search.search_space import Feature
 
@@ -109,7 +110,7 @@ def failure_map(
         shown = borders[:: max(1, len(borders) // 6)]
         ticks.set_ticks(shown, [f"{one:.3g}" for one in shown])
         ticks.set_minor_locator(NullLocator())
-    axis.set_title(title, fontsize="medium")
+    axis.set_title(plot_text(title), fontsize="medium")
     axis.spines[["top", "right"]].set_visible(False)
     label = "share of the cell's drives with an intervention"
     figure.colorbar(mesh, ax=axis, shrink=0.6, label=label, format="%.1g")

@@ -5,16 +5,16 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import yaml
 from matplotlib.figure import Figure
 from rich.console import Console
 
 from zoo.base.bounded_files import hash_file
 from zoo.base.command_keys import changed
 from zoo.base.errors import InputError
+from zoo.base.file_text import yaml_text
 from zoo.base.new_folder import command_folder
 from zoo.base.process_pool import opened_pool
-from zoo.base.terminal import counted, print_written
+from zoo.base.terminal import counted, print_written, printable
 from zoo.base.whole_file import json_text, write_whole
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.checkpoints.policy import load_policy
@@ -194,13 +194,14 @@ def draw_map(report: Report) -> Figure:
 
 def _write_mildest(report: Report, mildest: Driven) -> Path:
     features = ", ".join(f"{key} {value:g}" for key, value in mildest.candidate.features.items())
-    text = (
-        f"# The mildest road of family={report.options.family} on which a search found a failure,\n"
-        f"# with weather={weather_text(mildest.candidate.weather)}, after "
-        f"{mildest.outcome.driven_m:.1f} m.\n"
-        f"# {features}\n"
-    )
-    content = yaml.safe_dump(mildest.candidate.content, sort_keys=False)
+    lines = [
+        f"The mildest road of family={report.options.family} on which a search found a failure,",
+        f"with weather={weather_text(mildest.candidate.weather)}, after "
+        f"{mildest.outcome.driven_m:.1f} m.",
+        features,
+    ]
+    text = "".join(f"# {printable(line)}\n" for line in lines)
+    content = yaml_text(mildest.candidate.content)
     return write_whole(report.folder / MILDEST, text + content)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
 
+from zoo.base.file_text import plot_text
 from zoo.base.new_folder import command_folder
 from zoo.base.process_pool import Pool, opened_pool
 from zoo.base.terminal import print_line, print_written, printable
@@ -119,10 +120,11 @@ class Timing(Result):
         """Draw the loop times, and the highest speeds with their intervals."""
         measured, options = self.times[MEASURED], self.options
         figure = NotebookFigure(figsize=(10, 4.2), layout="constrained")
-        figure.suptitle(
+        title = (
             f"{self.checkpoint} on {options.family}: up to {self._speed(MEASURED)} at "
             f"{measured.rate_hz:.1f} frames per second"
         )
+        figure.suptitle(plot_text(title))
         left, right = figure.subplots(1, 2, width_ratios=[1, 1.4])
         longest_ms = max(measured.loop_ms.max(), np.nanmax(measured.latency_ms))
         edges = np.linspace(0, longest_ms * 1.05, 41)

@@ -1,6 +1,6 @@
 """The roads of recordings by the embedded simulator, named by what they look like."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from simulator.road_family import roads_digest
@@ -23,7 +23,32 @@ def road_key(track: str) -> str:
 
 def recorded_roads(folders: Iterable[str]) -> list[str]:
     """Return the sorted keys of the roads that recordings name, without those that are unknown."""
-    tracks = {track for folder in folders for track in _recipe_tracks(Path(folder) / RECIPE)}
+    return _keys_of({track for folder in folders for track in _tracks_in(Path(folder) / RECIPE)})
+
+
+def trained_roads(config: Mapping, data: Mapping) -> list[str] | None:
+    """Return the keys of a training's roads; None where its file tells nothing of them.
+
+    Args:
+        config: config of the training; a stranger's may hold anything.
+        data: facts on its recording. Earlier versions did not write the roads.
+    """
+    own = config.get("data")
+    recipe = own.get("record") if isinstance(own, Mapping) else None
+    if (
+        "roads" in data
+        or not isinstance(recipe, Mapping)
+        or own.get("root")
+        not in (
+            None,
+            recipe.get("out"),
+        )
+    ):
+        return data.get("roads")
+    return _keys_of(_recipe_tracks(recipe)) or None
+
+
+def _keys_of(tracks: Iterable[str]) -> list[str]:
     found = set()
     for track in tracks:
         try:
@@ -33,12 +58,15 @@ def recorded_roads(folders: Iterable[str]) -> list[str]:
     return sorted(found)
 
 
-def _recipe_tracks(path: Path) -> set[str]:
+def _tracks_in(path: Path) -> set[str]:
     """Return the tracks in a recording's recipe; none without one that can be read."""
     try:
-        recipe = read_json(path)
+        return _recipe_tracks(read_json(path))
     except InputError:
         return set()
+
+
+def _recipe_tracks(recipe: object) -> set[str]:
     passes = recipe.get("passes") if isinstance(recipe, dict) else None
     known = passes if isinstance(passes, list) else []
     return {str(one["track"]) for one in known if isinstance(one, dict) and "track" in one}

@@ -14,6 +14,8 @@ from zoo.base.errors import InputError, UsageError
 from zoo.base.parts import typed_parts
 from zoo.base.terminal import command_line, counted
 from zoo.base.whole_file import refuse_links_out
+from zoo.checkpoints.checkpoint_path import trained_paths
+from zoo.cli.compose import escape_interpolation
 from zoo.cli.console_progress import loading
 from zoo.runs.saved_config import check_saved_config, overridden, split_trust
 
@@ -55,12 +57,13 @@ def resume(folder: Path, overrides: list[str]) -> None:
     overrides, trusted = split_trust(overrides)
     from zoo.checkpoints.checkpoint import read_checkpoint_file
     from zoo.runs.metrics_file import read_metrics_file
-    from zoo.runs.run import load_config
+    from zoo.runs.run import Run, load_config
     from zoo.runs.status import read_status_file
     from zoo.training.interruptions import has_stopped_early
 
     refuse_links_out(folder)
     saved = load_config(folder)
+    lead_from(Run(folder).started_in, saved)
     config, typed = overridden(saved, overrides)
     check_saved_config(config, saved_path, trusted, typed)
     last = folder / "checkpoints" / "last.ckpt"
@@ -121,6 +124,12 @@ def _settled(config: DictConfig) -> dict[str, str]:
     from zoo.training.run_config import with_quick
 
     return dict(typed_keys(OmegaConf.to_container(with_quick(config), resolve=True)))
+
+
+def lead_from(begin: Path | None, config: DictConfig) -> None:
+    """Change the relative paths of a run's recording, which begin in another folder."""
+    paths = trained_paths(OmegaConf.to_container(config.data), begin)
+    config.data.update(escape_interpolation(paths))
 
 
 def _finished_lines(

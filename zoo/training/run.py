@@ -22,6 +22,7 @@ from zoo.base.terminal import counted, print_line
 from zoo.base.whole_file import refuse_links_out, write_whole
 from zoo.callbacks.closed_loop import best_drive
 from zoo.checkpoints.checkpoint import make_card, read_checkpoint_file
+from zoo.checkpoints.checkpoint_path import STARTED_IN
 from zoo.cli.console_progress import working
 from zoo.cli.process_ranks import is_first_process, needs_processes
 from zoo.evaluate.replay_score import held_out_replay
@@ -118,6 +119,7 @@ def _run(
                 score, not_replayed = None, str(error)
                 print_line(console, f"no score by driving: {error}")
     card = make_card(OmegaConf.to_container(config, resolve=True), data.view, recorded)
+    card[STARTED_IN] = str(Path.cwd())
     resumed = interruptions.find_resume_point(folder, card, console) if resume else None
 
     # Lightning's trainer knows the devices and the processes, which the plan depends on.

@@ -229,7 +229,7 @@ def _record(folder: Path, recipe: dict, jobs: int | None, console: Console) -> N
         f"in {folder}",
     )
     try:
-        with whole_folder(folder, RECORDINGS) as unfinished:
+        with whole_folder(folder, RECORDINGS, "data.record.out=") as unfinished:
             common = {"out": str(unfinished), "relative": True}
             passes = [RecordOptions(**common, **options) for options in recipe["passes"]]
             # Half a lap takes less time than starting another process is worth.

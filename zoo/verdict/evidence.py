@@ -9,7 +9,7 @@ from typing import TypeVar
 from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError, UsageError
 from zoo.base.terminal import command_line
-from zoo.checkpoints.checkpoint_path import short_name
+from zoo.checkpoints.checkpoint_path import STARTED_IN, short_name, trained_data
 from zoo.runs.run import HYDRA, Run
 from zoo.runs.status import read_metrics
 
@@ -35,6 +35,7 @@ class Evidence:
         source: other car or format of its recording; None for Udacity's rig.
         overrides: arguments of `drivezoo train` that started the run; None if unknown.
         has_rig: whether the camera and the car of its recording are known.
+        facts: facts on its recording, see `trained_data`; None if unknown.
     """
 
     checkpoint: str | None
@@ -43,6 +44,12 @@ class Evidence:
     overrides: tuple[str, ...] | None = None
     source: str | None = None
     has_rig: bool = True
+    facts: object = None
+
+    @property
+    def root(self) -> object:
+        """Return its recording as a command in this folder takes it."""
+        return trained_data(self.config, self.facts).get("root")
 
     def at(self, key: str, otherwise: object = None) -> object:
         """Return a value of the config by its dotted key.
@@ -81,18 +88,21 @@ def read_evidence(checkpoint: Path | str, config: Mapping, data: object = None) 
     found = evidence_of_run(folder, config, read_metrics(folder))
     is_best = (folder / "checkpoints" / "best.ckpt") == Path(checkpoint)
     name = short_name(folder if is_best else Path(checkpoint))
-    return replace(found, checkpoint=name, source=source_of(data), has_rig=has_rig(data))
+    source, facts = source_of(data), data or found.facts
+    return replace(found, checkpoint=name, source=source, has_rig=has_rig(data), facts=facts)
 
 
 def evidence_of_run(folder: Path, config: Mapping, metrics: Mapping) -> Evidence:
     """Return the evidence on the best checkpoint of a run, or on its last one."""
-    run, overrides = Run(folder), None
+    run, overrides, facts = Run(folder), None, None
+    with suppress(InputError):
+        facts = {STARTED_IN: run.started_in}
     if (folder / HYDRA / "overrides.yaml").exists():
         with suppress(InputError):
             overrides = tuple(run.overrides)
     name = short_name(folder) if run.checkpoint_path else None
     data = metrics.get("data")
-    return Evidence(name, config, metrics, overrides, source_of(data), has_rig(data))
+    return Evidence(name, config, metrics, overrides, source_of(data), has_rig(data), facts)
 
 
 def source_of(data: object) -> str | None:

@@ -203,7 +203,7 @@ def _without_verdict(
 
 
 def _replay_command(evidence: Evidence) -> str:
-    root, speed = evidence.at("data.root"), evidence.at("score.replay_speed")
+    root, speed = evidence.root, evidence.at("score.replay_speed")
     facts = evidence.metrics.get("data")
     if not speed and isinstance(facts, Mapping) and facts.get("speed_mph") == 0:
         speed = 9  # to be adapted: the recording has none, and a replay needs one

@@ -10,6 +10,7 @@ import torch
 from tests.zoo.commands import only_line, run
 from tests.zoo.models.test_models_command import build
 from zoo.base.errors import InputError
+from zoo.checkpoints import onnx_policy
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.onnx_policy import CARD, OnnxPolicy
@@ -72,6 +73,80 @@ def test_a_damaged_file_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture)
         with pytest.raises(InputError, match=rf"{number}\.onnx: is (damaged|empty)"):
             OnnxPolicy(path)
     assert capfd.readouterr().err == ""
+
+
+# Operations that return `controls`, a number for each image, from its mean brightness `b`.
+LOOP = """s = Loop (trips, {condition}, none) <body = again (int64 i, bool go, float x)
+  => (bool same, float y) {{same = Identity (go)\n y = Identity (x)}}>
+controls = Mul (b, s)"""
+HARMFUL = {
+    "loop": (LOOP.format(condition="always"), "has a loop"),
+    "loop for bright images": (
+        "lit = Less (half, b)\n if = Squeeze (lit)\n" + LOOP.format(condition="if"),
+        "has a loop",
+    ),
+    "memory": (
+        "d = ConstantOfShape (huge)\n e = ReduceMean <keepdims = 0> (d)\n controls = Mul (b, e)",
+        "allocate",
+    ),
+    "another shape": ("controls = Reshape (b, huge)", "cannot be run"),
+    "no row": ("controls = Slice (b, zero, zero)", r"array of \(0, 1\)"),
+    "two rows": ("controls = Concat <axis = 0> (b, b)", r"array of \(2, 1\)"),
+}
+
+
+def write_harmful(path: Path, operations: str) -> Path:
+    """Write a file with drivezoo's card whose network has other operations."""
+    network, view = build("tiny")
+    model = onnx.load_from_string(onnx_bytes(Checkpoint(network.eval(), view, {"model": {}}, {})))
+    height, width, channels = view.shape
+    graph = f"""g (uint8[batch, {channels}, {height}, {width}] images) => (float[batch, 1] controls)
+        <int64[1] ones = {{1}}, int64 trips = {{4611686018427387904}}, bool always = {{1}},
+        float none = {{0}}, float half = {{0.5}}, int64[1] zero = {{0}},
+        int64[1] huge = {{750000000}}> {{
+        f = Cast <to = 1> (images)
+        m = ReduceMean <axes = [1, 2, 3], keepdims = 0> (f)
+        b = Unsqueeze (m, ones)
+        {operations}
+    }}"""
+    model.graph.CopyFrom(onnx.parser.parse_graph(graph))
+    path.write_bytes(model.SerializeToString())
+    return path
+
+
+@pytest.mark.parametrize("harm", HARMFUL)
+def test_a_network_that_does_harm_is_refused_in_one_line(harm: str, tmp_path: Path) -> None:
+    operations, words = HARMFUL[harm]
+    path = write_harmful(tmp_path / "harm.onnx", operations)
+    with pytest.raises(InputError, match=rf"harm\.onnx: .*{words}"):
+        load_policy(path)
+
+
+def test_a_loop_is_found_in_any_spelling_of_its_bytes() -> None:
+    for spelling in (b'"\x04Loop', b'"\x84\x00Loop', b"\xa2\x80\x00\x84\x80\x00Loop"):
+        assert onnx_policy.LOOP.search(b"x" + spelling)
+    assert not onnx_policy.LOOP.search(b'"the Loop"')
+
+
+LIMITS = {
+    "zoo.base.read_apart.READ_S": (0, "does not end within 0 s"),
+    # Where the system sets no limit, as on macOS and Windows.
+    "zoo.base.process_pool.ProcessPool.used_bytes": (lambda _: 2e9, "takes more than 1,000 MB"),
+}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_a_file_is_read_within_its_limits(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    network, view = build("tiny")
+    (tmp_path / "a.onnx").write_bytes(onnx_bytes(Checkpoint(network.eval(), view, {}, {})))
+    assert load_policy(tmp_path / "a.onnx").outputs == 1
+    value, words = LIMITS[name]
+    monkeypatch.setattr(name, value)
+    monkeypatch.setattr("zoo.base.read_apart.LOOK_S", 0.001)
+    with pytest.raises(InputError, match=rf"a\.onnx: is damaged.* {words}"):
+        load_policy(tmp_path / "a.onnx")
 
 
 def test_a_folder_and_nothing_are_refused(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from tests.zoo.commands import only_line, run_here
 from zoo.cli.compose import choices
 from zoo.cli.console_script import commands, load
-from zoo.completion.shell_scripts import SCRIPTS, command_words
+from zoo.completion.shell_scripts import SCRIPTS, Words, command_words
 
 pytestmark = pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
 
@@ -91,6 +91,19 @@ def test_files_are_completed(script: Path, tmp_path: Path) -> None:
     offered = completed(script, "drivezoo evaluate my", tmp_path)
     assert sorted(offered) == ["my.ckpt ", "my\\ run/"]
     assert completed(script, "drivezoo film x out=my.", tmp_path) == ["my.ckpt "]
+
+
+def test_no_name_of_a_part_is_run(tmp_path: Path) -> None:
+    evil = "$(echo>pwned)"
+    words = {"train": Words((evil, "fine"), {"model": (evil, "lenet")}), evil: Words((), {})}
+    script, here = tmp_path / "a.bash", tmp_path / "here"
+    here.mkdir()
+    script.write_text(SCRIPTS["bash"](words))
+    assert completed(script, "drivezoo train model=", here) == ["lenet "]
+    assert "fine " in completed(script, "drivezoo train ", here)
+    assert completed(script, "drivezoo ", here) == ["train "]
+    assert not [*here.iterdir()]
+    assert evil not in SCRIPTS["fish"]({"train": words["train"]})
 
 
 @pytest.mark.parametrize("shell", ["zsh", "fish"])

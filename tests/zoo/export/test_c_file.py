@@ -203,7 +203,7 @@ def test_a_name_that_c_refuses_is_refused(name: str) -> None:
 
 def test_a_card_cannot_leave_its_comment(tmp_path: Path) -> None:
     checkpoint = load_checkpoint("tiny41")
-    card = "a */ int evil; /* b\n*\\\n/ int evil;\n??/\n\x00\x1b é *\\/ int evil;"
+    card = "a */ int evil; *\x01/ int evil; /* b\n*\\\n/ int evil;\n??/\n\x00\x1b é *\\/ int evil;"
     (tmp_path / "steer.h").write_text(c_header(checkpoint, "steer", card))
     words = [str(COMPILER), "-E", "-P", "-std=c99", str(tmp_path / "steer.h")]
     left = subprocess.run(words, capture_output=True, text=True, check=True).stdout

@@ -3,8 +3,10 @@
 import http.client
 import json
 import os
+import re
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -39,7 +41,12 @@ from zoo.drive.__main__ import load_warm_policy, view_line
 from zoo.drive.live_page import list_checkpoints
 from zoo.evaluate import __main__ as evaluate
 from zoo.export.__main__ import export
-from zoo.export.donkeycar_file import donkeycar_bytes, donkeycar_policy
+from zoo.export.donkeycar_file import (
+    bounded,
+    donkeycar_bytes,
+    donkeycar_policy,
+    inferred_throttle,
+)
 from zoo.export.exported_file import Int8OnnxFile, export_checkpoint
 from zoo.export.parity import RENDERED, Frames, compare, take_frames
 from zoo.keras.keras_file import read_keras
@@ -212,15 +219,17 @@ def test_a_calibration_that_cannot_be_read_is_named(checkpoint: Path, tmp_path: 
 def test_frames_are_those_of_training_or_else_rendered(
     checkpoint: Path, recorded: Written, here: Path
 ) -> None:
-    trained_on = take_frames(None, load_checkpoint(checkpoint).config)
-    assert trained_on.source == f"of {recorded.folder}"
-    rendered = take_frames(None, {"data": {"root": str(here / "of another machine")}})
-    assert rendered.source == "rendered on the embedded lake"
+    loaded = load_checkpoint(checkpoint)
+    assert take_frames(None, loaded).source == f"of {recorded.folder}"
+    moved = replace(loaded, config={"data": {"root": str(here / "of another machine")}})
+    rendered = take_frames(None, moved)
+    assert rendered.source.startswith("rendered on the embedded lake, in 320 x 160, since")
+    assert "of another machine is not found" in rendered.source
     assert len(rendered.frames) == len(rendered.speeds_mph) == RENDERED
     assert {frame.shape for frame in rendered.frames} == {(160, 320, 3)}
     assert len({frame.tobytes() for frame in rendered.frames}) == RENDERED
     with pytest.raises(InputError, match="nowhere"):
-        take_frames("nowhere", {})
+        take_frames("nowhere", loaded)
 
 
 def test_the_network_uses_the_threads_of_the_driver(exported: Path) -> None:
@@ -418,6 +427,67 @@ def test_a_network_of_donkeycar_returns_as_it_came(
             found_kernel, found_bias = (group[path] for path in group.attrs["weight_names"])
             np.testing.assert_array_equal(found_kernel, kernel)
             np.testing.assert_array_equal(found_bias, bias)
+
+
+def commands_of(policy: CheckpointPolicy) -> np.ndarray:
+    """Return steering and throttle for some frames, [frames, 2]."""
+    return np.array([tuple(policy(frame, 0.0)) for frame in pictures(policy.view.frame)], float)
+
+
+@pytest.mark.parametrize(
+    ("names", "units", "activation", "most"),
+    [
+        (LINEAR, (1, 1), "linear", 0.02),
+        (LINEAR, (1, 1), "tanh", 0.02),
+        (LINEAR, (1, 1), "linear", 1.0),
+        (BINS, (15, 20), "softmax", 0.2),
+        (LINEAR[:1], (1,), "linear", 0.2),
+    ],
+)
+def test_a_throttle_is_bounded_in_the_file(
+    names: tuple[str, ...], units: tuple[int, ...], activation: str, most: float, tmp_path: Path
+) -> None:
+    layers = donkeycar_layers(names, units, activation)
+    read = convert(read_keras(write_donkeycar(tmp_path, layers, ends=len(names))))
+    view = View((0, 0), "rgb", None, frame=SHAPE[:2])
+    free = random_checkpoint(view, Sequential, layers=read.layers, scale=read.scale)
+    free.network.load_state_dict(read.state)
+    contents, kind = donkeycar_bytes(bounded(free, most))
+    (tmp_path / "bound.h5").write_bytes(contents)
+    written = donkeycar_policy(bounded(free, most), tmp_path / "bound.h5")
+    found, before = commands_of(written), commands_of(CheckpointPolicy(free))
+    np.testing.assert_allclose(found[:, 0], before[:, 0], atol=1e-6)
+    assert found[:, 1].max() <= most + 1e-6
+    if names == LINEAR:
+        np.testing.assert_allclose(found[:, 1], before[:, 1].clip(max=most), atol=1e-6)
+    if names == LINEAR[:1]:
+        assert kind == "linear"
+        np.testing.assert_allclose(found[:, 1], most)
+
+
+def test_donkeycars_own_throttle_is_that_of_its_formula() -> None:
+    assert inferred_throttle([-1.0, 0.0, 1.0]) == pytest.approx([1.0, 0.7538, 0.5565], abs=1e-4)
+
+
+def test_the_command_prints_the_throttle_and_the_key_that_bounds_it(
+    recorded: Written, tmp_path: Path
+) -> None:
+    words = ("pilotnet", f"frames={recorded.folder}", "to=donkeycar", "out=pilot.h5")
+    printed = succeed(run_here(tmp_path, *words, module="zoo.export"))
+    low, high = re.search(r"Throttle: ([\d.]+) to ([\d.]+) over", printed).groups()
+    assert 0.5 < float(low) <= float(high) <= 1
+    assert "throttle=0.2" in printed
+    printed = succeed(run_here(tmp_path, *words, "throttle=0.15", module="zoo.export"))
+    assert "Throttle: 0.15 to 0.15" in printed
+    assert "--type linear" in printed
+
+
+@pytest.mark.parametrize("words", ["to=onnx throttle=0.2", "to=c throttle=0.2", "throttle=1.5"])
+def test_a_throttle_that_cannot_be_is_refused(words: str, tmp_path: Path) -> None:
+    result = run_here(tmp_path, "pilotnet", *words.split(), module="zoo.export")
+    assert result.returncode == 2
+    assert "drivezoo export: throttle" in result.stderr
+    assert not [*tmp_path.iterdir()]
 
 
 @pytest.mark.parametrize(

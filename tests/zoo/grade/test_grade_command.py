@@ -1,24 +1,30 @@
 """`drivezoo grade`: marks of a class on drawn roads, warnings and pages."""
 
+import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 import yaml
 
 from datamodules.recording import make_recording
 from tests.zoo.benchmark.test_benchmark_command import write_family, write_suite
+from tests.zoo.commands import run_here
 from tests.zoo.written_checkpoints import write_constant, write_pilotnet
 from zoo.base.errors import InputError, UsageError
 from zoo.benchmark.__main__ import benchmark
 from zoo.benchmark.result import NAME, Driver
 from zoo.benchmark.suite import _redrawn, read_suite, redraw_suite
 from zoo.checkpoints.checkpoint import load_checkpoint
+from zoo.checkpoints.checkpoint_path import PACKAGED
 from zoo.checkpoints.onnx_file import onnx_bytes
+from zoo.cli import console_progress
 from zoo.grade import graded
 from zoo.grade.__main__ import grade
 from zoo.grade.submissions import Submission, find_submissions, warnings_of
@@ -26,10 +32,11 @@ from zoo.grade.submitted_network import (
     IMAGES,
     NetworkFacts,
     facts_file,
+    network_facts,
     read_facts,
     write_facts,
 )
-from zoo.training.recorded_roads import road_key
+from zoo.training.recorded_roads import road_key, trained_roads
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +92,10 @@ def test_each_student_has_a_row_and_a_page(marked: graded.Graded) -> None:
     assert "not a torch file" in lines["eve"]
     assert "no .ckpt or .onnx file" in lines["finn"]
     pages = {one.stem: one.read_text() for one in (marked.folder / graded.PAGES).iterdir()}
-    assert pages.keys() == expected.keys()
+    assert pages.keys() == status.keys()
+    for name, words in (("eve", "not a torch file"), ("finn", "no .ckpt or .onnx file")):
+        assert "not driven" in pages[name]
+        assert words in pages[name]
     assert "Not passed" in pages["ben"]
     assert "data:video/mp4;base64," in pages["ben"]
     assert "<video" not in pages["ada"]
@@ -183,7 +193,6 @@ def test_an_export_is_the_same_network(tmp_path: Path) -> None:
     ("names", "reason"),
     [
         (["notes.txt"], "holds no .ckpt or .onnx file"),
-        (["ada.ckpt", "ada/net.ckpt"], "ada stands for two submissions"),
         (None, "cannot be read"),
     ],
 )
@@ -201,3 +210,195 @@ def test_more_roads_need_a_seed_and_a_suite_needs_marks(submitted: Path, here: P
         grade(submitted, roads=3)
     with pytest.raises(InputError, match="has no marks"):
         grade(submitted, suite="quick")
+
+
+NAMES = {
+    "245 characters": "n" * 245,
+    "formula": '=HYPERLINK("a","b")',
+    "control characters": "a\x1b[2J\r\nb",
+    "not UTF-8": "k\udce4the",
+    "blanks and quotes": "Ann O'Neil (2)",
+    "shell": "$(touch x);`y`",
+}
+
+
+def hand_in(folder: Path) -> None:
+    """Write the submissions of a class, each of which is odd in another way."""
+    write_constant(folder / "a good one.ckpt", 0.0)
+    for name in NAMES.values():
+        write_constant(folder / name / "net.ckpt", 0.0)
+    (folder / "dangling.ckpt").symlink_to("nowhere.ckpt")
+    (folder / "dangling").symlink_to("nowhere")
+    for name, card in (("latin", "Gr\xf6\xdfe".encode("cp1252")), ("large", b"x" * 1_000_001)):
+        write_constant(folder / name / "net.ckpt", 0.0)
+        (folder / name / "README.md").write_bytes(card)
+    (folder / "folder.ckpt").mkdir()
+    write_constant(folder / "twice.ckpt", 0.0)
+    write_constant(folder / "twice" / "net.ckpt", 0.0)
+    write_constant(folder / "apple" / "net.CKPT", 0.0)
+    (folder / "apple" / "._net.CKPT").write_bytes(b"a Mac's")
+    (folder / "notes.txt").touch()
+
+
+@pytest.fixture
+def as_ada(marked: graded.Graded, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Copy a student's drives in place of driving."""
+    (source,) = (one for one in (marked.folder / graded.DRIVES).glob("ada-*") if one.is_dir())
+
+    def copy(folder: Path, submission: Submission, *_: object) -> None:
+        shutil.copytree(source, folder)
+        write_facts(submission.file, facts_file(folder))
+
+    monkeypatch.setattr(graded, "_drive", copy)
+
+
+@pytest.mark.usefixtures("as_ada")
+@pytest.mark.skipif(sys.platform != "linux", reason="names that other systems refuse")
+def test_no_student_ends_the_class(suite: Path, here: Path, capsys: pytest.CaptureFixture) -> None:
+    hand_in(here / "class")
+    found = grade(here / "class", suite=str(suite), seed=5, out=here / "out")
+    found.show()
+    status = {one.submission.name: one.status for one in found.grades}
+    broken = ["dangling", "folder.ckpt", "twice"]
+    assert status == {
+        **dict.fromkeys([*NAMES.values(), "a good one", "latin", "large", "apple"], "passed"),
+        **dict.fromkeys(broken, "not driven"),
+    }
+    assert len([*(here / "out" / graded.PAGES).iterdir()]) == len(status)
+    lines = {}
+    for one in found.grades:
+        lines[one.submission.name] = " ".join(one.warnings)
+    for name, words in (
+        ("dangling", "two submissions"),
+        ("twice", "two submissions"),
+        ("folder.ckpt", "no .ckpt or .onnx file"),
+        ("latin", "not UTF-8"),
+        ("large", "1,000,001 bytes"),
+    ):
+        assert words in lines[name]
+    written = (here / "out" / "grades.csv").read_text()
+    assert "\n\"'=HYPERLINK" in written
+    assert len(written.splitlines()) == 1 + len(status)
+    assert "\x1b" not in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("as_ada")
+@pytest.mark.parametrize("part", ["_drive", "warnings_of", "_write_page", "read_facts"])
+def test_an_unexpected_error_is_one_students_alone(
+    part: str, suite: Path, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_constant(here / "class" / "ann.ckpt", 0.0)
+    write_constant(here / "class" / "ben.ckpt", 0.1)
+    usual = getattr(graded, part)
+
+    def fail_for_ann(*arguments: object) -> object:
+        if any("ann" in str(one) for one in arguments):
+            raise RuntimeError("something odd")
+        return usual(*arguments)
+
+    monkeypatch.setattr(graded, part, fail_for_ann)
+    ann, ben = grade(here / "class", suite=str(suite), seed=5, out=here / "out").grades
+    assert "RuntimeError: something odd" in " ".join(ann.warnings)
+    assert (ann.status, ben.status) == ("not driven" if part == "_drive" else "passed", "passed")
+    assert "something odd" in (here / "out" / "grades.html").read_text()
+
+
+def test_marks_are_written_after_each(
+    suite: Path,
+    here: Path,
+    as_ada: None,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+) -> None:
+    for name in ("ann", "ben", "cleo"):
+        write_constant(here / "class" / f"{name}.ckpt", 0.0)
+    copy, seen = graded._drive, []
+
+    def look(*arguments: object) -> None:
+        path = here / "out" / "grades.csv"
+        seen.append(path.read_text().count("waiting") if path.is_file() else 3)
+        copy(*arguments)
+
+    monkeypatch.setattr(graded, "_drive", look)
+    monkeypatch.setattr(console_progress, "LINE_EVERY_S", 0.0)
+    grade(here / "class", suite=str(suite), seed=5, out=here / "out")
+    assert seen[0] == 3 > seen[-1]
+    assert re.search(r"grading: 33% after \d+ s, \d+ s left", capsys.readouterr().out)
+    assert "waiting" not in (here / "out" / "grades.csv").read_text()
+
+
+def changed_copy(source: Path, path: Path, change: Callable[[dict], None]) -> Path:
+    contents = torch.load(source, weights_only=True)
+    change(contents)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    torch.save(contents, path)
+    return path
+
+
+def add_to_a_bias(contents: dict) -> None:
+    contents["state_dict"]["network.head.6.bias"] += 0.001
+
+
+def add_noise(contents: dict) -> None:
+    torch.manual_seed(0)
+    for tensor in contents["state_dict"].values():
+        tensor += 0.01 * tensor.std(correction=0) * torch.randn_like(tensor)
+
+
+def strip(contents: dict) -> None:
+    contents["drivezoo"]["data"] = {}
+    contents["drivezoo"]["config"] = {"model": contents["drivezoo"]["config"]["model"]}
+
+
+def test_copies_and_packaged_networks_are_said(suite: Path, here: Path, as_ada: None) -> None:
+    lenet = PACKAGED / "lenet.ckpt"
+    folder = here / "class"
+    folder.mkdir()
+    shutil.copy(lenet, folder / "ann.ckpt")
+    changed_copy(lenet, folder / "ben.ckpt", add_to_a_bias)
+    changed_copy(lenet, folder / "cleo.ckpt", add_noise)
+    changed_copy(PACKAGED / "pilotnet.ckpt", folder / "dan.ckpt", strip)
+    write_pilotnet(folder / "eve.ckpt", 1)
+    write_pilotnet(folder / "finn.ckpt", 2)
+    found = grade(folder, suite=str(suite), seed=5, out=here / "out").grades
+    said = {one.submission.name: " ".join(one.warnings) for one in found}
+    assert "is the same network as lenet, which comes with drivezoo" in said["ann"]
+    for name in ("ben", "cleo"):
+        assert "is nearly the same network as lenet, which comes" in said[name]
+        assert "is nearly the same network as ann" in said[name]
+    assert "is the same network as pilotnet, which comes" in said["dan"]
+    for name in ("eve", "finn"):
+        assert "same network" not in said[name]
+    for name in ("dan", "eve"):
+        assert "tells nothing of its training" in said[name]
+    assert "tells nothing" not in said["ann"]
+
+
+def test_the_roads_of_a_config_are_those_of_the_training(tmp_path: Path) -> None:
+    facts = network_facts(PACKAGED / "lenet.ckpt")
+    assert road_key("lakeside:103") in facts.roads
+    driver = Driver(file="x", sha256="0", model="LeNet", training_seed=1, parameters=1, data="1")
+    submission = Submission("ann", tmp_path / "ann.ckpt")
+    roads = {road_key("lakeside:103"): "lakeside:103"}
+    (line,) = warnings_of(submission, driver, facts, roads, None)
+    assert "trained on lakeside:103" in line
+
+
+@pytest.mark.parametrize(
+    "config", [{}, {"data": None}, {"data": {"record": 3}}, {"data": {"record": {"passes": 3}}}]
+)
+def test_a_config_without_a_recipe_tells_no_roads(config: dict) -> None:
+    assert trained_roads(config, {}) is None
+
+
+def test_without_onnxruntime_nothing_is_driven(
+    submitted: Path, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(submitted, here / "class")
+    (here / "class" / "gus.onnx").touch()
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    result = run_here(here, "class", "out=out", module="zoo.grade")
+    assert result.returncode == 2
+    assert "gus.onnx: onnxruntime" in result.stderr
+    assert "pip install" in result.stderr
+    assert not (here / "out").exists()

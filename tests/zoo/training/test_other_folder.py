@@ -1,0 +1,132 @@
+"""A training on relative paths, and what wants its recording in another folder afterwards."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from omegaconf import OmegaConf
+
+from tests.datamodules.exchange.test_tub import record, write_tub
+from tests.recordings import write_recording
+from tests.zoo.commands import run, run_here, succeed
+from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint, read_checkpoint_file
+from zoo.checkpoints.checkpoint_path import STARTED_IN
+from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents
+from zoo.checkpoints.onnx_file import onnx_bytes
+from zoo.checkpoints.policy import load_policy
+from zoo.correct.correct_training import own_config, own_roots
+from zoo.evaluate.evaluate_options import ReplayOptions
+from zoo.evaluate.replay_score import read_as_trained
+from zoo.export.parity import take_frames
+from zoo.report.reported_run import ReportedRun
+from zoo.rerun import lead_from
+from zoo.verdict.evidence import read_evidence
+
+RIG = "{name: small, camera: {size: [160, 120], vertical_fov_deg: 50, up_m: 0.2}, "
+RIG += "wheelbase_m: 0.2, steering_deg: 20}"
+KEYS = (
+    *("model=tiny", "trainer.max_epochs=1", "augment=[]", "callbacks.fed_batch=null"),
+    *("data.root=laps/tub", "data.rig=car.yaml", "data.straight_cap=null", "logger=csv"),
+    *("data.block_s=0.1", "data.gap_s=0", "hydra.run.dir=run"),
+)
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train on a tub of small frames by relative paths; return the folder of the command."""
+    cwd = tmp_path_factory.mktemp("begun")
+    rows = [record(index, user__angle=float(np.sin(index / 2))) for index in range(12)]
+    write_tub(cwd / "laps" / "tub", rows)
+    (cwd / "car.yaml").write_text(RIG)
+    succeed(run(cwd, *KEYS))
+    return cwd
+
+
+@pytest.fixture
+def checkpoint(begun: Path, here: Path) -> Checkpoint:
+    """Return the training's checkpoint, in another folder."""
+    return load_checkpoint(begun / "run")
+
+
+def test_frames_of_an_export_are_the_recordings(begun: Path, checkpoint: Checkpoint) -> None:
+    assert take_frames(None, checkpoint).source == f"of {begun}/laps/tub"
+
+
+def test_a_replay_reads_it_as_the_training(begun: Path, here: Path) -> None:
+    tub = str(begun / "laps" / "tub")
+    said = read_as_trained(load_policy(begun / "run"), tub, ReplayOptions())
+    assert said["rig"] == str(begun / "car.yaml")
+
+
+def test_a_report_reads_recording_and_rig(begun: Path, here: Path) -> None:
+    assert ReportedRun.open(begun / "run").recording.rig.name == "small"
+
+
+def test_the_next_command_leads_to_it(begun: Path, checkpoint: Checkpoint) -> None:
+    best = begun / "run" / "checkpoints" / "best.ckpt"
+    evidence = read_evidence(best, checkpoint.config, checkpoint.data)
+    assert evidence.root == str(begun / "laps" / "tub")
+
+
+def test_in_its_own_folder_paths_stay_as_typed(
+    begun: Path, checkpoint: Checkpoint, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(begun)
+    evidence = read_evidence("run/checkpoints/best.ckpt", checkpoint.config, checkpoint.data)
+    assert evidence.root == "laps/tub"
+
+
+def test_a_correction_adds_to_it(checkpoint: Checkpoint, tmp_path: Path) -> None:
+    log = write_recording(tmp_path / "there" / "lake", rows=4).folder
+    config = checkpoint.config | {"data": checkpoint.config["data"] | {"root": "lake"}}
+    moved = replace(checkpoint, config=config, data={STARTED_IN: str(log.parent)})
+    assert own_roots(own_config(moved, [], "a.ckpt")) == [str(log)]
+
+
+@pytest.mark.parametrize("root", ["laps/tub", ["laps/tub", "nowhere"]])
+def test_a_config_that_is_trained_again_leads_to_it(begun: Path, here: Path, root: object) -> None:
+    config = OmegaConf.create({"data": {"root": root, "images": None, "rig": "${data.root}"}})
+    lead_from(begun, config)
+    absolute = str(begun / "laps" / "tub")
+    assert config.data.root == (absolute if isinstance(root, str) else [absolute, "nowhere"])
+    assert OmegaConf.to_container(config)["data"]["rig"] == "${data.root}"
+
+
+def test_it_resumes_in_another_folder(begun: Path, tmp_path: Path) -> None:
+    shutil.copytree(begun / "run", tmp_path / "run")
+    (tmp_path / "elsewhere").mkdir()
+    succeed(run(tmp_path / "elsewhere", "resume=../run", "trainer.max_epochs=2"))
+    assert json.loads((tmp_path / "run" / "metrics.json").read_text())["epochs"] == 2
+
+
+def test_a_moved_recording_is_replaced_by_frames_of_the_networks_size(
+    begun: Path, checkpoint: Checkpoint
+) -> None:
+    data = checkpoint.data | {STARTED_IN: str(begun / "moved")}
+    frames = take_frames(None, replace(checkpoint, data=data))
+    assert {frame.shape for frame in frames.frames} == {(120, 160, 3)}
+    for words in ("160 x 120", "laps/tub is not found", "frames=FOLDER"):
+        assert words in frames.source
+
+
+def test_a_c_file_is_compared_in_another_folder(begun: Path, tmp_path: Path) -> None:
+    printed = succeed(run_here(tmp_path, str(begun / "run"), "to=c", module="zoo.export"))
+    assert f"frames of {begun}/laps/tub" in printed
+    shutil.copy(begun / "run" / "checkpoints" / "best.ckpt", tmp_path / "alone.ckpt")
+    (begun / "laps").rename(begun / "gone")
+    try:
+        words = ("alone.ckpt", "to=c", "out=other.c")
+        printed = succeed(run_here(tmp_path, *words, module="zoo.export"))
+    finally:
+        (begun / "gone").rename(begun / "laps")
+    assert "in 160 x 120, since the training's recording laps/tub is not found" in printed
+
+
+def test_no_shared_file_names_the_folder(begun: Path, checkpoint: Checkpoint) -> None:
+    contents = read_checkpoint_file(begun / "run" / "checkpoints" / "best.ckpt")
+    assert contents["drivezoo"][STARTED_IN] == str(begun)
+    for shared in (checkpoint_bytes(lean_contents(contents)), onnx_bytes(checkpoint)):
+        assert str(begun).encode() not in shared
