@@ -132,7 +132,7 @@ def test_findings_are_those_of_rows_with_whole_images(written):
         written.image(row).write_bytes(POINTER)
     lines = run_check(written.folder).stdout.splitlines()
     assert not [line for line in lines if "repeat the row before" in line]
-    assert [line for line in lines if line.startswith("- only 1 rows")]
+    assert [line for line in lines if line.startswith("- only 1 row:")]
 
 
 def test_a_recording_without_a_whole_image_beside_another_one_has_no_findings(written, tmp_path):

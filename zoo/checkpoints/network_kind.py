@@ -5,11 +5,11 @@ A name proves little: comma.ai's `.keras` of 2016 is HDF5, and a `.h5` may be Py
 
 import io
 import re
-from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
 from zoo.base.bounded_files import open_binary
+from zoo.base.errors import file_errors
 from zoo.base.limits import open_archive
 from zoo.base.terminal import command_line
 
@@ -43,7 +43,6 @@ KINDS = {
     ),
     PICKLE: ("a pickle of Python, whose code is not run", f"load its model and {SAVE}"),
     "archive": ("packed", "unpack it, and name the network in it"),
-    "lfs": ("a pointer of Git LFS, not the file itself", "fetch it with git lfs pull"),
     "page": ("a web page, not the file itself", "download the raw file"),
     "empty": ("empty (0 bytes)", "copy it again"),
 }
@@ -57,7 +56,6 @@ BEGINS = {
     "onnx": rb"\x08[\x02-\x20][\x12\x1a\x22\x28\x32\x3a\x42]",
     "tensors": rb"model_checkpoint_path:",
     "archive": rb"\x1f\x8b|7z\xbc\xaf|Rar!|BZh|\xfd7zXZ",
-    "lfs": rb"version https://git-lfs",
     "page": rb"\s*(?i:<!doctype html|<html)",
     JSON: rb'(\xef\xbb\xbf)?\s*["{]',
 }
@@ -66,13 +64,17 @@ NAMES = {"tensors": r"\.index$|\.meta$|\.data-\d{5}-of-\d{5}$", "model": r"\.pb(
 
 
 def network_kind(path: Path) -> str:
-    """Return the kind of a file or folder, a key of `KINDS`; empty for any other content."""
-    with suppress(OSError):
-        if path.is_dir():
-            return _folder_kind(path)
-        with open_binary(path, MOST_BYTES) as file:
-            return file_kind(file, path.name)
-    return ""
+    """Return the kind of a file or folder, a key of `KINDS`; empty for any other content.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    if path.is_dir():
+        return _folder_kind(path)
+    if not path.exists():
+        return ""
+    with file_errors(path, "{}; name another file"), open_binary(path, MOST_BYTES) as file:
+        return file_kind(file, path.name)
 
 
 def file_kind(file: BinaryIO, name: str) -> str:

@@ -84,7 +84,6 @@ CASES: list[tuple[str, str, Writer]] = [
     ("model", "frozen.pb", write_bytes(b"\x0a\x10node")),
     ("lite", "model.h5", write_bytes(b"\x1c\0\0\0TFL3" + b"\0" * 20)),
     ("archive", "model.h5", write_bytes(gzip.compress(b"x"))),
-    ("lfs", "model.h5", write_bytes(b"version https://git-lfs.github.com/spec/v1\noid sha256:1\n")),
     ("page", "model.h5", write_bytes(b"\n<!DOCTYPE html><html>")),
     ("empty", "model.h5", write_bytes(b"")),
     ("", "model.h5", write_bytes(b"steering")),
@@ -132,6 +131,15 @@ def test_an_import_of_another_kind_is_refused_by_its_kind(
     assert line.startswith(f"{path}: is ")
     assert "HDF5" not in line
     assert "copy it again" not in line or case[0] == "empty"
+
+
+@pytest.mark.parametrize("read", [load_policy, read_keras_apart])
+def test_a_pointer_of_git_lfs_is_named(read: Callable, tmp_path: Path) -> None:
+    path = tmp_path / "model.h5"
+    path.write_bytes(b"version https://git-lfs.github.com/spec/v1\noid sha256:1\n")
+    with pytest.raises(InputError, match=r"Git LFS pointer.*git lfs pull") as caught:
+        read(path)
+    assert "HDF5" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["hdf5", "keras", "packed"])

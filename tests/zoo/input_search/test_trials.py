@@ -295,7 +295,7 @@ def test_what_it_saw_and_how_it_drives_are_two_sentences(kept: bool, noise: floa
     lines = printed(judged(one, driven=(Driven(one, 150, kept, 0.3),))).splitlines()
     saw, drives = (
         next(line for line in lines if line.startswith(begin))
-        for begin in ("what it saw: colour=rgb crop=[60,25]", "how it drives: ")
+        for begin in ("what it saw: colour=rgb 'crop=[60,25]'", "how it drives: ")
     )
     assert ("not certain" in saw) == (noise > 0.5)
     assert ("left the lane after 150 m" in drives) == (not kept)
