@@ -49,7 +49,7 @@ lint: $(READY) ## check style, imports, types and spelling
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 	.ci/check-platforms
-	$(BIN)/codespell conf datamodules docs drivezoo simulator tests zoo benchmarks *.md
+	$(BIN)/codespell conf datamodules docs drivezoo tests zoo benchmarks *.md
 
 bench: $(READY) ## print timings, and what they are compared with: make bench [ONLY=feed,start]
 	$(BIN)/python benchmarks/bench.py $(if $(ONLY),ONLY=$(ONLY)) $(ARGS)

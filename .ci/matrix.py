@@ -21,7 +21,7 @@ VERSIONS = ("3.10", "3.11", "3.12", "3.13")
 ASK = "import sys; print('%d.%d' % sys.version_info[:2], sys.executable)"
 IMPORT_ALL = """
 import importlib, pkgutil
-names = ["datamodules", "drivezoo", "hydra_plugins.drivezoo", "simulator", "zoo"]
+names = ["datamodules", "drivezoo", "hydra_plugins.drivezoo", "zoo"]
 for name in names:
     module = importlib.import_module(name)
     names += [f"{name}.{one.name}" for one in pkgutil.iter_modules(getattr(module, "__path__", []))]

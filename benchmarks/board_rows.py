@@ -12,11 +12,11 @@ from rich.console import Console
 from benchmarks.measuring import Rows, grouped
 from benchmarks.study_grid import PACKAGED, Entry, Study, run_logged
 from benchmarks.study_tables import CELLS, of_group
+from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.base.whole_file import json_text, write_whole
-from zoo.benchmark.result import DIGESTS, LEVEL_NEEDED, NAME, NEEDED, BenchmarkResult
-from zoo.benchmark.suite import OVERALL
-from zoo.cli.compose import compose_config
+from zoo.results.result import DIGESTS, LEVEL_NEEDED, NAME, NEEDED, BenchmarkResult
+from zoo.results.suite import OVERALL
 from zoo.runs.metrics_file import read_metrics_file
 
 Row = dict[str, object]
@@ -46,7 +46,7 @@ def board_rows(study: Study, entry: Entry) -> list[Row]:
     suite = study.options.suite
     folder = entry.folder / f"{Path(suite).stem}-{len(drivers)}"
     if not (folder / NAME).is_file():
-        words = ["zoo.benchmark", *drivers, f"suite={suite}", f"entry={entry.folder.name}"]
+        words = ["zoo.commands.benchmark", *drivers, f"suite={suite}", f"entry={entry.folder.name}"]
         words += [f"out={folder}", f"workers={study.options.threads}"]
         run_logged(entry.folder / f"{folder.name}.txt", words, 1)
         print(f"{folder}: driven", flush=True)
@@ -68,8 +68,8 @@ def keep_result(folder: Path, command: str) -> None:
     Raises:
         InputError: `result.json` is damaged, or a checkpoint was trained on other rows.
     """
-    from zoo.benchmark.checked_result import read_result
     from zoo.checkpoints.checkpoint_path import packaged_name
+    from zoo.results.checked_result import read_result
 
     result = read_result(folder)
     trained_on = " ".join(dict.fromkeys(driver.data for driver in result.checkpoints))
@@ -115,7 +115,7 @@ def rows_of_board(suite: str = "v1") -> list[Row]:
     Raises:
         InputError: a result is damaged, or results were driven by several versions of the code.
     """
-    from zoo.compare import differences as of
+    from zoo.results import differences as of
 
     folders = [path.parent for path in sorted(BOARDS[suite].glob(f"*/{NAME}"))]
     by_kind = [
@@ -155,7 +155,7 @@ def command_of(result: BenchmarkResult) -> str:
 
 def rows_of_result(result: BenchmarkResult) -> list[Row]:
     """Return the rows of an entry, one for each group, the first for all but the laps."""
-    from zoo.benchmark.summary import LEVEL_FIGURES, drives_of
+    from zoo.results.summary import LEVEL_FIGURES, drives_of
 
     first = result.checkpoints[0]
     entry = {
@@ -192,7 +192,7 @@ def add_submission(folder: Path) -> None:
     Raises:
         InputError: a file is missing or damaged, or a drive differs.
     """
-    from zoo.benchmark.checked_result import read_result, verify
+    from zoo.results.checked_result import read_result, verify
 
     result = read_result(folder)
     if result.suite not in BOARDS:
@@ -210,8 +210,8 @@ def add_submission(folder: Path) -> None:
 
 def board_page(rows: Rows, path: Path) -> None:
     """Write the board as one self-contained HTML page whose columns sort."""
-    from zoo.leaderboard.ranking_page import PAGE
-    from zoo.runs.table import Table
+    from zoo.results.ranking_page import PAGE
+    from zoo.runs.result_table import Table
 
     # Heading, cell, and its arguments.
     first, *others = FIGURES
@@ -263,10 +263,10 @@ def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
     Raises:
         InputError: the drives failed.
     """
-    from zoo.benchmark.checked_result import read_result
     from zoo.checkpoints import checkpoint_path
     from zoo.checkpoints.checkpoint import build_checkpoint, read_checkpoint_file
     from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents
+    from zoo.results.checked_result import read_result
 
     for run in entry.finished:
         metrics, path = read_metrics_file(run), run / "checkpoints" / "best.ckpt"
@@ -278,8 +278,8 @@ def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
         write_whole(packaged, data)
         sha256, laps = hashlib.sha256(data).hexdigest(), study.config["laps"]
         folder, workers = entry.folder / sha256[:8], f"workers={study.options.threads}"
-        evaluate = ["zoo.evaluate", str(packaged), "track=lake", f"seeds={laps}"]
-        benchmark = ["zoo.benchmark", str(packaged), "suite=quick", f"entry={entry.name}"]
+        evaluate = ["zoo.commands.evaluate", str(packaged), "track=lake", f"seeds={laps}"]
+        benchmark = ["zoo.commands.benchmark", str(packaged), "suite=quick", f"entry={entry.name}"]
         for name, words in (("lake", evaluate), ("quick", benchmark)):
             if not list((folder / name).glob("*.json")):
                 run_logged(folder / f"{name}.txt", [*words, workers, f"out={folder / name}"], 1)

@@ -19,10 +19,10 @@ import numpy as np
 from scipy import optimize, special
 
 from benchmarks.measuring import markdown_table
-from zoo.benchmark.levels import level_at
-from zoo.benchmark.suite import LAPS, place_of, read_suite
-from zoo.drives.bootstrap import Estimate, bootstrap, poisson_rate
-from zoo.drives.clustered import POSITIVE, SHARE, clustered, p_value
+from zoo.driving.bootstrap import Estimate, bootstrap, poisson_rate
+from zoo.driving.clustered import POSITIVE, SHARE, clustered, p_value
+from zoo.results.levels import level_at
+from zoo.results.suite import LAPS, place_of, read_suite
 
 
 @dataclass(frozen=True)

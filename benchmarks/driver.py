@@ -15,10 +15,10 @@ import numpy as np
 
 from benchmarks.material import random_policy
 from benchmarks.measuring import Row
-from simulator.legacy_socket import OPENED, LegacySocket
-from simulator.telemetry import make_telemetry
+from zoo.base.compose import choices
 from zoo.checkpoints.engine import Engine
-from zoo.cli.compose import choices
+from zoo.simulator.legacy_socket import OPENED, LegacySocket
+from zoo.simulator.telemetry import make_telemetry
 
 FPS, SECONDS = 60, 1.0
 CONSTANT = "a constant"
@@ -102,11 +102,11 @@ def engine_of(name: str) -> tuple[str, Engine]:
 
 def serve_each(names: list[str], pipe: Connection) -> None:
     """Serve networks with random weights; send the port, then the latency of each, in ms."""
-    from zoo.drive.drive_writer import BackgroundWriter
-    from zoo.drive.driver import Driver
-    from zoo.drive.notices import Notices
-    from zoo.drive.server import DriveServer, listen
-    from zoo.drives.speed_controller import PI, SteeringFilter
+    from zoo.driving.speed_controller import PI, SteeringFilter
+    from zoo.server.drive_writer import BackgroundWriter
+    from zoo.server.driver import Driver
+    from zoo.server.notices import Notices
+    from zoo.server.server import DriveServer, listen
 
     for name in names:
         notices = Notices(lambda line: None)

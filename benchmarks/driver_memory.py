@@ -24,8 +24,8 @@ from websocket import ABNF
 
 from benchmarks.driver import FPS, noise_telemetry
 from benchmarks.measuring import print_table, run_named
-from simulator.legacy_socket import OPENED, LegacySocket
 from zoo.base.child_process import end_module, start_module
+from zoo.simulator.legacy_socket import OPENED, LegacySocket
 
 MESSAGES = 72_000
 MOST_GROWTH_MB = 100
@@ -110,11 +110,11 @@ def megabytes(process: psutil.Process) -> float:
 
 @contextlib.contextmanager
 def started_driver() -> Iterator[tuple[psutil.Process, int]]:
-    """Start a process of `zoo.drive`; yield it and its port."""
+    """Start a process of `zoo.commands.drive`; yield it and its port."""
     os.environ["OMP_NUM_THREADS"] = "1"
     output = {"stdout": subprocess.PIPE, "text": True}
     with tempfile.TemporaryDirectory() as folder:
-        process = start_module("zoo.drive", NETWORK, "port=0", cwd=folder, **output)
+        process = start_module("zoo.commands.drive", NETWORK, "port=0", cwd=folder, **output)
         try:
             found = (re.search(r"http://127\.0\.0\.1:(\d+)", line) for line in process.stdout)
             port = next(int(match[1]) for match in found if match)

@@ -22,9 +22,11 @@ from benchmarks.material import frames_of, random_checkpoint
 from benchmarks.measuring import markdown_table, seconds_of, write_between
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
-from zoo.checkpoints.command import Policy
-from zoo.checkpoints.policy import CheckpointPolicy
-from zoo.drives.metrics import measure
+from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
+from zoo.checkpoints.policy_base import Policy
+from zoo.driving.metrics import measure
+from zoo.driving.run_drives import all_drives
+from zoo.driving.scenario import Scenario
 from zoo.export.exported_file import (
     CFile,
     ExportedFile,
@@ -33,8 +35,6 @@ from zoo.export.exported_file import (
     OnnxFile,
 )
 from zoo.models.make_network import multiply_adds
-from zoo.worlds.run_drives import all_drives
-from zoo.worlds.scenario import Scenario
 
 PAGE = Path("docs/onto_the_car.md")
 RANDOM = ("efficientnet_lite0",)  # networks without a checkpoint: random weights, no drives

@@ -22,7 +22,7 @@ from benchmarks.material import AUGMENT, OUT, config_for, linked_recording
 from benchmarks.measuring import Row, contestants, print_rows, ratios, take_turns
 from benchmarks.training import flops_of_sample, run_product, untrained
 from benchmarks.training_callbacks import train_by_turns
-from zoo.cli.compose import choices
+from zoo.base.compose import choices
 from zoo.training.steering_module import predict
 
 NETWORKS = ("nvidia", "vgg", "tiny", "cnn_gru", "pilotnet_stack")

@@ -53,7 +53,7 @@ def stages_of(sizes: list[int]) -> list[dict[str, float]]:
 
 def run_stages(pipe: Connection, folder: str, place: str) -> None:
     """Train lenet for one epoch and time the stages; views and run go to `place`."""
-    from datamodules.findings import report_lines
+    from datamodules.looking.findings import report_lines
     from datamodules.recording_format import read_recordings
     from zoo.training.build import build_data
     from zoo.training.open_loop import predict_steering

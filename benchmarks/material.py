@@ -12,11 +12,11 @@ from datamodules.driving import DrivingData
 from datamodules.image import read_image
 from datamodules.recording_format import read_recordings
 from datamodules.view import View
-from simulator.recorder import image_name
+from zoo.base.compose import compose_config
 from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.engine import Engine
-from zoo.checkpoints.policy import CheckpointPolicy
-from zoo.cli.compose import compose_config
+from zoo.simulator.recorder import image_name
 
 OUT = Path("outputs/bench")
 LAKE = Path("outputs/recordings/lake")

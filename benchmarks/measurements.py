@@ -31,15 +31,15 @@ from benchmarks.worlds import qualities
 from datamodules.image import decode_image, read_image
 from datamodules.recording_format import read_recordings
 from datamodules.view import View
-from simulator.expert import Expert, ExpertSettings
-from simulator.road_family import draw_road, family_names, find_family
-from simulator.track import Track
-from simulator.track_names import track_names
-from simulator.world import World as Embedded
-from simulator.world import open_world
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.checkpoints.policy import load_policy
-from zoo.worlds.run_drives import all_drives
+from zoo.checkpoints.checkpoint_policy import load_policy
+from zoo.driving.run_drives import all_drives
+from zoo.simulator.expert import Expert, ExpertSettings
+from zoo.simulator.road_family import draw_road, family_names, find_family
+from zoo.simulator.simulated_world import World as Embedded
+from zoo.simulator.simulated_world import open_world
+from zoo.simulator.track import Track
+from zoo.simulator.track_names import track_names
 
 VIEW = View((40, 20), "rgb", (66, 200))
 SLOWEST_MPS = 1.0  # a driver that is slower than this on average is stuck
@@ -172,7 +172,7 @@ def tub(rows: str = "1000000") -> None:
             for row, turn in enumerate(_turns(int(rows)))
         )
         write_catalogs(folder, [f"{json.dumps(one)}\n" for one in records], ["20-09-13_0"], 1.6e9)
-        command = [sys.executable, "-m", "datamodules.check", str(folder)]
+        command = [sys.executable, "-m", "zoo.commands.check", str(folder)]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     unit = 1e6 if sys.platform == "darwin" else 1e3

@@ -11,13 +11,13 @@ from pathlib import Path
 from torch import nn
 
 from benchmarks.measuring import markdown_table, write_between
-from zoo.cli.compose import compose_config
+from zoo.base.compose import compose_config
 from zoo.models.efficientnet_lite0 import InvertedResidual
 from zoo.models.layers import SCALE, LogSpread, Normalize, SameConv2d
 from zoo.models.make_network import make_network, multiply_adds, published_view
 from zoo.models.ncp import CfcCell
 from zoo.models.vgg import ImageNetNormalize
-from zoo.report.training_section import Layer, network_layers
+from zoo.scoring.training_section import Layer, network_layers
 
 PAGES = Path("docs/models")
 NORM = "batch normalization"

@@ -12,7 +12,7 @@ import torch
 from benchmarks import material
 from benchmarks.measuring import print_table
 from benchmarks.training import noise
-from zoo.cli.conf_files import choice_files
+from zoo.base.conf_files import choice_files
 from zoo.models.make_network import multiply_adds
 from zoo.training.host_settings import keep_freed_memory
 from zoo.training.steering_module import predict

@@ -12,15 +12,15 @@ from benchmarks.material import frames_of
 from benchmarks.measuring import print_table
 from datamodules.driving_log import CAMERAS
 from datamodules.recording_format import read_recordings
-from simulator.recorder import Recorder
-from simulator.world import Start, open_world
 from zoo.base.rig import UDACITY, single_camera_rig
 from zoo.base.rig_file import write_rig
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.checkpoints.policy import load_policy
-from zoo.worlds.camera_warp import Warp
-from zoo.worlds.run_drives import all_drives
-from zoo.worlds.scenario import Scenario
+from zoo.checkpoints.checkpoint_policy import load_policy
+from zoo.driving.camera_warp import Warp
+from zoo.driving.run_drives import all_drives
+from zoo.driving.scenario import Scenario
+from zoo.simulator.recorder import Recorder
+from zoo.simulator.simulated_world import Start, open_world
 
 
 def replays(
@@ -40,8 +40,8 @@ def replays(
     intervals are bootstraps over the checkpoints.
     """
     from benchmarks.rank_correlations import rank_correlation
-    from zoo.drives.metrics import measure
-    from zoo.worlds.replay_world import ReplayWorld
+    from zoo.driving.metrics import measure
+    from zoo.driving.replay_world import ReplayWorld
 
     recording, rate = read_recordings(folder), float(frame_rate)
     frames, speeds, true = frames_of(folder, len(recording))
@@ -80,8 +80,8 @@ def middle(folder: str, track: str, laps: str = "1") -> None:
     The driver steers by the simulator's cross-track error, and holds 15 mph. `drivezoo simulator
     serve` must run; FOLDER gets the rig of its usual camera.
     """
-    from simulator.donkey_session import CAMERA, STEERING_DEG
-    from zoo.worlds.donkey_world import DonkeyWorld
+    from zoo.driving.donkey_world import DonkeyWorld
+    from zoo.simulator.donkey_session import CAMERA, STEERING_DEG
 
     scenario = Scenario(track, world="donkey", laps=float(laps))
     with closing(DonkeyWorld(track)) as world, Recorder(folder, relative=True) as recorder:

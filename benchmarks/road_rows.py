@@ -10,8 +10,10 @@ from benchmarks.measuring import make_console
 from benchmarks.study_grid import Entry, Study
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_path import find_driver
-from zoo.drives.bootstrap import Estimate, poisson_rate
-from zoo.evaluate.challenge import (
+from zoo.driving.bootstrap import Estimate, poisson_rate
+from zoo.runs.metrics_file import read_metrics_file
+from zoo.runs.result_table import interval_figures
+from zoo.scoring.challenge import (
     OfficialTest,
     baselines,
     read_column,
@@ -19,9 +21,7 @@ from zoo.evaluate.challenge import (
     score_challenge,
     team_angles,
 )
-from zoo.evaluate.evaluate_options import ChallengeOptions
-from zoo.runs.metrics_file import read_metrics_file
-from zoo.runs.table import interval_figures
+from zoo.scoring.evaluate_options import ChallengeOptions
 
 
 def root_of(study: Study) -> str:

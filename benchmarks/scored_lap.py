@@ -12,13 +12,13 @@ from functools import partial
 
 from benchmarks.material import random_policy
 from benchmarks.measuring import Row, medians, ratios, seconds_of, take_turns
-from simulator.world import Start
-from zoo.checkpoints.command import Policy
-from zoo.drives.drive_record import Drive
-from zoo.worlds.drive_loop import drive
-from zoo.worlds.open_world import open_world
-from zoo.worlds.scenario import Scenario
-from zoo.worlds.world import World
+from zoo.checkpoints.policy_base import Policy
+from zoo.driving.drive_loop import drive
+from zoo.driving.drive_record import Drive
+from zoo.driving.open_world import open_world
+from zoo.driving.scenario import Scenario
+from zoo.driving.world import World
+from zoo.simulator.simulated_world import Start
 
 LAPS, SHORT_LAPS = 0.2, 0.02
 DOUBLE = {"lenet": 1.1, "nvidia": 1.25}  # largest cost of double precision, as a ratio

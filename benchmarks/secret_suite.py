@@ -9,8 +9,8 @@ from zoo.base.bounded_files import hash_file, read_yaml
 from zoo.base.errors import InputError
 from zoo.base.file_text import yaml_text
 from zoo.base.whole_file import write_whole
-from zoo.benchmark.drives import drive_suite, find_drivers
-from zoo.benchmark.suite import read_suite, suite_path
+from zoo.results.suite import read_suite, suite_path
+from zoo.results.suite_drives import drive_suite, find_drivers
 from zoo.runs.record_fields import MOST_WHOLE
 
 

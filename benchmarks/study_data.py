@@ -13,9 +13,9 @@ from benchmarks.watched_drives import nominal
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.split import Split, rows_per_second, split_rows, without_gaps, write_split
-from simulator.hand_control import REACTION_S
+from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
-from zoo.cli.compose import compose_config
+from zoo.simulator.hand_control import REACTION_S
 
 console = Console(soft_wrap=True)
 CHUNK_ROWS = 75  # five seconds: rows of a share are drawn in such pieces, not one by one
@@ -102,7 +102,7 @@ def student_laps(study: Study) -> dict[str, str]:
             words = [f"control={control}", f"laps={study.options.laps}", "seed=1", "track=lake"]
             words += [f"speed={study.options.speed}", f"out={folder}"]
             log = folder.parent / f"{control}.txt"
-            run_logged(log, ["simulator", "record", *words], study.options.threads)
+            run_logged(log, ["zoo.commands.simulator", "record", *words], study.options.threads)
     return {}
 
 

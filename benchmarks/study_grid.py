@@ -16,11 +16,11 @@ import yaml
 
 from zoo.base.bounded_files import read_json
 from zoo.base.command_keys import read_options
+from zoo.base.compose import conf_folder
 from zoo.base.errors import InputError
 from zoo.base.whole_file import json_text, write_whole
-from zoo.benchmark.baselines import BASELINES
 from zoo.checkpoints.checkpoint_path import packaged_names
-from zoo.cli.compose import conf_folder
+from zoo.results.baselines import BASELINES
 
 FOLDER = Path(__file__).parent / "studies"
 # The last epoch: no drive chooses it, and a score of the training does not change it.
@@ -188,7 +188,7 @@ class Study:
             words = ["zoo", f"resume={run}"]
         if entry.corrects:
             given = entry.folder.with_name(entry.corrects) / run.name / CHECKPOINT
-            words = ["zoo.correct", str(given), *entry.words, f"out={run}"]
+            words = ["zoo.commands.correct", str(given), *entry.words, f"out={run}"]
         run_logged(entry.log(run), words, self.options.threads)
         print(f"{run}: trained", flush=True)
 

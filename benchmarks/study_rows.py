@@ -24,12 +24,12 @@ from benchmarks.warning_rows import warning_rows
 from datamodules.image import read_image
 from datamodules.recording_format import read_recordings
 from zoo.base.bounded_files import read_json
-from zoo.drives.drive_log import summarize
-from zoo.drives.drive_record import Drive, DriveRow
-from zoo.drives.speed_controller import PI, Constant, SpeedController
+from zoo.driving.drive_log import summarize
+from zoo.driving.drive_record import Drive, DriveRow
+from zoo.driving.run_drives import Keep, run_drives
+from zoo.driving.scenario import Scenario
+from zoo.driving.speed_controller import PI, Constant, SpeedController
 from zoo.runs.metrics_file import read_metrics_file
-from zoo.worlds.run_drives import Keep, run_drives
-from zoo.worlds.scenario import Scenario
 
 STALLED_S = 30.0
 OFFSET = 0.275  # of the side cameras' labels, also for networks trained with another one
@@ -101,7 +101,7 @@ def recovery_figures(checkpoint: Path) -> dict[str, float]:
     with the recorded steering corrected by `OFFSET` as label. `side_response` is that of
     `zoo.training.open_loop`.
     """
-    from zoo.checkpoints.policy import load_policy
+    from zoo.checkpoints.checkpoint_policy import load_policy
     from zoo.training.open_loop import open_loop_metrics, side_response
 
     policy = load_policy(str(checkpoint))
@@ -220,7 +220,9 @@ def generator_rows(study: Study, entry: Entry) -> list[Row]:
         if not seconds_file(log := run / "log.txt").is_file():
             shutil.rmtree(out, ignore_errors=True)  # an interrupted search
             words = [*words, f"sampler={entry.labels['sampler']}", f"seed={run.name}", f"out={out}"]
-            run_logged(log, ["zoo.search", entry.labels["network"], *words], study.options.threads)
+            run_logged(
+                log, ["zoo.commands.search", entry.labels["network"], *words], study.options.threads
+            )
             print(f"{run}: searched", flush=True)
         found = read_json(out / "search.json")
         row = {**entry.labels, "seed": run.name, "drives": len(found["drives"])}

@@ -11,10 +11,10 @@ import numpy as np
 
 from benchmarks.measuring import Rows, grouped, markdown_table, write_between
 from benchmarks.rank_correlations import correlation_table
-from zoo.benchmark.suite import OVERALL
-from zoo.drives.bootstrap import Estimate, mean_over_seeds
-from zoo.drives.intervals import count_with_interval
-from zoo.runs.table import with_interval
+from zoo.driving.bootstrap import Estimate, mean_over_seeds
+from zoo.driving.intervals import count_with_interval
+from zoo.results.suite import OVERALL
+from zoo.runs.result_table import with_interval
 
 NOT_MEASURED = "Not measured yet."
 

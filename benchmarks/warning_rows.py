@@ -26,8 +26,8 @@ from benchmarks.watched_drives import (
     driven,
     search_level,
 )
-from zoo.drives.bootstrap import Estimate
-from zoo.drives.clustered import ANY, POSITIVE, SHARE, clustered
+from zoo.driving.bootstrap import Estimate
+from zoo.driving.clustered import ANY, POSITIVE, SHARE, clustered
 
 FALSE_ALARMS = 0.1  # share of the threshold roads' frames that no failure follows
 FEWEST = 5  # failures of a condition that takeovers are driven for

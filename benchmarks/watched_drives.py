@@ -17,17 +17,17 @@ import torch
 from torch import Tensor, nn
 
 from benchmarks.study_grid import Entry, Study
-from simulator.rig import CameraOffset
-from simulator.weather import CLEAR
 from zoo.checkpoints.checkpoint_path import find_driver
-from zoo.checkpoints.command import Command, Policy, PolicyWrapper
+from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.frozen_graph import network_inputs
-from zoo.checkpoints.policy import load_policy
-from zoo.drives.drive_record import Drive, DriveRow
-from zoo.worlds.baseline import Baseline
-from zoo.worlds.run_drives import Keep, PolicyMaker, run_drives
-from zoo.worlds.scenario import Scenario
-from zoo.worlds.world import World
+from zoo.checkpoints.policy_base import Command, Policy, PolicyWrapper
+from zoo.driving.baseline import Baseline
+from zoo.driving.drive_record import Drive, DriveRow
+from zoo.driving.run_drives import Keep, PolicyMaker, run_drives
+from zoo.driving.scenario import Scenario
+from zoo.driving.world import World
+from zoo.simulator.udacity_car import CameraOffset
+from zoo.simulator.weather import CLEAR
 
 CONDITIONS: dict[str, Callable[[float], dict[str, Any]]] = {
     "clear": lambda level: {},

@@ -13,9 +13,9 @@ import psutil
 from benchmarks.measuring import Row, medians, print_table, take_turns
 from datamodules.driving_log import CAMERAS
 from zoo.base.child_process import end_module, start_module
-from zoo.worlds.open_world import open_world
-from zoo.worlds.scenario import Scenario
-from zoo.worlds.world import World
+from zoo.driving.open_world import open_world
+from zoo.driving.scenario import Scenario
+from zoo.driving.world import World
 
 FRAMES, RATE = 150, 15  # the simulator of 2016 sends 15 frames per second
 LEAST = 10  # times its rate, and half of it where a frame is three, or where the world is slow
@@ -28,7 +28,7 @@ def measure(short: bool) -> list[Row]:
     An expert steers where the world has one. The processor time is that of all processes: the
     Donkeycar simulator is one of its own. CarRacing is measured if Box2D is installed.
     """
-    serve = ("simulator", "serve", "port=0", "rate=max")
+    serve = ("zoo.commands.simulator", "serve", "port=0", "rate=max")
     server = start_module(*serve, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     with ExitStack() as stack:
         stack.callback(end_module, server)

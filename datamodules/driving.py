@@ -19,8 +19,8 @@ from datamodules.batches import EvaluationBatches, TrainingBatches, unchanged
 from datamodules.device_batches import DeviceBatches
 from datamodules.driving_log import CAMERAS
 from datamodules.features import FeatureBatches
-from datamodules.findings import report_lines
-from datamodules.leak import Leak, measure_leak, thumbnail
+from datamodules.looking.findings import report_lines
+from datamodules.looking.leak import Leak, measure_leak, thumbnail
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings

@@ -16,9 +16,9 @@ from pathlib import Path
 import imageio_ffmpeg
 from PIL import Image
 
-from tests.zoo.drive.browser import Browser
-from zoo.benchmark.suite import OVERALL
-from zoo.drives.bootstrap import Estimate
+from tests.zoo.server.browser import Browser
+from zoo.driving.bootstrap import Estimate
+from zoo.results.suite import OVERALL
 from zoo.runs.plots import interval_plot
 
 ROOT = Path(__file__).parents[1]
@@ -57,10 +57,11 @@ def take_screenshot(
 
 
 def animate(folder: Path, path: Path) -> None:
-    """Make an animation of a drive's frames, with the overlay of `zoo.film`."""
+    """Make an animation of a drive's frames, with the overlay of `zoo.commands.film`."""
     film = folder.with_suffix(".mp4")
     subprocess.run(
-        [sys.executable, "-m", "zoo.film", str(folder), f"out={film}", "fps=30"], check=True
+        [sys.executable, "-m", "zoo.commands.film", str(folder), f"out={film}", "fps=30"],
+        check=True,
     )
     with (folder / "drive.csv").open() as file:
         driven_s = float([row["time_s"] for row in csv.DictReader(file)][-1])
@@ -111,15 +112,17 @@ def main(run: Path) -> None:
     with tempfile.TemporaryDirectory() as scratch:
         drive, lap = Path(scratch) / "drive", Path(scratch) / "my_lap"
         keys = ["drive.sim=lake", "drive.laps=1", "drive.port=0", "drive.speed.set_mph=20"]
-        process, url = serve("zoo.drive", str(run.resolve()), *keys, f"drive.record={drive}")
+        process, url = serve(
+            "zoo.commands.drive", str(run.resolve()), *keys, f"drive.record={drive}"
+        )
         drives = "!document.body.innerText.includes('Waiting for a simulator')"
         take_screenshot(url, (1280, 800), IMAGES / "live_page.webp", wait_s=10, ready=drives)
         process.communicate()
         animate(drive, IMAGES / "lap.webp")
-        record = ["-m", "simulator", "record", "track=lake", "laps=1", f"out={lap}"]
+        record = ["-m", "zoo.commands.simulator", "record", "track=lake", "laps=1", f"out={lap}"]
         subprocess.run([sys.executable, *record], check=True)
         edits = ["drop=150-240", "mirror=700-860", "split=1000", "port=0", f"ckpt={run.resolve()}"]
-        process, url = serve("zoo.edit", lap.name, *edits, folder=lap.parent)
+        process, url = serve("zoo.commands.edit", lap.name, *edits, folder=lap.parent)
         take_screenshot(f"{url}#420", (1400, 890), IMAGES / "edit_page.webp", wait_s=20)
         process.terminate()
         process.communicate()

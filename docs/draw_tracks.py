@@ -10,12 +10,12 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from simulator.centreline import STEP_M
-from simulator.road_family import draw_road, family_names, find_family
-from simulator.track import Track
-from simulator.track_file import read_track
-from simulator.track_names import track_names
-from simulator.world import Start, open_world
+from zoo.simulator.centreline import STEP_M
+from zoo.simulator.road_family import draw_road, family_names, find_family
+from zoo.simulator.simulated_world import Start, open_world
+from zoo.simulator.track import Track
+from zoo.simulator.track_file import read_track
+from zoo.simulator.track_names import track_names
 
 IMAGES = Path(__file__).parent / "images"
 ROAD = "#555555"

@@ -6,7 +6,7 @@ renderer when one is called. It registers the Gymnasium environments, such as `d
 
 from typing import TYPE_CHECKING, Any
 
-import simulator  # noqa: F401 - registers the environments
+import zoo.simulator  # noqa: F401 - registers the environments
 from zoo import __version__
 from zoo.base.errors import InputError, StoppedError, UsageError
 

@@ -16,20 +16,20 @@ from zoo.base.errors import UsageError
 from zoo.base.parts import name_parts
 from zoo.base.run_command import expected_failure
 from zoo.base.terminal import counted
-from zoo.benchmark.__main__ import benchmark as benchmark_command
-from zoo.compare.__main__ import compare as compare_command
-from zoo.drive.__main__ import drive as drive_command
-from zoo.drives.drive_log import SUMMARY_NAME, read_summary
-from zoo.drives.metrics import METRICS
-from zoo.evaluate.__main__ import challenge as challenge_command
-from zoo.evaluate.__main__ import evaluate as evaluate_command
-from zoo.evaluate.__main__ import replay as replay_command
-from zoo.leaderboard.__main__ import leaderboard as leaderboard_command
-from zoo.results import read_finished
-from zoo.results import results as results_command
+from zoo.commands.benchmark import benchmark as benchmark_command
+from zoo.commands.challenge import challenge as challenge_command
+from zoo.commands.compare import compare as compare_command
+from zoo.commands.drive import drive as drive_command
+from zoo.commands.evaluate import evaluate as evaluate_command
+from zoo.commands.leaderboard import leaderboard as leaderboard_command
+from zoo.commands.replay import replay as replay_command
+from zoo.commands.results import read_finished
+from zoo.commands.results import results as results_command
+from zoo.driving.drive_log import SUMMARY_NAME, read_summary
+from zoo.driving.metrics import METRICS
 from zoo.runs.metrics_file import read_metrics_file
-from zoo.runs.run import Run
-from zoo.runs.table import Cell, Table
+from zoo.runs.result_table import Cell, Table
+from zoo.runs.run_record import Run
 from zoo.runs.table_files import Result
 from zoo.runs.table_files import write_table as write_result_table
 
@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     import gymnasium
     import numpy as np
 
-    from zoo.benchmark.benchmarked import Benchmarked
-    from zoo.evaluate.driven_road import DrivenRoad
-    from zoo.worlds.environments import EnvironmentPolicy
+    from zoo.driving.environments import EnvironmentPolicy
+    from zoo.results.benchmarked import Benchmarked
+    from zoo.scoring.driven_road import DrivenRoad
 
 Given = ParamSpec("Given")
 Returned = TypeVar("Returned")
@@ -73,7 +73,7 @@ class Training(Run, Result):
         return self.table()[0]
 
     def __repr__(self) -> str:
-        from zoo.evaluate.track_scores import how_well  # slow import: matplotlib
+        from zoo.scoring.track_scores import how_well  # slow import: matplotlib
 
         figures = self.figures
         lines = [f"  {track}: {how_well(one)}" for track, one in self.tracks.items()]
@@ -166,8 +166,8 @@ def train(**keys: Any) -> Training:
         InputError: the recording or another file cannot be used.
         StoppedError: an interrupt, such as Ctrl-C; names how to resume.
     """
-    from zoo.__main__ import is_sweep
-    from zoo.__main__ import train as train_run
+    from zoo.commands.train import is_sweep
+    from zoo.commands.train import train as train_run
 
     arguments = overrides(keys)
     if is_sweep(arguments):
@@ -225,8 +225,8 @@ def drive_road(
         UsageError: a key or value is wrong.
     """
     from zoo.checkpoints.checkpoint_path import find_driver
-    from zoo.checkpoints.command import as_policy
-    from zoo.evaluate.driven_road import drive_road as drive
+    from zoo.checkpoints.policy_base import as_policy
+    from zoo.scoring.driven_road import drive_road as drive
 
     named = find_driver(driver)
     policy = named if isinstance(named, str) else as_policy(named)
@@ -244,7 +244,7 @@ def load_policy(path: str | Path | Training) -> Callable[..., Any]:
         InputError: the checkpoint cannot be loaded.
     """
     from zoo.checkpoints.checkpoint_path import find_driver
-    from zoo.checkpoints.policy import load_policy
+    from zoo.checkpoints.checkpoint_policy import load_policy
 
     return load_policy(find_driver(path))
 
@@ -273,12 +273,12 @@ def policy(
     """
     from zoo.base.rig import UDACITY
     from zoo.checkpoints.checkpoint_path import find_driver
-    from zoo.checkpoints.command import as_policy
-    from zoo.checkpoints.policy import load_policy
-    from zoo.evaluate.evaluate_options import EvaluateOptions
-    from zoo.worlds.drive_loop import speed_controller
-    from zoo.worlds.environments import EnvironmentPolicy
-    from zoo.worlds.run_drives import check_throttle
+    from zoo.checkpoints.checkpoint_policy import load_policy
+    from zoo.checkpoints.policy_base import as_policy
+    from zoo.driving.drive_loop import speed_controller
+    from zoo.driving.environments import EnvironmentPolicy
+    from zoo.driving.run_drives import check_throttle
+    from zoo.scoring.evaluate_options import EvaluateOptions
 
     keys = {"speed": speed, "throttle": throttle, "frame_rate": frame_rate}
     settings = EvaluateOptions(**constructed(EvaluateOptions, keys))
@@ -308,8 +308,8 @@ def expert(env: gymnasium.Env, speed: float = 15.0) -> Callable[..., np.ndarray]
     """
     import numpy as np
 
-    from simulator.env import DrivingEnv
-    from simulator.expert import Expert, ExpertSettings
+    from zoo.simulator.env import DrivingEnv
+    from zoo.simulator.expert import Expert, ExpertSettings
 
     inner, settings = env.unwrapped, ExpertSettings(speed)
     if not isinstance(inner, DrivingEnv):
@@ -342,7 +342,7 @@ def read_benchmark(path: str | Path) -> Benchmarked:
     Raises:
         InputError: the file cannot be read.
     """
-    from zoo.benchmark.benchmarked import Benchmarked
+    from zoo.results.benchmarked import Benchmarked
 
     return Benchmarked.read(path)
 

@@ -86,7 +86,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture
 def zoo(here: Path) -> Callable[..., subprocess.CompletedProcess]:
     """Return a function that runs `drivezoo train ARGUMENTS` in the test's folder and process."""
-    from tests.zoo.commands import run_here
+    from tests.zoo.command_runs import run_here
 
     return lambda *arguments: run_here(here, *arguments)
 

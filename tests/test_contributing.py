@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from tests.recordings import Written
-from tests.zoo import commands
+from tests.zoo import command_runs as commands
 from tests.zoo.trainings import SMALL
 from tests.zoo.written_checkpoints import write_constant
 
 BLOCK = re.compile(r"```(?:python|yaml)\n# (?P<path>\S+)\n(?P<text>.*?)```", re.DOTALL)
-PACKAGES = ("conf", "datamodules", "hydra_plugins", "simulator", "zoo")
+PACKAGES = ("conf", "datamodules", "hydra_plugins", "zoo")
 
 Run = Callable[..., str]
 
@@ -66,7 +66,7 @@ def test_the_help_lists_the_choices(run: Run) -> None:
 
 
 def test_the_zoo_lists_the_model_with_its_source(run: Run) -> None:
-    assert "strip: Steering from the mean brightness" in run("zoo.list", "models")
+    assert "strip: Steering from the mean brightness" in run("zoo.commands.list", "models")
 
 
 def train(run: Run, recorded: Written, model: str = "strip") -> None:
@@ -101,7 +101,7 @@ def test_the_format_is_read(run: Run, tmp_path: Path) -> None:
     image = cv2.imencode(".jpg", np.full((160, 320, 3), 90, np.uint8))[1].tobytes()
     for row, steering in enumerate((0.25, 0.0, -0.25)):
         (tmp_path / f"{row:05d}_{steering}.jpg").write_bytes(image)
-    printed = run("datamodules.check", ".")
+    printed = run("zoo.commands.check", ".")
     assert "3 rows, centre camera only" in printed
     assert "all images are whole" in printed
 
@@ -110,8 +110,8 @@ def test_the_track_is_an_environment_and_the_perturbation_is_known(
     run: Run, tmp_path: Path
 ) -> None:
     (tmp_path / "printed.py").write_text(
-        "import gymnasium, simulator\n"
-        "from zoo.evaluate.robustness import perturbations_named\n"
+        "import gymnasium, zoo.simulator\n"
+        "from zoo.scoring.robustness import perturbations_named\n"
         "print(gymnasium.spec('Oval-v0').kwargs['track'], *perturbations_named('all'))\n"
     )
     words = run("printed").split()
@@ -122,6 +122,14 @@ def test_the_track_is_an_environment_and_the_perturbation_is_known(
 @pytest.mark.slow
 def test_the_perturbation_is_driven_on_the_track(run: Run, tmp_path: Path) -> None:
     write_constant(tmp_path / "it.ckpt", 0.0)
-    run("zoo.evaluate", "it.ckpt", "track=oval", "perturb=aslant", "laps=0.1", "out=a", "workers=1")
+    run(
+        "zoo.commands.evaluate",
+        "it.ckpt",
+        "track=oval",
+        "perturb=aslant",
+        "laps=0.1",
+        "out=a",
+        "workers=1",
+    )
     perturbed = json.loads((tmp_path / "a" / "metrics.json").read_text())["perturbed"]
     assert [one["value"] for one in perturbed["aslant"]] == [-1.5, 0.0, 1.5]

@@ -3,7 +3,7 @@
 import pytest
 
 from tests import kept_compositions
-from zoo.cli.compose import compose_config
+from zoo.base.compose import compose_config
 
 CHOICES = (
     ["model=tiny", "data.root=here", "seed=3"],

@@ -9,13 +9,13 @@ import pytest
 from datamodules.recording import LOG_NAME
 from tests.like_windows import like_windows
 from tests.recordings import Written
-from tests.zoo import commands
-from zoo.cli.compose import compose_config
+from tests.zoo import command_runs as commands
+from zoo.base.compose import compose_config
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="emulates Windows on Linux")
 IMPORT_ALL = """
 import importlib, pkgutil
-names = ["datamodules", "drivezoo", "hydra_plugins.drivezoo", "simulator", "zoo"]
+names = ["datamodules", "drivezoo", "hydra_plugins.drivezoo", "zoo"]
 for name in names:
     module = importlib.import_module(name)
     names += [f"{name}.{one.name}" for one in pkgutil.iter_modules(getattr(module, "__path__", []))]
@@ -73,18 +73,20 @@ def test_threads_write_the_cache_of_views(windows: Windows, recorded: Written) -
 
 
 def test_a_network_drives_over_the_socket(windows: Windows) -> None:
-    printed = windows.command("zoo.drive", "lenet sim=lake laps=0.01 port=0")
+    printed = windows.command("zoo.commands.drive", "lenet sim=lake laps=0.01 port=0")
     assert "autonomy 100.0%" in printed
 
 
 @pytest.mark.slow
 def test_record_train_evaluate_and_drive(windows: Windows) -> None:
-    windows.command("simulator", "record out=lake laps=0.3 quality=simple jobs=2")
+    windows.command("zoo.commands.simulator", "record out=lake laps=0.3 quality=simple jobs=2")
     write_as_on_windows(windows.place / "lake" / LOG_NAME)
     short = "trainer.max_epochs=1 score.laps=0.02 hydra.run.dir=run"
     windows.command("zoo", f"model=tiny data.root=lake data.workers=2 {short}")
-    windows.command("zoo.evaluate", "run seeds=2 workers=2 laps=0.02 quality=simple out=score")
-    windows.command("zoo.drive", "run sim=lake laps=0.02 port=0 record=driven")
+    windows.command(
+        "zoo.commands.evaluate", "run seeds=2 workers=2 laps=0.02 quality=simple out=score"
+    )
+    windows.command("zoo.commands.drive", "run sim=lake laps=0.02 port=0 record=driven")
     written = {path.name for path in windows.place.rglob("*")}
     assert {"best.ckpt", "metrics.json", "drive.csv"} <= written
     assert not [name for name in written if set(name) & set('<>:"|?*\\') or name[-1] in " ."]

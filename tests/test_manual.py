@@ -17,16 +17,16 @@ from omegaconf import OmegaConf
 from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from tests.recordings import Written
-from tests.zoo import commands
+from tests.zoo import command_runs as commands
 from tests.zoo.keras_networks import SCALED, SHORT_STRETCH, write_steering_h5
 from tests.zoo.written_checkpoints import write_constant
-from zoo.cli.compose import choices, conf_folder
-from zoo.cli.console_script import LISTED
-from zoo.cli.console_script import commands as drivezoo_commands
+from zoo.base.compose import choices, conf_folder
+from zoo.base.console_script import LISTED
+from zoo.base.console_script import commands as drivezoo_commands
 from zoo.input_search import tied_drives
 
 ROOT = commands.ROOT
-PACKAGES = ("benchmarks", "datamodules", "drivezoo", "simulator", "zoo")
+PACKAGES = ("benchmarks", "datamodules", "drivezoo", "zoo")
 DOCS = ROOT / "docs"
 PAGES = [
     ROOT / "README.md",
@@ -42,7 +42,7 @@ FENCE = re.compile(
 SPAN = re.compile(r"`((?:python|drivezoo|make) [^`\n]+)`")
 LINK = re.compile(r"!?\[[^\]]*\]\((?P<target>[^)\s]+)\)")
 SHELLS = ("console", "bash", "sh")
-OWN = ("zoo", "simulator", "datamodules")
+OWN = ("zoo", "datamodules")
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def fault_of(words: list[str]) -> str | None:
         case ["python" | "python3", "-m", module, *rest]:
             return fault_of_module(module, rest)
         case ["drivezoo", name, *rest] if name.isalpha() and name.islower():
-            module = "zoo.list" if name in LISTED else drivezoo_commands().get(name)
+            module = "zoo.commands.list" if name in LISTED else drivezoo_commands().get(name)
             return fault_of_module(module, rest) if module else f"no command {name}"
         case ["python", script, *rest] if script.endswith(".py"):
             return fault_of_script(ROOT / script, rest)
@@ -107,10 +107,10 @@ def fault_of_module(module: str, arguments: list[str]) -> str | None:
     place = ROOT.joinpath(*module.split("."))
     if not (place.with_suffix(".py").is_file() or (place / "__main__.py").is_file()):
         return f"no module {module}"
-    if module in ("zoo", "zoo.preview"):
+    if module in ("zoo", "zoo.commands.train", "zoo.commands.preview"):
         return fault_of_config(arguments)
     subcommand = ()
-    if module == "simulator":
+    if module == "zoo.commands.simulator":
         subcommand, arguments = tuple(arguments[:1]), arguments[1:]
     known = help_of(module, *subcommand, *(one for one in arguments if one.startswith("speed=")))
     for argument in arguments:
@@ -193,7 +193,7 @@ def fault_of_make(words: list[str]) -> str | None:
         elif word.islower() and not re.search(rf"^{word}:", makefile, re.MULTILINE):
             return f"no target {word}"
         if name == "ARGS" and "..." not in value:
-            module = {"train": "zoo", "sweep": "zoo", "drive": "zoo.drive"}.get(words[0])
+            module = {"train": "zoo", "sweep": "zoo", "drive": "zoo.commands.drive"}.get(words[0])
             if module and (fault := fault_of_module(module, shlex.split(value))):
                 return fault
     return None
@@ -219,7 +219,7 @@ def test_every_command_exists_with_its_keys() -> None:
 @pytest.mark.parametrize(
     ("command", "word"),
     [
-        ("python -m zoo.evalute CKPT", "zoo.evalute"),
+        ("python -m zoo.commands.evalute CKPT", "zoo.commands.evalute"),
         ("drivezoo evaluate CKPT trak=lake", "trak"),
         ("drivezoo train model=lennet", "lennet"),
         ("drivezoo train data.ofset=0.2", "data.ofset"),

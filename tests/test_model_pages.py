@@ -16,8 +16,8 @@ from benchmarks.model_tables import (
     networks_table,
     pages_by_network,
 )
-from zoo.cli.compose import choices, compose_config
-from zoo.list import zoo_table
+from zoo.base.compose import choices, compose_config
+from zoo.commands.list import zoo_table
 
 PAGES = Path(__file__).parents[1] / "docs" / "models"
 UPDATE = "run python benchmarks/model_tables.py"
@@ -123,7 +123,7 @@ def test_the_choices_are_found_on_the_page() -> None:
 
 
 REPOSITORY = Path(__file__).parents[1]
-PACKAGES = ("datamodules", "drivezoo", "simulator", "zoo")
+PACKAGES = ("datamodules", "drivezoo", "zoo")
 MODULES = [
     ".".join(path.relative_to(REPOSITORY).with_suffix("").parts)
     for package in PACKAGES

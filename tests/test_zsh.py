@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 
 from tests.test_manual import FENCE, PAGES, SHELLS, SPAN, blocks
-from tests.zoo.commands import ROOT, run_here, succeed
+from tests.zoo.command_runs import ROOT, run_here, succeed
+from zoo.base.compose import conf_folder
+from zoo.base.console_script import commands as drivezoo_commands
 from zoo.base.terminal import command_line, print_next
-from zoo.cli.compose import conf_folder
-from zoo.cli.console_script import commands as drivezoo_commands
-from zoo.new.part_files import KINDS, write_part
+from zoo.commands.new import KINDS, write_part
 
 pytestmark = pytest.mark.skipif(not shutil.which("zsh"), reason="zsh is not installed")
 PROGRAMS = ("drivezoo", "python", "python3", "make", "pip", "donkey", "jupyter", "aws", "typed")

@@ -21,8 +21,9 @@ from datamodules.driving_log import (
     without_empty,
 )
 from datamodules.formats.udacity import image_finder
-from datamodules.formats.video import read_frames
+from datamodules.formats.video_frames import read_frames
 from datamodules.image import StoredImage
+from datamodules.looking.sign_evidence import find_sign_evidence
 from datamodules.read_options import ReadOptions
 from datamodules.recording import (
     SHORT_DRIVES,
@@ -33,7 +34,6 @@ from datamodules.recording import (
     make_recording,
     unnamed_note,
 )
-from datamodules.sign_evidence import find_sign_evidence
 from datamodules.steering_unit import EXAMPLE, SteeringUnit
 from zoo.base.errors import InputError, library_errors
 from zoo.base.limits import check_most

@@ -31,7 +31,7 @@ from datamodules.formats.parquet_columns import (
     open_parquet,
     read_table,
 )
-from datamodules.formats.video import read_frames
+from datamodules.formats.video_frames import read_frames
 from datamodules.image import StoredImage
 from datamodules.read_options import ReadOptions
 from datamodules.recording import (

@@ -25,7 +25,7 @@ from datamodules.formats.lerobot_features import (
 )
 from datamodules.formats.parquet_columns import load_pyarrow
 from datamodules.formats.recording_writer import Converted, left_out_note, whole_rows
-from datamodules.formats.video import video_writer
+from datamodules.formats.video_frames import video_writer
 from datamodules.image import read_image
 from datamodules.recording import LABELS, Recording
 from datamodules.recording_format import write_car

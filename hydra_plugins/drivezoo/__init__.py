@@ -16,7 +16,7 @@ class PartsSearchPath(SearchPathPlugin):
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
         """Add the parts' folders after drivezoo's own."""
-        from zoo.cli.conf_files import conf_folder, part_folders
+        from zoo.base.conf_files import conf_folder, part_folders
 
         known = [str(one.path).removeprefix("file://") for one in search_path.get_path()]
         if str(conf_folder().resolve()) in known:  # not in configs of other programs
@@ -38,30 +38,30 @@ class _Sweeper(Sweeper):
 
 
 class GridSweeper(_Sweeper):
-    """A sweeper over all combinations; see `zoo.sweep.jobs`."""
+    """A sweeper over all combinations; see `zoo.training.sweep_jobs`."""
 
     def sweep(self, arguments: list[str]) -> None:
         """Train every combination of the overrides."""
-        from zoo.sweep.jobs import sweep_grid
+        from zoo.training.sweep_jobs import sweep_grid
 
         sweep_grid(arguments, self.config, self.hydra_context, self.launcher)
 
 
 class OptunaSweeper(_Sweeper):
-    """A sweeper over the proposals of Optuna; see `zoo.sweep.search`."""
+    """A sweeper over the proposals of Optuna; see `zoo.training.sweep_search`."""
 
     def __init__(self, **_: object) -> None:
-        """Take the settings, which `zoo.sweep.search` reads from the config."""
+        """Take the settings, which `zoo.training.sweep_search` reads from the config."""
 
     def sweep(self, arguments: list[str]) -> None:
         """Train the configurations that Optuna proposes."""
-        from zoo.sweep.search import sweep_search
+        from zoo.training.sweep_search import sweep_search
 
         sweep_search(arguments, self.config, self.hydra_context, self.launcher)
 
 
 class RayLauncher(Launcher):
-    """A launcher that runs each job as a task of a Ray cluster; see `zoo.sweep.ray_cluster`."""
+    """A launcher that runs each job as a task of a Ray cluster; see `zoo.training.ray_cluster`."""
 
     def __init__(self, init: DictConfig, task: DictConfig) -> None:
         self.init, self.task = init, task
@@ -74,6 +74,6 @@ class RayLauncher(Launcher):
 
     def launch(self, job_overrides: list[list[str]], initial_job_idx: int) -> list:
         """Run jobs on the cluster and return their results."""
-        from zoo.sweep.ray_cluster import launch_on_ray
+        from zoo.training.ray_cluster import launch_on_ray
 
         return launch_on_ray(self, job_overrides, initial_job_idx)

@@ -10,7 +10,7 @@ import psutil
 import pytest
 
 from benchmarks.measuring import Row, ratios
-from tests.zoo.commands import ROOT, command, environment, run
+from tests.zoo.command_runs import ROOT, command, environment, run
 
 
 def bench(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from tests.zoo.commands import ROOT, run
+from tests.zoo.command_runs import ROOT, run
 
 
 def gpu(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:

@@ -16,13 +16,13 @@ from datamodules.recording_format import read_recordings
 from datamodules.split import split_rows
 from datamodules.view import RESIZES
 from tests.recordings import Written
-from tests.zoo.compare.synthetic_results import ROADS, figures, result, write
+from tests.zoo.results.synthetic_results import ROADS, figures, result, write
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError
-from zoo.benchmark.baselines import BASELINES
-from zoo.benchmark.checked_result import read_result
 from zoo.checkpoints.checkpoint_path import PACKAGED
 from zoo.input_search.combinations import CROPS, SCALES
+from zoo.results.baselines import BASELINES
+from zoo.results.checked_result import read_result
 
 ROOT = Path(__file__).parents[2]
 FINGERPRINT = "d799b34fbcd58066"
@@ -69,7 +69,7 @@ def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
     The results of these tests have not all roads of the suite that they name.
     """
-    monkeypatch.setattr("zoo.benchmark.checked_result._check_included_suite", lambda *_: None)
+    monkeypatch.setattr("zoo.results.checked_result._check_included_suite", lambda *_: None)
     monkeypatch.chdir(tmp_path)
     left_out = shutil.ignore_patterns("_build", "*.csv", "*.png", "images", "api")
     shutil.copytree(ROOT / "docs", "docs", ignore=left_out)
@@ -218,7 +218,7 @@ def test_an_entry_that_an_expert_corrects_starts_from_anothers_last_epochs(
     assert entry.finished == entry.runs
     assert entry.checkpoint(entry.runs[1]) == Path("round-3.ckpt")
     assert [words[:2] for words in asked] == [
-        ["zoo.correct", f"outputs/board_v2/pilotnet/{seed}/checkpoints/last.ckpt"]
+        ["zoo.commands.correct", f"outputs/board_v2/pilotnet/{seed}/checkpoints/last.ckpt"]
         for seed in (1, 2)
     ]
     assert asked[0][-1] == f"out={entry.runs[0]}"
@@ -286,7 +286,9 @@ def test_an_interrupted_training_is_resumed(
 
 def test_a_command_that_fails_is_named_with_its_last_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"trak: no such key.*log\.txt"):
-        study_grid.run_logged(tmp_path / "log.txt", ["simulator", "record", "trak=lake"], 1)
+        study_grid.run_logged(
+            tmp_path / "log.txt", ["zoo.commands.simulator", "record", "trak=lake"], 1
+        )
 
 
 # The rows

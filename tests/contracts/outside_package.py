@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from zoo.base.parts import _installed
-from zoo.cli.registry import Registry
+from zoo.base.registry import Registry
 
 
 @contextmanager

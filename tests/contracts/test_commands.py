@@ -11,9 +11,8 @@ from typing import Annotated, Any, get_args, get_origin
 import pytest
 from pydantic import TypeAdapter
 
-from simulator.__main__ import COMMANDS as SIMULATOR
 from tests.recordings import Written, write_recording
-from tests.zoo.commands import ROOT, environment, only_line, run, run_here
+from tests.zoo.command_runs import ROOT, environment, only_line, run, run_here
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.command import Command, command
 from zoo.base.command_keys import (
@@ -25,10 +24,11 @@ from zoo.base.command_keys import (
     read_options,
     typed,
 )
+from zoo.base.console_script import ALIASES, GROUPS, LISTED, load, places
 from zoo.base.errors import InputError, UsageError
 from zoo.base.terminal import command_line
-from zoo.cli.console_script import ALIASES, GROUPS, LISTED, load, places
-from zoo.evaluate.evaluate_options import EvaluateOptions, ReplayOptions
+from zoo.commands.simulator import COMMANDS as SIMULATOR
+from zoo.scoring.evaluate_options import EvaluateOptions, ReplayOptions
 
 MOST_SHOWN = 27
 # Trainings have a config in place of a signature, `simulator` has three commands below it.
@@ -203,7 +203,7 @@ def test_a_text_and_a_value_of_python_mean_the_same(
 def test_wrong_use_is_one_line_with_the_remedy(
     arguments: list[str], words: str, tmp_path: Path
 ) -> None:
-    result = run_here(tmp_path, *arguments[1:], module=f"zoo.{arguments[0]}")
+    result = run_here(tmp_path, *arguments[1:], module=f"zoo.commands.{arguments[0]}")
     assert result.returncode == 2
     assert words in only_line(result)
 
@@ -235,7 +235,7 @@ def outside(place: Path, *arguments: str) -> subprocess.CompletedProcess:
         "count_laps = lap_counter:count_laps\n"
         "evaluate = lap_counter:count_laps\n"
     )
-    code = "import sys; from zoo.cli.console_script import main; sys.exit(main())"
+    code = "import sys; from zoo.base.console_script import main; sys.exit(main())"
     return subprocess.run(
         [sys.executable, "-c", code, *arguments],
         env=environment() | {"PYTHONPATH": f"{place}:{ROOT}"},

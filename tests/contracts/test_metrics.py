@@ -11,14 +11,13 @@ import pytest
 from rich.console import Console
 
 from tests.contracts.outside_package import installed
-from tests.zoo.commands import run, succeed
+from tests.zoo.command_runs import run, succeed
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.parts import take_parts
-from zoo.benchmark.result import DriveRecord
-from zoo.benchmark.summary import summarize_drives
-from zoo.drives.drive_record import SOCKET, Drive, DriveRow
-from zoo.drives.drives_table import mean_and_spread, print_drives
-from zoo.drives.metrics import (
+from zoo.commands.new import TEMPLATES
+from zoo.driving.drive_record import SOCKET, Drive, DriveRow
+from zoo.driving.drives_table import mean_and_spread, print_drives
+from zoo.driving.metrics import (
     DRIVES,
     HIGHER,
     LOWER,
@@ -29,9 +28,10 @@ from zoo.drives.metrics import (
     measure,
     metrics_page,
 )
-from zoo.evaluate.robustness import PERTURBATIONS, perturbations_named, sweeps
-from zoo.new.part_files import TEMPLATES
-from zoo.worlds.scenario import Scenario
+from zoo.driving.scenario import Scenario
+from zoo.results.result import DriveRecord
+from zoo.results.summary import summarize_drives
+from zoo.scoring.robustness import PERTURBATIONS, perturbations_named, sweeps
 
 ROWS = [
     DriveRow(0.1 * row, steering=0.2 * row, speed_mph=9.0 + row, cross_track_m=0.1 * row)
@@ -141,7 +141,7 @@ def test_a_command_measures_and_perturbs_with_the_users_files(tmp_path: Path) ->
     write_constant(tmp_path / "it.ckpt", 0.8)
     named = "parts=[my_metric.py,my_perturbation.py]"
     options = ("perturb=my_perturbation", "laps=0.02", "quality=simple", "workers=2", "out=out")
-    printed = succeed(run(tmp_path, "it.ckpt", named, *options, module="zoo.evaluate"))
+    printed = succeed(run(tmp_path, "it.ckpt", named, *options, module="zoo.commands.evaluate"))
     assert "my_metric" in printed
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert metrics["tracks"]["lake"]["my_metric"][0] > 0.9
@@ -154,7 +154,7 @@ def test_a_mistake_in_a_users_metric_is_one_line(tmp_path: Path) -> None:
     )
     write_constant(tmp_path / "it.ckpt", 0.0)
     options = ("parts=my_metric.py", "laps=0.01", "quality=simple", "workers=1", "out=out")
-    done = run(tmp_path, "it.ckpt", *options, module="zoo.evaluate")
+    done = run(tmp_path, "it.ckpt", *options, module="zoo.commands.evaluate")
     assert done.returncode == 1
     assert "my_metric.py: line 11: ZeroDivisionError" in done.stderr
     assert "Traceback" not in done.stderr

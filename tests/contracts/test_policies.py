@@ -12,13 +12,13 @@ from tests.zoo.models.test_models_command import build
 from tests.zoo.written_checkpoints import write_pilotnet
 from zoo.base.rig import UDACITY
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
-from zoo.checkpoints.command import Command, Policy, PolicyWrapper, as_policy
+from zoo.checkpoints.checkpoint_policy import CheckpointPolicy, load_policy
 from zoo.checkpoints.doubt_policy import DropoutPolicy, EnsemblePolicy
 from zoo.checkpoints.onnx_file import onnx_bytes
-from zoo.checkpoints.policy import CheckpointPolicy, load_policy
-from zoo.correct.collecting import LabellingPolicy
-from zoo.worlds.embedded_world import open_embedded
-from zoo.worlds.scenario import Scenario
+from zoo.checkpoints.policy_base import Command, Policy, PolicyWrapper, as_policy
+from zoo.driving.embedded_world import open_embedded
+from zoo.driving.scenario import Scenario
+from zoo.training.collecting import LabellingPolicy
 
 FRAMES = np.random.default_rng(3).integers(0, 256, (4, 160, 320, 3), np.uint8)
 FACTS = (

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from zoo.base.errors import InputError, UsageError
-from zoo.runs.table import Column, Table
+from zoo.runs.result_table import Column, Table
 from zoo.runs.table_files import FORMS, TableFiles, write_table
 
 HOSTILE = "<b>a|b_1</b> & 5%"

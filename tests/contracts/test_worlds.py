@@ -10,17 +10,17 @@ import pytest
 from datamodules.recording_format import read_recordings
 from tests.contracts.outside_package import installed
 from tests.recordings import write_recording
-from tests.simulator.donkey_process import donkey_simulator
-from tests.zoo.commands import ROOT
+from tests.zoo.command_runs import ROOT
+from tests.zoo.simulator.donkey_process import donkey_simulator
 from zoo.base.errors import InputError
-from zoo.checkpoints.command import as_policy
-from zoo.worlds import donkey_world
-from zoo.worlds.drive_loop import drive
-from zoo.worlds.open_world import WORLDS, open_world
-from zoo.worlds.replay_world import ReplayWorld
-from zoo.worlds.run_drives import all_drives
-from zoo.worlds.scenario import Scenario
-from zoo.worlds.world import State, World
+from zoo.checkpoints.policy_base import as_policy
+from zoo.driving import donkey_world
+from zoo.driving.drive_loop import drive
+from zoo.driving.open_world import WORLDS, open_world
+from zoo.driving.replay_world import ReplayWorld
+from zoo.driving.run_drives import all_drives
+from zoo.driving.scenario import Scenario
+from zoo.driving.world import State, World
 
 SCENARIOS = {
     "embedded": Scenario("lake", laps=0.02, quality="simple"),

@@ -16,9 +16,9 @@ from datamodules.augment import Augment, Brightness, Change, Shadow, Shift
 from datamodules.bend import Bend, added_steering, depth_of
 from datamodules.image import decode_image
 from datamodules.view import CONVERSIONS, View
-from simulator import rig
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
+from zoo.simulator import udacity_car as rig
 
 CONF = sorted((Path(__file__).parents[2] / "conf" / "augment").glob("*.yaml"))
 

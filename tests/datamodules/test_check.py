@@ -9,17 +9,17 @@ import cv2
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from datamodules.check import look_at_image
 from datamodules.formats.donkeycar import export_tub
 from datamodules.recording_format import read_recordings
 from tests.datamodules.test_other_kinds import POINTER
 from tests.foreign_recordings import deeppicar, driving_log
 from tests.recordings import Written, write_recording
-from tests.zoo.commands import ROOT, run_here
+from tests.zoo.command_runs import ROOT, run_here
+from zoo.commands.check import look_at_image
 
 
 def run_check(*arguments: object) -> subprocess.CompletedProcess:
-    return run_here(ROOT, *map(str, arguments), module="datamodules.check")
+    return run_here(ROOT, *map(str, arguments), module="zoo.commands.check")
 
 
 @pytest.fixture

@@ -11,13 +11,13 @@ import torch
 from datamodules.augment import Brightness, Shift
 from datamodules.balance import BatchKey
 from datamodules.batches import EVALUATION_BATCH
-from datamodules.check import look_at_image
 from datamodules.driving import DrivingData
 from datamodules.image import decode_image
 from datamodules.samples import LEFT
 from datamodules.view import View
 from tests.recordings import write_recording, write_resized
 from zoo.base.errors import InputError
+from zoo.commands.check import look_at_image
 
 VIEW = View((60, 25), "yuv", (66, 200))
 

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from datamodules.findings import FEW_ROWS, find_oddities, report_lines, report_recordings
-from datamodules.notable_rows import (
+from datamodules.looking.findings import FEW_ROWS, find_oddities, report_lines, report_recordings
+from datamodules.looking.notable_rows import (
     frame_difference,
     largest_errors,
     odd_frames,
@@ -20,8 +20,8 @@ from datamodules.notable_rows import (
 )
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
-from simulator.record import RecordOptions, record_laps
 from tests.recordings import Written, recording_in_memory, write_recording
+from zoo.simulator.record import RecordOptions, record_laps
 
 RNG = np.random.default_rng(0)
 SMOOTH = np.sin(np.arange(2_000) / 40) * 0.3 + RNG.normal(0, 1e-3, 2_000)

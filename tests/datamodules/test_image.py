@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from datamodules.check import look_at_image
 from datamodules.image import checked_size, decode_image
+from zoo.commands.check import look_at_image
 
 
 @pytest.fixture

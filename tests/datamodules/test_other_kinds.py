@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from datamodules.check import look_at_image
 from datamodules.recording_format import read_recordings
 from tests.contracts.test_recordings import FORMATS
 from zoo.base.bounded_files import open_data, read_text
 from zoo.base.errors import InputError
+from zoo.commands.check import look_at_image
 
 
 def spreadsheet() -> bytes:
@@ -68,7 +68,7 @@ def test_an_image_of_another_kind_is_named_by_its_contents(kind: str, tmp_path: 
 
 @pytest.mark.parametrize("video", ["out-video.avi", "video.hevc", "video.mp4"])
 def test_a_video_of_another_kind_is_named_by_its_contents(video: str, tmp_path: Path) -> None:
-    from datamodules.formats.video import read_frames
+    from datamodules.formats.video_frames import read_frames
 
     (tmp_path / video).write_bytes(POINTER)
     with pytest.raises(InputError, match=rf"{video}: is a Git LFS pointer"):

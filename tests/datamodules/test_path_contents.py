@@ -13,7 +13,7 @@ import pytest
 from datamodules.recording_format import read_recordings
 from tests import foreign_recordings as foreign
 from tests.recordings import write_recording
-from tests.zoo.commands import only_line, run_here
+from tests.zoo.command_runs import only_line, run_here
 from zoo.base.errors import InputError
 
 
@@ -121,10 +121,10 @@ def test_the_command_of_a_table_reads_it(here: Path) -> None:
     (here / "set/my.csv").rename(here / "set/labels.csv")
     text = (here / "set/labels.csv").read_text().replace("path,turn", "path,steering")
     (here / "set/labels.csv").write_text(text)
-    line = only_line(run_here(here, "set", module="datamodules.check"))
+    line = only_line(run_here(here, "set", module="zoo.commands.check"))
     words = line.partition("type drivezoo check ")[2].partition(" (keys")[0]
     file, how, columns = words.split(" ", 2)
-    done = run_here(here, file, how, columns.strip("'"), module="datamodules.check")
+    done = run_here(here, file, how, columns.strip("'"), module="zoo.commands.check")
     assert done.returncode == 0, done.stderr
 
 

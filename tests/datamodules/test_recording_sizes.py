@@ -13,7 +13,7 @@ from tests import foreign_recordings as foreign
 from tests.datamodules.exchange.test_lerobot import as_version_2, write_foreign
 from tests.datamodules.test_path_contents import tub
 from tests.recordings import write_recording
-from tests.zoo.commands import run_here
+from tests.zoo.command_runs import run_here
 from zoo.base.errors import InputError
 
 
@@ -75,7 +75,7 @@ def test_check_of_a_dataset_without_a_file_fails(tmp_path: Path) -> None:
     export_lerobot(read_recordings(str(written.folder)), tmp_path / "set")
     info = tmp_path / "set/meta/info.json"
     info.write_text(info.read_text().replace('"total_frames": 8', '"total_frames": 127'))
-    done = run_here(tmp_path, "set", module="datamodules.check")
+    done = run_here(tmp_path, "set", module="zoo.commands.check")
     assert done.returncode == 1
     assert "total_frames is 127, and its files hold 8 rows" in done.stdout
 

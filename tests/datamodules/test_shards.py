@@ -20,8 +20,8 @@ from datamodules.recording_format import read_recordings
 from datamodules.samples import make_samples
 from tests.foreign_recordings import deeppicar, jetracer
 from tests.recordings import Written, write_recording
+from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
-from zoo.cli.compose import compose_config
 from zoo.training.build import build_data
 
 for needed in ("litdata", "boto3", "pyarrow"):

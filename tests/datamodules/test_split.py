@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from datamodules.image import decode_image
-from datamodules.leak import leak_lines, measure_leak, random_split_leak, thumbnail
+from datamodules.looking.leak import leak_lines, measure_leak, random_split_leak, thumbnail
 from datamodules.recording import LONG_DRIVE, SHORT_DRIVES, Recording
 from datamodules.recording_format import read_recordings
 from datamodules.split import PARTS, Split, rows_per_second, split_rows, split_words, write_split
@@ -289,7 +289,7 @@ def test_strangers_have_likeness_near_one():
 
 def test_neighbours_are_found_in_a_long_recording(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every image has one copy, in the next row; only a sample of rows is compared."""
-    monkeypatch.setattr("datamodules.leak.COMPARED", 10)
+    monkeypatch.setattr("datamodules.looking.leak.COMPARED", 10)
     pairs = np.random.default_rng(0).integers(0, 256, (500, 8, 16, 1), np.uint8)
     leak = measure_leak(
         recording_in_memory(np.zeros(1000)),

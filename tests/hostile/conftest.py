@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.zoo.drive.serve import Served, served
+from tests.zoo.server.serve import Served, served
 from zoo.base.run_command import run_command
 
 Refusal = Callable[..., str]

@@ -23,12 +23,12 @@ from tests.hostile.crafted_files import (
     with_pickle,
 )
 from tests.zoo.bomb import Bomb
-from tests.zoo.commands import only_line, run
+from tests.zoo.command_runs import only_line, run
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, load_plain
+from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.onnx_policy import open_session
-from zoo.checkpoints.policy import load_policy
 
 
 @pytest.fixture
@@ -44,7 +44,9 @@ def changed(path: Path, **config: object) -> Path:
     return path
 
 
-@pytest.mark.parametrize("module", ["zoo.export", "zoo.evaluate", "zoo.doctor"])
+@pytest.mark.parametrize(
+    "module", ["zoo.commands.export", "zoo.commands.evaluate", "zoo.commands.doctor"]
+)
 def test_lists_that_share_their_parts_are_not_expanded(module: str, path: Path) -> None:
     changed(path, data=shared_lists(40))
     result = run(path.parent, str(path), module=module, timeout=60)
@@ -142,7 +144,7 @@ def test_weights_of_eight_bits_are_named(path: Path) -> None:
     state = contents["state_dict"]
     contents["state_dict"] = {name: one.to(torch.float8_e4m3fn) for name, one in state.items()}
     torch.save(contents, path)
-    line = only_line(run(path.parent, str(path), module="zoo.export", timeout=60))
+    line = only_line(run(path.parent, str(path), module="zoo.commands.export", timeout=60))
     assert "x.ckpt: head.weight does not hold plain floats" in line
 
 

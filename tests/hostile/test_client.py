@@ -15,13 +15,13 @@ import engineio
 import pytest
 from rich.console import Console
 
-from simulator import client as client_module
-from simulator.client import Client
-from simulator.command_options import ClientOptions
-from simulator.legacy_socket import MAX_MESSAGE, OPENED, HandshakeSilentError, LegacySocket
-from simulator.modern_socket import ModernSocket
-from simulator.world import open_world
-from tests.simulator.drivers import GUID, make_frame
+from tests.zoo.simulator.drivers import GUID, make_frame
+from zoo.simulator import client as client_module
+from zoo.simulator.client import Client
+from zoo.simulator.command_options import ClientOptions
+from zoo.simulator.legacy_socket import MAX_MESSAGE, OPENED, HandshakeSilentError, LegacySocket
+from zoo.simulator.modern_socket import ModernSocket
+from zoo.simulator.simulated_world import open_world
 
 OPEN = '0{"sid":"x","upgrades":[],"pingInterval":25000,"pingTimeout":60000}'
 SEND_MOST = 64 << 20  # bytes that a hostile server sends at most

@@ -5,16 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from tests.zoo.commands import run_words
+from tests.zoo.command_runs import run_words
 from zoo.base.child_process import module_command
 
-FOLDERS = ("zoo", "datamodules", "simulator", "drivezoo", "hydra_plugins/stranger")
+FOLDERS = ("zoo", "datamodules", "drivezoo", "hydra_plugins/stranger")
 FILES = (
     *("torch", "numpy", "yaml", "hydra", "lightning", "sitecustomize", "usercustomize"),
     *("runpy", "pickle", "multiprocessing", "socket", "json", "typing"),
 )
 # What pip writes to the folder of scripts.
-SCRIPT = "import sys\nfrom zoo.cli.console_script import main\nsys.exit(main())\n"
+SCRIPT = "import sys\nfrom zoo.base.console_script import main\nsys.exit(main())\n"
 SPAWN = """
 import multiprocessing, sys
 sys.path[:] = filter(None, sys.path)
@@ -59,7 +59,7 @@ def test_a_command_runs_none_of_its_files(stranger: Path) -> None:
 
 
 def test_a_child_process_runs_none_of_its_files(stranger: Path) -> None:
-    assert "lake" in run(stranger, *module_command("zoo.list", "tracks"))
+    assert "lake" in run(stranger, *module_command("zoo.commands.list", "tracks"))
 
 
 def test_a_spawned_process_runs_none_of_its_files_where_python_lacks_safe_path(

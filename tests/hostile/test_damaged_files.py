@@ -8,20 +8,20 @@ from pathlib import Path
 import pytest
 import torch
 
-from simulator.track_file import read_track
-from tests.zoo.commands import only_line, run, run_here
+from tests.zoo.command_runs import only_line, run, run_here
 from tests.zoo.sweeps import write_run
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.bounded_files import MOST_JSON_BYTES, MOST_YAML_BYTES, read_json, read_yaml
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
-from zoo.drives.drive_log import DriveWriter, read_drive, write_summary
-from zoo.drives.drive_record import DriveRow
-from zoo.leaderboard.ranking import rank
-from zoo.leaderboard.scored import read_scored
-from zoo.report.reported_run import ReportedRun
-from zoo.runs.run import Run
-from zoo.sweep.sweep_record import new_record, read_record, write_record
+from zoo.driving.drive_log import DriveWriter, read_drive, write_summary
+from zoo.driving.drive_record import DriveRow
+from zoo.results.ranking import rank
+from zoo.results.scored import read_scored
+from zoo.runs.run_record import Run
+from zoo.scoring.reported_run import ReportedRun
+from zoo.simulator.track_file import read_track
+from zoo.training.sweep_record import new_record, read_record, write_record
 
 Damage = Callable[[Path], object]
 LAUGHS = "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(
@@ -152,7 +152,7 @@ def test_the_leaderboard_prints_all_damaged_runs_and_the_table(tmp_path: Path) -
     for name in ("alias bomb", "NaN", "folder", "deep"):
         file, damage, _ = DAMAGE[name]
         damage(write_run(tmp_path / name, 1.0) / file)
-    result = run_here(tmp_path, ".", module="zoo.leaderboard")
+    result = run_here(tmp_path, ".", module="zoo.commands.leaderboard")
     assert (result.returncode, result.stderr) == (0, "")
     assert "90.0%" in result.stdout
     assert "4 damaged: " in result.stdout
@@ -198,10 +198,10 @@ def trained(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", ["alias bomb", "deep", "text for pid", "list for data"])
-@pytest.mark.parametrize("module", ["zoo.report", "zoo.rerun", "zoo"])
+@pytest.mark.parametrize("module", ["zoo.commands.report", "zoo.commands.rerun", "zoo"])
 def test_a_command_names_the_file_and_the_field(module: str, name: str, trained: Path) -> None:
     file, damage, words = DAMAGE[name]
-    if (module, name) == ("zoo.rerun", "text for pid"):
+    if (module, name) == ("zoo.commands.rerun", "text for pid"):
         pytest.skip("the repeated run writes its own status")
     damage(trained / file)
     before = sorted(trained.rglob("*"))
@@ -263,14 +263,14 @@ def test_film_names_a_log_that_is_no_regular_file(name: str, named: str, tmp_pat
     drive = write_drive(tmp_path / "drive")
     _, damage, words = DRIVES[name]
     damage(drive / "drive.csv")
-    line = only_line(run_here(tmp_path, str(drive / named), module="zoo.film"))
+    line = only_line(run_here(tmp_path, str(drive / named), module="zoo.commands.film"))
     assert f"{drive}/drive.csv: " in line
     assert words in line
 
 
 def test_film_names_a_recordings_log_that_is_a_pipe(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "driving_log.csv")
-    line = only_line(run_here(tmp_path, str(tmp_path), module="zoo.film"))
+    line = only_line(run_here(tmp_path, str(tmp_path), module="zoo.commands.film"))
     assert f"{tmp_path}/driving_log.csv: " in line
     assert "no regular file" in line
 

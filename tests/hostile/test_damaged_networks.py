@@ -39,9 +39,9 @@ from tests.zoo.models.test_models_command import build
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint, doubt_members, load_checkpoint, load_plain
+from zoo.checkpoints.checkpoint_policy import build_doubt, doubt_contents
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.onnx_policy import CARD, OnnxPolicy
-from zoo.checkpoints.policy import build_doubt, doubt_contents
 from zoo.hub.card import described_hash
 from zoo.keras.keras_file import check_kind, read_keras
 from zoo.keras.keras_lambda import describe_lambda, specs_of_word

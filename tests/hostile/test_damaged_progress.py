@@ -11,11 +11,11 @@ from rich.console import Console
 from tests.hostile.conftest import Refusal
 from tests.hostile.test_damaged_files import field, huge, pipe, text
 from zoo.base.command_keys import read_options
+from zoo.base.compose import compose_config
 from zoo.base.new_folder import RECIPE
 from zoo.base.run_command import run_command
-from zoo.cli.compose import compose_config
-from zoo.correct.correct_options import CorrectOptions
-from zoo.correct.correction import open_progress, save
+from zoo.training.correct_options import CorrectOptions
+from zoo.training.correction import open_progress, save
 from zoo.training.run_config import with_recording
 
 Damage = Callable[[Path], object]
@@ -71,12 +71,12 @@ def test_a_damaged_correction_is_named_and_not_changed(
     new = open_progress(out, str(checkpoint), options, [])
     first = {"number": 0, "checkpoint": str(checkpoint), "corrections": 0}
     save(new | {"rounds": [first | {"tracks": {"lake": FIGURES}}]}, out)
-    assert run_command("zoo.correct", again, []) == 0
+    assert run_command("zoo.commands.correct", again, []) == 0
     damage, words = CORRECT[name]
     damage(out / "correct.json")
     before = sorted(tmp_path.rglob("*"))
 
-    line = refusal("zoo.correct", again, [])
+    line = refusal("zoo.commands.correct", again, [])
 
     assert str(out) in line
     assert "correct.json" in line

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.zoo.drive.old_client import CONTINUATION, TEXT, WS_PING, OldClient, telemetry
-from tests.zoo.drive.scans import SCANS, many_scans, png_bomb
-from tests.zoo.drive.serve import Served, picture, served
-from zoo.drive import telemetry_message as telemetry_module
-from zoo.drive.telemetry_message import MAX_IMAGE_BYTES, MAX_SCANS, TelemetryError, read_telemetry
+from tests.zoo.server.old_client import CONTINUATION, TEXT, WS_PING, OldClient, telemetry
+from tests.zoo.server.scans import SCANS, many_scans, png_bomb
+from tests.zoo.server.serve import Served, picture, served
+from zoo.server import telemetry_message as telemetry_module
+from zoo.server.telemetry_message import MAX_IMAGE_BYTES, MAX_SCANS, TelemetryError, read_telemetry
 
 ANSWERS = 40
 MASK = bytes(4)

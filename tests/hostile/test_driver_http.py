@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.zoo.drive.old_client import OldClient, telemetry
-from tests.zoo.drive.serve import Served, picture, served
+from tests.zoo.server.old_client import OldClient, telemetry
+from tests.zoo.server.serve import Served, picture, served
 from tests.zoo.written_checkpoints import write_constant
 
 ESCAPE = "\x1b[2J\x1b]0;owned\x07"
@@ -91,7 +91,7 @@ def exposed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     folder = tmp_path_factory.mktemp("exposed")
     checkpoint = write_constant(folder / "best.ckpt", 0.1)
     options = (str(checkpoint), "drive.host=0.0.0.0", "drive.expose=true", "drive.port=0")
-    with served(folder / "drive", "zoo.drive", *options) as process:
+    with served(folder / "drive", "zoo.commands.drive", *options) as process:
         process.lines.append(process.process.stdout.readline().strip())
         yield process
 
@@ -137,7 +137,9 @@ def test_the_terminal_names_what_needs_the_token(exposed: Served) -> None:
 
 def test_on_this_machine_alone_no_token_is_needed(tmp_path: Path) -> None:
     checkpoint = write_constant(tmp_path / "best.ckpt", 0.1)
-    with served(tmp_path / "drive", "zoo.drive", str(checkpoint), "drive.port=0") as driver:
+    with served(
+        tmp_path / "drive", "zoo.commands.drive", str(checkpoint), "drive.port=0"
+    ) as driver:
         assert command(driver, "")[0] == 200
         assert driver.stop() == 0
     assert not any("token" in line for line in driver.lines)

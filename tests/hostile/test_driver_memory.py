@@ -15,10 +15,10 @@ from benchmarks.driver_memory import (
 )
 from benchmarks.driver_memory import LARGE as LONGEST
 from tests.hostile.test_driver_sessions import FINE, RED, assert_drives, closed
-from tests.zoo.commands import ROOT, run, succeed
-from tests.zoo.drive.old_client import OldClient
-from tests.zoo.drive.serve import Served
-from zoo.drive.connections import MOST_HELD, MOST_QUIET_WEBSOCKETS
+from tests.zoo.command_runs import ROOT, run, succeed
+from tests.zoo.server.old_client import OldClient
+from tests.zoo.server.serve import Served
+from zoo.server.connections import MOST_HELD, MOST_QUIET_WEBSOCKETS
 
 # Each attack would take over 150 MB of a driver without its limits.
 LARGE = {

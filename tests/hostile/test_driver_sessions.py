@@ -14,9 +14,9 @@ import psutil
 import pytest
 import socketio
 
-from tests.zoo.drive.old_client import OldClient, telemetry
-from tests.zoo.drive.serve import Served, picture, served
-from zoo.drive.socketio_server import MOST_QUIET
+from tests.zoo.server.old_client import OldClient, telemetry
+from tests.zoo.server.serve import Served, picture, served
+from zoo.server.socketio_server import MOST_QUIET
 
 RED = picture((204, 0, 0))  # steering 0.8
 FINE = ("steer", {"steering_angle": "0.8000", "throttle": "0.2000"})
@@ -28,7 +28,7 @@ TELEMETRY = json.dumps(["telemetry", telemetry(jpeg=RED)])
 @pytest.fixture
 def impatient(tmp_path: Path) -> Iterator[Served]:
     """Start a driver that waits half a second for a request's head and a session's telemetry."""
-    with served(tmp_path / "drive", "tests.zoo.drive.serve", str(tmp_path / "drive"), "0.5") as it:
+    with served(tmp_path / "drive", "tests.zoo.server.serve", str(tmp_path / "drive"), "0.5") as it:
         yield it
 
 

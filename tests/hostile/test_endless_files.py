@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 import pytest
 
-from datamodules.check import look_at_image
 from datamodules.driving_log import MOST_LOG_BYTES
 from datamodules.image import (
     MOST_IMAGE_BYTES,
@@ -25,17 +24,18 @@ from datamodules.recording_format import read_recordings
 from datamodules.split import split_rows
 from datamodules.view import View
 from datamodules.view_store import decode_all
-from simulator.track_file import read_track
 from tests.recordings import Written, write_recording
-from tests.zoo.commands import only_line, run, run_here
-from tests.zoo.drive.scans import SCANS, many_scans
+from tests.zoo.command_runs import only_line, run, run_here
+from tests.zoo.server.scans import SCANS, many_scans
 from tests.zoo.trainings import SMALL
 from zoo.base.bounded_files import open_regular, read_regular
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_plain
 from zoo.checkpoints.onnx_policy import open_session
+from zoo.commands.check import look_at_image
 from zoo.keras.keras_file import read_keras
-from zoo.report.blocks import Image
+from zoo.scoring.blocks import Image
+from zoo.simulator.track_file import read_track
 
 Make = Callable[[Path], object]
 
@@ -226,7 +226,7 @@ def test_many_scans_of_a_sequential_image_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "module", ["datamodules.check", pytest.param("zoo", marks=pytest.mark.slow)]
+    "module", ["zoo.commands.check", pytest.param("zoo", marks=pytest.mark.slow)]
 )
 def test_a_scan_bomb_is_named_with_its_row(module: str, replaced: Written, tmp_path: Path) -> None:
     image = replaced.image(7)
@@ -284,6 +284,6 @@ def test_film_names_an_image_that_is_no_regular_file(replaced: Written, tmp_path
     images = tmp_path / "images"
     images.mkdir()
     os.mkfifo(images / "a.jpg")
-    line = only_line(run_here(tmp_path, str(images), module="zoo.film"))
+    line = only_line(run_here(tmp_path, str(images), module="zoo.commands.film"))
     assert f"{images / 'a.jpg'}: " in line
     assert "no regular file" in line

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from datamodules.check import check
 from datamodules.formats.shards import export_shards
 from datamodules.recording_format import OWN, read_recordings
 from tests import foreign_recordings as foreign
@@ -31,6 +30,7 @@ from tests.hostile.mutations import (
     mutated_parquet,
 )
 from zoo.base.errors import InputError
+from zoo.commands.check import check
 
 FEW_AND_MANY = pytest.mark.parametrize("count", [12, pytest.param(400, marks=pytest.mark.slow)])
 DENIED = {"steering": {"unit": "share", "full": 1, "right": "positive"}}  # by the user

@@ -12,20 +12,20 @@ from hypothesis import strategies as st
 
 from datamodules.formats.recording_writer import convert_to_recording
 from datamodules.recording_format import read_recordings
-from simulator.road_family import draw_road, find_family
-from simulator.track_file import read_track
-from simulator.track_names import track_folder
 from tests.hostile.mutations import FEW_AND_MANY, mutated_bytes, mutated_json, read_damaged
 from tests.hostile.test_damaged_files import write_drive
 from tests.recordings import Written, write_recording
 from tests.zoo.sweeps import write_run
 from zoo.base.errors import InputError
-from zoo.benchmark.suite import read_suite
-from zoo.drives.drive_log import read_drive
-from zoo.leaderboard.ranking import rank
-from zoo.leaderboard.scored import load_run, read_scored
+from zoo.driving.drive_log import read_drive
+from zoo.results.ranking import rank
+from zoo.results.scored import load_run, read_scored
+from zoo.results.suite import read_suite
 from zoo.runs.status import read_status_file
-from zoo.sweep.sweep_record import new_record, read_record, write_record
+from zoo.simulator.road_family import draw_road, find_family
+from zoo.simulator.track_file import read_track
+from zoo.simulator.track_names import track_folder
+from zoo.training.sweep_record import new_record, read_record, write_record
 
 NAMES = ("center", "left", "right", "steering", "throttle", "brake", "speed")
 

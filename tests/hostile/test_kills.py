@@ -15,7 +15,7 @@ import pytest
 import torch
 
 from tests.recordings import Written
-from tests.zoo.commands import command, environment, only_line, run, succeed
+from tests.zoo.command_runs import command, environment, only_line, run, succeed
 from tests.zoo.trainings import SMALL
 from zoo.base.whole_file import remove_parts
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
@@ -144,10 +144,10 @@ def test_a_disk_too_small_for_a_checkpoint_is_named_and_the_run_resumes_with_roo
 
 
 COMMANDS = {
-    "benchmark": ("zoo.benchmark", "lenet", "suite=quick", "workers=2"),
-    "evaluate": ("zoo.evaluate", "lenet", "seeds=4", "workers=2"),
-    "record": ("simulator", "record", "track=lake", "laps=3", "jobs=2"),
-    "search": ("zoo.search", "lenet", "workers=2"),
+    "benchmark": ("zoo.commands.benchmark", "lenet", "suite=quick", "workers=2"),
+    "evaluate": ("zoo.commands.evaluate", "lenet", "seeds=4", "workers=2"),
+    "record": ("zoo.commands.simulator", "record", "track=lake", "laps=3", "jobs=2"),
+    "search": ("zoo.commands.search", "lenet", "workers=2"),
 }
 HOW = {
     "Ctrl-C": (os.killpg, signal.SIGINT),

@@ -9,19 +9,19 @@ import torch
 
 from tests.hostile.conftest import Refusal
 from tests.zoo.sweeps import write_run
-from zoo.__main__ import train_or_sweep as zoo
 from zoo.base.errors import InputError
 from zoo.base.whole_file import refuse_links_out, remove_parts, write_whole
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
-from zoo.drives.drive_log import write_summary
-from zoo.leaderboard.__main__ import leaderboard
-from zoo.report.__main__ import report
-from zoo.rerun import rerun
+from zoo.commands.leaderboard import leaderboard
+from zoo.commands.report import report
+from zoo.commands.rerun import rerun
+from zoo.commands.sweep import sweep
+from zoo.commands.train import train_or_sweep as zoo
+from zoo.driving.drive_log import write_summary
 from zoo.runs.plots import save_figure
 from zoo.runs.status import write_status
-from zoo.sweep.__main__ import sweep
-from zoo.sweep.sweep_record import new_record, write_record
 from zoo.training.candidates import take
+from zoo.training.sweep_record import new_record, write_record
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="makes links")
 
@@ -80,9 +80,9 @@ def test_the_choice_of_the_best_follows_no_link(mine: Path, tmp_path: Path) -> N
 
 
 COMMANDS = {
-    "zoo.report": (report.main, ["run"]),
+    "zoo.commands.report": (report.main, ["run"]),
     "zoo": (zoo, ["resume=run"]),
-    "zoo.rerun": (rerun.main, ["run", "out=again"]),
+    "zoo.commands.rerun": (rerun.main, ["run", "out=again"]),
 }
 
 
@@ -110,7 +110,7 @@ def test_a_sweep_with_a_link_that_leads_out_is_not_resumed(
     (here / "sweep" / "0").mkdir(parents=True)
     write_record(here / "sweep", new_record(["seed=1,2"]))
     (here / "sweep" / "0" / "log.txt").symlink_to(mine)
-    assert "sweep/0/log.txt: " in refusal("zoo.sweep", sweep.main, ["resume=sweep"])
+    assert "sweep/0/log.txt: " in refusal("zoo.commands.sweep", sweep.main, ["resume=sweep"])
 
 
 def test_a_link_within_the_folder_is_kept(tmp_path: Path) -> None:
@@ -130,7 +130,7 @@ def test_the_leaderboard_refuses_a_link(mine: Path, here: Path, refusal: Refusal
     write_run(here / "outputs" / "run", autonomy=1.0)
     page = here / "outputs" / "leaderboard.html"
     page.symlink_to(mine)
-    line = refusal("zoo.leaderboard", leaderboard.main, ["outputs"])
+    line = refusal("zoo.commands.leaderboard", leaderboard.main, ["outputs"])
     assert "outputs/leaderboard.html: exists" in line
     assert mine.read_text() == "mine"
 

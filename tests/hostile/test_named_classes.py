@@ -149,6 +149,8 @@ def test_no_class_touches_a_file_a_process_or_the_network(
         ("data.augment.x", "albumentations.GridDropout", True),
         ("loss", "torch.nn.PoissonNLLLoss", True),
         ("schedule", "torch.optim.lr_scheduler.CyclicLR", True),
+        ("callbacks.x", "zoo.training.closed_loop.ClosedLoop", True),
+        ("callbacks.x", "zoo.training.steering_module.SteeringModule", False),
         ("data.augment.x", "albumentations.FDA", False),
         ("data.augment.x", "albumentations.Compose", False),
         ("data.augment.x", "albumentations.core.utils.os.system", False),

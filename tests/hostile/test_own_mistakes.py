@@ -14,12 +14,12 @@ from pathlib import Path
 
 import pytest
 
-from simulator.track_file import read_track
 from tests.recordings import write_recording
-from tests.zoo.commands import ROOT, command, environment, only_line, run, run_words
+from tests.zoo.command_runs import ROOT, command, environment, only_line, run, run_words
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
 from zoo.base.run_command import run_command
+from zoo.simulator.track_file import read_track
 
 # A library that commands import first: Debian's Python has `_socket` built in.
 FIRST = "_socket|_queue"
@@ -53,11 +53,11 @@ def test_a_bug_keeps_its_traceback_and_asks_for_a_report(capsys: pytest.CaptureF
     def fail(_: list[str]) -> None:
         raise ZeroDivisionError("of ours")
 
-    assert run_command("zoo.film", fail, []) == 1
+    assert run_command("zoo.commands.film", fail, []) == 1
     lines = capsys.readouterr().err.strip().splitlines()
     assert lines[0].startswith("Traceback")
     assert "ZeroDivisionError: of ours" in lines[-2]
-    assert lines[-1].startswith("zoo.film: ")
+    assert lines[-1].startswith("zoo.commands.film: ")
     assert "report" in lines[-1]
 
 
@@ -103,7 +103,7 @@ def test_ctrl_c_at_once_ends_a_command_with_one_line(
     arguments: tuple[str, ...], after_s: float, tmp_path: Path
 ) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-c", "from zoo.cli.console_script import main; main()", *arguments],
+        [sys.executable, "-c", "from zoo.base.console_script import main; main()", *arguments],
         cwd=tmp_path,
         env=environment(),
         stdin=subprocess.DEVNULL,
@@ -141,7 +141,7 @@ def test_too_little_memory_gets_one_line(limit_mb: int, tmp_path: Path) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (limit_mb * 1_000_000, limit_mb * 1_000_000))
 
     result = subprocess.run(
-        command("zoo.export", "x.ckpt", "out=x.onnx"),
+        command("zoo.commands.export", "x.ckpt", "out=x.onnx"),
         cwd=tmp_path,
         env=environment() | {"OPENBLAS_NUM_THREADS": "1"},
         capture_output=True,
@@ -174,7 +174,7 @@ def test_an_unreadable_recording_is_named(name: str, nobody: list[str], tmp_path
     lake = write_recording(tmp_path / "lake", rows=20).folder
     (lake / name).chmod(0)
     try:
-        words = [*nobody, *command("datamodules.check", str(lake))]
+        words = [*nobody, *command("zoo.commands.check", str(lake))]
         result = run_words(tmp_path, *words, HOME=str(tmp_path))
     finally:
         (lake / name).chmod(0o755)
@@ -194,4 +194,4 @@ def test_a_track_with_an_impossible_name_is_refused(name: str) -> None:
 @pytest.mark.parametrize("value", [f"{{fog: {'9' * 5_000}}}", "[" * 5000, "[&a [1], *a]"])
 def test_the_simulator_refuses_such_an_option(value: str, tmp_path: Path) -> None:
     arguments = ("record", "out=lake", f"weather={value}")
-    only_line(run(tmp_path, *arguments, module="simulator", timeout=60))
+    only_line(run(tmp_path, *arguments, module="zoo.commands.simulator", timeout=60))

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.recordings import Written
-from tests.zoo.commands import command, environment, run_here, succeed
+from tests.zoo.command_runs import command, environment, run_here, succeed
 from tests.zoo.trainings import SMALL
 from zoo.base.run_command import ForgivingOutput
 from zoo.training import conclusion
@@ -114,7 +114,11 @@ def test_a_recording_that_is_removed_while_it_trains(
 
 
 FULL = Path("/dev/full")
-SCRIPT = [sys.executable, "-c", "from zoo.cli.console_script import main; raise SystemExit(main())"]
+SCRIPT = [
+    sys.executable,
+    "-c",
+    "from zoo.base.console_script import main; raise SystemExit(main())",
+]
 COMMANDS = ["--help", "check", "check --help", "list tracks"]
 
 

@@ -17,7 +17,7 @@ from datamodules.view import View
 from tests.hostile.conftest import Refusal
 from tests.recordings import Written
 from tests.zoo.bomb import Bomb
-from tests.zoo.commands import (
+from tests.zoo.command_runs import (
     command,
     environment,
     only_line,
@@ -30,16 +30,16 @@ from tests.zoo.commands import (
 from tests.zoo.compositions import composed
 from tests.zoo.sweeps import write_run
 from tests.zoo.trainings import SMALL
-from zoo.__main__ import train_or_sweep as zoo
+from zoo.base.compose import choices, compose_config, config_groups
 from zoo.base.errors import InputError
-from zoo.cli.compose import choices, compose_config, config_groups
-from zoo.correct.__main__ import correct
+from zoo.commands.correct import correct
+from zoo.commands.rerun import rerun
+from zoo.commands.results import results
+from zoo.commands.sweep import sweep
+from zoo.commands.train import train_or_sweep as zoo
 from zoo.models.make_network import make_network
-from zoo.rerun import rerun
-from zoo.results import results
-from zoo.runs.run import load_config
+from zoo.runs.run_record import load_config
 from zoo.runs.saved_config import check_saved_config, find_refusals
-from zoo.sweep.__main__ import sweep
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path
 @pytest.fixture(autouse=True)
 def _forked_reruns(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let `rerun`, called in this process, train in a fork."""
-    monkeypatch.setattr("zoo.rerun.subprocess", SimpleNamespace(run=train_in_fork))
+    monkeypatch.setattr("zoo.commands.rerun.subprocess", SimpleNamespace(run=train_in_fork))
 
 
 @pytest.fixture
@@ -84,8 +84,11 @@ def listed(folder: Path) -> set[str]:
 
 COMMANDS: dict[str, tuple[Callable[[list[str]], None], list[str]]] = {
     "zoo": (zoo, ["resume=run", "trainer.max_epochs=2"]),
-    "zoo.rerun": (rerun.main, ["run", "out=again"]),
-    "zoo.correct": (correct.main, ["run/checkpoints/last.ckpt", "out=corrected", "rounds=1"]),
+    "zoo.commands.rerun": (rerun.main, ["run", "out=again"]),
+    "zoo.commands.correct": (
+        correct.main,
+        ["run/checkpoints/last.ckpt", "out=corrected", "rounds=1"],
+    ),
 }
 
 
@@ -129,7 +132,7 @@ def test_an_unexpected_class_is_refused_at_every_key(key: str) -> None:
     ("key", "value"),
     [
         ("loss._target_", "lightning.Trainer"),  # allowed at other keys only
-        ("loss._target_", "zoo.losses.nn.Sequential"),
+        ("loss._target_", "zoo.models.losses.nn.Sequential"),
         ("loss._target_", "${seed}"),
         ("loss._target_", 5),
         ("loss.delta", "${oc.env:HOME}"),
@@ -187,7 +190,7 @@ def test_a_strangers_network_does_not_exhaust_the_machine(
     start, arguments = COMMANDS[name]
     line = refusal(name, start, arguments)
     # A repeated run is another process, which prints the reason in a line above.
-    assert ("see above" if name == "zoo.rerun" else "parameters") in line
+    assert ("see above" if name == "zoo.commands.rerun" else "parameters") in line
 
 
 @pytest.mark.parametrize(
@@ -222,7 +225,7 @@ def test_a_users_own_track_may_be_anywhere() -> None:
 @pytest.mark.parametrize("file", ["metrics.json", ".hydra/config.yaml", ".hydra/hydra.yaml"])
 def test_a_damaged_file_of_a_run_gets_one_line(file: str, here: Path, refusal: Refusal) -> None:
     (write_run(here / "run") / file).write_text("[1")
-    assert "run" in refusal("zoo.results", results.main, ["run"])
+    assert "run" in refusal("zoo.commands.results", results.main, ["run"])
 
 
 def test_every_choice_that_is_shipped_is_allowed() -> None:
@@ -320,14 +323,14 @@ def test_a_rerun_does_not_enter_the_folder_that_a_config_names(
     settings = OmegaConf.load(hydra)
     OmegaConf.update(settings, "hydra.runtime.cwd", str(place))
     OmegaConf.save(settings, hydra)
-    result = run(tmp_path, "run", "out=again", module="zoo.rerun")
+    result = run(tmp_path, "run", "out=again", module="zoo.commands.rerun")
     assert not (tmp_path / "ran").exists()
     assert result.returncode == 0, result.stderr
     assert "digit" in result.stdout
 
 
 def write_sweep(folder: Path, arguments: list[str]) -> Path:
-    from zoo.sweep.sweep_record import new_record, write_record
+    from zoo.training.sweep_record import new_record, write_record
 
     folder.mkdir(parents=True)
     write_record(folder, new_record(arguments))
@@ -356,7 +359,7 @@ def test_a_strangers_sweep_is_not_resumed(
 ) -> None:
     own = [*SMALL, f"data.root={recorded.folder}", "seed=1,2", argument]
     folder = write_sweep(here / "sweep", own)
-    line = refusal("zoo.sweep", sweep.main, ["resume=sweep"])
+    line = refusal("zoo.commands.sweep", sweep.main, ["resume=sweep"])
     assert "sweep.json" in line
     assert f"trust={trust}" in line
     assert not [path for path in folder.iterdir() if path.is_dir()]
@@ -369,10 +372,10 @@ def test_a_sweep_with_a_users_own_class_is_resumed_with_trust(
     (tmp_path / "my_losses.py").write_text("from torch.nn import MSELoss as Mine\n")
     own = [*SMALL, f"data.root={recorded.folder}", "seed=1,2", "loss._target_=my_losses.Mine"]
     folder = write_sweep(tmp_path / "sweep", [*own, "trainer.max_epochs=1"])
-    refused = run(tmp_path, "resume=sweep", module="zoo.sweep")
+    refused = run(tmp_path, "resume=sweep", module="zoo.commands.sweep")
     assert "trust=my_losses.Mine" in only_line(refused)
     assert "add parts= and its file" in only_line(refused)
-    succeed(run(tmp_path, "resume=sweep", "trust=my_losses.Mine", module="zoo.sweep"))
+    succeed(run(tmp_path, "resume=sweep", "trust=my_losses.Mine", module="zoo.commands.sweep"))
     done = [json.loads((folder / job / "status.json").read_text()) for job in ("0", "1")]
     assert [one["status"] for one in done] == ["finished", "finished"]
 

@@ -9,13 +9,13 @@ from rich.console import Console
 from rich.table import Table
 
 from tests.recordings import write_recording
-from tests.zoo.cli.test_console_progress import on_a_terminal
-from tests.zoo.commands import command, only_line, run_here
-from tests.zoo.drive.browser import CHROMIUM, Browser
+from tests.zoo.base.test_console_progress import on_a_terminal
+from tests.zoo.command_runs import command, only_line, run_here
+from tests.zoo.server.browser import CHROMIUM, Browser
 from tests.zoo.sweeps import change_status, write_run
 from zoo.base.terminal import error_line, guard_rich
-from zoo.leaderboard.ranking_page import Ranking
-from zoo.report.write_up import write_report
+from zoo.results.ranking_page import Ranking
+from zoo.scoring.write_up import write_report
 
 EVIL = "a\x1b[2J\x1b]0;x\x07\x9b1A\u202eb\rc"  # clear, title, cursor up, right-to-left, overwrite
 SHOWN = r"a\x1b[2J\x1b]0;x\x07\x9b1A\u202eb"
@@ -26,11 +26,11 @@ def control_characters(printed: str) -> str:
 
 
 REFUSED = {
-    "check's folder": ("datamodules.check", [f"{EVIL}\nall images are whole"]),
+    "check's folder": ("zoo.commands.check", [f"{EVIL}\nall images are whole"]),
     "recording": ("zoo", ["model=tiny", f"data.root='{EVIL}'"]),
-    "track": ("zoo.evaluate", ["x.ckpt", f"track={EVIL}\nx"]),
-    "simulator's track": ("simulator", ["record", "out=x", f"track={EVIL}"]),
-    "simulator's command": ("simulator", [f"{EVIL}\nx"]),
+    "track": ("zoo.commands.evaluate", ["x.ckpt", f"track={EVIL}\nx"]),
+    "simulator's track": ("zoo.commands.simulator", ["record", "out=x", f"track={EVIL}"]),
+    "simulator's command": ("zoo.commands.simulator", [f"{EVIL}\nx"]),
 }
 
 
@@ -47,7 +47,7 @@ def test_check_escapes_folders_and_images_of_a_log(tmp_path: Path) -> None:
     log = written.log.read_text()
     written.log.write_text(log.replace(f"center_{written.stems[7]}", f"{EVIL}".replace("\r", "")))
     written.image(3).write_bytes(b"")
-    result = run_here(tmp_path, str(folder), module="datamodules.check")
+    result = run_here(tmp_path, str(folder), module="zoo.commands.check")
     assert result.returncode == 1
     assert not control_characters(result.stdout + result.stderr)
     assert "row 8: " in result.stdout
@@ -64,7 +64,7 @@ def evil_runs(folder: Path) -> None:
 
 def test_the_leaderboard_escapes_names_of_runs_and_tracks(tmp_path: Path) -> None:
     evil_runs(tmp_path)
-    result = run_here(tmp_path, ".", module="zoo.leaderboard")
+    result = run_here(tmp_path, ".", module="zoo.commands.leaderboard")
     assert result.returncode == 0, result.stderr
     assert not control_characters(result.stdout + result.stderr)
     assert "1 damaged: " in result.stdout
@@ -74,7 +74,7 @@ def test_the_leaderboard_escapes_names_of_runs_and_tracks(tmp_path: Path) -> Non
 def test_on_a_terminal_it_escapes_them_too(tmp_path: Path) -> None:
     """Colours and table frames stay; other control characters are not printed."""
     evil_runs(tmp_path)
-    printed = on_a_terminal(tmp_path, *command("zoo.leaderboard", "."))
+    printed = on_a_terminal(tmp_path, *command("zoo.commands.leaderboard", "."))
     assert "damaged" in printed
     assert "\x1b[1m" in printed or "\x1b[3m" in printed
     for sequence in ("\x1b[2J", "\x1b]", "\x07", "\x9b", "\u202e"):
@@ -85,7 +85,7 @@ def test_a_report_escapes_the_name_of_its_run(tmp_path: Path) -> None:
     folder = write_run(tmp_path / f"{EVIL}\nx", 0.9)
     config = {"seed": 1, "data": {"root": None}, "model": {"name": "linear"}}
     (folder / ".hydra" / "config.yaml").write_text(json.dumps(config))
-    result = run_here(tmp_path, str(folder), module="zoo.report")
+    result = run_here(tmp_path, str(folder), module="zoo.commands.report")
     assert result.returncode == 0, result.stderr
     assert not control_characters(result.stdout + result.stderr)
     assert len(result.stdout.splitlines()) == 3, "two files and the next command"

@@ -3,7 +3,7 @@
 import copy
 import functools
 
-from zoo.cli.compose import compose_config
+from zoo.base.compose import compose_config
 
 
 def composed(*overrides: str) -> dict:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.recordings import Written
-from tests.zoo.commands import run, succeed
+from tests.zoo.command_runs import run, succeed
 
 
 @pytest.fixture(scope="session")

@@ -30,7 +30,7 @@ IMPORTED = (
     "matplotlib.backends.backend_agg",
     "matplotlib.pyplot",
     "torch.utils.tensorboard",
-    "zoo.drive.server",
+    "zoo.server.server",
     "zoo.training.run",
 )
 

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from datamodules.view_store import CACHE
-from tests.zoo.commands import run_here, succeed
+from tests.zoo.command_runs import run_here, succeed
 from zoo.base.errors import InputError, UsageError
 from zoo.base.new_folder import RECORDINGS, command_folder, hold_folder, whole_folder
 from zoo.base.whole_file import write_output, write_whole
 from zoo.base.written_files import LOCK, MARK, OUTPUTS, mark_folder, note_files
-from zoo.clean import clean
+from zoo.commands.clean import clean
 from zoo.runs.status import mark_run, write_status
 
 OWN = {MARK, OUTPUTS, LOCK}
@@ -55,7 +55,9 @@ def left(folder: Path) -> set[str]:
 
 def cleaned(folder: Path) -> str:
     """Remove all of a folder that `what=all` removes, and return what is printed."""
-    return succeed(run_here(folder, str(folder), "what=all", "remove=true", module="zoo.clean"))
+    return succeed(
+        run_here(folder, str(folder), "what=all", "remove=true", module="zoo.commands.clean")
+    )
 
 
 def test_it_only_lists_if_not_asked_to_remove(outputs: Path, capsys: pytest.CaptureFixture) -> None:

@@ -10,16 +10,16 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
-from simulator.track_file import read_track
-from simulator.world_settings import WorldSettings
+from zoo.base.compose import compose_config, conf_folder
 from zoo.base.errors import UsageError
-from zoo.benchmark.suite import read_suite
-from zoo.cli.compose import compose_config, conf_folder
-from zoo.evaluate.track_scores import run_options
+from zoo.driving.environment_mapping import find_environment
 from zoo.models.make_network import make_network
+from zoo.results.suite import read_suite
+from zoo.scoring.track_scores import run_options
+from zoo.simulator.track_file import read_track
+from zoo.simulator.world_settings import WorldSettings
 from zoo.training.build import build_data, build_module, build_network, build_trainer
 from zoo.training.plan import TrainingPlan
-from zoo.worlds.environment_mapping import find_environment
 
 CONF = conf_folder()
 FILES = [path.relative_to(CONF) for path in sorted(CONF.rglob("*.yaml"))]

@@ -7,16 +7,16 @@ import pytest
 
 from datamodules.recording_format import read_recordings
 from tests.recordings import Written
-from tests.zoo.commands import only_line, run_here
+from tests.zoo.command_runs import only_line, run_here
 from zoo.base.errors import InputError, UsageError
-from zoo.convert import convert
+from zoo.commands.convert import convert
 
 
 def test_a_recording_becomes_a_tub_and_a_tub_a_recording(recorded: Written, tmp_path: Path) -> None:
     there = run_here(
-        tmp_path, str(recorded.folder), "to=donkeycar", "out=tub", module="zoo.convert"
+        tmp_path, str(recorded.folder), "to=donkeycar", "out=tub", module="zoo.commands.convert"
     )
-    back = run_here(tmp_path, "tub", module="zoo.convert")
+    back = run_here(tmp_path, "tub", module="zoo.commands.convert")
 
     assert there.returncode == back.returncode == 0, there.stderr + back.stderr
     assert there.stdout.splitlines() == [
@@ -38,7 +38,9 @@ def test_a_recording_becomes_a_tub_and_a_tub_a_recording(recorded: Written, tmp_
 @pytest.mark.parametrize("to", ["lerobot", "donkeycar"])
 def test_an_existing_folder_is_never_written_to(to: str, recorded: Written, tmp_path: Path) -> None:
     (tmp_path / "old").mkdir()
-    result = run_here(tmp_path, str(recorded.folder), f"to={to}", "out=old", module="zoo.convert")
+    result = run_here(
+        tmp_path, str(recorded.folder), f"to={to}", "out=old", module="zoo.commands.convert"
+    )
     assert "out=old: exists already" in only_line(result)
     assert list((tmp_path / "old").iterdir()) == []
 

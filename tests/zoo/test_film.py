@@ -13,17 +13,17 @@ from rich.console import Console
 
 from tests.datamodules.exchange.test_tub import record, write_tub
 from tests.recordings import Written
-from tests.zoo.commands import only_line, run_here, succeed
+from tests.zoo.command_runs import only_line, run_here, succeed
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
-from zoo.drives.drive_film import GREEN, RED, draw_overlay
-from zoo.drives.drive_log import DriveWriter, write_drive
-from zoo.drives.drive_record import PERSON, REPLAY, Drive, DriveRow
-from zoo.evaluate.track_scores import KeptDrive
-from zoo.film import film as film_command
-from zoo.film import make_film, read_shots, real_fps
-from zoo.worlds.open_world import open_world
-from zoo.worlds.scenario import Scenario
+from zoo.commands.film import film as film_command
+from zoo.commands.film import make_film, read_shots, real_fps
+from zoo.driving.drive_film import GREEN, RED, draw_overlay
+from zoo.driving.drive_log import DriveWriter, write_drive
+from zoo.driving.drive_record import PERSON, REPLAY, Drive, DriveRow
+from zoo.driving.open_world import open_world
+from zoo.driving.scenario import Scenario
+from zoo.scoring.track_scores import KeptDrive
 
 GREY = np.full((160, 320, 3), 90, np.uint8)
 
@@ -39,7 +39,7 @@ def decode(path: Path) -> tuple[dict, np.ndarray]:
 
 
 def film(cwd: Path, *arguments: object) -> subprocess.CompletedProcess:
-    return run_here(cwd, *map(str, arguments), module="zoo.film")
+    return run_here(cwd, *map(str, arguments), module="zoo.commands.film")
 
 
 def test_a_recording_becomes_h264_in_real_time(recorded: Written, tmp_path: Path) -> None:
@@ -109,7 +109,7 @@ def test_a_name_with_rich_markup_is_printed_unchanged(recorded: Written, tmp_pat
     shutil.copy(recorded.image(0), folder)
     (folder / recorded.image(1).name).write_bytes(b"")
 
-    out = succeed(run_here(tmp_path, str(folder), module="zoo.film"))
+    out = succeed(run_here(tmp_path, str(folder), module="zoo.commands.film"))
 
     assert out.splitlines()[-1] == f"wrote: {folder}.mp4"
     assert f"{folder / recorded.image(1).name}: " in out

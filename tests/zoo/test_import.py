@@ -14,7 +14,7 @@ from datamodules.image import read_image
 from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from tests.recordings import Written, write_recording
-from tests.zoo.commands import only_line, run, run_here, succeed
+from tests.zoo.command_runs import only_line, run, run_here, succeed
 from tests.zoo.keras.keras_files import lambda_config, write_h5
 from tests.zoo.keras.test_donkeycar import BINS, donkeycar_layers
 from tests.zoo.keras.test_donkeycar import write as write_donkeycar
@@ -27,11 +27,11 @@ from tests.zoo.keras_networks import (
 )
 from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import load_checkpoint
-from zoo.checkpoints.policy import load_policy
-from zoo.doctor.inputs import check_checkpoint
+from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.export.compiled_policy import find_compiler
 from zoo.input_search import tied_drives
 from zoo.models.pilotnet import PilotNet
+from zoo.server.input_checks import check_checkpoint
 
 VIEW = View((60, 25), "yuv_old", (12, 40))
 
@@ -39,7 +39,7 @@ VIEW = View((60, 25), "yuv_old", (12, 40))
 def import_file(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tied_drives, "STRETCH", SHORT_STRETCH)
-        return run_here(cwd, *arguments, module="zoo.import")
+        return run_here(cwd, *arguments, module="zoo.commands.import")
 
 
 @pytest.fixture(scope="module")
@@ -93,11 +93,11 @@ def test_the_checkpoint_steers_as_recorded(imported: Path, lake: Written) -> Non
 @pytest.mark.parametrize(
     ("module", "arguments"),
     [
-        ("zoo.evaluate", ["laps=0.01", "workers=1"]),
-        ("zoo.replay", ["RECORDING"]),
-        ("zoo.saliency", ["RECORDING"]),
-        ("zoo.drive", ["sim=lake", "laps=0.005", "port=0"]),
-        pytest.param("zoo.doctor", ["RECORDING", "port=4599"], marks=pytest.mark.slow),
+        ("zoo.commands.evaluate", ["laps=0.01", "workers=1"]),
+        ("zoo.commands.replay", ["RECORDING"]),
+        ("zoo.commands.saliency", ["RECORDING"]),
+        ("zoo.commands.drive", ["sim=lake", "laps=0.005", "port=0"]),
+        pytest.param("zoo.commands.doctor", ["RECORDING", "port=4599"], marks=pytest.mark.slow),
     ],
 )
 def test_every_command_takes_the_checkpoint(
@@ -108,7 +108,9 @@ def test_every_command_takes_the_checkpoint(
 
 
 def test_the_export_drives_the_same(imported: Path, lake: Written, tmp_path: Path) -> None:
-    printed = succeed(run(tmp_path, str(imported), f"frames={lake.folder}", module="zoo.export"))
+    printed = succeed(
+        run(tmp_path, str(imported), f"frames={lake.folder}", module="zoo.commands.export")
+    )
     assert "yuv_old" in printed
     frame = read_image(lake.image(7))
     ours, theirs = (load_policy(one)(frame, 9.0)[0] for one in (imported, tmp_path / "model.onnx"))
@@ -124,7 +126,7 @@ def test_without_a_recording_guesses_are_named(keras_file: Path, tmp_path: Path)
     assert checkpoint.config["data"]["root"] is None
     found = [one.found for one in check_checkpoint(str(tmp_path / "guessed.ckpt"))]
     assert any("not known" in one for one in found), found
-    correct = run(tmp_path, "guessed.ckpt", module="zoo.correct")
+    correct = run(tmp_path, "guessed.ckpt", module="zoo.commands.correct")
     assert "add data.root=FOLDER" in only_line(correct)
 
 
@@ -187,7 +189,9 @@ def test_a_line_is_applied_by_the_checkpoint_and_by_each_export(
     for name, line in (("plain", []), ("lined", ["steering=[2.4,-1.2]"])):
         succeed(import_file(tmp_path, "old.h5", f"out={name}.ckpt", *keys, *line))
     for out in ("lined.onnx", *(["lined.c"] if find_compiler() else [])):
-        printed = succeed(run_here(tmp_path, "lined.ckpt", f"out={out}", module="zoo.export"))
+        printed = succeed(
+            run_here(tmp_path, "lined.ckpt", f"out={out}", module="zoo.commands.export")
+        )
         assert "largest difference from the checkpoint" in printed
     frames = rng.integers(0, 256, (4, 20, 40, 3), np.uint8).repeat(8, 1).repeat(8, 2)
     plain, *lined = (

@@ -5,18 +5,18 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.zoo.commands import environment
+from tests.zoo.command_runs import environment
 
 DRIVING = """
 import sys
-import zoo.checkpoints.policy, zoo.drive.live_page, zoo.evaluate.evaluation
-import zoo.saliency.visual_backprop
+import zoo.checkpoints.checkpoint_policy, zoo.server.live_page, zoo.scoring.evaluation
+import zoo.scoring.visual_backprop
 print(*{"albumentations", "lightning", "torchmetrics"} & {*sys.modules})
 """
 
 
 def test_driving_imports_no_library_that_only_training_needs() -> None:
-    """They would make `zoo.drive` and `zoo.evaluate` start two seconds later."""
+    """They would make `zoo.commands.drive` and `zoo.commands.evaluate` start two seconds later."""
     done = subprocess.run(
         [sys.executable, "-c", DRIVING], capture_output=True, text=True, check=True
     )
@@ -25,7 +25,7 @@ def test_driving_imports_no_library_that_only_training_needs() -> None:
 
 WRONG = """
 import contextlib, io, sys
-from zoo.cli.console_script import main
+from zoo.base.console_script import main
 for typed in sys.argv[1:]:
     sys.argv = ["drivezoo", *typed.split()]
     with contextlib.redirect_stderr(io.StringIO()) as printed:

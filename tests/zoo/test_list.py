@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from tests.zoo.base.user_parts import write_network
-from tests.zoo.commands import ROOT, only_line, run, run_here, succeed
-from zoo.cli.conf_files import choice_files
-from zoo.cli.console_script import LISTED
-from zoo.list import description
+from tests.zoo.command_runs import ROOT, only_line, run, run_here, succeed
+from zoo.base.conf_files import choice_files
+from zoo.base.console_script import LISTED
+from zoo.commands.list import description
 from zoo.runs.metrics_file import write_metrics_file
 
 FILES = [path for group, _ in LISTED.values() if group for path in choice_files(group).values()]
@@ -22,17 +22,17 @@ def test_every_choice_has_a_description(path: Path) -> None:
 
 def test_a_part_of_the_users_own_is_listed(tmp_path: Path) -> None:
     write_network(tmp_path)
-    printed = succeed(run(tmp_path, "models", "parts=my_net.py", module="zoo.list"))
+    printed = succeed(run(tmp_path, "models", "parts=my_net.py", module="zoo.commands.list"))
     assert "my_net: Steering from the mean of each column" in printed
     assert "tracks, " not in printed, "only the named kind"
 
 
 def test_a_wrong_kind_names_the_right_one(tmp_path: Path) -> None:
-    assert "did you mean tracks" in only_line(run(tmp_path, "track", module="zoo.list"))
+    assert "did you mean tracks" in only_line(run(tmp_path, "track", module="zoo.commands.list"))
 
 
 def test_a_finished_run_is_a_row_with_its_own_figures(run_folder: Path) -> None:
-    printed = succeed(run_here(ROOT, str(run_folder), module="zoo.results"))
+    printed = succeed(run_here(ROOT, str(run_folder), module="zoo.commands.results"))
     header, rule, row = printed.strip().splitlines()
     assert header.count("|") == rule.count("|") == row.count("|")
     metrics = json.loads((run_folder / "metrics.json").read_text())
@@ -44,12 +44,12 @@ def test_a_finished_run_is_a_row_with_its_own_figures(run_folder: Path) -> None:
 
 
 def test_a_folder_without_figures_is_named(tmp_path: Path) -> None:
-    assert "metrics.json" in only_line(run_here(ROOT, str(tmp_path), module="zoo.results"))
+    assert "metrics.json" in only_line(run_here(ROOT, str(tmp_path), module="zoo.commands.results"))
 
 
 def test_an_evaluation_names_the_command_that_ranks_it(tmp_path: Path) -> None:
     tracks = {"lake": {"drives": 1, "drives_without_intervention": 1, "autonomy": [1.0, None]}}
     write_metrics_file(tmp_path, {"checkpoint": "ann.ckpt", "drives": [], "tracks": tracks})
-    line = only_line(run_here(ROOT, str(tmp_path), module="zoo.results"))
+    line = only_line(run_here(ROOT, str(tmp_path), module="zoo.commands.results"))
     assert "is an evaluation" in line
     assert "drivezoo leaderboard" in line

@@ -5,8 +5,8 @@ import math
 import pytest
 import torch
 
-from zoo.losses import GaussianNLL, SteeringWeightedMSE
 from zoo.models.layers import LogSpread
+from zoo.models.losses import GaussianNLL, SteeringWeightedMSE
 
 
 def test_a_bend_weighs_more_than_a_straight() -> None:

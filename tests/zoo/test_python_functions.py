@@ -18,13 +18,13 @@ import pytest
 import drivezoo
 from drivezoo.functions import Training
 from tests.recordings import Written, write_recording
-from tests.zoo import commands
-from tests.zoo.benchmark.test_benchmark_command import write_suite
-from tests.zoo.compare.synthetic_results import ROADS, figures, result, write
+from tests.zoo import command_runs as commands
 from tests.zoo.notebooks import FOLDER as NOTEBOOKS
 from tests.zoo.notebooks import run_notebook
+from tests.zoo.results.synthetic_results import ROADS, figures, result, write
+from tests.zoo.results.test_benchmark_command import write_suite
 from tests.zoo.written_checkpoints import write_constant
-from zoo.benchmark.benchmarked import Benchmarked
+from zoo.results.benchmarked import Benchmarked
 from zoo.runs.table_files import write_plot
 
 SHORT = {"laps": 0.02, "workers": 1}  # the expert of this setup drives once for all tests

@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import pytest
 
 from tests.recordings import Written
-from tests.zoo.commands import only_line, run_here, train_in_fork
-from tests.zoo.sweep.test_sweep_command import SMALL
+from tests.zoo.command_runs import only_line, run_here, train_in_fork
 from tests.zoo.sweeps import write_run
-from zoo.__main__ import train_or_sweep as zoo
+from tests.zoo.training.test_sweep_command import SMALL
 from zoo.base.run_command import run_command
-from zoo.rerun import _report, differences, rerun
+from zoo.commands.rerun import _report, differences, rerun
+from zoo.commands.train import train_or_sweep as zoo
 
 
 def test_a_run_is_repeated_to_the_digit(
@@ -40,10 +40,10 @@ def test_a_run_is_repeated_to_the_digit(
     assert run_command("zoo", zoo, arguments) == 0
     metrics = json.loads((folder / "metrics.json").read_text())
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("zoo.rerun.subprocess", SimpleNamespace(run=train_in_fork))
+    monkeypatch.setattr("zoo.commands.rerun.subprocess", SimpleNamespace(run=train_in_fork))
     capsys.readouterr()
 
-    assert run_command("zoo.rerun", rerun.main, ["run", "out=again"]) == 0
+    assert run_command("zoo.commands.rerun", rerun.main, ["run", "out=again"]) == 0
 
     out = capsys.readouterr().out
     assert "digit" in out
@@ -54,7 +54,7 @@ def test_a_run_is_repeated_to_the_digit(
     found, count = differences(metrics["open_loop"], again["open_loop"])
     assert (found, count) == ([], 12)
     # The folder exists now: the command must not train again.
-    assert run_command("zoo.rerun", rerun.main, ["run", "out=again"]) == 1
+    assert run_command("zoo.commands.rerun", rerun.main, ["run", "out=again"]) == 1
     assert "out=" in capsys.readouterr().err
 
 
@@ -98,4 +98,4 @@ def test_other_code_is_named_in_one_line(
 )
 def test_bad_input_gets_one_line(arguments: list[str], words: str, tmp_path: Path) -> None:
     write_run(tmp_path / "run")
-    assert words in only_line(run_here(tmp_path, *arguments, module="zoo.rerun"))
+    assert words in only_line(run_here(tmp_path, *arguments, module="zoo.commands.rerun"))

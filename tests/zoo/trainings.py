@@ -11,7 +11,7 @@ from rich.console import Console
 from datamodules.driving import DrivingData
 from datamodules.view import View
 from tests.recordings import Written
-from zoo.cli.compose import compose_config
+from zoo.base.compose import compose_config
 from zoo.training.build import build_data, build_feed, build_module, build_network, build_trainer
 from zoo.training.host_settings import set_up_process
 from zoo.training.plan import TrainingPlan, make_plan

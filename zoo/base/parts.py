@@ -8,7 +8,7 @@ processes that a command starts.
 
 A part is imported when a config names one of its classes. Its YAML files stand in `conf` next to
 it, arranged as drivezoo's own: `conf/model/NAME.yaml`. Metrics and perturbations need no YAML file:
-a part that registers some is imported when they are first read (see `zoo.cli.registry`).
+a part that registers some is imported when they are first read (see `zoo.base.registry`).
 """
 
 from __future__ import annotations

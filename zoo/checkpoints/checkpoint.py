@@ -39,6 +39,7 @@ from zoo.checkpoints.network_kind import (
 from zoo.checkpoints.pickle_limits import MOST_BYTES as MOST_PICKLE_BYTES
 from zoo.checkpoints.pickle_limits import check_pickles
 from zoo.models.make_network import make_network
+from zoo.runs.allowed_classes import with_present_names
 from zoo.runs.record_fields import Count, Fields, Number, Whole, check_fields
 
 FORMAT = 1
@@ -158,7 +159,8 @@ def checked_contents(contents: Any, path: Path) -> dict:
     if not isinstance(card, dict) or "state_dict" not in contents:
         raise InputError(f"{path}: {_describe_contents(contents, path)}")
     check_version(card.get("format"), FORMAT, path)
-    return contents
+    renamed = {"config": with_present_names(card["config"])} if "config" in card else {}
+    return {**contents, "drivezoo": card | renamed}
 
 
 def _describe_contents(contents: Any, path: Path) -> str:

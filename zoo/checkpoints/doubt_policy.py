@@ -17,9 +17,9 @@ from torch import Tensor, nn
 from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
-from zoo.checkpoints.command import Command, Policy, mixture, output_command
 from zoo.checkpoints.engine import Engine, chosen_forward
 from zoo.checkpoints.frozen_graph import NetworkPolicy, network_inputs
+from zoo.checkpoints.policy_base import Command, Policy, mixture, output_command
 
 
 class EnsemblePolicy(Policy):

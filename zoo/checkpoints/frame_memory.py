@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from zoo.base.rig import MPS_PER_MPH, Rig
-from zoo.checkpoints.command import Policy
-from zoo.models.window import Window
+from zoo.checkpoints.policy_base import Policy
+from zoo.models.frame_window import Window
 
 NOTHING = np.zeros(0)
 # A car returns to its course as by pure pursuit of a point this far ahead: what the side cameras

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from datamodules.view import View
 from zoo.checkpoints.checkpoint import Checkpoint
-from zoo.checkpoints.command import Policy
+from zoo.checkpoints.policy_base import Policy
 from zoo.models.memory import Memory, Step
 
 

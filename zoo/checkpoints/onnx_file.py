@@ -41,7 +41,7 @@ def onnx_bytes(checkpoint: "Checkpoint", model_card: str = "", graph: bytes = b"
 
     Args:
         checkpoint: checkpoint.
-        model_card: text for people, see `zoo.report.model_card`; empty for none.
+        model_card: text for people, see `zoo.scoring.model_card`; empty for none.
         graph: ONNX file without a card; empty: `graph_bytes` writes it.
 
     Raises:

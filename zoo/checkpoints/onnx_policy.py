@@ -15,9 +15,9 @@ import numpy as np
 from datamodules.view import View
 from zoo.base.bounded_files import read_regular
 from zoo.base.errors import InputError, file_errors, optional_import
-from zoo.checkpoints.command import Command, output_command
 from zoo.checkpoints.frame_memory import SessionPolicy
-from zoo.models.window import Window
+from zoo.checkpoints.policy_base import Command, output_command
+from zoo.models.frame_window import Window
 
 if TYPE_CHECKING:
     import onnxruntime
@@ -74,7 +74,7 @@ class OnnxPolicy(SessionPolicy):
         _check_finite(self)
 
     def _read_card(self) -> Window | None:
-        """Take the facts in the metadata that `zoo.export` wrote; return the window, if any."""
+        """Take the facts in the metadata that an export wrote; return the window, if any."""
         from zoo.base.bounded_files import check_text, check_version, parse_json
         from zoo.checkpoints.checkpoint import FORMAT  # imports torch
 

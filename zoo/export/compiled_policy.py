@@ -11,9 +11,9 @@ import numpy as np
 
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
-from zoo.checkpoints.command import Command, output_command
 from zoo.checkpoints.frame_memory import SessionPolicy
 from zoo.checkpoints.frozen_graph import NetworkPolicy
+from zoo.checkpoints.policy_base import Command, output_command
 
 COMPILERS = ("cc", "gcc", "clang")
 FLAGS = ("-std=c99", "-O2")

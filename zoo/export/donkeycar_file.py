@@ -19,7 +19,7 @@ from torch import nn
 from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
-from zoo.checkpoints.policy import CheckpointPolicy
+from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert
 from zoo.keras.keras_model import DONKEYCAR

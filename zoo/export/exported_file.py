@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from zoo.base.console_progress import loading
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import CURVATURE
 from zoo.base.terminal import print_written
@@ -18,8 +19,7 @@ from zoo.base.whole_file import write_output
 from zoo.base.written_files import check_output, checked_file
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.onnx_policy import INSTALL, SUFFIX, TOLERANCE, OnnxPolicy, is_onnx
-from zoo.cli.console_progress import loading
-from zoo.verdict.evidence import next_drive
+from zoo.scoring.evidence import next_drive
 
 # torch, a slow import, comes late: --help and typos answer at once.
 if TYPE_CHECKING:
@@ -176,7 +176,7 @@ class DonkeycarFile(ExportedFile):
 
     def changes(self, original: "Checkpoint", frames: "Frames") -> list[str]:
         """Return which throttle the car gets, see `ExportedFile`."""
-        from zoo.checkpoints.policy import CheckpointPolicy
+        from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
         from zoo.export.donkeycar_file import inferred_throttle
 
         policy = CheckpointPolicy(self.checkpoint)
@@ -253,7 +253,7 @@ class Int8CFile(CFile):
 
     def changes(self, original: "Checkpoint", frames: "Frames") -> list[str]:
         """Return what the rounding changes, see `ExportedFile`."""
-        from zoo.checkpoints.policy import CheckpointPolicy
+        from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
         from zoo.export.parity import compare
 
         lost = compare(CheckpointPolicy(original), CheckpointPolicy(self.checkpoint), frames)
@@ -298,9 +298,9 @@ def export_checkpoint(
     if throttle is not None and kind is not DonkeycarFile:
         raise UsageError("throttle: belongs to to=donkeycar; leave it out")
     with loading():
-        from zoo.checkpoints.policy import CheckpointPolicy
+        from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
         from zoo.export.parity import PYTORCH, compare, latency, own_latency, take_frames
-        from zoo.report.model_card import card_text, describe
+        from zoo.scoring.model_card import card_text, describe
 
         described = describe(path)
         checkpoint = described.checkpoint

@@ -14,15 +14,15 @@ import torch
 from datamodules.image import read_image
 from datamodules.read_options import said_in
 from datamodules.recording_format import read_recordings
+from zoo.base.compose import compose_config
 from zoo.base.cores import processor_name
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_path import trained_data
-from zoo.checkpoints.command import Command
+from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.frame_memory import SessionPolicy
 from zoo.checkpoints.onnx_policy import OnnxPolicy
-from zoo.checkpoints.policy import CheckpointPolicy
-from zoo.cli.compose import compose_config
+from zoo.checkpoints.policy_base import Command
 
 FRAMES = 64
 CALIBRATION = 200
@@ -183,7 +183,7 @@ def _frames_of(folder: str | list[str], count: int, said: Mapping[str, Any]) -> 
 
 def _rendered_frames() -> Frames:
     """Return frames all around the embedded lake, on the centreline and 1 m off each side."""
-    from simulator.world import Start, open_world
+    from zoo.simulator.simulated_world import Start, open_world
 
     try:
         world = open_world("lake", "auto")

@@ -12,15 +12,19 @@ from rich.console import Console
 
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
-from simulator.track_names import DRAWN
 from zoo.base.bounded_files import hash_file, parse_yaml
 from zoo.base.child_process import end_module, start_module
+from zoo.base.console_progress import progress_bar
 from zoo.base.errors import InputError, UsageError
 from zoo.base.new_folder import command_folder
 from zoo.base.terminal import counted, print_line, print_written, printable
 from zoo.base.whole_file import write_whole
-from zoo.benchmark.benchmarked import Benchmarked
-from zoo.benchmark.marks import (
+from zoo.checkpoints.checkpoint_path import PACKAGED, packaged_names
+from zoo.grade.grade_options import GradeOptions
+from zoo.grade.submissions import Submission, warnings_of
+from zoo.grade.submitted_network import NetworkFacts, facts_file, network_facts, read_facts
+from zoo.results.benchmarked import Benchmarked
+from zoo.results.marks import (
     OPEN,
     PASSED,
     Reached,
@@ -31,17 +35,13 @@ from zoo.benchmark.marks import (
     typed_settings,
     verdict,
 )
-from zoo.benchmark.result import NAME, BenchmarkResult, DriveRecord
-from zoo.benchmark.suite import Suite, read_suite, redraw_suite
-from zoo.checkpoints.checkpoint_path import PACKAGED, packaged_names
-from zoo.cli.console_progress import progress_bar
-from zoo.grade.grade_options import GradeOptions
-from zoo.grade.submissions import Submission, warnings_of
-from zoo.grade.submitted_network import NetworkFacts, facts_file, network_facts, read_facts
-from zoo.report.blocks import Block, Bullets, Heading, Rows, Section, Text, to_html
-from zoo.report.drive_section import failure
-from zoo.runs.table import Column, Table
+from zoo.results.result import NAME, BenchmarkResult, DriveRecord
+from zoo.results.suite import Suite, read_suite, redraw_suite
+from zoo.runs.result_table import Column, Table
 from zoo.runs.table_files import Result
+from zoo.scoring.blocks import Block, Bullets, Heading, Rows, Section, Text, to_html
+from zoo.scoring.drive_section import failure
+from zoo.simulator.track_names import DRAWN
 from zoo.training.recorded_roads import road_key
 
 SUITE, DRIVES, PAGES = "suite.yaml", "drives", "students"

@@ -13,14 +13,14 @@ from datamodules.recording import Recording
 from zoo.base.bounded_files import read_text
 from zoo.base.errors import InputError, UsageError, file_errors
 from zoo.base.terminal import counted
-from zoo.benchmark.result import Driver
 from zoo.checkpoints.onnx_policy import INSTALL, is_onnx
-from zoo.drives.intervals import wilson_interval
+from zoo.driving.intervals import wilson_interval
 from zoo.grade.submitted_network import NetworkFacts
+from zoo.results.result import Driver
 
 ENDINGS = (".ckpt", ".onnx")
 MOST_CARD_BYTES = 1_000_000
-# How a card of drivezoo states them, see `zoo.report.model_card`.
+# How a card of drivezoo states them, see `zoo.scoring.model_card`.
 STATED = {
     "parameters": re.compile(r"([\d,]+) parameters"),
     "data": re.compile(r"with fingerprint (\w+)"),

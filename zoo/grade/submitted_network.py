@@ -12,9 +12,9 @@ import numpy as np
 
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError
+from zoo.base.module_start import run_module
 from zoo.base.rig import UDACITY
 from zoo.base.whole_file import json_text, write_whole
-from zoo.benchmark.__main__ import benchmark
 from zoo.checkpoints.onnx_policy import TOLERANCE
 from zoo.runs.record_fields import Count, Fields, Number, check_fields
 from zoo.training.recorded_roads import trained_roads
@@ -74,7 +74,7 @@ def network_facts(file: Path) -> NetworkFacts:
     Raises:
         InputError: the file cannot be used, or its facts are of other types.
     """
-    from zoo.checkpoints.policy import load_policy  # imports torch
+    from zoo.checkpoints.checkpoint_policy import load_policy  # imports torch
 
     policy = load_policy(file).in_car(UDACITY)
     rng = np.random.default_rng(0)
@@ -98,4 +98,4 @@ if __name__ == "__main__":
     facts = Path(sys.argv.pop(1))
     with suppress(InputError):  # of which the benchmark reports what is wrong with the file
         write_facts(Path(sys.argv[1]), facts)
-    benchmark.run()
+    run_module("zoo.commands.benchmark", sys.argv[1:])

@@ -17,9 +17,9 @@ from zoo.base.terminal import command_line
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.new_checkpoint import checkpoint_bytes
 from zoo.export.parity import own_latency
-from zoo.report.blocks import Block, Code, Section, to_markdown
-from zoo.report.model_card import Described, card_sections, describe
-from zoo.verdict.evidence import next_drive
+from zoo.scoring.blocks import Block, Code, Section, to_markdown
+from zoo.scoring.evidence import next_drive
+from zoo.scoring.model_card import Described, card_sections, describe
 
 HUB = "hub"  # kind of folder
 CARD = "README.md"

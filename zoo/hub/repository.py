@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from zoo.base.console_progress import progress_bar
 from zoo.base.errors import InputError, UsageError, optional_import
 from zoo.base.new_folder import refuse_existing, whole_folder
 from zoo.checkpoints.checkpoint import (
@@ -18,7 +19,6 @@ from zoo.checkpoints.checkpoint import (
     check_card,
     read_checkpoint_file,
 )
-from zoo.cli.console_progress import progress_bar
 from zoo.hub.card import CARD, HUB, described_hash
 
 if TYPE_CHECKING:

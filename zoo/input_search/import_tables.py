@@ -12,7 +12,7 @@ from zoo.input_search.tied_drives import STRETCH
 from zoo.input_search.trials import Trial
 from zoo.keras.keras_layers import LayerNote
 from zoo.runs.fitted_table import fitted_table
-from zoo.runs.table import Table as Columns
+from zoo.runs.result_table import Table as Columns
 
 SHOWN = 10  # most rows of the table of trials
 

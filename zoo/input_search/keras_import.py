@@ -11,14 +11,14 @@ from datamodules.recording import Recording
 from datamodules.recording_format import other_car, read_recordings
 from datamodules.view import FRAME, View
 from zoo.base.command_keys import typed
+from zoo.base.compose import compose_config
+from zoo.base.console_progress import progress_bar
 from zoo.base.errors import InputError
 from zoo.base.terminal import command_line, print_written
 from zoo.base.whole_file import write_output
 from zoo.base.written_files import checked_file
 from zoo.checkpoints.checkpoint import PREFIX, make_card
 from zoo.checkpoints.new_checkpoint import SUFFIX, checkpoint_bytes
-from zoo.cli.compose import compose_config
-from zoo.cli.console_progress import progress_bar
 from zoo.input_search.combinations import (
     SCALES,
     USUAL_RESIZE,
@@ -41,7 +41,7 @@ from zoo.input_search.trials import Trial
 from zoo.keras.keras_file import KerasModel, read_keras_apart
 from zoo.keras.keras_layers import ConvertedKeras, convert
 from zoo.models.make_network import make_network
-from zoo.verdict.evidence import next_drive
+from zoo.scoring.evidence import next_drive
 
 IMPORTED = "imported"  # key of a checkpoint that an import wrote; its value is the file's name
 FILE, KEY, SEARCH, GUESS = "the file", "your key", "trying on the recording", "a guess"

@@ -20,6 +20,7 @@ from torch import nn
 
 from datamodules.view import RESIZES, View
 from zoo.base.cores import usable_cores
+from zoo.driving.run_drives import one_thread
 from zoo.input_search.combinations import (
     SCALES,
     Combination,
@@ -31,7 +32,6 @@ from zoo.input_search.combinations import (
     with_each_resize,
 )
 from zoo.training.open_loop import side_response
-from zoo.worlds.run_drives import one_thread
 
 # Steering that each camera's image calls for more than the centre's; solutions of the course add
 # 0.2 to 0.3 for the left camera.

@@ -7,7 +7,7 @@ a state that it returned for the frame before.
 import torch
 from torch import Tensor, nn
 
-from zoo.models.window import Window
+from zoo.models.frame_window import Window
 
 State = tuple[Tensor, ...]
 

@@ -4,7 +4,9 @@ import importlib
 import inspect
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from zoo.base.bounded_files import mapped
 from zoo.base.parts import part_class
 
 
@@ -14,6 +16,7 @@ class Allowed:
 
     Attributes:
         own: drivezoo's modules; the class must be defined there, not imported.
+        own_base: full name of the class from which those of `own` derive; empty: any class.
         package: another package's module, whose public classes may be named.
         base: full name of the class from which those of the package derive.
         refused: names of the package's classes that read files, or send to a server.
@@ -22,6 +25,7 @@ class Allowed:
     """
 
     own: tuple[str, ...] = ()
+    own_base: str = ""
     package: str = ""
     base: str = ""
     refused: frozenset[str] = frozenset()
@@ -36,7 +40,10 @@ CALLBACK = "lightning.pytorch.callbacks.callback.Callback"
 ALLOWED = {
     ("model",): Allowed(own=("zoo.models.*",), part=MODULE),
     ("loss",): Allowed(
-        own=("zoo.losses",), package="torch.nn", base="torch.nn.modules.loss._Loss", part=MODULE
+        own=("zoo.models.losses",),
+        package="torch.nn",
+        base="torch.nn.modules.loss._Loss",
+        part=MODULE,
     ),
     ("optim",): Allowed(package="torch.optim", base="torch.optim.optimizer.Optimizer"),
     ("schedule",): Allowed(
@@ -55,7 +62,8 @@ ALLOWED = {
         refused=frozenset({"FDA", "HistogramMatching", "PixelDistributionAdaptation", "TextImage"}),
     ),
     ("callbacks", "*"): Allowed(
-        own=("zoo.callbacks.*", "zoo.sweep.pruning"),
+        own=("zoo.training.*",),
+        own_base=CALLBACK,
         package="lightning.pytorch.callbacks",
         base=CALLBACK,
         part=CALLBACK,
@@ -68,6 +76,31 @@ ALLOWED = {
     ),
 }
 
+# Classes that had another name when version 0.1 wrote configs and checkpoints.
+RENAMED = {
+    "zoo.callbacks.closed_loop.ClosedLoop": "zoo.training.closed_loop.ClosedLoop",
+    "zoo.callbacks.progress.TrainingProgress": "zoo.training.training_progress.TrainingProgress",
+    "zoo.callbacks.training_images.FedBatch": "zoo.training.training_images.FedBatch",
+    "zoo.callbacks.training_images.PredictedAgainstTrue": (
+        "zoo.training.training_images.PredictedAgainstTrue"
+    ),
+    "zoo.callbacks.training_images.SteeringHistogram": (
+        "zoo.training.training_images.SteeringHistogram"
+    ),
+    "zoo.losses.GaussianNLL": "zoo.models.losses.GaussianNLL",
+    "zoo.losses.SteeringWeightedMSE": "zoo.models.losses.SteeringWeightedMSE",
+    "zoo.sweep.pruning.Pruning": "zoo.training.sweep_pruning.Pruning",
+}
+
+
+def with_present_names(config: Any) -> Any:
+    """Return a saved config with the present names of the classes in `RENAMED`.
+
+    >>> with_present_names({"loss": {"_target_": "zoo.losses.GaussianNLL"}})
+    {'loss': {'_target_': 'zoo.models.losses.GaussianNLL'}}
+    """
+    return mapped(lambda value: RENAMED.get(value, value) if type(value) is str else value, config)
+
 
 def is_allowed(place: tuple[str, ...], target: object) -> bool:
     """Return whether a `_target_` below these keys may have this value."""
@@ -75,7 +108,10 @@ def is_allowed(place: tuple[str, ...], target: object) -> bool:
         if len(pattern) == len(place) and all(
             one in ("*", name) for one, name in zip(pattern, place, strict=True)
         ):
-            if own_class(target, allowed.own) is not None or _is_public(target, allowed):
+            own = own_class(target, allowed.own)
+            if own is not None and (not allowed.own_base or _derives(own, allowed.own_base)):
+                return True
+            if _is_public(target, allowed):
                 return True
             return bool(allowed.part) and _derives(part_class(target), allowed.part)
     return False

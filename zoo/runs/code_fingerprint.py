@@ -8,9 +8,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TypeAlias
 
-from zoo.cli.compose import conf_folder
+from zoo.base.compose import conf_folder
 
-PACKAGES = ("zoo", "datamodules", "simulator", "hydra_plugins")
+PACKAGES = ("zoo", "datamodules", "hydra_plugins")
 # Packages that change results.
 VERSIONS = ("drivezoo", "torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
 

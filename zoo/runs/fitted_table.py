@@ -6,7 +6,7 @@ from rich.cells import cell_len
 from rich.table import Table
 from rich.text import Text
 
-from zoo.runs.table import Column
+from zoo.runs.result_table import Column
 
 ENOUGH = 14  # least width of a column of longer names before a further figure is shown
 FRAME = 3  # width of a column's border and padding

@@ -8,11 +8,11 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
+from zoo.base.compose import conf_folder, quote
 from zoo.base.errors import InputError
+from zoo.base.process_ranks import is_first_process, needs_processes
 from zoo.base.terminal import command_line
 from zoo.base.written_files import MARK
-from zoo.cli.compose import conf_folder, quote
-from zoo.cli.process_ranks import is_first_process, needs_processes
 from zoo.runs.status import claim_run
 
 KEY = "hydra.run.dir="

@@ -164,7 +164,7 @@ def overridden(saved: DictConfig, overrides: list[str]) -> tuple[DictConfig, set
     """
     from hydra.core.override_parser.overrides_parser import OverridesParser
 
-    from zoo.cli.compose import config_groups, hydra_overrides, one_line_errors
+    from zoo.base.compose import config_groups, hydra_overrides, one_line_errors
 
     config, typed = saved.copy(), set()
     OmegaConf.set_struct(config, True)
@@ -232,7 +232,7 @@ def _is_shipped(place: Keys, config: Mapping) -> bool:
     """Return whether a logger's section is equal to one of the package's YAML files."""
     if len(place) != 2 or place[0] != "logger":
         return False
-    from zoo.cli.compose import choices, conf_folder
+    from zoo.base.compose import choices, conf_folder
 
     name = place[1]
     if name not in choices("logger"):

@@ -11,7 +11,7 @@ from zoo.base.command import Shown
 from zoo.base.errors import UsageError, optional_import
 from zoo.base.whole_file import write_output
 from zoo.base.written_files import checked_file
-from zoo.runs.table import Cell, Table, column_names
+from zoo.runs.result_table import Cell, Table, column_names
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

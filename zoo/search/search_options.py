@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from simulator.weather import Weather, read_weather
-from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError, UsageError, hint
-from zoo.evaluate.evaluate_options import Count, Workers
+from zoo.driving.scenario import SpeedMph
 from zoo.runs.table_files import TableFiles
-from zoo.worlds.scenario import SpeedMph
+from zoo.scoring.evaluate_options import Count, Workers
+from zoo.simulator.weather import Weather, read_weather
+from zoo.simulator.world_settings import WorldSettings
 
 if TYPE_CHECKING:
     from zoo.search.failure_map import Archive
@@ -66,8 +66,8 @@ class SearchOptions(TableFiles):
         Raises:
             UsageError: there is no such family, or a setting of the world is wrong.
         """
-        from simulator.road_family import find_family  # slow imports
         from zoo.search.search_space import SearchSpace
+        from zoo.simulator.road_family import find_family  # slow imports
 
         try:
             settings = WorldSettings(

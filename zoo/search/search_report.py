@@ -10,6 +10,7 @@ from rich.console import Console
 
 from zoo.base.bounded_files import hash_file
 from zoo.base.command_keys import changed
+from zoo.base.console_progress import progress_bar
 from zoo.base.errors import InputError
 from zoo.base.file_text import yaml_text
 from zoo.base.new_folder import command_folder
@@ -17,11 +18,11 @@ from zoo.base.process_pool import opened_pool
 from zoo.base.terminal import counted, print_written, printable
 from zoo.base.whole_file import json_text, write_whole
 from zoo.checkpoints.checkpoint_path import short_name
-from zoo.checkpoints.policy import load_policy
-from zoo.cli.console_progress import progress_bar
+from zoo.checkpoints.checkpoint_policy import load_policy
+from zoo.driving.embedded_world import ROAD
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.plots import save_figure
-from zoo.runs.table import Column, Table, number_column
+from zoo.runs.result_table import Column, Table, number_column
 from zoo.search.failure_map import Archive, failure_map
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_run import (
@@ -34,7 +35,6 @@ from zoo.search.search_run import (
     usual_features,
 )
 from zoo.search.search_space import SearchSpace, weather_text
-from zoo.worlds.embedded_world import ROAD
 
 VERSION = 1
 RESULT, MAP, MILDEST = "search.json", "map.png", f"{ROAD}.yaml"

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from simulator.track import Track
 from zoo.base.errors import InputError, optional_import
 from zoo.base.process_pool import Pool
-from zoo.drives.drive_record import Drive
+from zoo.driving.drive_record import Drive
+from zoo.driving.run_drives import all_drives
+from zoo.driving.scenario import Scenario
 from zoo.search.failure_map import Archive
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_space import DAYS, Candidate, SearchSpace
-from zoo.worlds.run_drives import all_drives
-from zoo.worlds.scenario import Scenario
+from zoo.simulator.track import Track
 
 BATCH = 8  # drives that are chosen together, for every number of processes
 STARTUP = 0.12  # share of the budget that TPE draws at random first

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from simulator.road_family import RoadFamily, draw_content
-from simulator.track import Track
-from simulator.weather import CLEAR, Weather, lit_by
 from zoo.base.command_keys import typed
 from zoo.base.errors import InputError
+from zoo.simulator.road_family import RoadFamily, draw_content
+from zoo.simulator.track import Track
+from zoo.simulator.weather import CLEAR, Weather, lit_by
 
 SEEDS = 2**31  # seeds of roads are below it
 WIDEST = 3.0  # largest radius of a road's bends, as a multiple of its smallest

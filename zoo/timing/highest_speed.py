@@ -9,24 +9,24 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
 
+from zoo.base.console_progress import progress_bar
 from zoo.base.file_text import plot_text
 from zoo.base.new_folder import command_folder
 from zoo.base.process_pool import Pool, opened_pool
 from zoo.base.terminal import print_line, print_written, printable
 from zoo.base.whole_file import json_text, write_whole
 from zoo.checkpoints.checkpoint_path import short_name
-from zoo.checkpoints.policy import load_policy
-from zoo.cli.console_progress import progress_bar
-from zoo.drives.bootstrap import Estimate
-from zoo.drives.intervals import median_interval
+from zoo.checkpoints.checkpoint_policy import load_policy
+from zoo.driving.bootstrap import Estimate
+from zoo.driving.intervals import median_interval
+from zoo.driving.run_drives import all_drives
+from zoo.driving.scenario import Scenario
 from zoo.runs.plots import BLUE, GREY, ORANGE, NotebookFigure, plain_axis, save_figure
-from zoo.runs.table import Column, Table, interval_column, number_column, with_interval
+from zoo.runs.result_table import Column, Table, interval_column, number_column, with_interval
 from zoo.runs.table_files import Result
+from zoo.scoring.evidence import other_car_line
 from zoo.timing.loop_times import LoopTimes
 from zoo.timing.timing_options import TimingOptions
-from zoo.verdict.evidence import other_car_line
-from zoo.worlds.run_drives import all_drives
-from zoo.worlds.scenario import Scenario
 
 VERSION = 1  # of timing.json
 RESULT, PLOT = "timing.json", "timing.png"

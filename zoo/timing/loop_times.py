@@ -10,7 +10,7 @@ import numpy as np
 
 from zoo.base.bounded_files import read_text
 from zoo.base.errors import InputError, UsageError, hint
-from zoo.drives.drive_log import LOG_NAME, read_drive
+from zoo.driving.drive_log import LOG_NAME, read_drive
 
 LATENCY, LOOP, LOST = "latency_ms", "loop_ms", "lost"
 LONGEST_MS = 5000.0  # a pause of the program, not a delay of its loop
@@ -57,7 +57,7 @@ class LoopTimes:
 
     @property
     def loop(self) -> tuple[tuple[float, float], ...]:
-        """Return the loop of a `simulator.world.World`: a lost frame lengthens the one before."""
+        """Return the loop of a simulated `World`: a lost frame lengthens the one before."""
         kept = np.flatnonzero(~self.lost)
         periods = np.add.reduceat(np.roll(self.loop_ms, -kept[0]), kept - kept[0])
         pairs = zip(periods / 1000, self.latency_ms[kept] / 1000, strict=True)

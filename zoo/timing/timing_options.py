@@ -5,12 +5,12 @@ from typing import Annotated
 
 from pydantic import Field
 
-from simulator.weather import read_weather
-from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError, UsageError
-from zoo.evaluate.evaluate_options import Workers
+from zoo.driving.scenario import Scenario, SpeedMph
 from zoo.runs.table_files import ResultFiles
-from zoo.worlds.scenario import Scenario, SpeedMph
+from zoo.scoring.evaluate_options import Workers
+from zoo.simulator.weather import read_weather
+from zoo.simulator.world_settings import WorldSettings
 
 LEAST_ROADS = 6  # of fewer, no 95 % interval of a median exists
 
@@ -56,7 +56,7 @@ class TimingOptions(ResultFiles):
         Raises:
             UsageError: there is no such family, or a value is not allowed.
         """
-        from simulator.road_family import draw_road, find_family  # slow import: scipy
+        from zoo.simulator.road_family import draw_road, find_family  # slow import: scipy
 
         if int(self.most) <= int(self.least):
             raise UsageError(f"most={self.most:g}: must be above least={self.least:g}")

@@ -10,15 +10,15 @@ from pathlib import Path
 
 from rich.console import Console
 
-from simulator.track_names import short_name
 from zoo.base.errors import InputError
 from zoo.base.terminal import counted, print_line
 from zoo.base.whole_file import write_whole
-from zoo.callbacks.closed_loop import DRIVEN
 from zoo.checkpoints.checkpoint import read_checkpoint_file, trained_epochs
-from zoo.drives.interventions import driving_score
-from zoo.evaluate.track_scores import KeptDrive, RunScore, driving_line
-from zoo.worlds.run_drives import all_drives
+from zoo.driving.interventions import driving_score
+from zoo.driving.run_drives import all_drives
+from zoo.scoring.track_scores import KeptDrive, RunScore, driving_line
+from zoo.simulator.track_names import short_name
+from zoo.training.closed_loop import DRIVEN
 
 START_SEED = 1000  # the score's seeds count from 0
 BEST, MONITORED = "best.ckpt", "monitored.ckpt"

@@ -6,19 +6,21 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from datamodules.findings import find_oddities
+from datamodules.looking.findings import find_oddities
 from datamodules.run_data import RunData
 from datamodules.split import PARTS
+from zoo.base.console_progress import working
 from zoo.base.terminal import counted, print_line, print_written
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import short_name
-from zoo.cli.console_progress import working
-from zoo.report.training_section import metrics_table, print_metrics
-from zoo.report.write_up import write_report
 from zoo.runs import plots
 from zoo.runs.code_fingerprint import code_fingerprint, package_versions
 from zoo.runs.metrics_file import write_metrics_file
-from zoo.runs.run import Run
+from zoo.runs.run_record import Run
+from zoo.scoring.evidence import evidence_of_run
+from zoo.scoring.training_section import metrics_table, print_metrics
+from zoo.scoring.verdict import Verdict, judge, print_verdict
+from zoo.scoring.write_up import write_report
 from zoo.training.open_loop import (
     baseline_metrics,
     open_loop_metrics,
@@ -26,8 +28,6 @@ from zoo.training.open_loop import (
     side_response,
 )
 from zoo.training.run_module import RunModule
-from zoo.verdict.evidence import evidence_of_run
-from zoo.verdict.judgement import Verdict, judge, print_verdict
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from omegaconf import DictConfig, OmegaConf
 from pydantic import Field
 
 from zoo.base.command_keys import choices_of, convert, is_misplaced_bool, kinds_in, typed, wanted
+from zoo.base.compose import LISTS_ALL
 from zoo.base.errors import UsageError, hint
-from zoo.cli.compose import LISTS_ALL
 from zoo.models.make_network import BORDER_KEYS
 from zoo.training.build import OWN_KEYS, build_data, check_members, construct, takes
 from zoo.training.host_settings import AUTO

@@ -10,8 +10,8 @@ from rich.console import Console
 from torch import nn
 
 from datamodules.view import View
+from zoo.base.process_ranks import needs_processes
 from zoo.base.terminal import print_line
-from zoo.cli.process_ranks import needs_processes
 from zoo.models.make_network import multiply_adds
 from zoo.training.host_settings import AUTO, FULL, HALF, multiplies_bf16
 

@@ -10,13 +10,13 @@ from pathlib import Path
 from omegaconf import DictConfig, OmegaConf
 
 from zoo.base.command_keys import typed_keys
+from zoo.base.compose import escape_interpolation
+from zoo.base.console_progress import loading
 from zoo.base.errors import InputError, UsageError
 from zoo.base.parts import typed_parts
 from zoo.base.terminal import command_line, counted
 from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import trained_paths
-from zoo.cli.compose import escape_interpolation
-from zoo.cli.console_progress import loading
 from zoo.runs.saved_config import check_saved_config, overridden, split_trust
 
 # Keys and sections that may change: how long, on which machine, from which folder, what is logged.
@@ -57,7 +57,7 @@ def resume(folder: Path, overrides: list[str]) -> None:
     overrides, trusted = split_trust(overrides)
     from zoo.checkpoints.checkpoint import read_checkpoint_file
     from zoo.runs.metrics_file import read_metrics_file
-    from zoo.runs.run import Run, load_config
+    from zoo.runs.run_record import Run, load_config
     from zoo.runs.status import read_status_file
     from zoo.training.interruptions import has_stopped_early
 

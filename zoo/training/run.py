@@ -11,26 +11,26 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from torch import nn
 
-from datamodules.leak import Leak
+from datamodules.looking.leak import Leak
 from datamodules.recording import ROW_SAMPLE
 from datamodules.recording_format import other_car
 from datamodules.run_data import RunData
 from datamodules.split import PARTS, rows_per_second, write_split
+from zoo.base.console_progress import working
 from zoo.base.errors import InputError, hint
+from zoo.base.process_ranks import is_first_process, needs_processes
 from zoo.base.rig import CURVATURE
 from zoo.base.terminal import counted, print_line
 from zoo.base.whole_file import refuse_links_out, write_whole
-from zoo.callbacks.closed_loop import best_drive
 from zoo.checkpoints.checkpoint import make_card, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import STARTED_IN
-from zoo.cli.console_progress import working
-from zoo.cli.process_ranks import is_first_process, needs_processes
-from zoo.evaluate.replay_score import held_out_replay
-from zoo.evaluate.track_scores import run_options, score_run
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.status import run_status
+from zoo.scoring.replay_score import held_out_replay
+from zoo.scoring.track_scores import run_options, score_run
 from zoo.training import build, conclusion, interruptions
 from zoo.training.candidates import choose_best, restore_monitored
+from zoo.training.closed_loop import best_drive
 from zoo.training.distributed import ending_together
 from zoo.training.host_settings import set_up_process
 from zoo.training.plan import make_plan

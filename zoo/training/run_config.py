@@ -16,6 +16,8 @@ from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from zoo.base.bounded_files import read_json
 from zoo.base.command_keys import typed
+from zoo.base.compose import escape_interpolation
+from zoo.base.conf_files import choice_files
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError, file_errors
 from zoo.base.new_folder import RECIPE, RECORDINGS, whole_folder
@@ -23,10 +25,8 @@ from zoo.base.terminal import command_line, counted, print_line
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import check_card, find_checkpoint, read_checkpoint_file
 from zoo.checkpoints.network_kind import IMPORTED, network_kind
-from zoo.cli.compose import escape_interpolation
-from zoo.cli.conf_files import choice_files
+from zoo.models.frame_window import Window
 from zoo.models.make_network import view_of
-from zoo.models.window import Window
 from zoo.training.config_values import check_config
 
 QUICK_EPOCHS = 3
@@ -216,7 +216,7 @@ def with_recording(config: DictConfig, console: Console) -> DictConfig:
 def _record(folder: Path, recipe: dict, jobs: int | None, console: Console) -> None:
     """Record into a hidden folder, which gets its name when the recording is complete."""
     # Training on other recordings must work without Panda3D.
-    from simulator.record import RecordOptions, record_laps
+    from zoo.simulator.record import RecordOptions, record_laps
 
     if folder.exists():
         raise InputError(

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from datamodules.check import check
 from datamodules.driving import DrivingData
-from datamodules.findings import find_oddities
+from datamodules.looking.findings import find_oddities
+from datamodules.looking.sign_evidence import find_sign_evidence
 from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.recording_format import find_format, read_recordings
-from datamodules.sign_evidence import find_sign_evidence
 from datamodules.view import View
 from tests.foreign_recordings import (
     NS,
@@ -32,6 +31,7 @@ from tests.foreign_recordings import (
     table,
 )
 from zoo.base.errors import InputError
+from zoo.commands.check import check
 
 
 def read(folder: Path, **options: object) -> Recording:

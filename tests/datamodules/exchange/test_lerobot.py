@@ -13,7 +13,7 @@ from datamodules.formats.lerobot import read
 from datamodules.formats.lerobot_export import export_lerobot
 from datamodules.formats.parquet_columns import encoded_images
 from datamodules.formats.recording_writer import convert_to_recording
-from datamodules.formats.video import read_frames, video_writer
+from datamodules.formats.video_frames import read_frames, video_writer
 from datamodules.image import read_image
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording

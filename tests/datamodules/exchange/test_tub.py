@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from datamodules.findings import report_recordings
 from datamodules.formats.donkeycar import export_tub
 from datamodules.formats.recording_writer import convert_to_recording
 from datamodules.image import read_image
+from datamodules.looking.findings import report_recordings
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings, read_source

@@ -5,11 +5,11 @@ import re
 import numpy as np
 import pytest
 
-from tests.zoo.commands import ROOT
+from tests.zoo.command_runs import ROOT
 from zoo.base.terminal import counted
-from zoo.evaluate.track_scores import driving_line
+from zoo.driving.scenario import Scenario
+from zoo.scoring.track_scores import driving_line
 from zoo.training.plan import TrainingPlan
-from zoo.worlds.scenario import Scenario
 
 # Of code that decides on a plural by itself.
 BY_HAND = re.compile(r"""['"]e?s['"] \* \(|\{['"]{2} if [^}]*== 1 else""")
@@ -32,7 +32,7 @@ def test_lines_of_one_drive_and_one_thread() -> None:
 
 def test_no_other_code_decides_on_a_plural() -> None:
     own = ROOT / "zoo" / "base" / "terminal.py"
-    files = [p for room in ("zoo", "datamodules", "simulator") for p in (ROOT / room).rglob("*.py")]
+    files = [p for room in ("zoo", "datamodules") for p in (ROOT / room).rglob("*.py")]
     found = {
         f"{path.relative_to(ROOT)}: {match[0]}"
         for path in files

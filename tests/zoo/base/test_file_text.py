@@ -29,11 +29,11 @@ from zoo.base.file_text import (
     yaml_text,
 )
 from zoo.base.terminal import printable
-from zoo.new.part_files import write_part
-from zoo.report.blocks import Bullets, Code, Heading, Rows, Section, Text, to_html, to_markdown
+from zoo.commands.new import write_part
 from zoo.runs.plots import interval_panels, share_panels
-from zoo.runs.table import Table
+from zoo.runs.result_table import Table
 from zoo.runs.table_files import write_plot
+from zoo.scoring.blocks import Bullets, Code, Heading, Rows, Section, Text, to_html, to_markdown
 
 CONTROLS = [
     *map(chr, [*range(32), *range(127, 160), 0xAD, 0x200B, 0x202E, 0x2028, 0x2029, 0xFEFF]),

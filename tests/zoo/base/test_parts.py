@@ -13,17 +13,17 @@ import pytest
 from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.base.user_parts import write_network
-from tests.zoo.commands import only_line, run, succeed
+from tests.zoo.command_runs import only_line, run, succeed
 from tests.zoo.trainings import SMALL
+from zoo.base.compose import choices, compose_config
 from zoo.base.errors import InputError
 from zoo.base.parts import _installed, take_parts
 from zoo.base.run_command import run_command
 from zoo.checkpoints.checkpoint import load_checkpoint
-from zoo.checkpoints.policy import load_policy
-from zoo.cli.compose import choices, compose_config
+from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.models.make_network import make_network
 from zoo.runs.saved_config import find_refusals
-from zoo.sweep.sweep_record import SavedSweep, check_overrides
+from zoo.training.sweep_record import SavedSweep, check_overrides
 
 VIEW = View((0, 0), "gray", (16, 32))
 NAMED = "parts=my_net.py"
@@ -69,7 +69,7 @@ def test_the_environment_variable_names_it_for_all_commands(
     assert json.loads((place / "run" / "metrics.json").read_text())["epochs"] == 2
 
 
-@pytest.mark.parametrize("arguments", [("zoo.evaluate", "run"), ("zoo", "resume=run")])
+@pytest.mark.parametrize("arguments", [("zoo.commands.evaluate", "run"), ("zoo", "resume=run")])
 def test_a_checkpoint_or_run_runs_no_code_that_the_user_did_not_name(
     arguments: tuple[str, str], place: Path
 ) -> None:
@@ -232,7 +232,7 @@ def test_a_commands_own_exit_status_stays() -> None:
         run_command("zoo", sys.exit, [])
 
 
-@pytest.mark.parametrize("module", ["zoo", "zoo.export"])
+@pytest.mark.parametrize("module", ["zoo", "zoo.commands.export"])
 def test_a_part_without_a_network_is_named(module: str, place: Path) -> None:
     code = (place / "my_net.py").read_text()
     (place / "my_net.py").write_text(code.replace("class MyNet(nn.Module)", "class MyNet"))

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from tests.zoo.commands import ROOT, environment
+from tests.zoo.command_runs import ROOT, environment
 from zoo.base import cores, process_pool
 from zoo.base.errors import InputError, UsageError
 from zoo.base.process_pool import Pool, opened_pool, run_jobs

@@ -17,14 +17,14 @@ from datamodules.balance import BatchKey
 from datamodules.view import CONVERSIONS, View
 from tests.recordings import Written, write_resized
 from tests.zoo.bomb import Bomb
-from tests.zoo.commands import run, succeed
-from tests.zoo.drive.old_client import telemetry
+from tests.zoo.command_runs import run, succeed
+from tests.zoo.server.old_client import telemetry
+from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, make_card, read_checkpoint_file
+from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.onnx_file import onnx_bytes
-from zoo.checkpoints.policy import load_policy
-from zoo.cli.compose import compose_config
-from zoo.drive.telemetry_message import read_telemetry
+from zoo.server.telemetry_message import read_telemetry
 from zoo.training.build import build_data, build_network
 
 
@@ -48,7 +48,7 @@ def test_a_checkpoint_needs_nothing_but_its_path(best: Path, tmp_path: Path) -> 
     copy = shutil.copy(best, tmp_path / "a=b [c].ckpt")
     (tmp_path / "load.py").write_text(
         "import sys, numpy as np\n"
-        "from zoo.checkpoints.policy import load_policy\n"
+        "from zoo.checkpoints.checkpoint_policy import load_policy\n"
         "print(load_policy(sys.argv[1])(np.zeros((160, 320, 3), np.uint8), 9.0).steering)\n"
     )
     printed = succeed(run(tmp_path, str(copy), module=str(tmp_path / "load.py")))

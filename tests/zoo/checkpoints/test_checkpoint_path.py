@@ -10,7 +10,7 @@ import pytest
 
 import drivezoo
 from benchmarks.study_grid import Study
-from tests.zoo.commands import only_line, run, run_here, succeed
+from tests.zoo.command_runs import only_line, run, run_here, succeed
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import (
@@ -22,9 +22,9 @@ from zoo.checkpoints.checkpoint_path import (
     read_facts,
     short_name,
 )
-from zoo.checkpoints.policy import load_policy
-from zoo.doctor import __main__ as doctor
-from zoo.evaluate.__main__ import evaluate_or_replay as evaluate
+from zoo.checkpoints.checkpoint_policy import load_policy
+from zoo.commands import doctor
+from zoo.commands.evaluate import evaluate_or_replay as evaluate
 
 ODD = "a=b [ï] c"  # what shells, globs and Hydra read otherwise
 
@@ -167,12 +167,12 @@ def test_the_doctor_knows_a_run(named: str, odd: Path, monkeypatch: pytest.Monke
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("zoo.evaluate", "outputs/none"),
-        ("zoo.drive", "outputs/none", "drive.port=0"),
-        ("zoo.replay", "outputs/none", "recording"),
-        ("zoo.saliency", "outputs/none", "recording"),
-        ("zoo.export", "outputs/none"),
-        ("zoo.correct", "outputs/none"),
+        ("zoo.commands.evaluate", "outputs/none"),
+        ("zoo.commands.drive", "outputs/none", "drive.port=0"),
+        ("zoo.commands.replay", "outputs/none", "recording"),
+        ("zoo.commands.saliency", "outputs/none", "recording"),
+        ("zoo.commands.export", "outputs/none"),
+        ("zoo.commands.correct", "outputs/none"),
         ("zoo", "model.weights=outputs/none", "data.root={recording}"),
     ],
 )
@@ -186,7 +186,7 @@ def test_every_command_names_the_run_to_take_instead(
 
 
 def test_report_takes_the_latest_run(odd: Path) -> None:
-    printed = succeed(run_here(odd, "latest", module="zoo.report"))
+    printed = succeed(run_here(odd, "latest", module="zoo.commands.report"))
     assert f"outputs/{ODD}/report/index.html" in printed
 
 
@@ -264,6 +264,6 @@ def test_a_file_of_that_name_goes_first_and_a_line_says_so(
 
 
 def test_they_are_listed(tmp_path: Path) -> None:
-    printed = succeed(run_here(tmp_path, "checkpoints", module="zoo.list"))
+    printed = succeed(run_here(tmp_path, "checkpoints", module="zoo.commands.list"))
     for name in packaged_names():
         assert re.search(rf"^ +{name} +\w+, [\d,]+ parameters", printed, re.MULTILINE)

@@ -9,13 +9,13 @@ from torch import Tensor, nn
 
 from datamodules.view import View
 from tests.zoo.models.test_models_command import build
+from zoo.base.compose import choices
 from zoo.checkpoints.checkpoint import Checkpoint
-from zoo.checkpoints.command import Policy, PolicyWrapper, as_policy
+from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.doubt_policy import DropoutPolicy, EnsemblePolicy
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.onnx_policy import OnnxPolicy
-from zoo.checkpoints.policy import CheckpointPolicy
-from zoo.cli.compose import choices
+from zoo.checkpoints.policy_base import Policy, PolicyWrapper, as_policy
 
 FRAMES = np.random.default_rng(3).integers(0, 256, (4, 160, 320, 3), np.uint8)
 

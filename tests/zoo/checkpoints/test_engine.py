@@ -12,8 +12,8 @@ from tests.zoo.models.test_models_command import build
 from zoo.base.errors import InputError
 from zoo.checkpoints import engine
 from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.doubt_policy import DropoutPolicy
-from zoo.checkpoints.policy import CheckpointPolicy
 
 FRAMES = np.random.default_rng(3).integers(0, 256, (4, 160, 320, 3), np.uint8)
 

@@ -8,8 +8,8 @@ import pytest
 
 from zoo.base.rig import MPS_PER_MPH, UDACITY
 from zoo.checkpoints.frame_memory import RETURN_M, SessionPolicy, outputs_at, returning
-from zoo.drives.latency_meter import LatencyMeter
-from zoo.models.window import Window
+from zoo.driving.latency_meter import LatencyMeter
+from zoo.models.frame_window import Window
 
 FRAME_S, MPH = 0.1, 15.0
 

@@ -11,13 +11,13 @@ import torch
 from torch import nn
 
 import drivezoo
-from tests.zoo.commands import only_line, run_here
+from tests.zoo.command_runs import only_line, run_here
 from tests.zoo.keras.keras_files import write_h5, write_json, write_keras
 from tests.zoo.keras.test_keras_file import LAYERS, check_layers
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
+from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.network_kind import IMPORTED, KINDS, network_kind
-from zoo.checkpoints.policy import load_policy
 from zoo.keras.keras_file import read_keras_apart
 
 Writer = Callable[[Path], object]
@@ -170,14 +170,14 @@ def test_a_zip_leaves_nothing_outside_and_names_itself(here: Path) -> None:
 @pytest.mark.parametrize("module", ["drive", "evaluate", "export", "search", "doctor"])
 def test_a_command_of_a_checkpoint_names_the_import(module: str, tmp_path: Path) -> None:
     write_h5(tmp_path / "model.h5", LAYERS)
-    result = run_here(tmp_path, "model.h5", module=f"zoo.{module}")
+    result = run_here(tmp_path, "model.h5", module=f"zoo.commands.{module}")
     assert "drivezoo import model.h5" in (result.stdout + result.stderr)
     assert result.returncode
 
 
 def test_an_import_of_a_checkpoint_of_ours_is_not_needed(tmp_path: Path) -> None:
     write_constant(tmp_path / "model.h5", 0.1)
-    line = only_line(run_here(tmp_path, "model.h5", module="zoo.import"))
+    line = only_line(run_here(tmp_path, "model.h5", module="zoo.commands.import"))
     assert "drivezoo drive model.h5" in line
 
 
@@ -191,7 +191,7 @@ def test_the_three_lines_of_the_message_drive_a_network_of_pytorch(
     else:
         state = network.state_dict()
         torch.save(state if name == "state" else {"epoch": 3, "state_dict": state}, path)
-    line = only_line(run_here(here, "model.pth", module="zoo.import"))
+    line = only_line(run_here(here, "model.pth", module="zoo.commands.import"))
     _, _, code = line.partition("frame / 127.5 - 1: ")
     code = code.replace("YOUR_FILE", __name__).replace("YOUR_CLASS", Steering.__name__)
     driven = []

@@ -7,15 +7,15 @@ import onnx
 import pytest
 import torch
 
-from tests.zoo.commands import only_line, run
+from tests.zoo.command_runs import only_line, run
 from tests.zoo.models.test_models_command import build
 from zoo.base.errors import InputError
 from zoo.checkpoints import onnx_policy
 from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.onnx_policy import CARD, OnnxPolicy
-from zoo.checkpoints.policy import load_policy
-from zoo.evaluate import __main__ as evaluate
+from zoo.commands import evaluate
 
 
 def write_foreign(path: Path, **metadata: str) -> Path:
@@ -32,7 +32,7 @@ def write_foreign(path: Path, **metadata: str) -> Path:
 
 def test_another_programs_file_is_refused_in_one_line(tmp_path: Path) -> None:
     write_foreign(tmp_path / "theirs.onnx")
-    line = only_line(run(tmp_path, "theirs.onnx", "drive.port=0", module="zoo.drive"))
+    line = only_line(run(tmp_path, "theirs.onnx", "drive.port=0", module="zoo.commands.drive"))
     assert "theirs.onnx: its drivezoo metadata cannot be used (there is none" in line
     with pytest.raises(InputError, match=r"theirs\.onnx: .*drivezoo export"):
         evaluate.evaluate_or_replay([str(tmp_path / "theirs.onnx"), f"out={tmp_path / 'out'}"])

@@ -14,23 +14,23 @@ from torch import Tensor, nn
 from datamodules.view import View
 from tests.zoo.compositions import composed
 from tests.zoo.models.test_models_command import build
+from zoo.base.compose import choices
 from zoo.base.errors import UsageError
 from zoo.base.rig import CURVATURE, UDACITY, Camera, single_camera_rig
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
-from zoo.checkpoints.command import Command, Policy, as_policy
+from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.doubt_policy import EnsemblePolicy
 from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.onnx_policy import OnnxPolicy
-from zoo.checkpoints.policy import CheckpointPolicy
-from zoo.cli.compose import choices
+from zoo.checkpoints.policy_base import Command, Policy, as_policy
+from zoo.driving.drive_loop import drive
+from zoo.driving.open_world import open_world
+from zoo.driving.scenario import Scenario
 from zoo.models.lenet import LeNet
 from zoo.models.make_network import make_network
 from zoo.models.memory import Memory
 from zoo.models.pilotnet import PilotNet
-from zoo.worlds.drive_loop import drive
-from zoo.worlds.open_world import open_world
-from zoo.worlds.scenario import Scenario
 
 # Not vgg, which takes seconds, nor efficientnet_lite0: a frozen graph folds batch normalization,
 # which is not equal to the bit.

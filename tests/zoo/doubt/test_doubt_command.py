@@ -10,11 +10,11 @@ import pytest
 import torch
 
 from tests.zoo.bomb import Bomb
-from tests.zoo.commands import only_line, run_here, succeed
+from tests.zoo.command_runs import only_line, run_here, succeed
 from tests.zoo.written_checkpoints import write_constant, write_pilotnet
-from zoo.checkpoints.policy import load_policy
-from zoo.doubt.__main__ import doubt
-from zoo.drive.__main__ import view_line
+from zoo.checkpoints.checkpoint_policy import load_policy
+from zoo.commands.doubt import doubt
+from zoo.commands.drive import view_line
 
 FRAMES = np.random.default_rng(0).integers(0, 256, (3, 160, 320, 3), np.uint8)
 
@@ -89,9 +89,9 @@ def test_the_file_holds_plain_containers_and_all_that_it_needs(file: Path) -> No
 @pytest.mark.parametrize(
     ("module", "arguments"),
     [
-        ("zoo.export", ["FILE"]),
-        ("zoo.correct", ["FILE"]),
-        ("zoo.doubt", ["FILE"]),
+        ("zoo.commands.export", ["FILE"]),
+        ("zoo.commands.correct", ["FILE"]),
+        ("zoo.commands.doubt", ["FILE"]),
         ("zoo", ["model=nvidia", "model.weights=FILE", "data.root=RECORDING", "score=none"]),
     ],
 )
@@ -108,8 +108,8 @@ def test_a_command_that_needs_one_network_names_the_way(
 
 def test_saliency_is_of_one_network(dropout: Path, ensemble: Path, recorded: object) -> None:
     image, cwd = str(recorded.image(3)), dropout.parent
-    succeed(run_here(cwd, str(dropout), image, module="zoo.saliency"))
-    line = only_line(run_here(cwd, str(ensemble), image, module="zoo.saliency"))
+    succeed(run_here(cwd, str(dropout), image, module="zoo.commands.saliency"))
+    line = only_line(run_here(cwd, str(ensemble), image, module="zoo.commands.saliency"))
     assert "2 Linear and 1 PilotNet: an ONNX file or an ensemble has no" in line
 
 
@@ -118,7 +118,7 @@ def test_an_earlier_file_is_replaced_and_a_checkpoint_is_kept(dropout: Path) -> 
     earlier = member.read_bytes()
     doubt.main([str(member), f"out={dropout}", "samples=7"])
     assert load_policy(dropout).name == "PilotNet with 7 dropout samples"
-    refused = run_here(dropout.parent, str(member), f"out={member}", module="zoo.doubt")
+    refused = run_here(dropout.parent, str(member), f"out={member}", module="zoo.commands.doubt")
     assert f"out={member}: is an input" in only_line(refused)
     assert member.read_bytes() == earlier
 
@@ -141,7 +141,7 @@ def test_wrong_input_is_one_line(
     write_pilotnet(tmp_path / "pilotnet.ckpt")
     shutil.copy(write_constant(tmp_path / "linear.ckpt", 0.1), tmp_path / "copy.ckpt")
     before = sorted(tmp_path.iterdir())
-    line = only_line(run_here(tmp_path, *arguments, module="zoo.doubt"))
+    line = only_line(run_here(tmp_path, *arguments, module="zoo.commands.doubt"))
     assert place in line
     assert remedy in line
     assert sorted(tmp_path.iterdir()) == before
@@ -167,7 +167,7 @@ def test_a_changed_file_is_one_line(
     contents = torch.load(dropout, weights_only=True)
     spoil(contents)
     torch.save(contents, dropout)
-    result = run_here(dropout.parent, str(dropout), "track=lake", module="zoo.evaluate")
+    result = run_here(dropout.parent, str(dropout), "track=lake", module="zoo.commands.evaluate")
     assert words in only_line(result)
 
 
@@ -175,6 +175,6 @@ def test_code_in_a_file_is_not_run(dropout: Path) -> None:
     contents = torch.load(dropout, weights_only=True)
     contents["members"][0]["extra"] = Bomb(dropout.parent / "ran")
     torch.save(contents, dropout)
-    result = run_here(dropout.parent, str(dropout), "track=lake", module="zoo.evaluate")
+    result = run_here(dropout.parent, str(dropout), "track=lake", module="zoo.commands.evaluate")
     assert "was not run" in only_line(result)
     assert not (dropout.parent / "ran").exists()

@@ -13,9 +13,9 @@ import pytest
 from datamodules.recording_edits import Edits
 from datamodules.recording_format import read_recordings
 from tests.recordings import Written
-from zoo.checkpoints.command import as_policy
-from zoo.edit.edit_page import EditPage, PageServer
-from zoo.edit.edit_session import EditSession, FrameAnalysis
+from zoo.checkpoints.policy_base import as_policy
+from zoo.server.edit_page import EditPage, PageServer
+from zoo.server.edit_session import EditSession, FrameAnalysis
 
 
 class ServedPage:

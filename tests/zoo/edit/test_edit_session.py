@@ -12,11 +12,11 @@ import pytest
 from datamodules.recording_edits import Edits
 from datamodules.recording_format import read_recordings
 from tests.recordings import Written
-from tests.zoo.commands import command, environment, only_line, run, succeed
+from tests.zoo.command_runs import command, environment, only_line, run, succeed
 from zoo.base.errors import InputError
-from zoo.checkpoints.command import Command, Policy
-from zoo.edit.edit_page import PageServer
-from zoo.edit.edit_session import EditSession, FrameAnalysis
+from zoo.checkpoints.policy_base import Command, Policy
+from zoo.server.edit_page import PageServer
+from zoo.server.edit_session import EditSession, FrameAnalysis
 
 
 def session_of(recorded: Written, out: Path | None = None) -> EditSession:
@@ -108,7 +108,7 @@ def test_every_row_is_analysed_in_order_by_a_policy_with_memory(recorded: Writte
 
 def test_without_a_page_it_writes_at_once(recorded: Written, tmp_path: Path) -> None:
     options = ("drop=11-20,101-", "split=51", "out=new", "page=false")
-    printed = succeed(run(tmp_path, str(recorded.folder), *options, module="zoo.edit"))
+    printed = succeed(run(tmp_path, str(recorded.folder), *options, module="zoo.commands.edit"))
     folders = [str(tmp_path / "new" / name) for name in ("1", "2")]
     for folder in folders:
         assert f"wrote: {folder}" in printed
@@ -129,7 +129,7 @@ def test_without_a_page_it_writes_at_once(recorded: Written, tmp_path: Path) -> 
 def test_a_wrong_option_is_named(
     recorded: Written, tmp_path: Path, options: tuple[str, ...], words: tuple[str, str]
 ) -> None:
-    line = only_line(run(tmp_path, str(recorded.folder), *options, module="zoo.edit"))
+    line = only_line(run(tmp_path, str(recorded.folder), *options, module="zoo.commands.edit"))
     assert all(word in line for word in words), line
 
 
@@ -137,7 +137,7 @@ def test_ctrl_c_ends_the_page_and_prints_how_to_resume(recorded: Written, tmp_pa
     folder = shutil.copytree(recorded.folder, tmp_path / "my lap")
     (folder / "IMG" / recorded.image(4).name).unlink()
     with subprocess.Popen(
-        command("zoo.edit", str(folder), "drop=11-20", "port=0"),
+        command("zoo.commands.edit", str(folder), "drop=11-20", "port=0"),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

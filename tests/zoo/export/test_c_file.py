@@ -14,14 +14,16 @@ from torch import nn
 
 from datamodules.view import CONVERSIONS, RESIZES, View
 from tests.recordings import Written
-from tests.zoo.commands import only_line, run_here, succeed
+from tests.zoo.command_runs import only_line, run_here, succeed
 from tests.zoo.models.test_models_command import build
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import CURVATURE
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
-from zoo.checkpoints.policy import CheckpointPolicy
-from zoo.drives.metrics import measure
+from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
+from zoo.driving.metrics import measure
+from zoo.driving.run_drives import all_drives
+from zoo.driving.scenario import Scenario
 from zoo.export import compiled_policy
 from zoo.export.c_file import c_header, c_source, rounded
 from zoo.export.c_source import CSource, function_name
@@ -30,8 +32,6 @@ from zoo.export.compiled_policy import CompiledPolicy, find_compiler
 from zoo.export.exported_file import export_checkpoint
 from zoo.export.parity import Frames, compare
 from zoo.models.layers import Normalize
-from zoo.worlds.run_drives import all_drives
-from zoo.worlds.scenario import Scenario
 
 COMPILER = find_compiler()
 STRICT = ("-std=c99", "-O1", "-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror")
@@ -213,7 +213,7 @@ def test_a_card_cannot_leave_its_comment(tmp_path: Path) -> None:
 
 def test_the_command_writes_both_files_with_the_card(recorded: Written, tmp_path: Path) -> None:
     words = ("tiny41", "to=c", "weights=int8", f"frames={recorded.folder}")
-    printed = succeed(run_here(tmp_path, *words, module="zoo.export"))
+    printed = succeed(run_here(tmp_path, *words, module="zoo.commands.export"))
     for part in ("wrote: steer.h", "wrote: steer.c", "8 bits", "steer(rgb, 320, 160, speed_mph)"):
         assert part in printed
     header = (tmp_path / "steer.h").read_text()
@@ -226,7 +226,7 @@ def test_a_foreign_header_is_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "steer.h").write_text("mine")
     path = write_constant(tmp_path / "constant.ckpt", 0.1)
     assert "steer.h: exists" in only_line(
-        run_here(tmp_path, str(path), "to=c", module="zoo.export")
+        run_here(tmp_path, str(path), "to=c", module="zoo.commands.export")
     )
     assert {one.name for one in tmp_path.iterdir()} == {"steer.h", "constant.ckpt"}
 
@@ -255,7 +255,9 @@ def test_without_a_compiler_it_says_that_nothing_was_compared(
 )
 def test_keys_that_do_not_fit_are_refused(words: list[str], text: str, tmp_path: Path) -> None:
     write_constant(tmp_path / "constant.ckpt", 0.1)
-    assert text in only_line(run_here(tmp_path, "constant.ckpt", *words, module="zoo.export"))
+    assert text in only_line(
+        run_here(tmp_path, "constant.ckpt", *words, module="zoo.commands.export")
+    )
 
 
 def test_a_curvature_is_not_written_as_steering(tmp_path: Path) -> None:

@@ -20,27 +20,24 @@ from rich.console import Console
 from datamodules.image import decode_image
 from datamodules.view import CONVERSIONS, RESIZES, View
 from tests.recordings import Written
-from tests.zoo.commands import only_line, run, run_here, succeed
-from tests.zoo.drive.serve import picture, served
+from tests.zoo.command_runs import only_line, run, run_here, succeed
 from tests.zoo.keras.test_donkeycar import BINS, LINEAR, SHAPE, donkeycar_layers
 from tests.zoo.keras.test_donkeycar import write as write_donkeycar
 from tests.zoo.models.test_models_command import build
+from tests.zoo.server.serve import picture, served
 from tests.zoo.written_checkpoints import write_constant
+from zoo.base.compose import choices
 from zoo.base.errors import InputError
 from zoo.base.whole_file import write_output
 from zoo.base.written_files import OUTPUTS
 from zoo.checkpoints import onnx_file
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint, read_checkpoint_file
+from zoo.checkpoints.checkpoint_policy import CheckpointPolicy, load_policy
 from zoo.checkpoints.onnx_file import COLOURS, MODEL_CARD, onnx_bytes
 from zoo.checkpoints.onnx_policy import CARD
-from zoo.checkpoints.policy import CheckpointPolicy, load_policy
-from zoo.cli.compose import choices
-from zoo.doctor import inputs
-from zoo.doctor.machine import OK
-from zoo.drive.__main__ import load_warm_policy, view_line
-from zoo.drive.live_page import list_checkpoints
-from zoo.evaluate import __main__ as evaluate
-from zoo.export.__main__ import export
+from zoo.commands import evaluate
+from zoo.commands.drive import load_warm_policy, view_line
+from zoo.commands.export import export
 from zoo.export.donkeycar_file import (
     bounded,
     donkeycar_bytes,
@@ -55,7 +52,10 @@ from zoo.models.commaai import CommaAi
 from zoo.models.lenet import LeNet
 from zoo.models.pilotnet import PilotNet
 from zoo.models.sequential import Sequential
-from zoo.saliency.visual_backprop import Saliency
+from zoo.scoring.visual_backprop import Saliency
+from zoo.server import input_checks as inputs
+from zoo.server.live_page import list_checkpoints
+from zoo.server.machine_checks import OK
 
 NARROW = {"commaai": ["model.width=0.25"], "vgg": ["model.units=8"]}
 
@@ -79,7 +79,9 @@ def exported(checkpoint: Path, recorded: Written, tmp_path_factory: pytest.TempP
     (cwd / "secret.txt").write_text("mine")
     (cwd / "model.onnx.part").symlink_to("secret.txt")
     write_output(cwd / "model.onnx", b"earlier")
-    result = run_here(cwd, str(checkpoint), f"frames={recorded.folder}", module="zoo.export")
+    result = run_here(
+        cwd, str(checkpoint), f"frames={recorded.folder}", module="zoo.commands.export"
+    )
     assert (result.returncode, result.stderr) == (0, "")
     assert (cwd / "secret.txt").read_text() == "mine"
     assert {one.name for one in cwd.iterdir()} == {
@@ -96,7 +98,7 @@ def exported(checkpoint: Path, recorded: Written, tmp_path_factory: pytest.TempP
 
 def test_a_foreign_file_is_not_replaced(checkpoint: Path, tmp_path: Path) -> None:
     (tmp_path / "model.onnx").write_bytes(b"mine")
-    result = run_here(tmp_path, str(checkpoint), module="zoo.export")
+    result = run_here(tmp_path, str(checkpoint), module="zoo.commands.export")
     assert "out=model.onnx: exists" in only_line(result)
     assert (tmp_path / "model.onnx").read_bytes() == b"mine"
 
@@ -105,7 +107,7 @@ def test_a_foreign_file_is_not_replaced(checkpoint: Path, tmp_path: Path) -> Non
 def test_a_named_pipe_is_refused_without_waiting(checkpoint: Path, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "model.onnx")
     assert "out=model.onnx: exists" in only_line(
-        run_here(tmp_path, str(checkpoint), module="zoo.export")
+        run_here(tmp_path, str(checkpoint), module="zoo.commands.export")
     )
 
 
@@ -270,10 +272,12 @@ def test_it_has_no_saliency(exported: Path) -> None:
 
 
 def test_the_live_page_switches_to_and_from_it(exported: Path, checkpoint: Path) -> None:
-    from simulator.legacy_socket import LegacySocket
-    from simulator.telemetry import make_telemetry
+    from zoo.simulator.legacy_socket import LegacySocket
+    from zoo.simulator.telemetry import make_telemetry
 
-    with served(exported.parent / "drive", "zoo.drive", "model.onnx", "drive.port=0") as driver:
+    with served(
+        exported.parent / "drive", "zoo.commands.drive", "model.onnx", "drive.port=0"
+    ) as driver:
         client = LegacySocket(f"http://127.0.0.1:{driver.port}")
 
         def steering() -> str:
@@ -473,18 +477,18 @@ def test_the_command_prints_the_throttle_and_the_key_that_bounds_it(
     recorded: Written, tmp_path: Path
 ) -> None:
     words = ("pilotnet", f"frames={recorded.folder}", "to=donkeycar", "out=pilot.h5")
-    printed = succeed(run_here(tmp_path, *words, module="zoo.export"))
+    printed = succeed(run_here(tmp_path, *words, module="zoo.commands.export"))
     low, high = re.search(r"Throttle: ([\d.]+) to ([\d.]+) over", printed).groups()
     assert 0.5 < float(low) <= float(high) <= 1
     assert "throttle=0.2" in printed
-    printed = succeed(run_here(tmp_path, *words, "throttle=0.15", module="zoo.export"))
+    printed = succeed(run_here(tmp_path, *words, "throttle=0.15", module="zoo.commands.export"))
     assert "Throttle: 0.15 to 0.15" in printed
     assert "--type linear" in printed
 
 
 @pytest.mark.parametrize("words", ["to=onnx throttle=0.2", "to=c throttle=0.2", "throttle=1.5"])
 def test_a_throttle_that_cannot_be_is_refused(words: str, tmp_path: Path) -> None:
-    result = run_here(tmp_path, "pilotnet", *words.split(), module="zoo.export")
+    result = run_here(tmp_path, "pilotnet", *words.split(), module="zoo.commands.export")
     assert result.returncode == 2
     assert "drivezoo export: throttle" in result.stderr
     assert not [*tmp_path.iterdir()]
@@ -506,16 +510,16 @@ def test_what_donkeycar_cannot_compute_is_refused(checkpoint: Checkpoint, words:
 
 def test_the_command_prints_what_to_set_in_donkeycar(recorded: Written, tmp_path: Path) -> None:
     write_donkeycar(tmp_path, donkeycar_layers(LINEAR, (1, 1), "linear"))
-    assert run(tmp_path, "pilot.h5", module="zoo.import").returncode == 0
+    assert run(tmp_path, "pilot.h5", module="zoo.commands.import").returncode == 0
     arguments = ("pilot.ckpt", "out=back.h5", f"frames={recorded.folder}")
-    printed = succeed(run(tmp_path, *arguments, module="zoo.export"))
+    printed = succeed(run(tmp_path, *arguments, module="zoo.commands.export"))
     for text in ("IMAGE_W = 16", "IMAGE_H = 12", "--model back.h5 --type linear"):
         assert text in printed
-    assert run(tmp_path, "back.h5", "out=again.ckpt", module="zoo.import").returncode == 0
+    assert run(tmp_path, "back.h5", "out=again.ckpt", module="zoo.commands.import").returncode == 0
 
 
 def test_a_refused_export_leaves_nothing(tmp_path: Path) -> None:
     write_constant(tmp_path / "constant.ckpt", 0.1)
-    line = only_line(run(tmp_path, "constant.ckpt", "out=pilot.h5", module="zoo.export"))
+    line = only_line(run(tmp_path, "constant.ckpt", "out=pilot.h5", module="zoo.commands.export"))
     assert "hsv_s" in line
     assert not list(tmp_path.glob("*pilot.h5*"))

@@ -14,19 +14,17 @@ import torch
 import yaml
 
 from datamodules.recording import make_recording
-from tests.zoo.benchmark.test_benchmark_command import write_family, write_suite
-from tests.zoo.commands import run_here
+from tests.zoo.command_runs import run_here
+from tests.zoo.results.test_benchmark_command import write_family, write_suite
 from tests.zoo.written_checkpoints import write_constant, write_pilotnet
+from zoo.base import console_progress
 from zoo.base.errors import InputError, UsageError
-from zoo.benchmark.__main__ import benchmark
-from zoo.benchmark.result import NAME, Driver
-from zoo.benchmark.suite import _redrawn, read_suite, redraw_suite
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_path import PACKAGED
 from zoo.checkpoints.onnx_file import onnx_bytes
-from zoo.cli import console_progress
+from zoo.commands.benchmark import benchmark
+from zoo.commands.grade import grade
 from zoo.grade import graded
-from zoo.grade.__main__ import grade
 from zoo.grade.submissions import Submission, find_submissions, warnings_of
 from zoo.grade.submitted_network import (
     IMAGES,
@@ -36,6 +34,8 @@ from zoo.grade.submitted_network import (
     read_facts,
     write_facts,
 )
+from zoo.results.result import NAME, Driver
+from zoo.results.suite import _redrawn, read_suite, redraw_suite
 from zoo.training.recorded_roads import road_key, trained_roads
 
 
@@ -397,7 +397,7 @@ def test_without_onnxruntime_nothing_is_driven(
     shutil.copytree(submitted, here / "class")
     (here / "class" / "gus.onnx").touch()
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    result = run_here(here, "class", "out=out", module="zoo.grade")
+    result = run_here(here, "class", "out=out", module="zoo.commands.grade")
     assert result.returncode == 2
     assert "gus.onnx: onnxruntime" in result.stderr
     assert "pip install" in result.stderr

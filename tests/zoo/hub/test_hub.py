@@ -8,7 +8,7 @@ import pytest
 import torch
 import yaml
 
-from tests.zoo.commands import command, only_line, run_here, run_words, succeed
+from tests.zoo.command_runs import command, only_line, run_here, run_words, succeed
 from tests.zoo.hub.stand_in import StandIn, serving
 from tests.zoo.sweeps import write_run
 from tests.zoo.written_checkpoints import write_constant
@@ -35,7 +35,7 @@ def server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[StandIn]
 
 
 def hub(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
-    return run_here(cwd, *arguments, module="zoo.hub")
+    return run_here(cwd, *arguments, module="zoo.commands.hub")
 
 
 @pytest.fixture
@@ -124,7 +124,7 @@ def test_without_a_token_one_line_says_what_to_do(
 ) -> None:
     monkeypatch.delenv("HF_TOKEN")
     # In a process of its own, which reads HF_HOME: the tester may have a token.
-    words = command("zoo.hub", "push", str(ran), "repo=ann/tiny", "send=true")
+    words = command("zoo.commands.hub", "push", str(ran), "repo=ann/tiny", "send=true")
     result = run_words(tmp_path, *words)
     assert "hf auth login" in only_line(result)
     assert server.requests == []

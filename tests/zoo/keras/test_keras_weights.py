@@ -18,8 +18,8 @@ from tests.zoo.keras.keras_files import (
 )
 from tests.zoo.models import keras_reference
 from tests.zoo.models.test_models_command import build
+from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
-from zoo.cli.compose import compose_config
 from zoo.keras.initial_weights import load_weights
 from zoo.models.make_network import make_network
 

@@ -6,8 +6,8 @@ from omegaconf import OmegaConf
 from torch import nn
 
 from tests.zoo.models.test_models_command import build
+from zoo.base.conf_files import choices, conf_folder
 from zoo.base.errors import InputError
-from zoo.cli.conf_files import choices, conf_folder
 from zoo.models.cnn_gru import GruCell
 from zoo.models.memory import Memory
 

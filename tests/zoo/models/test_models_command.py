@@ -6,10 +6,10 @@ import pytest
 import torch
 
 from datamodules.view import View
-from tests.zoo.commands import ROOT, run_here, succeed
+from tests.zoo.command_runs import ROOT, run_here, succeed
 from tests.zoo.compositions import composed
+from zoo.base.compose import choices
 from zoo.base.errors import InputError
-from zoo.cli.compose import choices
 from zoo.models.layers import Normalize
 from zoo.models.make_network import make_network, published_view
 from zoo.models.memory import Memory
@@ -152,7 +152,7 @@ def test_a_wrong_setting_is_refused_with_its_key(override: str, words: str) -> N
 
 
 def test_the_zoo_is_printed_with_its_papers() -> None:
-    printed = succeed(run_here(ROOT, "models", module="zoo.list"))
+    printed = succeed(run_here(ROOT, "models", module="zoo.commands.list"))
     for name, parameters in PARAMETERS.items():
         assert f"{name}: " in printed
         assert f"{parameters:,}" in printed

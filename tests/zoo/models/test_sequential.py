@@ -9,12 +9,12 @@ from tests.zoo.keras.keras_files import Layer, random_weights, write_h5
 from tests.zoo.models import keras_reference
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
-from zoo.checkpoints.policy import CheckpointPolicy
+from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert
 from zoo.models.make_network import make_network
 from zoo.models.sequential import Sequential
-from zoo.saliency.visual_backprop import Saliency
+from zoo.scoring.visual_backprop import Saliency
 
 W = random_weights
 SHAPE = (13, 17, 3)
@@ -137,8 +137,8 @@ RICH: list[Layer] = [
 
 
 def test_a_network_of_many_layers_explains_itself_and_exports(tmp_path) -> None:
+    from zoo.checkpoints.checkpoint_policy import load_policy
     from zoo.checkpoints.onnx_file import onnx_bytes
-    from zoo.checkpoints.policy import load_policy
 
     network = network_of(whole(RICH), tmp_path / "model.h5")
     view = View([0, 0], "rgb", SHAPE[:2])

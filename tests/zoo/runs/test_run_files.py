@@ -10,15 +10,15 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from tests.zoo.commands import ROOT
+from tests.zoo.command_runs import ROOT
 from tests.zoo.sweeps import write_run
 from zoo.base.errors import InputError
-from zoo.cli.process_ranks import RANKS, is_first_process
-from zoo.report.write_up import write_report
+from zoo.base.process_ranks import RANKS, is_first_process
 from zoo.runs.code_fingerprint import code_fingerprint, commit_of, hash_of_code
 from zoo.runs.metrics_file import VERSION, read_metrics_file, write_metrics_file
-from zoo.runs.run import Run, load_config
+from zoo.runs.run_record import Run, load_config
 from zoo.runs.status import is_alive, read_status, run_status
+from zoo.scoring.write_up import write_report
 
 
 def started_by(monkeypatch: pytest.MonkeyPatch, **ranks: int) -> None:
@@ -139,7 +139,7 @@ def test_a_path_that_is_not_utf_8_allows_nothing_else(
 def copy(tmp_path: Path) -> Path:
     """Copy our code without the other files of the checkout."""
     ignored = shutil.ignore_patterns("__pycache__")
-    for name in ("conf", "zoo", "datamodules", "simulator", "hydra_plugins"):
+    for name in ("conf", "zoo", "datamodules", "hydra_plugins"):
         shutil.copytree(ROOT / name, tmp_path / "copy" / name, ignore=ignored)
     return tmp_path / "copy"
 

@@ -12,14 +12,14 @@ import yaml
 from PIL import Image
 from rich.console import Console
 
-from simulator.road_family import find_family
-from simulator.weather import CLEAR, Weather, read_weather
-from tests.zoo.commands import only_line, run_here
+from tests.zoo.command_runs import only_line, run_here
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.command_keys import read_options
 from zoo.base.errors import InputError
-from zoo.drives.drive_log import read_drive
-from zoo.evaluate.__main__ import evaluate_or_replay as evaluate
+from zoo.commands.evaluate import evaluate_or_replay as evaluate
+from zoo.driving.drive_log import read_drive
+from zoo.driving.run_drives import all_drives
+from zoo.driving.scenario import Scenario
 from zoo.search.failure_map import Archive
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_report import search_and_report
@@ -32,8 +32,8 @@ from zoo.search.search_run import (
     usual_features,
 )
 from zoo.search.search_space import DAYS, Candidate, SearchSpace, weather_text
-from zoo.worlds.run_drives import all_drives
-from zoo.worlds.scenario import Scenario
+from zoo.simulator.road_family import find_family
+from zoo.simulator.weather import CLEAR, Weather, read_weather
 
 SHORT = ("length=60", "speed=25", "quality=simple", "cells=4")
 
@@ -118,20 +118,22 @@ def test_the_search_is_the_same_for_every_number_of_workers(
 def test_a_wrong_option_is_named_in_one_line(
     given: str, key: str, remedy: str, checkpoint: Path, tmp_path: Path
 ) -> None:
-    result = run_here(tmp_path, str(checkpoint), given, module="zoo.search")
+    result = run_here(tmp_path, str(checkpoint), given, module="zoo.commands.search")
     assert result.returncode == 2
     assert key in only_line(result)
     assert remedy in only_line(result)
 
 
 def test_a_feature_of_days_needs_days(checkpoint: Path, tmp_path: Path) -> None:
-    result = run_here(tmp_path, str(checkpoint), "weather=clear", "x=fog", module="zoo.search")
+    result = run_here(
+        tmp_path, str(checkpoint), "weather=clear", "x=fog", module="zoo.commands.search"
+    )
     assert "x=fog: no such feature" in only_line(result)
 
 
 def test_a_used_folder_is_refused(checkpoint: Path, tmp_path: Path) -> None:
     (tmp_path / "kept.txt").write_text("kept")
-    result = run_here(tmp_path, str(checkpoint), f"out={tmp_path}", module="zoo.search")
+    result = run_here(tmp_path, str(checkpoint), f"out={tmp_path}", module="zoo.commands.search")
     assert result.returncode == 1
     assert "out=" in only_line(result)
     assert [one.name for one in tmp_path.iterdir()] == ["kept.txt"]

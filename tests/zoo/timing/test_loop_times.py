@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from zoo.base.errors import InputError, UsageError
-from zoo.drives.drive_log import write_drive
-from zoo.drives.drive_record import Drive, DriveRow
+from zoo.driving.drive_log import write_drive
+from zoo.driving.drive_record import Drive, DriveRow
 from zoo.timing.loop_times import read_loop_times
 
 PROFILE = """

@@ -9,9 +9,9 @@ from rich.console import Console
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import read_checkpoint_file
-from zoo.evaluate.track_scores import RunScore, run_options
+from zoo.driving import run_drives
+from zoo.scoring.track_scores import RunScore, run_options
 from zoo.training.candidates import choose_best, restore_monitored
-from zoo.worlds import run_drives
 
 SHORT = run_options(OmegaConf.create({"laps": 0.05, "candidate_laps": 0.05, "workers": 1}))
 UNDRIVEN = run_options(OmegaConf.create({"candidate_laps": 0}))

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from tests.zoo.commands import only_line, run_here
+from tests.zoo.command_runs import only_line, run_here
 from tests.zoo.compositions import composed
+from zoo.base.compose import choices, config_groups
 from zoo.base.errors import InputError, UsageError
-from zoo.cli.compose import choices, config_groups
-from zoo.evaluate.track_scores import run_options
+from zoo.scoring.track_scores import run_options
 from zoo.training.config_values import check_arguments, check_config
 from zoo.training.run_config import settle_windows, with_quick
 

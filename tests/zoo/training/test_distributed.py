@@ -17,11 +17,11 @@ from rich.console import Console
 from datamodules.balance import BatchKey
 from datamodules.driving import DrivingData
 from tests.recordings import Written
-from tests.zoo.commands import command, environment, run, succeed
+from tests.zoo.command_runs import command, environment, run, succeed
 from tests.zoo.trainings import module_of
+from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
-from zoo.cli.compose import compose_config
-from zoo.losses import SteeringWeightedMSE
+from zoo.models.losses import SteeringWeightedMSE
 from zoo.runs.status import read_status
 from zoo.training.build import build_data
 from zoo.training.conclusion import read_curves

@@ -17,8 +17,8 @@ from datamodules.samples import CENTER
 from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.trainings import equal, planned, weights
+from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
-from zoo.cli.compose import compose_config
 from zoo.models.vgg import Vgg16
 from zoo.training import frozen_layers
 from zoo.training.build import build_data

@@ -15,20 +15,20 @@ from datamodules.read_options import ReadOptions
 from datamodules.recording_format import read_recordings
 from datamodules.split import split_rows
 from tests.recordings import Written, write_recording
-from tests.zoo.commands import only_line, run, run_here, succeed
+from tests.zoo.command_runs import only_line, run, run_here, succeed
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.command import Command
 from zoo.base.errors import InputError, UsageError
 from zoo.checkpoints.checkpoint import load_checkpoint
-from zoo.checkpoints.command import Policy
-from zoo.correct.__main__ import correct
-from zoo.doctor.__main__ import next_step
-from zoo.evaluate.__main__ import evaluate
-from zoo.evaluate.evaluate_options import ReplayOptions
-from zoo.evaluate.replay_score import held_out_replay, read_as_trained
+from zoo.checkpoints.policy_base import Policy
+from zoo.commands.correct import correct
+from zoo.commands.doctor import next_step
+from zoo.commands.evaluate import evaluate
 from zoo.hub.card import shared_files
-from zoo.report.drive_section import scores
-from zoo.report.reported_run import ReportedRun
+from zoo.scoring.drive_section import scores
+from zoo.scoring.evaluate_options import ReplayOptions
+from zoo.scoring.replay_score import held_out_replay, read_as_trained
+from zoo.scoring.reported_run import ReportedRun
 
 RIG = """name: my car
 camera: {size: [640, 480], vertical_fov_deg: 45, up_m: 1.4, ahead_m: 0.4}
@@ -82,7 +82,7 @@ def test_its_output_and_report_say_what_was_judged(trained: Path) -> None:
 def test_on_a_track_it_is_another_cars_network(trained: Path) -> None:
     checkpoint = str(trained / "checkpoints" / "best.ckpt")
     words = ("track=lake", "laps=0.01", "out=out")
-    printed = succeed(run_here(trained, checkpoint, *words, module="zoo.evaluate"))
+    printed = succeed(run_here(trained, checkpoint, *words, module="zoo.commands.evaluate"))
     assert "another car's network drives lake" in printed
     assert "my car" in printed
     verdict = json.loads((trained / "out" / "metrics.json").read_text())["verdict"]
@@ -118,7 +118,7 @@ def test_no_command_suggests_a_track_for_another_cars_network(trained: Path) -> 
 def test_a_replay_of_another_cars_drives_says_so(recorded: Written, tmp_path: Path) -> None:
     foreign = write_constant(tmp_path / "checkpoints" / "best.ckpt", steering=0.0)
     printed = succeed(
-        run(tmp_path, str(foreign), str(recorded.folder), "out=out", module="zoo.replay")
+        run(tmp_path, str(foreign), str(recorded.folder), "out=out", module="zoo.commands.replay")
     )
     assert "another car's network drives a replay" in printed
     assert "guessed: camera" in printed
@@ -143,7 +143,9 @@ def test_the_command_after_a_training_without_a_rig_writes_one(unknown: Path) ->
     *_, line, _ = (unknown / "stdout.txt").read_text().splitlines()
     program, *words = shlex.split(line.removeprefix("next: "))
     assert (program, *words[:2]) == ("drivezoo", "new", "rig")
-    assert "the rig is unknown" in only_line(run(unknown, "run", "tub", module="zoo.replay"))
+    assert "the rig is unknown" in only_line(
+        run(unknown, "run", "tub", module="zoo.commands.replay")
+    )
 
 
 @pytest.mark.parametrize("place", ["data.rig=my_car.yaml", "run/rig.yaml", "tub/rig.yaml"])
@@ -152,17 +154,17 @@ def test_a_rig_is_added_to_a_finished_run_whose_replays_are_of_its_car(
 ) -> None:
     for name in ("run", "tub"):
         shutil.copytree(unknown / name, tmp_path / name)
-    succeed(run(tmp_path, "rig", "my_car", module="zoo.new"))
+    succeed(run(tmp_path, "rig", "my_car", module="zoo.commands.new"))
     path = tmp_path / "my_car.yaml"
     assert "my_car.yaml: camera.size" in only_line(
-        run(tmp_path, "run", "tub", "data.rig=my_car.yaml", module="zoo.replay")
+        run(tmp_path, "run", "tub", "data.rig=my_car.yaml", module="zoo.commands.replay")
     ), "what is not filled in is named"
     numbers = iter(["[320, 160]", "60", "1.2", "2.87", "25"])
     path.write_text(re.sub(r"\bnull\b(?= +#)", lambda _: next(numbers), path.read_text()))
     if "=" not in place:
         path.rename(tmp_path / place)
     words = [place] if "=" in place else []
-    printed = succeed(run(tmp_path, "run", "tub", *words, "out=out", module="zoo.replay"))
+    printed = succeed(run(tmp_path, "run", "tub", *words, "out=out", module="zoo.commands.replay"))
     assert "rig: my_car" in printed
     assert "another car's network" not in printed
     card = load_checkpoint(tmp_path / "run" / "checkpoints" / "best.ckpt").data

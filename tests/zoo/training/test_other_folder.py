@@ -11,19 +11,19 @@ from omegaconf import OmegaConf
 
 from tests.datamodules.exchange.test_tub import record, write_tub
 from tests.recordings import write_recording
-from tests.zoo.commands import run, run_here, succeed
+from tests.zoo.command_runs import run, run_here, succeed
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import STARTED_IN
+from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents
 from zoo.checkpoints.onnx_file import onnx_bytes
-from zoo.checkpoints.policy import load_policy
-from zoo.correct.correct_training import own_config, own_roots
-from zoo.evaluate.evaluate_options import ReplayOptions
-from zoo.evaluate.replay_score import read_as_trained
+from zoo.commands.rerun import lead_from
 from zoo.export.parity import take_frames
-from zoo.report.reported_run import ReportedRun
-from zoo.rerun import lead_from
-from zoo.verdict.evidence import read_evidence
+from zoo.scoring.evaluate_options import ReplayOptions
+from zoo.scoring.evidence import read_evidence
+from zoo.scoring.replay_score import read_as_trained
+from zoo.scoring.reported_run import ReportedRun
+from zoo.training.correct_training import own_config, own_roots
 
 RIG = "{name: small, camera: {size: [160, 120], vertical_fov_deg: 50, up_m: 0.2}, "
 RIG += "wheelbase_m: 0.2, steering_deg: 20}"
@@ -113,13 +113,13 @@ def test_a_moved_recording_is_replaced_by_frames_of_the_networks_size(
 
 
 def test_a_c_file_is_compared_in_another_folder(begun: Path, tmp_path: Path) -> None:
-    printed = succeed(run_here(tmp_path, str(begun / "run"), "to=c", module="zoo.export"))
+    printed = succeed(run_here(tmp_path, str(begun / "run"), "to=c", module="zoo.commands.export"))
     assert f"frames of {begun}/laps/tub" in printed
     shutil.copy(begun / "run" / "checkpoints" / "best.ckpt", tmp_path / "alone.ckpt")
     (begun / "laps").rename(begun / "gone")
     try:
         words = ("alone.ckpt", "to=c", "out=other.c")
-        printed = succeed(run_here(tmp_path, *words, module="zoo.export"))
+        printed = succeed(run_here(tmp_path, *words, module="zoo.commands.export"))
     finally:
         (begun / "gone").rename(begun / "laps")
     assert "in 160 x 120, since the training's recording laps/tub is not found" in printed

@@ -10,7 +10,7 @@ import torch
 
 from tests.recordings import Written
 from tests.zoo.base.user_parts import NETWORK, write_network
-from tests.zoo.commands import ROOT, only_line, run, succeed
+from tests.zoo.command_runs import ROOT, only_line, run, succeed
 from tests.zoo.trainings import SMALL
 from zoo.checkpoints.checkpoint import load_checkpoint
 

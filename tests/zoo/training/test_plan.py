@@ -14,10 +14,10 @@ from rich.console import Console
 
 from datamodules.batches import GROUP
 from tests.recordings import Written
-from tests.zoo.commands import run_here, succeed
+from tests.zoo.command_runs import run_here, succeed
 from tests.zoo.trainings import SMALL, data_of, planned, train_here
+from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
-from zoo.cli.compose import compose_config
 from zoo.training import plan
 from zoo.training.build import build_data
 from zoo.training.plan import compile_step, compiles

@@ -14,13 +14,13 @@ from torch import nn
 
 from datamodules.view import View
 from tests.recordings import Written
-from tests.zoo.commands import run_here, succeed
-from tests.zoo.sweep.test_sweep_command import SMALL
+from tests.zoo.command_runs import run_here, succeed
+from tests.zoo.training.test_sweep_command import SMALL
 from tests.zoo.trainings import data_of, train_here
+from zoo.base.compose import compose_config
 from zoo.checkpoints.checkpoint import read_checkpoint_file
-from zoo.cli.compose import compose_config
+from zoo.commands.rerun import _report
 from zoo.models.make_network import make_network, view_of
-from zoo.rerun import _report
 from zoo.training import host_settings, precision
 
 CPU = "trainer.accelerator=cpu"
@@ -99,7 +99,7 @@ def test_the_first_machine_of_a_sweep_chooses_for_the_others(
     """The record names what the first machine has; this one has no bfloat16."""
     monkeypatch.setattr(precision, "LEAST_OPERATIONS", 1_000_000)
     monkeypatch.setattr(precision, "multiplies_bf16", lambda: False)
-    monkeypatch.setattr("zoo.sweep.sweep_record.multiplies_bf16", lambda: True)
+    monkeypatch.setattr("zoo.training.sweep_record.multiplies_bf16", lambda: True)
     words = (*SMALL_LENET, *data_of(recorded), "data.samples_per_epoch=48", CPU)
     sweep = tmp_path / "sweep"
     named = f"hydra.sweep.dir={sweep}"

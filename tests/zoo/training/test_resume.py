@@ -14,12 +14,12 @@ from omegaconf import OmegaConf
 
 from datamodules.balance import BalancedBatches, BatchKey
 from tests.recordings import Written, write_recording
-from tests.zoo.commands import Zoo, command, environment, only_line, run, run_here, succeed
+from tests.zoo.command_runs import Zoo, command, environment, only_line, run, run_here, succeed
 from tests.zoo.sweeps import change_status
 from tests.zoo.trainings import SMALL, data_of, equal, weights
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
-from zoo.leaderboard.scored import read_scored
+from zoo.results.scored import read_scored
 from zoo.runs.status import read_status, write_status
 
 INTERRUPT = "tests.zoo.spoil.Interrupt"

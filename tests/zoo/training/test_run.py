@@ -18,7 +18,16 @@ import torch
 from PIL import Image
 
 from tests.recordings import Written, write_recording
-from tests.zoo.commands import Zoo, command, environment, only_line, run, run_here, start, succeed
+from tests.zoo.command_runs import (
+    Zoo,
+    command,
+    environment,
+    only_line,
+    run,
+    run_here,
+    start,
+    succeed,
+)
 from tests.zoo.trainings import SMALL, data_of, equal, weights
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
@@ -403,6 +412,6 @@ def test_no_disk_space_is_said_in_one_line(recorded: Written, tmp_path: Path) ->
 def test_preview_shows_what_will_be_fed(recorded: Written, tmp_path: Path) -> None:
     arguments = ("data.block_s=0.5", "augment=[brightness,shadow,shift,blur,noise]")
     root = f"data.root={recorded.folder}"
-    succeed(run_here(tmp_path, root, *arguments, module="zoo.preview"))
+    succeed(run_here(tmp_path, root, *arguments, module="zoo.commands.preview"))
     for name in ("fed_batch", "steering_histogram"):
         assert (tmp_path / "outputs" / "preview" / f"{name}.png").stat().st_size > 10_000

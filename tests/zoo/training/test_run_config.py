@@ -15,18 +15,18 @@ from rich.console import Console
 
 from datamodules.recording_format import read_recordings
 from datamodules.view import View
-from simulator.record import FIRST_TRY, RecordOptions
 from tests.recordings import Written
-from tests.zoo.commands import ROOT, only_line, run, run_here, succeed
+from tests.zoo.command_runs import ROOT, only_line, run, run_here, succeed
 from tests.zoo.keras.keras_files import INPUT, write_h5, write_json, write_keras
 from tests.zoo.keras.test_keras_layers import IMAGES, REST, SCALE, UNCLEAR, expected
 from tests.zoo.trainings import SMALL
+from zoo.base.compose import ABOUT, compose_config, conf_folder
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECIPE
 from zoo.checkpoints.checkpoint import load_checkpoint, make_card
-from zoo.cli.compose import ABOUT, compose_config, conf_folder
 from zoo.keras.initial_weights import load_weights
 from zoo.models.sequential import Sequential
+from zoo.simulator.record import FIRST_TRY, RecordOptions
 from zoo.training.recorded_roads import recorded_roads, road_key
 from zoo.training.run_config import settle_windows, with_layers, with_quick, with_recording
 
@@ -385,7 +385,7 @@ def test_a_long_recording_is_drawn_on_each_core(
         assert [one.jobs for one in passes] == [processes]
         assert Path(passes[0].out).is_dir()
 
-    monkeypatch.setattr("simulator.record.record_laps", recorded)
+    monkeypatch.setattr("zoo.simulator.record.record_laps", recorded)
     monkeypatch.setattr("zoo.training.run_config.usable_cores", lambda: 3)
     options = [f"jobs={jobs}", f"out={tmp_path / 'lake'}", f"passes=[{{laps: {laps}}}]"]
     config = compose_config([f"data.record.{one}" for one in options])

@@ -12,7 +12,7 @@ from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from tests.recordings import Written
-from tests.zoo.commands import Zoo, succeed
+from tests.zoo.command_runs import Zoo, succeed
 from tests.zoo.trainings import SMALL, data_of
 from zoo.training.run_loggers import final_scores, log_results, naming_arguments
 

@@ -9,11 +9,11 @@ import pytest
 from datamodules.driving import DrivingData
 from datamodules.run_data import RunData
 from tests.recordings import Written
-from tests.zoo.commands import ROOT, Zoo, only_line, run, succeed
+from tests.zoo.command_runs import ROOT, Zoo, only_line, run, succeed
 from tests.zoo.trainings import SMALL
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
-from zoo.runs.run import Run
+from zoo.runs.run_record import Run
 from zoo.training.build import check_members
 from zoo.training.run_module import RunModule
 from zoo.training.steering_module import SteeringModule

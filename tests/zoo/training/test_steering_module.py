@@ -12,9 +12,9 @@ from tests.recordings import Written
 from tests.zoo.models.test_memory import NAMES, memory_of, windows
 from tests.zoo.models.test_models_command import build
 from tests.zoo.trainings import module_of, train_here
+from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
-from zoo.cli.compose import compose_config
-from zoo.losses import SteeringWeightedMSE
+from zoo.models.losses import SteeringWeightedMSE
 from zoo.training.build import build_data
 from zoo.training.open_loop import baseline_metrics, open_loop_metrics, side_response
 from zoo.training.steering_module import SteeringModule, network_targets, predict

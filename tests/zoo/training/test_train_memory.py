@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.recordings import Written
-from tests.zoo.commands import run, succeed
+from tests.zoo.command_runs import run, succeed
 from tests.zoo.models.test_memory import NAMES
-from zoo.checkpoints.policy import load_policy
+from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.export.exported_file import export_checkpoint
 from zoo.runs.metrics_file import read_metrics_file
 

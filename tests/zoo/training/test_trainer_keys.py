@@ -10,15 +10,15 @@ import torch
 
 from datamodules.view import View
 from tests.recordings import Written
-from tests.zoo.commands import Zoo, only_line, succeed
+from tests.zoo.command_runs import Zoo, only_line, succeed
 from tests.zoo.compositions import composed
 from tests.zoo.trainings import SMALL, data_of, equal, weights
 from zoo.base.run_command import raise_interrupts
-from zoo.callbacks.closed_loop import ClosedLoop
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.models.make_network import make_network
-from zoo.runs.run import Run
+from zoo.runs.run_record import Run
 from zoo.training import conclusion
+from zoo.training.closed_loop import ClosedLoop
 
 
 @pytest.fixture

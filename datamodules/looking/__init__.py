@@ -1,0 +1,1 @@
+"""What people learn about a recording before they train on it."""

@@ -1,0 +1,171 @@
+"""The doctor, run in processes, with healthy inputs and with common faults."""
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from tests.recordings import Written
+from tests.zoo.command_runs import ROOT, run, run_words
+from zoo.base.run_command import run_command
+from zoo.commands import doctor
+from zoo.server import input_checks as inputs
+from zoo.server import machine_checks as machine
+from zoo.server.machine_checks import FAULT, WARNING, check_device
+
+
+def run_doctor(cwd: Path, *arguments: object, **more: str) -> subprocess.CompletedProcess:
+    """Run the doctor, on a free port: a driver may use the default one."""
+    ports = [] if any(str(one).startswith("port=") for one in arguments) else [free_port()]
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in ({"COLUMNS": "400"} | more).items():
+            patch.setenv(name, value)
+        result = run(cwd, *map(str, arguments), *ports, module="zoo.commands.doctor")
+    assert "Traceback" not in result.stdout + result.stderr, result.stderr
+    return result
+
+
+def free_port() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"port={probe.getsockname()[1]}"
+
+
+def row(result: subprocess.CompletedProcess, what: str) -> str:
+    """Return the rows of a check, with the fixes below them."""
+    lines, inside = [], False
+    for line in result.stdout.splitlines():
+        inside = inside if line.startswith(" ") else line[9:].startswith(what)
+        lines += [line] if inside else []
+    return "\n".join(lines)
+
+
+def test_a_healthy_checkpoint_and_recording_are_ok(
+    tmp_path: Path, run_folder: Path, recorded: Written
+) -> None:
+    result = run_doctor(tmp_path, run_folder, recorded.folder)
+
+    assert result.returncode == 0, result.stdout
+    assert row(result, "Python").startswith("ok")
+    assert "torch" in row(result, "packages")
+    assert row(result, "renderer").startswith("ok")
+    assert "252,219 parameters" in row(result, "checkpoint")
+    assert "200 x 66 rgb" in row(result, "input")
+    assert "the same as this recording" in row(result, "trained on")
+    assert "not the same" not in row(result, "trained on")
+    assert "120 rows, cameras centre, left, right" in row(result, "recording")
+    assert "ok" in row(result, "round trip")
+    assert not list(tmp_path.iterdir()), "the doctor leaves no files"
+
+
+def test_every_fault_is_named_with_its_fix(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as holder:
+        port = holder.getsockname()[1]
+        result = run_doctor(tmp_path, "a [b] c.ckpt", tmp_path, f"port={port}")
+
+    assert result.returncode == 1
+    assert row(result, "port").startswith("fault")
+    if sys.platform == "linux":
+        assert f"(process {os.getpid()})" in row(result, "port"), "the process that uses it"
+    assert "a [b] c.ckpt" in row(result, "checkpoint")
+    assert "driving_log.csv" in row(result, "recording")
+    for what in ("port", "checkpoint", "recording"):
+        assert "fix: " in row(result, what)
+    assert not row(result, "round trip"), "it would fail for the same reason"
+    assert result.stdout.splitlines()[-1].startswith("faults: 3, warnings: 0,")
+
+
+def test_a_package_that_carries_malware_is_a_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    info = tmp_path / "bad" / "lightning-2.6.2.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: lightning\nVersion: 2.6.2\n")
+    monkeypatch.syspath_prepend(tmp_path / "bad")
+
+    (fault,) = (one for one in machine.check_packages() if one.state == FAULT)
+
+    assert "lightning 2.6.2 carries malware" in fault.found
+    assert "pip uninstall lightning" in fault.fix
+
+
+def test_without_packages_it_names_them_and_how_to_install(tmp_path: Path) -> None:
+    words = ("-S", "-m", "zoo.commands.doctor", str(tmp_path), free_port())
+    result = run_words(tmp_path, sys.executable, *words, COLUMNS="400")
+
+    assert "Traceback" not in result.stdout + result.stderr
+    assert result.returncode == 1
+    assert "not installed: albumentations" in row(result, "packages")
+    assert "torch is not installed" in row(result, "device")
+    assert "pip install -e ." in row(result, "packages")
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"rubbish" * 999])
+def test_a_file_that_is_no_checkpoint_is_a_fault(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "bad.ckpt"
+    path.write_bytes(content)
+
+    (finding,) = machine.careful("checkpoint", partial(inputs.check_checkpoint, str(path)))
+
+    assert finding.state == FAULT
+    assert str(path) in finding.found
+    assert finding.fix
+
+
+def test_bad_images_are_a_warning(tmp_path: Path, recorded: Written) -> None:
+    folder = tmp_path / "lake"
+    shutil.copytree(recorded.folder, folder)
+    (folder / "IMG" / recorded.image(0).name).write_bytes(recorded.image(0).read_bytes()[:500])
+    (folder / "IMG" / recorded.image(5).name).unlink()
+
+    _, finding = inputs.check_recording(str(folder))
+
+    assert finding.state == WARNING
+    assert finding.found.startswith("2 ")
+    assert "drivezoo check" in finding.fix
+
+
+def test_a_driver_that_does_not_start_is_a_fault(tmp_path: Path) -> None:
+    (finding,) = inputs.check_round_trip(str(tmp_path / "absent.ckpt"))
+    assert finding.state == FAULT
+    assert "absent.ckpt" in finding.found
+
+
+@pytest.mark.parametrize("arguments", [("a.ckpt", "b.ckpt"), ("port=none",)])
+def test_wrong_arguments_get_one_line(
+    arguments: tuple[str, ...], capsys: pytest.CaptureFixture
+) -> None:
+    assert run_command("zoo.commands.doctor", doctor.main, list(arguments)) in (1, 2)
+    printed = capsys.readouterr()
+    assert len(printed.err.splitlines()) == 1
+    assert not printed.out
+
+
+def test_the_supported_pythons_are_those_of_pyproject() -> None:
+    text = (ROOT / "pyproject.toml").read_text()
+    (oldest, first), (newest, last) = machine.OLDEST, machine.NEWEST
+    assert f'requires-python = ">={oldest}.{first},<{newest}.{last + 1}"' in text
+
+
+@pytest.mark.parametrize(
+    ("given", "command"),
+    [
+        ((None, None), "drivezoo demo"),
+        ((None, "my laps"), "drivezoo check 'my laps'"),
+        (("best.ckpt", "laps"), "drivezoo evaluate best.ckpt"),
+    ],
+)
+def test_the_next_command_is_for_what_was_checked(
+    given: tuple[str | None, str | None], command: str
+) -> None:
+    assert doctor.next_step(*given)[0] == command
+
+
+def test_the_cores_are_those_of_the_containers_quota(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("zoo.base.cores._container_cores", lambda: 0.5)
+    assert "on 1 core" in next(check_device()).found

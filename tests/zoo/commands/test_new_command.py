@@ -1,0 +1,191 @@
+"""New parts from templates: their tests pass, and the printed commands work, outside a checkout."""
+
+import json
+import os
+import re
+import shlex
+import shutil
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tests.recordings import Written
+from tests.zoo.command_runs import ROOT, only_line, run, run_here, succeed
+from tests.zoo.notebooks import FOLDER as NOTEBOOKS
+from tests.zoo.trainings import SMALL
+from zoo.base.conf_files import part_folders
+from zoo.commands.new import write_part
+
+PACKAGES = ("drivezoo", "zoo", "datamodules", "hydra_plugins")
+PARTS = {
+    "model": "my_net",
+    "augmentation": "my_augmentation",
+    "loss": "my_loss",
+    "callback": "my_callback",
+    "track": "my_track",
+}
+
+
+def as_checkout(folder: Path) -> Path:
+    """Lay out the project in the folder; return the place from which Python imports it."""
+    for name in (*PACKAGES, "notebooks"):
+        (folder / name).symlink_to(ROOT / name)
+    shutil.copytree(ROOT / "conf", folder / "conf")
+    return folder
+
+
+def as_wheel(folder: Path) -> Path:
+    """Lay out the project as its wheel does, elsewhere; return that place."""
+    site = folder.with_name("site-packages")
+    for name in PACKAGES:
+        (site / name).mkdir(parents=True)
+        for path in (ROOT / name).iterdir():
+            (site / name / path.name).symlink_to(path)
+    included = ("conf", "zoo/conf"), ("notebooks", "zoo/notebooks")
+    for source, place in included:
+        (site / place).symlink_to(ROOT / source)
+    return site
+
+
+@dataclass
+class New:
+    """A part of each kind: its folder, the project's code, and the printed commands' words."""
+
+    folder: Path
+    code: Path
+    following: list[list[str]]
+
+    def run(self, module: str, *arguments: str) -> str:
+        """Return the output of a command, which succeeds."""
+        return succeed(run(self.folder, *arguments, module=module, code=self.code, timeout=400))
+
+    def commands(self, *program: str) -> list[list[str]]:
+        """Return the arguments of each printed command of a program."""
+        count = len(program)
+        return [words[count:] for words in self.following if words[:count] == list(program)]
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(lambda folder: ROOT, id="outside"),
+        pytest.param(as_checkout, id="checkout", marks=pytest.mark.slow),
+        pytest.param(as_wheel, id="wheel", marks=pytest.mark.slow),
+    ],
+)
+def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> New:
+    """Write a part of each kind."""
+    folder = tmp_path_factory.mktemp("new") / "here"
+    folder.mkdir()
+    written = New(folder, request.param(folder), [])
+    for kind, name in PARTS.items():
+        printed = written.run("zoo.commands.new", kind, name)
+        for path in re.findall(r"^wrote: (.+)$", printed, re.MULTILINE):
+            assert (folder / path).is_file()
+        lines = re.findall(r"^next: (.+)$", printed, re.MULTILINE)
+        written.following += [shlex.split(line, comments=True) for line in lines]
+    return written
+
+
+def test_the_written_tests_pass(written: New) -> None:
+    files = [one for words in written.commands("python", "-m", "pytest") for one in words]
+    assert sorted(Path(one).name for one in files) == sorted(
+        f"test_{name}.py" for name in PARTS.values()
+    )
+    written.run("pytest", "-q", "-p", "no:cacheprovider", *files)
+
+
+def test_the_printed_commands_show_train_and_drive_the_parts(
+    written: New, recorded: Written
+) -> None:
+    here = (f"data.root={recorded.folder}", "data.cache=null")
+    (preview,) = written.commands("drivezoo", "preview")
+    written.run("zoo.commands.preview", *preview, *here)
+
+    # The words of four commands, each of which trains with one of the parts.
+    trainings = written.commands("drivezoo", "train")
+    assert len(trainings) == 4
+    words = list(dict.fromkeys(word for one in trainings for word in one))
+    small = [one for one in SMALL if not one.startswith(("model=", "callbacks="))]
+    written.run("zoo", *words, *here, *small, "quick_samples=160", "trainer.max_epochs=1")
+    (metrics,) = written.folder.glob("outputs/*/*/metrics.json")
+    assert json.loads(metrics.read_text())["model"] == "my_net"
+    assert "my_callback" in metrics.with_name("metrics.csv").read_text().splitlines()[0]
+
+    drives = written.commands("drivezoo", "evaluate")
+    merged = list(dict.fromkeys(word for one in drives for word in one))
+    assert {"my_track.yaml", "my_net.py"} <= {Path(re.sub(".*=", "", one)).name for one in merged}
+    written.run("zoo.commands.evaluate", *merged, "laps=0.02", "workers=1", "out=drives")
+    (record,) = written.commands("drivezoo", "simulator", "record")
+    written.run("zoo.commands.simulator", "record", *record, "laps=0.02")
+
+
+def test_in_a_checkout_a_part_leaves_the_projects_files_alone(tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "conf", tmp_path / "conf")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("zoo.base.conf_files.conf_folder", lambda: tmp_path / "conf")
+        written, following = write_part("model", "its_net", tmp_path)
+    assert not [path for path in written if tmp_path / "conf" in path.parents]
+    assert {path.parents[-1 - len(tmp_path.parts)] for path in written} == {tmp_path / "my_parts"}
+    assert "parts=my_parts/its_net.py" in following[1][0]
+
+
+def test_a_part_at_the_top_of_a_checkout_brings_no_yaml_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "my_net.py").write_text("")
+    (tmp_path / "conf").symlink_to(ROOT / "conf")
+    monkeypatch.setenv("DRIVEZOO_PARTS", str(tmp_path / "my_net.py"))
+    monkeypatch.setattr("sys.path", sys.path.copy())
+    assert part_folders() == []
+
+
+@pytest.mark.parametrize(("kind", "source"), [("notebook", "quickstart"), ("study", "study")])
+def test_a_notebook_is_the_one_that_the_tests_run(kind: str, source: str, tmp_path: Path) -> None:
+    result = run_here(tmp_path, kind, "mine", module="zoo.commands.new")
+    assert result.stdout.splitlines()[:3] == [
+        "wrote: mine.ipynb",
+        "next: jupyter lab mine.ipynb",
+        "      open it (pip install jupyterlab)",
+    ]
+    assert (tmp_path / "mine.ipynb").read_bytes() == (NOTEBOOKS / f"{source}.ipynb").read_bytes()
+    assert "exists" in only_line(run_here(tmp_path, kind, "mine", module="zoo.commands.new"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "found"),
+    [
+        ("modl", "my_net", "did you mean model"),
+        ("model", "My-Net", "my_net"),
+        ("model", "class", "my_net"),
+        ("model", "lenet", "there is a model"),
+        ("track", "zoo_lake", "there is a track"),
+        ("rig", "donkey_sim", "there is a rig"),
+        ("loss", "json", "there is a Python module"),
+    ],
+)
+def test_a_wrong_kind_or_name_is_refused(kind: str, name: str, found: str, tmp_path: Path) -> None:
+    assert found in only_line(run_here(tmp_path, kind, name, module="zoo.commands.new"))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("my_net.py", "my_net.py: exists"),
+        ("test_my_net.py", "test_my_net.py: exists"),
+        ("conf", "conf/model/my_net.yaml"),
+    ],
+)
+def test_all_files_are_written_or_none_and_none_is_overwritten(
+    name: str, words: str, tmp_path: Path
+) -> None:
+    if name == "my_net.py" and os.name == "posix":
+        (tmp_path / name).symlink_to("nowhere")  # a broken link exists, too
+    else:
+        (tmp_path / name).write_text("mine")
+    assert words in only_line(run_here(tmp_path, "model", "my_net", module="zoo.commands.new"))
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert name == "my_net.py" or (tmp_path / name).read_text() == "mine"

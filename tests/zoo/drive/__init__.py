@@ -1,1 +1,0 @@
-"""Tests of zoo.drive, over real sockets."""

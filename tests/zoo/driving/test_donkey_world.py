@@ -1,0 +1,133 @@
+"""A Donkeycar simulator as a world: what it is told, and what one that fails is reported as."""
+
+import socket
+
+import numpy as np
+import pytest
+
+from tests.zoo.simulator.donkey_replica import Change, donkey_replica, telemetry
+from zoo.base.errors import InputError
+from zoo.driving import donkey_world
+from zoo.driving.donkey_world import DonkeyWorld
+from zoo.driving.drive_loop import drive
+from zoo.driving.scenario import Scenario
+from zoo.driving.world import State
+
+
+def step_through(address: str) -> list[State]:
+    world = DonkeyWorld(address)
+    try:
+        world.reset(Scenario(address, world="donkey"))
+        return [world.step(0.1, throttle) for throttle in (0.2, -0.3, 0.2, 0.2, 0.2, 0.2)]
+    finally:
+        world.close()
+
+
+def test_numbers_may_have_a_decimal_comma() -> None:
+    def with_commas(number: int, message: dict) -> dict:
+        return message | {"speed": "1,5", "time": f"{number / 20:.2f}".replace(".", ",")}
+
+    with donkey_replica(with_commas) as (address, _):
+        states = step_through(address)
+    assert states[-1].time_s - states[-2].time_s == pytest.approx(0.05)
+    assert 0 < states[-2].share < states[-1].share < 0.2
+
+
+def test_a_negative_throttle_brakes_and_a_car_that_is_left_stands() -> None:
+    with donkey_replica(lambda number, message: message) as (address, received):
+        step_through(address)
+    controls = [one for one in received if one["msg_type"] == "control"]
+    pedals = [(float(one["throttle"]), float(one["brake"])) for one in controls]
+    assert (0.2, 0.0) in pedals
+    assert (0.0, 0.3) in pedals
+    assert pedals[-1] == (0.0, 1.0)
+
+
+def test_a_slow_network_drives_by_the_newest_frame() -> None:
+    with donkey_replica(lambda number, message: message, each=5) as (address, _):
+        states = step_through(address)
+    # A message that comes just after the last one is read is newest in the next step only.
+    assert states[-1].time_s > 5 * 4 * 0.05
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda number, message: None if number == 4 else message, "left|reset|Broken pipe"),
+        (lambda number, message: {} if number == 4 else message, "timed out"),
+        (lambda number, message: message | {"time": "NaN"}, "time is 'NaN', no number"),
+        (lambda number, message: message | {"image": "AAAA"}, "image: "),
+        (lambda number, message: telemetry(number, (60, 80)) if number > 3 else message, "changed"),
+        (lambda number, message: message | {"more": "x" * 20_000}, "more than"),
+    ],
+    ids=["leaves", "silent", "nan", "image", "size", "endless"],
+)
+def test_a_simulator_that_fails_is_named(
+    monkeypatch: pytest.MonkeyPatch, change: Change, reason: str
+) -> None:
+    monkeypatch.setattr(donkey_world, "SILENT_S", 0.5)
+    monkeypatch.setattr(donkey_world, "MOST_LINE", 20_000)
+    with (
+        donkey_replica(change) as (address, _),
+        pytest.raises(InputError, match=reason) as caught,
+    ):
+        step_through(address)
+    assert address in str(caught.value)
+
+
+@pytest.mark.parametrize("value", ["NaN", "1e308", 1e308, -1e308, "none"])
+@pytest.mark.parametrize("key", ["speed", "steering_angle", "cte", "pos_x", "activeNode"])
+def test_a_value_that_no_car_has_is_unknown(key: str, value: object) -> None:
+    with donkey_replica(lambda number, message: message | {key: value}) as (address, _):
+        state = step_through(address)[-1]
+    fields = {"speed": "speed_mph", "steering_angle": "steering", "cte": "cross_track_m"}
+    unknown = getattr(state, fields.get(key, "xy"))
+    if key == "activeNode":
+        assert state.share == 0
+    else:
+        assert unknown is None or np.isnan(unknown)
+
+
+@pytest.mark.parametrize("speed", ["NaN", 1e308])
+def test_a_car_of_unknown_speed_gets_no_throttle_and_no_intervention(speed: object) -> None:
+    seen: list[float] = []
+
+    def policy(frame: np.ndarray, speed_mph: float) -> tuple[float, None]:
+        seen.append(speed_mph)
+        return 0.0, None
+
+    def change(number: int, message: dict) -> dict:
+        return message | ({"speed": speed} if number > 3 else {}) | {"time": float(number)}
+
+    with donkey_replica(change) as (address, _):
+        world = DonkeyWorld(address)
+        driven = drive(policy, world, Scenario(address, laps=0.05, world="donkey"))
+        world.close()
+    assert np.isnan(driven.speed_mph[-1])
+    assert driven.throttle[0] > 0
+    assert driven.throttle[-1] == 0
+    assert not driven.intervention.any()
+    assert seen[-1] == seen[0], "a network sees the last speed that is known"
+
+
+def test_the_unity_programs_camera_is_unknown() -> None:
+    with donkey_replica(lambda number, message: message) as (address, _):
+        world = DonkeyWorld(address)
+        world.reset(Scenario(address, world="donkey"))
+        assert world.rig is None
+        world.close()
+
+
+def test_a_silent_simulator_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(donkey_world, "SILENT_S", 0.5)
+    with (
+        socket.create_server(("127.0.0.1", 0)) as listener,
+        pytest.raises(InputError, match="the simulator failed: timed out"),
+    ):
+        DonkeyWorld(f"127.0.0.1:{listener.getsockname()[1]}/oval")
+
+
+@pytest.mark.parametrize("address", ["", "a b", "host:99999999/x"])
+def test_an_address_that_is_none_is_named(address: str) -> None:
+    with pytest.raises(InputError, match="HOST:PORT/SCENE"):
+        DonkeyWorld(address)

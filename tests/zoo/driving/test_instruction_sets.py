@@ -1,0 +1,80 @@
+"""A drive is the same to the digest whatever instructions the processor has."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from tests.zoo.models.test_models_command import build
+from zoo.base.compose import compose_config
+from zoo.checkpoints.checkpoint import make_card
+from zoo.checkpoints.checkpoint_policy import load_policy
+
+FOUND = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
+# Settings of PyTorch's libraries, NumPy, OpenCV, BLAS and the C library; processors of other makers
+# ignore them.
+SETTINGS = {
+    "as it is": {},
+    "AVX2": {
+        "ONEDNN_MAX_CPU_ISA": "AVX2",
+        "ATEN_CPU_CAPABILITY": "avx2",
+        "MKL_CBWR": "COMPATIBLE",
+        "OPENBLAS_CORETYPE": "Haswell",
+        "OPENCV_CPU_DISABLE": "AVX512-SKX",
+        "NPY_DISABLE_CPU_FEATURES": " ".join(one for one in FOUND if "512" in one or "V4" in one),
+        "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX512F,-AVX512VL",
+    },
+    "SSE4": {
+        "ONEDNN_MAX_CPU_ISA": "SSE41",
+        "ATEN_CPU_CAPABILITY": "default",
+        "MKL_CBWR": "COMPATIBLE",
+        "OPENBLAS_CORETYPE": "Nehalem",
+        "OPENCV_CPU_DISABLE": "AVX512-SKX,AVX2,FP16,FMA3,AVX",
+        "NPY_DISABLE_CPU_FEATURES": " ".join(FOUND),
+        "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX512F,-AVX2,-FMA,-AVX",
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def with_memory(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a network with memory, with large enough weights to steer."""
+    torch.manual_seed(1)
+    network, view = build("cnn_gru")
+    with torch.no_grad():
+        network.head.weight *= 20
+    config = compose_config(["model=cnn_gru"])
+    data = {"fingerprint": "0" * 16, "rows": 100, "rows_per_s": 15.0, "speed_mph": 15.0}
+    state = {f"network.{name}": one for name, one in network.state_dict().items()}
+    path = tmp_path_factory.mktemp("memory") / "cnn_gru.ckpt"
+    torch.save({"drivezoo": make_card(config, view, data), "state_dict": state}, path)
+    return path
+
+
+def test_three_instruction_sets_give_one_digest(with_memory: Path) -> None:
+    words = [sys.executable, "-m", "tests.zoo.driving.driven_digests", "lenet", "tiny41"]
+    processes = [
+        subprocess.Popen([*words, str(with_memory)], env=os.environ | more, stdout=subprocess.PIPE)
+        for more in SETTINGS.values()
+    ]
+    printed = [json.loads(process.communicate()[0].splitlines()[-1]) for process in processes]
+    assert printed[0] == printed[1] == printed[2]
+    assert len({digest for digest, _, _ in printed[0]}) == 3
+    assert all(frames > 200 and tied == "" for _, frames, tied in printed[0])
+
+
+@pytest.mark.parametrize("name", ["lenet", "pilotnet"])
+def test_a_network_that_is_scored_computes_in_double_precision(name: str) -> None:
+    policy = load_policy(name)
+    scored = policy.scored()
+    assert (policy.tied, scored.tied) == ("computes in single precision", "")
+    frames = np.random.default_rng(1).integers(0, 256, (3, 160, 320, 3), np.uint8)
+    for frame in frames:
+        ours, theirs = scored(frame, 9.0).steering, policy(frame, 9.0).steering
+        assert ours == np.float32(ours)
+        assert ours == pytest.approx(theirs, abs=1e-6)

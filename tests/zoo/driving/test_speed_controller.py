@@ -1,0 +1,156 @@
+"""Speed controllers, and the filter of the steering."""
+
+import math
+from functools import partial
+
+import pytest
+
+from zoo.base.command_keys import read_options
+from zoo.base.errors import InputError
+from zoo.checkpoints.policy_base import Command
+from zoo.driving.speed_controller import (
+    PI,
+    Constant,
+    Network,
+    SpeedController,
+    SteeringFilter,
+    limit_pedal,
+)
+from zoo.server.drive_settings import DriveSettings
+
+STEP_S = 1 / 60
+STRAIGHT = Command(0.0)
+
+
+def hold(controller: SpeedController, seconds: float, steering: float = 0.0) -> float:
+    """Return the speed in mph of a car like the original's, some seconds after a standing start."""
+    speed_mph = 0.0
+    for step in range(round(seconds / STEP_S)):
+        throttle = controller.pedal(Command(steering), speed_mph, step * STEP_S)
+        speed_mph += STEP_S * (11.0 * throttle - 0.1 * speed_mph)
+    return speed_mph
+
+
+def test_pi_holds_the_set_speed() -> None:
+    assert hold(PI(9, 0.1, 0.002), 30) == pytest.approx(9, abs=0.1)
+    assert hold(PI(20, 0.1, 0.002), 30) == pytest.approx(20, abs=0.2)
+
+
+def test_proportional_stays_below_it() -> None:
+    assert 7 < hold(PI(9, 0.1), 30) < 8.5
+
+
+def test_pi_goes_by_the_clock_and_not_by_the_number_of_messages() -> None:
+    often, seldom = PI(9, 0.1, 0.002), PI(9, 0.1, 0.002)
+    for step in range(121):
+        last = often.throttle(STRAIGHT, 8.0, step / 120)
+    for step in range(16):
+        other = seldom.throttle(STRAIGHT, 8.0, step / 15)
+    assert last == pytest.approx(other)
+
+
+def test_pi_does_not_wind_up_against_a_hill() -> None:
+    controller = PI(9, 0.1, 0.002)
+    for step in range(6_000):
+        controller.throttle(STRAIGHT, 0.0, step * STEP_S)
+    assert controller.throttle(STRAIGHT, 9.5, 100) < 1
+    for step in range(120):
+        throttle = controller.throttle(STRAIGHT, 9.5, 100 + step * STEP_S)
+    assert throttle < 0.3
+
+
+def test_a_pause_is_not_made_up_for() -> None:
+    controller = PI(9, 0.1, 0.002)
+    before = controller.throttle(STRAIGHT, 8, 0)
+    assert controller.throttle(STRAIGHT, 8, 3600) < before + 0.05
+
+
+def test_bends_are_taken_slowly() -> None:
+    controller = PI(20, 0.1, 0.002, bend_mph=8)
+    assert hold(controller, 30, steering=1.0) == pytest.approx(8, abs=0.2)
+    assert controller.target_mph(STRAIGHT) == 20
+    assert controller.target_mph(Command(-0.5)) == 14
+
+
+def test_constant_and_the_networks_own() -> None:
+    own = Command(0.0, 0.9)
+    assert Constant(0.3).throttle(own, 30, 0) == 0.3
+    assert Network(gain=0.5).throttle(own, 30, 0) == 0.45
+    assert Network(fallback=0.1).throttle(STRAIGHT, 30, 0) == 0.1
+
+
+def test_the_brake_of_a_slow_car_would_reverse_it() -> None:
+    assert limit_pedal(-0.5, 20) == -0.5
+    assert limit_pedal(-0.5, 4) == 0
+    assert limit_pedal(7, 20) == 1
+    assert limit_pedal(-7, 20) == -1
+
+
+@pytest.mark.parametrize("value", [-1, "fast", "null", "true", "nan"])
+def test_a_set_speed_that_cannot_be_is_named(value: str) -> None:
+    with pytest.raises(InputError, match=r"speed\.set_mph="):
+        read_options(DriveSettings, [f"speed.set_mph={value}"])
+
+
+DOUBT = partial(PI, 20, 0.1, doubt_mph=5, sure=0.1, unsure=0.3)
+
+
+def test_doubt_slows_down_by_the_spread() -> None:
+    doubt = DOUBT()
+    spreads = (0.0, 0.1, 0.2, 0.3, 0.9, None, math.nan)
+    targets = [doubt.target_mph(Command(0.5, spread=spread)) for spread in spreads]
+    assert targets == pytest.approx([20, 20, 12.5, 5, 5, 5, 5]), "unknown is full doubt"
+    assert doubt.throttle(Command(0.0, spread=0.0), 10, 0.0) == pytest.approx(1.0)
+    assert doubt.throttle(Command(0.0, spread=0.3), 10, 0.0) == pytest.approx(-0.5)
+
+
+def test_doubt_never_drives_faster_than_the_set_speed() -> None:
+    doubt = DOUBT()
+    doubt.set_mph = 3.0
+    assert doubt.target_mph(Command(0.0, spread=0.9)) == 3
+
+
+@pytest.mark.parametrize(("sure", "unsure"), [(0.2, 0.2), (0.3, 0.2), (-0.1, 0.2)])
+def test_doubt_needs_a_spread_that_is_sure_and_a_larger_one_that_is_not(
+    sure: float, unsure: float
+) -> None:
+    keys = ["speed=doubt", f"speed.sure={sure}", f"speed.unsure={unsure}"]
+    with pytest.raises(InputError, match=r"speed\.(un)?sure="):
+        read_options(DriveSettings, keys)
+
+
+def test_it_changes_nothing_by_default() -> None:
+    steer = SteeringFilter()
+    assert [steer(value, now) for now, value in enumerate((0.1, -0.7, 1.0))] == [0.1, -0.7, 1.0]
+
+
+def test_steering_is_clamped() -> None:
+    assert SteeringFilter(gain=3)(0.5, 0) == 1
+    assert SteeringFilter()(-1.5, 0) == -1
+
+
+@pytest.mark.parametrize("hz", [15, 120])
+def test_the_rate_limit_goes_by_the_clock(hz: int) -> None:
+    steer = SteeringFilter(rate_per_s=0.5)
+    steer(0.0, 0)
+    assert [steer(1.0, (n + 1) / hz) for n in range(hz)][-1] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("hz", [15, 120])
+def test_the_low_pass_goes_by_the_clock(hz: int) -> None:
+    steer = SteeringFilter(low_pass_s=1.0)
+    steer(0.0, 0)
+    assert [steer(1.0, (n + 1) / hz) for n in range(hz)][-1] == pytest.approx(0.632, abs=1e-3)
+
+
+def test_after_a_reset_the_first_steering_counts_in_full() -> None:
+    steer = SteeringFilter(low_pass_s=1.0, rate_per_s=0.1)
+    steer(0.0, 0)
+    steer.reset()
+    assert steer(0.8, 0.01) == 0.8
+
+
+@pytest.mark.parametrize("setting", ["gain=0", "rate_per_s=-1", "low_pass_s=x"])
+def test_a_value_that_cannot_be_is_named(setting: str) -> None:
+    with pytest.raises(InputError, match=f"steering.{setting}: must be"):
+        read_options(DriveSettings, [f"steering.{setting}"])

@@ -1,0 +1,453 @@
+"""`drivezoo benchmark`: digests, baselines, verification and bad input, on short roads."""
+
+import io
+import json
+import os
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+import yaml
+from rich.console import Console
+
+from datamodules.view import View
+from tests.zoo.written_checkpoints import write_constant, write_network
+from zoo.base.errors import InputError, StoppedError, UsageError
+from zoo.commands.benchmark import benchmark
+from zoo.models.make_network import make_network
+from zoo.results.benchmarked import PAGE, groups_table, overall, print_result
+from zoo.results.checked_result import caveats, read_result
+from zoo.results.result import NAME, digest_of_drives, write_result
+from zoo.results.suite_drives import UNFINISHED, drive_figures
+from zoo.results.summary import drives_of, summarize_drives
+from zoo.simulator.track_names import road_folder
+
+
+def write_family(folder: Path, **changes: object) -> Path:
+    """Write a family of roads of 60 m, and return its path."""
+    family = yaml.safe_load((road_folder() / "lakeside.yaml").read_text())
+    road = folder / "short.yaml"
+    road.write_text(yaml.safe_dump(family | {"length": [60, 60], "closed": 0} | changes))
+    return road
+
+
+def write_suite(folder: Path, **changes: object) -> Path:
+    """Write a suite with one clean and one shifted drive of 60 m, and return its path."""
+    track = f"{write_family(folder)}:1"
+    content = {
+        "name": "tiny",
+        "quality": "simple",
+        "mean_steering": 0.1,
+        "speed": 20,
+        "groups": {
+            "like": [{"track": track}],
+            "looks": [{"track": track, "weather": {"fog": 0.4}}],
+        },
+    }
+    path = folder / "tiny.yaml"
+    path.write_text(json.dumps(content | changes))
+    return path
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_suite(tmp_path_factory.mktemp("suite"))
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_constant(tmp_path_factory.mktemp("run") / "best.ckpt", 0.02, seed=7)
+
+
+@pytest.fixture(scope="module")
+def entry(checkpoint: Path, suite: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a result of two training seeds."""
+    other = write_constant(checkpoint.with_name("other.ckpt"), -0.3, seed=8)
+    out = tmp_path_factory.mktemp("out") / "entry"
+    return drive([checkpoint, other], suite, out)
+
+
+def drive(drivers: list[object], suite: Path | str, out: Path, *more: str) -> Path:
+    benchmark.main([*map(str, drivers), f"suite={suite}", f"out={out}", "workers=1", *more])
+    return out
+
+
+def verify(result: Path, suite: Path, drives: int = 0) -> None:
+    benchmark.main(["verify", str(result), f"suite={suite}", "workers=1", f"drives={drives}"])
+
+
+def changed(entry: Path, folder: Path, change: Callable[[dict], object]) -> Path:
+    """Write a copy of a result with a change, and return its path."""
+    found = json.loads((entry / NAME).read_text())
+    change(found)
+    path = folder / NAME
+    path.write_text(json.dumps(found))
+    return path
+
+
+def test_a_result_names_what_was_driven(entry: Path, suite: Path, checkpoint: Path) -> None:
+    result = read_result(entry)
+    assert (result.version, result.suite, result.entry) == (1, "tiny", "linear")
+    assert re.fullmatch("[0-9a-f]{16}", result.roads)
+    assert [one.training_seed for one in result.checkpoints] == [7, 8]
+    assert result.checkpoints[0].file == str(checkpoint)
+    assert result.checkpoints[0].data == "0" * 16
+    driven = [(one.checkpoint, one.group, one.settings) for one in result.drives]
+    fog = {"weather": {"fog": 0.4}}
+    assert driven == [(0, "like", {}), (0, "looks", fog), (1, "like", {}), (1, "looks", fog)]
+    figures = result.drives[0].figures
+    assert figures["driven_m"] == pytest.approx(60, abs=1.5)
+    assert "latency_ms" not in figures
+    assert set(result.differences["looks"]) == {"autonomy", "cte_mean_m"}
+
+
+def test_a_terminal_of_60_columns_shows_the_main_figures(entry: Path) -> None:
+    console = Console(file=io.StringIO(), width=60)
+    result = read_result(entry)
+    print_result(result, console)
+    printed = console.file.getvalue()
+    for _, *cells in groups_table(result).short().cells:
+        for cell in cells:
+            figure, _, interval = cell.rstrip(")").partition(" (")
+            low, _, high = interval.removesuffix(" or more").partition(" to ")
+            assert re.search(rf" {re.escape(figure)}\s", printed)
+            assert (f"{low}..{high}" if high else low) in printed
+
+
+def test_the_same_command_gives_the_same_digest(
+    entry: Path, suite: Path, checkpoint: Path, tmp_path: Path
+) -> None:
+    again = read_result(drive([checkpoint], suite, tmp_path / "again"))
+    first = [one for one in read_result(entry).drives if not one.checkpoint]
+    assert again.drives == first
+    assert again.digest == digest_of_drives(first)
+
+
+@pytest.fixture
+def interrupted(suite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder of a benchmark that was stopped in its second drive."""
+    left = iter([drive_figures])
+
+    def drive_once(*arguments: object) -> object:
+        one = next(left, None)
+        if one is None:
+            raise KeyboardInterrupt
+        return one(*arguments)
+
+    out = tmp_path / "out"
+    with monkeypatch.context() as patched:
+        patched.setattr("zoo.results.suite_drives.drive_figures", drive_once)
+        with pytest.raises(StoppedError, match=f"1 of 2 drives.*out={re.escape(str(out))}"):
+            drive(["zero"], suite, out)
+    return out
+
+
+def test_an_interrupted_benchmark_resumes_and_has_the_same_digest(
+    interrupted: Path, suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept = interrupted / UNFINISHED
+    kept.write_text(kept.read_text() + '{"job": 1, "dri')  # as a killed process leaves it
+    resumed = read_result(drive(["zero"], suite, interrupted))
+    assert "1 finished drive" in capsys.readouterr().out
+    assert resumed == read_result(drive(["zero"], suite, tmp_path / "whole"))
+    assert not kept.exists()
+
+
+@pytest.mark.parametrize("small_disk", ["64k"], indirect=True)
+def test_a_full_disk_keeps_the_finished_drives(
+    interrupted: Path, suite: Path, small_disk: Path
+) -> None:
+    out = small_disk / "out"
+    shutil.copytree(interrupted, out)
+    kept = (out / UNFINISHED).read_bytes()
+    free = shutil.disk_usage(small_disk).free
+    (small_disk / "full").write_bytes(bytes(free))
+    with pytest.raises(InputError, match=f"{UNFINISHED}: No space left"):
+        drive(["zero"], suite, out)
+    assert (out / UNFINISHED).read_bytes() == kept
+
+
+def test_drives_of_another_driver_are_not_resumed(interrupted: Path, suite: Path) -> None:
+    with pytest.raises(InputError, match=r"drivers: differ .* out="):
+        drive(["expert"], suite, interrupted)
+
+
+@pytest.mark.parametrize("line", ["{", "[]", '{"job": 0}', '{"job": "0", "drive": {}}'])
+def test_damaged_drives_are_not_resumed(interrupted: Path, suite: Path, line: str) -> None:
+    kept = interrupted / UNFINISHED
+    kept.write_text(kept.read_text() + line + "\n")
+    with pytest.raises(InputError, match=f"{UNFINISHED}.*"):
+        drive(["zero"], suite, interrupted)
+
+
+def test_verify_repeats_the_drives(
+    entry: Path, suite: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    verify(entry, suite)
+    printed = capsys.readouterr().out
+    assert "4 of 4 drives repeated: all digests are equal; 4 of 4 are clean or failed" in printed
+    assert printed.endswith("; all figures are equal\n")
+
+
+@pytest.mark.parametrize(
+    ("update", "words"),
+    [
+        ({}, []),
+        ({"digests": 1}, ["computed in single precision"]),
+        ({"code": {"hash": "a" * 16, "commit": "b" * 12}}, [f"of other code ({'b' * 12}; here "]),
+    ],
+)
+def test_verify_names_why_digests_may_differ(entry: Path, update: dict, words: list) -> None:
+    lines = caveats(read_result(entry).model_copy(update=update))
+    assert len(lines) == len(words)
+    assert all(part in line for part, line in zip(words, lines, strict=True))
+
+
+def test_a_driver_in_single_precision_is_marked(entry: Path) -> None:
+    result = read_result(entry)
+    assert {driver.tied for driver in result.checkpoints} == {""}
+    tied = [driver.model_copy(update={"tied": "in 32 bits"}) for driver in result.checkpoints]
+    (line,) = caveats(result.model_copy(update={"checkpoints": tied}))
+    assert "another kind of processor gives other figures: in 32 bits" in line
+
+
+@pytest.mark.parametrize(
+    ("update", "words"),
+    [({"digest": "0" * 16}, f"digest {'0' * 16} -> "), ({}, "cte_mean_m 0.001 -> ")],
+)
+def test_verify_prints_how_a_drive_differs(
+    suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], update: dict, words: str
+) -> None:
+    """All sums of the changed result fit its drives."""
+    result = read_result(drive(["expert"], suite, tmp_path / "honest"))
+    first, *others = result.drives
+    figures = first.figures | {"cte_mean_m": 0.001}
+    drives = [first.model_copy(update={"figures": figures, **update}), *others]
+    sums = vars(summarize_drives(drives)) | {"digest": digest_of_drives(drives)}
+    write_result(tmp_path, result.model_copy(update={"drives": drives, **sums}))
+    with pytest.raises(InputError, match="1 with another digest or other figures"):
+        verify(tmp_path, suite)
+    printed = capsys.readouterr().out
+    assert words in printed
+    assert "(by 0.0" in printed
+    assert "2 of 2 are clean or failed as before; figures differ by at most: cte_mean_m" in printed
+
+
+def set_key(*keys: str | int, value: object) -> Callable[[dict], None]:
+    def change(found: dict) -> None:
+        for key in keys[:-1]:
+            found = found[key]
+        found[keys[-1]] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (set_key("version", value=2), "version 2, this drivezoo reads 1"),
+        (set_key("roads", value="0" * 16), "roads: digest 0000000000000000 is not that of"),
+        (set_key("suite", value="v0"), "suite: v0 is not included.*suite=PATH"),
+        (set_key("digest", value="0" * 16), "digest: is not that of its drives"),
+        (
+            set_key("groups", "all but laps", "autonomy", "value", value=0.5),
+            "all but laps.autonomy: is not that of its drives",
+        ),
+        (
+            set_key("groups", "like", "autonomy", "low", value=0.99),
+            "like.autonomy: is not that of its drives",
+        ),
+        (
+            set_key("groups", "like", value={}),
+            "groups.like.interventions_per_km: is not that of its",
+        ),
+        (
+            set_key("drives", 0, "settings", value={"speed": 9.0}),
+            "each checkpoint must have it once",
+        ),
+        (set_key("drives", 0, "checkpoint", value=5), "drives.0.checkpoint: is 5"),
+        (set_key("drives", 0, "figures", value={}), "drives.0.figures.autonomy: is missing"),
+        (set_key("checkpoints", 0, "sha256", value="0" * 64), "another file than the one"),
+        (set_key("drives", 0, "figures", "interventions", value=-1), "is -1, must be in 0..1e.06"),
+        (set_key("checkpoints", 0, "training_seed", value=1), "training_seed: is 1, but"),
+        (set_key("entry", value=3), "entry: should be text"),
+    ],
+)
+def test_verify_refuses_a_changed_result(
+    entry: Path, suite: Path, tmp_path: Path, change: Callable[[dict], None], words: str
+) -> None:
+    with pytest.raises(InputError, match=words) as caught:
+        verify(changed(entry, tmp_path, change), suite)
+    assert "\n" not in str(caught.value)
+
+
+def test_figures_of_an_older_analysis_are_computed_again(entry: Path, tmp_path: Path) -> None:
+    def age(found: dict) -> None:
+        del found["analysis"]
+        found |= {"headline": {"value": 1.0, "low": 1.0, "high": 1.0}}
+        found["groups"]["like"]["autonomy"]["low"] = 1.0
+
+    assert read_result(changed(entry, tmp_path, age)).groups == read_result(entry).groups
+
+
+def test_verify_refuses_a_checkpoint_that_stands_for_two_seeds(
+    suite: Path, checkpoint: Path, tmp_path: Path
+) -> None:
+    result = read_result(drive([checkpoint], suite, tmp_path / "out"))
+    again = [one.model_copy(update={"checkpoint": 1}) for one in result.drives]
+    drives = [*result.drives, *again]
+    sums = vars(summarize_drives(drives)) | {"digest": digest_of_drives(drives)}
+    twice = {"drives": drives, "checkpoints": result.checkpoints * 2}
+    write_result(tmp_path, result.model_copy(update=twice | sums))
+    with pytest.raises(InputError, match="named twice"):
+        verify(tmp_path, suite)
+
+
+def test_a_checkpoint_is_found_in_the_results_folder(
+    entry: Path, suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = [Path(one.file) for one in read_result(entry).checkpoints]
+    hashes = [one.sha256 for one in read_result(entry).checkpoints]
+    shutil.copy(files[0], tmp_path / "best.ckpt")
+    shutil.copy(files[1], tmp_path / f"{hashes[1][:16]}.ckpt")
+    os.mkfifo(tmp_path / "another.ckpt")  # is not opened
+    (tmp_path / "endless.onnx").symlink_to("/dev/zero")
+
+    def move(found: dict) -> None:
+        found["checkpoints"][0]["file"] = "/another machine/checkpoints/best.ckpt"
+        found["checkpoints"][1]["file"] = r"C:\another machine\checkpoints\best.ckpt"
+
+    changed(entry, tmp_path, move)
+    verify(tmp_path, suite, drives=1)
+    assert "1 of 4 drives repeated" in capsys.readouterr().out
+
+
+def test_the_baselines_have_their_order(tmp_path: Path) -> None:
+    """Zero and mean lose, the expert completes every road, late commands cost smoothness."""
+    groups = {
+        "like": [{"track": "lakeside:501"}],
+        "sharp": [{"track": "alpine:701"}],
+        "dynamics": [{"track": "country:613", "speed": 25}],
+    }
+    suite = write_suite(tmp_path, groups=groups)
+    found = {
+        name: read_result(drive([name], suite, tmp_path / name))
+        for name in ("zero", "mean", "expert", "expert_late")
+    }
+    for name in ("zero", "mean"):
+        assert overall(found[name])["autonomy"].value < 0.5
+        assert not any(one.figures["interventions"] == 0 for one in found[name].drives)
+    assert all(one.figures["interventions"] == 0 for one in found["expert"].drives)
+    autonomy = overall(found["expert"])["autonomy"]
+    assert autonomy.value == 1
+    assert autonomy.low < 1  # no failure in four drives is no certainty
+    for good, late in zip(found["expert"].drives, found["expert_late"].drives, strict=True):
+        assert late.figures["autonomy"] <= good.figures["autonomy"]
+        assert late.figures["steering_per_s"] > good.figures["steering_per_s"]
+    (good,), (late,) = (
+        drives_of(found[one].drives, "dynamics") for one in ("expert", "expert_late")
+    )
+    assert late.figures["cte_mean_m"] > 2 * good.figures["cte_mean_m"]
+
+
+def test_the_page_shows_names_as_text(entry: Path, suite: Path, tmp_path: Path) -> None:
+    out = drive(["zero"], suite, tmp_path / "page", "entry=<script>hacked=1</script>")
+    page = (out / PAGE).read_text()
+    assert "<script" not in page
+    assert "&lt;script&gt;hacked" in page
+    assert "default-src &#39;none&#39;" in page
+    assert str(read_result(out).digest) in page
+
+
+def test_a_missed_mark_fails_after_all_files_are_written(tmp_path: Path) -> None:
+    suite = write_suite(tmp_path, marks={"like": {"autonomy": 0.9}})
+    with pytest.raises(InputError, match="marks not reached"):
+        drive(["mean"], suite, tmp_path / "mean")
+    names = {one.name for one in (tmp_path / "mean").iterdir() if one.name[0] != "."}
+    assert names == {NAME, PAGE, "marks.json", "marks.html", "failures"}
+    assert "data:image/jpeg" in (tmp_path / "mean" / "marks.html").read_text()
+    drive(["expert"], suite, tmp_path / "expert")
+
+
+@pytest.mark.parametrize(
+    ("drivers", "words"),
+    [
+        (["zero", "expert"], "zero: a baseline is an entry of its own"),
+        (["CKPT", "CKPT"], "named twice"),
+        (["no.ckpt"], "no.ckpt: no such checkpoint"),
+        (["CKPT", "LENET"], "is a LeNet, but"),
+        (["WRONG"], "head.weight is .* in the file"),
+    ],
+)
+def test_wrong_drivers_get_one_line(
+    checkpoint: Path, suite: Path, tmp_path: Path, drivers: list[str], words: str
+) -> None:
+    contents = torch.load(checkpoint, weights_only=True)
+    if "WRONG" in drivers:  # weights for another image size
+        state = contents["state_dict"]
+        state["network.head.weight"] = torch.zeros(1, 99)
+        torch.save(contents, tmp_path / "wrong.ckpt")
+    if "LENET" in drivers:
+        write_lenet(tmp_path / "lenet.ckpt")
+    places = {
+        "CKPT": str(checkpoint),
+        "WRONG": str(tmp_path / "wrong.ckpt"),
+        "LENET": str(tmp_path / "lenet.ckpt"),
+    }
+    with pytest.raises(InputError, match=words) as caught:
+        drive([places.get(one, one) for one in drivers], suite, tmp_path / "out")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def write_lenet(path: Path) -> None:
+    model = {"_target_": "zoo.models.lenet.LeNet", "name": "lenet", "weights": None}
+    view = View([60, 20], "rgb", None)
+    write_network(path, make_network(model, view), view, {"model": model})
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"group": {}}, "group: no such key"),
+        ({"groups": {"like": [{"trak": "alpine:1"}]}}, "groups.like.0.trak: no such key"),
+        ({"groups": {"like": [{"track": "alpin:1"}]}}, "groups.like: alpin:1: there is no family"),
+        ({"groups": {"like": []}}, "groups: has no drive"),
+        ({"groups": {"like": [{"track": "alpine:1"}] * 2}}, "alpine:1 stands twice"),
+        (
+            {"groups": {"a": [{"track": "alpine:1", "delay_s": 9}]}},
+            r"delay_s=9\.0: must be .*0\.\.2",
+        ),
+        ({"groups": {"a": [{"track": "alpine:1", "weather": {"fogg": 1}}]}}, "fogg: no such key"),
+        ({"speed": 99}, "speed: .*30"),
+        ({"mean_steering": None}, "mean: the suite tiny has no mean_steering"),
+        ({"marks": {"like": {"autonomy": 9}}}, "marks.like.autonomy: "),
+    ],
+)
+def test_a_wrong_suite_gets_one_line(tmp_path: Path, changes: dict, words: str) -> None:
+    with pytest.raises(InputError, match=words) as caught:
+        drive(["mean"], write_suite(tmp_path, **changes), tmp_path / "out")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_unknown_suite_is_wrong_use(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"suite=quik: no such suite; did you mean quick\?"):
+        drive(["zero"], "quik", tmp_path / "out")
+
+
+@pytest.mark.parametrize("arguments", [["verify"], ["verify", "result.json", "out=x"]])
+def test_verify_takes_one_result_and_writes_nothing(arguments: list[str]) -> None:
+    with pytest.raises(UsageError, match="verify: "):
+        benchmark.main(arguments)
+
+
+def test_the_dev_roads_are_a_suite_of_their_own(tmp_path: Path) -> None:
+    suite = write_suite(tmp_path, dev=["lakeside:301"])
+    result = read_result(drive(["zero"], suite, tmp_path / "out", "split=dev"))
+    assert result.suite == "tiny-dev"
+    assert [(one.group, one.track) for one in result.drives] == [("dev", "lakeside:301")]
+    verify(tmp_path / "out", suite)

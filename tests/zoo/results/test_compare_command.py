@@ -1,0 +1,412 @@
+"""`drivezoo compare A B` on results with known figures, and its statistics."""
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from tests.zoo.command_runs import only_line, run_here, succeed
+from tests.zoo.results.synthetic_results import ROADS, figures, result, summed, write
+from zoo.base.errors import InputError
+from zoo.base.limits import MOST
+from zoo.driving.clustered import p_value
+from zoo.results.differences import (
+    A_BETTER,
+    B_BETTER,
+    CANNOT_TELL,
+    compare_entries,
+    compare_roads,
+    read_entries,
+    seeds_needed,
+)
+
+
+def compare(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
+    return run_here(cwd, *arguments, module="zoo.commands.compare")
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> tuple[Path, Path]:
+    """Return the folders of results A and B, B better by 0.2 with three training seeds each."""
+    rng = np.random.default_rng(1)
+    roads = 0.1 * rng.normal(size=len(ROADS))
+    a = result(figures(rng, 0.6, 3, 0.01, roads), "published")
+    b = result(figures(rng, 0.8, 3, 0.01, roads), "bends")
+    return write(tmp_path / "a=[1]", a), write(tmp_path / "b", b)
+
+
+def change(folder: Path, **fields: object) -> None:
+    path = folder / "result.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | fields))
+
+
+def test_it_names_the_better_entry_and_writes_all_figures(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    first, second = folders
+    printed = succeed(compare(tmp_path, first.name, str(second / "result.json")))
+    assert "verdict: B drives better" in printed
+    assert "wrote: compare.json" in printed
+    written = json.loads((tmp_path / "compare.json").read_text())
+    assert list(written["groups"]) == ["like", "sharp", "dynamics", "laps", "all but laps"]
+    overall = written["groups"]["all but laps"]
+    assert overall["roads"] == 28
+    assert overall["difference"]["low"] < -0.2 < overall["difference"]["high"] < 0
+    assert overall["p"] < 0.01
+    assert overall["a_better"]["value"] < 0.05
+    assert overall["verdict"] == "B drives better"
+    assert overall["needed"] == {"seeds": None, "reason": "decided"}
+
+
+def test_exchanged_entries_have_the_opposite_difference(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    first, second = folders
+    assert compare(tmp_path, str(first), str(second), "out=ab.json").returncode == 0
+    assert compare(tmp_path, str(second), str(first), "out=ba.json").returncode == 0
+    ab, ba = (
+        json.loads((tmp_path / name).read_text())["groups"] for name in ("ab.json", "ba.json")
+    )
+    for group, one in ab.items():
+        assert one["difference"]["value"] == pytest.approx(-ba[group]["difference"]["value"])
+        assert one["a_better"]["value"] == pytest.approx(1 - ba[group]["a_better"]["value"])
+
+
+def test_the_order_of_the_drives_does_not_matter(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    first, second = folders
+    compare(tmp_path, str(first), str(second), "out=1.json")
+    found = json.loads((second / "result.json").read_text())
+    change(second, **summed(found | {"drives": found["drives"][::-1]}))
+    compare(tmp_path, str(first), str(second), "out=2.json")
+
+    assert (tmp_path / "1.json").read_text() == (tmp_path / "2.json").read_text()
+
+
+def test_it_says_how_many_training_seeds_would_tell(tmp_path: Path) -> None:
+    """Trainings differ much more than the entries."""
+    offsets = np.array([[-0.2], [0.0], [0.2]])
+    autonomy = 0.6 + offsets + np.zeros(len(ROADS))
+    first = write(tmp_path / "a", result(autonomy + 0.1))
+    second = write(tmp_path / "b", result(autonomy))
+    shown = compare(tmp_path, str(first), str(second)).stdout
+
+    assert "verdict: cannot tell" in shown
+    needed = json.loads((tmp_path / "compare.json").read_text())["groups"]["like"]["needed"]
+    assert needed["reason"] == "seeds"
+    assert needed["seeds"] > 10
+    assert f"about {needed['seeds']} training seeds" in shown
+
+
+def test_paired_trainings_leave_out_what_their_seeds_share(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    shared = 0.6 + np.array([[-0.2], [0.0], [0.2]]) + np.zeros(len(ROADS))
+    a = np.clip(shared + 0.05 + 0.01 * rng.normal(size=shared.shape), 0, 1)
+    first, second = write(tmp_path / "a", result(a)), write(tmp_path / "b", result(shared))
+    assert "verdict: cannot tell" in compare(tmp_path, str(first), str(second)).stdout
+    shown = succeed(compare(tmp_path, str(first), str(second), "paired=true", "out=pairs.json"))
+    assert "verdict: A drives better" in shown
+    assert "paired: trainings of the same seed (0, 1, 2)" in shown
+    alone, pairs = (
+        json.loads((tmp_path / name).read_text())["groups"]["all but laps"]["difference"]
+        for name in ("compare.json", "pairs.json")
+    )
+    assert pairs["value"] == pytest.approx(alone["value"])
+    # The t interval of three pairs' means, and of the roads, together.
+    assert pairs["high"] - pairs["low"] < 0.2 * (alone["high"] - alone["low"])
+
+
+def test_pairs_are_of_the_seeds_that_both_have(tmp_path: Path) -> None:
+    scores = np.linspace(0.1, 0.9, 3)[:, None] + np.zeros(len(ROADS))
+    first, second = write(tmp_path / "a", result(scores)), write(tmp_path / "b", result(scores[:2]))
+    shown = succeed(compare(tmp_path, str(first), str(second), "paired=true"))
+    assert "paired: trainings of the same seed (0, 1)" in shown
+    overall = json.loads((tmp_path / "compare.json").read_text())["groups"]["all but laps"]
+    assert overall["difference"]["value"] == 0
+    assert overall["a"] == overall["b"] == {"autonomy": pytest.approx(0.3)}
+
+
+def reseed(folder: Path, *seeds: int | None) -> None:
+    checkpoints = json.loads((folder / "result.json").read_text())["checkpoints"]
+    pairs = zip(checkpoints, seeds, strict=True)
+    change(folder, checkpoints=[one | {"training_seed": seed} for one, seed in pairs])
+
+
+def test_one_pair_is_never_better(tmp_path: Path) -> None:
+    first = write(tmp_path / "a", result(np.ones((3, len(ROADS)))))
+    second = write(tmp_path / "b", result(np.zeros((3, len(ROADS)))))
+    reseed(second, 2, 3, 4)
+    shown = succeed(compare(tmp_path, str(first), str(second), "paired=true"))
+    assert "paired: trainings of the same seed (2)" in shown
+    assert "verdict: cannot tell" in shown
+
+
+def test_a_seed_that_stands_twice_is_one_pair(tmp_path: Path) -> None:
+    scores = np.linspace(0.1, 0.9, 3)[:, None] + np.zeros(len(ROADS))
+    first, second = (write(tmp_path / name, result(scores)) for name in "ab")
+    reseed(first, 1, 1, 2)
+    shown = succeed(compare(tmp_path, str(first), str(second), "paired=true"))
+    assert "paired: trainings of the same seed (1, 2)" in shown
+
+
+@pytest.mark.parametrize(("seeds", "words"), [((0, 7), "0, b 7"), ((None, None), "none, b none")])
+def test_pairs_need_a_shared_seed(tmp_path: Path, seeds: tuple, words: str) -> None:
+    ones = np.ones((1, len(ROADS)))
+    for name, seed in zip("ab", seeds, strict=True):
+        write(tmp_path / name, result(ones))
+        reseed(tmp_path / name, seed)
+    line = only_line(compare(tmp_path, "a", "b", "paired=true"))
+    assert f"a has the training seeds {words}; a pair is two trainings of one seed" in line
+
+
+def test_roads_without_any_difference_are_no_proof_of_equality(tmp_path: Path) -> None:
+    perfect = np.ones((3, len(ROADS)))
+    first, second = (write(tmp_path / name, result(perfect, name)) for name in "ab")
+    shown = compare(tmp_path, str(first), str(second)).stdout
+
+    assert "both have the same score" in shown
+    groups = json.loads((tmp_path / "compare.json").read_text())["groups"]
+    assert groups["like"]["difference"]["low"] < -0.2  # 0 of 12 roads: up to 24 %
+    assert groups["laps"]["difference"]["low"] is None  # two tracks are too few
+
+
+def test_many_roads_without_exception_decide_and_two_do_not(tmp_path: Path) -> None:
+    first = write(tmp_path / "a", result(np.ones((3, len(ROADS)))))
+    second = write(tmp_path / "b", result(np.zeros((3, len(ROADS)))))
+    compare(tmp_path, str(first), str(second))
+
+    groups = json.loads((tmp_path / "compare.json").read_text())["groups"]
+    assert groups["like"]["verdict"] == "A drives better"
+    assert groups["laps"]["verdict"] == "cannot tell"
+
+
+def test_one_training_seed_says_nothing_about_other_trainings(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    autonomy = figures(rng, 0.6, 1, 0.0, 0.1 * rng.normal(size=len(ROADS)))
+    first = write(tmp_path / "a", result(autonomy, "alone"))
+    second = write(tmp_path / "b", result(autonomy, "other"))
+    shown = compare(tmp_path, str(first), str(second)).stdout
+
+    assert "alone and other: one training seed" in shown
+    assert "three or more training seeds, to estimate" in shown
+
+
+def test_a_baseline_needs_no_further_training_seed(tmp_path: Path) -> None:
+    offsets = np.array([[-0.2], [0.0], [0.2]])
+    first = write(tmp_path / "a", result(0.6 + offsets + np.zeros(len(ROADS)), "network"))
+    expert = result(np.full((1, len(ROADS)), 0.7), "expert")
+    expert["checkpoints"][0]["sha256"] = None
+    second = write(tmp_path / "b", expert)
+    shown = compare(tmp_path, str(first), str(second)).stdout
+
+    assert "a baseline" in shown
+    assert "to estimate how many" not in shown
+
+
+def of_drives(change: Callable[[list[dict]], list[dict]]) -> Callable[[dict], dict]:
+    """Return a change of a result's drives alone."""
+    return lambda found: found | {"drives": change(found["drives"])}
+
+
+def figure(name: str, value: float) -> Callable[[dict], dict]:
+    """Return a change of a figure of the fourth drive."""
+
+    def change(drives: list[dict]) -> list[dict]:
+        drives[3]["figures"][name] = value
+        return drives
+
+    return of_drives(change)
+
+
+def without_a_road(found: dict) -> dict:
+    kept = [one for one in found["drives"] if one["track"] != "alpine:703"]
+    return summed(found | {"drives": kept})
+
+
+AGAIN = "run the benchmark again"
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        (lambda found: found | {"suite": "v9"}, ("suite", "v9", "own")),
+        (lambda found: found | {"roads": "fedcba9876543210"}, ("roads", "fedcba9876543210")),
+        (lambda found: found | {"version": 7}, ("version", "7")),
+        (lambda found: found | {"checkpoints": None}, ("checkpoints", "should be a list")),
+        (of_drives(lambda _: []), ("drives", AGAIN)),
+        (of_drives(lambda _: [{"checkpoint": 0}]), ("drives.0.group", "is missing")),
+        (of_drives(lambda drives: drives[1:]), ("lakeside:501", "it once", AGAIN)),
+        (
+            of_drives(lambda drives: [*drives, drives[0]]),
+            ("501", "each checkpoint must have it once"),
+        ),
+        (of_drives(lambda drives: drives[:1] * (MOST["drives"] + 1)), ("5,001 drives",)),
+        (
+            of_drives(lambda drives: [one for one in drives if one["group"] != "like"]),
+            ("drive of lakeside:501 with", "group like"),
+        ),
+        (without_a_road, ("alpine:703", "which", AGAIN)),
+        (figure("autonomy", 1.2), ("drives.3.figures.autonomy: is 1.2",)),
+        (figure("cte_mean_m", -1.0), ("drives.3.figures.cte_mean_m: is -1",)),
+        (figure("autonomy", 1.0), ("like.autonomy: is not that of its drives",)),
+    ],
+)
+def test_results_of_other_roads_or_with_wrong_drives_are_refused(
+    folders: tuple[Path, Path], changed: Callable[[dict], dict], words: tuple[str, ...]
+) -> None:
+    first, second = folders
+    path = second / "result.json"
+    path.write_text(json.dumps(changed(json.loads(path.read_text()))))
+    with pytest.raises(InputError) as raised:
+        read_entries(first, second)
+    line = str(raised.value)
+    assert all(word in line for word in (str(second), *words)), line
+    assert "\n" not in line
+
+
+def test_a_result_without_some_of_its_suites_roads_is_refused(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    first, second = folders
+    for one in folders:
+        change(one, suite="v1-quick")
+    line = only_line(compare(tmp_path, str(first), str(second)))
+    assert f"{first / 'result.json'}: roads: digest 0123456789abcdef" in line
+    assert not (tmp_path / "compare.json").exists()
+
+
+def test_a_folder_without_a_result_and_a_wrong_place_are_named(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    first, second = folders
+    line = only_line(compare(tmp_path, str(first), str(tmp_path)))
+    assert str(tmp_path / "result.json") in line
+    line = only_line(compare(tmp_path, str(first), str(second), f"out={first}"))
+    assert f"out={first}" in line
+    assert "name another file" in line
+    line = only_line(compare(tmp_path, "lenet", str(first)))
+    assert line.startswith("drivezoo compare: lenet: no such file; drivezoo benchmark CKPT")
+
+
+def test_neither_an_input_nor_a_foreign_file_is_replaced(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    first, second = folders
+    before = (first / "result.json").read_bytes()
+    for one in ("thesis.tex", "mine.json"):
+        (tmp_path / one).write_text("mine")
+    for key, words in (
+        (f"out={first}/result.json", "is an input of this command"),
+        ("out=mine.json", "exists, and drivezoo did not write it"),
+        ("table=thesis.tex", "exists, and drivezoo did not write it"),
+    ):
+        line = only_line(compare(tmp_path, str(first), str(second), key))
+        assert f"{key}: {words}; name another file" in line
+    assert (first / "result.json").read_bytes() == before
+    assert (tmp_path / "thesis.tex").read_text() == (tmp_path / "mine.json").read_text() == "mine"
+
+
+def test_names_of_a_result_cannot_write_to_the_terminal(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    first, second = folders
+    change(first, entry="[red]evil\x1b[2J")
+    printed = succeed(compare(tmp_path, str(first), str(second)))
+    assert "\x1b[2J" not in printed
+    assert "[red]evil" in printed
+
+
+def drawn(
+    rng: np.random.Generator, difference: float, seeds: int, by_seed: float, roads: int = 20
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the figures of A and B; A's mean is greater by `difference`, the roads vary it."""
+    shared, own = rng.normal(size=roads), 0.2 * rng.normal(size=roads)
+    a, b = (
+        by_seed * rng.normal(size=(seeds, 1)) + shared + 0.3 * rng.normal(size=(seeds, roads))
+        for _ in range(2)
+    )
+    return a + own + difference, b
+
+
+def verdicts(difference: float, seeds: int, by_seed: float, repetitions: int = 300) -> list[str]:
+    rng = np.random.default_rng(3)
+    found = []
+    for _ in range(repetitions):
+        a, b = drawn(rng, difference, seeds, by_seed)
+        differences = a[:, None] - b[None]
+        told = p_value(differences, range(a.shape[1]), [""] * a.shape[1]) < 0.05
+        better = A_BETTER if differences.mean() > 0 else B_BETTER
+        found.append(better if told else CANNOT_TELL)
+    return found
+
+
+@pytest.mark.parametrize("by_seed", [0.0, 0.5])
+@pytest.mark.parametrize("seeds", [3, 6])
+def test_equal_entries_are_seldom_told_apart(seeds: int, by_seed: float) -> None:
+    found = verdicts(0.0, seeds, by_seed)
+
+    assert found.count(CANNOT_TELL) / len(found) > 0.92
+
+
+def test_a_great_difference_is_told_both_ways() -> None:
+    assert set(verdicts(3.0, 3, 0.2, 20)) == {A_BETTER}
+    assert set(verdicts(-3.0, 3, 0.2, 20)) == {B_BETTER}
+
+
+def test_the_seeds_needed_decide_in_80_of_100_cases() -> None:
+    # Five training seeds and 20 roads with exactly the variances of `drawn`.
+    of_seeds, own = np.array([-1, -1, 0, 1, 1]), np.linspace(-1, 1, 20)
+    of_seeds = of_seeds * np.sqrt(0.5**2 + 0.3**2 / 20)
+    b = np.tile(of_seeds[:, None], 20)
+    needed = seeds_needed(b + 0.2 * own / own.std(ddof=1) + 0.5, b)
+    assert needed.reason == "seeds"
+
+    found = verdicts(0.5, needed.seeds, 0.5)
+    assert 0.7 < found.count(A_BETTER) / len(found) < 0.9
+
+
+def test_a_difference_that_roads_hide_needs_more_roads() -> None:
+    of_roads = np.linspace(-1, 1, 8)[None].repeat(3, 0)
+    assert seeds_needed(0.1 + of_roads, 0 * of_roads).reason == "roads"
+
+
+def test_no_number_is_given_for_a_tiny_difference() -> None:
+    a = np.array([[-1.0], [0.0], [1.0]]).repeat(8, 1)
+    assert seeds_needed(a + 0.01, a).reason == "many"
+
+
+def test_the_probability_is_that_of_mann_and_whitney(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    a, b = (rng.integers(5, size=(seeds, len(ROADS))) / 4 for seeds in (6, 7))  # with equal values
+    entries = [write(tmp_path / name, result(one)) for name, one in (("a", a), ("b", b))]
+    roads = [road for road, (group, *_) in enumerate(ROADS) if group == "sharp"]
+    shares = [stats.mannwhitneyu(a[:, road], b[:, road]).statistic / (6 * 7) for road in roads]
+
+    found = compare_entries(*read_entries(*entries))["sharp"]
+
+    assert found.a_better.value == pytest.approx(np.mean(shares))
+
+
+def test_the_p_values_of_groups_are_corrected_for_their_number(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    drawn = [figures(rng, mean, 3, 0.01, np.zeros(len(ROADS))) for mean in (0.6, 0.62)]
+    a, b = read_entries(*(write(tmp_path / f"{one.mean()}", result(one)) for one in drawn))
+    together = compare_entries(a, b)
+    roads = [road for road in a.drives if road.group == "sharp"]
+
+    assert together["sharp"].p > compare_roads(a, b, roads).p
+    assert together["laps"].p == 1  # two places
+
+
+def test_one_training_is_never_better(tmp_path: Path) -> None:
+    first = write(tmp_path / "a", result(np.ones((1, len(ROADS)))))
+    second = write(tmp_path / "b", result(np.zeros((3, len(ROADS)))))
+    found = compare_entries(*read_entries(first, second))["all but laps"]
+
+    assert found.p < 0.05
+    assert found.verdict == CANNOT_TELL

@@ -1,0 +1,143 @@
+"""Suites with axes: levels on the same roads, drives up to the first intervention, and a person."""
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from tests.zoo.results.test_benchmark_command import drive, verify, write_family
+from zoo.base.errors import InputError
+from zoo.driving import baseline
+from zoo.results.benchmarked import PAGE, levels_table, overall
+from zoo.results.checked_result import read_result
+from zoo.results.comparison import ComparedEntries
+from zoo.results.levels import level_at
+from zoo.results.suite import place_of, read_suite, redraw_suite
+from zoo.simulator import hand_control
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a suite of two levels on three roads of 60 m."""
+    folder = tmp_path_factory.mktemp("levels")
+    family = str(write_family(folder, radius=[7, 9], degrees=[90, 120], straight=[6, 8]))
+    levels = [{"family": family}, {"family": family, "speed": 18}]
+    path = folder / "levels.yaml"
+    content = {"name": "levels", "axes": {"dynamics": levels}, "roads": 3, "mean_steering": 0.0}
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def test_each_level_of_v2_is_driven_on_the_same_twelve_places() -> None:
+    suite, dev = read_suite("v2"), read_suite("v2", "dev")
+    assert suite.roads == "7a91dc108c9c6d23"  # a change of it is a change of every figure
+    assert {one.scenario.quality for one in suite.drives} == {"fast"}
+    assert (len(suite.drives), len(dev.drives)) == (240, 40)
+    places: dict[tuple[str, int], list[str]] = {}
+    for one in suite.drives:
+        places.setdefault((one.group, one.level), []).append(place_of(one.track))
+    assert len(places) == 20
+    for (axis, _), own in places.items():
+        assert own == places[axis, 1]
+        assert len(set(own)) == 12
+    assert not {one.track for one in dev.drives} & {one.track for one in suite.drives}
+
+
+def test_drives_of_levels_end_at_their_first_intervention(suite: Path, tmp_path: Path) -> None:
+    zero, expert = (drive([name], suite, tmp_path / name) for name in ("zero", "expert"))
+    lost = read_result(zero)
+    assert [one.level for one in lost.drives] == [1, 1, 1, 2, 2, 2]
+    assert all(one.figures["interventions"] <= 1 for one in lost.drives)
+    assert any(one.figures["interventions"] for one in lost.drives)
+    figures = overall(read_result(expert))
+    assert figures["without_intervention"].value == 1
+    assert figures["falls_to_50"].value == 2.5  # beyond the last level
+    assert figures["worst_tenth_m"].value < 1
+    assert levels_table(lost).columns[1].heading == "level 1"
+    assert "level 2" in (zero / PAGE).read_text()
+    verify(zero, suite)
+    compared = ComparedEntries.read(expert, zero)
+    assert "clean drives 100.0%" in compared.lines[0]
+    assert compared.result_table().columns[2].figures["without_intervention_a"][-1] == 1
+
+
+def test_other_roads_are_drawn_from_a_seed(suite: Path, tmp_path: Path) -> None:
+    drawn = tmp_path / "drawn.yaml"
+    drawn.write_text(redraw_suite(str(suite), 5, 2))
+    found = read_suite(str(drawn))
+    assert len(found.drives) == 12
+    assert not {one.track for one in found.drives} & {
+        one.track for one in read_suite(str(suite)).drives
+    }
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("like: v9\n", r"like: 'v9' is not included; available: course.*v2"),
+        ("like: [v2]\n", r"like: \['v2'\] is not included"),
+        ("name: a\naxes: {sharp: [{family: alpine}]}\n", "axes.sharp: "),
+        ("name: a\naxes: {sharp: [{family: alpin}, {family: alpin}]}\n", "sharp: alpin:.*alpine"),
+        ("like: v2\nroads: 100000000\n", "roads: .*1000"),
+    ],
+)
+def test_a_wrong_suite_of_levels_gets_one_line(tmp_path: Path, content: str, words: str) -> None:
+    path = tmp_path / "own.yaml"
+    path.write_text(content)
+    with pytest.raises(InputError, match=words) as raised:
+        read_suite(str(path))
+    assert "\n" not in str(raised.value)
+
+
+def test_a_curve_is_found_with_an_interval_that_fewer_places_widen() -> None:
+    rng, levels = np.random.default_rng(0), np.tile(np.arange(1, 6), 40)
+    places = np.repeat(np.arange(40), 5)
+    clean = (rng.random((1, 200)) < 1 / (1 + np.exp(2 * (levels - 3.5)))) * 1.0
+    found = level_at(0.5, clean, levels.tolist(), places.tolist())
+    few = level_at(0.5, clean[:, :40], levels[:40].tolist(), places[:40].tolist())
+    assert found.value == pytest.approx(3.5, abs=0.3)
+    assert found.low < found.value < found.high
+    assert few.high - few.low > found.high - found.low
+    assert level_at(0.9, clean, levels.tolist(), places.tolist()).value < found.low
+
+
+@pytest.mark.parametrize(("outcome", "level"), [(1.0, 5.5), (0.0, 0.5)])
+def test_a_share_that_is_never_crossed_is_beyond_the_levels(outcome: float, level: float) -> None:
+    levels, places = [1, 2, 3, 4, 5] * 4, [place for place in range(4) for _ in range(5)]
+    assert level_at(0.5, np.full((2, 20), outcome), levels, places).value == level
+
+
+class Window:
+    """A window in which a key is held."""
+
+    held, pressed, pointer = frozenset({"arrow_left"}), ["arrow_left"], 0.5
+
+
+def test_a_person_steers_in_real_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[Any] = []
+    viewer = SimpleNamespace(window=Window, show_until_closed=shown.append)
+    monkeypatch.setattr(baseline, "_viewer", lambda: viewer)
+    monkeypatch.setattr(hand_control, "Gamepads", lambda: SimpleNamespace(read=lambda: (0.0, 0.0)))
+    steer: Callable = baseline.by_hand(0.04)
+    steered = [steer("frame", 15.0)[0] for _ in range(2)]
+    assert 0 > steered[0] > steered[1]
+    assert len(shown) > 2  # the window answers between two frames
+
+
+def test_a_drive_of_a_level_needs_its_largest_error(suite: Path, tmp_path: Path) -> None:
+    path = drive(["expert"], suite, tmp_path / "out") / "result.json"
+    path.write_text(path.read_text().replace('"cte_max_m"', '"other"'))
+    with pytest.raises(InputError, match=r"drives.0.figures.cte_max_m: is missing"):
+        read_result(path)
+
+
+def test_nobody_repeats_a_persons_drives(suite: Path, tmp_path: Path) -> None:
+    out = drive(["zero"], suite, tmp_path / "out")
+    path = out / "result.json"
+    path.write_text(path.read_text().replace('"file": "zero"', '"file": "human"'))
+    with pytest.raises(InputError, match="a person drove it"):
+        verify(out, suite)

@@ -1,0 +1,261 @@
+"""The suites of the benchmark, which are frozen, and the pass marks of a course."""
+
+import hashlib
+import json
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.zoo.results.test_benchmark_command import write_suite
+from zoo.base.compose import conf_folder
+from zoo.base.errors import InputError
+from zoo.results.marks import marks_table, missed_line, reached_marks, verdict, write_marks
+from zoo.results.result import BenchmarkResult, Interval
+from zoo.results.suite import Marks, find_suite, read_suite
+from zoo.runs.page import hash_source
+
+MARKS = {
+    "like": {"autonomy": 0.9, "cte_mean_m": 0.8, "m_per_intervention": 500},
+    "looks": {"autonomy": 0.7, "without_intervention": 0.5},
+    "all but laps": {"autonomy": 0.8},
+}
+
+
+def marks_of(content: dict) -> dict[str, Marks]:
+    return {group: Marks(**figures) for group, figures in content.items()}
+
+
+def figure(value: float | None, low: float | None = 0.0, high: float | None = 1.0) -> dict:
+    return {"value": value, "low": low, "high": high}
+
+
+def drive(track: str, group: str, interventions: int, settings: dict) -> dict:
+    figures = {"autonomy": 0.9, "interventions": float(interventions), "cte_mean_m": 0.5}
+    figures["steering_per_s"] = 0.3
+    return {
+        "checkpoint": 0,
+        "group": group,
+        "track": track,
+        "settings": settings,
+        "figures": figures,
+        "digest": "0" * 16,
+    }
+
+
+@pytest.fixture
+def result() -> BenchmarkResult:
+    """Return a result that reaches all marks but one, the autonomy of `looks`."""
+    shared = {"cte_mean_m": figure(0.5), "steering_per_s": figure(0.3)}
+    return BenchmarkResult.model_validate(
+        {
+            "version": 1,
+            "suite": "course",
+            "roads": "a" * 16,
+            "code": {"hash": "b2", "commit": None},
+            "entry": "<i>Ada's</i> net",
+            "checkpoints": [
+                {
+                    "file": "my run/best.ckpt",
+                    "sha256": "c" * 64,
+                    "model": "PilotNet",
+                    "parameters": 1,
+                    "training_seed": 1,
+                    "data": "",
+                }
+            ],
+            "drives": [
+                drive("lakeside:801", "like", 0, {}),
+                drive("lakeside:803", "looks", 1, {"delay_s": 0.2}),
+                drive("lakeside:802", "looks", 2, {"weather": {"fog": 0.5, "shadows": False}}),
+            ],
+            "groups": {
+                "like": {
+                    **shared,
+                    "autonomy": figure(0.9),
+                    "m_per_intervention": figure(None, 400.0, None),
+                    "without_intervention": figure(1.0),
+                },
+                "looks": {
+                    **shared,
+                    "autonomy": figure(0.65, 0.6, 0.7),
+                    "m_per_intervention": figure(90.0),
+                    "without_intervention": figure(0.5),
+                },
+                "all but laps": {"autonomy": figure(0.81)},
+            },
+            "digest": "d" * 16,
+        }
+    )
+
+
+def test_a_figure_at_its_mark_passes_and_one_below_does_not(result: BenchmarkResult) -> None:
+    reached = reached_marks(result, marks_of(MARKS))
+    assert [(one.group, one.figure) for one in reached if not one.passed] == [("looks", "autonomy")]
+    assert len(reached) == 6
+    line = missed_line(reached)
+    assert "1 of 6" in line
+    assert "looks" in line
+    assert "65.0" in line
+    assert "at least 70.0" in line
+
+
+@pytest.mark.parametrize(
+    ("interval", "status"),
+    [
+        ((0.9, 0.6, 1.0), "passed"),
+        ((0.8, 0.53, 0.99), "open"),
+        ((0.8, 0.53, 0.85), "missed"),
+        ((0.8, None, None), "missed"),
+    ],
+)
+def test_a_mark_within_the_interval_is_open(
+    result: BenchmarkResult, interval: tuple, status: str
+) -> None:
+    result.groups["like"]["autonomy"] = Interval(**figure(*interval))
+    reached = reached_marks(result, marks_of({"like": {"autonomy": 0.9}}))
+    assert (reached[0].status, verdict(reached)) == (status, status)
+    assert ("drive more roads" in missed_line(reached)) == (status == "open")
+
+
+def test_a_lower_error_is_better(result: BenchmarkResult) -> None:
+    for mark, passed in ((0.5, True), (0.49, False)):
+        marks = marks_of({"like": {"cte_mean_m": mark}})
+        (reached,) = reached_marks(result, marks)
+        assert reached.passed == passed
+        assert bool(missed_line([reached])) != passed
+
+
+def test_an_unknown_figure_does_not_pass(result: BenchmarkResult) -> None:
+    unknown = Interval(value=None, low=None, high=None)
+    result.groups["like"]["m_per_intervention"] = unknown
+    marks = marks_of({"like": {"m_per_intervention": 0}})
+    (reached,) = reached_marks(result, marks)
+    assert not reached.passed
+    assert "unknown" in missed_line([reached])
+
+
+@pytest.mark.parametrize(
+    ("marks", "named"),
+    [
+        ([], "marks: should be keys and values"),
+        ({}, "marks: "),
+        ({"likes": {"autonomy": 0.9}}, "marks.likes: .*did you mean like"),
+        ({"like": 0.9}, "marks.like: should be keys and values"),
+        ({"like": {"autonomie": 0.9}}, "marks.like.autonomie: no such key"),
+        ({"like": {"autonomy": 90}}, "marks.like.autonomy: .*1"),
+        ({"like": {"autonomy": True}}, "marks.like.autonomy: should be a number"),
+        ({"like": {"cte_mean_m": "low"}}, "marks.like.cte_mean_m: should be a number"),
+        ({"headline": {"autonomy": 0.8}}, "marks.headline: "),
+    ],
+)
+def test_wrong_marks_get_one_line(marks: object, named: str, tmp_path: Path) -> None:
+    path = write_suite(tmp_path, marks=marks)
+    with pytest.raises(InputError, match=f"{re.escape(str(path))}: {named}") as error:
+        read_suite(str(path))
+    assert "\n" not in str(error.value)
+
+
+def test_the_suite_of_a_course_has_roads_of_its_own_and_marks_for_its_groups() -> None:
+    files = ("suite/course.yaml", "suite/v1.yaml", "data/bench_v1.yaml")
+    course, *others = (yaml.safe_load((conf_folder() / name).read_text()) for name in files)
+    assert set(read_suite("course").marks) == {*course["groups"], "laps"}
+    roads = tracks_in(course["groups"])
+    assert len(roads) == sum(map(len, course["groups"].values()))
+    for other in others:
+        assert not roads & tracks_in(other)
+    assert not roads & set(course["dev"])
+
+
+def tracks_in(content: object) -> set[str]:
+    """Return all values of the key `track` in a file."""
+    if isinstance(content, dict):
+        own = {content["track"]} if "track" in content else set()
+        return own.union(*map(tracks_in, content.values()))
+    return set().union(*map(tracks_in, content)) if isinstance(content, list) else set()
+
+
+def test_an_autograder_and_a_student_get_files(result: BenchmarkResult, tmp_path: Path) -> None:
+    reached = reached_marks(result, marks_of(MARKS))
+    assert marks_table(reached).columns[-1].cells == [
+        *("passed", "passed", "passed", "open", "passed", "passed")
+    ]
+    graded, page = write_marks(tmp_path, result, reached)
+    found = json.loads(graded.read_text())
+    assert not found["passed"]
+    assert found["marks_passed"] == 5
+    assert found["marks"][0] == {
+        "group": "like",
+        "figure": "autonomy",
+        "value": 0.9,
+        "reached": 0.9,
+        "passed": True,
+        "status": "passed",
+    }
+    text = page.read_text()
+    assert "5 of 6 marks reached" in text
+    assert "<i>" not in text  # the entry's name is escaped
+    style = re.search(r"<style>(.*?)</style>", text, re.DOTALL)[1]
+    assert hash_source(style) in text.replace("&#39;", "'")
+    assert "<script" not in text
+    assert text.index("lakeside:802") < text.index("lakeside:803")  # the worst drive first
+    command = "'my run/best.ckpt' track=lakeside:802 'weather={fog: 0.5, shadows: false}' film=true"
+    assert command in text.replace("&#39;", "'")
+
+
+def test_reached_marks_leave_no_worst_drives(result: BenchmarkResult, tmp_path: Path) -> None:
+    reached = reached_marks(result, marks_of({"like": {"autonomy": 0.9}}))
+    assert missed_line(reached) == ""
+    graded, page = write_marks(tmp_path, result, reached)
+    assert json.loads(graded.read_text())["passed"]
+    assert "Worst drives" not in page.read_text()
+
+
+DIGESTS = {  # of the drawn roads, and of the names and settings of the drives
+    "v1": ("b8f0de7e4cb5bb10", "a7a5168db3e8dbcf"),
+    "quick": ("8f37ed4042b2ca79", "101722f58c26a9bf"),
+    "latency": ("cfd5a8509447fba6", "9ca47358a6d079ba"),
+}
+
+
+@pytest.mark.parametrize("name", DIGESTS)
+def test_a_suite_is_frozen(name: str) -> None:
+    suite = read_suite(name)
+    keys = hashlib.sha256(repr([tuple(one.key) for one in suite.drives]).encode()).hexdigest()[:16]
+    assert (suite.roads, keys) == DIGESTS[name]
+
+
+def test_v1_pairs_each_shifted_drive_with_a_clean_one() -> None:
+    suite = read_suite("v1")
+    counts = {
+        group: sum(one.group == group for one in suite.drives)
+        for group in ("like", "sharp", "looks", "dynamics", "laps")
+    }
+    assert counts == {"like": 22, "sharp": 8, "looks": 8, "dynamics": 8, "laps": 2}
+    clean = {one.track for one in suite.drives if one.group == "like"}
+    assert {one.track for one in suite.drives if one.settings} <= clean
+    assert len({one.key for one in suite.drives}) == len(suite.drives)
+
+
+def test_quick_is_a_part_of_v1() -> None:
+    keys = {one.key for one in read_suite("v1").drives}
+    quick = read_suite("quick")
+    assert quick.name == "v1-quick"
+    assert {one.key for one in quick.drives} < keys
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [("v1", ("v1", "test")), ("v1-dev", ("v1", "dev")), ("v1-quick", ("quick", "test"))],
+)
+def test_a_results_suite_is_found_by_its_name(name: str, found: tuple[str, str]) -> None:
+    assert find_suite(name, "v1") == found
+
+
+def test_a_suite_of_too_many_drives_is_refused_before_its_roads_are_drawn(tmp_path: Path) -> None:
+    path = tmp_path / "many.yaml"
+    drives = [{"track": f"alpine:{number}"} for number in range(20_000)]
+    path.write_text(yaml.safe_dump({"name": "many", "groups": {"like": drives}}))
+    with pytest.raises(InputError, match=r"many\.yaml: groups: has 20,000 drives"):
+        read_suite(str(path))

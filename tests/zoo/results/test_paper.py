@@ -1,0 +1,126 @@
+"""`drivezoo leaderboard paper=FOLDER`: what a paper needs, of results and of trainings."""
+
+import csv
+import hashlib
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.zoo.results.synthetic_results import ROADS, figures, result, summed, write
+from tests.zoo.sweeps import write_run
+from zoo.base.errors import InputError
+from zoo.commands.leaderboard import leaderboard
+from zoo.results.differences import read_entries
+from zoo.results.paper import of_results
+
+pytestmark = pytest.mark.usefixtures("here")
+
+
+def write_entry(name: str, autonomy: float, seeds: int = 3, checkpoint: Path | None = None) -> None:
+    rng = np.random.default_rng(1)
+    drives = np.clip(figures(rng, autonomy, seeds, 0.01, np.zeros(len(ROADS))), 0, 1)
+    found = result(drives, name)
+    if checkpoint:
+        digest = hashlib.sha256(checkpoint.read_bytes()).hexdigest()
+        found["checkpoints"][0] |= {"file": str(checkpoint), "sha256": digest}
+    write(Path("marks", name), found)
+
+
+def rows(path: str) -> list[dict[str, str]]:
+    with Path(path).open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_results_give_tables_plots_and_an_archive_that_gives_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    run = write_run(Path("runs/a"), 0.9, versions={"torch": "1.2.3"})
+    checkpoint = run / "checkpoints" / "best.ckpt"
+    checkpoint.parent.mkdir()
+    checkpoint.write_bytes(b"weights")
+    write_entry("good", 0.9, checkpoint=checkpoint)
+    write_entry("bad", 0.6)
+    write_entry("alone", 0.95, seeds=1)
+    shown = leaderboard("marks", paper="paper")
+    assert not Path("marks/leaderboard.html").exists()  # marks may be somebody's published results
+
+    table = rows("paper/table.csv")
+    assert [(row["entry"], row["rank"]) for row in table] == [
+        ("good", "1"),
+        ("bad", "2"),
+        ("alone", "-"),  # how trainings differ is unknown
+    ]
+    assert float(table[0]["sharp_autonomy_low"]) < float(table[0]["sharp_autonomy"])
+    (pair,) = rows("paper/pairs.csv")
+    assert (pair["a"], pair["b"], pair["verdict"]) == ("good", "bad", "A drives better")
+    assert r"\begin{table}" in Path("paper/pairs.tex").read_text()
+    for name in ("intervals", "profiles"):
+        assert Path(f"paper/{name}.pdf").read_bytes().startswith(b"%PDF")
+    text = Path("paper/appendix.md").read_text()
+    assert "drivezoo leaderboard marks paper=paper" in text
+    assert "drivezoo train model=tiny seed=1" in text
+    assert "| torch |" in text
+    assert "1.2.3" in text
+    assert any("1.ckpt" in line for line in shown.notes)  # a checkpoint that is not there
+    assert any("your suite own" in line for line in shown.notes)
+
+    zipfile.ZipFile("paper/repeat.zip").extractall("again")
+    monkeypatch.chdir("again")
+    assert Path("runs/1_good-1/.hydra/config.yaml").is_file()
+    assert list(Path("results/1_good").glob("*.ckpt"))
+    leaderboard("results", paper="paper")
+    assert Path("paper/table.csv").read_text() == Path("../paper/table.csv").read_text()
+    assert Path("paper/pairs.tex").read_text() == Path("../paper/pairs.tex").read_text()
+
+
+def test_drives_of_levels_give_a_curve_for_each_axis() -> None:
+    axis = [("geometry", f"bends_{level}:{place}", {}) for level in (1, 2) for place in range(4)]
+    axis += [("camera", f"bends_{level}:{place}", {}) for level in (1, 2, 3) for place in range(4)]
+    failed = np.array([[0.0] * 4 + [1.0, 0, 0, 1] + [0.0] * 12] * 3)
+    found = result(1 - failed, roads=axis)
+    for drive in found["drives"]:
+        drive["level"] = int(drive["track"][6])
+        drive["figures"]["cte_max_m"] = 1.0
+    write(Path("marks"), summed(found))
+    figure = of_results(read_entries(Path("marks"))).plots["profiles"]
+    panel, other = figure.axes
+    assert (panel.get_title(), other.get_title()) == ("geometry", "camera")
+    assert len(other.lines[0].get_ydata()) == 3
+    assert panel.lines[0].get_ydata().tolist() == [100, 50]
+
+
+def test_trainings_have_no_pairs_and_the_notes_name_the_command() -> None:
+    for model, autonomy in (("tiny", 0.7), ("lenet", 0.9)):
+        for seed in (1, 2):
+            folder = Path("sweep", f"{model}{seed}")
+            write_run(folder, autonomy + 0.02 * seed, seed=seed, overrides=(f"model={model}",))
+    shown = leaderboard("sweep", paper="paper")
+    assert [row["model"] for row in rows("paper/table.csv")] == ["lenet", "tiny"]
+    assert not Path("paper/pairs.csv").exists()
+    assert "drivezoo benchmark sweep/lenet1 sweep/lenet2 out=marks/1 entry=entry_1" in shown.notes
+    assert "runs/2-1/.hydra/config.yaml" in zipfile.ZipFile("paper/repeat.zip").namelist()
+
+
+def test_mixed_results_and_a_folder_with_files_are_refused() -> None:
+    write_run(Path("sweep/a"), 0.9)
+    write_entry("good", 0.9)
+    with pytest.raises(InputError, match="paper=new"):
+        leaderboard("sweep", "marks", paper="new")
+    with pytest.raises(InputError, match="marks: is not empty"):
+        leaderboard("marks", paper="marks")
+    assert not Path("new").exists()
+
+
+def test_a_paper_is_written_again_and_a_changed_table_is_kept() -> None:
+    write_entry("good", 0.9)
+    write_entry("bad", 0.6)
+    leaderboard("marks", paper="paper")
+    leaderboard("marks/good", paper="paper")
+    assert not Path("paper/pairs.csv").exists()
+    assert [row["entry"] for row in rows("paper/table.csv")] == ["good"]
+    Path("paper/table.tex").write_text("mine")
+    with pytest.raises(InputError, match="was changed after drivezoo wrote it"):
+        leaderboard("marks", paper="paper")
+    assert Path("paper/table.tex").read_text() == "mine"

@@ -1,0 +1,198 @@
+"""`drivezoo evaluate`: its figures, its files and its errors."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+import torch
+from PIL import Image
+
+from tests.zoo.command_runs import only_line, run_here, succeed
+from zoo.base.command_keys import read_options
+from zoo.base.errors import InputError
+from zoo.commands.evaluate import evaluate_or_replay as command
+from zoo.driving.drives_table import table_rows
+from zoo.driving.scenario import Scenario
+from zoo.scoring import track_scores
+from zoo.scoring.evaluate_options import EvaluateOptions
+from zoo.scoring.robustness import PERTURBATIONS, perturbations_named, sweeps
+from zoo.scoring.write_up import write_report
+from zoo.simulator.track_names import road_folder
+from zoo.simulator.weather import CLEAR
+
+# Metrics of a policy that predicts the spread of its steering, and of a world with rewards.
+OF_OTHERS = {"spread_mean", "spread_coverage", "spread_rank_cte", "episode_return"}
+
+
+def drives_of(folder: Path) -> list[dict]:
+    drives = json.loads((folder / "metrics.json").read_text())["drives"]
+    return [{key: one[key] for key in one if key != "latency_ms"} for one in drives]
+
+
+@pytest.mark.slow
+def test_the_figures_do_not_depend_on_the_number_of_workers(
+    checkpoint: str, tmp_path: Path
+) -> None:
+    options = ("laps=0.01", "seeds=2", "speed=25", "weather=random", "quality=simple")
+    one = (*options, "workers=1", f"out={tmp_path / 'a=1'}")
+    printed = succeed(run_here(tmp_path, checkpoint, *one, module="zoo.commands.evaluate"))
+    command([checkpoint, *options, "workers=2", f"out={tmp_path / 'b'}", "perturb=fog"])
+
+    assert drives_of(tmp_path / "a=1") == drives_of(tmp_path / "b")
+    assert [drive["seed"] for drive in drives_of(tmp_path / "b")] == [0, 1]
+    for key, (label, _) in table_rows().items():
+        assert (label.strip() in printed) == (key not in OF_OTHERS)
+    assert "no whole lap" in printed
+    assert f"wrote: {tmp_path / 'a=1'}" in printed.splitlines()
+    for drive in ("lake-0", "lake-1"):
+        for name in ("drive.csv", "drive.json", "track.png", "error.png"):
+            assert (tmp_path / "b" / drive / name).is_file()
+    swept = json.loads((tmp_path / "b" / "metrics.json").read_text())["perturbed"]["fog"]
+    assert {one["value"] for one in swept} >= set(PERTURBATIONS["fog"].values)
+    assert len({one["cte_mean_m"] for one in swept}) > 1, "fog changes nothing"
+    with Image.open(tmp_path / "b" / "robustness.png") as picture:
+        assert min(picture.size) > 200
+
+
+@pytest.mark.parametrize("name", PERTURBATIONS)
+def test_a_perturbation_changes_one_thing_and_passes_the_usual(name: str) -> None:
+    usual = Scenario("lake", weather=CLEAR, speed=17)
+    by_value = sweeps([name], usual)[name]
+    assert list(by_value) == sorted(by_value)
+    assert 3 <= len(by_value) <= 6
+    assert list(by_value.values()).count(usual) == 1
+    assert len(set(by_value.values())) == len(by_value)
+
+
+def test_the_speed_is_not_swept_where_none_is_held() -> None:
+    assert "speed" in perturbations_named("all")
+    assert set(PERTURBATIONS) - set(perturbations_named("all", "network")) == {"speed"}
+    with pytest.raises(InputError, match=r"perturb=speed: .*use throttle=hold"):
+        perturbations_named("fog,speed", "network")
+
+
+@pytest.mark.parametrize(("throttle", "mph"), [("hold", 20), ("network", None)])
+def test_a_run_says_how_fast_it_was_driven(
+    throttle: str, mph: float | None, tmp_path: Path, console, monkeypatch
+) -> None:
+    keys = ("laps", "autonomy", "interventions", "cte_mean_m", "cte_max_m")
+    figures = dict.fromkeys(keys, (1.0, None)) | {"speed_mph": (14.5, None)}
+    figures |= {"drives": 1, "drives_without_intervention": 0}
+    scores = track_scores.TrackScores([], {"lake": figures}, {})
+    monkeypatch.setattr(track_scores, "score_on_tracks", lambda *_, **__: scores)
+    options = read_options(EvaluateOptions, [f"throttle={throttle}", "speed=20"])
+    found = track_scores.score_run(options, tmp_path, console)
+    assert " at 14.5 mph: " in console.file.getvalue()
+    assert (found["speed_mph"], found["throttle"]) == (mph, throttle)
+
+
+@pytest.mark.parametrize(
+    ("typed", "tracks"),
+    [
+        ("zoo_lake", ["lake"]),
+        ("lake,zoo_lake,udacity_lake", ["lake", "udacity_lake"]),
+        ("my.yaml,zoo_mountain", ["my.yaml", "mountain"]),
+    ],
+)
+def test_a_road_is_driven_once_under_one_name(typed: str, tracks: list[str]) -> None:
+    assert read_options(EvaluateOptions, [f"track={typed}"]).tracks == tracks
+
+
+def test_folders_of_drives_have_names_that_every_system_allows(
+    tmp_path: Path, console, monkeypatch
+) -> None:
+    family = tmp_path / "own.yaml"
+    family.write_text((road_folder() / "alpine.yaml").read_text())
+    found = []
+
+    def drive_none(*arguments, **keywords) -> list:
+        found.extend(arguments[2])
+        raise InputError("nothing is driven here")
+
+    monkeypatch.setattr(track_scores, "all_drives", drive_none)
+    keys = [f"track=alpine:17,lake,{family}:3,{family}:4"]
+    options = read_options(EvaluateOptions, keys)
+    with pytest.raises(InputError, match="nothing is driven"):
+        track_scores.score_on_tracks("", options.scenarios, tmp_path / "drives", console, 1)
+    names = [keep.folder.name for keep in found]
+    assert names == ["alpine-17-0", "lake-0", "own-3-0", "own-4-0"]
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("track=nowhere", "nowhere"),
+        ("track=lake,moutain", "moutain"),
+        ("seeds=0", "seeds=0: must be a whole number of 1 or more"),
+        ("seeds=two", "seeds=two"),
+        ("speed=90", "speed=90: must be a number in 1..30"),
+        ("margin=0.05", "margin=0.05: must be a number of 0.2 or more, or null"),
+        ("weather=hail", "weather=hail"),
+        ("frame_rate=80", "frame_rate=80"),
+        ("quality=low", "quality=low: must be full, fast or simple"),
+        ("perturb=fgo", "perturb=fgo: no such choice; did you mean fog?"),
+        ("trakc=lake", "did you mean track?"),
+    ],
+)
+def test_a_mistake_is_one_line_before_anything_drives(
+    option: str, said: str, checkpoint: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError) as error:
+        command([checkpoint, option, f"out={tmp_path / 'out'}"])
+    assert said in str(error.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_no_checkpoint_is_said_in_one_line(tmp_path: Path) -> None:
+    assert "nowhere.ckpt: no such" in only_line(
+        run_here(tmp_path, "nowhere.ckpt", module="zoo.commands.evaluate")
+    )
+
+
+def test_a_folder_that_holds_something_is_kept(checkpoint: str, tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(InputError, match="is not empty; name another folder with out="):
+        command([checkpoint, f"out={tmp_path}"])
+
+
+def test_a_network_that_steers_nan_is_said_when_all_is_written(
+    checkpoint: str, tmp_path: Path
+) -> None:
+    """Load a network with finite weights that overflow."""
+    contents = torch.load(checkpoint, weights_only=True)
+    for name, one in contents["state_dict"].items():
+        if name.endswith("weight"):
+            one[:] = 1e30 * torch.sign(one)
+    torch.save(contents, tmp_path / "overflow.ckpt")
+    options = ("laps=0.01", "quality=simple", f"out={tmp_path / 'out'}")
+    result = run_here(tmp_path, "overflow.ckpt", *options, module="zoo.commands.evaluate")
+    assert "warning: " in result.stdout
+    assert re.search(r"overflow\.ckpt: .*NaN in [\d,]+ frames \(lake-0\)", only_line(result, 1))
+    (drive,) = drives_of(tmp_path / "out")
+    assert drive["nan_frames"] > 5
+
+
+def test_paths_are_printed_as_they_are(checkpoint: str, tmp_path: Path) -> None:
+    out = tmp_path / "[brightness]" / "[/red] :car: ï=1"
+    options = ("laps=0.01", "quality=simple", f"out={out}")
+    printed = succeed(run_here(tmp_path, checkpoint, *options, module="zoo.commands.evaluate"))
+    assert f"wrote: {out}" in printed.splitlines()
+    page = out / "report" / "index.html"
+    assert "Worst moments on the lake" in page.read_text()
+    assert "Without saliency" not in page.read_text()
+    page.unlink()
+    assert write_report(out) == page
+    assert page.is_file()
+
+
+def test_a_recording_is_scored_too(checkpoint: str, tmp_path: Path) -> None:
+    """Pass `replay=` and the other options on to `zoo.commands.replay`."""
+    line = only_line(
+        run_here(tmp_path, checkpoint, "replay=nowhere", module="zoo.commands.evaluate")
+    )
+    assert "nowhere" in line
+    line = only_line(
+        run_here(tmp_path, checkpoint, "replay=x", "laps=2", module="zoo.commands.evaluate")
+    )
+    assert "laps: no such key" in line

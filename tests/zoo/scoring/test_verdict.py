@@ -1,0 +1,324 @@
+"""The verdict: its level from the drives, its causes and its next commands."""
+
+import io
+import json
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from tests.zoo.command_runs import run_here, succeed
+from tests.zoo.written_checkpoints import write_constant
+from zoo.driving.intervals import ONE_TRACK
+from zoo.scoring.evidence import Evidence, has_rig, read_evidence, training_command
+from zoo.scoring.verdict import judge, print_verdict
+
+
+def drive(interventions: int = 0, track: str = "lake", seed: int = 0, laps: float = 1.0) -> dict:
+    autonomy = max(0.0, 1 - 6 * interventions / 180)
+    return {
+        "track": track,
+        "seed": seed,
+        "autonomy": autonomy,
+        "interventions": interventions,
+        "laps": laps,
+    }
+
+
+def evidence(config: dict | None = None, overrides: tuple = (), **metrics: object) -> Evidence:
+    return Evidence("run/checkpoints/best.ckpt", config or {}, metrics, overrides)
+
+
+@pytest.mark.parametrize(
+    ("drives", "level"),
+    [
+        ([drive()], "drives"),
+        ([drive(3)], "almost"),
+        ([drive(20)], "fails"),
+        ([drive(), drive(20, "mountain")], "fails"),
+        ([drive(laps=0.1)], "unknown"),
+        ([], "unknown"),
+    ],
+)
+def test_the_level_follows_from_the_drives(drives: list[dict], level: str) -> None:
+    assert judge(drives, evidence()).level == level
+
+
+def test_each_track_has_its_own_verdict_and_the_worst_comes_first() -> None:
+    """Three clean laps of one track do not make up for twelve interventions on another."""
+    laps = [drive(seed=seed) for seed in range(3)]
+    verdict = judge([*laps, drive(3, "jungle"), drive(12, "mountain")], evidence())
+    assert "mountain" in verdict.headline
+    assert [line.partition(":")[0] for line in verdict.tracks] == ["mountain", "jungle", "lake"]
+    assert ["not drive" in line for line in verdict.tracks] == [True, False, False]
+    assert "track=mountain" in verdict.commands[-1][1]
+
+
+def test_clean_laps_of_the_track_that_chose_the_checkpoint_are_named_as_such() -> None:
+    choice = {"drives": [{"file": "best.ckpt"}]}
+    known = evidence({"score": {"track": "zoo_lake,mountain"}}, choice=choice)
+    verdict = judge([drive(), drive(0, "mountain")], known)
+    assert verdict.headline == (
+        "It drove 2 of 2 laps of the mountain and the lake, the track that it was chosen on."
+    )
+    record = {"out": "expert", "passes": [{"track": "mountain"}]}
+    for root, words in ((None, ", the track that it was trained on"), ("own", "")):
+        own = evidence({"data": {"root": root, "record": record}})
+        headline = judge([drive(0, "mountain")], own).headline
+        assert headline == f"It drove 1 of 1 laps of the mountain{words}."
+
+
+@pytest.mark.parametrize(
+    ("roads", "lost", "begin"),
+    [
+        (16, 0, "It drives: 16 of 16 roads"),
+        (15, 0, "It drove 15 of 15 laps of"),
+        (16, 9, "It does not drive the lakeside:0."),
+        (16, 1, "It drove, with interventions, the lakeside:0."),
+    ],
+)
+def test_it_drives_only_after_16_of_16_clean_roads(roads: int, lost: int, begin: str) -> None:
+    drives = [drive(0 if road else lost, f"lakeside:{road}") for road in range(roads)]
+    assert judge(drives, evidence()).headline.startswith(begin)
+    # The track that chose the checkpoint does not count.
+    own = evidence({"score": {"track": "lakeside:1"}}, choice={"drives": [{}]})
+    assert "It drives" not in judge(drives, own).headline
+
+
+def test_a_clean_lake_does_not_make_up_for_a_jungle_without_autonomy() -> None:
+    verdict = judge([drive(), drive(90, "jungle")], evidence())
+    assert verdict.headline == "It does not drive the jungle."
+    assert "nearly" not in " ".join([verdict.headline, *verdict.tracks])
+
+
+def test_a_drive_without_autonomy_was_not_measured() -> None:
+    assert judge([drive() | {"autonomy": None}], evidence()).level == "unknown"
+
+
+def test_a_network_of_another_car_gets_no_verdict_by_driving() -> None:
+    known = replace(evidence({"data": {"root": "my laps"}}, ("quick=true",)), source="donkeycar")
+    verdict = judge([drive(20)], known)
+    assert (verdict.level, verdict.causes) == ("unknown", ())
+    assert "donkeycar" in verdict.certainty
+    assert [shlex.split(command)[:2] for _, command in verdict.commands] == [["drivezoo", "replay"]]
+    assert "my laps" in verdict.commands[0][1]
+
+
+@pytest.mark.parametrize(
+    ("facts", "words"),
+    [
+        ({"rig": "my car", "speed_mph": 9.0}, ["replay", "run/checkpoints/best.ckpt", "tub"]),
+        (
+            {"rig": "my car", "speed_mph": 0.0},
+            ["replay", "run/checkpoints/best.ckpt", "tub", "speed=9"],
+        ),
+        ({"rig": None, "speed_mph": 0.0}, ["new", "rig", "my_car"]),
+        ({}, ["replay", "run/checkpoints/best.ckpt", "tub"]),  # a run of an earlier version
+    ],
+)
+def test_the_next_command_for_another_car_has_what_a_replay_needs(
+    facts: dict, words: list[str]
+) -> None:
+    known = evidence({"data": {"root": "tub"}}, data=facts)
+    verdict = judge([], replace(known, source="donkeycar", has_rig=has_rig(facts)))
+    assert shlex.split(verdict.commands[0][1])[1:] == words
+
+
+@pytest.mark.parametrize(
+    ("interventions", "driven_s", "level"),
+    [(0, 60.0, "drives"), (0, 20.0, "unknown"), (1, 90.0, "almost"), (9, 60.0, "fails")],
+)
+def test_a_replay_is_judged_by_its_seconds(interventions: int, driven_s: float, level: str) -> None:
+    autonomy = max(0.0, 1 - 6 * interventions / driven_s)
+    replay = {"track": "replay of tub", "autonomy": autonomy, "interventions": interventions}
+    known = replace(
+        evidence({"data": {"root": "my laps"}, "quick": True}, side_response={"test": 0.01}),
+        source="donkeycar",
+    )
+    verdict = judge(
+        [replay | {"laps": None, "driven_s": driven_s}], known, replayed="replay of 3 stretches"
+    )
+    assert verdict.level == level
+    assert "replay of 3 stretches" in verdict.certainty
+    assert f"{driven_s:.0f} s" in verdict.tracks[0]
+    assert "side cameras" not in " ".join(verdict.causes)
+    assert shlex.split(verdict.commands[-1][1])[1:] == ["replay", known.checkpoint, "my laps"]
+
+
+def test_the_next_command_names_a_track_as_the_user_typed_it() -> None:
+    for lost in (0, 20):
+        verdict = judge([drive(lost, "own")], evidence(), ["lake", "my roads/own.yaml"])
+        assert shlex.split(verdict.commands[-1][1])[-1].endswith("=my roads/own.yaml")
+    known = evidence({"score": {"track": "my_track.yaml,lake"}})
+    assert "=my_track.yaml" in judge([drive(0, "my_track")], known).commands[-1][1]
+
+
+def test_the_next_command_after_another_world_names_it() -> None:
+    verdict = judge([drive(0, "Lake-v0")], evidence(), ["Lake-v0"], "gymnasium")
+    command = verdict.commands[-1][1]
+    assert "evaluate" in command
+    assert "track=Lake-v0 world=gymnasium" in command
+
+
+def test_start_seeds_of_one_track_have_a_count_and_no_interval() -> None:
+    verdict = judge([drive(seed=seed) for seed in range(3)], evidence())
+    assert "3 of 3 (tracks: 1, start seeds: 3, trainings: 1)" in verdict.certainty
+    assert ONE_TRACK in verdict.certainty
+    assert "%" not in " ".join([verdict.headline, verdict.certainty, *verdict.tracks])
+
+
+@pytest.mark.parametrize(
+    ("known", "cause", "typed"),
+    [
+        (evidence({"quick": True}, ("quick=true", "seed=3")), "quick=true", "seed=3"),
+        (
+            evidence({}, ("model=nvidia",), side_response={"val": 0.2, "test": 0.01}),
+            "side cameras",
+            "data.offset=0.3",
+        ),
+        (
+            evidence({"data": {"cameras": ["center"]}}, (), side_response={"test": 0.01}),
+            "centre camera",
+            "data.cameras=[center,left,right]",
+        ),
+        (
+            evidence({}, (), train_samples=9_600, parameters=250_000, epochs=3),
+            "9,600 samples",
+            "trainer.max_epochs=16",
+        ),
+        (
+            evidence(
+                {}, (), findings=[{"text": "84 % of steering is 0."}, {"text": "0 recoveries"}]
+            ),
+            "The recording: 84 % of steering is 0. 0 recoveries. 'augment=",
+            "augment=[brightness,shadow,shift]",
+        ),
+        (
+            evidence({"data": {"record": {"passes": [{"track": "mountain"}]}}}),
+            "lake",
+            "augment=[brightness,bend]",
+        ),
+    ],
+)
+def test_a_likely_cause_is_named_with_a_command_against_it(
+    known: Evidence, cause: str, typed: str
+) -> None:
+    verdict = judge([drive(20)], known)
+    assert cause in " ".join(verdict.causes)
+    commands = [shlex.split(command) for _, command in verdict.commands]
+    assert commands[0][:2] == ["drivezoo", "train"]
+    assert typed in commands[0]
+    assert commands[-1][:3] == ["drivezoo", "correct", known.checkpoint]
+
+
+def test_the_command_against_the_causes_keeps_what_the_training_had() -> None:
+    had = {"data": {"augment": {"shift": {}, "noise": {}}}, "quick": True}
+    findings = [{"text": "no side cameras: an effect; set augment=[shift]"}]
+    typed = ("experiment=lenet", "augment=[shift,noise]", "quick=true", "data.offset=0.3")
+    verdict = judge([drive(20)], evidence(had, typed, findings=findings))
+    command = shlex.split(verdict.commands[0][1])
+    assert command[2:4] == ["experiment=lenet", "data.offset=0.3"]
+    assert command[4:] == ["augment=[shift,noise,brightness,shadow]"]
+
+
+def test_a_remedy_that_the_training_had_is_not_advised_again() -> None:
+    had = {"data": {"augment": {"brightness": {}, "shadow": {}, "shift": {}}}}
+    findings = [{"text": "no side cameras: an effect; set augment=[shift]"}]
+    verdict = judge(
+        [drive(20)], evidence(had, ("augment=[brightness,shadow,shift]",), findings=findings)
+    )
+    assert "augment=" not in " ".join(verdict.causes)
+    assert not any("train again" in purpose for purpose, _ in verdict.commands)
+
+
+def test_bends_are_not_advised_to_a_network_that_had_them() -> None:
+    data = {"record": {"passes": [{"track": "mountain"}]}, "augment": {"bend": {"p": 0.5}}}
+    verdict = judge([drive(20)], evidence({"data": data}))
+    assert "do not show the lake; record more roads" in " ".join(verdict.causes)
+    assert not any("bend" in command for _, command in verdict.commands)
+
+
+def test_a_track_recorded_under_its_longer_name_is_a_track_it_has_seen() -> None:
+    known = evidence({"data": {"record": {"passes": [{"track": "zoo_lake"}]}}})
+    assert "training images" not in " ".join(judge([drive(20, "lake")], known).causes)
+
+
+def test_a_network_that_drives_has_no_cause_and_is_told_how_sure_that_is() -> None:
+    verdict = judge([drive()], evidence({"quick": True}))
+    assert not verdict.causes
+    assert [shlex.split(command)[:2] for _, command in verdict.commands] == [
+        ["drivezoo", "benchmark"],
+        ["drivezoo", "drive"],
+    ]
+
+
+@pytest.mark.parametrize(
+    "config", [{"data": 3}, {"data": {"crop": "x", "augment": 5}}, {"quick": []}]
+)
+def test_what_a_stranger_wrote_into_a_checkpoint_breaks_no_verdict(config: dict) -> None:
+    known = Evidence("a.ckpt", config, {"side_response": "x", "findings": 7, "epochs": {}}, None)
+    assert judge([drive(20)], known).level == "fails"
+
+
+def test_the_command_repeats_what_was_typed_with_a_key_changed() -> None:
+    typed = ["experiment=lenet", "data.root='/a/b'", "quick=true"]
+    command = training_command(typed, {"quick": None, "augment": "[brightness]"})
+    assert shlex.split(command)[2:] == [
+        "experiment=lenet",
+        "data.root=/a/b",
+        "augment=[brightness]",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("saved", "shown"),
+    [
+        ("data.root='/a b'", "'data.root=/a b'"),
+        ("data.root=['one','two laps']", "'data.root=[one,two laps]'"),
+    ],
+)
+def test_a_path_is_printed_with_the_quotes_of_the_shell_alone(saved: str, shown: str) -> None:
+    assert training_command([saved], {}) == f"drivezoo train {shown}"
+
+
+@pytest.mark.parametrize("width", [60, 100, 200])
+def test_the_box_fits_and_its_commands_stay_whole(width: int) -> None:
+    checkpoint = f"{'deep/' * 20}[/red]/best.ckpt"
+    console = Console(file=io.StringIO(), width=width)
+    print_verdict(judge([drive(20)], Evidence(checkpoint, {}, {}, None)), console)
+    lines = console.file.getvalue().splitlines()
+    assert any(shlex.quote(checkpoint) in line for line in lines)
+    assert all(len(line) <= min(width, 100) for line in lines if line.startswith(("│", "╭", "╰")))
+
+
+def test_an_evaluation_ends_with_the_verdict(tmp_path: Path) -> None:
+    (tmp_path / "metrics.json").write_text(
+        json.dumps({"version": 1, "side_response": {"test": 0.01}})
+    )
+    path = write_constant(tmp_path / "checkpoints" / "best.ckpt", steering=1.0)
+    assert read_evidence(path, {}).metrics["side_response"] == {"test": 0.01}
+    printed = succeed(
+        run_here(tmp_path, str(path), "laps=0.05", "out=out", module="zoo.commands.evaluate")
+    )
+    written = json.loads((tmp_path / "out" / "metrics.json").read_text())["verdict"]
+    assert written["level"] == "fails"
+    assert "It does not drive the lake." in printed
+    assert f"next: {written['commands'][-1][1]}" in printed.splitlines()
+
+
+def test_a_run_ends_with_the_verdict_and_its_report_begins_with_it(run_folder: Path) -> None:
+    verdict = json.loads((run_folder / "metrics.json").read_text())["verdict"]
+    printed = (run_folder / "stdout.txt").read_text()
+    page = (run_folder / "report" / "index.html").read_text()
+    assert verdict["headline"] in printed
+    assert verdict["commands"][0][1] in printed
+    assert page.index('class="box') < page.index('class="tiles"')
+    assert verdict["headline"] in page
+    assert verdict["headline"] in (run_folder / "report" / "report.md").read_text()[:500]
+
+
+def test_a_run_keeps_what_is_odd_about_its_recording(run_folder: Path) -> None:
+    findings = json.loads((run_folder / "metrics.json").read_text())["findings"]
+    assert "few_rows" in [one["kind"] for one in findings]

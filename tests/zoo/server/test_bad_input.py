@@ -1,0 +1,206 @@
+"""Each telemetry gets its reply whatever clients send, and the driver keeps running."""
+
+import base64
+import contextlib
+import json
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.zoo.server.old_client import TEXT, OldClient, telemetry
+from tests.zoo.server.scans import png_bomb
+from tests.zoo.server.serve import BLACK, WHITE, Served, picture
+
+GOOD = picture((204, 0, 0))  # steering 0.8
+NOTHING = {"steering_angle": "0", "throttle": "0"}
+AGAIN = {"steering_angle": "0.8000", "throttle": "-0.2000"}
+FINE = {"steering_angle": "0.8000", "throttle": "0.2000"}
+
+
+def event(*arguments: object) -> str:
+    return "42" + json.dumps(["telemetry", *arguments])
+
+
+RUBBISH = {
+    "list": event([1, 2]),
+    "string": event("drive!"),
+    "number": event(7),
+    "empty object": event({}),
+    "no image": event(telemetry(image=None)),
+    "image is a list": event(telemetry(image=[1])),
+    "bad base64": event(telemetry(image="%%%%a")),
+    "not a picture": event(telemetry(jpeg=b"not a picture")),
+    "truncated JPEG": event(telemetry(jpeg=GOOD[:-200])),
+    "10 MB": event(telemetry(image="A" * 10_000_000)),
+    "no JSON": '42["telemetry",{"speed":',
+    "unpaired": '42["telemetry",{"speed":"\\ud800"}]',
+    "deep": '42["telemetry",' + "[" * 200_000,
+    "long integer": '42["telemetry",{"speed":' + "9" * 10_000 + "}]",
+    "not UTF-8": b'42["telemetry",{"speed":"\xff\xfe',
+    "huge picture": event(telemetry(jpeg=png_bomb(20_000, 5_000))),
+    "the policy raises": event(telemetry(jpeg=picture(BLACK), speed="9.0000")),
+    "the policy is NaN": event(telemetry(jpeg=picture(WHITE), speed="9.0000")),
+}
+
+
+@pytest.mark.parametrize("name", RUBBISH)
+def test_rubbish_is_answered_once_and_the_car_goes_on(driver: Served, name: str) -> None:
+    with OldClient(driver.port, timeout_s=10) as client:
+        client.send(RUBBISH[name])
+        first = client.reply()[1]
+        assert float(first["steering_angle"]) == 0
+        assert float(first["throttle"]) <= 0
+        client.telemetry(jpeg=GOOD, speed="9.0000")
+        assert client.reply() == ("steer", FINE)
+        client.send(RUBBISH[name])
+        assert client.reply() == ("steer", AGAIN), "steer as before, brake gently"
+        client.telemetry(jpeg=GOOD, speed="9.0000")
+        assert client.reply() == ("steer", FINE)
+        assert client.silent_for(0.05)
+
+
+@pytest.mark.parametrize("speed", ["NaN", "Infinity", "1,234.5", "-3.0000", "", None, [], 9, 1e308])
+def test_an_odd_speed_does_not_keep_it_from_steering(driver: Served, speed: object) -> None:
+    with OldClient(driver.port) as client:
+        client.telemetry(jpeg=GOOD, speed=speed)
+        assert client.reply() == ("steer", FINE)
+
+
+def test_json_that_only_python_reads_is_answered(driver: Served) -> None:
+    with OldClient(driver.port) as client:
+        client.send(event(telemetry(jpeg=GOOD)).replace('"speed": "0.0000"', '"speed": NaN'))
+        assert client.reply() == ("steer", FINE)
+
+
+def test_ten_megabytes_in_one_frame_are_answered(driver: Served) -> None:
+    with OldClient(driver.port) as client:
+        client.send_frame(TEXT, RUBBISH["10 MB"].encode())
+        assert client.reply() == ("steer", NOTHING)
+
+
+@pytest.mark.parametrize(
+    "packet", ["", "9", "4", "47", "45", "4" + "9" * 300, "42[", "42[]", "42{}"]
+)
+def test_what_is_no_telemetry_gets_no_reply(driver: Served, packet: str) -> None:
+    with OldClient(driver.port) as client:
+        client.telemetry(jpeg=GOOD)
+        client.reply()
+        client.send(packet)
+        with contextlib.suppress(ConnectionError):  # it may be sent away
+            assert client.silent_for(0.1)
+    assert_serves(driver)
+
+
+def test_200_connections_at_once_are_all_served(driver: Served) -> None:
+    clients = [OldClient(driver.port, timeout_s=20) for _ in range(200)]
+    for client in clients:
+        client.telemetry(jpeg=GOOD)
+        client.telemetry(jpeg=GOOD)
+    for client in clients:
+        assert client.reply() == ("steer", FINE)
+        assert client.reply() == ("steer", FINE)
+        client.socket.close()
+
+
+def test_a_client_that_never_reads_does_not_hold_up_others(driver: Served) -> None:
+    deaf = OldClient(driver.port)
+    message = event(telemetry(jpeg=picture((204, 0, 0), 16, 16)))
+
+    def flood() -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                deaf.send(message)
+
+    thread = threading.Thread(target=flood, daemon=True)
+    thread.start()
+    with OldClient(driver.port) as client:
+        for _ in range(20):
+            client.telemetry(jpeg=GOOD)
+            assert client.reply() == ("steer", FINE)
+    deaf.socket.close()
+    thread.join(5)
+
+
+def test_a_client_that_comes_and_goes_100_times_a_second_is_put_up_with(driver: Served) -> None:
+    with OldClient(driver.port) as steady:
+        for turn in range(200):
+            client = OldClient(driver.port)
+            if turn % 2:
+                client.telemetry(jpeg=GOOD)
+            client.socket.close()
+            if turn % 20 == 0:
+                steady.telemetry(jpeg=GOOD)
+                assert steady.reply() == ("steer", FINE)
+    assert_serves(driver)
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ("", 101),
+        ("Origin: http://127.0.0.1:{port}\r\n", 101),
+        ("Origin: http://example.org\r\n", 403),
+        ("Origin: null\r\n", 403),
+        ("Origin: http://example.org:{port}\r\nX-Forwarded-Host: example.org:{port}\r\n", 403),
+    ],
+)
+def test_only_pages_of_this_server_may_connect(driver: Served, headers: str, status: int) -> None:
+    with OldClient(driver.port, headers.format(port=driver.port)) as client:
+        assert client.status == status
+
+
+def test_a_site_that_gives_its_name_our_address_is_refused(driver: Served) -> None:
+    import http.client
+
+    for path in ("/", "/socket.io/?EIO=4&transport=polling"):
+        connection = http.client.HTTPConnection("127.0.0.1", driver.port, timeout=5)
+        connection.request("GET", path, headers={"Host": f"rebound.example.org:{driver.port}"})
+        assert connection.getresponse().status == 403
+
+
+def test_refused_connections_are_closed_so_that_they_cannot_fill_the_server(driver: Served) -> None:
+    clients = [OldClient(driver.port, "Origin: null\r\n") for _ in range(300)]
+    for client in clients:
+        with contextlib.suppress(ConnectionError, OSError):
+            while client.socket.recv(4096):
+                pass
+    assert_serves(driver)
+    for client in clients:
+        client.socket.close()
+
+
+def test_a_full_disk_is_said_once_and_driving_goes_on(tmp_path: Path) -> None:
+    import resource
+
+    from tests.zoo.server.serve import served
+
+    with served(tmp_path / "drive") as process:
+        with OldClient(process.port) as client:
+            client.telemetry(jpeg=GOOD)
+            client.reply()
+            time.sleep(0.3)
+            # No file may grow, as on a full disk.
+            resource.prlimit(process.process.pid, resource.RLIMIT_FSIZE, (0, -1))
+            for shade in range(20, 60):
+                client.telemetry(jpeg=picture((shade, 0, 0)))
+                assert client.reply()[0] == "steer"
+        assert process.stop() == 0
+    said = [line for line in process.lines if "driving continues: " in line]
+    assert len(said) == 1, process.lines
+    assert len((tmp_path / "drive" / "driving_log.csv").read_text().splitlines()) == 1
+    assert len(list((tmp_path / "drive" / "IMG").iterdir())) == 1
+
+
+def assert_serves(driver: Served) -> None:
+    assert driver.process.poll() is None
+    with OldClient(driver.port) as client:
+        client.telemetry(jpeg=GOOD)
+        assert client.reply() == ("steer", FINE)
+
+
+def test_base64_of_the_original_has_no_line_breaks_but_may(driver: Served) -> None:
+    with OldClient(driver.port) as client:
+        client.telemetry(image=base64.encodebytes(GOOD).decode())
+        assert client.reply() == ("steer", FINE)

@@ -1,0 +1,272 @@
+"""`drivezoo drive`, as users start and end it."""
+
+import json
+import os
+import shutil
+import socket
+import time
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from datamodules.image import decode_image
+from datamodules.recording_format import other_car, read_recordings
+from tests.recordings import Written
+from tests.zoo.command_runs import only_line, run, succeed
+from tests.zoo.server.old_client import OldClient
+from tests.zoo.server.serve import served
+from tests.zoo.simulator.donkey_process import donkey_simulator
+from tests.zoo.simulator.donkey_replica import donkey_replica, telemetry
+from zoo.base.rig import RIGS
+from zoo.checkpoints.checkpoint_policy import load_policy
+from zoo.commands.drive import EmbeddedClient
+from zoo.driving.drive_log import read_drive
+from zoo.driving.metrics import measure
+from zoo.driving.run_drives import all_drives
+from zoo.driving.scenario import Scenario
+
+
+@pytest.fixture(scope="module")
+def checkpoint(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a checkpoint whose name Hydra cannot parse."""
+    folder = tmp_path_factory.mktemp("lr=0.1, [a] 'run'")
+    return Path(shutil.copy(run_folder / "checkpoints" / "best.ckpt", folder / "best=1 (2).ckpt"))
+
+
+def drive(cwd: Path, *arguments: object) -> object:
+    return run(cwd, *map(str, arguments), module="zoo.commands.drive")
+
+
+def test_a_drive_from_start_to_end(checkpoint: Path, recorded: Written, tmp_path: Path) -> None:
+    folder = tmp_path / "my drive=1"
+    pictures = [recorded.image(row).read_bytes() for row in range(0, 120, 6)]
+    policy = load_policy(checkpoint)
+    expected = [policy(decode_image(picture), 9.0)[0] for picture in pictures]
+    command = ("zoo.commands.drive", str(checkpoint), "drive.port=0", f"drive.record={folder}")
+    with served(folder, *command) as driver:
+        with OldClient(driver.port) as client:
+            steered = []
+            for picture in pictures:
+                client.telemetry(jpeg=picture, speed="9.0000")
+                steered.append(float(client.reply()[1]["steering_angle"]))
+            for _ in range(3):
+                client.emit("telemetry", None)
+                assert client.reply() == ("manual", {})
+        assert driver.stop() == 0
+
+    # The network gets the same pixels as in training: its steering for a JPEG on the socket is that
+    # for the file.
+    assert steered == pytest.approx(expected, abs=5e-5)
+
+    said = "\n".join(driver.lines)
+    assert "PilotNet" in said
+    assert "23 telemetry" in said
+    assert "latency p50" in said
+    assert "1 intervention" in said
+
+    recording = read_recordings(str(folder))
+    assert len(recording) == 20
+    assert Path(recording.images[0, 0]).read_bytes() == pictures[0], "not compressed again"
+    assert recording.images[0, 1] is None
+    assert recording.steering == pytest.approx(expected, abs=1e-6)
+    assert (np.diff(recording.time_s) > 0).all()
+
+    record = read_drive(folder)
+    assert len(record) == 23
+    assert record.driver.tolist() == ["policy"] * 20 + ["person"] * 3
+    assert record.intervention.sum() == record.intervention[20] == 1
+    assert (folder / record.frame[5]).read_bytes() == pictures[5]
+    assert record.summary["recorded_rows"] == 20
+    summary = json.loads((folder / "drive.json").read_text())
+    assert summary["interventions"] == 1
+    assert [one["name"] for one in summary["engines"]] == ["torch"]
+
+
+def test_a_drive_leaves_its_log_among_the_outputs(checkpoint: Path, tmp_path: Path) -> None:
+    with served(tmp_path / "x", "zoo.commands.drive", str(checkpoint), "drive.port=0") as driver:
+        with OldClient(driver.port) as client:
+            client.telemetry(jpeg=b"no picture")
+            client.reply()
+        assert driver.stop() == 0
+    (folder,) = (tmp_path / "outputs" / "drives").glob("*/*")
+    assert str(folder) in "\n".join(driver.lines)
+    assert read_drive(folder).driver.tolist() == ["fallback"]
+    assert not (folder / "IMG").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["CKPT", "prot=1"], "did you mean port"),
+        (["CKPT", "drive.speed.setmph=1"], "did you mean speed.set_mph"),
+        (["CKPT", "drive.speed=turns"], "bends, constant, doubt, network, pi, proportional"),
+        (["CKPT", "drive.speed=constant", "drive.speed.kp=1"], "speed.kp: no such key"),
+        (["CKPT", "drive.speed.kp=-1"], "speed.kp=-1: must be a number of 0 or more"),
+        (["CKPT", "speed=doubt"], "predicts no spread of its steering; drive a checkpoint"),
+        (["CKPT", "drive.speed=doubt", "speed.unsure=0"], "speed.unsure=0.0: must be above sure"),
+        (["CKPT", "drive.steering.gain=0"], "steering.gain=0: must be a number above 0"),
+        (["CKPT", "drive.port=99999"], "port=99999: must be a whole number in 0..65535"),
+        (["CKPT", "drive.margin=0"], "margin=0: must be a number of 0.2 or more, or null"),
+        (["CKPT", "drive.put_back=maybe"], "put_back=maybe: must be true or false"),
+        (["CKPT", "drive.port"], "further arguments"),
+        (["CKPT", "drive.port=["], "port=["),
+        (["CKPT", "drive.host=0.0.0.0"], "add expose=true"),
+        (["CKPT", "drive.host=192.0.2.1", "drive.expose=true"], "Cannot assign requested address"),
+    ],
+)
+def test_a_mistake_gets_one_line(
+    checkpoint: Path, tmp_path: Path, arguments: list[str], words: str
+) -> None:
+    line = only_line(drive(tmp_path, *(checkpoint if one == "CKPT" else one for one in arguments)))
+    assert words in line
+    assert line.startswith("drivezoo drive: ")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_port_that_is_taken_names_who_holds_it(checkpoint: Path, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        line = only_line(drive(tmp_path, checkpoint, f"drive.port={port}"))
+    assert f"port {port} is held by" in line
+    assert f"(process {os.getpid()})" in line
+    assert "add port=0" in line
+
+
+def test_a_folder_with_a_recording_is_not_written_to(
+    checkpoint: Path, recorded: Written, tmp_path: Path
+) -> None:
+    line = only_line(drive(tmp_path, checkpoint, "drive.port=0", f"drive.record={recorded.folder}"))
+    assert "holds a driving_log.csv already" in line
+
+
+def test_other_machines_are_let_in_only_with_a_warning_and_a_drive_without_any_leaves_nothing(
+    checkpoint: Path, tmp_path: Path
+) -> None:
+    options = ("drive.host=0.0.0.0", "drive.expose=true", "drive.port=0")
+    with served(tmp_path / "x", "zoo.commands.drive", str(checkpoint), *options) as driver:
+        assert OldClient(driver.port).status == 101
+        assert driver.stop() == 0
+    assert any(line.startswith("warning: every machine") for line in driver.lines)
+    assert any("no simulator" in line for line in driver.lines)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_embedded_simulator_is_driven_until_it_ends(checkpoint: Path, tmp_path: Path) -> None:
+    options = ("drive.port=0", "drive.sim=lake", "drive.laps=0.02", "drive.record=drive")
+    printed = succeed(drive(tmp_path, checkpoint, *options))
+    assert "listening on http://127.0.0.1:" in printed
+    assert "simulator 1 has connected" in printed
+    assert "autonomy" in printed
+    record = read_drive(tmp_path / "drive")
+    assert record.summary["clients"] == 1
+    assert record.speed_mph.max() > 2
+    assert len(read_recordings(str(tmp_path / "drive"))) > 20
+
+
+@pytest.fixture(scope="module")
+def off_the_road(checkpoint: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a network that always steers to the left."""
+    content = torch.load(checkpoint, weights_only=False)
+    weights = content["state_dict"]
+    *_, weight, bias = weights
+    weights[weight].zero_()
+    weights[bias].fill_(-0.3)
+    path = tmp_path_factory.mktemp("bad") / "left.ckpt"
+    torch.save(content, path)
+    return path
+
+
+@pytest.mark.slow
+def test_a_bad_network_gets_the_figures_of_an_evaluation(
+    off_the_road: Path, tmp_path: Path
+) -> None:
+    options = ("drive.port=0", "drive.sim=lake", "drive.laps=0.03", "drive.record=drive")
+    printed = succeed(drive(tmp_path, off_the_road, *options))
+    policy = load_policy(off_the_road)
+    (scored,) = all_drives(policy, [Scenario("lake", laps=0.03, speed=9)])
+    wanted = measure(scored)["interventions"]
+
+    record = read_drive(tmp_path / "drive")
+    assert wanted >= 2
+    assert record.summary["interventions"] == record.summary["off_road"] >= wanted
+    assert record.summary["autonomy"] < 0.5
+    assert record.intervention.sum() == record.summary["interventions"]
+    assert f"{record.summary['interventions']} interventions" in printed
+
+
+@pytest.mark.slow
+def test_a_car_that_is_not_put_back_costs_ever_more_interventions(
+    off_the_road: Path, tmp_path: Path
+) -> None:
+    options = ("drive.port=0", "drive.sim=lake", "drive.laps=0.03", "drive.put_back=false")
+    with served(tmp_path / "x", "zoo.commands.drive", str(off_the_road), *options) as driver:
+        url = f"http://127.0.0.1:{driver.port}/state.json"
+        deadline_s, state = time.monotonic() + 60, {}
+        while state.get("telemetry", 0) < 200 and time.monotonic() < deadline_s:
+            with urllib.request.urlopen(url, timeout=10) as answer:
+                state = json.load(answer)
+            time.sleep(0.1)
+        assert state["lost"] == "off_road"
+        assert driver.stop() == 0
+    (folder,) = (tmp_path / "outputs" / "drives").glob("*/*")
+    record = read_drive(folder)
+    off_s = 0.066 * (np.abs(record.cross_track_m) > 3.2).sum()
+    assert off_s > 5
+    assert 6 * record.summary["off_road"] >= off_s
+
+
+def test_a_simulator_that_fails_is_noticed() -> None:
+    client = EmbeddedClient("nowhere", "http://127.0.0.1:1", None, put_back=True)
+    client.start()
+    deadline_s = time.monotonic() + 20
+    while not client.ended and time.monotonic() < deadline_s:
+        time.sleep(0.05)
+    assert "exit status 1" in client.stop()
+
+
+def test_a_donkeycar_simulator_is_driven_until_it_ends(checkpoint: Path, tmp_path: Path) -> None:
+    with donkey_simulator("rate=max") as (port, _):
+        options = (f"port={port}", "scene=lake", "laps=0.01", "page=0", "record=drive")
+        result = drive(tmp_path, checkpoint, "world=donkey", *options)
+    assert result.returncode == 0, result.stderr
+    assert "simulator 1 has connected" in result.stdout
+    record = read_drive(tmp_path / "drive")
+    assert record.summary["track"] == f"127.0.0.1:{port}/lake"
+    assert record.summary["autonomy"] is not None
+    assert record.speed_mph.max() > 2
+    assert np.isfinite(record.cross_track_m).all()
+    recording = read_recordings(str(tmp_path / "drive"))
+    assert len(recording) == len(record)
+    assert recording.image(0).shape == (120, 160, 3)
+    assert recording.rig == RIGS["donkey_sim"]
+    assert other_car(recording) == "lake"
+
+
+def change_at_20(number: int, message: dict) -> dict:
+    """Drive off the road at once, and send another size of frames after 20 messages."""
+    changed = telemetry(number, (60, 80)) if number >= 20 else message
+    return changed | {"cte": 9.0, "speed": 4.0}
+
+
+@pytest.mark.parametrize("put_back", [True, False])
+def test_a_failing_donkeycar_simulator_leaves_a_line_and_the_drive(
+    checkpoint: Path, tmp_path: Path, put_back: bool
+) -> None:
+    with donkey_replica(change_at_20) as (address, received):
+        port = address.partition(":")[2].partition("/")[0]
+        options = ("scene=oval", "page=0", "record=drive", f"put_back={str(put_back).lower()}")
+        result = drive(tmp_path, checkpoint, "world=donkey", f"port={port}", *options)
+    assert result.returncode == 1
+    (line,) = result.stderr.splitlines()[-1:]
+    assert f"{address}: the simulator failed: its frames changed" in line
+    record = read_drive(tmp_path / "drive")
+    assert record.summary["interventions"] == record.summary["off_road"] >= 1
+    assert put_back == ("set_position" in {one["msg_type"] for one in received})
+
+
+def test_two_simulators_at_once_are_refused(checkpoint: Path, tmp_path: Path) -> None:
+    line = only_line(drive(tmp_path, checkpoint, "world=donkey", "sim=lake"))
+    assert "sim=lake: world=donkey is driven; drop one" in line

@@ -1,0 +1,158 @@
+"""The client of 2016 and a current one, on real sockets."""
+
+import socket
+import threading
+
+import pytest
+import socketio
+
+from tests.zoo.server.old_client import OldClient, telemetry
+from tests.zoo.server.serve import Served, picture
+from zoo.server.fast_socket import EagerSocket
+
+RED, DIM = picture((204, 0, 0)), picture((51, 0, 0))  # steering 0.8 and 0.1961
+
+
+def steering(reply: tuple[str, dict]) -> float:
+    name, values = reply
+    assert name == "steer"
+    assert set(values) == {"steering_angle", "throttle"}
+    assert all(isinstance(value, str) for value in values.values()), "C# parses strings alone"
+    return float(values["steering_angle"].replace(",", "."))
+
+
+def test_a_client_that_never_connects_to_a_namespace_is_driven(driver: Served) -> None:
+    with OldClient(driver.port) as client:
+        assert client.status == 101
+        client.telemetry(jpeg=RED)
+        assert client.reply() == ("steer", {"steering_angle": "0.8000", "throttle": "0.2000"})
+        assert client.packets[1].startswith("40{"), "as if it had asked to be connected"
+
+
+def test_its_pings_are_answered_before_and_after_telemetry(driver: Served) -> None:
+    with OldClient(driver.port) as client:
+        assert client.packet().startswith("0{")
+        client.send("2")
+        assert client.packet() == "3"
+        client.telemetry(jpeg=RED)
+        client.reply()
+        client.send("2")
+        assert client.packet() == "3"
+
+
+def test_two_telemetry_on_open_make_two_loops_and_no_more(driver: Served) -> None:
+    with OldClient(driver.port) as client:
+        client.telemetry(jpeg=RED)
+        client.telemetry(jpeg=DIM)
+        for _ in range(50):
+            assert steering(client.reply()) == pytest.approx(0.8, abs=0.02)
+            client.telemetry(jpeg=RED)
+            assert steering(client.reply()) == pytest.approx(0.2, abs=0.02)
+            client.telemetry(jpeg=DIM)
+        client.reply()
+        client.reply()
+        assert client.silent_for(0.3)
+
+
+def test_replies_keep_the_order_of_a_burst(driver: Served) -> None:
+    shades = [20, 220, 60, 180, 100, 140, 30, 200]
+    with OldClient(driver.port) as client:
+        for shade in shades:
+            client.telemetry(jpeg=picture((shade, 0, 0)))
+        replies = [steering(client.reply()) for _ in shades]
+    assert replies == pytest.approx([shade / 255 for shade in shades], abs=0.02)
+
+
+def modern_drive(port: int, replies: list, count: int, **values: object) -> None:
+    """Drive `count` frames by a current client, which changes from polling to a WebSocket."""
+    done = threading.Event()
+    client = socketio.Client()
+
+    @client.on("steer")
+    def steer(data: dict) -> None:
+        replies.append(("steer", data))
+        if len(replies) < count:
+            client.emit("telemetry", telemetry(**values))
+        else:
+            done.set()
+
+    client.connect(f"http://127.0.0.1:{port}")
+    client.emit("telemetry", telemetry(**values))
+    assert done.wait(10)
+    client.disconnect()
+
+
+def test_both_protocols_at_once_each_get_their_own_replies(driver: Served) -> None:
+    replies: list = []
+    modern = threading.Thread(target=lambda: modern_drive(driver.port, replies, 40, jpeg=DIM))
+    with OldClient(driver.port) as old:
+        modern.start()
+        for _ in range(60):
+            old.telemetry(jpeg=RED, decimal=",")
+            assert old.reply() == ("steer", {"steering_angle": "0,8000", "throttle": "0,2000"})
+        modern.join(10)
+        assert old.silent_for(0.2)
+    assert len(replies) == 40
+    assert {reply[1]["steering_angle"] for reply in replies} == {"0.1961"}
+
+
+def test_who_has_disconnected_is_not_let_in_again(driver: Served) -> None:
+    with OldClient(driver.port) as client:
+        client.send("40")
+        client.telemetry(jpeg=RED)
+        client.reply()
+        client.send("41")
+        client.telemetry(jpeg=RED)
+        assert client.silent_for(0.3)
+
+
+def test_only_the_first_message_connects(driver: Served) -> None:
+    with OldClient(driver.port) as client:
+        client.send("41")
+        client.telemetry(jpeg=RED)
+        assert client.silent_for(0.3)
+
+
+def test_a_person_is_answered_and_counted_once_per_stretch(driver: Served) -> None:
+    with OldClient(driver.port) as client:
+        for _ in range(2):
+            client.telemetry(jpeg=RED)
+            client.reply()
+            for _ in range(5):
+                client.emit("telemetry", None)
+                assert client.reply() == ("manual", {})
+    with OldClient(driver.port) as other:
+        other.emit("telemetry", None)
+        assert other.reply() == ("manual", {})
+
+
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_it_answers_in_the_numbers_that_it_is_asked_in(driver: Served, decimal: str) -> None:
+    with OldClient(driver.port) as client:
+        client.telemetry(jpeg=RED, decimal=decimal)
+        assert client.reply()[1]["throttle"] == f"0{decimal}2000"
+        client.telemetry(jpeg=b"rubbish", decimal=decimal)
+        assert client.reply()[1]["steering_angle"] == f"0{decimal}8000"
+        client.emit("telemetry", [])
+        assert client.reply()[1]["steering_angle"] == f"0{decimal}8000"
+
+
+@pytest.mark.skipif(not hasattr(socket, "TCP_QUICKACK"), reason="Linux alone has it")
+def test_each_read_is_acknowledged_at_once_and_replies_are_not_held_back() -> None:
+    """Check a rate above 25 frames per second, the limit of delayed acknowledgements."""
+    options: list[tuple[int, int, int]] = []
+
+    class Noted(socket.socket):
+        def setsockopt(self, *option: int) -> None:
+            options.append(option)
+            super().setsockopt(*option)
+
+    with socket.create_server(("127.0.0.1", 0)) as listener, Noted() as ours:
+        ours.connect(listener.getsockname())
+        eager = EagerSocket(ours, hold=lambda _: None)
+        with listener.accept()[0] as client:
+            for sent in (b"a", b"b"):
+                client.sendall(sent)
+                assert eager.recv(1) == sent
+    quick = (socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
+    assert options == [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1), quick, quick]

@@ -1,0 +1,414 @@
+"""The Gymnasium environments, alone and in parallel, drawn by the software renderer."""
+
+import re
+import runpy
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+import yaml
+from gymnasium.utils.env_checker import check_env
+
+import zoo.simulator  # noqa: F401 - registers Lake-v0
+from tests.zoo.command_runs import ROOT
+from tests.zoo.simulator.tracks import LOOP
+from zoo.base.errors import InputError
+from zoo.base.rig import MPS_PER_MPH
+from zoo.simulator.env import DrivingEnv
+from zoo.simulator.expert import Expert
+from zoo.simulator.reward import REWARDS, TERMINATIONS
+from zoo.simulator.track_names import environment_id, family_names, track_names
+from zoo.simulator.weather import Weather
+
+STRAIGHT_ON = np.array([0.0, 0.5], np.float32)
+Opened = Callable[..., DrivingEnv]
+
+
+@pytest.fixture
+def opened(tmp_path: Path) -> Iterator[Opened]:
+    """Return a function that opens an environment on a short loop until the test ends."""
+    track = tmp_path / "loop.yaml"
+    bare = {"trees": 5, "bushes": 0, "rocks": 5}
+    track.write_text(yaml.safe_dump({"points": LOOP, "surroundings": bare}))
+    envs = []
+
+    def make(**arguments) -> DrivingEnv:
+        envs.append(DrivingEnv(str(track), renderer="software", **arguments))
+        return envs[-1]
+
+    yield make
+    for env in envs:
+        env.close()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(
+            f"drivezoo/{environment_id(one)}",
+            marks=() if one == "zoo_lake" else pytest.mark.slow,
+        )
+        for one in (*track_names(), *family_names())
+    ],
+)
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        pytest.param({}, marks=pytest.mark.slow),
+        {"cameras": "all", "render_mode": "rgb_array"},
+    ],
+)
+def test_gymnasiums_checker_finds_no_fault(name, arguments):
+    env = gymnasium.make(name, renderer="software", **arguments)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env.unwrapped)
+    env.close()
+
+
+def test_importing_the_simulator_registers_it_and_a_checked_world_loads_no_renderer():
+    """A training checks at its start the worlds that it drives in at its end."""
+    lines = """
+import sys, gymnasium, zoo.simulator
+assert gymnasium.spec("Lake-v0").kwargs == {"track": "lake"}
+from zoo.simulator.expert import Expert
+from zoo.simulator.simulated_world import open_world
+open_world("lake", renderer="none")
+assert "panda3d" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", lines], check=True)
+
+
+@pytest.mark.parametrize("imports", ["import drivezoo, gymnasium", "import gymnasium, drivezoo"])
+def test_importing_drivezoo_registers_it_in_either_order(imports):
+    lines = f"{imports}; gymnasium.spec('Lake-v0'); gymnasium.spec('drivezoo/Alpine-v0')"
+    subprocess.run([sys.executable, "-c", lines], check=True)
+
+
+def test_importing_drivezoo_alone_imports_neither_gymnasium_nor_numpy():
+    lines = "import sys, drivezoo; print({'gymnasium', 'numpy', 'pydantic'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", lines], check=True, capture_output=True, text=True)
+    assert done.stdout == "set()\n"
+
+
+def test_gymnasium_imports_the_package_named_in_the_id():
+    lines = """
+import gymnasium
+print(gymnasium.make("drivezoo:drivezoo/Lake-v0", renderer="software").reset(seed=0)[1]["lap"])
+"""
+    done = subprocess.run([sys.executable, "-c", lines], check=True, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("0\n", "")
+
+
+def test_the_image_is_the_centre_camera_and_the_others_come_on_request(opened):
+    one, _ = opened().reset(seed=1)
+    env = opened(cameras="all")
+    three, _ = env.reset(seed=1)
+    assert set(one) == {"image", "speed"}
+    assert set(three) == {"image", "left", "right", "speed"}
+    assert np.array_equal(one["image"], three["image"])
+    assert np.array_equal(three["left"], env.world.frame("left"))
+
+
+def test_the_same_seed_and_actions_give_the_same_frames_to_the_bit(opened):
+    arguments = {"weather": "random", "random_start": True}
+    drives = [drive_at_random(opened(**arguments), seed=5) for _ in range(2)]
+    for one, other in zip(*drives, strict=True):
+        assert one[1] == other[1]
+        for key in one[0]:
+            assert np.array_equal(one[0][key], other[0][key])
+
+
+def drive_at_random(env: DrivingEnv, seed: int) -> list[tuple[dict, dict]]:
+    """Return observations and infos of two episodes, the second without a seed."""
+    rng = np.random.default_rng(seed)
+    seen = []
+    for episode_seed in (seed, None):
+        seen.append(env.reset(seed=episode_seed))
+        for _ in range(10):
+            observation, *_, info = env.step(rng.uniform((-0.3, 0), (0.3, 1)))
+            seen.append((observation, info))
+    return seen
+
+
+def test_another_seed_is_another_place_and_day(opened):
+    env = opened(weather="random", random_start=True)
+    days = []
+    for seed in range(3):
+        _, info = env.reset(seed=seed)
+        days.append((info["distance"], env.world.weather.sun_azimuth_deg))
+    assert len(set(days)) == 3
+
+
+def test_each_seed_begins_at_another_place_unless_that_is_switched_off(opened):
+    env, fixed = opened(), opened(random_start=False)
+    assert len({env.reset(seed=seed)[1]["distance"] for seed in (3, 4, 3)}) == 2
+    assert {fixed.reset(seed=seed)[1]["distance"] for seed in (3, 4)} == {0}
+
+
+def test_direction_and_weather_take_the_words_of_the_commands(opened):
+    env = opened(direction="backward", weather={"fog": 0.4})
+    env.reset(seed=0, options={"speed_mph": 20})
+    assert env.world.weather == Weather(fog=0.4)
+    assert env.step(STRAIGHT_ON)[1] > 0.4
+    env.reset(options={"weather": "{wet: 1}"})
+    assert env.world.weather == Weather(wet=1)
+
+
+def test_a_throttle_below_zero_brakes_and_never_reverses(opened):
+    env = opened(frame_rate=10)
+    env.reset(seed=0, options={"speed_mph": 20})
+    brake = np.array([0, -1], np.float32)
+    rewards = [env.step(brake)[1] for _ in range(40)]
+    assert min(rewards) >= 0
+    assert sum(rewards) > 1
+    assert env.step(brake)[0]["speed"] == [0]
+
+
+def test_reset_takes_place_and_weather_of_the_start(opened):
+    fog = Weather(fog=0.6)
+    options = {"distance": 50, "cte": 1, "heading_deg": -4, "speed_mph": 12, "weather": fog}
+    env = opened()
+    observation, info = env.reset(seed=0, options=options)
+    assert (info["distance"], info["cte"]) == pytest.approx((50, 1), abs=0.05)
+    assert np.degrees(info["heading_error"]) == pytest.approx(-4, abs=0.5)
+    assert observation["speed"] == pytest.approx([12])
+    assert env.world.weather == fog
+    env.reset()
+    assert env.world.weather == Weather()
+
+
+def test_the_reward_is_the_metres_driven_along_the_lap(opened):
+    env = opened()
+    env.reset(seed=0, options={"speed_mph": 20})
+    rewards = [env.step(STRAIGHT_ON)[1] for _ in range(15)]
+    assert sum(rewards) == pytest.approx(env.world.travelled)
+    assert sum(rewards) == pytest.approx(9.5, abs=1)
+
+
+@pytest.mark.parametrize(("off_road_s", "steps"), [(0, 1), (0.5, 6)])
+def test_off_the_road_there_is_no_reward_and_then_no_more_time(opened, off_road_s, steps):
+    env = opened(off_road_s=off_road_s, frame_rate=10)
+    env.reset(seed=0, options={"cte": 6, "speed_mph": 5})
+    for step in range(1, steps + 1):
+        _, reward, terminated, truncated, info = env.step(STRAIGHT_ON)
+        assert info["off_road"]
+        assert reward == 0
+        assert (terminated, truncated) == (step == steps, False)
+
+
+def test_the_seed_chooses_a_familys_road_and_an_option_another():
+    env = DrivingEnv("alpine:*", renderer="software", quality="simple", width=64, height=32)
+    roads = []
+    for seed, options in ((17, {}), (None, {}), (17, {"seed": 5}), (17, {})):
+        frame, _ = env.reset(seed=seed, options=options)
+        roads.append(env.world.track.name)
+    assert roads[0] == roads[3] == "alpine:17"
+    assert roads[2] == "alpine:5"
+    assert roads[1] not in roads[2:]
+    assert np.array_equal(env.reset(seed=17)[0]["image"], frame["image"])
+    env.close()
+
+
+def test_images_have_the_size_and_the_field_of_view_of_the_arguments(opened):
+    arguments = {"width": 96, "height": 64, "cameras": "all", "random_start": False}
+    wide, narrow = (opened(**arguments, vertical_fov_deg=degrees) for degrees in (80, 40))
+    frames = [env.reset(seed=0)[0] for env in (wide, narrow)]
+    assert {frame[key].shape for frame in frames for key in ("image", "left")} == {(64, 96, 3)}
+    assert wide.observation_space.contains(frames[0])
+    assert wide.rig.cameras["right"].vertical_fov_deg == 80
+    assert not np.array_equal(frames[0]["image"], frames[1]["image"])
+
+
+INFO = {"cte": -2.0, "width": 6.0, "hit": False, "off_road": False, "speed_mph": 10.0, "lap": 0}
+BEFORE, AFTER = {"driven_m": 5.0, "furthest": 0.25}, {"driven_m": 7.0, "furthest": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "terminated", "reward"),
+    [
+        ("progress", {}, False, 2),
+        ("progress", {"off_road": True}, False, 0),
+        ("donkeycar", {}, False, 0.75 * 4.4704),
+        ("donkeycar", {}, True, -1),
+        ("donkeycar", {"cte": -8.1}, False, -1),
+        ("donkeycar", {"hit": True}, False, -2),
+        ("carracing", {}, False, 249.9),
+        ("carracing", {"furthest": 0.25}, False, -0.1),
+        ("carracing", {"cte": 83.0}, True, -100),
+        ("carracing", {"lap": 1}, True, 249.9),
+    ],
+)
+def test_a_named_reward_is_the_formula_of_its_environment(name, changes, terminated, reward):
+    info = INFO | AFTER | changes
+    assert REWARDS[name](BEFORE, info, terminated) == pytest.approx(reward)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "ends"),
+    [
+        ("donkeycar", {}, False),
+        ("donkeycar", {"cte": -8.1}, True),
+        ("donkeycar", {"hit": True}, True),
+        ("carracing", {"cte": 82.0}, False),
+        ("carracing", {"cte": 83.0}, True),
+        ("carracing", {"lap": 1}, True),
+    ],
+)
+def test_a_named_termination_is_the_rule_of_its_environment(name, changes, ends):
+    assert TERMINATIONS[name](INFO | changes) == ends
+
+
+def test_functions_of_ones_own_give_reward_and_termination(opened):
+    env = opened(
+        reward=lambda before, info, terminated: info["time"] - before["time"] + 10 * terminated,
+        termination=lambda info: info["time"] > 0.3,
+        frame_rate=5,
+    )
+    env.reset(seed=0)
+    steps = [env.step(STRAIGHT_ON)[1:3] for _ in range(2)]
+    assert [ended for _, ended in steps] == [False, True]
+    assert [reward for reward, _ in steps] == pytest.approx([0.2, 10.2])
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_it_ends_when_the_laps_are_driven(opened, direction):
+    env = opened(laps=1, frame_rate=10, direction=direction)
+    env.reset(seed=0, options={"speed_mph": 25})
+    expert, terminated = Expert(env.world.track), False
+    while not terminated and env.world.time < 60:
+        *_, terminated, _, info = env.step(expert(env.world))
+    assert terminated
+    assert info["lap"] == 1
+    assert info["progress"] == pytest.approx(1, abs=0.01)
+
+
+def test_it_is_cut_off_after_the_seconds_given(opened):
+    env = opened(max_seconds=0.5, frame_rate=10)
+    env.reset(seed=0)
+    assert [env.step(STRAIGHT_ON)[3] for _ in range(5)] == [False] * 4 + [True]
+
+
+@pytest.mark.parametrize(("laps", "seconds"), [(None, 300), (2, 600)])
+def test_without_a_limit_an_episode_of_a_standing_car_ends(opened, laps, seconds):
+    env = opened(laps=laps, frame_rate=0.2)
+    env.reset(seed=0)
+    ends = [env.step(np.zeros(2, np.float32))[2:4] for _ in range(seconds // 5)]
+    assert ends == [(False, False)] * (seconds // 5 - 1) + [(False, True)]
+
+
+def test_it_renders_what_was_last_seen(opened):
+    env = opened(render_mode="rgb_array", frame_rate=20)
+    assert env.metadata["render_fps"] == 20
+    env.reset(seed=0)
+    observation, *_ = env.step(STRAIGHT_ON)
+    assert np.array_equal(env.render(), observation["image"])
+    silent = opened()
+    silent.reset(seed=0)
+    assert silent.render() is None
+
+
+def test_closing_twice_has_no_effect(opened):
+    env = opened()
+    env.close()
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("argument", "message"),
+    [
+        ({"cameras": "rear"}, "cameras=rear: must be center or all"),
+        ({"render_mode": "human"}, "render_mode=human"),
+        ({"renderer": "none"}, "renderer=none"),
+        ({"weather": "hail"}, "weather=hail: must be clear, random or settings"),
+        ({"direction": "left"}, "direction=left: must be forward or backward"),
+        ({"laps": 0}, "laps=0: must be 1 or more"),
+        ({"max_seconds": -1}, "max_seconds=-1"),
+        ({"off_road_s": -1}, "off_road_s=-1"),
+        ({"track": "lagoon"}, "no track lagoon"),
+        ({"track": "lagoon:*"}, "no family of roads 'lagoon'"),
+        ({"width": 4}, "width=4: must be 8 to 1024"),
+        ({"vertical_fov_deg": 0}, "vertical_fov_deg=0: must be 1 to 170"),
+        ({"reward": "donkey"}, "reward=donkey: did you mean donkeycar"),
+        ({"termination": "lap"}, "termination=lap: available: off_road, donkeycar, carracing"),
+    ],
+)
+def test_a_wrong_argument_is_refused(argument, message):
+    with pytest.raises(InputError, match=message):
+        DrivingEnv(**argument)
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"speed": 5}, "unknown option speed; available: cte, distance"),
+        ({"speed_mph": 70}, "speed_mph=70: must be in 0..30"),
+        ({"cte": np.nan}, "nan: must be a finite number"),
+    ],
+)
+def test_a_wrong_option_of_reset_is_refused(opened, option, message):
+    with pytest.raises(InputError, match=message):
+        opened().reset(options=option)
+
+
+@pytest.mark.parametrize("action", [[np.nan, 0], [0.1], [0, np.inf]])
+def test_an_action_is_two_finite_numbers(opened, action):
+    env = opened()
+    env.reset(seed=0)
+    with pytest.raises(InputError, match="must be two finite numbers"):
+        env.step(action)
+
+
+SETTINGS = {"renderer": "software", "weather": "random", "random_start": True, "cameras": "all"}
+STEPS = 12
+
+
+def test_parallel_environments_equal_sequential_ones():
+    rng = np.random.default_rng(3)
+    actions = rng.uniform((-0.3, 0.0), (0.3, 1.0), (STEPS, 2, 2)).astype(np.float32)
+    spawn = {"context": "spawn"}
+    envs = gymnasium.make_vec(
+        "Lake-v0", 2, vectorization_mode="async", vector_kwargs=spawn, **SETTINGS
+    )
+    together = [(*envs.reset(seed=7), None)]
+    for action in actions:
+        observation, reward, _, _, info = envs.step(action)
+        together.append((observation, info, reward))
+    envs.close()
+    env = DrivingEnv("lake", **SETTINGS)
+    for index in range(2):
+        alone = [(*env.reset(seed=7 + index), None)]
+        for action in actions[:, index]:
+            observation, reward, _, _, info = env.step(action)
+            alone.append((observation, info, reward))
+        for one, all_ in zip(alone, together, strict=True):
+            for key, value in one[0].items():
+                assert np.array_equal(value, all_[0][key][index]), key
+            for key, value in one[1].items():
+                assert value == all_[1][key][index], key
+            assert one[2] is None or one[2] == all_[2][index]
+    env.close()
+
+
+def test_the_environment_for_lerobot_has_the_units_of_a_converted_dataset(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "gymnasium.md").read_text()
+    block = re.search(r"```python\n(# env\.py\n.*?)```", page, re.DOTALL)
+    (tmp_path / "env.py").write_text(block[1])
+    names = runpy.run_path(str(tmp_path / "env.py"))
+    envs = names["make_env"](2)
+    observation, _ = envs.reset(seed=[1, 2], options={"lerobot_new_rollout": True})
+    assert observation["pixels"]["center"].shape == (2, 160, 320, 3)
+    assert envs.call("_max_episode_steps") == (450, 450)
+    for _ in range(5):
+        observation, *_, info = envs.step(np.array([[0, 1, 0.2], [0, 0.5, 0.5]], np.float32))
+    mph, mps = observation["agent_pos"].T
+    assert mph[0] > 1
+    assert mph[1] == pytest.approx(0, abs=0.5), "the brake takes the throttle back"
+    assert mps == pytest.approx(mph * MPS_PER_MPH, rel=1e-4)
+    assert not info["is_success"].any()
+    envs.close()

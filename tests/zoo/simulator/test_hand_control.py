@@ -1,0 +1,150 @@
+"""From keys, mouse and gamepad to steering and throttle."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from zoo.simulator.hand_control import (
+    AXES,
+    TRIGGERS,
+    Axis,
+    Gamepads,
+    HandControl,
+    Hands,
+    Kind,
+    read_device,
+)
+
+STEP_S = 0.02
+
+
+def after(seconds: float, hands: Hands, control: HandControl | None = None) -> HandControl:
+    control = control or HandControl()
+    for _ in range(round(seconds / STEP_S)):
+        control.step(STEP_S, hands)
+    return control
+
+
+@pytest.mark.parametrize(
+    ("keys", "way"),
+    [({"arrow_left"}, -1), ({"a"}, -1), ({"arrow_right"}, 1), ({"d"}, 1), ({"a", "d"}, 0)],
+    ids=lambda value: "+".join(sorted(value)) if isinstance(value, set) else str(value),
+)
+def test_steering_builds_up_while_a_key_is_held(keys, way):
+    assert after(0.2, Hands(keys)).steering == pytest.approx(0.5 * way)
+    assert after(2, Hands(keys)).steering == way
+
+
+def test_steering_returns_when_the_key_is_released():
+    control = after(0.2, Hands({"a"}))
+    assert after(0.1, Hands(), control).steering == pytest.approx(-0.2)
+    assert after(0.1, Hands(), control).steering == 0
+
+
+@pytest.mark.parametrize("keys", [{"arrow_up"}, {"w"}])
+def test_up_accelerates_and_down_brakes_at_once(keys):
+    control = after(1, Hands(keys))
+    assert control.throttle == 1
+    assert after(STEP_S, Hands({"s"}), control).throttle == pytest.approx(-0.06)
+    assert after(1, Hands({"arrow_down"}), control).throttle == -1
+    assert after(1, Hands(), control).throttle == 0
+
+
+def test_steps_of_another_length_give_the_same_steering():
+    coarse = HandControl()
+    for _ in range(2):
+        coarse.step(0.1, Hands({"a", "w"}))
+    fine = after(0.2, Hands({"a", "w"}))
+    assert (coarse.steering, coarse.throttle) == pytest.approx((fine.steering, fine.throttle))
+
+
+@pytest.mark.parametrize(
+    ("moved", "steering"), [(0.0, 0), (-0.1, -0.15), (1 / 3, 0.5), (0.7, 1), (-0.9, -1)]
+)
+def test_the_mouse_steers_by_how_far_it_went_since_the_button_was_pressed(moved, steering):
+    control = after(STEP_S, Hands({"mouse1"}, pointer=0.3))
+    assert control.steering == 0
+    control = after(STEP_S, Hands({"mouse1"}, pointer=0.3 + moved), control)
+    assert control.steering == pytest.approx(steering)
+
+
+def test_a_mouse_steers_only_with_its_button_and_each_press_begins_at_zero():
+    control = after(STEP_S, Hands(pointer=0.9))
+    assert control.steering == 0
+    after(STEP_S, Hands({"mouse1"}, pointer=0.2), control)
+    after(STEP_S, Hands({"mouse1"}, pointer=0.4), control)
+    assert control.steering == pytest.approx(0.3)
+    assert after(0.2, Hands(pointer=0.4), control).steering == 0
+    assert after(STEP_S, Hands({"mouse1"}, pointer=0.4), control).steering == 0
+
+
+def test_keys_come_before_the_mouse():
+    control = after(STEP_S, Hands({"mouse1"}, pointer=0.5))
+    assert after(1, Hands({"mouse1", "a"}, pointer=0.9), control).steering == -1
+
+
+def test_a_key_accelerates_while_the_mouse_steers():
+    after(STEP_S, Hands({"mouse1", "w"}), control := HandControl())
+    after(1, Hands({"mouse1", "w"}, pointer=0.7), control)
+    assert (control.steering, control.throttle) == pytest.approx((0.3, 1))
+
+
+@pytest.mark.parametrize(
+    ("stick", "steering"), [(0.08, 0), (-0.1, 0), (0.55, 0.5), (-1, -1), (1, 1)]
+)
+def test_a_stick_steers_beyond_its_dead_zone(stick, steering):
+    assert after(STEP_S, Hands(stick=stick)).steering == pytest.approx(steering)
+
+
+def test_triggers_accelerate_and_brake():
+    assert after(STEP_S, Hands(pedals=0.4)).throttle == pytest.approx(0.4)
+    assert after(STEP_S, Hands(pedals=-1)).throttle == -1
+
+
+@pytest.mark.parametrize("brake", [Hands({"s"}), Hands(pedals=-0.5)], ids=["key", "trigger"])
+def test_cruising_holds_the_throttle_until_braking(brake):
+    control = HandControl()
+    control.cruising = True
+    assert after(5, Hands({"a"}), control).throttle == pytest.approx(0.4)
+    assert after(STEP_S, brake, control).throttle < 0
+    assert after(1, Hands(), control).throttle == 0
+
+
+def test_without_a_gamepad_nothing_is_read():
+    gamepads = Gamepads()
+    if any(len(gamepads.manager.getDevices(kind)) for kind in AXES):
+        pytest.skip("there is a gamepad here")
+    assert gamepads.read() == (0, 0)
+
+
+class Pad:
+    """A stand-in for a gamepad, which test machines lack."""
+
+    device_class = Kind.gamepad
+
+    def __init__(self, axes: dict, pressed: tuple = ()) -> None:
+        self.axes, self.pressed = axes, pressed
+
+    def poll(self) -> None:
+        pass
+
+    def findAxis(self, axis):  # noqa: N802 (Panda3D's name)
+        return SimpleNamespace(known=axis in self.axes, value=self.axes.get(axis, 0.0))
+
+    def findButton(self, button):  # noqa: N802
+        return SimpleNamespace(pressed=button in self.pressed)
+
+
+@pytest.mark.parametrize(
+    ("pad", "stick_and_pedals"),
+    [
+        (Pad({}), (0, 0)),
+        (Pad({Axis.left_x: -0.5, Axis.right_trigger: 0.8}), (-0.5, 0.8)),
+        (Pad({Axis.left_x: 0.2, Axis.right_trigger: 0.1, Axis.left_trigger: 0.6}), (0.2, -0.5)),
+        (Pad({Axis.left_x: 0.0}, pressed=(TRIGGERS[0],)), (0, 1)),
+        (Pad({Axis.left_x: 0.0}, pressed=(TRIGGERS[1],)), (0, -1)),
+    ],
+    ids=["untouched", "accelerating", "braking", "accelerating by button", "braking by button"],
+)
+def test_a_gamepads_left_stick_steers_and_its_triggers_are_the_pedals(pad, stick_and_pedals):
+    assert read_device(pad) == pytest.approx(stick_and_pedals)

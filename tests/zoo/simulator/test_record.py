@@ -1,0 +1,220 @@
+"""`drivezoo simulator record` as a person runs it, and recording from Python."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.progress import Progress
+
+from datamodules.recording_format import read_recordings
+from tests.zoo.command_runs import only_line, run
+from tests.zoo.simulator.tracks import loop
+from zoo.base.errors import InputError
+from zoo.base.run_command import run_command
+from zoo.commands.simulator import simulator
+from zoo.simulator.expert import Expert, ExpertSettings
+from zoo.simulator.parallel_record import ParallelRecorder, Requests
+from zoo.simulator.record import RecordOptions, record, record_laps
+from zoo.simulator.recorder import Recorder
+from zoo.simulator.simulated_world import Start, World
+from zoo.simulator.track_file import read_track
+
+
+class GreyRenderer:
+    """A fast stand-in for a renderer: one grey per camera and frame."""
+
+    def set_weather(self, weather, seed):
+        pass
+
+    def frame(self, pose, camera, tick):
+        return np.full((160, 320, 3), (tick % 200, len(camera), 0), np.uint8)
+
+
+class ConstantDriver:
+    """A driver with a constant command."""
+
+    recording = True
+
+    def __init__(self, steering: float, throttle: float) -> None:
+        self.command = steering, throttle
+
+    def __call__(self, world):
+        return self.command
+
+
+def grey_loop(direction: int = 1) -> World:
+    return World(loop(), GreyRenderer(), direction=direction)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_lap_becomes_a_recording(tmp_path, direction):
+    world = grey_loop(direction)
+    with Recorder(tmp_path) as recorder:
+        driven = record(world, Expert(world.track), recorder, 1.0)
+    recording = read_recordings(str(tmp_path))
+    assert len(recording) == recorder.rows == driven.frames
+    assert recording.steering == pytest.approx(driven.steering, abs=1e-6)
+    # All bends are to the left, or to the right driven backward.
+    assert np.sign(recording.steering.mean()) == -direction
+    assert recording.speed_mph[-1] == pytest.approx(30, abs=2)
+    assert len(driven.lap_s) == 1
+    assert driven.lap_s[0] == pytest.approx(world.track.length / 13.4, abs=4)
+
+
+def test_moving_away_from_the_line_is_not_recorded(tmp_path):
+    world = grey_loop()
+    expert = Expert(world.track, ExpertSettings(noise=1, seed=1))
+    with Recorder(tmp_path) as recorder:
+        driven = record(world, expert, recorder, 1.5)
+    assert 0.5 * driven.frames < recorder.rows < 0.9 * driven.frames
+    gaps = np.diff(read_recordings(str(tmp_path)).time_s)
+    assert gaps.max() > 1
+    assert np.median(gaps) == pytest.approx(1 / 15, abs=0.01)
+
+
+def test_the_same_options_give_the_same_recording(tmp_path, console):
+    options = RecordOptions(out=str(tmp_path / "a"), laps=0.01, noise=1, seed=2, relative=True)
+    folders = [record_laps(options, console)]
+    folders.append(
+        record_laps(RecordOptions(**vars(options) | {"out": str(tmp_path / "b")}), console)
+    )
+    one, other = ({p.relative_to(f): p.read_bytes() for p in f.rglob("*.*")} for f in folders)
+    assert one == other
+    passes = json.loads(one[Path("recipe.json")])["passes"]
+    assert passes == [{"track": options.track, "laps": 0.01}]
+
+
+def test_several_passes_go_into_one_folder(tmp_path, console):
+    clean = RecordOptions(out=str(tmp_path / "laps"), laps=0.01, quality="simple")
+    noisy = RecordOptions(out="", laps=0.01, noise=0.5, start=300, direction="backward")
+    assert record_laps([clean, noisy], console) == tmp_path / "laps"
+    recording = read_recordings(str(tmp_path / "laps"))
+    assert np.count_nonzero(np.diff(recording.time_s) > 1) == 1
+    assert f"rows        {len(recording)} " in console.file.getvalue()
+
+
+def files_of(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*.*")}
+
+
+@pytest.mark.parametrize("passes", [1, 4])
+def test_two_processes_write_the_same_files_as_one(tmp_path, console, passes):
+    """A weather with noise shows that the frames' numbers and seeds are the same, too."""
+    folders = []
+    for jobs in (1, 2):
+        common = {"out": str(tmp_path / str(jobs)), "relative": True, "jobs": jobs}
+        common |= {"laps": 0.02, "quality": "simple", "weather": "random", "noise": 1}
+        given = [RecordOptions(**common, seed=seed, frame_rate=5) for seed in range(passes)]
+        folders.append(record_laps(given, console))
+    one, two = map(files_of, folders)
+    assert len(one) > 3 * passes
+    assert one == two
+
+
+def test_rows_of_a_drive_that_failed_are_kept_with_several_processes(tmp_path):
+    world = World(read_track("lake"), Requests("lake", "software", "simple"))
+    world.reset(0, Start(40, speed_mph=20))
+    with (
+        Recorder(tmp_path) as recorder,
+        pytest.raises(InputError, match=r"left the road.* the first (\d+) rows are kept") as raised,
+        ParallelRecorder(recorder, 2, Progress()) as rows,
+    ):
+        record(world, ConstantDriver(0.3, 1), rows, 1)
+    assert len(read_recordings(str(tmp_path))) == recorder.rows == rows.rows > 5
+    assert f"the first {rows.rows} rows" in str(raised.value)
+
+
+def test_a_killed_process_is_named_and_the_rows_before_are_kept(tmp_path):
+    class Killed:
+        """A stand-in for a request whose drawing kills its process."""
+
+        def __reduce__(self):
+            return os._exit, (1,)
+
+    with Recorder(tmp_path) as recorder:
+        rows = ParallelRecorder(recorder, 2, Progress())
+        rows.begin_pass()
+        with pytest.raises(InputError, match=r"jobs=2: .*killed.* 0 rows"), rows:
+            rows.add({"center": Killed()}, 0, 0, 0, 0, 0.0)
+
+
+def test_the_bar_is_shown_until_the_last_image_is_written(tmp_path, console, monkeypatch):
+    written = []
+
+    class Bar(Progress):
+        def stop(self):
+            written.append(len(read_recordings(str(tmp_path / "laps"))))
+            super().stop()
+
+    monkeypatch.setattr("zoo.simulator.record.Progress", Bar)
+    options = RecordOptions(out=str(tmp_path / "laps"), jobs=2, laps=0.02, quality="simple")
+    folder = record_laps(options, console)
+    assert written == [len(read_recordings(str(folder)))]
+
+
+def test_leaving_the_road_fails_and_names_the_place(tmp_path):
+    world = grey_loop()
+    world.put_back(Start(40, speed_mph=20))
+    with (
+        Recorder(tmp_path) as recorder,
+        pytest.raises(InputError, match=r"left the road, \+\d.\d m at \d\d m of loop"),
+    ):
+        record(world, ConstantDriver(0.3, 1), recorder, 1)
+    assert len(read_recordings(str(tmp_path))) == recorder.rows > 5
+
+
+def test_a_driver_that_stands_fails(tmp_path):
+    world = grey_loop()
+    with Recorder(tmp_path) as recorder, pytest.raises(InputError, match="got stuck at"):
+        record(world, ConstantDriver(0, 0), recorder, 1)
+
+
+def test_the_command_records_and_prints_the_next_command(tmp_path):
+    done = run(
+        tmp_path,
+        "record",
+        "laps=0.01",
+        "out=my laps",
+        "direction=both",
+        module="zoo.commands.simulator",
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    rows = len(read_recordings(str(tmp_path / "my laps")))
+    printed = done.stdout
+    assert f"rows        {rows} (100% of the frames)" in printed
+    assert f"images      {3 * rows}" in printed
+    assert "times real time" in printed
+    assert str(tmp_path / "my laps" / "driving_log.csv") in printed
+    assert "experiment=first_try 'data.root=my laps'" in printed
+    again = run(tmp_path, "record", "laps=0.01", "out=my laps", module="zoo.commands.simulator")
+    assert "has a driving_log.csv already; give another folder with out=" in only_line(again)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["record"], "out: not given; add out=VALUE"),
+        (["record", "out=x", "laps=0"], "laps=0: must be a number above 0"),
+        (["record", "out=x", "noise=2"], "noise=2: must be a number in 0..1"),
+        (["record", "out=x", "start=inf"], "start=inf: must be a finite number"),
+        (["record", "out=x", "seed=-1"], "seed=-1: must be a whole number of 0 or more"),
+        (["record", "out=x", "track=laek"], "there is no track laek"),
+        (["record", "out=x", "direction=up"], "direction=up: must be forward or backward or both"),
+        (["record", "out=x", "control=mose"], "control=mose: must be expert, keyboard or mouse"),
+        (["record", "out=x", "frame_rate=60"], "frame_rate=60: must be a number in 0.1..50"),
+        (["record", "out=x", "weather=snow"], "weather=snow: must be clear, random or settings"),
+        (["record", "out=x", "renderer=none"], "renderer=none: must be auto, software or opengl"),
+        (["record", "out=x", "jobs=0"], "jobs=0: must be a whole number in 1..64"),
+    ],
+    ids=lambda one: " ".join(one) if isinstance(one, list) else "",
+)
+def test_a_mistake_is_one_line_and_leaves_no_folder(tmp_path, arguments, message, capsys):
+    assert run_command("drivezoo simulator", simulator, arguments) in (1, 2)
+    line = capsys.readouterr().err.strip()
+    assert line.startswith("drivezoo simulator: ")
+    assert message in line
+    assert "\n" not in line
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,320 @@
+"""Meshes, bridges, textures, shadows and light, without a renderer."""
+
+from typing import get_args
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial import cKDTree
+
+from tests.zoo.simulator.surfaces import surfaces_at
+from tests.zoo.simulator.test_track_content import EIGHT
+from tests.zoo.simulator.tracks import OPEN, loop
+from zoo.simulator.renderer import FAST_ALONG_M, Renderer, landscape
+from zoo.simulator.scenery.edges import DECK_M, bridge_meshes, edge_meshes
+from zoo.simulator.scenery.frame_effects import bonnet_image
+from zoo.simulator.scenery.ground import Ground
+from zoo.simulator.scenery.light import Shadows, lit_colours
+from zoo.simulator.scenery.mesh import Mesh, cut, grid_triangles, join
+from zoo.simulator.scenery.plants import boulder_meshes, place_standing
+from zoo.simulator.scenery.road import ALONG_M, road_levels, road_meshes
+from zoo.simulator.scenery.textures import MEANS, halvings, make_textures
+from zoo.simulator.simulated_world import Start, World
+from zoo.simulator.track import Track, VergeKind
+from zoo.simulator.track_content import make_track
+from zoo.simulator.track_file import read_track, track_folder, track_names
+from zoo.simulator.weather import Weather
+
+CLEARANCE_M = 3.5  # smallest height of a bridge's underside above the road below
+
+
+@pytest.fixture(scope="module", params=track_names())
+def track(request: pytest.FixtureRequest):
+    return read_track(request.param)
+
+
+def road_places(track: Track) -> np.ndarray:
+    """Return places float [N, 3] on the carriageway, every metre along and 7 across."""
+    along = np.arange(0, track.length, 1.0)
+    heading = track.heading_at(along)
+    right = np.stack([np.sin(heading), -np.cos(heading), np.zeros_like(heading)], -1)
+    lateral = np.linspace(-0.98, 0.98, 7)[:, None] * track.width_at(along) / 2
+    return (track.at(along) + lateral[..., None] * right).reshape(-1, 3)
+
+
+def solid_meshes(track: Track, fast: bool) -> list[Mesh]:
+    ground = Ground(track, coarse=fast)
+    near = [mesh for mesh in road_levels(track) if not mesh.seen_m[0]] if fast else []
+    edges = edge_meshes(track, ground, FAST_ALONG_M if fast else ALONG_M)
+    built = [*(near or road_meshes(track)), *edges]
+    boulders = boulder_meshes(track, ground, "full")
+    return [*ground.meshes(), *boulders, *built, *bridge_meshes(track, ground)]
+
+
+def check_nothing_covers_the_road(track: Track, fast: bool = False) -> None:
+    places = road_places(track)
+    number, height = surfaces_at(solid_meshes(track, fast), places[:, :2])
+    above = height - places[number, 2]
+    assert set(number[np.abs(above) < 0.08]) == set(range(len(places))), "a hole in the road"
+    covered = places[number[(above > 0.08) & (above < CLEARANCE_M)]]
+    assert not len(covered), f"{len(covered)} places, such as {covered[0]}"
+    bridge = track.xyz[track.bridge, :2]
+    if (above > CLEARANCE_M).any():
+        below = places[number[above > CLEARANCE_M], :2]
+        assert cKDTree(bridge).query(below)[0].max() < track.widths.max() / 2 + 1.5
+
+
+@pytest.mark.parametrize("fast", [False, True])
+def test_nothing_covers_the_road_but_bridges(track, fast: bool) -> None:
+    """Check the carriageway against every triangle of ground, verges, boulders and bridges."""
+    check_nothing_covers_the_road(track, fast)
+
+
+def test_the_ground_stays_below_the_shoulders(track) -> None:
+    along = np.arange(0, track.length, 1.0)
+    heading = track.heading_at(along)
+    right = np.stack([np.sin(heading), -np.cos(heading)], -1)
+    ground = Ground(track).meshes()[:1]
+    for side in (-1, 1):
+        points = track.at(along)
+        points[:, :2] += side * (track.width_at(along)[:, None] / 2 + 1) * right
+        number, height = surfaces_at(ground, points[:, :2])
+        assert (height < points[number, 2]).all(), along[number[height.argmax()]]
+
+
+def test_the_road_is_where_the_track_is(track) -> None:
+    meshes = road_meshes(track)
+    asphalt = next(mesh for mesh in meshes if mesh.material == "asphalt")
+    apart, _ = cKDTree(track.xyz).query(asphalt.points)
+    assert apart.max() < track.widths.max() / 2 + track.shoulder + 2
+
+
+def test_no_tree_stands_on_the_road_or_in_the_water(track) -> None:
+    ground = Ground(track)
+    trees = [one for one in place_standing(track, ground, "full") if "pine" in one.kind]
+    feet = np.array([tree.foot[:2] for tree in trees])
+    assert len(trees) > 50
+    assert ground.near_road.query(feet)[0].min() > track.surroundings.clear - 0.5
+    assert not ground.in_water(feet).any()
+
+
+def across(track: Track, mesh: Mesh, distance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distances from the centreline, and the heights, of a mesh's points at a place."""
+    here, heading = track.at(distance), float(track.heading_at(distance))
+    apart = mesh.points - here
+    ahead = apart[:, 0] * np.cos(heading) + apart[:, 1] * np.sin(heading)
+    near = (np.abs(ahead) < 0.6) & (np.linalg.norm(apart, axis=1) < 16)
+    return np.linalg.norm(apart[near, :2], axis=1), apart[near, 2]
+
+
+def test_the_lakes_kerbs_are_where_the_originals_are() -> None:
+    track = read_track("udacity_lake")
+    kerbs = next(mesh for mesh in road_meshes(track) if mesh.material == "concrete")
+    away, height = across(track, kerbs, 300)
+    assert away.min() == pytest.approx(4.8, abs=0.05)
+    assert away.max() == pytest.approx(5.95, abs=0.05)
+    assert height.max() == pytest.approx(0.35, abs=0.01)
+
+
+def test_a_rock_face_rises_over_the_length_of_its_taper() -> None:
+    stretches = [{"from": 100, "to": 200, "left": "rock"}]
+    track = loop(stretches=stretches, surroundings={"taper": 10})
+    rock = next(mesh for mesh in road_meshes(track) if mesh.material == "rock")
+    heights = [across(track, rock, distance)[1].max() for distance in (100, 105, 110, 150, 195)]
+    assert heights == pytest.approx([0, 2.5, 5, 5, 2.5], abs=0.6)
+
+
+def test_mounds_rise_beside_the_road_and_not_on_it() -> None:
+    mounds = [[50, 30, 40, 12]]
+    flat, raised = (
+        Ground(loop(surroundings={"hills": 0, **more})) for more in ({}, {"mounds": mounds})
+    )
+    road = loop().at(50)[:2]
+    places = np.array([[50.0, 30.0], road + (0, 11), road])
+    rise = raised.height(places) - flat.height(places)
+    assert rise == pytest.approx([12, 0, 0], abs=0.1)
+
+
+def test_simple_quality_has_fewer_plants(track) -> None:
+    ground = Ground(track)
+    full, simple = (place_standing(track, ground, quality) for quality in ("full", "simple"))
+    assert len(simple) < len(full) / 2
+
+
+def test_a_bare_world_can_be_drawn() -> None:
+    content = yaml.safe_load((track_folder() / "zoo_lake.yaml").read_text())
+    content["surroundings"] = {"trees": 0, "bushes": 0, "rocks": 0, "poles": 0}
+    content["stretches"] = []
+    renderer = Renderer(make_track("bare", content), "software")
+    assert renderer.frame((0.0, 0.0, 0.0, 0.0, 0.0), "center", 0).std() > 5
+    renderer.close()
+
+
+def square(material: str = "ground") -> Mesh:
+    points = np.array([[x, y, 0.0] for y in range(5) for x in range(5)])
+    up = np.tile([0.0, 0.0, 1.0], (25, 1))
+    return Mesh(material, points, up, np.full((25, 3), 0.5), points[:, :2], grid_triangles(5, 5))
+
+
+def area(mesh: Mesh) -> float:
+    a, b, c = mesh.points[mesh.triangles].transpose(1, 0, 2)
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def test_cutting_and_joining_keep_the_area() -> None:
+    whole = square()
+    pieces = cut(whole, 1.7)
+    assert len(pieces) > 4
+    assert sum(map(area, pieces)) == pytest.approx(16)
+    assert area(join(pieces)) == pytest.approx(16)
+
+
+def test_what_faces_the_sun_is_brighter() -> None:
+    mesh = square()
+    high, low = Weather(sun_elevation_deg=80), Weather(sun_elevation_deg=10)
+    assert lit_colours(mesh, high, None).mean() > lit_colours(mesh, low, None).mean() + 10
+    shaded = lit_colours(mesh, high, np.zeros(25))
+    assert (shaded == lit_colours(mesh, Weather(sun=0), None)).all()
+
+
+def test_a_trees_shadow_lies_on_the_side_away_from_the_sun() -> None:
+    track = read_track("lake")
+    ground = Ground(track)
+    tree = next(one for one in place_standing(track, ground, "full") if one.kind == "round_tree")
+    around = tree.foot + np.array(
+        [[x, y, 0.0] for x in np.arange(-30, 31) for y in np.arange(-30, 31)]
+    )
+    shadows = Shadows(track, [tree], [around])
+    shadows.trees = [tree]
+    light = shadows(Weather(sun_azimuth_deg=0, sun_elevation_deg=40))[0]
+    dark = around[light < 0.5] - tree.foot
+    assert len(dark) > 5
+    assert dark[:, 0].mean() < -2  # the sun stands in the east
+    assert abs(dark[:, 1].mean()) < 0.5
+
+
+@pytest.mark.parametrize("name", sorted(MEANS))
+def test_a_textures_mean_is_the_same_for_every_seed(name: str) -> None:
+    for seed in (1, 2):
+        texture = make_textures(seed)[name]
+        assert texture.mean() / 255 == pytest.approx(MEANS[name], abs=0.02)
+    assert (make_textures(1)[name] != make_textures(2)[name]).any()
+
+
+def test_the_asphalt_is_lighter_from_afar() -> None:
+    levels = halvings("asphalt", make_textures(1)["asphalt"])
+    assert levels[-1].shape == (1, 1, 3)
+    assert levels[0].mean() < levels[1].mean() < levels[2].mean()
+
+
+@pytest.mark.parametrize(("camera", "column"), [("center", 160), ("left", 280), ("right", 40)])
+def test_the_bonnet_begins_where_the_originals_does(camera: str, column: int) -> None:
+    """Compare the first covered row with the median of 80 of the original's images."""
+    _, cover = bonnet_image(camera)
+    first = int(np.argmax(cover[:, column, 0] > 0.5))
+    assert first == pytest.approx({"center": 137, "left": 137, "right": 136}[camera], abs=1.5)
+    assert not cover[:130].any()
+
+
+def test_a_landscape_is_kept_for_the_same_track_only() -> None:
+    lake = landscape(read_track("lake"), "simple")
+    assert landscape(read_track("lake"), "simple") is lake
+    moved = read_track("lake")
+    moved.xyz[:, 2] += 1.0
+    higher = landscape(moved, "simple")
+    rise = higher[0][0].points[:, 2] - lake[0][0].points[:, 2]
+    assert rise == pytest.approx(1.0)
+    with pytest.raises(ValueError, match="read-only"):
+        lake[0][0].points[0] = 0.0
+
+
+# Five legs 14 m apart, each 8 m above the last one.
+SWITCHBACKS = [
+    part
+    for turn in ("left", "right", "left", "right")
+    for part in ({"straight": 80, "climb": 7}, {turn: 180, "radius": 7, "climb": 1})
+] + [{"straight": 80}]
+
+
+def track_of(segments: list[dict], kind: str = "kerb", **content) -> Track:
+    closed = segments is EIGHT
+    verge = {"left": kind, "right": kind}
+    return make_track("t", {"segments": segments, "closed": closed, "verge": verge, **content})
+
+
+@pytest.mark.parametrize("kind", get_args(VergeKind))
+def test_no_verge_covers_the_road_of_a_lower_or_higher_part(kind: str) -> None:
+    check_nothing_covers_the_road(track_of(EIGHT, kind))
+    check_nothing_covers_the_road(track_of(SWITCHBACKS, kind))
+    check_nothing_covers_the_road(track_of(OPEN, kind, widths=[[0, 5], [80, 9], [200, 4]]))
+
+
+def test_the_lines_follow_the_width() -> None:
+    road = track_of(OPEN, widths=[[0, 5], [60, 5], [120, 9]])
+    lines = next(mesh for mesh in road_meshes(road) if mesh.material == "plain")
+    for distance, half in ((30, 2.5), (180, 4.5)):
+        here = road.at(distance)
+        near = lines.points[np.linalg.norm(lines.points - here, axis=1) < half + 0.3]
+        apart = np.linalg.norm(near[:, :2] - here[:2], axis=1)
+        assert apart.min() == pytest.approx(half, abs=0.1)
+
+
+def test_a_bridge_has_walls_side_faces_and_pillars_beside_the_road_below() -> None:
+    road = track_of(EIGHT)
+    top, length = road.at(road.length / 2), road.length
+    meshes = bridge_meshes(road, Ground(road))
+    points = np.concatenate([mesh.points for mesh in meshes])
+    assert points[:, 2].max() > top[2] + 0.5
+    assert (np.abs(points[:, 2] - (top[2] - DECK_M)) < 0.2).sum() > 50
+    low = points[points[:, 2] < top[2] - DECK_M - 1]
+    assert len(low)
+    below = road.at(np.arange(-20.0, 20.0, 0.5) % length)
+    apart = np.linalg.norm(low[:, None, :2] - below[None, :, :2], axis=-1)
+    assert apart.min() > road.width / 2 + 1
+
+
+def test_a_bridge_shades_the_road_below_and_not_itself() -> None:
+    road = track_of(EIGHT)
+    noon = Weather(sun_elevation_deg=89)
+    below, deck = (road.at(distance)[None] for distance in (0.4, road.length / 2))
+    shadows = Shadows(road, [], [below, deck])
+    assert [light[0] for light in shadows(noon)] == [0.0, 1.0]
+    low_sun = Weather(sun_elevation_deg=20, sun_azimuth_deg=0)
+    assert [light[0] for light in shadows(low_sun)] == [1.0, 1.0]
+
+
+def test_ground_lies_behind_both_ends_of_an_open_road_and_a_barrier_stands_there() -> None:
+    road = track_of(OPEN)
+    meshes = edge_meshes(road, Ground(road))
+    for distance, sign in ((0.0, -1), (road.length, 1)):
+        heading = float(road.heading_at(distance))
+        ahead = sign * np.array([np.cos(heading), np.sin(heading), 0.0])
+        behind = road.at(distance) + np.array([[1.0], [5.0], [12.0]]) * ahead
+        number, height = surfaces_at(meshes, behind[:, :2])
+        assert set(number) == {0, 1, 2}
+        assert np.abs(height - behind[number, 2]).max() < 1.2
+        stripes = np.concatenate([mesh.points for mesh in meshes if mesh.material == "stripes"])
+        apart = np.linalg.norm(stripes - road.at(distance), axis=1)
+        assert apart.min() < 2.5
+        assert (((stripes - road.at(distance)) @ ahead)[apart < 5] > 0).all()
+
+
+def test_faces_close_the_gap_between_parts_at_different_heights() -> None:
+    road = track_of(SWITCHBACKS, "dirt")
+    ground = Ground(road)
+    faces = [mesh for mesh in edge_meshes(road, ground) if mesh.material == "rock"]
+    points = np.concatenate([mesh.points for mesh in faces])
+    high, low = points[0::2], points[1::2]
+    tall = (high[:, 2] - low[:, 2]) > 3
+    assert tall.sum() > 50
+    assert (low[tall, 2] < ground.mesh_height(low[tall, :2])).all()
+
+
+def test_a_bridge_s_walls_stop_the_car_where_the_file_has_none() -> None:
+    road = track_of(EIGHT, "dirt")
+    world = World(road)
+    world.reset(0, Start(road.length / 2, cte=road.width / 2, heading_deg=20, speed_mph=15))
+    for _ in range(8):
+        world.step(0.0, 0.2)
+        assert abs(world.place.cte) < road.width / 2 + 1
+    assert world.at_wall

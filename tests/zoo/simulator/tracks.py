@@ -1,0 +1,21 @@
+"""Short tracks for tests: a loop of 440 m, driven counter-clockwise, and an open road of 214 m."""
+
+from zoo.simulator.track import Track
+from zoo.simulator.track_content import make_track
+
+LOOP = [[0, 0, 0], [100, 0, 0], [140, 40, 0], [100, 80, 0], [0, 80, 0], [-40, 40, 0]]
+OPEN = [
+    {"straight": 60},
+    {"left": 60, "radius": 30, "climb": 2},
+    {"straight": 30},
+    {"right": 60, "radius": 30},
+    {"straight": 61, "climb": -1},
+]
+
+
+def loop(**content) -> Track:
+    return make_track("loop", {"points": LOOP, "verge": {"left": "dirt"}, **content})
+
+
+def open_road(**content) -> Track:
+    return make_track("road", {"segments": OPEN, "closed": False, **content})

@@ -1,0 +1,207 @@
+"""Driving while training: it changes nothing, costs what it may, and can be monitored."""
+
+import csv
+import json
+from pathlib import Path
+
+import lightning
+import numpy as np
+import pytest
+import torch
+from omegaconf import OmegaConf
+from rich.console import Console
+
+from datamodules.view import View
+from tests.recordings import Written
+from tests.zoo.command_runs import only_line, run
+from tests.zoo.trainings import module_of
+from zoo.base.compose import compose_config
+from zoo.base.errors import InputError
+from zoo.models.make_network import make_network
+from zoo.training.build import build_data, build_trainer
+from zoo.training.closed_loop import ClosedLoop
+
+SHORT = ("callbacks.closed_loop.starts=2", "callbacks.closed_loop.metres=10")
+
+
+def small(recorded: Written, *overrides: str) -> list[str]:
+    return [
+        f"data.root={recorded.folder}",
+        "data.block_s=0.5",
+        "data.gap_s=0.1",
+        "data.batch_size=16",
+        "trainer=cpu",
+        "trainer.max_epochs=2",
+        "logger=csv",
+        "score=none",
+        *overrides,
+    ]
+
+
+def fit(
+    recorded: Written, folder: Path, console: Console, *overrides: str
+) -> tuple[lightning.Trainer, dict[str, torch.Tensor]]:
+    """Train; return the trainer and the weights."""
+    config = OmegaConf.create(compose_config(small(recorded, *overrides)))
+    data = build_data(config)
+    data.load(console)
+    module = module_of(config, data.view)
+    trainer = build_trainer(config, folder, has_validation=True)
+    trainer.fit(module, datamodule=data)
+    return trainer, module.state_dict()
+
+
+def driver_of(trainer: lightning.Trainer) -> ClosedLoop:
+    return next(one for one in trainer.callbacks if isinstance(one, ClosedLoop))
+
+
+def logged(folder: Path, name: str) -> dict[int, float]:
+    """Return the figures by epoch, from 0."""
+    with (folder / "metrics.csv").open(newline="") as file:
+        return {int(row["epoch"]): float(row[name]) for row in csv.DictReader(file) if row[name]}
+
+
+@pytest.mark.slow
+def test_training_goes_on_as_if_nobody_had_driven(
+    recorded: Written, tmp_path: Path, console: Console
+) -> None:
+    overrides = ("model=nvidia", "callbacks=closed_loop", *SHORT)
+    monitor = ("callbacks.best.monitor=drive/cte_mean", "callbacks.best.mode=min")
+    driven, weights = fit(
+        recorded, tmp_path / "a", console, *overrides, *monitor, "callbacks.closed_loop.share=null"
+    )
+    _, plain = fit(recorded, tmp_path / "b", console, "model=nvidia")
+
+    assert all(torch.equal(weights[key], plain[key]) for key in plain)
+    errors = logged(tmp_path / "a", "drive/cte_mean")
+    assert list(errors) == list(logged(tmp_path / "a", "drive/autonomy")) == [0, 1]
+    assert set(logged(tmp_path / "a", "drive/interventions").values()) == {0.0}
+    assert float(driven.checkpoint_callback.best_model_score) == pytest.approx(
+        min(errors.values()), rel=1e-5
+    )
+    assert driver_of(driven).cost["drives"] == 2
+
+
+def test_a_drive_leaves_mode_gradients_and_chance_as_they_were(
+    recorded: Written, console: Console
+) -> None:
+    config = OmegaConf.create(compose_config(small(recorded, "model=nvidia")))
+    data = build_data(config)
+    network = module_of(config, data.view).network.train()
+    height, width, channels = data.view.shape
+    network(torch.zeros(2, channels, height, width, dtype=torch.uint8)).sum().backward()
+    gradients = [one.grad.clone() for one in network.parameters()]
+    chance, numbers = torch.get_rng_state(), np.random.get_state()[1].copy()  # noqa: NPY002
+    threads = torch.get_num_threads()
+    callback = ClosedLoop(starts=1, metres=5)
+    assert callback._open() is None
+
+    figures = [callback.drive(network, data.view, {}) for _ in range(2)]
+
+    assert figures[0] == figures[1]
+    assert set(figures[0]) == {
+        "autonomy",
+        "interventions",
+        "cte_mean",
+        "cte_max",
+        "score",
+    }
+    assert all(one.training for one in network.modules())
+    assert torch.equal(chance, torch.get_rng_state())
+    assert (numbers == np.random.get_state()[1]).all()  # noqa: NPY002
+    assert torch.get_num_threads() == threads
+    for one, before in zip(network.parameters(), gradients, strict=True):
+        assert torch.equal(one.grad, before)
+    callback.world.close()
+
+
+def test_its_share_of_the_work_is_kept_by_leaving_epochs_out() -> None:
+    callback = ClosedLoop(every_n_epochs=2, share=0.2)
+    assert callback._due(1, 0), "the first in any case: a checkpoint may monitor it"
+    callback.frames = callback.last_frames = 1_000
+    for images, epoch, due in ((79_999, 2, False), (80_000, 3, False), (80_000, 4, True)):
+        assert callback._due(epoch, images) == due
+    resumed = ClosedLoop(every_n_epochs=2, share=0.2)
+    resumed.load_state_dict(callback.state_dict())
+    assert not resumed._due(2, 79_999)
+    callback.share = None
+    assert callback._due(2, 0)
+
+
+@pytest.mark.parametrize("setting", [{"starts": 0}, {"metres": 0}, {"share": -1}])
+def test_a_setting_that_cannot_be_is_named(setting: dict) -> None:
+    with pytest.raises(InputError, match=rf"callbacks\.closed_loop\.{next(iter(setting))}="):
+        ClosedLoop(**setting)
+
+
+def test_where_no_renderer_opens_it_says_so_once_and_trains(
+    recorded: Written, tmp_path: Path, console: Console, monkeypatch, capsys
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise InputError("renderer=auto: none opens here")
+
+    monkeypatch.setattr("zoo.driving.open_world.open_world", refuse)
+    tiny = ("model=tiny", "data.crop=[50,0]", "callbacks=closed_loop")
+    trainer, _ = fit(recorded, tmp_path / "a", console, *tiny)
+    assert trainer.current_epoch == 2
+    printed = capsys.readouterr().out
+    assert printed.count("closed loop: not driven: renderer=auto: none opens here") == 1
+    with pytest.raises(InputError, match="monitors drive/autonomy, but renderer=auto: none opens"):
+        fit(recorded, tmp_path / "b", console, *tiny, "callbacks.best.monitor=drive/autonomy")
+
+
+def test_nothing_that_drives_is_monitored_without_a_driver(
+    recorded: Written, tmp_path: Path
+) -> None:
+    line = only_line(
+        run(tmp_path, *small(recorded), "callbacks.early_stopping.monitor=drive/autonomy")
+    )
+    assert "EarlyStopping monitors drive/autonomy, but nothing drives; add callbacks=cl" in line
+
+
+def test_on_an_open_road_every_drive_has_its_length(tmp_path: Path) -> None:
+    path = tmp_path / "road.yaml"
+    path.write_text("closed: false\nsegments: [{straight: 200}]\n")
+    callback = ClosedLoop(track=str(path), starts=3, metres=60, quality="simple")
+    assert callback._open() is None
+    begun, step = [], callback.world.simulated.step
+
+    def step_and_note(*command: float) -> None:
+        step(*command)
+        if callback.world.simulated.frames == 1:
+            begun.append(callback.world.simulated.place.distance)
+
+    callback.world.simulated.step = step_and_note
+    view = View([60, 40], "hsv_s", [1, 14])
+    network = make_network({"_target_": "zoo.models.linear.Linear"}, view)
+    torch.nn.init.zeros_(network.head.weight)
+    torch.nn.init.zeros_(network.head.bias)
+    figures = callback.drive(network, view, {})
+    assert figures["interventions"] == 0
+    assert begun == pytest.approx([0, 140 / 3, 280 / 3], abs=1)
+    callback.world.close()
+
+
+@pytest.mark.slow
+def test_two_processes_share_one_drive_and_metrics_json_holds_the_best(
+    recorded: Written, tmp_path: Path
+) -> None:
+    result = run(
+        tmp_path,
+        *small(recorded, "model=tiny", "data.crop=[50,0]", "trainer=ddp_cpu"),
+        "callbacks=closed_loop",
+        *SHORT,
+        "callbacks.early_stopping.monitor=drive/cte_mean",
+        "callbacks.best.monitor=drive/cte_mean",
+        "hydra.run.dir=run",
+    )
+    assert result.returncode == 0, result.stderr
+    metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert metrics["closed_loop"]["track"] == "lake"
+    assert metrics["closed_loop"]["metres"] == 20
+    errors = logged(tmp_path / "run", "drive/cte_mean")
+    assert metrics["closed_loop"]["cte_mean"] == pytest.approx(min(errors.values()), rel=1e-5)
+    assert metrics["best_epoch"] == min(errors, key=errors.get) + 1
+    assert metrics["closed_loop"]["in_training"]["drives"] == len(errors)
+    assert result.stdout.count("closed loop: ") == 1, "one process speaks"
+    assert "PossibleUserWarning" not in result.stderr

@@ -1,0 +1,386 @@
+"""`drivezoo correct`: an expert's labels, rounds of correction, and the file that keeps them."""
+
+import csv
+import json
+import re
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from omegaconf import OmegaConf
+
+from datamodules.recording_format import read_recordings
+from tests.recordings import Written
+from tests.zoo.command_runs import run_here, succeed
+from tests.zoo.simulator.tracks import loop
+from tests.zoo.trainings import SMALL
+from zoo.base.command_keys import read_options
+from zoo.base.compose import compose_config
+from zoo.base.errors import InputError
+from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
+from zoo.checkpoints.policy_base import as_policy
+from zoo.commands.correct import correct
+from zoo.driving.drive_log import DriveWriter
+from zoo.driving.drive_loop import drive
+from zoo.driving.drive_record import PERSON, DriveRow
+from zoo.driving.embedded_world import EmbeddedWorld, open_embedded
+from zoo.driving.run_drives import all_drives
+from zoo.driving.scenario import Scenario
+from zoo.simulator.recorder import JPEG_QUALITY
+from zoo.simulator.simulated_world import World
+from zoo.simulator.weather import CLEAR
+from zoo.training.collecting import Labelled, LabellingPolicy, RecordedErrors, worth_keeping
+from zoo.training.correct_options import CorrectOptions
+from zoo.training.correction import open_progress, save
+from zoo.training.run import run_experiment
+
+# A few seconds of the lake, with a label for every frame.
+SHORT = ("drives=1", "seeds=1", "workers=1", "epochs=1", "speed=25", "off_m=0")
+LAPS = "laps=0.02"
+
+
+@pytest.fixture(scope="module")
+def checkpoint(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Train the smallest network for an epoch, and return its checkpoint."""
+    folder = tmp_path_factory.mktemp("run")
+    more = [f"data.root={recorded.folder}", "data.cache=null", "logger=csv"]
+    more += ["schedule=cosine", "schedule.T_max=9", "trainer.accelerator=cpu"]
+    overrides = [*SMALL, *more, "trainer.max_epochs=1"]
+    run_experiment(OmegaConf.create(compose_config(overrides)), folder)
+    return str(folder / "checkpoints" / "best.ckpt")
+
+
+@pytest.fixture(scope="module")
+def corrected(checkpoint: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of one round of corrections, which tests must not change."""
+    folder = tmp_path_factory.mktemp("corrected") / "out=1"
+    correct.main([checkpoint, *SHORT, LAPS, "rounds=1", f"out={folder}"])
+    return folder
+
+
+def rounds_of(folder: Path) -> list[dict]:
+    return json.loads((folder / "correct.json").read_text())["rounds"]
+
+
+def test_a_round_leaves_its_recording_run_checkpoint_and_score(corrected: Path) -> None:
+    before, after = rounds_of(corrected)
+    assert [before["corrections"], after["corrections"] > 20] == [0, True]
+    recording = read_recordings(str(corrected / "round-1" / "recording"))
+    assert len(recording) == after["corrections"]
+    assert all(path is not None for path in recording.images.flat), "three cameras"
+    config = load_checkpoint(after["checkpoint"]).config
+    assert config["trainer"]["max_epochs"] == config["schedule"]["T_max"] == 1
+    for one in (before, after):
+        assert set(one["tracks"]) == {"lake"}
+        assert len(one["tracks"]["lake"]["autonomy"]) == 2
+        assert (corrected / f"round-{one['number']}" / "drives" / "lake-0" / "drive.csv").is_file()
+    run_folder = corrected / "round-1" / "run"
+    assert json.loads((run_folder / "metrics.json").read_text())["drive"] is None
+    assert (run_folder / ".hydra" / "config.yaml").is_file()
+
+
+def test_a_round_starts_from_the_checkpoints_weights_and_split(
+    corrected: Path, checkpoint: str, recorded: Written
+) -> None:
+    config = load_checkpoint(rounds_of(corrected)[1]["checkpoint"]).config
+    assert config["data"]["root"] == [
+        str(recorded.folder),
+        str(corrected / "round-1" / "recording"),
+    ]
+    assert config["data"]["weights"] == [1.0, 4.0]
+    assert config["model"]["weights"] == checkpoint
+    own = load_checkpoint(checkpoint).config
+    for key in ("optim", "augment"):
+        assert config.get(key) == own.get(key)
+
+    def parts(path: Path) -> dict[str, str]:
+        with path.open(newline="") as file:
+            return {row["image"]: row["part"] for row in csv.DictReader(file)}
+
+    run_folder = Path(checkpoint).parent.parent
+    mine = parts(corrected / "round-1" / "run" / "split.csv")
+    assert {name: mine.pop(name) for name in parts(run_folder / "split.csv")} == parts(
+        run_folder / "split.csv"
+    )
+    assert set(mine.values()) == {"train"}
+    assert len(mine) == rounds_of(corrected)[1]["corrections"]
+
+
+def test_the_last_epochs_weights_are_kept(corrected: Path) -> None:
+    """Rows of the old recording cannot tell which weights learned the corrections best."""
+    checkpoints = corrected / "round-1" / "run" / "checkpoints"
+    best, last = (read_checkpoint_file(checkpoints / f"{name}.ckpt") for name in ("best", "last"))
+    for name, tensor in best["state_dict"].items():
+        assert tensor.equal(last["state_dict"][name])
+
+
+def test_the_same_command_resumes_after_the_last_finished_round(
+    corrected: Path, checkpoint: str, tmp_path: Path
+) -> None:
+    folder = tmp_path / "out"
+    shutil.copytree(corrected, folder)
+    first = folder / "round-1" / "run" / "checkpoints" / "last.ckpt"
+    trained = first.stat().st_mtime_ns
+    whole = rounds_of(folder)
+    # As if killed while scoring: round 1 is recorded and trained, but not in the file.
+    state = json.loads((folder / "correct.json").read_text())
+    (folder / "correct.json").write_text(json.dumps(state | {"rounds": whole[:1]}))
+    options = (*SHORT, LAPS, "rounds=2", f"out={folder}")
+    printed = succeed(run_here(tmp_path, checkpoint, *options, module="zoo.commands.correct"))
+    assert "after round 0" in printed
+    assert first.stat().st_mtime_ns == trained, "it was trained twice"
+    assert [one["number"] for one in rounds_of(folder)] == [0, 1, 2]
+    again = rounds_of(folder)[1]
+    for figure in ("autonomy", "cte_mean_m"):
+        assert again["tracks"]["lake"][figure] == whole[1]["tracks"]["lake"][figure]
+    config = load_checkpoint(rounds_of(folder)[2]["checkpoint"]).config
+    assert len(config["data"]["root"]) == 3, "its own recording and both rounds' corrections"
+    names = [
+        {Path(image).name for image in read_recordings(root).images[:, 0]}
+        for root in config["data"]["root"]
+    ]
+    assert not names[1] & names[2]
+    assert re.search(r"^wrote: .*\.ckpt$", printed, re.MULTILINE)
+    lines = printed.splitlines()
+    following = [number for number, line in enumerate(lines, 1) if line.startswith("next: ")]
+    assert following == [len(lines)], "one next command, and only at the end"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["weight=2"], r"weight=4\.0.*out="),
+        (["optim.lr=0.1"], "no overrides.*out="),
+    ],
+)
+def test_a_folder_resumes_only_with_its_own_options(
+    arguments: list[str], text: str, corrected: Path, checkpoint: str
+) -> None:
+    with pytest.raises(InputError, match=text):
+        correct.main([checkpoint, *SHORT, LAPS, "rounds=1", *arguments, f"out={corrected}"])
+
+
+def test_a_checkpoint_that_drives_well_is_not_corrected(checkpoint: str, tmp_path: Path) -> None:
+    """Six metres straight on need no intervention."""
+    options = (*SHORT, "laps=0.005", "enough_m=5", "out=out")
+    printed = succeed(run_here(tmp_path, checkpoint, *options, module="zoo.commands.correct"))
+    assert "enough_m=5" in printed
+    assert len(rounds_of(tmp_path / "out")) == 1
+    assert not list((tmp_path / "out").rglob("*.ckpt"))
+
+
+# Corrections by a person.
+
+
+@pytest.fixture
+def overridden(recorded: Written, tmp_path: Path) -> Path:
+    """Write a drive with takeovers at 4 s and, without an image in between, at 4.3 s."""
+    folder = tmp_path / "drive"
+    shutil.copytree(recorded.folder / "IMG", folder / "IMG")
+    writer = DriveWriter(folder)
+    for number in range(70):
+        person = 60 <= number < 63 or number >= 65
+        writer.add(
+            [
+                DriveRow(
+                    time_s=number / 15,
+                    driver=PERSON if person else "policy",
+                    frame="" if number >= 60 else f"IMG/{recorded.image(number).name}",
+                    steering=0.0 if person else -0.25,
+                    throttle=0.2,
+                    speed_mph=20.0,
+                    intervention=number in (60, 65),
+                )
+            ]
+        )
+    writer.close()
+    return folder
+
+
+def test_a_person_fills_in_the_steering_that_a_drive_lacks(
+    overridden: Path, checkpoint: str, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    arguments = [checkpoint, *SHORT, LAPS, f"drive={overridden}", "before_s=1", f"out={out}"]
+    with pytest.raises(InputError, match=r"labels\.csv: .*last column"):
+        correct.main(arguments)
+    with pytest.raises(InputError, match=r"labels\.csv: .*steering column"):
+        correct.main(arguments)
+    with (out / "labels.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["override"] for row in rows] == ["1"] * 2
+    assert [row["sent"] for row in rows] == ["-0.250"] * 2
+    assert cv2.imread(str(out / "labels.png")) is not None
+    for row, steering in zip(rows, ("0.1", "0,5"), strict=True):
+        row["steering"] = steering
+    with (out / "labels.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    correct.main(arguments)
+    recording = read_recordings(str(out / "round-1" / "recording"))
+    assert recording.steering[[0, -1]].tolist() == [0.1, 0.5]
+    assert (np.diff(recording.steering) > 0).all(), "interpolated between the two"
+    assert len(recording) == 9
+    assert len(rounds_of(out)) == 2
+
+
+def test_a_persons_recording_gets_other_file_names(
+    recorded: Written, checkpoint: str, tmp_path: Path
+) -> None:
+    """Two recordings of one simulator can have the same file names."""
+    correct.main(
+        [checkpoint, *SHORT, LAPS, f"recording={recorded.folder}", f"out={tmp_path / 'out'}"]
+    )
+    recording = read_recordings(str(tmp_path / "out" / "round-1" / "recording"))
+    assert recording.steering.tolist() == recorded.steering.tolist()
+    assert recording.time_s.tolist() == recorded.time_s.tolist()
+    assert rounds_of(tmp_path / "out")[1]["corrections"] == 120
+
+
+# Errors.
+
+
+@pytest.mark.parametrize(
+    ("option", "text"),
+    [
+        ("track=nowhere", "nowhere"),
+        ("rounds=0", "rounds=0: "),
+        ("weather=hail", "weather=hail"),
+        ("throttle=network", "throttle"),
+        ("rouds=2", "did you mean rounds?"),
+        ("data.rooot=x", "data.rooot: "),
+        ("data.root=nowhere", "data.root=FOLDER"),
+        ("drive=nowhere", "nowhere: "),
+        ("recording=nowhere", "nowhere: "),
+    ],
+)
+def test_a_mistake_is_one_line_before_anything_is_written(
+    option: str, text: str, checkpoint: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError) as error:
+        correct.main([checkpoint, option, f"out={tmp_path / 'out'}"])
+    assert text in str(error.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_network_of_another_format_cannot_be_trained_on(tmp_path: Path) -> None:
+    (tmp_path / "model.onnx").write_bytes(b"any")
+    with pytest.raises(InputError, match=r"model\.onnx: .*exported from"):
+        correct.main([str(tmp_path / "model.onnx")])
+
+
+def test_a_folder_that_holds_something_else_is_kept(checkpoint: str, tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"correct\.json.*out="):
+        correct.main([checkpoint, f"out={tmp_path}"])
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_a_drive_without_takeovers_or_images_is_refused(checkpoint: str, tmp_path: Path) -> None:
+    writer = DriveWriter(tmp_path / "calm")
+    writer.add([DriveRow(time_s=1.0)])
+    writer.close()
+    with pytest.raises(InputError, match=r"calm: .*takeover"):
+        correct.main([checkpoint, f"drive={tmp_path / 'calm'}"])
+    writer = DriveWriter(tmp_path / "blind")
+    writer.add([DriveRow(time_s=1.0), DriveRow(time_s=1.1, driver=PERSON, intervention=True)])
+    writer.close()
+    with pytest.raises(InputError, match=r"blind: .*record=FOLDER"):
+        correct.main([checkpoint, f"drive={tmp_path / 'blind'}"])
+
+
+def test_a_correction_with_other_options_is_not_resumed(tmp_path: Path) -> None:
+    checkpoint, out = tmp_path / "x.ckpt", tmp_path / "out"
+    checkpoint.write_bytes(b"weights")
+    options = read_options(CorrectOptions)
+    new = open_progress(out, str(checkpoint), options, [])
+    save(new, out)
+    assert open_progress(out, str(checkpoint), options, []) == new
+    late = read_options(CorrectOptions, ["delay_s=0.2"])
+    with pytest.raises(InputError, match="delay_s=0"):
+        open_progress(out, str(checkpoint), late, [])
+
+
+LOOP = Scenario("loop", 1, laps=0.3)
+
+
+def straight_on(frame: np.ndarray | None, speed_mph: float) -> tuple[float, None]:
+    return 0.0, None
+
+
+def labelling(world: EmbeddedWorld, beta: float = 0.0, nudge: float = 0.0) -> LabellingPolicy:
+    return LabellingPolicy(as_policy(straight_on), world.simulated, 30.0, beta, nudge, seed=3)
+
+
+def test_the_labels_steer_back_to_the_middle() -> None:
+    world = EmbeddedWorld(World(loop()))
+    policy = labelling(world)
+    driven = drive(policy, world, LOOP)
+    assert len(policy.labels) == len(driven.rows)
+    interventions = [number for number, row in enumerate(driven.rows) if row.intervention]
+    assert interventions
+    for number in interventions:
+        (_, _, (steering, _)), error = policy.labels[number], driven.rows[number].cross_track_m
+        assert steering * error < 0
+        assert abs(steering) > 0.1
+
+
+def test_with_beta_1_the_expert_drives() -> None:
+    world, lap = EmbeddedWorld(World(loop())), Scenario("loop", 1)
+    assert not drive(labelling(world, beta=1.0), world, lap).intervention.any()
+    half = drive(labelling(world, beta=0.5), world, lap)
+    steered = np.array([row.steering != 0 for row in half.rows])
+    assert 0.2 < steered.mean() < 0.8
+
+
+def test_a_nudge_leads_off_the_line() -> None:
+    scenario = Scenario("lake", laps=0.3)
+    world = open_embedded(scenario, "none")
+
+    def error(nudge: float) -> float:
+        policy = labelling(world, nudge=nudge)
+        policy.policy = as_policy(lambda frame, mph: (policy.expert(world.simulated)[0], None))
+        return np.abs(drive(policy, world, scenario).cross_track_m).max()
+
+    assert error(0.0) < 0.3 < error(0.5) < 3
+
+
+def test_frames_around_interventions_and_far_off_are_kept() -> None:
+    rows = [
+        DriveRow(time_s=number / 10, cross_track_m=1.5 if number == 5 else 0.0)
+        for number in range(100)
+    ]
+    rows[50] = DriveRow(time_s=5.0, cross_track_m=-4, intervention=True)
+    rows[51] = DriveRow(time_s=5.0, cross_track_m=0)  # put back, at the same time
+    assert np.flatnonzero(worth_keeping(rows, 1.0, 0.5, None)).tolist() == list(range(40, 55))
+    assert np.flatnonzero(worth_keeping(rows, 0.0, 0.0, 1.0)).tolist() == [5, 50]
+    assert worth_keeping(rows, 0.0, 0.0, 0.0).all()
+    assert not worth_keeping(rows[:5], 3.0, 3.0, 1.0).any()
+
+
+def test_the_recording_has_the_frames_that_the_model_saw(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+
+    def policy(frame: np.ndarray, speed_mph: float) -> tuple[float, None]:
+        seen.append(frame.copy())
+        return 0.3, None
+
+    monkeypatch.setattr("zoo.training.collecting.load_kept", lambda _: as_policy(policy))
+    options = read_options(CorrectOptions, ["off_m=0"])
+    scenario = Scenario("lake", 1, laps=0.02, speed=20, weather=CLEAR, margin=1.0)
+    keep = RecordedErrors(tmp_path / "recording", options, 1e6)
+    (rows,) = all_drives(Labelled("any", options, 0.0), [scenario], keep)
+    recording = read_recordings(str(tmp_path / "recording"))
+    assert rows == len(recording) == len(seen) > 20
+    for row in (0, rows // 2, rows - 1):
+        bgr = cv2.cvtColor(seen[row], cv2.COLOR_RGB2BGR)
+        jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
+        assert Path(recording.images[row, 0]).read_bytes() == jpeg.tobytes()
+    steps = np.diff(recording.time_s)
+    assert (steps > 0).all()
+    assert (steps > 5).any(), "an intervention leaves a gap"

@@ -1,0 +1,142 @@
+"""Optuna as the sweeper: a study that outlives its processes, and pruned trials."""
+
+import json
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.recordings import Written
+from tests.zoo.command_runs import only_line, succeed
+from tests.zoo.sweeps import write_run
+from tests.zoo.training.test_sweep_command import sweep
+from zoo.runs.status import read_status
+from zoo.training.sweep_search import _value
+
+optuna = pytest.importorskip("optuna")
+
+RATES = optuna.distributions.FloatDistribution(1e-4, 1e-2, log=True)
+SEARCH = (
+    "hydra/sweeper=optuna",
+    "hydra.sweeper.monitor=val/mse",
+    "hydra.sweeper.storage=sqlite:///study.db",
+    "hydra.sweeper.startup_trials=0",
+    "hydra.sweeper.warmup_epochs=0",
+    "hydra.sweep.dir=s",
+    "trainer.max_epochs=2",
+    "optim.lr=tag(log,interval(1e-4,1e-2))",
+)
+
+
+@pytest.fixture
+def study(here: Path) -> "optuna.Study":
+    """Return a study with two trials that no other trial can beat."""
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    study = optuna.create_study(
+        storage="sqlite:///study.db", study_name="drivezoo", direction="minimize"
+    )
+    for _ in range(2):
+        study.add_trial(
+            optuna.trial.create_trial(
+                params={"optim.lr": 1e-3},
+                distributions={"optim.lr": RATES},
+                value=0.0,
+                intermediate_values={0: 0.0, 1: 0.0},
+            )
+        )
+    return study
+
+
+def search(recorded: Written, *overrides: str) -> subprocess.CompletedProcess:
+    return sweep(recorded, *SEARCH, *overrides)
+
+
+def test_a_trial_that_others_beat_is_pruned(recorded: Written, study: "optuna.Study") -> None:
+    out = succeed(search(recorded, "hydra.sweeper.n_trials=3"))
+    trial = study.get_trials()[2]
+    assert trial.state is optuna.trial.TrialState.PRUNED
+    assert list(trial.intermediate_values) == [0], "after its first epoch"
+    status = read_status(Path("s/2"))
+    assert status["status"] == "pruned"
+    assert re.match("pruned after epoch 1: .*val/mse", status["reason"])
+    assert "1 pruned: 2 (" in out
+    assert "study: 3 of 3 trials, 2 complete, 1 pruned" in out
+
+
+def test_a_trial_that_a_killed_process_left_is_resumed(
+    recorded: Written, study: "optuna.Study"
+) -> None:
+    left = study.ask({"optim.lr": RATES})
+    left.set_user_attr("folder", str(Path("s").resolve()))
+    other = study.ask({"optim.lr": RATES})
+    other.set_user_attr("folder", "/another/machine")
+
+    succeed(search(recorded, "hydra.sweeper.n_trials=4", "hydra.sweeper.pruner=none"))
+
+    states = [one.state.name for one in study.get_trials()]
+    assert states == ["COMPLETE", "COMPLETE", "COMPLETE", "RUNNING"]
+    (lr,) = [
+        line
+        for line in Path("s/2/.hydra/overrides.yaml").read_text().splitlines()
+        if "optim.lr" in line
+    ]
+    assert lr == f"- optim.lr={left.params['optim.lr']}", "with its own values"
+
+
+def test_ties_of_autonomy_are_broken_and_no_error_outweighs_an_intervention(
+    tmp_path: Path,
+) -> None:
+    """Rank drives from best to worst by `drive/score`."""
+    drives = [(0, 0.1), (0, 0.4), (0, 30.0), (1, 0.0), (1, 5.0), (29, 1.0), (40, 1.0), (41, 0.5)]
+    values = []
+    for number, (interventions, cte_m) in enumerate(drives):
+        folder = write_run(tmp_path / str(number), 1.0, cte_m=cte_m)
+        metrics = json.loads((folder / "metrics.json").read_text())
+        metrics["drive"]["tracks"]["lake"] |= {
+            "interventions": [interventions, 0.0],
+            "driven_s": [180.0, 0.0],
+        }
+        (folder / "metrics.json").write_text(json.dumps(metrics))
+        values.append(_value(folder, "drive/score"))
+    assert values == sorted(values, reverse=True)
+    assert len(set(values)) == len(values)
+    assert values[0] == pytest.approx(1 - 6 / 180 * (0.1 / 1.1))
+    undriven = write_run(tmp_path / "undriven")
+    assert _value(undriven, "drive/score") is None
+
+
+def test_a_study_of_another_figure_is_refused_and_kept(
+    recorded: Written, study: "optuna.Study"
+) -> None:
+    study.set_user_attr("monitor", "drive/cte_mean")
+    line = only_line(search(recorded, "hydra.sweeper.n_trials=3"))
+    assert "study drivezoo" in line
+    assert "hydra.sweeper.monitor=drive/cte_mean" in line
+    assert len(study.get_trials()) == 2
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("hydra.sweeper.monitor=drive/autonomy", "add callbacks=closed_loop"),
+        ("hydra.sweeper.monitor=val/mae", "monitor=val/mae: must be one of drive/score"),
+        ("hydra.sweeper.pruner=axe", "pruner=axe: must be median"),
+        ("hydra.sweeper.sampler=dice", "sampler=dice: must be one of tpe"),
+        ("hydra.sweeper.n_trials=0", "must be 1 or more"),
+        ("hydra.sweeper.storage=sqlite:////proc/none/study.db", "storage=sqlite:////proc/none"),
+        ("hydra.sweeper.n_trails=3", "hydra.sweeper.n_trails: no such key"),
+        ("optim.lr=0.1", "give a key several values"),
+        ("optim.lr=0.1,0.2", "other values for optim.lr"),
+    ],
+)
+def test_bad_input_gets_one_line(
+    override: str,
+    words: str,
+    recorded: Written,
+    study: "optuna.Study",
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("zoo.training.sweep_search.ATTEMPTS", 1)
+    assert words in only_line(search(recorded, override))
+    assert {one.name for one in Path.cwd().iterdir()} <= {"study.db"}

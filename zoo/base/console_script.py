@@ -1,0 +1,176 @@
+"""Console script `drivezoo COMMAND [argument] [key=value ...]`."""
+
+import ast
+import importlib
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from zoo.base.errors import InputError, UsageError, hint
+from zoo.base.module_start import run_module
+from zoo.base.parts import installed_entries
+from zoo.base.run_command import run_command
+from zoo.base.terminal import command_line, printable, take_verbosity
+
+if TYPE_CHECKING:
+    from zoo.base.command import Command
+
+ROOT = Path(__file__).parents[2]
+# Commands, by what a user is doing.
+GROUPS = {
+    "recordings": ("check", "edit", "convert", "preview"),
+    "training": ("train", "correct", "import"),
+    "driving": ("drive", "simulator", "film"),
+    "judging": (
+        *("evaluate", "benchmark", "compare", "grade", "search", "timing"),
+        *("leaderboard", "report", "saliency"),
+    ),
+    "sharing": ("export", "hub"),
+    "drivezoo itself": ("demo", "list", "new", "doctor", "clean", "completion"),
+}
+# Further names, which belong to a command above: export doubt; evaluate replay=RECORDING;
+# train rerun=RUN; the leaderboard as Markdown; train resume=SWEEP.
+ALIASES = ("doubt", "replay", "rerun", "results", "sweep")
+# Functions of commands that have another name.
+FUNCTIONS = {"train": "train_or_sweep", "import": "import_file", "list": "list_parts"}
+SWEEP_RECORD = "sweep.json"  # as zoo.training.sweep_record
+ENTRY_POINTS = "drivezoo.commands"
+# Kinds of `drivezoo list`: drivezoo tracks is drivezoo list tracks. A kind has its group in `conf`,
+# if it has one, and how a user types a choice.
+LISTED = {
+    "models": ("model", "model=NAME"),
+    "augmentations": ("augment", "'augment=[NAME,NAME]'"),
+    "losses": ("loss", "loss=NAME"),
+    "optimizers": ("optim", "optim=NAME"),
+    "schedules": ("schedule", "schedule=NAME"),
+    "callbacks": ("callbacks", "callbacks=NAME"),
+    "recipes": ("experiment", "experiment=NAME"),
+    "tracks": ("track", "track=NAME"),
+    "roads": ("road", "track=NAME:NUMBER"),
+    "suites": ("suite", "suite=NAME"),
+    "checkpoints": ("", "drivezoo drive NAME sim=lake"),
+    "metrics": ("", ""),
+}
+HELP = ("-h", "--help", "help")
+CLOSING = (
+    "first steps: drivezoo doctor; drivezoo train experiment=first_try data.root=FOLDER",
+    "help on a command: drivezoo COMMAND --help; drivezoo --version",
+)
+
+
+def main() -> int:
+    """Run the command that the first argument names, as `python -m zoo.commands.COMMAND` does."""
+    name, *rest = take_verbosity(sys.argv[1:]) or ["--help"]
+    if name in LISTED:
+        name, rest = "list", [name, *rest]
+    name, rest = as_typed_below(name, rest)
+    if module := commands().get(name):
+        run_module(module, rest)
+        return 0
+    outside = {} if name in HELP else outside_commands()
+    if name in outside:
+        return run_command(f"drivezoo {name}", lambda given: load(outside[name]).main(given), rest)
+    return run_command("drivezoo", lambda given: _help_or_hint(given, outside), [name, *rest])
+
+
+def _help_or_hint(arguments: list[str], outside: Iterable[str]) -> None:
+    name, *_ = arguments
+    if name in HELP:
+        print(help_text())
+        return
+    near = hint(name, [*commands(), *outside], "drivezoo --help lists all")
+    if "=" in name:  # keys of a training without its name
+        near = f"did you mean drivezoo train {command_line(arguments)}?"
+    raise UsageError(f"{name!a}: no such command; {near}")
+
+
+def as_typed_below(name: str, rest: list[str]) -> tuple[str, list[str]]:
+    """Return the older command and its arguments for what is typed below another command.
+
+    >>> as_typed_below("train", ["rerun=run"])
+    ('rerun', ['run'])
+    """
+    if (name, rest[:1]) == ("export", ["doubt"]):
+        return "doubt", rest[1:]
+    for word in rest if name == "train" and set(HELP).isdisjoint(rest) else ():
+        key, _, folder = word.partition("=")
+        others = [other for other in rest if other is not word]
+        if key == "rerun":
+            return "rerun", [folder, *others]
+        if key == "resume" and Path(folder, SWEEP_RECORD).is_file():
+            return "sweep", rest
+    return name, rest
+
+
+def commands() -> dict[str, str]:
+    """Return the module that `python -m` runs for each command, by the command's name."""
+    return {name: place.partition(":")[0] for name, place in places().items()}
+
+
+def places() -> dict[str, str]:
+    """Return the place of each command of drivezoo, by the command's name."""
+    names = [name for group in (*GROUPS.values(), ALIASES) for name in group]
+    return {name: f"zoo.commands.{name}:{FUNCTIONS.get(name, name)}" for name in names}
+
+
+def outside_commands() -> dict[str, str]:
+    """Return the place of each command of other installed packages, by the command's name."""
+    entries = {entry.name: entry.value for entry in installed_entries(ENTRY_POINTS)}
+    return {name: value for name, value in entries.items() if name not in (*commands(), *LISTED)}
+
+
+def load(place: str) -> "Command[Any]":
+    """Return the command at `module:function`.
+
+    Raises:
+        InputError: it cannot be imported, or is no command.
+    """
+    from zoo.base.command import Command
+
+    module, _, name = place.partition(":")
+    try:
+        found = getattr(importlib.import_module(module), name)
+    except Exception as error:
+        raise InputError(f"{place}: {type(error).__name__}: {error}; correct the package") from None
+    if not isinstance(found, Command):
+        raise InputError(f"{place}: is no command; decorate the function with zoo.base.command")
+    return found
+
+
+def help_text() -> str:
+    """Return the usage, and each command's purpose from its docstring, by group."""
+    known, lines = places(), ["usage: drivezoo COMMAND [argument] [key=value ...]"]
+    for title, group in GROUPS.items():
+        rows = [f"  {name:<12}{_purpose(known[name])}" for name in group]
+        lines += ["", title, *rows]
+    if outside := outside_commands():
+        lines += ["", "installed packages"]
+        lines += [f"  {name:<12}{_outside_purpose(place)}" for name, place in outside.items()]
+    return "\n".join([*lines, "", *CLOSING])
+
+
+def _purpose(place: str) -> str:
+    """Return the first line of a function's docstring, without importing its module."""
+    module, _, name = place.partition(":")
+    path = ROOT.joinpath(*module.split(".")).with_suffix(".py")
+    return _shortened(written_docstring(path, name).partition("\n\n")[0])
+
+
+def written_docstring(path: Path, name: str) -> str:
+    """Return the docstring of a function or class in a file, which is not imported."""
+    nodes = ast.parse(path.read_text(encoding="utf-8")).body
+    documented = (node for node in nodes if isinstance(node, ast.FunctionDef | ast.ClassDef))
+    return next((ast.get_docstring(node) or "" for node in documented if node.name == name), "")
+
+
+def _outside_purpose(place: str) -> str:
+    try:
+        return printable(_shortened(load(place).purpose))
+    except InputError as error:
+        return printable(str(error))
+
+
+def _shortened(sentence: str) -> str:
+    sentence = " ".join(sentence.split())
+    return sentence[:1].lower() + sentence[1:].rstrip(".")

@@ -1,1 +1,0 @@
-"""Lightning callbacks: one file and one YAML in `conf/callbacks` each."""

@@ -1,1 +1,0 @@
-"""Grammar that all commands share: arguments, composed configs, help, errors, exit codes."""

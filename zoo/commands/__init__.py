@@ -1,0 +1,1 @@
+"""The commands: one file each, with a typed function; no command imports another."""

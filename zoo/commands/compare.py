@@ -1,0 +1,54 @@
+"""`drivezoo compare`: compare two results of the benchmark."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from zoo.base.command import command
+from zoo.base.written_files import check_output
+from zoo.runs.table_files import ResultFiles
+
+if TYPE_CHECKING:
+    from zoo.results.comparison import ComparedEntries
+
+
+@command
+def compare(
+    a: str | Path,
+    b: str | Path,
+    *,
+    paired: bool = False,
+    out: str = "compare.json",
+    files: ResultFiles,
+) -> "ComparedEntries":
+    """Compare two results of the benchmark.
+
+    Pairs the drives of both on the same roads. Prints which one drives better, with intervals over
+    roads and training seeds, and how many training seeds would be needed to tell.
+
+    Args:
+        a: result.json of a benchmark, or its folder.
+        b: the other result.json, or its folder.
+        paired: whether trainings of the same seed are pairs, as of two settings of one network.
+        out: JSON file to write; an existing one is replaced.
+        files: see `ResultFiles`.
+
+    Raises:
+        InputError: a result cannot be read, the results are of different roads or, paired, share no
+            training seed, or a file cannot be written.
+    """
+    from zoo.results.result import result_path
+
+    path = Path(out).expanduser()
+    given = [Path(each).expanduser() for each in (a, b)]
+    check_output(path, inputs=[*given, *map(result_path, given)])
+    from zoo.results.comparison import COLUMNS, ComparedEntries  # slow imports: SciPy, Matplotlib
+
+    files.check_files(COLUMNS)
+    result = ComparedEntries.read(a, b, paired)
+    result.written.append(result.write(path))
+    result.written.extend(files.write_files(result))
+    return result
+
+
+if __name__ == "__main__":
+    compare.run()

@@ -1,0 +1,214 @@
+"""`drivezoo film`: film a drive, a recording or a folder of images."""
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+from pydantic import Field
+from rich.console import Console
+
+from datamodules.formats.udacity import times_from_names
+from datamodules.image import AnyImage, read_image
+from datamodules.recording import LOG_NAME
+from datamodules.recording_format import known_format, read_recordings
+from zoo.base.command import command
+from zoo.base.console_progress import progress_bar
+from zoo.base.errors import InputError
+from zoo.base.rig import UDACITY
+from zoo.base.terminal import counted, print_line, print_written
+from zoo.driving import drive_log
+from zoo.driving.drive_film import MOMENTS, draw_overlay
+from zoo.driving.drive_record import EMBEDDED, FALLBACK, PERSON, REPLAY, SOCKET
+from zoo.driving.tally import LONGEST_STEP_S, autonomy
+
+USUAL_FPS = 15.0  # the simulator's recorder; used if the images have no times
+MOST_FPS = 60.0
+SHOWN_S = 1.0  # in which a film says that there was an intervention
+SUFFIXES = (".jpg", ".jpeg", ".png")
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A frame of a film: its image, and the arguments of `draw_overlay` at that time."""
+
+    path: AnyImage
+    time_s: float
+    values: dict[str, Any] = field(default_factory=dict)
+
+
+def read_shots(folder: Path) -> list[Shot]:
+    """Return the frames of a drive, a recording or a folder of images, in the order of time.
+
+    Raises:
+        InputError: the folder does not exist or has no images, or its log cannot be read.
+    """
+    if folder.exists() and folder.name in (LOG_NAME, drive_log.LOG_NAME):
+        folder = folder.parent
+    is_recording = folder.exists() and known_format(folder) is not None
+    if not folder.is_dir() and not is_recording:
+        raise InputError(f"{folder}: no such folder; usage: {film.usage}")
+    # A log that is not a regular file, such as a pipe, is reported when it is opened.
+    if (folder / drive_log.LOG_NAME).exists():
+        shots = _shots_of_drive(folder)
+    elif is_recording:
+        shots = _shots_of_recording(folder)
+    else:
+        shots = _shots_of_images(folder)
+    if not shots:
+        raise InputError(f"{folder}: has no {LOG_NAME}, JPEG or PNG; name another folder")
+    times = np.array([shot.time_s for shot in shots])
+    order = np.argsort(times, kind="stable") if np.isfinite(times).all() else range(len(shots))
+    return [shots[index] for index in order]
+
+
+def real_fps(shots: list[Shot]) -> float:
+    """Return the frames per second of the recording, 1..60; 15 if unknown."""
+    steps = np.diff([shot.time_s for shot in shots])
+    steps = steps[steps > 0]  # drops NaN, and equal times of two clients
+    if not len(steps):
+        return USUAL_FPS
+    # The mean without pauses; the median is wrong: 15 Hz in steps of 0.02 s has a median of 0.06 s.
+    usual = steps[steps < 3 * np.median(steps)]
+    return float(np.clip(round(1 / float(usual.mean()), 1), 1.0, MOST_FPS))
+
+
+def make_film(
+    folder: str | Path, out: str | Path | None, fps: float | None, console: Console
+) -> Path:
+    """Write the film of a folder and return its path; `out` and `fps` are as in `film`.
+
+    Images that cannot be read are left out and counted.
+
+    Raises:
+        InputError: `read_shots` fails, no image can be read, or the film cannot be written.
+    """
+    # Imported late: imageio-ffmpeg (30 MB) is needed only for films.
+    from zoo.base.video import Film
+
+    folder = Path(folder).expanduser()
+    out = Path(out).expanduser() if out else Path(f"{folder.absolute()}.mp4")
+    shots = read_shots(folder)
+    rate = real_fps(shots) if fps is None else fps
+    faults: list[str] = []
+    size: tuple[int, int] | None = None  # of the first frame, in which all are filmed
+    try:
+        with Film(out, rate) as film, progress_bar("filming", console) as report:
+            for number, shot in enumerate(shots):
+                report(number / len(shots))
+                try:
+                    frame = read_image(shot.path)
+                except (OSError, ValueError) as error:
+                    faults.append(f"{shot.path}: {getattr(error, 'strerror', None) or error}")
+                else:
+                    image = draw_overlay(frame, **shot.values)
+                    size = size or image.shape[1::-1]
+                    film.add(cv2.resize(image, size))
+    except InputError as error:
+        raise InputError(f"{error}; or name another file with out=") from None
+    drawn = len(shots) - len(faults)
+    if not drawn:
+        raise InputError(f"{faults[0]}; none of {len(shots)} images can be read")
+    if faults:
+        print_line(console, f"{counted(len(faults), 'image')} left out: {faults[0]}")
+    print_line(console, f"{counted(drawn, 'frame')} at {rate:g} per second, {drawn / rate:.1f} s")
+    return out
+
+
+def _shots_of_drive(folder: Path) -> list[Shot]:
+    drive = drive_log.read_drive(folder)
+    notes = {PERSON: "a person drives", FALLBACK: "trouble: braking"}
+    # Only the client with the most frames: a film that alternates between clients would flicker.
+    with_frame = drive.client[drive.frame != ""]
+    client = np.bincount(with_frame).argmax() if len(with_frame) else 0
+    rows = np.flatnonzero(drive.client == client)
+    steps = np.diff(drive.time_s[rows], prepend=drive.time_s[rows][:1])
+    # Without cross-track errors and interventions, the autonomy is unknown.
+    judged = bool(np.isfinite(drive.cross_track_m[rows]).any())
+    driven_s = np.cumsum(np.where((steps > 0) & (steps <= LONGEST_STEP_S), steps, 0.0))
+    interventions = np.cumsum(drive.intervention[rows])
+    shots, last, lost, lost_s = [], "", 0, -math.inf
+    for number, row in enumerate(rows):
+        frame = str(drive.frame[row])
+        if not frame or frame == last:  # the old client's two loops send most frames twice
+            continue
+        lost_s = float(drive.time_s[row]) if int(interventions[number]) > lost else lost_s
+        last, lost = frame, int(interventions[number])
+        values: dict[str, Any] = {
+            name: float(getattr(drive, name)[row])
+            for name in ("steering", "throttle", "speed_mph", "spread")
+        }
+        values["time_s"] = float(drive.time_s[row])
+        values["autonomy"] = autonomy(lost, driven_s[number]) if judged or lost else None
+        values["cte_m"] = float(drive.cross_track_m[row])
+        lately = "intervention" if drive.time_s[row] - lost_s < SHOWN_S else None
+        values["note"] = notes.get(str(drive.driver[row]), lately)
+        # In other worlds it is any car, whose steering range the drive does not have.
+        values["rig"] = UDACITY if drive.source in ("", EMBEDDED, SOCKET) else None
+        if drive.source == REPLAY:
+            values["recorded"] = float(drive.expert_steering[row])
+        shots.append(Shot(folder / frame, float(drive.time_s[row]), values))
+    if not shots or len(shots) <= MOMENTS < len(drive) / 10:
+        raise InputError(
+            f"{folder}: has no frames, or only its worst moments; drive with record=FOLDER, or "
+            "film while it is scored: drivezoo evaluate CKPT film=true"
+        )
+    return shots
+
+
+def _shots_of_recording(folder: Path) -> list[Shot]:
+    log = read_recordings(str(folder), on_bad_image="skip")
+    speed_mph = np.full(len(log), np.nan) if log.without_speed else log.speed_mph
+    return [
+        Shot(
+            log.images[row, 0],
+            float(log.time_s[row]),
+            {
+                "steering": float(log.steering[row]),
+                "throttle": float(log.throttle[row] - log.brake[row]),
+                "speed_mph": float(speed_mph[row]),
+                "rig": log.rig,
+            },
+        )
+        for row in range(len(log))
+    ]
+
+
+def _shots_of_images(folder: Path) -> list[Shot]:
+    """Return images with the time in their names, as the course's drive.py writes them.
+
+    Other names have no time; their order is alphabetical.
+    """
+    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    times = times_from_names([path.name for path in paths])
+    return [Shot(path, float(time)) for path, time in zip(paths, times, strict=True)]
+
+
+@command
+def film(
+    folder: str,
+    *,
+    out: str | None = None,
+    fps: Annotated[float, Field(gt=0, le=1000)] | None = None,
+) -> Path:
+    """Film a drive, a recording or a folder of images.
+
+    Writes an H.264 .mp4 that plays in a browser. Each frame shows steering, throttle and speed;
+    frames of a drive (a folder with drive.csv) also show autonomy and the distance from the
+    centreline.
+
+    Args:
+        folder: folder of a drive, a recording or images.
+        out: .mp4 file to write; null: FOLDER.mp4, next to the folder.
+        fps: frames per second; null plays as fast as it was driven.
+    """
+    console = Console(soft_wrap=True)
+    path = make_film(folder, out, fps, console)
+    print_written([path], console=console)
+    return path
+
+
+if __name__ == "__main__":
+    film.run()

@@ -1,0 +1,73 @@
+"""`drivezoo leaderboard`: rank all runs, the best driver first."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from zoo.base.command import command
+from zoo.base.errors import InputError
+from zoo.base.terminal import command_line, counted
+from zoo.runs.table_files import TableFiles
+
+if TYPE_CHECKING:
+    from zoo.results.ranking_page import Ranking
+
+OUTPUTS = Path("outputs")
+PAGE = "leaderboard.html"
+
+
+@command
+def leaderboard(
+    *folder: str | Path, paper: str | Path | None = None, tables: TableFiles
+) -> "Ranking":
+    """Rank all runs, the best driver first.
+
+    Prints the ranking and writes it as a page, leaderboard.html, into the first folder, unless
+    `paper=` is given. In a folder without runs, ranks evaluations and benchmarks, the `out=` of
+    drivezoo evaluate and drivezoo benchmark, and drives: outputs/drives has those of drivezoo
+    drive. Drives of less than a lap come last, with their length.
+
+    Args:
+        *folder: folders that contain runs, sweeps or drives; default: outputs.
+        paper: folder for a paper: tables, plots, the commands, and an archive that repeats them;
+            needs results of drivezoo benchmark, or trainings.
+        tables: see `TableFiles`.
+
+    Raises:
+        InputError: a folder does not exist, or contains neither runs nor drives; or see
+            `write_paper`.
+    """
+    from zoo.results.ranking_page import Ranking
+    from zoo.results.scored import drive_folders, run_folders
+
+    tables.check_files()
+    named = [Path(name) for name in folder]
+    roots = named or [OUTPUTS]
+    for root in roots:
+        if not root.is_dir():
+            raise InputError(f"{root}: no such folder; usage: {leaderboard.usage}")
+    folders = sorted({path for root in roots for path in run_folders(root)})
+    drives = sorted({path for root in named for path in drive_folders(root)})
+    if not folders and not drives:
+        raise InputError(
+            f"{', '.join(map(str, roots))}: no runs found; train one: drivezoo train, or score a "
+            "checkpoint: drivezoo evaluate CKPT out=FOLDER"
+        )
+    title = f"leaderboard of {', '.join(map(str, roots))}: {counted(len(folders), 'run')}"
+    title += f", {len(drives)} evaluations, benchmarks or drives" if drives else ""
+    under = roots[0] if len(roots) == 1 else Path()
+    ranking = Ranking.read(folders, under, drives, title)
+    if paper is None:
+        ranking.written.append(ranking.write_page(roots[0] / PAGE, "Leaderboard"))
+    ranking.written.extend(tables.write_files(ranking))
+    if paper is not None:
+        from zoo.results.paper import write_paper
+
+        words = ["drivezoo", "leaderboard", *roots, f"paper={paper}"]
+        written, notes = write_paper(ranking, paper, command_line(words))
+        ranking.written.extend(written)
+        ranking.notes.extend(notes)
+    return ranking
+
+
+if __name__ == "__main__":
+    leaderboard.run()

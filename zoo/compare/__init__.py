@@ -1,1 +1,0 @@
-"""Comparison of two results of the benchmark: `drivezoo compare`."""

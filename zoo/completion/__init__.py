@@ -1,1 +1,0 @@
-"""Completion of commands, keys and values in a shell."""

@@ -1,1 +1,0 @@
-"""Training on what an expert or a person would have done where a checkpoint went wrong."""

@@ -1,1 +1,0 @@
-"""Monte-Carlo dropout and ensembles, written as checkpoints that know their spread."""

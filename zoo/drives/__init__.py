@@ -1,1 +1,0 @@
-"""The record of a drive, its metrics and films, speed controllers and the steering filter."""

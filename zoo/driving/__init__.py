@@ -1,0 +1,1 @@
+"""A drive: worlds, the one loop, its record, interventions, metrics and films."""

@@ -1,0 +1,94 @@
+"""Drivers that are no networks: the baselines of the benchmark, and a person."""
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from zoo.checkpoints.policy_base import Policy, as_policy
+from zoo.driving.run_drives import PolicyMaker
+from zoo.driving.scenario import Scenario
+from zoo.driving.world import World
+from zoo.simulator.expert import Expert
+
+WAIT_S = 0.005  # between two looks at the hands
+LATE_S = 0.4  # delay of the late expert's commands, in seconds
+
+
+@dataclass(frozen=True)
+class Baseline(PolicyMaker):
+    """What makes the policy of a baseline.
+
+    Args:
+        name: zero, mean, expert, expert_late, or human for a person who steers in a window.
+        mean_steering: steering of the baseline `mean`, -1..1.
+    """
+
+    name: str
+    mean_steering: float | None = None
+
+    def policy(self, world: World, scenario: Scenario) -> Policy:
+        """Return the policy of the baseline in the embedded world.
+
+        Raises:
+            InputError: no window opens for a person.
+        """
+        if self.name in ("zero", "mean"):
+            steering = 0.0 if self.name == "zero" else float(self.mean_steering or 0.0)
+            return as_policy(lambda frame, mph: (steering, None))
+        simulated = world.simulated
+        if self.name == "human":
+            return as_policy(by_hand(simulated.frame_s))
+        expert = Expert(simulated.track)
+        late = round(LATE_S / simulated.frame_s) if self.name == "expert_late" else 0
+        waiting = deque([(0.0, 0.0)] * late)
+
+        def drive(frame: Any, mph: float) -> tuple[float, float]:
+            waiting.append(expert(simulated))
+            return waiting.popleft()
+
+        return as_policy(drive)
+
+
+def by_hand(frame_s: float) -> Callable[[np.ndarray, float], tuple[float, None]]:
+    """Return a person's steering of a drive: keys, mouse or gamepad, in a window.
+
+    The person sees what a network sees, in real time. Each drive waits for the first key.
+
+    Args:
+        frame_s: seconds of a frame.
+
+    Raises:
+        InputError: no window opens.
+    """
+    from zoo.simulator.hand_control import Gamepads, HandControl, Hands
+
+    viewer, control, gamepads = _viewer(), HandControl(), Gamepads()
+    due_s = 0.0
+
+    def drive(frame: np.ndarray, mph: float) -> tuple[float, None]:
+        nonlocal due_s
+        while True:
+            viewer.show_until_closed(frame)
+            hands = Hands(frozenset(viewer.window.held), viewer.window.pointer, *gamepads.read())
+            if not due_s and (viewer.window.pressed or hands.stick):
+                due_s = time.perf_counter() + frame_s
+            if due_s and time.perf_counter() >= due_s:
+                break
+            time.sleep(WAIT_S)
+        due_s = max(due_s, time.perf_counter() - frame_s) + frame_s
+        return control.step(frame_s, hands)[0], None
+
+    return drive
+
+
+@lru_cache(maxsize=1)
+def _viewer() -> Any:
+    """Return one window for all drives: it would lose the keyboard at each new one."""
+    from zoo.simulator.window import Viewer
+
+    return Viewer("drivezoo benchmark human: a key starts each road; Esc stops")

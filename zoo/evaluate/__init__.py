@@ -1,1 +1,0 @@
-"""Scores of a network from drives in the embedded world and from replays of recordings."""

@@ -1,1 +1,0 @@
-"""The report of a run: sections of blocks, and their output as HTML and Markdown."""

@@ -1,0 +1,1 @@
+"""Results beside each other: suites of roads, comparison with intervals, rankings."""

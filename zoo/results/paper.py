@@ -1,0 +1,370 @@
+"""`drivezoo leaderboard paper=FOLDER`: tables, plots, an appendix and an archive for a paper.
+
+Results of the benchmark have drives on many roads, so that pairs of entries can be compared. Runs
+have drives on their own few tracks: for them there are neither pairs nor profiles.
+"""
+
+import io
+import re
+import zipfile
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from zoo.base.bounded_files import hash_file, read_regular
+from zoo.base.errors import InputError
+from zoo.base.file_text import markdown_code, markdown_text
+from zoo.base.new_folder import command_folder
+from zoo.base.terminal import command_line
+from zoo.base.whole_file import write_output
+from zoo.base.written_files import LOCK, MARK, remove_files, written_below
+from zoo.checkpoints.checkpoint_path import FOLDER as CHECKPOINTS
+from zoo.driving.bootstrap import Estimate
+from zoo.driving.clustered import SHARE, clustered
+from zoo.results import differences
+from zoo.results import ranking as of
+from zoo.results.benchmarked import INTERVALS, SHORT, figure_columns
+from zoo.results.differences import Comparison, Entry
+from zoo.results.ranking_page import Ranking
+from zoo.results.result import NAME, SCORES, code_name
+from zoo.results.scored import BENCHMARK
+from zoo.results.suite import Road, find_suite, suite_names
+from zoo.results.summary import FIGURES, complement, overall
+from zoo.runs.code_fingerprint import code_fingerprint, package_versions
+from zoo.runs.plots import interval_panels, share_panels
+from zoo.runs.result_table import Column, Table, interval_column, number_column
+from zoo.runs.run_record import Run
+from zoo.runs.table_files import write_plot, write_table
+
+ARCHIVE, APPENDIX, COMMAND = "repeat.zip", "appendix.md", "command.txt"
+OF_RUN = (
+    *(".hydra/config.yaml", ".hydra/overrides.yaml", ".hydra/hydra.yaml"),
+    *("metrics.json", "metrics.csv", "split.csv", "status.json"),
+)
+MOST_CHECKPOINT_BYTES, MOST_BYTES = 5_000_000, 100_000_000  # of a file in the archive
+THRESHOLDS = 100  # of a profile
+RANKS = (
+    "Rank: an entry above counts as better with p < 0.05 on the same roads, corrected for the "
+    "number of pairs (Holm); entries of one training and baselines have none. In brackets: "
+)
+PAIRS = (
+    "A minus B on the same roads, all but the laps. In brackets: 95 % interval over roads and "
+    "training seeds, of each pair alone. p: of the autonomy, corrected for the number of pairs "
+    "(Holm)."
+)
+
+
+@dataclass
+class Paper:
+    """What `write_paper` writes.
+
+    Attributes:
+        tables: tables by the names of their files.
+        plots: figures by the names of their files.
+        commands: by entry, the commands that made it.
+        rows: a row of facts for each training or checkpoint.
+        versions: versions of packages of each training.
+        files: contents by name in the archive.
+        repeats: by folder in the archive, the command that repeats what it has.
+        notes: what could not be written.
+    """
+
+    tables: dict[str, Table] = field(default_factory=dict)
+    plots: dict[str, Figure] = field(default_factory=dict)
+    commands: dict[str, list[str]] = field(default_factory=dict)
+    rows: list[dict[str, str]] = field(default_factory=list)
+    versions: list[Mapping[str, str]] = field(default_factory=list)
+    files: dict[str, bytes] = field(default_factory=dict)
+    repeats: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def add_file(self, name: str, path: Path, most_bytes: int = MOST_BYTES) -> None:
+        """Add a file to the archive, unless it is a link or too large."""
+        if not path.is_file() or path.is_symlink():
+            return
+        if (size := path.stat().st_size) > most_bytes:
+            self.notes.append(f"not in {ARCHIVE}: {path} ({size / 1e6:.1f} MB)")
+        else:
+            self.files[name] = read_regular(path, most_bytes)
+
+    def add_run(self, name: str, run: Run) -> str:
+        """Add the files of a training; return its command."""
+        for one in OF_RUN:
+            self.add_file(f"runs/{name}/{one}", run.folder / one)
+        self.repeats[f"runs/{name}"] = "rerun"
+        self.versions.append(run.metrics.get("versions") or {})
+        return command_line(["drivezoo", "train", *run.overrides])
+
+
+def write_paper(ranking: Ranking, out: str | Path, command: str) -> tuple[list[Path], list[str]]:
+    """Write the files of a paper into a new folder, or in place of those of an earlier paper.
+
+    Args:
+        ranking: ranked results of the benchmark, or ranked runs.
+        out: folder to create, or of an earlier paper.
+        command: command that writes the files, for the appendix.
+
+    Returns:
+        Paths of the files, and lines that say what is missing.
+
+    Raises:
+        InputError: nothing is ranked, runs are mixed with other results, results are of different
+            roads, a file cannot be read, or the folder has files of the user's.
+    """
+    scored = [run for entry in ranking.entries for run in entry.runs]
+    results = [run.folder for run in scored if run.source == BENCHMARK]
+    if not scored or len(scored) not in (len(results), sum(bool(run.settings) for run in scored)):
+        raise InputError(
+            f"paper={out}: needs results of drivezoo benchmark alone, or finished trainings alone; "
+            "name their folders"
+        )
+    with command_folder(out, "papers", resumed_by=APPENDIX, key="paper=") as folder:
+        earlier = [one for one in written_below(folder)[0] if one.name not in (MARK, LOCK)]
+        remove_files(earlier, folder)
+        paper = of_results(differences.read_entries(*results)) if results else of_runs(ranking)
+        paper.plots["intervals"].supxlabel("bar: 95 % interval", fontsize="medium")
+        text = _appendix(paper, command, [*paper.notes, *ranking.unranked_lines()])
+        written = [
+            write_table(table, folder / f"{name}{ending}")
+            for name, table in paper.tables.items()
+            for ending in (".tex", ".csv")
+        ]
+        written += [write_plot(one, folder / f"{name}.pdf") for name, one in paper.plots.items()]
+        written.append(write_output(folder / APPENDIX, text))
+        files = {APPENDIX: text.encode(), **paper.files}
+        written.append(write_output(folder / ARCHIVE, _archive(files)))
+    return written, paper.notes
+
+
+def of_results(entries: Sequence[Entry]) -> Paper:
+    """Return the paper of results of the benchmark on the same roads."""
+    entries, paper = differences.in_order(entries), Paper()
+    counts = Counter(one.result.entry for one in entries)
+    names = [
+        name if counts[name := one.result.entry] == 1 else f"{name} ({one.path})" for one in entries
+    ]
+    ranked = [one for one in entries if one.kind == differences.RANKED]
+    pairs = differences.compare_pairs(ranked)
+    ranks = differences.possible_ranks(pairs, len(ranked)) + ["-"] * (len(entries) - len(ranked))
+    paper.tables["table"] = _entries_table(entries, names, ranks)
+    if pairs:
+        paper.tables["pairs"] = _pairs_table(names, pairs, entries[0].result.score)
+    else:
+        paper.notes.append("no pairs: fewer than two entries of several training seeds")
+    figures = [overall(one.result) for one in entries]
+    panels = {}
+    for key in SHORT:
+        own = dict(zip(names, (one[key] for one in figures), strict=True))
+        panels[FIGURES[key].heading] = own, FIGURES[key].factor
+    paper.plots["intervals"] = interval_panels(panels)
+    drawn = _levels if entries[0].result.has_levels else _thresholds
+    paper.plots["profiles"] = drawn(dict(zip(names, entries, strict=True)))
+    for place, (name, entry) in enumerate(zip(names, entries, strict=True), 1):
+        _add_entry(paper, name, f"{place}_{_plain(entry.result.entry)}", entry)
+    return paper
+
+
+def of_runs(ranking: Ranking) -> Paper:
+    """Return the paper of trainings with the drives that scored them."""
+    entries, paper = ranking.entries, Paper({"table": ranking.result_table()})
+    columns = of.setting_columns(entries)
+    cells = of.in_one_column(columns).cells if columns else []
+    names = [one.replace("\n", ", ") for one in cells]
+    if len(set(names)) < len(entries):
+        names = [of.run_name(entry, ranking.under) for entry in entries]
+    figures = of.ranked_figures(entries)
+    short = [one for one in figures if one.form and one.key in of.short_figures(figures)]
+    panels = {}
+    for one in short:
+        own = dict(zip(names, map(one.interval, entries), strict=True))
+        panels[one.heading] = own, 100 if "%" in one.form else 1
+    paper.plots["intervals"] = interval_panels(panels)
+    paper.notes.append(
+        "no pairs and no profiles: trainings are scored on few tracks, which say nothing about "
+        "other roads; for these, drive each entry on the roads of a suite:"
+    )
+    for place, (name, entry) in enumerate(zip(names, entries, strict=True), 1):
+        commands = paper.commands.setdefault(name, [])
+        for number, one in enumerate(entry.runs, 1):
+            run, own = Run(one.folder), f"{place}-{number}"
+            commands.append(paper.add_run(own, run))
+            if run.checkpoint_path:
+                inside = f"runs/{own}/{CHECKPOINTS}/{run.checkpoint_path.name}"
+                paper.add_file(inside, run.checkpoint_path, MOST_CHECKPOINT_BYTES)
+            code = code_name(run.metrics.get("code") or {})
+            data = one.trained_on.name
+            facts = {"run": own, "seed": str(one.seed), "data": data, "code": code}
+            paper.rows.append({"entry": name, **facts})
+        words = [*(str(one.folder) for one in entry.runs), f"out=marks/{place}"]
+        paper.notes.append(command_line(["drivezoo", "benchmark", *words, f"entry=entry_{place}"]))
+    paper.notes.append("drivezoo leaderboard marks paper=FOLDER")
+    return paper
+
+
+def _entries_table(entries: Sequence[Entry], names: Sequence[str], ranks: Sequence[str]) -> Table:
+    results = [one.result for one in entries]
+    counts = {
+        "parameters": [one.result.checkpoints[0].parameters for one in entries],
+        "seeds": [one.seeds for one in entries],
+        "drives": [one.seeds * len(one.roads) for one in entries],
+    }
+    columns = [
+        Column("rank", "rank", ranks),
+        Column("entry", "entry", names),
+        *(
+            number_column(name, name, own, "{:,}", short=name != "drives")
+            for name, own in counts.items()
+        ),
+        *figure_columns([overall(one) for one in results]),
+    ]
+    for group in dict.fromkeys(road.group for road in entries[0].drives):
+        columns += figure_columns([one.groups[group] for one in results], group)
+    suite = f"Drives of the suite {results[0].suite}, all roads but the laps. "
+    return Table(columns, f"{suite}{RANKS}{INTERVALS}")
+
+
+def _pairs_table(
+    names: Sequence[str], pairs: Mapping[tuple[int, int], Comparison], score: str
+) -> Table:
+    found = list(pairs.values())
+    return Table(
+        [
+            Column("a", "A", [names[a] for a, _ in pairs]),
+            Column("b", "B", [names[b] for _, b in pairs]),
+            interval_column(
+                score, f"{SCORES[score]}, points", [one.difference for one in found], "{:+.1f}", 100
+            ),
+            interval_column(
+                "a_better", "A better, %", [one.a_better for one in found], "{:.0f}", 100
+            ),
+            number_column("p", "p", [one.p for one in found], "{:.3f}"),
+            Column("verdict", "verdict", [one.verdict for one in found]),
+        ],
+        PAIRS,
+    )
+
+
+def _thresholds(entries: Mapping[str, Entry]) -> Figure:
+    """Draw the share of drives with an autonomy above thresholds from 0 on.
+
+    Source: Agarwal et al. 2021, arXiv:2108.13264, performance profiles.
+    """
+    thresholds, curves = np.linspace(0, 1, THRESHOLDS, endpoint=False), {}
+    for name, entry in entries.items():
+        roads, scores = entry.roads, entry.scores(entry.roads)
+        curves[name] = [_share(scores > one, roads) for one in thresholds]
+    panels = {"": (100 * thresholds, curves)}
+    return share_panels(
+        panels, "autonomy \N{GREEK SMALL LETTER TAU} (%)", "drives above \u03c4 (%)"
+    )
+
+
+def _levels(entries: Mapping[str, Entry]) -> Figure:
+    """Draw the share of clean drives of each level of each axis."""
+    first = next(iter(entries.values()))
+    axes: dict[str, dict[int, list[Road]]] = {}
+    for road, drives in first.drives.items():
+        axes.setdefault(road.group, {}).setdefault(drives[0].level, []).append(road)
+    panels = {}
+    for axis, levels in axes.items():
+        numbers = sorted(levels)
+        curves = {
+            name: [_share(entry.scores(levels[one]) > 0, levels[one]) for one in numbers]
+            for name, entry in entries.items()
+        }
+        panels[axis] = numbers, curves
+    return share_panels(panels, "level", "clean drives (%)")
+
+
+def _share(kept: np.ndarray, roads: list[Road]) -> Estimate:
+    """Return the share of drives, bool [training seeds, roads], with its interval."""
+    places, groups = differences.clusters(roads)
+    # Of the others, since the exact bound is that of no failure at all.
+    lost = clustered(1.0 - kept, places=places, groups=groups, limits=SHARE, one_failure=1.0)
+    return complement(lost)
+
+
+def _add_entry(paper: Paper, name: str, place: str, entry: Entry) -> None:
+    """Add the commands, facts and files of a result."""
+    result, commands, missing = entry.result, paper.commands.setdefault(name, []), []
+    inside, folder = f"results/{place}", entry.path if entry.path.is_dir() else entry.path.parent
+    for one in (NAME, COMMAND):
+        paper.add_file(f"{inside}/{one}", folder / one)
+    for number, driver in enumerate(result.checkpoints, 1):
+        path, digits = Path(driver.file), (driver.sha256 or "")[:16]
+        if digits and path.is_file() and hash_file(path) == driver.sha256:
+            # So named, `drivezoo benchmark verify` finds it.
+            paper.add_file(f"{inside}/{digits}{path.suffix}", path, MOST_CHECKPOINT_BYTES)
+            run = Run(path.parent.parent)
+            if (run.folder / OF_RUN[0]).is_file():
+                commands.append(paper.add_run(f"{place}-{number}", run))
+        elif digits:
+            missing.append(str(path))
+            if text := paper.files.get(f"{inside}/{COMMAND}"):
+                words = text.decode(errors="replace").strip()
+                commands.append(f"{words} seed={driver.training_seed}")
+        facts = {"seed": driver.training_seed, "network": driver.model, "checkpoint": digits}
+        facts |= {"data": driver.data, "code": code_name(result.code), "drives": result.digest}
+        paper.rows.append({"entry": name} | {key: str(one or "-") for key, one in facts.items()})
+    if missing:
+        paper.notes.append(f"not in {ARCHIVE}, since no such file is there: {', '.join(missing)}")
+    else:
+        paper.repeats[inside] = "benchmark verify"
+    try:
+        suite, split = find_suite(result.suite, suite_names()[0])
+    except InputError:
+        suite, split = f"{result.suite}.yaml", "test"
+        line = f"not in {ARCHIVE}: the file of your suite {result.suite}; publish it, too"
+        paper.notes += [line] if line not in paper.notes else []
+    words = ["drivezoo", "benchmark", *(one.file for one in result.checkpoints), f"suite={suite}"]
+    words += ["split=dev"] if split == "dev" else []
+    commands.append(command_line([*words, f"entry={result.entry}"]))
+
+
+def _appendix(paper: Paper, command: str, missing: Sequence[str]) -> str:
+    """Return the appendix as Markdown: commands, fingerprints, versions and what is missing."""
+    here = package_versions()
+    versions = [
+        [
+            name,
+            number,
+            ", ".join(sorted({str(one.get(name, "-")) for one in paper.versions})) or "-",
+        ]
+        for name, number in here.items()
+    ]
+    lines = ["# How the figures were made", "", markdown_code(command)]
+    lines += [f"Written by the code {code_name(code_fingerprint())}."]
+    for name, table in paper.tables.items():
+        lines += ["", f"`{name}`: {markdown_text(table.caption)}"]
+    lines += ["", "## Commands"]
+    for name, commands in paper.commands.items():
+        lines += ["", f"{markdown_text(name)}:", "", markdown_code("\n".join(commands))]
+    lines += ["", "## Fingerprints", "", Table.of_figures(paper.rows).markdown(left=99), ""]
+    lines += ["## Versions", ""]
+    lines += [Table.of(["package", "here", "of the trainings"], versions).markdown(left=3), ""]
+    lines += [
+        "## What is missing",
+        "",
+        markdown_code("\n".join(missing)) if missing else "Nothing.",
+    ]
+    lines += ["", "## Repeat it", "", f"Unpack {ARCHIVE}, and type there:", ""]
+    again = [f"drivezoo leaderboard {next(iter(paper.files)).split('/')[0]} paper=again"]
+    again += [f"drivezoo {command} {folder}" for folder, command in paper.repeats.items()]
+    return "\n".join([*lines, markdown_code("\n".join(again)), ""])
+
+
+def _archive(files: Mapping[str, bytes]) -> bytes:
+    """Return a ZIP file; the same contents give the same bytes."""
+    contents = io.BytesIO()
+    with zipfile.ZipFile(contents, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in sorted(files.items()):
+            archive.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED)
+    return contents.getvalue()
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^\w.-]", "_", name)[:60]

@@ -1,0 +1,199 @@
+"""The figures of an entry by group, each with a 95 % interval, computed from its drives."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+
+import numpy as np
+
+from zoo.driving.bootstrap import Estimate
+from zoo.driving.clustered import POSITIVE, SHARE, clustered
+from zoo.driving.interventions import INTERVENTION_S
+from zoo.driving.metrics import METRICS
+from zoo.results.levels import level_at
+from zoo.results.result import BenchmarkResult, DriveRecord, Interval
+from zoo.results.suite import LAPS, LIKE, OVERALL, place_of
+
+
+@dataclass(frozen=True)
+class Figure:
+    """How a figure of a group is shown: heading, format, factor, and whether higher is better."""
+
+    heading: str
+    form: str
+    factor: float = 1
+    higher: bool = False
+
+
+FIGURES = {
+    "interventions_per_km": Figure("interventions per km", "{:.2f}"),
+    "without_intervention": Figure("drives without intervention, %", "{:.0f}", 100, True),
+    "autonomy": Figure("autonomy, %", "{:.1f}", 100, True),
+    "m_per_intervention": Figure("metres per intervention", "{:,.0f}", 1, True),
+    "cte_mean_m": Figure("mean error, m", "{:.2f}"),
+    "steering_per_s": Figure("steering change, 1/s", "{:.2f}"),
+}
+# Further figures of drives that have levels.
+SHARES = {"falls_to_90": 0.9, "falls_to_50": 0.5}
+LEVEL_FIGURES = {
+    "falls_to_90": Figure("level at which 90 % are clean", "{:.1f}", 1, True),
+    "falls_to_50": Figure("level at which 50 % are clean", "{:.1f}", 1, True),
+    "worst_tenth_m": Figure("largest error, worst tenth, m", "{:.2f}"),
+}
+# Figures compared with the clean partner, with the limits of their difference.
+COMPARED = {"autonomy": (-1.0, 1.0), "cte_mean_m": (-math.inf, math.inf)}
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Figures of an entry, as in `BenchmarkResult`."""
+
+    groups: dict[str, dict[str, Interval]]
+    differences: dict[str, dict[str, Interval]]
+
+    def flat(self) -> dict[str, Interval]:
+        """Return the figures by their dotted names, such as `groups.like.autonomy`."""
+        return {
+            f"{kind}.{group}.{name}": one
+            for kind, groups in vars(self).items()
+            for group, figures in groups.items()
+            for name, one in figures.items()
+        }
+
+
+def known_figures(groups: Sequence[Mapping[str, object]]) -> dict[str, Figure]:
+    """Return how the figures of groups are shown: `FIGURES`, and what drives with levels have."""
+    more = {key: one for key, one in LEVEL_FIGURES.items() if all(key in own for own in groups)}
+    return FIGURES | more
+
+
+def summarize_drives(drives: Sequence[DriveRecord]) -> Summary:
+    """Return the figures of an entry's drives by group, and of all but the laps."""
+    groups = {group: group_figures(drives_of(drives, group)) for group in group_names(drives)}
+    if roads := drives_of(drives, OVERALL):
+        groups[OVERALL] = group_figures(roads)
+    return Summary(groups, differences(drives))
+
+
+def drives_of(drives: Sequence[DriveRecord], group: str) -> list[DriveRecord]:
+    """Return the drives of a group; those of all groups but the laps for `OVERALL`."""
+    return [one for one in drives if one.group == group or (group == OVERALL and one.group != LAPS)]
+
+
+def overall(result: BenchmarkResult) -> dict[str, Interval]:
+    """Return the figures of all groups but the laps; of the laps where there are no others."""
+    return result.groups.get(OVERALL) or next(iter(result.groups.values()))
+
+
+def group_names(drives: Sequence[DriveRecord]) -> list[str]:
+    """Return the names of the groups in the order of the drives."""
+    return list(dict.fromkeys(one.group for one in drives))
+
+
+def group_figures(drives: Sequence[DriveRecord]) -> dict[str, Interval]:
+    """Return the figures of a group's drives, each with the interval of `clustered`.
+
+    Returns:
+        `interventions_per_km`: sum of the interventions divided by the distance;
+        `m_per_intervention` is its reciprocal, null without an intervention.
+        `without_intervention`: share of the drives. `autonomy`, `cte_mean_m`, `steering_per_s`, and
+        metrics of the user's that all drives have: mean over drives and training seeds. A group
+        of fewer than three roads has no intervals. Drives with levels have those of
+        `LEVEL_FIGURES`, too: see `level_at`; `worst_tenth_m` is the mean of the largest errors in
+        the worst tenth of the drives, without an interval.
+    """
+    names = [*("interventions", "driven_m", "driven_s", "autonomy"), "cte_mean_m", "steering_per_s"]
+    of = {name: table(drives, name) for name in [*names, *outside_metrics(drives)]}
+    first = [one for one in drives if not one.checkpoint]
+    estimate = partial(clustered, places=places_of(first), groups=[one.group for one in first])
+    count, km = of["interventions"].size, np.maximum(of["driven_m"], 0.0) / 1000
+    driven_s = of["driven_s"].sum()
+    lost = min(1.0, INTERVENTION_S * count / driven_s) if driven_s else 1.0
+    rate = estimate(
+        of["interventions"], km, limits=POSITIVE, one_failure=count / (km.sum() or math.inf)
+    )
+    failed = estimate((of["interventions"] > 0) * 1.0, limits=SHARE, one_failure=1.0)
+    shortfall = estimate(1 - of["autonomy"], limits=SHARE, one_failure=lost)
+    found = {
+        "interventions_per_km": rate,
+        "without_intervention": complement(failed),
+        "autonomy": complement(shortfall),
+        "m_per_intervention": Estimate(
+            *(1000 / one if one else math.nan for one in (rate.value, rate.high, rate.low))
+        ),
+        "cte_mean_m": estimate(of["cte_mean_m"], limits=POSITIVE),
+        "steering_per_s": estimate(of["steering_per_s"], limits=POSITIVE),
+    }
+    found |= {name: estimate(of[name]) for name in outside_metrics(drives)}
+    if all(one.level for one in drives):
+        found |= _level_figures(drives)
+    return {name: _interval(one) for name, one in found.items()}
+
+
+def _level_figures(drives: Sequence[DriveRecord]) -> dict[str, Estimate]:
+    first = [one for one in drives if not one.checkpoint]
+    clean, largest = (table(drives, name) for name in ("interventions", "cte_max_m"))
+    levels, places = [one.level for one in first], places_of(first)
+    found = {
+        name: level_at(share, (clean == 0) * 1.0, levels, places) for name, share in SHARES.items()
+    }
+    worst = np.sort(largest.ravel())[-math.ceil(largest.size / 10) :]
+    return found | {"worst_tenth_m": Estimate(float(worst.mean()))}
+
+
+def places_of(drives: Sequence[DriveRecord]) -> list[str]:
+    """Return the place of each drive: its road, or the roads of its number at other levels."""
+    return [place_of(one.track) for one in drives]
+
+
+def outside_metrics(drives: Sequence[DriveRecord]) -> list[str]:
+    """Return the metrics that are none of drivezoo's and that every drive has."""
+    known = {*METRICS.own(), "nan_frames"}
+    return [
+        name
+        for name in drives[0].figures
+        if name not in known and all(one.figures.get(name) is not None for one in drives)
+    ]
+
+
+def differences(drives: Sequence[DriveRecord]) -> dict[str, dict[str, Interval]]:
+    """Return by shifted group the mean difference of each drive to its clean partner."""
+    clean = {(one.checkpoint, one.track): one for one in drives if one.group == LIKE}
+    found = {}
+    for group in group_names(drives):
+        shifted = [one for one in drives if one.group == group and one.settings and not one.level]
+        if not shifted or group == LIKE:
+            continue
+        partners = [clean[one.checkpoint, one.track] for one in shifted]
+        found[group] = {
+            name: _interval(
+                clustered(
+                    table(shifted, name) - table(partners, name),
+                    places=[one.track for one in shifted if not one.checkpoint],
+                    limits=limits,
+                )
+            )
+            for name, limits in COMPARED.items()
+        }
+    return found
+
+
+def table(drives: Sequence[DriveRecord], name: str) -> np.ndarray:
+    """Return a figure of drives, float64 [training seeds, drives]."""
+    seeds = 1 + max(one.checkpoint for one in drives)
+    values = [
+        [float(one.figures[name]) for one in drives if one.checkpoint == number]
+        for number in range(seeds)
+    ]
+    return np.array(values, np.float64)
+
+
+def complement(share: Estimate) -> Estimate:
+    """Return the share of the others."""
+    return Estimate(1 - share.value, 1 - share.high, 1 - share.low)
+
+
+def _interval(estimate: Estimate) -> Interval:
+    known = {key: one if math.isfinite(one) else None for key, one in asdict(estimate).items()}
+    return Interval(**known)

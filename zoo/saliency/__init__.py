@@ -1,1 +1,0 @@
-"""Saliency: the pixels that move a network's steering; `drivezoo saliency` draws them."""

@@ -1,0 +1,1 @@
+"""Scores of a network from drives and replays, the verdict on it, and its report."""

@@ -1,0 +1,367 @@
+"""Score of steering angles on the official test of Udacity's Challenge 2, beside its teams'.
+
+The test is 5,614 frames of one drive. Its score is the root mean squared error of the steering
+wheel's angle in radians on two halves, public and private, whose frames interleave.
+
+Source: https://github.com/udacity/self-driving-car, challenges/challenge-2.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from datamodules.driving_log import BadRows
+from datamodules.formats.challenge2 import TEST, UNIT
+from datamodules.formats.labels import decimal, read_csv
+from datamodules.image import read_image
+from datamodules.recording import Recording, file_name
+from datamodules.recording_format import read_recordings
+from datamodules.split import KINDS, rows_per_second, split_rows
+from datamodules.stretches import find_breaks
+from zoo.base.bounded_files import open_text
+from zoo.base.console_progress import progress_bar
+from zoo.base.errors import InputError, UsageError
+from zoo.base.file_text import csv_text
+from zoo.base.new_folder import command_folder
+from zoo.base.rig import UDACITY, Rig
+from zoo.base.terminal import print_written
+from zoo.base.whole_file import write_whole
+from zoo.checkpoints.checkpoint_path import short_name
+from zoo.checkpoints.checkpoint_policy import load_policy
+from zoo.checkpoints.policy_base import Policy, PolicyFunction, as_policy
+from zoo.driving.bootstrap import Estimate, bootstrap
+from zoo.runs.metrics_file import write_metrics_file
+from zoo.runs.result_table import Column, Table, interval_column
+from zoo.runs.table_files import Result
+from zoo.scoring.evaluate_options import ChallengeOptions
+from zoo.scoring.evidence import source_of
+
+HALVES = {"private": 0, "public": 1}  # value of the column `public`
+HEADER = ("frame_id", "steering_angle")  # of a submission
+MOST_BYTES = 100_000_000  # of a submission
+BLOCK_S = 10.0  # neighbouring frames are alike: an interval resamples blocks of this length
+
+
+@dataclass(frozen=True)
+class OfficialTest:
+    """The frames of the test.
+
+    Attributes:
+        recording: frames and true angles.
+        frame_ids: name of each frame, nanoseconds.
+        public: 1 for a frame of the public half, 0 for one of the private half, float64 [N].
+    """
+
+    recording: Recording
+    frame_ids: list[str]
+    public: np.ndarray
+
+    @property
+    def rig(self) -> Rig:
+        """Return the car of the format."""
+        assert self.recording.rig is not None
+        return self.recording.rig
+
+    @property
+    def angles(self) -> np.ndarray:
+        """Return the true angle of the wheel, radians, positive left, float64 [N]."""
+        return UNIT.written(self.recording.steering)
+
+    def rmse(self, rows: np.ndarray, angles: np.ndarray) -> dict[str, Estimate]:
+        """Return the error of angles, radians, float64 [n], of rows on each half."""
+        errors, time_s = angles - self.angles[rows], self.recording.time_s
+        block = np.floor((time_s[rows] - time_s[0]) / BLOCK_S)
+        own = {half: self.public[rows] == number for half, number in HALVES.items()}
+        return {half: block_rmse(errors[of], block[of]) for half, of in own.items()}
+
+
+def read_test(folder: str | Path) -> OfficialTest:
+    """Read the test of a folder.
+
+    Raises:
+        InputError: the folder lacks the table or a frame, or a row is wrong.
+    """
+    path = Path(folder).expanduser() / TEST
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; name the folder of the test with data=FOLDER")
+    recording = read_recordings(str(folder), format="challenge2")
+    frame_ids = [Path(file_name(str(image))).stem for image in recording.images[:, 0]]
+    public = of_frames(path, read_column(path, "public"), frame_ids)
+    if unknown := set(public.tolist()) - set(HALVES.values()):
+        raise InputError(f"{path}: public is {min(unknown):g} in a row; it must be 0 or 1")
+    return OfficialTest(recording, frame_ids, public)
+
+
+@dataclass(frozen=True, repr=False)
+class Challenge(Result):
+    """The score of a network, baselines and teams on the official test.
+
+    Attributes:
+        folder: folder with `metrics.json` and the network's submission.
+        rmse: by name of the network, baseline or team, then by half: root mean squared error of
+            the wheel's angle, radians, with a 95 % interval over blocks of 10 s.
+        frames: number of scored frames.
+        notes: what the figures assume.
+        checkpoint: path of the checkpoint, or the policy's name.
+        problem: what makes the figures invalid; empty if nothing does.
+        written: further files that the user asked for.
+    """
+
+    folder: Path
+    rmse: dict[str, dict[str, Estimate]]
+    frames: int
+    notes: list[str]
+    checkpoint: str
+    problem: str = ""
+    written: list[Path] = field(default_factory=list)
+
+    def __repr__(self) -> str:
+        private = self.rmse[self.checkpoint]["private"].value
+        return f"Challenge in {self.folder}: RMSE {private:.4f} rad on the private half"
+
+    def show(self) -> None:
+        """Print the table, the notes and what was written."""
+        console = Console(emoji=False)
+        console.print(self.result_table().narrow().printed(left=1, whole=[0]))
+        for line in self.notes:
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
+        print_written([self.folder, *self.written], ["replay", self.checkpoint, "FOLDER"], console)
+
+    def result_table(self) -> Table:
+        """Return a row for each name, ascending by the error on the private half."""
+        names = sorted(self.rmse, key=lambda name: self.rmse[name]["private"].value)
+        columns = [Column("steering", "steering", names)]
+        for half in HALVES:
+            found = [self.rmse[name][half] for name in names]
+            columns.append(
+                interval_column(f"{half}_rmse_rad", f"{half}: RMSE, rad", found, "{:.4f}")
+            )
+        return Table(columns, f"Official test of Challenge 2, {self.frames:,} frames")
+
+
+def score_challenge(
+    driver: str | Policy | PolicyFunction, folder: str, options: ChallengeOptions, console: Console
+) -> Challenge:
+    """Score a network on the test's frames; write `metrics.json` and its submission.
+
+    Args:
+        driver: path of a checkpoint, or a policy.
+        folder: folder with the test's table, its frames in `center`, and submissions of teams as
+            further CSV files.
+        options: options of the score.
+        console: console for the progress.
+
+    Raises:
+        InputError: the checkpoint cannot be loaded, frames are missing, a table is wrong, or the
+            network's car is unknown.
+        UsageError: the network was trained on these frames, and no split says on which.
+    """
+    options.check_files()
+    test = read_test(folder)
+    policy = load_policy(driver) if isinstance(driver, str) else as_policy(driver)
+    name = short_name(Path(driver)) if isinstance(driver, str) else policy.name
+    rows = scored_rows(policy, test.recording, options.split)
+    car = car_of(policy, test, name)
+    teams = {team: angles[rows] for team, angles in team_angles(folder, test.frame_ids)}
+    own = steer_rows(policy, test, rows, car, options.speed, console)
+    steered = {**baselines(test.angles, rows), **teams, name: own}
+    rmse = {one: test.rmse(rows, angles) for one, angles in steered.items()}
+    with command_folder(options.out, "challenges") as out:
+        ids = [test.frame_ids[row] for row in rows]
+        submission = csv_text([HEADER, *zip(ids, own.tolist(), strict=True)])
+        write_whole(out / "submission.csv", submission)
+        scores = {
+            one: {half: asdict(found) for half, found in by_half.items()}
+            for one, by_half in rmse.items()
+        }
+        about = {"checkpoint": name, "recording": list(test.recording.names)}
+        write_metrics_file(out, about | {"challenge": {"rmse_rad": scores, "frames": len(rows)}})
+        bad = int((~np.isfinite(own)).sum())
+        problem = f"{name}: steered NaN in {bad:,} frames; train again with a smaller optim.lr"
+        notes = list(assumptions(policy, test, len(rows), options))
+        result = Challenge(out, rmse, len(rows), notes, name, problem if bad else "")
+        result.written.extend(options.write_files(result))
+        return result
+
+
+def scored_rows(policy: Policy, recording: Recording, split: str | None) -> np.ndarray:
+    """Return the numbers of the rows to score: all, or the test rows of a split.
+
+    Raises:
+        InputError: the split's file is wrong.
+        UsageError: the network was trained on the recording, and no split is named, or one of whose
+            test rows it was trained on some.
+    """
+    is_trained_on = policy.data.get("fingerprint") == recording.fingerprint()
+    if split is None:
+        if is_trained_on:
+            raise UsageError(
+                "this network was trained on frames of the test; score it on those that it did not "
+                "see: split=RUN/split.csv"
+            )
+        return np.arange(len(recording))
+    rows = split_rows(recording, split, val_share=0, test_share=0).test
+    if not len(rows):
+        raise InputError(f"{split}: has no test rows of this recording; name another split=")
+    said = policy.config.get("data", {})
+    if is_trained_on and said.get("split") in KINDS:
+        own = {key: said[key] for key in ("val_share", "test_share", "block_s", "gap_s")}
+        train = split_rows(recording, said["split"], **own, seed=said["split_seed"]).train
+        if seen := np.isin(rows, train).sum():
+            raise UsageError(
+                f"{split}: the network was trained on {seen:,} of its {len(rows):,} test rows; "
+                "name the split.csv of the network's own run"
+            )
+    return rows
+
+
+def car_of(policy: Policy, test: OfficialTest, name: str) -> Rig:
+    """Return the car whose steering the network returns, and set the driven car of its members.
+
+    Raises:
+        InputError: the car is unknown.
+    """
+    policy.in_car(test.rig)
+    source = source_of(policy.data)
+    if source == test.rig.name or not policy.label.is_steering:
+        return test.rig
+    if source is None:
+        return UDACITY
+    raise InputError(
+        f"{name}: the steering range of its car ({source}) is not in the checkpoint, so that its "
+        "steering is no angle of this car; train it with data.label=curvature"
+    )
+
+
+def steer_rows(
+    policy: Policy,
+    test: OfficialTest,
+    rows: np.ndarray,
+    car: Rig,
+    speed_mph: float,
+    console: Console,
+) -> np.ndarray:
+    """Return the wheel's angle, radians, positive left, float64 [n], that a policy steers to.
+
+    Args:
+        policy: network or function.
+        test: frames of the test.
+        rows: numbers of the rows, ascending, int64 [n].
+        car: car that the policy's steering is of; the angle is that of the same curvature.
+        speed_mph: speed that the policy is given, since the test has none.
+        console: console for the progress.
+    """
+    broken = find_breaks(test.recording)
+    steering = np.empty(len(rows))
+    with progress_bar(f"steering {len(rows):,} frames", console) as shown:
+        for number, row in enumerate(rows.tolist()):
+            if number == 0 or rows[number - 1] != row - 1 or broken[row - 1]:
+                policy.reset()
+            frame = read_image(test.recording.images[row, 0])
+            steering[number] = policy(frame, speed_mph).steering
+            shown((number + 1) / len(rows))
+    if car != test.rig:
+        steering = test.rig.steering_of(car.curvature(steering))
+    return UNIT.written(steering)
+
+
+def baselines(angles: np.ndarray, rows: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the angles of predictors that look at no image; two of them know the true angles."""
+    return {
+        "always zero": np.zeros(len(rows)),
+        "mean angle of these frames": np.full(len(rows), angles[rows].mean()),
+        "true angle of the frame before": angles[np.maximum(rows - 1, 0)],
+    }
+
+
+def block_rmse(errors: np.ndarray, block: np.ndarray) -> Estimate:
+    """Return a root mean squared error with a 95 % interval over blocks of time.
+
+    Args:
+        errors: errors of frames, float64 [n].
+        block: number of each frame's block, float64 [n]; blocks are resampled, frames are not.
+
+    >>> block_rmse(np.array([1.0, -1.0, 1.0, 1.0]), np.array([0, 0, 1, 2])).value
+    1.0
+    """
+    _, place = np.unique(block, return_inverse=True)
+    # A block's sum of squares, scaled so that the mean over blocks is the mean over frames.
+    sums = np.bincount(place, errors**2)
+    squares = bootstrap(sums * (len(sums) / max(len(errors), 1)), limits=(0, math.inf))
+    return Estimate(*np.sqrt([squares.value, squares.low, squares.high]).tolist())
+
+
+def team_angles(folder: str | Path, frame_ids: list[str]) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the name and the angles, float64 [N], of each submission beside the test's table.
+
+    A submission without any of the frames is left out: the challenge's example of another test lies
+    in the same folder.
+
+    Raises:
+        InputError: see `read_column`.
+    """
+    for path in sorted(Path(folder).expanduser().glob("*.csv")):
+        with open_text(path, MOST_BYTES, errors="replace") as file:
+            header = file.readline(100).strip()
+        if path.name != TEST and header == ",".join(HEADER):
+            angles = read_column(path, HEADER[1])
+            if not angles.keys().isdisjoint(frame_ids):
+                yield path.stem, of_frames(path, angles, frame_ids)
+
+
+def read_column(path: Path, column: str) -> dict[str, float]:
+    """Return a column's numbers by `frame_id`.
+
+    Raises:
+        InputError: the file cannot be read, or has a bad row.
+    """
+    bad = BadRows()
+    found: dict[str, float] = {}
+    for place, fields in read_csv(path, (HEADER[0], column), bad):
+        try:
+            found[fields[HEADER[0]]] = decimal(fields, column)
+            if column == HEADER[1] and abs(found[fields[HEADER[0]]]) > UNIT.full:
+                raise ValueError(
+                    f"{column} is {fields[column]}, beyond the wheel's {UNIT.full:g} radians; "
+                    "divide degrees by 57.3"
+                )
+        except ValueError as error:
+            bad.faults.append(f"{place}: {error}")
+    bad.finish(len(found), "")
+    return found
+
+
+def of_frames(path: Path, numbers: Mapping[str, float], frame_ids: list[str]) -> np.ndarray:
+    """Return the numbers of frames, float64 [N].
+
+    Raises:
+        InputError: a frame has none.
+    """
+    missing = [one for one in frame_ids if one not in numbers]
+    if missing:
+        raise InputError(
+            f"{path}: has no row of the frame {missing[0]} ({len(missing):,} of {len(frame_ids):,} "
+            "frames lack one); complete it, or move it to another folder"
+        )
+    return np.array([numbers[one] for one in frame_ids])
+
+
+def assumptions(
+    policy: Policy, test: OfficialTest, frames: int, options: ChallengeOptions
+) -> Iterator[str]:
+    """Yield what the figures assume and mean."""
+    blocks = frames / rows_per_second(test.recording) / BLOCK_S
+    yield f"interval: 95 %, bootstrap over {blocks:.0f} blocks of {BLOCK_S:g} s"
+    if policy.takes_speed:
+        yield f"the test has no speed: the network was given {options.speed:g} mph"
+    if source_of(policy.data) != test.rig.name:
+        yield (
+            f"zero shot: its recording is of another car; the angle is that of the same curvature "
+            f"on the {test.rig.name} (GUESSED: {', '.join(test.rig.guesses)})"
+        )
+    if options.split is not None:
+        yield f"the {frames:,} test rows of {options.split} alone, for all rows of the table"

@@ -1,0 +1,139 @@
+"""Keys of `drivezoo evaluate` and their checks."""
+
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from datamodules.read_options import ReadOptions
+from zoo.base.command_keys import Section
+from zoo.base.errors import InputError, UsageError
+from zoo.driving.cluster_pool import Executor
+from zoo.driving.scenario import Scenario
+from zoo.runs.table_files import ResultFiles, TableFiles
+from zoo.simulator.world_settings import WorldSettings
+
+Count = Annotated[int, Field(ge=1)]
+Workers = Annotated[int, Field(ge=0)]
+ReplayMph = Annotated[float, Field(gt=0, le=200)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluateOptions(ResultFiles, Scenario):
+    """Keys of an evaluation.
+
+    Args:
+        track: name or YAML file of a track; several are separated by commas; not given: lake, for a
+            network of its car.
+        seeds: drives on each track, whose seeds begin with `seed`.
+        film: true: write film.mp4 in each drive's folder.
+        film_speed: playing speed of the film as a multiple of the driven speed.
+        record: true: write frames and controls as a recording in each drive's folder, to train on.
+        page: false: write no report; true: write report/index.html, see drivezoo report.
+        perturb: perturbations to sweep on the first track: names separated by commas, or all.
+        replay: recording to score on instead, without a simulator; world=FOLDER does the same; see
+            drivezoo replay.
+        challenge: published test to score on instead: ch2, the official test of Udacity's Challenge
+            2; see drivezoo evaluate challenge=ch2 --help.
+        data: folder of the test.
+        out: output folder; null: named by date and time.
+        plot: file to draw the drives, or the perturbations, in: .pdf, .svg or .png.
+        workers: processes that drive; 0: one per core.
+        executor: processes; ray or slurm: each drive is a task of a cluster.
+    """
+
+    track: str = ""
+    weather: str = "clear"
+    seeds: Count = 1
+    film: bool = False
+    film_speed: Annotated[float, Field(ge=1, le=100)] = 1.0
+    record: bool = False
+    page: bool = True
+    perturb: str | None = None
+    replay: str | None = None
+    challenge: Literal["ch2"] | None = None
+    data: str | None = None
+    out: str | None = None
+    workers: Workers = 0
+    executor: Executor = "processes"
+
+    @property
+    def tracks(self) -> list[str]:
+        """Return the tracks' names or files, each once."""
+        return track_names(self.track)
+
+    @property
+    def played_at(self) -> float:
+        """Return the films' playing speed as a multiple of the driven speed; 0 for no film."""
+        return self.film_speed if self.film else 0.0
+
+    @property
+    def scenarios(self) -> list[Scenario]:
+        """Return the scenario of each drive, by track, then seed."""
+        return [
+            self.one_drive(track=track, seed=self.seed + number)
+            for track in self.tracks
+            for number in range(self.seeds)
+        ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayOptions(TableFiles):
+    """Keys of a replay.
+
+    Args:
+        margin: distance off the recorded path that counts as an intervention, m; null: 1 m, as
+            NVIDIA's, or the height of the camera where that is less, as on a toy car.
+        frame_rate: rows per second, for image names without a time; null: read from the names.
+        speed: mph in each row, for a recording without speed; null: as recorded.
+        data: see `ReadOptions`; not given: as in the training, if the network was trained on this
+            recording.
+        frames: true: keep the frames that the network saw, for drivezoo film.
+        out: output folder; null: named by date and time.
+    """
+
+    margin: Annotated[float, Field(gt=0, le=2)] | None = None
+    frame_rate: float | None = None
+    speed: ReplayMph | None = None
+    data: Annotated[ReadOptions, Section()] = field(default_factory=ReadOptions)
+    frames: bool = False
+    out: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChallengeOptions(TableFiles):
+    """Keys of a score on a published test.
+
+    Args:
+        split: file of image,part rows, such as a run's split.csv, whose test rows are scored; null:
+            all rows, which a network that was trained on some of them may not have.
+        speed: mph that a network is told, since the test has no speed.
+        out: output folder; null: named by date and time.
+    """
+
+    split: str | None = None
+    speed: ReplayMph = 30.0
+    out: str | None = None
+
+
+def track_names(text: str) -> list[str]:
+    """Return the names in `lake,mountain`, each once; the usual track of an empty text."""
+    names = (text or WorldSettings.track).split(",")
+    return list(dict.fromkeys(name for name in names if name))
+
+
+def check_world(options: WorldSettings) -> None:
+    """Raise UsageError if a world of the options cannot be opened; nothing is rendered."""
+    from zoo.driving.open_world import open_world
+
+    names = track_names(options.track)
+    if not names:
+        raise UsageError("track=: no track named; try track=lake,mountain")
+    try:
+        options.check()
+        world = options.world if isinstance(options, Scenario) else Scenario.world
+        for name in names:
+            scenario = Scenario(**replace(options, track=name).place, world=world)
+            open_world(scenario, renderer="none").close()
+    except InputError as error:
+        raise UsageError(str(error)) from None

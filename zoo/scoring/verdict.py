@@ -1,0 +1,258 @@
+"""The verdict on a network: whether it drives, how certain that is, causes, next commands."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from rich.console import Console
+from rich.panel import Panel
+from rich.text import Text
+
+from zoo.base.terminal import command_line, print_next
+from zoo.driving.bootstrap import poisson_rate
+from zoo.driving.intervals import ONE_TRACK
+from zoo.runs.result_table import with_interval
+from zoo.scoring.evidence import (
+    Evidence,
+    known_tracks,
+    likely_causes,
+    no_verdict,
+    train_again,
+)
+
+DRIVES, ALMOST, FAILS, UNKNOWN = "drives", "almost", "fails", "unknown"
+WORDS = {
+    FAILS: "does not drive",
+    ALMOST: "drove, with interventions,",
+    UNKNOWN: "unknown",
+    DRIVES: "drove",
+}
+WORST_FIRST = tuple(WORDS)
+UNKNOWN_HEADLINE = "Unknown whether it drives."
+COLOURS = {FAILS: "red", ALMOST: "yellow", UNKNOWN: "yellow", DRIVES: "green"}
+NEARLY = 0.9  # least autonomy of a network that drove with interventions
+ENOUGH = 16  # roads without an intervention: then at least 79 % of such roads have none (95 %)
+WHOLE_S = 60.0  # seconds of a replay in which one intervention leaves an autonomy of 90 %
+WHOLE_LAP = 0.95  # laps; a drive may end just before the end of its last lap
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Conclusion from the drives of a network: one for each track, the worst first.
+
+    Attributes:
+        level: `drives`, `almost`, `fails` or `unknown`, of the worst track.
+        headline: sentence that names the level and the worst track.
+        tracks: line with level and figures of each track, the worst first.
+        certainty: sentences on what the number of drives can show.
+        causes: likely reasons, the likeliest first; empty for a network that drives.
+        commands: pairs of a purpose and the next command to type.
+    """
+
+    level: str
+    headline: str
+    tracks: tuple[str, ...]
+    certainty: str
+    causes: tuple[str, ...]
+    commands: tuple[tuple[str, str], ...]
+
+    def plain(self) -> dict:
+        """Return plain containers, for `metrics.json`."""
+        return {key: list(v) if isinstance(v, tuple) else v for key, v in vars(self).items()}
+
+
+def judge(
+    drives: Sequence[Mapping],
+    evidence: Evidence,
+    tracks: Sequence[str] | None = None,
+    world: str = "embedded",
+    replayed: str | None = None,
+) -> Verdict:
+    """Judge a network by its drives.
+
+    Args:
+        drives: figures of each drive: `track`, `autonomy`, `interventions`, `laps`.
+        evidence: config, metrics and command of the network, for causes and commands.
+        tracks: tracks as the user typed them, such as `my_track.yaml`, whose recorded name is
+            `my_track`; None for those of the run's `score`.
+        world: world that was driven in.
+        replayed: what was replayed, in words; None if `world` says it. A network of another car
+            than Udacity's gets no verdict by the embedded world.
+    """
+    world = "replay" if replayed else world
+    by_track: dict[str, list[Mapping]] = {}
+    for one in drives:
+        by_track.setdefault(str(one["track"]), []).append(one)
+    if evidence.source is not None and world == "embedded":
+        return _without_verdict(by_track, evidence, evidence.source)
+    levels = {track: _level(own, world) for track, own in by_track.items()}
+    names = sorted(
+        levels, key=lambda name: (WORST_FIRST.index(levels[name]), _autonomy(by_track[name]))
+    )
+    level = levels[names[0]] if names else UNKNOWN
+    lost = [track for track in names if levels[track] in (FAILS, ALMOST)]
+    causes = likely_causes(evidence, [] if world == "replay" else lost) if lost else []
+    again = train_again(evidence, causes)
+    typed = _typed_tracks(evidence.at("score.track") if tracks is None else tracks)
+    worst = typed.get(names[0], names[0]) if names else "lake"
+    return Verdict(
+        level,
+        _headline(level, names, by_track, known_tracks(evidence) if world == "embedded" else {}),
+        tuple(_track_line(track, levels[track], by_track[track]) for track in names),
+        _certainty(by_track, replayed or "replay" if world == "replay" else None),
+        tuple(cause.text for cause in causes),
+        tuple(_commands(level, evidence, again, worst, world)),
+    )
+
+
+def print_verdict(verdict: Verdict, console: Console) -> None:
+    """Print a coloured box, and below it the commands, unbroken also in a narrow terminal."""
+    lines = [*verdict.tracks, verdict.certainty]
+    if verdict.causes:
+        lines += ["", "Likely causes:", *(f"- {cause}" for cause in verdict.causes)]
+    colour = COLOURS[verdict.level]
+    title = Text(verdict.headline, style=f"bold {colour}")
+    box, width = Text("\n".join(lines)), min(console.width, 100)
+    panel = Panel(box, title=title, title_align="left", border_style=colour, width=width)
+    console.print(panel, soft_wrap=False)
+    for purpose, command in verdict.commands:
+        print_next(command, purpose, console)
+
+
+def _typed_tracks(tracks: object) -> dict[str, str]:
+    """Return each track as the user typed it, by its recorded name.
+
+    >>> _typed_tracks("lake,roads/own.yaml")
+    {'lake': 'lake', 'own': 'roads/own.yaml'}
+    """
+    from zoo.simulator.track_names import recorded_name, short_name
+
+    typed = tracks.split(",") if isinstance(tracks, str) else tracks
+    names = typed if isinstance(typed, Sequence) else ()
+    return {recorded_name(short_name(one)): one for one in names if isinstance(one, str)}
+
+
+def _headline(
+    level: str,
+    names: Sequence[str],
+    by_track: Mapping[str, Sequence[Mapping]],
+    known: Mapping[str, str],
+) -> str:
+    """Return the level in a sentence: what was driven, and on which tracks it says least.
+
+    Args:
+        level: level of the worst track.
+        names: tracks, the worst first.
+        by_track: drives of each track.
+        known: what a track was used for before, see `known_tracks`.
+    """
+    if level == UNKNOWN:
+        return UNKNOWN_HEADLINE
+    if level != DRIVES:
+        return f"It {WORDS[level]} the {names[0]}."
+    new = len([name for name in names if name not in known])
+    if new >= ENOUGH:
+        return f"It drives: {new} of {new} roads that it was neither trained nor chosen on."
+    laps = sum(one.get("laps") or 0 for own in by_track.values() for one in own)
+    tracks = [
+        f"the {name}" + (f", the track that it was {known[name]} on" if name in known else "")
+        for name in sorted(names, key=lambda name: name in known)
+    ]
+    count = f"{laps:.3g} of {laps:.3g} laps of " if laps else ""
+    return f"It drove {count}{' and '.join(tracks)}."
+
+
+def _level(drives: Sequence[Mapping], world: str) -> str:
+    """Return the level of one track's drives, or of a replay."""
+    if any(one.get("autonomy") is None for one in drives):
+        return UNKNOWN  # nothing was driven
+    if not any(one["interventions"] for one in drives):
+        if world == "replay":
+            return DRIVES if _replayed_s(drives) >= WHOLE_S else UNKNOWN
+        return DRIVES if sum(one["laps"] or 0 for one in drives) >= WHOLE_LAP else UNKNOWN
+    return ALMOST if _autonomy(drives) >= NEARLY else FAILS
+
+
+def _autonomy(drives: Sequence[Mapping]) -> float:
+    return sum(one.get("autonomy") or 0 for one in drives) / len(drives)
+
+
+def _replayed_s(drives: Sequence[Mapping]) -> float:
+    """Return the seconds of drives that are replays, which alone know no laps."""
+    return sum(one.get("driven_s") or 0.0 for one in drives if one.get("laps") is None)
+
+
+def _track_line(track: str, level: str, drives: Sequence[Mapping]) -> str:
+    laps, replayed_s = sum(one.get("laps") or 0 for one in drives), _replayed_s(drives)
+    lost = sum(int(one["interventions"]) for one in drives)
+    autonomy = f"autonomy {_autonomy(drives):.1%}, " if lost else ""
+    how_far = f"{replayed_s:.0f} s" if replayed_s else f"{laps:.2f} laps"
+    return f"{track}: {WORDS[level]}, {autonomy}interventions: {lost} in {how_far}"
+
+
+def _without_verdict(
+    by_track: Mapping[str, Sequence[Mapping]], evidence: Evidence, source: str
+) -> Verdict:
+    """Return the figures of a network of another car, and why they are no verdict on it."""
+    lines = tuple(_track_line(track, UNKNOWN, own) for track, own in by_track.items())
+    reason = evidence.metrics.get("not_replayed")
+    certainty = f"{no_verdict(source)}." + (f" Its held-out drives: {reason}." if reason else "")
+    command = ("score it on a recording of its own car", _replay_command(evidence))
+    if not evidence.has_rig:  # no replay without it
+        command = ("describe its camera and car", "drivezoo new rig my_car")
+    return Verdict(UNKNOWN, UNKNOWN_HEADLINE, lines, certainty, (), (command,))
+
+
+def _replay_command(evidence: Evidence) -> str:
+    root, speed = evidence.root, evidence.at("score.replay_speed")
+    facts = evidence.metrics.get("data")
+    if not speed and isinstance(facts, Mapping) and facts.get("speed_mph") == 0:
+        speed = 9  # to be adapted: the recording has none, and a replay needs one
+    words = ["drivezoo", "replay", evidence.checkpoint or "CKPT"]
+    words += [root if isinstance(root, str) else "FOLDER", *([f"speed={speed}"] if speed else [])]
+    return command_line(words)
+
+
+def _certainty(by_track: Mapping[str, Sequence[Mapping]], replayed: str | None) -> str:
+    drives = [one for own in by_track.values() for one in own]
+    if drives and replayed:
+        lost = sum(int(one["interventions"]) for one in drives)
+        a_minute = with_interval(poisson_rate(lost, _replayed_s(drives) / 60), "{:.1f}")
+        return (
+            f"Judged: {replayed}. Interventions a minute: {a_minute} (95 %, if their places do not "
+            "repeat; trainings: 1)."
+        )
+    if not drives:
+        return "It was not driven: open-loop figures do not show whether a car stays on the road."
+    if all(one.get("autonomy") is None for one in drives):
+        return "Its autonomy is not measured: no cross-track error, or it did not move."
+    clean = sum(one["interventions"] == 0 for one in drives)
+    starts = len({one.get("seed") for one in drives})
+    return (
+        f"Drives without an intervention: {clean} of {len(drives)} (tracks: {len(by_track)}, start "
+        f"seeds: {starts}, trainings: 1). {ONE_TRACK}"
+    )
+
+
+def _commands(
+    level: str, evidence: Evidence, again: str | None, track: str, world: str
+) -> list[tuple[str, str]]:
+    """Return pairs of a purpose and a command; the first is the one to try first."""
+    found = [("train again", again)] if again else []
+    if evidence.checkpoint is None:
+        return found
+    if world == "replay":  # of any car: nothing here drives it on a track
+        return [*found, ("replay a whole recording of its car", _replay_command(evidence))]
+    on_track = [evidence.checkpoint, f"track={track}"]
+    if world != "embedded":  # the only world that `correct` and `drive` have
+        words = ["evaluate", *on_track, f"world={world}", "seeds=3"]
+        following = [("drive it from other starts", words)]
+    elif level in (ALMOST, FAILS):
+        following = [("or let the expert correct it", ["correct", *on_track])]
+    elif level == UNKNOWN:
+        following = [("drive it", ["evaluate", *on_track])]
+    else:
+        following = [
+            ("drive it on other roads", ["benchmark", evidence.checkpoint, "suite=quick"]),
+            ("watch it drive", ["drive", evidence.checkpoint, f"sim={track}"]),
+        ]
+    return [*found, *((why, command_line(["drivezoo", *words])) for why, words in following)]

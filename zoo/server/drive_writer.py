@@ -1,0 +1,170 @@
+"""Writing of a drive in a background thread, so that the disk never delays a reply."""
+
+import contextlib
+import datetime
+import queue
+import tempfile
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+from datamodules.recording_format import write_rig_of
+from zoo.base.errors import InputError, file_errors
+from zoo.base.new_folder import written_folder
+from zoo.base.rig import Rig
+from zoo.base.whole_file import AppendedFile, write_new
+from zoo.driving.drive_log import LOG_NAME, DriveWriter, read_drive, write_summary
+from zoo.driving.drive_record import SOCKET, DriveRow
+from zoo.driving.metrics import measure
+from zoo.server.notices import Notices
+from zoo.simulator.recorder import IMAGE_FOLDER, image_name, number_text, split_pedals
+from zoo.simulator.recorder import LOG_NAME as RECORDING_LOG
+
+MEASURED_BYTES = 10_000_000  # of a drive.csv, 3 h; readers compute the metrics of a longer one
+WAITING = 512  # rows in the queue, 8 MB with images; further rows are dropped on a slow disk
+
+
+class BackgroundWriter:
+    """Writer that queues rows and images, and writes them in a background thread.
+
+    Args:
+        folder: folder of the drive; created with the first row.
+        notices: log of a full disk, and of rows dropped on a slow disk.
+        source: where the frames are from, for `source.json`, if not of Udacity's car.
+
+    Attributes:
+        recorded: number of rows in the folder's `driving_log.csv`.
+        rig: car of a simulator that tells its own, set before the first row.
+
+    Raises:
+        InputError: the folder holds a drive or a recording already.
+    """
+
+    def __init__(self, folder: Path, notices: Notices, source: str | None = None) -> None:
+        for name in ("drive.csv", RECORDING_LOG):
+            if (folder / name).exists():
+                raise InputError(
+                    f"{folder}: holds a {name} already; name another folder with record="
+                )
+        self.folder, self.notices, self.source = folder.absolute(), notices, source
+        self.recorded = 0
+        self.rig: Rig | None = None
+        self._held, self._is_open = contextlib.ExitStack(), False
+        self._queue: queue.Queue[tuple[DriveRow, bytes | None] | None] = queue.Queue(WAITING)
+        self._writer: DriveWriter | None = None
+        self._recording: AppendedFile | None = None
+        self._last_image, self._last_frame = b"", ""
+        self._last_moment = datetime.datetime.min
+        # A daemon, so that the process can end while the disk hangs.
+        self._thread = threading.Thread(target=self._write_all, name="drive-writer", daemon=True)
+        self._thread.start()
+
+    def prepare(self) -> None:
+        """Create the folder, and check before the drive that it can be written to.
+
+        Raises:
+            InputError: the folder cannot be written to.
+        """
+        with file_errors(f"record={self.folder}", "{}; name another folder"):
+            self._open_folder()
+            tempfile.TemporaryFile(dir=self.folder).close()
+
+    def _open_folder(self) -> None:
+        """Create, mark and lock the folder, once."""
+        if not self._is_open:
+            self._held.enter_context(written_folder(self.folder, "drives", "record="))
+            self._is_open = True
+
+    def put(self, row: DriveRow, image: bytes | None) -> None:
+        """Queue a row for writing.
+
+        Args:
+            row: row of the drive.
+            image: bytes of its JPEG or PNG as the client sent them; None to record no image.
+        """
+        try:
+            self._queue.put_nowait((row, image))
+        except queue.Full:
+            self.notices.report("rows of the drive were dropped: the disk is too slow")
+
+    def close(self, summary: dict, timeout_s: float = 10.0) -> bool:
+        """Write the queued rows and `drive.json`.
+
+        Args:
+            summary: figures for `drive.json`; `recorded_rows` and the metrics are added.
+            timeout_s: longest wait for the disk, in seconds.
+
+        Returns:
+            False if there were no rows, or the disk does not answer.
+        """
+        self._queue.put(None)
+        self._thread.join(timeout_s)
+        if self._thread.is_alive():
+            self.notices.report("the end of the drive is not written: the disk does not answer")
+            return False
+        with self._held:
+            if self._writer is None:
+                return False
+            summary = {"drive": SOCKET, **summary, "recorded_rows": self.recorded}
+            try:
+                write_summary(self.folder, summary)  # before the metrics, which take some seconds
+                if (self.folder / LOG_NAME).stat().st_size <= MEASURED_BYTES:
+                    write_summary(self.folder, measure(read_drive(self.folder)) | summary)
+            except (OSError, InputError) as error:
+                self._failed(error)
+            return True
+
+    def _write_all(self) -> None:
+        while (item := self._queue.get()) is not None:
+            items = [item]
+            while not self._queue.empty() and items[-1] is not None and len(items) < WAITING:
+                items.append(self._queue.get())
+            rows = [self._record(*one) for one in items if one is not None]
+            try:
+                if self._writer is None:
+                    self._open_folder()
+                    self._writer = DriveWriter(self.folder)
+                self._writer.add(rows)
+            except (OSError, InputError) as error:
+                self._failed(error)
+            if items[-1] is None:
+                break
+        for file in (self._writer, self._recording):
+            if file is not None:
+                file.close()
+
+    def _record(self, row: DriveRow, image: bytes | None) -> DriveRow:
+        """Write an image and its line of the recording; return the row with the image's path."""
+        if image is None:
+            return row
+        # The old client's two loops send most images twice.
+        if image == self._last_image:
+            return replace(row, frame=self._last_frame)
+        try:
+            if self._recording is None:
+                self._open_folder()
+                (self.folder / IMAGE_FOLDER).mkdir(exist_ok=True)
+                if self.source is not None:
+                    write_rig_of(self.folder, self.rig, self.source)
+                self._recording = AppendedFile(self.folder / RECORDING_LOG)
+            path = self.folder / IMAGE_FOLDER / image_name("center", self._moment())
+            write_new(path, image)
+            numbers = (row.steering, *split_pedals(row.throttle), row.speed_mph)
+            # There is one camera, so that the columns of the side cameras stay empty.
+            self._recording.append([[path, "", "", *map(number_text, numbers)]])
+        except (OSError, InputError) as error:
+            self._failed(error)
+            return row
+        self.recorded += 1
+        self._last_image, self._last_frame = image, f"{IMAGE_FOLDER}/{path.name}"
+        return replace(row, frame=self._last_frame)
+
+    def _moment(self) -> datetime.datetime:
+        """Return the time of an image; each call returns a later one, by a millisecond or more."""
+        step = datetime.timedelta(milliseconds=1)
+        self._last_moment = max(datetime.datetime.now(), self._last_moment + step)
+        return self._last_moment
+
+    def _failed(self, error: Exception) -> None:
+        reason = getattr(error, "strerror", None) or str(error)
+        self.notices.report(f"{self.folder}: cannot be written to; driving continues", reason)

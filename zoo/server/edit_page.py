@@ -1,0 +1,249 @@
+"""The editing page: the files of `static/`, the recording's columns and images, and commands."""
+
+import contextlib
+import errno
+import io
+import math
+import socket
+import socketserver
+import time
+from collections.abc import Callable
+from http import HTTPStatus
+from pathlib import Path
+from urllib.parse import parse_qs
+from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
+
+import numpy as np
+
+from datamodules.image import encode_image, find_fault, read_stored
+from datamodules.recording import file_name
+from datamodules.split import rows_per_second
+from datamodules.stretches import find_breaks
+from zoo.base.errors import InputError
+from zoo.server.edit_session import EditSession, FrameAnalysis
+from zoo.server.notices import Notices
+from zoo.server.origin import OriginGuard
+from zoo.server.page_requests import Answer, RequestError, ServedPage, json_answer, read_command
+from zoo.server.port_holder import port_holder
+
+HOST = "127.0.0.1"
+PATIENCE_S = 20.0  # for a whole request to arrive
+MOST_REQUEST = 64 << 10  # bytes of a request's head and body
+MOST_REQUESTS = 64  # that are answered at a time; a browser sends six
+STRETCH_EDITS = ("drop", "restore", "trim", "mirror", "merge")
+COMMANDS = (*STRETCH_EDITS, "split", "undo", "redo", "write")
+
+
+class EditPage(ServedPage):
+    """WSGI application of the page.
+
+    A request names a row and a camera, never a path: the page shows only images of the recording,
+    and writes only to the folder that the command line chose.
+
+    Args:
+        session: edits of the recording.
+        analysis: analysis of its frames.
+        checkpoint: path of the checkpoint that predicts, for the page; empty without one.
+    """
+
+    def __init__(self, session: EditSession, analysis: FrameAnalysis, checkpoint: str = "") -> None:
+        self.session, self.analysis, self.checkpoint = session, analysis, checkpoint
+        self.recording = session.recording
+        answers: dict[str, Callable[[dict], Answer]] = {
+            "/recording.json": lambda query: json_answer(self.about()),
+            "/columns.bin": lambda query: (self._columns(), "application/octet-stream"),
+            "/predicted.bin": self._predicted,
+            "/state.json": lambda query: json_answer(self.state()),
+            "/notable.json": lambda query: json_answer(self.notable()),
+            "/row.json": lambda query: json_answer(self.describe(self._row(query))),
+            "/image": self._image,
+        }
+        super().__init__(Path(__file__).parent / "static" / "edit_page", answers)
+
+    def about(self) -> dict:
+        """Return what does not change: names, sizes, pauses, cameras and the checkpoint."""
+        one = self.recording
+        return {
+            "names": one.names,
+            "rows": len(one),
+            "cameras": [any(path is not None for path in column) for column in one.images.T],
+            "breaks": (np.flatnonzero(find_breaks(one)) + 1).tolist(),
+            "rows_per_second": rows_per_second(one),
+            "times": bool(np.isfinite(one.time_s).any()),
+            "bad_images": len(one.bad_images),
+            "checkpoint": self.checkpoint,
+        }
+
+    def _columns(self) -> bytes:
+        """Return steering, speed in mph and seconds since the first row, float32 [3, N]."""
+        one = self.recording
+        columns = (one.steering, one.speed_mph, one.time_s - one.time_s[0])
+        return np.stack(columns).astype("<f4").tobytes()
+
+    def _predicted(self, query: dict) -> Answer:
+        """Return rows and predicted steering after the first `known` ones, float32 [2, M]."""
+        known = _number(query, "known", len(self.recording))
+        found = np.stack([one.astype("<f4") for one in self.analysis.predicted_after(known)])
+        return found.tobytes(), "application/octet-stream"
+
+    def state(self) -> dict:
+        """Return what changes: the edits, the writing and the analysis."""
+        return self.session.state() | {"analysed": self.analysis.done}
+
+    def notable(self) -> dict:
+        """Return the notable rows by kind, as pairs of row and value; null for infinity."""
+        return {
+            kind: [(one.row, one.value if math.isfinite(one.value) else None) for one in rows]
+            for kind, rows in self.analysis.notable().items()
+        }
+
+    def describe(self, row: int) -> dict:
+        """Return a row's place in its log, its centre image's name, and its pedals."""
+        one = self.recording
+        return {
+            "row": row,
+            "place": one.place(row),
+            "image": file_name(str(one.images[row, 0])),
+            "throttle": float(one.throttle[row]),
+            "brake": float(one.brake[row]),
+        }
+
+    def _image(self, query: dict) -> Answer:
+        """Return a row's image as it was recorded."""
+        path = self.recording.images[self._row(query), _number(query, "camera", 2)]
+        if path is None:
+            raise RequestError(HTTPStatus.NOT_FOUND, "this camera has no image in this row")
+        try:
+            data = read_stored(path)
+        except (OSError, ValueError) as error:
+            line = f"{path}: {getattr(error, 'strerror', None) or error}"
+            raise RequestError(HTTPStatus.NOT_FOUND, line) from None
+        if not isinstance(data, bytes):
+            return encode_image(data), "image/jpeg"
+        # A log may name any file of the user; only images leave the process.
+        if fault := find_fault(data):
+            raise RequestError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"{path}: {fault}")
+        return data, "image/png" if data.startswith(b"\x89PNG") else "image/jpeg"
+
+    def _row(self, query: dict) -> int:
+        return _number(query, "row", len(self.recording) - 1)
+
+    def _command(self, environ: dict) -> Answer:
+        name, value = read_command(environ, COMMANDS)
+        with self.session.lock:
+            now = f"{self.session.name}.{self.session.changes}"
+            if parse_qs(environ.get("QUERY_STRING", "")).get("shown", [now]) != [now]:
+                line = "the edits were changed on another page, and are shown now; repeat yours"
+                raise RequestError(HTTPStatus.CONFLICT, line)
+            return self._apply(name, value)
+
+    def _apply(self, name: str, value: object) -> Answer:
+        if name == "write":
+            if not self.session.start_writing():
+                raise RequestError(HTTPStatus.CONFLICT, "the recording is being written; wait")
+            return json_answer(self.state())
+        if name in STRETCH_EDITS:
+            value = _stretch(name, value)
+        elif name == "split" and (isinstance(value, bool) or not isinstance(value, int)):
+            raise RequestError(HTTPStatus.BAD_REQUEST, f"split: {value!r:.40} is no row")
+        try:
+            self.session.change(name, value)
+        except InputError as error:
+            raise RequestError(HTTPStatus.BAD_REQUEST, str(error)) from None
+        return json_answer(self.state())
+
+
+def _number(query: dict, key: str, most: int) -> int:
+    text = query.get(key, ["0"])[0]
+    if not (text.isascii() and text.isdecimal() and len(text) < 13 and int(text) <= most):
+        raise RequestError(HTTPStatus.BAD_REQUEST, f"{key}={text[:40]}: must be in 0..{most}")
+    return int(text)
+
+
+def _stretch(name: str, value: object) -> tuple[int, int]:
+    match value:
+        case [int(first), int(end)] if not isinstance(first, bool) and not isinstance(end, bool):
+            return first, end
+    line = f"{name}: {value!r:.40} is no pair of a first row and the row after the last"
+    raise RequestError(HTTPStatus.BAD_REQUEST, line)
+
+
+class PageServer(socketserver.ThreadingMixIn, WSGIServer):
+    """HTTP server on this machine alone, with a thread for each request.
+
+    Args:
+        port: TCP port; 0 for a free one.
+        page: page that answers the requests.
+
+    Raises:
+        InputError: the port is in use; names the process that holds it.
+    """
+
+    daemon_threads = True
+
+    def __init__(self, port: int, page: EditPage) -> None:
+        self._open: dict[socket.socket, None] = {}  # the oldest first
+        try:
+            super().__init__((HOST, port), _Handler)
+        except OSError as error:
+            holder = port_holder(port) if error.errno == errno.EADDRINUSE else None
+            reason = f"held by {holder}" if holder else error.strerror
+            raise InputError(f"port={port}: {reason}; add port=0 for a free one") from None
+        self.set_app(OriginGuard(exposed=False, notices=Notices())(page))
+
+    def server_bind(self) -> None:
+        """Bind the socket, without the name lookup of `http.server`."""
+        socketserver.TCPServer.server_bind(self)
+        self.server_name, self.server_port = HOST, self.server_address[1]
+        self.setup_environ()
+
+    def process_request(self, request: socket.socket, client_address: object) -> None:
+        """Answer a request in a thread; close the oldest when too many are unfinished."""
+        self._open[request] = None
+        if len(self._open) > MOST_REQUESTS:
+            oldest, *_ = list(self._open)  # at once, because threads remove theirs
+            self._open.pop(oldest, None)
+            with contextlib.suppress(OSError):  # it has just ended
+                oldest.shutdown(socket.SHUT_RDWR)
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: socket.socket) -> None:
+        """Close a connection after its answer."""
+        self._open.pop(request, None)
+        super().shutdown_request(request)
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Ignore a browser that has closed its connection."""
+
+
+class _Request(io.RawIOBase):
+    """The bytes of a request, which must be few and arrive before a deadline."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+        self._ends_s, self._left = time.monotonic() + PATIENCE_S, MOST_REQUEST
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: memoryview) -> int:
+        left_s = self._ends_s - time.monotonic()
+        if left_s <= 0:
+            raise TimeoutError("the request did not arrive in time")
+        self._connection.settimeout(left_s)
+        size = self._connection.recv_into(buffer)
+        self._left -= size
+        if self._left < 0:
+            raise ConnectionError("the request is too long")
+        return size
+
+
+class _Handler(WSGIRequestHandler):
+    timeout = PATIENCE_S
+
+    def setup(self) -> None:
+        super().setup()
+        self.rfile = io.BufferedReader(_Request(self.connection))
+
+    def log_message(self, text: str, *values: object) -> None:
+        pass  # a line for each image would hide the others

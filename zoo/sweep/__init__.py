@@ -1,1 +1,0 @@
-"""Sweeps: many runs of one command, finished even where single runs fail."""

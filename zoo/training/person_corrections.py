@@ -1,0 +1,199 @@
+"""A person's corrections: a recording of them, or a drive in which the person took over.
+
+The simulator's telemetry is empty while a person holds W or S: no image, no steering. A drive has
+the times of these takeovers and the network's frames and steering before them, but not what the
+person did. So the person is asked, as DAgger asks its expert: `labels.csv` lists frames before each
+takeover with the network's steering, and the person writes the correct steering.
+"""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from datamodules.driving_log import CAMERAS
+from datamodules.formats.recording_writer import write_log
+from datamodules.image import link_or_copy, read_image
+from datamodules.recording import IMAGE_FOLDER
+from datamodules.recording_format import read_recordings
+from zoo.base.errors import InputError
+from zoo.base.file_text import csv_text
+from zoo.base.new_folder import RECORDINGS, whole_folder
+from zoo.base.whole_file import write_whole
+from zoo.driving.drive_log import read_drive
+from zoo.driving.drive_record import PERSON, POLICY, Drive
+from zoo.simulator.recorder import split_pedals
+from zoo.training.correct_options import CorrectOptions
+
+LABELS, LABELS_IMAGE = "labels.csv", "labels.png"
+COLUMNS = ("override", "image", "seconds_before", "sent", "steering")
+TEXT = cv2.FONT_HERSHEY_SIMPLEX
+WIDTH = 320  # of a frame in the image of the labels
+LABEL_EVERY_S = 0.5  # the steering is interpolated between labels
+
+
+@dataclass(frozen=True)
+class Override:
+    """A takeover: its number and time, and the network's rows just before it, int64 [N]."""
+
+    number: int
+    began_s: float
+    rows: np.ndarray
+
+
+def check_person(options: CorrectOptions) -> None:
+    """Check the person's corrections before anything is written or driven.
+
+    Raises:
+        InputError: no such recording or drive, or a drive without images or takeovers.
+    """
+    if options.recording is not None:
+        read_recordings(options.recording)
+        return
+    found = overrides(read_drive(options.drive), options.before_s)
+    if not found:
+        raise InputError(
+            f"{options.drive}: has no takeover, nothing to correct; name another drive"
+        )
+    if not any(len(one.rows) for one in found):
+        raise InputError(f"{options.drive}: has no images; drive again with record=FOLDER")
+
+
+def ask_person(options: CorrectOptions, folder: Path) -> None:
+    """Write the file of labels for the person to fill in, or check the filled one.
+
+    Raises:
+        InputError: the file was written and must be filled in, or a label is invalid.
+    """
+    if options.drive is None:
+        return
+    if not (folder / LABELS).is_file():
+        drive = read_drive(options.drive)
+        _write_labels(drive, overrides(drive, options.before_s), folder)
+        raise InputError(
+            f"{folder / LABELS}: write the correct steering, -1..1, in the last column "
+            f"({LABELS_IMAGE} shows the images; empty rows are skipped), then run the same command "
+            f"with out={folder}"
+        )
+    read_labels(folder / LABELS)
+
+
+def corrections_of_a_person(options: CorrectOptions, out: Path, folder: Path) -> int:
+    """Write the person's corrections to `folder` as a recording; return its number of rows.
+
+    Its images get new names: other recordings of the same simulator can have the same names.
+    """
+    rows = _recorded(options.recording) if options.recording else _labelled(options, out)
+    lines = []
+    with whole_folder(folder, RECORDINGS) as whole:
+        (whole / IMAGE_FOLDER).mkdir()
+        for images, numbers in rows:
+            names = [""] * len(CAMERAS)
+            for number, (camera, image) in enumerate(zip(CAMERAS, images, strict=True)):
+                if image:
+                    own = Path(image).name.removeprefix(f"{camera}_")
+                    names[number] = f"{IMAGE_FOLDER}/{camera}_person_{own}"
+                    link_or_copy(image, whole / names[number])
+            lines.append((names, numbers))
+        write_log(whole, lines)
+    return len(lines)
+
+
+def overrides(drive: Drive, before_s: float) -> list[Override]:
+    """Return each takeover of a drive, with the rows with an image up to `before_s` before it."""
+    found, previous = [], 0
+    takeovers = np.flatnonzero(drive.intervention & (drive.driver == PERSON))
+    for number, began in enumerate(takeovers, 1):
+        since_s = drive.time_s[began] - drive.time_s
+        mine = (drive.client == drive.client[began]) & (drive.driver == POLICY)
+        near = mine & (drive.frame != "") & (since_s >= 0) & (since_s <= before_s)
+        near[:previous] = False  # rows before the previous takeover belong to that one
+        rows, previous = np.flatnonzero(near), began
+        # The original simulator sends frames twice.
+        _, first = np.unique(drive.frame[rows], return_index=True)
+        found.append(Override(number, drive.time_s[began], rows[np.sort(first)]))
+    return found
+
+
+def read_labels(path: Path) -> dict[str, float]:
+    """Return the filled-in steering by image.
+
+    Raises:
+        InputError: no label is filled in, or one is no number in -1..1.
+    """
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        rows = list(csv.DictReader(file))
+    labels = {}
+    for line, row in enumerate(rows, 2):
+        text = (row.get("steering") or "").strip()
+        if not text:
+            continue
+        try:
+            value = float(text.replace(",", "."))
+        except ValueError:
+            value = np.nan
+        if not -1 <= value <= 1 or not row.get("image"):
+            raise InputError(f"{path}: row {line}: steering is {text!r}; write a number in -1..1")
+        labels[row["image"]] = value
+    if not labels:
+        raise InputError(
+            f"{path}: the steering column is empty; write numbers in -1..1 where you can"
+        )
+    return labels
+
+
+def _write_labels(drive: Drive, found: list[Override], folder: Path) -> None:
+    """Write the labels to fill in, and an image that shows their frames."""
+    lines, frames = [], []
+    for one in found:
+        for row in _sparse(drive, one.rows):
+            before_s, sent = one.began_s - drive.time_s[row], drive.steering[row]
+            lines.append([one.number, drive.frame[row], f"{before_s:.2f}", f"{sent:.3f}", ""])
+            path = drive.folder / drive.frame[row]
+            try:
+                image = read_image(path)
+            except (OSError, ValueError) as error:
+                raise InputError(f"{path}: {error}; name another drive") from None
+            frame = cv2.resize(image, (WIDTH, WIDTH * len(image) // image.shape[1]))
+            text = f"override {one.number}, {before_s:.1f} s before, sent {sent:+.2f}"
+            frames.append(cv2.putText(frame, text, (4, 12), TEXT, 0.4, (255, 255, 255)))
+    sheet = cv2.imencode(Path(LABELS_IMAGE).suffix, np.vstack(frames)[..., ::-1])[1]
+    write_whole(folder / LABELS_IMAGE, sheet.tobytes())
+    write_whole(folder / LABELS, csv_text([COLUMNS, *lines]))
+
+
+def _sparse(drive: Drive, rows: np.ndarray) -> list[int]:
+    """Return the last row, and one for every half second before it."""
+    chosen = rows[-1:].tolist()
+    for row in rows[::-1]:
+        if drive.time_s[chosen[-1]] - drive.time_s[row] >= LABEL_EVERY_S - 0.01:
+            chosen.append(int(row))
+    return chosen[::-1]
+
+
+def _labelled(options: CorrectOptions, out: Path) -> list[tuple]:
+    """Return the rows between each takeover's first and last label, with steering."""
+    drive, labels = read_drive(options.drive), read_labels(out / LABELS)
+    rows = []
+    for one in overrides(drive, options.before_s):
+        known = [row for row in one.rows if drive.frame[row] in labels]
+        if not known:
+            continue
+        values = [labels[drive.frame[row]] for row in known]
+        for row in one.rows[(one.rows >= known[0]) & (one.rows <= known[-1])]:
+            steering = float(np.interp(drive.time_s[row], drive.time_s[known], values))
+            pedals = split_pedals(drive.throttle[row])
+            image = str(drive.folder / drive.frame[row])
+            rows.append(((image, None, None), (steering, *pedals, drive.speed_mph[row])))
+    if not rows:
+        raise InputError(f"{out / LABELS}: names no image of {options.drive}; delete the file")
+    return rows
+
+
+def _recorded(folder: str) -> list[tuple]:
+    """Return the images and numbers of each row of a recording."""
+    recording = read_recordings(folder)
+    columns = (recording.steering, recording.throttle, recording.brake, recording.speed_mph)
+    return list(zip(recording.images.tolist(), np.stack(columns, 1).tolist(), strict=True))
