@@ -13,7 +13,7 @@ from zoo.checkpoints.checkpoint_path import find_driver
 from zoo.driving.bootstrap import Estimate, poisson_rate
 from zoo.runs.metrics_file import read_metrics_file
 from zoo.runs.result_table import interval_figures
-from zoo.scoring.challenge import (
+from zoo.scoring.challenge_score import (
     OfficialTest,
     baselines,
     read_column,

@@ -25,7 +25,7 @@ from zoo.scoring.evidence import next_drive
 if TYPE_CHECKING:
     from zoo.checkpoints.checkpoint import Checkpoint
     from zoo.checkpoints.frame_memory import SessionPolicy
-    from zoo.export.parity import Frames, Parity
+    from zoo.scoring.parity import Frames, Parity
 
 # The largest difference where Keras computes the view, which is not rounded to whole numbers.
 ROUNDED_TOLERANCE = 0.02
@@ -124,7 +124,7 @@ class Int8OnnxFile(OnnxFile):
     def graph(self) -> bytes:  # type: ignore[override]
         """Return the graph of 8 bits."""
         from zoo.export.int8_onnx import int8_graph
-        from zoo.export.parity import CALIBRATION, take_frames
+        from zoo.scoring.parity import CALIBRATION, take_frames
 
         frames = take_frames(self.calibration, self.checkpoint, CALIBRATION)
         return int8_graph(self.checkpoint, frames)
@@ -254,7 +254,7 @@ class Int8CFile(CFile):
     def changes(self, original: "Checkpoint", frames: "Frames") -> list[str]:
         """Return what the rounding changes, see `ExportedFile`."""
         from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
-        from zoo.export.parity import compare
+        from zoo.scoring.parity import compare
 
         lost = compare(CheckpointPolicy(original), CheckpointPolicy(self.checkpoint), frames)
         return [
@@ -299,8 +299,8 @@ def export_checkpoint(
         raise UsageError("throttle: belongs to to=donkeycar; leave it out")
     with loading():
         from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
-        from zoo.export.parity import PYTORCH, compare, latency, own_latency, take_frames
         from zoo.scoring.model_card import card_text, describe
+        from zoo.scoring.parity import PYTORCH, compare, latency, own_latency, take_frames
 
         described = describe(path)
         checkpoint = described.checkpoint

@@ -17,7 +17,7 @@ from onnxruntime.quantization import (
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.onnx_policy import OnnxPolicy
-from zoo.export.parity import Frames
+from zoo.scoring.parity import Frames
 
 
 def int8_graph(checkpoint: Checkpoint, frames: Frames) -> bytes:

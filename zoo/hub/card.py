@@ -16,10 +16,10 @@ from zoo.base.new_folder import command_folder
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.new_checkpoint import checkpoint_bytes
-from zoo.export.parity import own_latency
 from zoo.scoring.blocks import Block, Code, Section, to_markdown
 from zoo.scoring.evidence import next_drive
 from zoo.scoring.model_card import Described, card_sections, describe
+from zoo.scoring.parity import own_latency
 
 HUB = "hub"  # kind of folder
 CARD = "README.md"

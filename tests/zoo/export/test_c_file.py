@@ -30,8 +30,8 @@ from zoo.export.c_source import CSource, function_name
 from zoo.export.c_view import write_view
 from zoo.export.compiled_policy import CompiledPolicy, find_compiler
 from zoo.export.exported_file import export_checkpoint
-from zoo.export.parity import Frames, compare
 from zoo.models.layers import Normalize
+from zoo.scoring.parity import Frames, compare
 
 COMPILER = find_compiler()
 STRICT = ("-std=c99", "-O1", "-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror")
@@ -237,7 +237,7 @@ def test_without_a_compiler_it_says_that_nothing_was_compared(
     monkeypatch.setattr(compiled_policy, "COMPILERS", ())
     frames = str(tmp_path / "nowhere")
     monkeypatch.setattr(
-        "zoo.export.parity.take_frames",
+        "zoo.scoring.parity.take_frames",
         lambda *_: Frames(drawn_frames((160, 320)), [0.0] * 4, frames),
     )
     export_checkpoint("tiny41", str(tmp_path / "steer.c"), None, Console(), to="c")

@@ -18,9 +18,9 @@ from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.commands.rerun import lead_from
-from zoo.export.parity import take_frames
 from zoo.scoring.evaluate_options import ReplayOptions
 from zoo.scoring.evidence import read_evidence
+from zoo.scoring.parity import take_frames
 from zoo.scoring.replay_score import read_as_trained
 from zoo.scoring.reported_run import ReportedRun
 from zoo.training.correct_training import own_config, own_roots
