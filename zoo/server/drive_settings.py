@@ -44,7 +44,7 @@ class DriveSettings:
         scene: scene of the Donkeycar simulator.
         page: TCP port of the live page with world=donkey; 0: a free one.
         laps: laps after which the embedded or the Donkeycar simulator ends; null: Ctrl-C ends it.
-        put_back: true: an intervention puts its car back on the road, as in zoo.commands.evaluate.
+        put_back: true: an intervention puts its car back on the road, as in drivezoo evaluate.
         margin: distance off the centreline that counts as an intervention, m; null: leaving the
             lane.
         record: folder for frames and driving_log.csv; null: write only drive.csv.
