@@ -121,7 +121,7 @@ def make_plan(
     group, least = GROUP // data.windows.sequence, 1
     if device.type == "cuda":
         group, least = GROUP_IMAGES // (data.batch_size * data.windows.sequence), 2
-    may_group = is_overhead and grouped and is_own and _may_group(trainer)
+    may_group = is_overhead and grouped and is_own and _may_group(config, trainer)
     return TrainingPlan(
         device=device,
         processes=world,
@@ -149,16 +149,24 @@ def _takes_groups(callback: lightning.Callback) -> bool:
     if type(callback) is LearningRateMonitor:
         return callback.logging_interval == "epoch"
     if type(callback) is ModelCheckpoint:
-        return not callback._every_n_train_steps and not callback._train_time_interval
+        return True  # by its keys, see `_saves_by_epoch`
     says_so = getattr(callback, "takes_groups", False) is True
     is_ours = type(callback).__module__.startswith("zoo.")
     return says_so or is_ours or type(callback) is EarlyStopping
 
 
-def _may_group(trainer: lightning.Trainer) -> bool:
+def _saves_by_epoch(config: DictConfig) -> bool:
+    """Return whether no checkpoint is saved after a number of steps or a time."""
+    within = ("every_n_train_steps", "train_time_interval")
+    callbacks = [settings for settings in (config.callbacks or {}).values() if settings]
+    return not any(settings.get(key) for settings in callbacks for key in within)
+
+
+def _may_group(config: DictConfig, trainer: lightning.Trainer) -> bool:
     """Return whether no setting, callback or logger needs Lightning to see every optimizer step."""
     return (
-        all(map(_takes_groups, trainer.callbacks))
+        _saves_by_epoch(config)
+        and all(map(_takes_groups, trainer.callbacks))
         and {type(logger) for logger in trainer.loggers} <= {CSVLogger, TensorBoardLogger}
         and trainer.world_size == 1
         and trainer.accumulate_grad_batches == 1
