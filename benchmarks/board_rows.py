@@ -292,7 +292,7 @@ def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
             "sha256": sha256,
             "licence": "MIT",
             "command": shlex.join(["drivezoo", "train", *study.command(entry)]),
-            "data": checkpoint.data,
+            "data": {k: v for k, v in checkpoint.data.items() if k != "row_hashes"},
             "code": metrics["code"],
             "versions": metrics["versions"],
             "drives": {

@@ -1,9 +1,10 @@
 """Measure training on a GPU: `python benchmarks/gpu.py [NETWORK...] [device=cpu] [short]`.
 
-For each network `drivezoo train trainer=gpu` trains on views that stay in the GPU's memory:
-plainly, compiled, and in 32 bits. The processes take turns, an epoch each. The table has their
-operations per second relative to the machine's own limit, the best matrix product in the same run.
-Before that, outputs and gradients of each network are compared with the CPU's.
+For each network `drivezoo train trainer=gpu` trains on views that stay in the GPU's memory: as a
+graph, compiled, in 32 bits, and with each operation by itself. The processes take turns, an epoch
+each. The table has their operations per second relative to the machine's own limit, the best matrix
+product in the same run. Before that, outputs and gradients of each network are compared with the
+CPU's.
 
 `device=cpu` runs the same path on a CPU, and `short` with tiny sizes: the figures mean nothing.
 Without a GPU the script prints one line.
@@ -74,6 +75,7 @@ def targets(names: list[str], device: str, short: bool) -> dict[str, tuple]:
         if not short:
             found[f"{name}, compiled"] = run_network, [*words, "trainer.compile=true"]
             found[f"{name}, 32 bits"] = run_network, [*words, "trainer.precision=32-true"]
+            found[f"{name}, no graph"] = run_network, [*words, "trainer.group_batches=false"]
     return found
 
 

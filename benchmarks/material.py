@@ -9,8 +9,6 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.driving import DrivingData
-from datamodules.image import read_image
-from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from zoo.base.compose import compose_config
 from zoo.checkpoints.checkpoint import Checkpoint
@@ -120,11 +118,3 @@ def random_policy(name: str, engine: Engine = "torch") -> CheckpointPolicy:
     for _ in range(3):
         policy(np.zeros((160, 320, 3), np.uint8), 0.0)
     return policy
-
-
-def frames_of(folder: str, count: int) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """Return centre frames spread over a recording, their speeds in mph and their steering."""
-    recording = read_recordings(folder)
-    rows = np.linspace(0, len(recording) - 1, min(count, len(recording))).astype(int)
-    frames = [read_image(Path(path)) for path in recording.images[rows, 0]]
-    return frames, recording.speed_mph[rows], recording.steering[rows]

@@ -7,13 +7,11 @@ import csv
 import multiprocessing
 import os
 import statistics
-import sys
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
-from inspect import signature
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -24,8 +22,6 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from zoo.base.errors import UsageError
-from zoo.base.run_command import exit_after
 from zoo.training.host_settings import limit_spinning
 
 TextRow = Mapping[str, str]  # of a study's CSV file
@@ -75,25 +71,6 @@ def markdown_table(head: list[str], rows: list[list[str]], left: int = 1) -> str
     rule = ["---"] * left + ["---:"] * (len(head) - left)
     lines = [f"| {' | '.join(cells)} |" for cells in (head, *rows)]
     return "\n".join([lines[0], f"|{'|'.join(rule)}|", *lines[1:]])
-
-
-def run_named(*measurements: Callable[..., object]) -> None:
-    """Call what `python FILE NAME [argument ...] [key=value ...]` names, with its words as text."""
-    by_name = {measure.__name__: measure for measure in measurements}
-
-    def call(arguments: list[str]) -> None:
-        name, *words = arguments or [""]
-        if name not in by_name:
-            raise UsageError(f"name one of {', '.join(by_name)}")
-        keys = dict(word.split("=", 1) for word in words if "=" in word)
-        positional = (word for word in words if "=" not in word)
-        try:
-            given = signature(by_name[name]).bind(*positional, **keys)
-        except TypeError as error:
-            raise UsageError(f"{name}: {error}") from None
-        sys.exit(by_name[name](*given.args, **given.kwargs))
-
-    exit_after(Path(sys.argv[0]).name, call)
 
 
 def grouped(rows: Iterable[TextRow], keys: Sequence[str]) -> list[list[TextRow]]:

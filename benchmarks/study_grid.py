@@ -255,27 +255,10 @@ def experiments() -> dict[str, tuple[str, ...]]:
     return {name: (f"experiment={name}", *weights.get(name, ())) for name in names}
 
 
-def searched_inputs() -> dict[str, tuple[str, ...]]:
-    """Return each colour and crop that `drivezoo import` tries, with scales and resizes in turn."""
-    from datamodules.view import RESIZES
-    from zoo.input_search.combinations import SCALES, KnownInput, combinations
-
-    found = {}
-    for number, one in enumerate(combinations(KnownInput(shape=(40, 80, 3), scale=SCALES[0]))):
-        way, scale = list(RESIZES)[number % len(RESIZES)], SCALES[number // 3 % len(SCALES)]
-        view = one.view.to_dict()
-        settings = {"model.colour": view["colour"], "data.crop": view["crop"], "model.resize": way}
-        settings |= {"model.size": view["size"], "model.scale": list(scale)}
-        words = tuple(f"{key}={value}".replace(" ", "") for key, value in settings.items())
-        found["-".join([view["colour"], *map(str, view["crop"]), way, f"{scale[0]:g}"])] = words
-    return found
-
-
 # Axes of entries that are listed elsewhere.
 SOURCES: dict[str, Callable[[], dict]] = {
     "baselines": lambda: dict.fromkeys(BASELINES, ()),
     "experiments": experiments,
-    "inputs": searched_inputs,
     "packaged": lambda: {PACKAGED + name: () for name in packaged_names()},
     "recipes": recipes,
 }

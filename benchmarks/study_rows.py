@@ -4,10 +4,8 @@ A function of `ROWS` drives what is missing, and returns the rows of one entry w
 finished.
 """
 
-import csv
 import itertools
 import shlex
-import shutil
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
@@ -16,11 +14,8 @@ import numpy as np
 from omegaconf import OmegaConf
 
 from benchmarks.board_rows import Row, board_rows, pretrained_rows
-from benchmarks.input_rows import input_rows
-from benchmarks.road_rows import road_rows
 from benchmarks.study_data import swaying_laps
-from benchmarks.study_grid import Entry, Study, kept, run_logged, seconds_file
-from benchmarks.warning_rows import warning_rows
+from benchmarks.study_grid import Entry, Study, kept
 from datamodules.image import read_image
 from datamodules.recording_format import read_recordings
 from zoo.base.bounded_files import read_json
@@ -186,25 +181,6 @@ def claim_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
         }
 
 
-def transfer_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
-    """Return a run's row: errors on held-out rows, and its drives."""
-    metrics, options = read_metrics_file(run), study.options
-    with (run / "split.csv").open(newline="") as file:
-        train_rows = sum(line["part"] == "train" for line in csv.DictReader(file))
-    row: Row = {"samples": options.samples, "size": "x".join(map(str, options.size))}
-    row["train_rows"] = train_rows
-    for part, name in itertools.product(("val", "test"), ("mse", "balanced_mae")):
-        row |= columns(metrics["open_loop"][part], f"{part}_", (name,), 6)
-        row |= columns(metrics["baselines"][part]["always zero"], f"{part}_zero_", (name,), 6)
-    laps = driven(study, entry, run, laps=options.laps) if options.laps else []
-    row["laps"] = f"{options.laps:g}" if laps else ""
-    figures = {settings["track"]: lap for settings, lap in laps}
-    for track in study.config["drives"][0]["axes"]["track"]:
-        names = ("autonomy", "interventions", "cte_mean_m")
-        row |= columns(figures.get(track), f"{track}_", names)
-    yield row | command(study, entry, run)
-
-
 def first_try_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
     """Return a run's row: its seconds, and its lap."""
     lake = read_metrics_file(run)["drive"]["tracks"]["lake"]
@@ -212,35 +188,10 @@ def first_try_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
     yield seconds | columns(lake, "", ("autonomy", "interventions"))
 
 
-def generator_rows(study: Study, entry: Entry) -> list[Row]:
-    """Search for failures with each seed, and return a row for each search."""
-    rows = []
-    for run in entry.runs:
-        out, words = run / "search", study.command(entry, "search")
-        if not seconds_file(log := run / "log.txt").is_file():
-            shutil.rmtree(out, ignore_errors=True)  # an interrupted search
-            words = [*words, f"sampler={entry.labels['sampler']}", f"seed={run.name}", f"out={out}"]
-            run_logged(
-                log, ["zoo.commands.search", entry.labels["network"], *words], study.options.threads
-            )
-            print(f"{run}: searched", flush=True)
-        found = read_json(out / "search.json")
-        row = {**entry.labels, "seed": run.name, "drives": len(found["drives"])}
-        row |= {"failed": found["failed"], "cells": found["cells"]["failed"]}
-        row["sparseness"] = "" if found["sparseness"] is None else round(found["sparseness"], 4)
-        rows.append(row)
-    return rows
-
-
 ROWS: dict[str, Callable[[Study, Entry], list[Row]]] = {
     "results": per_run(result_rows),
     "board": board_rows,
     "claims": per_run(claim_rows),
-    "transfer": per_run(transfer_rows),
     "pretrained": pretrained_rows,
     "first_try": per_run(first_try_rows),
-    "real_roads": road_rows,
-    "inputs": per_run(input_rows),
-    "warnings": warning_rows,
-    "generators": generator_rows,
 }

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.measuring import Rows, grouped, markdown_table, write_between
-from benchmarks.rank_correlations import correlation_table
 from zoo.driving.bootstrap import Estimate, mean_over_seeds
 from zoo.driving.intervals import count_with_interval
 from zoo.results.suite import OVERALL
@@ -133,12 +132,6 @@ def clean_drives(rows: Rows) -> str:
     return f"{round(share * drives / 100)} of {drives} ({low:.0f} to {high:.0f} %)"
 
 
-def longest(entries: Sequence[Rows]) -> list[Rows]:
-    """Return the trainings with the most samples; others are not compared."""
-    most = max((int(rows[0]["samples"]) for rows in entries), default=0)
-    return [rows for rows in entries if int(rows[0]["samples"]) == most]
-
-
 # Cells of the write-ups' claims.
 
 DATA = {"expert": "expert, `udacity_lake`", "real": "real recording"}
@@ -211,14 +204,9 @@ CELLS: dict[str, Callable[..., str]] = {
 }
 CHOICES: dict[str, Callable[[Sequence[Rows]], list[Rows]]] = {
     "by_frame_rate": lambda entries: sorted(entries, key=lambda rows: floats(rows, "frame_rate")),
-    "longest": longest,
 }
 TEXTS: dict[str, Callable[[Rows], str]] = {
     "commands": commands,
-    "recoveries": lambda rows: correlation_table(rows, "recoveries_", ["metric on the recoveries"]),
-    "test_rows": lambda rows: correlation_table(
-        rows, "test_", ["metric on the test rows", "split"]
-    ),
 }
 
 

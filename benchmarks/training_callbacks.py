@@ -26,6 +26,8 @@ class EpochByEpoch(lightning.Callback):
     The first epoch is not measured.
     """
 
+    takes_groups = True  # as `drivezoo train` has them
+
     def __init__(self, pipe: Connection) -> None:
         self.pipe = pipe
 

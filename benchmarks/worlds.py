@@ -7,10 +7,9 @@ from contextlib import ExitStack
 from functools import partial
 from importlib.util import find_spec
 
-import numpy as np
 import psutil
 
-from benchmarks.measuring import Row, medians, print_table, take_turns
+from benchmarks.measuring import Row, medians, take_turns
 from datamodules.driving_log import CAMERAS
 from zoo.base.child_process import end_module, start_module
 from zoo.driving.open_world import open_world
@@ -87,26 +86,3 @@ def processor_s() -> float:
     own = psutil.Process()
     times = [process.cpu_times() for process in (own, *own.children(recursive=True))]
     return sum(one.user + one.system for one in times)
-
-
-def qualities(*tracks: str) -> None:
-    """Compare the frames per processor second of full and fast images: `qualities TRACK...`.
-
-    An expert drives 150 frames five times in turns; images are the centre camera's, or all three.
-    """
-    rows = []
-    for track in tracks:
-        costs: dict[tuple[int, str], list[float]] = {}
-        measures = {}
-        for quality in ("full", "fast"):
-            scenario = Scenario(track, quality=quality)
-            world = open_world(scenario)
-            for count in (1, 3):
-                spent = costs[count, quality] = []
-                drive = partial(frames_per_second, world, scenario, CAMERAS[:count], spent)
-                measures[f"{quality} {count}"] = drive
-        take_turns(measures, 5)
-        for count in (1, 3):
-            full, fast = (1 / np.median(costs[count, one]) for one in ("full", "fast"))
-            rows.append([track, count, f"{full:.0f}", f"{fast:.0f}", f"{fast / full:.2f}"])
-    print_table(["track", "cameras", "full, frames/s", "fast, frames/s", "ratio"], rows)

@@ -34,11 +34,13 @@ class Change:
     Attributes:
         p: probability that a sample is changed, 0..1.
         lighting: whether it changes the light alone, which saturation does not show.
+        zeros_change_nothing: whether `change_all` leaves an image whose values are 0 as it is.
         rig: car of the steering that it adds, for other labels; None if it adds the label itself.
     """
 
     p: float
     lighting = False
+    zeros_change_nothing = False
     rig: Rig | None = None
 
     def fit(self, crop: tuple[int, int], rig: Rig | None) -> None:
@@ -111,7 +113,7 @@ class Shadow(Change):
         ValueError: albumentations refuses a value.
     """
 
-    lighting = True
+    lighting = zeros_change_nothing = True
 
     def __init__(
         self,
@@ -173,6 +175,7 @@ class Shift(Change):
     """
 
     rig = UDACITY
+    zeros_change_nothing = True
 
     def __init__(
         self,
@@ -280,33 +283,52 @@ class Augment:
         if from_rgb_code is not None:
             _convert(images, from_rgb_code)
 
-    def on_device(
-        self, images: Tensor, steering: np.ndarray, seed: int, place: Place | None = None
-    ) -> tuple[Tensor, np.ndarray]:
-        """Return images on a device, and steering, changed as by `in_place` but for rounding."""
-        if not self.transforms or not len(images):
-            return images, steering
-        place, shape, whole_shape = place or (0, len(images)), images.shape[-3:], steering.shape
-        steering, sequence = steering.reshape(len(images), -1), images.shape[:-3].numel()
-        sequence //= len(images)
-        changed = to_rgb(images.reshape(-1, *shape).permute(0, 3, 1, 2).float(), self.colour)
+    def draw(
+        self,
+        shape: tuple[int, ...],
+        steering: np.ndarray,
+        seed: int,
+        place: Place | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return what `on_device` needs for images of a `shape`, and the corrected steering.
+
+        The draws are those of `in_place`, float32 [n, columns]: of each change whether a sample is
+        changed, and its values.
+        """
+        count = len(steering)
+        place, columns = place or (0, count), list[np.ndarray]()
+        corrected = steering.reshape(count, -1).copy()
         for change, rng in zip(self.transforms, self._streams(seed), strict=True):
-            chosen, drawn = _draw(change, shape, len(images), rng, place)
-            if not len(chosen):
-                continue
-            each = np.repeat(drawn.astype(np.float32), sequence, axis=0)  # a window's change alike
-            values = torch.from_numpy(each).to(images.device, non_blocking=True)
-            if len(chosen) == len(images):
-                changed = change.change_all(changed, values)
-            else:
-                frames = (chosen[:, None] * sequence + np.arange(sequence)).ravel()
-                at = torch.from_numpy(frames).to(images.device, non_blocking=True)
-                changed = changed.index_copy(0, at, change.change_all(changed[at], values))
-            steering = steering.copy()
-            steering[chosen] = self._corrected(change, steering[chosen], drawn)
+            chosen, values = _draw(change, shape, count, rng, place)
+            columns.append(np.zeros((count, 1 + values.shape[1]), np.float32))
+            columns[-1][chosen] = np.insert(values, 0, 1, axis=1)
+            corrected[chosen] = self._corrected(change, corrected[chosen], values)
+        drawn = np.concatenate([np.empty((count, 0), np.float32), *columns], 1)
+        return drawn, corrected.reshape(steering.shape)
+
+    def on_device(self, images: Tensor, drawn: Tensor) -> Tensor:
+        """Return images on a device changed as by `in_place`, but for rounding.
+
+        It takes the same operations on the same shapes for every batch of a size: what a GPU waits
+        for is the program that starts them, not their size.
+
+        Args:
+            images: images, uint8 [n, H, W, C]; of windows, [n, sequence, H, W, C].
+            drawn: values of `draw`, float32 [n, columns].
+        """
+        if not self.transforms or not len(images):
+            return images
+        shape, sequence = images.shape[-3:], images.shape[:-3].numel() // len(images)
+        changed = to_rgb(images.reshape(-1, *shape).permute(0, 3, 1, 2).float(), self.colour)
+        each, rng = drawn.repeat_interleave(sequence, 0), np.random.default_rng(0)
+        widths = [1 + change.draw((0, *shape), rng).shape[1] for change in self.transforms]
+        for change, columns in zip(self.transforms, each.split(widths, 1), strict=True):
+            before, changed = changed, change.change_all(changed, columns[:, 1:])
+            if not change.zeros_change_nothing and change.p < 1:
+                changed = torch.where(columns[:, 0, None, None, None] > 0, changed, before)
         changed = from_rgb(changed, self.colour).round().clamp(0, 255)
         rounded = changed.to(torch.uint8, memory_format=torch.channels_last)
-        return rounded.permute(0, 2, 3, 1).reshape(images.shape), steering.reshape(whole_shape)
+        return rounded.permute(0, 2, 3, 1).reshape(images.shape)
 
     def _corrected(self, change: Change, labels: np.ndarray, drawn: np.ndarray) -> np.ndarray:
         """Return the labels of changed images, [n, targets]."""

@@ -68,6 +68,7 @@ class Bend(Change):
         rig: car whose centre camera sees the road; set by `fit`.
     """
 
+    zeros_change_nothing = True
     crop: tuple[int, int]
     rig: Rig
 

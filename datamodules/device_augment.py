@@ -35,21 +35,30 @@ def polygons(corners: Tensor, height: int, width: int) -> Tensor:
     Corners are float32 [n, K, 2], whole columns and rows. As in OpenCV, a pixel is inside if an odd
     number of edges lies to its right, or if it is on the outline.
     """
-    # All edges at once: what a GPU waits for is the number of operations, not their size.
-    rows = torch.arange(height, device=corners.device)[:, None]
-    columns = torch.arange(width, device=corners.device)
-    x1, y1 = corners[..., None, None].unbind(2)
+    # Of each edge and row, the columns where it changes sides and those of its outline: what is as
+    # large as all pixels of all edges is compared only.
+    rows = torch.arange(height, device=corners.device, dtype=torch.float32)
+    columns = torch.arange(width, device=corners.device, dtype=torch.float32)
+    x1, y1 = corners[..., None].unbind(2)
     x2, y2 = x1.roll(-1, 1), y1.roll(-1, 1)
     across, down = x2 - x1, y2 - y1
-    column = x1 + (rows - y1) * across / torch.where(down == 0, 1.0, down)
-    row = y1 + (columns - x1) * down / torch.where(across == 0, 1.0, across)
-    crossed = ((y1 > rows) != (y2 > rows)) & (columns < column)
-    within = (rows - y1) * (rows - y2) <= 0
-    between = (columns - x1) * (columns - x2) <= 0
+    by = torch.where(down == 0, 1.0, down)
+    column = x1 + (rows - y1) * across / by
+    crossing = torch.where((y1 > rows) != (y2 > rows), column, -1.0)
+    # A steep edge has a pixel in each row; another the pixels whose row is nearest.
+    ends = x1 + (rows - 0.5 - y1) * across / by, x1 + (rows + 0.5 - y1) * across / by
+    left, right = torch.minimum(*ends), torch.maximum(*ends)
+    flat = (down == 0) & (rows == y1)
+    left = torch.where(down == 0, torch.where(flat, -1.0, width), left)
+    right = torch.where(down == 0, torch.where(flat, width, -1.0), right)
     steep = down.abs() > across.abs()
-    outline = steep & within & ((columns - column).abs() <= 0.5)
-    outline |= ~steep & between & ((rows - row).abs() <= 0.5)
-    return (crossed.sum(1) % 2 == 1) | outline.any(1)
+    within = (rows - y1) * (rows - y2) <= 0
+    first, last = left.maximum(x1.minimum(x2)), right.minimum(x1.maximum(x2))
+    left = torch.where(steep, torch.where(within, column - 0.5, width), first)
+    right = torch.where(steep, column + 0.5, last)
+    outline = (columns >= left[..., None]) & (columns <= right[..., None])
+    crossed = (columns < crossing[..., None]).sum(1, dtype=torch.uint8)
+    return (crossed % 2 == 1) | outline.any(1)
 
 
 def moved(images: Tensor, right: Tensor, down: Tensor, beyond: str = "border") -> Tensor:
@@ -62,13 +71,13 @@ def moved(images: Tensor, right: Tensor, down: Tensor, beyond: str = "border") -
         beyond: source of pixels outside the image: its `border`, as OpenCV's BORDER_REPLICATE, or
             its `reflection`, as BORDER_REFLECT_101.
     """
-    height, width = images.shape[2:]
-    columns = torch.arange(width, device=images.device, dtype=torch.float32)
-    rows = torch.arange(height, device=images.device, dtype=torch.float32)
-    x = columns[None, None, :] - right[:, :, None]
-    y = rows[None, :, None] - down[:, None, None]
-    shares = [2 * at / max(size - 1, 1) - 1 for at, size in ((x, width), (y, height))]
-    grid = torch.stack(torch.broadcast_tensors(*shares), -1)
+    (count, _, height, width), device = images.shape, images.device
+    # In the unit of grid_sample, in which an image reaches from -1 to 1.
+    columns = torch.linspace(-1, 1, width, device=device)
+    rows = torch.linspace(-1, 1, height, device=device)[:, None]
+    grid = torch.empty((count, height, width, 2), device=device)
+    grid[..., 0] = columns - (right * (2 / max(width - 1, 1)))[:, :, None]
+    grid[..., 1] = rows - (down * (2 / max(height - 1, 1)))[:, None, None]
     return F.grid_sample(images, grid, "bilinear", padding_mode=beyond, align_corners=True)
 
 

@@ -1,6 +1,6 @@
-"""Training batches that are created on the device that trains."""
+"""Training batches whose images are selected, mirrored and augmented on the device that trains."""
 
-import math
+from collections.abc import Iterator
 
 import numpy as np
 import psutil
@@ -14,10 +14,11 @@ from datamodules.row_views import RowViews
 
 RESIDENT_SHARE = 0.5  # of the memory that is free when training begins
 CHUNK = 4096  # images that are copied to the device at a time
+TOGETHER = 2048  # images that are augmented at a time: 330 MB for each operation on PilotNet's
 
 
 class DeviceBatches(Dataset):
-    """The batches of `TrainingBatches`, selected, mirrored and augmented on the device.
+    """The batches of `TrainingBatches`, drawn on the CPU and finished on the device.
 
     All views stay on the device if they fit; otherwise each batch's views are copied there.
 
@@ -39,34 +40,51 @@ class DeviceBatches(Dataset):
             self.starts = np.cumsum([0, *map(len, views.files)])[:-1]
 
     def __getitem__(self, key: BatchKey) -> Batch:
+        """Return a drawn batch on the CPU, without images: see `finish`."""
         samples, own = self.batches.samples, key.own
+        views, (rows, cameras) = self.batches.views, samples.frames(own)
         mirrored, steering, throttle, seed = self.batches.draw(key)
-        images = self._images(*samples.frames(own))
-        if mirrored.any():
-            flips = self._copy(mirrored).reshape(-1, *[1] * (images.ndim - 1))
-            images = torch.where(flips, images.flip(-2), images)
-        place = (key.share.start, len(key.samples))
-        images, steering = self.batches.augment.on_device(images, steering, seed, place)
-        targets = make_targets(steering, throttle)
-        flat = targets.reshape(len(own), math.prod(targets.shape[1:]))
-        labels = self._copy(np.column_stack([flat, samples.speed_mph[own]]))
-        return {
-            "images": images.movedim(-1, -3),
-            "speed": labels[:, -1],
-            "targets": labels[:, :-1].unflatten(1, targets.shape[1:]),
-        }
-
-    def _images(self, rows: np.ndarray, cameras: np.ndarray) -> Tensor:
-        """Return images on the device, uint8 [n, H, W, C], of windows [n, sequence, H, W, C]."""
-        views = self.batches.views
+        place, shape = (key.share.start, len(key.samples)), views.files[0].shape[1:]
+        drawn, steering = self.batches.augment.draw(shape, steering, seed, place)
         if self.resident is None:
-            return self._copy(views.take(rows, cameras))
-        at = self.starts[views.file[rows, cameras]] + views.position[rows, cameras]
-        images = self.resident.index_select(0, self._copy(at.ravel()))
-        return images.reshape(*at.shape, *images.shape[1:])
+            source = views.take(rows, cameras)
+        else:
+            source = self.starts[views.file[rows, cameras]] + views.position[rows, cameras]
+        columns = {
+            "source": source,  # images, or their numbers among those on the device
+            # As whole numbers: Lightning would round the values to trainer.precision.
+            "drawn": np.column_stack([mirrored, drawn]).astype(np.float32).view(np.int32),
+            "speed": samples.speed_mph[own].astype(np.float32),
+            "targets": make_targets(steering, throttle),
+        }
+        return {name: torch.from_numpy(column) for name, column in columns.items()}
 
-    def _copy(self, array: np.ndarray) -> Tensor:
-        tensor = torch.from_numpy(array)
+    def finish(self, group: list[Batch]) -> list[Batch]:
+        """Return drawn batches with their images, all on the device.
+
+        They are finished together, as many as `TOGETHER` images allow: a small batch costs a GPU
+        less time than the program that starts its operations.
+        """
+        images = max(1, group[0]["source"].shape[:2].numel())
+        count = max(1, TOGETHER // images)
+        parts = [group[start : start + count] for start in range(0, len(group), count)]
+        return [batch for part in parts for batch in self._finish(part)]
+
+    def _finish(self, group: list[Batch]) -> Iterator[Batch]:
+        columns = {name: self._copy(torch.cat([b[name] for b in group])) for name in group[0]}
+        images, drawn = columns.pop("source"), columns.pop("drawn").view(torch.float32)
+        if self.resident is not None:
+            chosen = self.resident.index_select(0, images.ravel())
+            images = chosen.reshape(*images.shape, *chosen.shape[1:])
+        mirrored = drawn[:, 0].reshape(-1, *[1] * (images.ndim - 1)) > 0
+        images = torch.where(mirrored, images.flip(-2), images)
+        images = self.batches.augment.on_device(images, drawn[:, 1:])
+        columns = {"images": images.movedim(-1, -3), **columns}
+        sizes = [len(batch["targets"]) for batch in group]
+        for tensors in zip(*(column.split(sizes) for column in columns.values()), strict=True):
+            yield dict(zip(columns, tensors, strict=True))
+
+    def _copy(self, tensor: Tensor) -> Tensor:
         if self.device.type == "cuda":  # so that the copy does not wait for the device
             tensor = tensor.pin_memory()
         return tensor.to(self.device, non_blocking=True)

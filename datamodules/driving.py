@@ -147,6 +147,7 @@ class DrivingData(RunData):
         self.cache = Path(self.read.cache).expanduser() if self.read.cache else None
         self.window_shards = window_shards
         self._batch_device: torch.device | None = None
+        self._device_batches: DeviceBatches | None = None
         self.batches_per_step = 1
         self.features: RowViews | None = None
 
@@ -309,6 +310,7 @@ class DrivingData(RunData):
             batches = FeatureBatches(training, self.features)
         elif self._batch_device is not None:
             batches, workers = DeviceBatches(training, self._batch_device), 0
+            self._device_batches = batches
         sampling: dict[str, Any] = {"batch_size": None, "sampler": keys}
         if self.batches_per_step > 1:
             sampling = {"batch_sampler": BatchSampler(keys, self.batches_per_step, drop_last=False)}
@@ -319,6 +321,16 @@ class DrivingData(RunData):
             persistent_workers=workers > 0,
             **sampling,
         )
+
+    def transfer_batch_to_device(self, batch: Any, device: torch.device, loader: int) -> Any:
+        """Return a batch, or a group of them, on the device, with the images created there."""
+        group = batch if isinstance(batch, list) else [batch]
+        if self._device_batches and "drawn" in group[0]:
+            finished = self._device_batches.finish(group)
+            return finished if isinstance(batch, list) else finished[0]
+        if device.type == "cpu":  # Lightning would look at each tensor of a group
+            return batch
+        return super().transfer_batch_to_device(batch, device, loader)
 
     def evaluation_batches(self, part: str) -> EvaluationBatches:
         """Return all rows of `train`, `val` or `test`, in order; with windows, see `rows`."""

@@ -9,7 +9,7 @@ import pytest
 import yaml
 from omegaconf import OmegaConf
 
-from benchmarks.model_tables import (
+from tests.layer_tables import (
     NetworkFacts,
     layer_table,
     layers_mark,
@@ -20,7 +20,6 @@ from zoo.base.compose import choices, compose_config
 from zoo.commands.list import zoo_table
 
 PAGES = Path(__file__).parents[1] / "docs" / "models"
-UPDATE = "run python benchmarks/model_tables.py"
 DOCUMENTED = pages_by_network(PAGES)
 
 
@@ -39,7 +38,8 @@ def test_one_page_has_the_layers_of_a_network(name: str, networks: dict[str, Net
     assert len(pages) == 1, f"{layers_mark(name)} must stand on one page"
     text = pages[0].read_text()
     table = between(text, layers_mark(name), "<!-- end of layers -->")
-    assert table == layer_table(networks[name]), UPDATE
+    wanted = layer_table(networks[name])
+    assert table == wanted, f"the table of {pages[0]} should be:\n{wanted}"
     counts = [int(cell.replace(",", "")) for cell in re.findall(r"([\d,]+) \|$", table, re.M)]
     assert sum(counts) == networks[name].parameters
     assert f"**{networks[name].parameters:,}**" in table
@@ -53,7 +53,8 @@ def test_the_index_has_the_figures_that_the_command_prints(
     table = between(
         (PAGES / "index.md").read_text(), "<!-- networks -->", "<!-- end of networks -->"
     )
-    assert table == networks_table(list(networks.values()), DOCUMENTED), UPDATE
+    wanted = networks_table(list(networks.values()), DOCUMENTED)
+    assert table == wanted, f"the table of docs/models/index.md should be:\n{wanted}"
     printed = {
         row[0]: row[1:] for row in zip(*(c.cells for c in zoo_table()[0].columns), strict=True)
     }

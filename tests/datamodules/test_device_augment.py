@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from rich.console import Console
+from torch.utils._python_dispatch import TorchDispatchMode
 
 from datamodules.augment import Augment, Brightness, Change, Shadow, Shift
 from datamodules.balance import BatchKey
@@ -60,7 +61,9 @@ def as_rgb(hsv: np.ndarray) -> np.ndarray:
 
 
 def on_device(augment: Augment, images: np.ndarray, steering: np.ndarray, seed: int):
-    changed, steering = augment.on_device(torch.from_numpy(images).to(DEVICE), steering, seed)
+    drawn, steering = augment.draw(images.shape[-3:], steering, seed)
+    placed = torch.from_numpy(images).to(DEVICE), torch.from_numpy(drawn).to(DEVICE)
+    changed = augment.on_device(*placed)
     assert changed.dtype == torch.uint8
     assert changed.is_contiguous()
     return changed.cpu().numpy(), steering
@@ -128,16 +131,70 @@ def test_polygons_are_filled_as_opencv_fills_them(size) -> None:
     assert found.mean() == pytest.approx(masks.mean(), rel=0.03)
 
 
+class Operations(TorchDispatchMode):
+    """Lists the operations, and the shapes of what they take."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.taken: list[tuple] = []
+
+    def __torch_dispatch__(self, function, types, args=(), kwargs=None):
+        shapes = [tuple(arg.shape) for arg in args if isinstance(arg, torch.Tensor)]
+        self.taken.append((function.name(), shapes))
+        return function(*args, **(kwargs or {}))
+
+
+@pytest.mark.parametrize("colour", VIEWS)
+def test_every_batch_of_a_size_takes_the_same_operations(colour, frames) -> None:
+    """Whatever is drawn: nothing waits for a value, as a device would for the CPU."""
+    augment = Augment([make(kind) for kind in TRANSFORMS], colour)
+    images = torch.from_numpy(views(frames, colour)).to(DEVICE)
+    taken = []
+    for seed in range(4):
+        drawn, _ = augment.draw(images.shape[1:], np.zeros(60, np.float32), seed)
+        with Operations() as operations:
+            augment.on_device(images, torch.from_numpy(drawn).to(DEVICE))
+        taken.append(operations.taken)
+    assert taken[0] == taken[1] == taken[2] == taken[3]
+    assert not {"aten::_local_scalar_dense", "aten::nonzero"} & {name for name, _ in taken[0]}
+
+
+class Inverted(Change):
+    """A user's change, which changes an image also by values of 0."""
+
+    p = 0.5
+
+    def draw(self, shape, rng):
+        return rng.uniform(0, 1, (shape[0], 1))
+
+    def change_one(self, image, drawn):
+        image[:] = 255 - image
+
+    def change_all(self, images, drawn):
+        return 255 - images
+
+
+def test_a_users_change_changes_the_chosen_samples_alone(frames) -> None:
+    images = views(frames, "rgb")
+    steering = np.zeros(len(images), np.float32)
+    wanted, _ = Augment([Inverted()], "rgb")(images, steering, seed=3)
+    changed, _ = on_device(Augment([Inverted()], "rgb"), images, steering, seed=3)
+    np.testing.assert_array_equal(changed, wanted)
+    assert 0 < (changed != images).any((1, 2, 3)).sum() < len(images)
+
+
 @pytest.mark.parametrize("world", [2, 3])
 def test_shares_are_changed_as_within_the_whole(world, frames) -> None:
     images = torch.from_numpy(views(frames, "rgb")).to(DEVICE)
     steering = np.zeros(60, np.float32)
     augment = Augment([make(kind) for kind in TRANSFORMS], "rgb")
-    whole, steered = augment.on_device(images, steering, 5)
+    drawn, steered = augment.draw(images.shape[1:], steering, 5)
+    whole = augment.on_device(images, torch.from_numpy(drawn).to(DEVICE))
     for rank in range(world):
         share = BatchKey(0, 0, np.arange(60), rank, world).share
         place = share.start, 60
-        changed, corrected = augment.on_device(images[share], steering[share], 5, place)
+        drawn, corrected = augment.draw(images.shape[1:], steering[share], 5, place)
+        changed = augment.on_device(images[share], torch.from_numpy(drawn).to(DEVICE))
         assert (changed.int() - whole[share].int()).abs().max() <= 1
         assert corrected.tolist() == steered[share].tolist()
 
@@ -161,7 +218,7 @@ def test_without_augmentation_its_batches_are_the_cpus(data, room) -> None:
     assert (theirs.resident is None) == (room == 0)
     for rank, key in enumerate(data.sampler()):
         key = BatchKey(key.epoch, key.number, key.samples, rank % 3, 3)
-        one, other = ours[key], theirs[key]
+        one, (other,) = ours[key], theirs.finish([theirs[key]])
         assert one.keys() == other.keys()
         for name, tensor in one.items():
             assert torch.equal(tensor, other[name].cpu()), name

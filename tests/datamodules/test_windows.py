@@ -184,11 +184,13 @@ def test_a_window_is_augmented_as_one(name):
 def test_a_window_on_the_device_is_augmented_as_one(name):
     augment = Augment([TRANSFORMS[name]()], "yuv")
     images, steering = random_windows()
-    changed, turned = augment.on_device(torch.from_numpy(images), steering, seed=3)
+    drawn, turned = augment.draw(images.shape[-3:], steering, seed=3)
+    changed = augment.on_device(torch.from_numpy(images), torch.from_numpy(drawn))
     assert changed.shape == images.shape
     for at in range(5):
         frame = torch.from_numpy(images[:, min(at, 2)].copy())
-        alone, angle = augment.on_device(frame, steering[:, at], seed=3)
+        drawn, angle = augment.draw(images.shape[-3:], steering[:, at], seed=3)
+        alone = augment.on_device(frame, torch.from_numpy(drawn))
         if at < 3:
             assert torch.equal(changed[:, at], alone)
         np.testing.assert_array_equal(turned[:, at], angle)
@@ -202,14 +204,17 @@ def test_the_batches_of_a_device_are_the_cpus(load, room):
     for rank in range(2):
         key = some(data, rank, 2)
         for name, tensor in ours[key].items():
-            assert torch.equal(on_device[key][name], tensor), name
+            assert torch.equal(on_device.finish([on_device[key]])[0][name], tensor), name
 
 
 def test_every_feed_has_the_same_batches(load):
     """A device, groups of batches, and processes that prepare them."""
     data = load(batch_size=64, **WINDOWS)
     wanted = list(data.train_dataloader())
-    groups = list(data.with_feed(torch.device("cpu"), 3).train_dataloader())
+    device = torch.device("cpu")
+    feed = data.with_feed(device, 3)
+    drawn = list(feed.train_dataloader())
+    groups = [feed.transfer_batch_to_device(group, device, 0) for group in drawn]
     assert [len(group) for group in groups[:-1]] == [3] * (len(groups) - 1)
     helped = load(batch_size=64, workers=1, **WINDOWS).train_dataloader()
     for fed in ([batch for group in groups for batch in group], list(helped)):

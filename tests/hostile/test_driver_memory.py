@@ -5,7 +5,7 @@ import contextlib
 import psutil
 import pytest
 
-from benchmarks.driver_memory import (
+from tests.hostile.attacker import (
     ATTACKS,
     HALF,
     MOST_GROWTH_MB,
@@ -13,9 +13,8 @@ from benchmarks.driver_memory import (
     Attacker,
     megabytes,
 )
-from benchmarks.driver_memory import LARGE as LONGEST
+from tests.hostile.attacker import LARGE as LONGEST
 from tests.hostile.test_driver_sessions import FINE, RED, assert_drives, closed
-from tests.zoo.command_runs import ROOT, run, succeed
 from tests.zoo.server.old_client import OldClient
 from tests.zoo.server.serve import Served
 from zoo.server.connections import MOST_HELD, MOST_QUIET_WEBSOCKETS
@@ -28,7 +27,6 @@ LARGE = {
     "whole large messages": 60,
     "missing attachments": 60,
 }
-MEASUREMENT = str(ROOT / "benchmarks" / "driver_memory.py")
 
 
 def grown(driver: Served, name: str, requests: int) -> float:
@@ -105,10 +103,3 @@ def test_a_request_that_is_itself_the_largest_is_closed(fresh: Served) -> None:
     assert_drives(fresh)
     assert fresh.stop() == 0
     assert not any("Traceback" in line or "failed" in line for line in fresh.lines)
-
-
-@pytest.mark.slow
-def test_ten_seconds_of_an_attack_are_measured() -> None:
-    """The measurement exits with 1 where a driver grows too much."""
-    printed = succeed(run(ROOT, "attack", "half-sent messages", "seconds=10", module=MEASUREMENT))
-    assert "half-sent messages" in printed

@@ -28,9 +28,13 @@ def train_here(
     folder: Path,
     *overrides: str,
     together: int | None = None,
+    captured: int | None = None,
     console: Console | None = None,
 ) -> tuple[SteeringModule, DrivingData]:
-    """Train, and return the module and the data; `together` sets the batches per step."""
+    """Train, and return the module and the data.
+
+    `together` sets the batches per step, and `captured` the size of the batches that are captured.
+    """
     base = (
         *data_of(recorded),
         "data.block_s=0.5",
@@ -41,7 +45,7 @@ def train_here(
     data = build_data(config)
     data.load(Console(quiet=True))
     folder.mkdir(exist_ok=True)
-    module, data, trainer = planned(config, data, folder, console, together)
+    module, data, trainer = planned(config, data, folder, console, together, captured)
     trainer.fit(module, datamodule=data)
     return module, data
 
@@ -59,6 +63,7 @@ def planned(
     folder: Path,
     console: Console | None = None,
     together: int | None = None,
+    captured: int | None = None,
 ) -> tuple[SteeringModule, DrivingData, lightning.Trainer]:
     """Return module, data and trainer, as the command builds them."""
     console = console or Console(quiet=True)
@@ -67,6 +72,8 @@ def planned(
     plan = make_plan(config, data, network, trainer, console)
     if together:
         plan = replace(plan, batches_per_step=together)
+    if captured:
+        plan = replace(plan, captured_batch=captured)
     module = build_module(config, network, plan, {}, console)
     set_up_process(plan.threads)
     return module, build_feed(data, plan, console), trainer

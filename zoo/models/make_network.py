@@ -159,9 +159,12 @@ class LimitedParameters(TorchFunctionMode):
 def multiply_adds(network: torch.nn.Module, shape: tuple[int, int, int]) -> int:
     """Return the multiply-adds of convolutions and dense layers for one frame."""
     images, speed = torch.zeros(1, *shape), torch.zeros(1)
+    modes = [(module, module.training) for module in network.modules()]
     network.eval()
     with torch.no_grad(), FlopCounterMode(display=False) as counter:
         frame_outputs(network, images, speed)
+    for module, training in modes:  # a training may begin with this network
+        module.training = training
     return counter.get_total_flops() // 2
 
 

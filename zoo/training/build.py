@@ -2,6 +2,7 @@
 
 import inspect
 import logging
+import math
 import os
 import warnings
 from collections.abc import Callable, Collection, Sequence
@@ -28,6 +29,7 @@ from zoo.base.written_files import note_files
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
 from zoo.keras.initial_weights import load_weights
 from zoo.models.make_network import make_network, view_of
+from zoo.training.captured_step import CapturedStep
 from zoo.training.closed_loop import MONITORED, ClosedLoop
 from zoo.training.host_settings import AUTO, FULL
 from zoo.training.plan import TrainingPlan, compile_step
@@ -128,7 +130,10 @@ def build_module(
     console: Console,
 ) -> RunModule:
     """Return the LightningModule around a network."""
-    optim = {key: v for key, v in config.optim.items() if key not in ("l2", "backbone_lr")}
+    optim, slow = dict(config.optim), config.optim.backbone_lr
+    scale = lr_scale(optim["_target_"], optim.pop("lr_batch", None), config.data.get("batch_size"))
+    rates = {"lr": optim["lr"] * scale} if "lr" in optim else {}
+    optim = {key: v for key, v in optim.items() if key not in ("l2", "backbone_lr")} | rates
     loss = construct("loss", config.loss)
     _check_spread(network, loss)
     chosen = config.get("module") or {"_target_": OWN}
@@ -141,12 +146,15 @@ def build_module(
         "optimizer": construct("optim", optim),
         "schedule": construct("schedule", config.schedule),
         "l2": config.optim.l2,
-        "backbone_lr": config.optim.backbone_lr,
+        "backbone_lr": slow and slow * scale,
         "seed": config.seed,
         "card": card,
         "skips_front": plan.features is not None,
         "compile_loss": partial(compile_step, console=console) if plan.compiled_batch else None,
         "compiled_batch": plan.compiled_batch,
+        "capture": partial(CapturedStep, size=plan.captured_batch, console=console)
+        if plan.captured_batch
+        else None,
     }
     with part_errors(part_of(chosen["_target_"])):
         module = make(**_taken(make.func, offered))
@@ -157,6 +165,16 @@ def build_module(
         except (TypeError, ValueError) as error:
             raise InputError(f"optim or schedule: {error}; correct its settings") from None
     return module
+
+
+def lr_scale(optimizer: str, lr_batch: int | None, batch_size: int | None) -> float:
+    """Return the factor on a learning rate that was chosen for batches of `lr_batch` samples.
+
+    For SGD it is the ratio of the sizes (Goyal et al. 2017, arXiv:1706.02677), for optimizers that
+    divide by the gradient's size its square root (Malladi et al. 2022, arXiv:2205.10287).
+    """
+    ratio = batch_size / lr_batch if batch_size and lr_batch else 1.0
+    return ratio if optimizer == "torch.optim.SGD" else math.sqrt(ratio)
 
 
 def _check_spread(network: nn.Module, loss: nn.Module) -> None:

@@ -23,9 +23,10 @@ from zoo.training.run_module import RunModule
 
 TARGET, HYDRA = "_target_", ("_target_", "_partial_", "_convert_", "_recursive_", "_args_")
 # Keys that the section's constructor does not take: drivezoo reads them.
-OWN = {"model": BORDER_KEYS, "trainer": OWN_KEYS, "optim": ("l2", "backbone_lr")}
+OWN = {"model": BORDER_KEYS, "trainer": OWN_KEYS, "optim": ("l2", "backbone_lr", "lr_batch")}
 BOUNDED: dict[str, Any] = dict.fromkeys(("seed", "trainer.max_epochs"), Annotated[int, Field(ge=0)])
 BOUNDED |= {"optim.l2": float, "optim.backbone_lr": float | None}
+BOUNDED["optim.lr_batch"] = Annotated[int, Field(ge=1)] | None
 BOUNDED["trainer.accumulate_grad_batches"] = Annotated[int, Field(ge=1)]
 BOUNDED |= dict.fromkeys(("optim.lr", "loss.delta", "loss.weight"), Annotated[float, Field(gt=0)])
 SET_BY_RUN = {"logger": "logger=NAME", "callbacks": "callbacks=NAME"}

@@ -14,6 +14,7 @@ from datamodules.batches import Batch
 from zoo.base.errors import InputError
 from zoo.models.layers import piece_length
 from zoo.models.memory import Memory
+from zoo.training.captured_step import CapturedStep
 from zoo.training.open_loop import open_loop_metrics
 from zoo.training.run_module import RunModule
 
@@ -40,6 +41,7 @@ class SteeringModule(RunModule):
         skips_front: whether batches hold features of the frozen layers in place of images.
         compile_loss: function that compiles the loss of a batch; None without compilation.
         compiled_batch: size of the batches whose loss is compiled.
+        capture: function from a step and an optimizer to a `CapturedStep`, for groups on a GPU.
 
     A step of Lightning's may take a list of batches, one optimizer step each (see
     `datamodules.batches`).
@@ -65,6 +67,7 @@ class SteeringModule(RunModule):
         skips_front: bool = False,
         compile_loss: Callable[[Callable], Callable] | None = None,
         compiled_batch: int | None = None,
+        capture: Callable[..., CapturedStep] | None = None,
     ) -> None:
         super().__init__(network, card)
         self.loss = loss
@@ -76,6 +79,7 @@ class SteeringModule(RunModule):
         self.skips_front, self._compiled_batch = skips_front, compiled_batch
         self._loss = self._plain_loss()
         self._compiled = compile_loss(self._loss) if compile_loss else None
+        self._capture, self._captured = capture, None
 
     def forward(self, batch: Batch) -> Tensor:
         """Return the outputs, float32 [N, outputs], steering first; of a window's newest frame."""
@@ -108,18 +112,14 @@ class SteeringModule(RunModule):
     def on_train_start(self) -> None:
         """Start the clock: an epoch that is resumed inside has no start."""
         self._clock = time.perf_counter()
+        if self._capture:
+            self._captured = self._capture(self._whole_step, self.trainer.optimizers[0])
 
     def on_train_epoch_start(self) -> None:
         """Start counting samples and loss of the epoch."""
         self._samples_before = self.train_samples
         self._loss_sum, self._loss_count = 0.0, 0
         self._clock = time.perf_counter()
-
-    def transfer_batch_to_device(self, batch: object, device: torch.device, loader: int) -> object:
-        """Return the batch on the device; Lightning would look at each tensor of a group."""
-        if device.type == "cpu":
-            return batch
-        return super().transfer_batch_to_device(batch, device, loader)
 
     def on_train_batch_start(self, batch: Batch | list[Batch], number: int) -> None:
         """Keep the group's first batches; seed dropout at the epoch's start."""
@@ -129,39 +129,57 @@ class SteeringModule(RunModule):
             # creating a loader's iterator draws too, and a resumed run creates it before.
             torch.manual_seed(self.seed * 1_000_003 + self.current_epoch * 1_009 + self.global_rank)
 
-    def training_step(self, batch: Batch | list[Batch], number: int) -> Tensor:
-        """Return the loss of the batch, or of a group's last batch."""
-        loss = self._counted_loss(batch[-1] if isinstance(batch, list) else batch)
+    def training_step(self, batch: Batch | list[Batch], number: int) -> Tensor | None:
+        """Return the loss of the batch, or of a group's last batch; None of captured steps."""
+        if self._captured and isinstance(batch, list):
+            loss = None
+            for part in batch:
+                self._count(self._captured(part), len(part["images"]))
+        else:
+            loss = self._counted_loss(batch[-1] if isinstance(batch, list) else batch)
         if number % CHECK_EVERY == 0:
             self._check_finite()
         return loss
 
     def optimizer_step(self, epoch: int, number: int, optimizer: object, closure: Callable) -> None:
         """Step for each batch of the group but the last; then take Lightning's step."""
-        if self._ahead:
-            plain = optimizer.optimizer
-            for batch in self._ahead:
-                with self.trainer.precision_plugin.train_step_context():
-                    loss = self._counted_loss(batch)
-                for group in plain.param_groups:  # zero_grad() takes longer than tiny's relu
-                    for parameter in group["params"]:
-                        parameter.grad = None
-                loss.backward()
-                plain.step()
+        if self._captured:
+            closure()
+            return
+        for batch in self._ahead:
+            self._count(self._whole_step(batch), len(batch["images"]))
         super().optimizer_step(epoch, number, optimizer, closure)
+
+    def _whole_step(self, batch: Batch) -> Tensor:
+        """Step the optimizer by a batch's loss; return it."""
+        optimizer = self.trainer.optimizers[0]
+        with self.trainer.precision_plugin.train_step_context():
+            loss = self._loss_of(batch)
+        for group in optimizer.param_groups:  # zero_grad() takes longer than tiny's relu
+            for parameter in group["params"]:
+                parameter.grad = None
+        loss.backward()
+        optimizer.step()
+        return loss.detach()
+
+    def _loss_of(self, batch: Batch) -> Tensor:
+        compiled = self._compiled and len(batch["images"]) == self._compiled_batch
+        return (self._compiled if compiled else self._loss)(batch)
+
+    def _count(self, loss: Tensor, count: int) -> None:
+        # Not summed in place: a compiled step owns the loss that it returns.
+        self._loss_sum = self._loss_sum + loss * count
+        self._loss_count += count
 
     def _counted_loss(self, batch: Batch) -> Tensor:
         count = len(batch["images"])
         if not count:  # a rank without samples returns a zero loss
             loss = sum(0.0 * p.sum() for p in self.network.parameters() if p.requires_grad)
         else:
-            compiled = self._compiled and count == self._compiled_batch
-            loss = (self._compiled if compiled else self._loss)(batch)
+            loss = self._loss_of(batch)
         if self.trainer.world_size > 1:
             return self._rank_loss(loss, self.targets_of(batch), count)
-        # Not summed in place: a compiled step owns the loss that it returns.
-        self._loss_sum = self._loss_sum + loss.detach() * count
-        self._loss_count += count
+        self._count(loss.detach(), count)
         return loss
 
     def _rank_loss(self, loss: Tensor, targets: Tensor, count: int) -> Tensor:
@@ -186,6 +204,8 @@ class SteeringModule(RunModule):
 
     def on_train_batch_end(self, *_: object) -> None:
         """Count the time of the step."""
+        if self.trainer.is_last_batch:
+            float(self._loss_sum)  # waits for the steps that a GPU has not yet taken
         # From the end of a step to the end of the next: validation and plots do not count.
         now = time.perf_counter()
         self.train_seconds += now - self._clock

@@ -6,6 +6,7 @@ from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 
+import lightning
 import pytest
 import torch
 from lightning.pytorch.loggers import TensorBoardLogger
@@ -91,6 +92,7 @@ def test_what_lightning_does_by_the_step_keeps_steps_apart(
         (("+callbacks.last.every_n_train_steps=5",), 1),
         (("+callbacks.last.train_time_interval.hours=1",), 1),
         (("+callbacks.mine._target_=lightning.pytorch.callbacks.Timer",), 1),
+        (("+callbacks.mine._target_=tests.zoo.training.test_plan.QuietCallback",), GROUP),
     ],
     ids=lambda one: one[0] if isinstance(one, tuple) and one else "",
 )
@@ -103,6 +105,12 @@ def test_what_looks_at_batches_or_steps_keeps_them_apart(
     data = build_data(config)
     data.load(Console(quiet=True))
     assert planned(config, data, tmp_path)[1].batches_per_step == count
+
+
+class QuietCallback(lightning.Callback):
+    """A user's callback that never looks at batches or steps, and says so."""
+
+    takes_groups = True
 
 
 class StepLogger(TensorBoardLogger):

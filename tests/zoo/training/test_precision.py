@@ -61,6 +61,16 @@ def test_network_processor_and_config_choose(
     assert all(part in said for part in printed) if printed else said == ""
 
 
+@pytest.mark.parametrize("model", ["lenet", "nvidia", "tiny", "cnn_gru"])
+def test_a_choice_leaves_the_network_in_training(model: str, console: Console) -> None:
+    """Lightning trains a network in the mode that it is given: in evaluation without dropout."""
+    config, network, view = network_of(f"model={model}")
+    modes = [module.training for module in network.modules()]
+    precision.choose_precision(config, network, view, console, bf16=True)
+    assert [module.training for module in network.modules()] == modes
+    assert network.training
+
+
 def test_a_sweep_chooses_for_all_its_machines(console: Console) -> None:
     given = network_of("model=nvidia")
     chosen = [precision.choose_precision(*given, console, bf16=known) for known in (True, False)]

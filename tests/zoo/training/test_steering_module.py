@@ -15,6 +15,7 @@ from tests.zoo.trainings import module_of, train_here
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.models.losses import SteeringWeightedMSE
+from zoo.models.make_network import view_of
 from zoo.training.build import build_data
 from zoo.training.open_loop import baseline_metrics, open_loop_metrics, side_response
 from zoo.training.steering_module import SteeringModule, network_targets, predict
@@ -192,3 +193,24 @@ def test_baselines_look_at_nothing() -> None:
 def test_the_side_response_is_half_of_what_the_left_camera_adds() -> None:
     assert side_response(np.array([0.3, 0.5]), np.array([-0.3, 0.1])) == pytest.approx(0.25)
     assert side_response(np.array([]), np.array([])) is None
+
+
+@pytest.mark.parametrize(
+    ("optim", "lr_batch", "batch_size", "rate"),
+    [
+        ("adam", "null", 1024, 0.001),
+        ("adam", 64, 1024, 0.004),
+        ("adam", 64, 64, 0.001),
+        ("adam", 1024, 64, 0.00025),
+        ("sgd", 64, 128, 0.02),
+    ],
+)
+def test_the_learning_rate_follows_the_batch_that_it_is_for(
+    optim: str, lr_batch: int | str, batch_size: int, rate: float
+) -> None:
+    words = ["model=tiny", f"optim={optim}", f"optim.lr_batch={lr_batch}", "optim.backbone_lr=0.1"]
+    config = OmegaConf.create(compose_config([*words, f"data.batch_size={batch_size}"]))
+    module = module_of(config, view_of(config.model, config.data.crop))
+    (group,) = module.configure_optimizers()["optimizer"].param_groups
+    assert group["lr"] == pytest.approx(rate)
+    assert module.backbone_lr == pytest.approx(rate * 0.1 / config.optim.lr)

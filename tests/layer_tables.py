@@ -1,8 +1,7 @@
-"""`python benchmarks/model_tables.py`: write the tables of layers of `docs/models` from the code.
+"""The tables of layers of `docs/models`, as the code has them.
 
 A network's page has a line `<!-- layers of NAME -->` where its table belongs, and
-`docs/models/index.md` a line `<!-- networks -->`; each table ends at its closing marker. A network
-without a page is left out.
+`docs/models/index.md` a line `<!-- networks -->`; each table ends at its closing marker.
 """
 
 import re
@@ -10,7 +9,7 @@ from pathlib import Path
 
 from torch import nn
 
-from benchmarks.measuring import markdown_table, write_between
+from benchmarks.measuring import markdown_table
 from zoo.base.compose import compose_config
 from zoo.models.efficientnet_lite0 import InvertedResidual
 from zoo.models.layers import SCALE, LogSpread, Normalize, SameConv2d
@@ -153,16 +152,3 @@ def pages_by_network(folder: Path = PAGES) -> dict[str, Path]:
 
 def _size(shape: tuple[int, ...]) -> str:
     return " x ".join(map(str, shape))
-
-
-def write_tables() -> None:
-    """Write every table into its page."""
-    pages = pages_by_network()
-    networks = [NetworkFacts(name) for name in pages]
-    write_between(PAGES / "index.md", "networks", networks_table(networks, pages))
-    for network in networks:
-        write_between(pages[network.name], f"layers of {network.name}", layer_table(network))
-
-
-if __name__ == "__main__":
-    write_tables()
