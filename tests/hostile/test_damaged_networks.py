@@ -12,7 +12,6 @@ import numpy as np
 import onnx
 import pytest
 import torch
-from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.hostile.crafted_files import lambda_with, shared_constants
@@ -42,7 +41,6 @@ from zoo.checkpoints.checkpoint import Checkpoint, doubt_members, load_checkpoin
 from zoo.checkpoints.checkpoint_policy import build_doubt, doubt_contents
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.onnx_policy import CARD, OnnxPolicy
-from zoo.hub.card import described_hash
 from zoo.keras.keras_file import check_kind, read_keras
 from zoo.keras.keras_lambda import describe_lambda, specs_of_word
 from zoo.keras.keras_layers import convert
@@ -247,12 +245,6 @@ def test_metadata_that_are_not_utf8_are_named(model: onnx.ModelProto, tmp_path: 
     (tmp_path / "x.onnx").write_bytes(whole.replace(b'"format"', b'"f\xffrmat"'))
     with pytest.raises(InputError, match=r"x\.onnx: .*metadata"):
         OnnxPolicy(tmp_path / "x.onnx")
-
-
-@given(mutated_bytes(b"---\nlicense: mit\n---\n| `x.ckpt` | SHA-256 `" + b"0" * 64 + b"` |\n"))
-def test_a_damaged_card_of_the_hub_has_a_hash_or_none(data: bytes) -> None:
-    found = described_hash(data.decode(errors="replace"))
-    assert found is None or len(found) == 64
 
 
 def parse(path: Path) -> object:

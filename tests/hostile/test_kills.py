@@ -17,6 +17,7 @@ import torch
 from tests.recordings import Written
 from tests.zoo.command_runs import command, environment, only_line, run, succeed
 from tests.zoo.trainings import SMALL
+from zoo.base.console_script import place_of
 from zoo.base.whole_file import remove_parts
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 
@@ -147,8 +148,9 @@ COMMANDS = {
     "benchmark": ("zoo.commands.benchmark", "lenet", "suite=quick", "workers=2"),
     "evaluate": ("zoo.commands.evaluate", "lenet", "seeds=4", "workers=2"),
     "record": ("zoo.commands.simulator", "record", "track=lake", "laps=3", "jobs=2"),
-    "search": ("zoo.commands.search", "lenet", "workers=2"),
 }
+if place_of("search"):  # an extra
+    COMMANDS["search"] = ("zoo.extras.research.search", "lenet", "workers=2")
 HOW = {
     "Ctrl-C": (os.killpg, signal.SIGINT),
     "SIGINT": (os.kill, signal.SIGINT),

@@ -1,6 +1,7 @@
 """Console script `drivezoo COMMAND [argument] [key=value ...]`."""
 
 import ast
+import functools
 import importlib
 import sys
 from collections.abc import Iterable
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from zoo.base.command import Command
 
 ROOT = Path(__file__).parents[2]
-# Commands, by what a user is doing.
+# Commands, by what a user is doing: of the core, and of the extras that are there.
 GROUPS = {
     "recordings": ("check", "edit", "convert", "preview"),
     "training": ("train", "correct", "import"),
@@ -35,7 +36,7 @@ ALIASES = ("doubt", "replay", "rerun", "results", "sweep")
 # Functions of commands that have another name.
 FUNCTIONS = {"train": "train_or_sweep", "import": "import_file", "list": "list_parts"}
 SWEEP_RECORD = "sweep.json"  # as zoo.training.sweep_record
-ENTRY_POINTS = "drivezoo.commands"
+ENTRY_POINTS, EXTRAS = "drivezoo.commands", "zoo.extras."
 # Kinds of `drivezoo list`: drivezoo tracks is drivezoo list tracks. A kind has its group in `conf`,
 # if it has one, and how a user types a choice.
 LISTED = {
@@ -65,8 +66,8 @@ def main() -> int:
     if name in LISTED:
         name, rest = "list", [name, *rest]
     name, rest = as_typed_below(name, rest)
-    if module := commands().get(name):
-        run_module(module, rest)
+    if place := place_of(name):
+        run_module(place.partition(":")[0], rest)
         return 0
     outside = {} if name in HELP else outside_commands()
     if name in outside:
@@ -109,15 +110,33 @@ def commands() -> dict[str, str]:
 
 
 def places() -> dict[str, str]:
-    """Return the place of each command of drivezoo, by the command's name."""
+    """Return the place of each command of drivezoo, by the command's name, in order of the help."""
     names = [name for group in (*GROUPS.values(), ALIASES) for name in group]
-    return {name: f"zoo.commands.{name}:{FUNCTIONS.get(name, name)}" for name in names}
+    return {name: place for name in names if (place := place_of(name))}
+
+
+def place_of(name: str) -> str | None:
+    """Return the place of a command: a file of `zoo/commands`, or the entry point of an extra."""
+    if name not in {*ALIASES, *(name for group in GROUPS.values() for name in group)}:
+        return None
+    place = f"zoo.commands.{name}:{FUNCTIONS.get(name, name)}"
+    if not _file_of(place).is_file():
+        place = extra_commands().get(name, "")
+    return place if place and _file_of(place).is_file() else None
+
+
+@functools.cache
+def extra_commands() -> dict[str, str]:
+    """Return the places that this package declares of its extras, by the command's name."""
+    entries = {entry.name: entry.value for entry in installed_entries(ENTRY_POINTS)}
+    return {name: value for name, value in entries.items() if value.startswith(EXTRAS)}
 
 
 def outside_commands() -> dict[str, str]:
     """Return the place of each command of other installed packages, by the command's name."""
     entries = {entry.name: entry.value for entry in installed_entries(ENTRY_POINTS)}
-    return {name: value for name, value in entries.items() if name not in (*commands(), *LISTED)}
+    known = {*commands(), *LISTED, *extra_commands()}
+    return {name: value for name, value in entries.items() if name not in known}
 
 
 def load(place: str) -> "Command[Any]":
@@ -142,7 +161,7 @@ def help_text() -> str:
     """Return the usage, and each command's purpose from its docstring, by group."""
     known, lines = places(), ["usage: drivezoo COMMAND [argument] [key=value ...]"]
     for title, group in GROUPS.items():
-        rows = [f"  {name:<12}{_purpose(known[name])}" for name in group]
+        rows = [f"  {name:<12}{_purpose(known[name])}" for name in group if name in known]
         lines += ["", title, *rows]
     if outside := outside_commands():
         lines += ["", "installed packages"]
@@ -152,9 +171,12 @@ def help_text() -> str:
 
 def _purpose(place: str) -> str:
     """Return the first line of a function's docstring, without importing its module."""
-    module, _, name = place.partition(":")
-    path = ROOT.joinpath(*module.split(".")).with_suffix(".py")
-    return _shortened(written_docstring(path, name).partition("\n\n")[0])
+    name = place.partition(":")[2]
+    return _shortened(written_docstring(_file_of(place), name).partition("\n\n")[0])
+
+
+def _file_of(place: str) -> Path:
+    return ROOT.joinpath(*place.partition(":")[0].split(".")).with_suffix(".py")
 
 
 def written_docstring(path: Path, name: str) -> str:

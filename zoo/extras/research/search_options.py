@@ -13,8 +13,8 @@ from zoo.simulator.weather import Weather, read_weather
 from zoo.simulator.world_settings import WorldSettings
 
 if TYPE_CHECKING:
-    from zoo.search.failure_map import Archive
-    from zoo.search.search_space import SearchSpace
+    from zoo.extras.research.failure_map import Archive
+    from zoo.extras.research.search_space import SearchSpace
 
 VARY = "vary"
 
@@ -66,7 +66,7 @@ class SearchOptions(TableFiles):
         Raises:
             UsageError: there is no such family, or a setting of the world is wrong.
         """
-        from zoo.search.search_space import SearchSpace
+        from zoo.extras.research.search_space import SearchSpace
         from zoo.simulator.road_family import find_family  # slow imports
 
         try:
@@ -84,7 +84,7 @@ class SearchOptions(TableFiles):
         Raises:
             UsageError: there is no such feature, or both are the same.
         """
-        from zoo.search.failure_map import Archive  # slow import
+        from zoo.extras.research.failure_map import Archive  # slow import
 
         for key, name in (("x", self.x), ("y", self.y)):
             if name not in space.features:

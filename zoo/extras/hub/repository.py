@@ -19,7 +19,7 @@ from zoo.checkpoints.checkpoint import (
     check_card,
     read_checkpoint_file,
 )
-from zoo.hub.card import CARD, HUB, described_hash
+from zoo.extras.hub.card import CARD, HUB, described_hash
 
 if TYPE_CHECKING:
     from huggingface_hub import HfApi

@@ -8,7 +8,7 @@ import pytest
 from zoo.base.errors import InputError, UsageError
 from zoo.driving.drive_log import write_drive
 from zoo.driving.drive_record import Drive, DriveRow
-from zoo.timing.loop_times import read_loop_times
+from zoo.extras.car.loop_times import read_loop_times
 
 PROFILE = """
 Part Profile Summary: (times in ms)

@@ -21,12 +21,12 @@ from zoo.driving.bootstrap import Estimate
 from zoo.driving.intervals import median_interval
 from zoo.driving.run_drives import all_drives
 from zoo.driving.scenario import Scenario
+from zoo.extras.car.loop_times import LoopTimes
+from zoo.extras.car.timing_options import TimingOptions
 from zoo.runs.plots import BLUE, GREY, ORANGE, NotebookFigure, plain_axis, save_figure
 from zoo.runs.result_table import Column, Table, interval_column, number_column, with_interval
 from zoo.runs.table_files import Result
 from zoo.scoring.evidence import other_car_line
-from zoo.timing.loop_times import LoopTimes
-from zoo.timing.timing_options import TimingOptions
 
 VERSION = 1  # of timing.json
 RESULT, PLOT = "timing.json", "timing.png"

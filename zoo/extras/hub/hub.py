@@ -80,14 +80,14 @@ def _push(named: str, repo: str, license_name: str | None, private: bool, send: 
     """Show a checkpoint and its card; write them to a folder, or send them to a repository."""
     path = find_checkpoint(named)
     with loading():
-        from zoo.hub.card import CARD, shared_files, write_files
+        from zoo.extras.hub.card import CARD, shared_files, write_files
 
     if _is_folder(repo):
         print_written(write_files(shared_files(path, None, license_name), repo))
         line = command_line(["drivezoo", "hub", "push", named, "repo=USER/NAME"])
         print_next(line, "show it for a repository")
         return
-    from zoo.hub import repository
+    from zoo.extras.hub import repository
 
     address = f"{repository.writable_hub() if send else 'repository'} {repo}"
     files = shared_files(path, repo, license_name)
@@ -105,7 +105,7 @@ def _push(named: str, repo: str, license_name: str | None, private: bool, send: 
 def _pull(repo: str, file: str | None, out: str | None) -> None:
     """Fetch a repository's checkpoint and card into a new folder."""
     from zoo.checkpoints.checkpoint import read_checkpoint_file
-    from zoo.hub.repository import fetch
+    from zoo.extras.hub.repository import fetch
     from zoo.scoring.evidence import next_drive
 
     written = fetch(repo, file, out, Console(emoji=False))

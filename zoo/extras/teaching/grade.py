@@ -7,11 +7,11 @@ from rich.console import Console
 
 from zoo.base.command import command
 from zoo.base.console_progress import loading
-from zoo.grade.grade_options import GradeOptions
-from zoo.grade.submissions import find_submissions
+from zoo.extras.teaching.grade_options import GradeOptions
+from zoo.extras.teaching.submissions import find_submissions
 
 if TYPE_CHECKING:
-    from zoo.grade.graded import Graded
+    from zoo.extras.teaching.graded import Graded
 
 # Slow imports (torch, Panda3D) come late: --help and typos answer at once.
 
@@ -35,7 +35,7 @@ def grade(folder: str, *, options: GradeOptions) -> "Graded":
     """
     submissions = find_submissions(Path(folder).expanduser())
     with loading():
-        from zoo.grade.graded import grade_class
+        from zoo.extras.teaching.graded import grade_class
     return grade_class(submissions, options, Console(emoji=False))
 
 

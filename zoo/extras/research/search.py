@@ -3,7 +3,7 @@
 from zoo.base.command import command
 from zoo.base.console_progress import loading
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.search.search_options import SearchOptions
+from zoo.extras.research.search_options import SearchOptions
 
 # Slow imports (torch, Panda3D) come late: --help and typos answer at once.
 
@@ -24,7 +24,7 @@ def search(ckpt: str, *, options: SearchOptions) -> dict:
 
     checkpoint = str(find_checkpoint(ckpt))
     with loading():
-        from zoo.search.search_report import search_and_report
+        from zoo.extras.research.search_report import search_and_report
     return search_and_report(checkpoint, options, Console(emoji=False))
 
 

@@ -12,9 +12,9 @@ from zoo.base.process_pool import Pool
 from zoo.driving.drive_record import Drive
 from zoo.driving.run_drives import all_drives
 from zoo.driving.scenario import Scenario
-from zoo.search.failure_map import Archive
-from zoo.search.search_options import SearchOptions
-from zoo.search.search_space import DAYS, Candidate, SearchSpace
+from zoo.extras.research.failure_map import Archive
+from zoo.extras.research.search_options import SearchOptions
+from zoo.extras.research.search_space import DAYS, Candidate, SearchSpace
 from zoo.simulator.track import Track
 
 BATCH = 8  # drives that are chosen together, for every number of processes

@@ -20,9 +20,14 @@ from zoo.base.new_folder import command_folder
 from zoo.base.terminal import counted, print_line, print_written, printable
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint_path import PACKAGED, packaged_names
-from zoo.grade.grade_options import GradeOptions
-from zoo.grade.submissions import Submission, warnings_of
-from zoo.grade.submitted_network import NetworkFacts, facts_file, network_facts, read_facts
+from zoo.extras.teaching.grade_options import GradeOptions
+from zoo.extras.teaching.submissions import Submission, warnings_of
+from zoo.extras.teaching.submitted_network import (
+    NetworkFacts,
+    facts_file,
+    network_facts,
+    read_facts,
+)
 from zoo.results.benchmarked import Benchmarked
 from zoo.results.marks import (
     OPEN,
@@ -230,7 +235,7 @@ def _drive(folder: Path, submission: Submission, suite: Path, minutes: float) ->
     log = folder.with_name(f"{folder.name}.txt")
     with log.open("w", encoding="utf-8") as file:
         process = start_module(
-            "zoo.grade.submitted_network",
+            "zoo.extras.teaching.submitted_network",
             str(facts_file(folder)),
             *words,
             "workers=1",

@@ -13,10 +13,10 @@ from tests.zoo.command_runs import only_line, run_here, succeed
 from tests.zoo.written_checkpoints import write_constant
 from zoo.driving.run_drives import all_drives
 from zoo.driving.scenario import Scenario
-from zoo.timing import highest_speed
-from zoo.timing.highest_speed import MEASURED, Timing, highest_speeds
-from zoo.timing.loop_times import LoopTimes
-from zoo.timing.timing_options import TimingOptions
+from zoo.extras.car import highest_speed
+from zoo.extras.car.highest_speed import MEASURED, Timing, highest_speeds
+from zoo.extras.car.loop_times import LoopTimes
+from zoo.extras.car.timing_options import TimingOptions
 
 
 def timing_of(speeds: dict[str, list[int]]) -> Timing:
@@ -70,7 +70,7 @@ def test_a_search_writes_its_figures_and_its_plot(
     (tmp_path / "times.csv").write_text("latency_ms\n100\nlost\n")
     settings = ("length=60", "quality=simple", "least=29", "roads=6", "workers=1", "out=found")
     printed = succeed(
-        run_here(tmp_path, str(checkpoint), "times.csv", *settings, module="zoo.commands.timing")
+        run_here(tmp_path, str(checkpoint), "times.csv", *settings, module="zoo.extras.car.timing")
     )
     assert printed.count("2 times, of which 1 lost") == 1
     assert printed.index("2 times, of which 1 lost") < printed.index("less than 29 mph")
@@ -86,6 +86,6 @@ def test_a_search_writes_its_figures_and_its_plot(
 def test_a_wrong_key_is_named_before_anything_is_driven(key: str, tmp_path: Path) -> None:
     (tmp_path / "times.csv").write_text("100\n")
     checkpoint = write_constant(tmp_path / "best.ckpt", 0.4)
-    result = run_here(tmp_path, str(checkpoint), "times.csv", key, module="zoo.commands.timing")
+    result = run_here(tmp_path, str(checkpoint), "times.csv", key, module="zoo.extras.car.timing")
     assert key.partition("=")[2] in only_line(result, 2)
     assert not (tmp_path / "outputs").exists()

@@ -15,7 +15,7 @@ from zoo.base.errors import InputError, UsageError, file_errors
 from zoo.base.terminal import counted
 from zoo.checkpoints.onnx_policy import INSTALL, is_onnx
 from zoo.driving.intervals import wilson_interval
-from zoo.grade.submitted_network import NetworkFacts
+from zoo.extras.teaching.submitted_network import NetworkFacts
 from zoo.results.result import Driver
 
 ENDINGS = (".ckpt", ".onnx")

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 from zoo.base.command import command
 from zoo.base.console_progress import loading
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.timing.timing_options import TimingOptions
+from zoo.extras.car.timing_options import TimingOptions
 
 if TYPE_CHECKING:
-    from zoo.timing.highest_speed import Timing
+    from zoo.extras.car.highest_speed import Timing
 
 # Slow imports (torch, Panda3D) come late: --help and typos answer at once.
 
@@ -34,12 +34,12 @@ def timing(ckpt: str, times: str, *, options: TimingOptions) -> "Timing":
     """
     from rich.console import Console
 
-    from zoo.timing.loop_times import read_loop_times
+    from zoo.extras.car.loop_times import read_loop_times
 
     checkpoint = str(find_checkpoint(ckpt))
     measured = read_loop_times(times, options.rate, options.part)
     with loading():
-        from zoo.timing.highest_speed import find_highest_speeds
+        from zoo.extras.car.highest_speed import find_highest_speeds
     return find_highest_speeds(checkpoint, measured, options, Console(emoji=False))
 
 

@@ -20,10 +20,10 @@ from zoo.commands.evaluate import evaluate_or_replay as evaluate
 from zoo.driving.drive_log import read_drive
 from zoo.driving.run_drives import all_drives
 from zoo.driving.scenario import Scenario
-from zoo.search.failure_map import Archive
-from zoo.search.search_options import SearchOptions
-from zoo.search.search_report import search_and_report
-from zoo.search.search_run import (
+from zoo.extras.research.failure_map import Archive
+from zoo.extras.research.search_options import SearchOptions
+from zoo.extras.research.search_report import search_and_report
+from zoo.extras.research.search_run import (
     Driven,
     Outcome,
     feature_distance,
@@ -31,7 +31,7 @@ from zoo.search.search_run import (
     sparseness,
     usual_features,
 )
-from zoo.search.search_space import DAYS, Candidate, SearchSpace, weather_text
+from zoo.extras.research.search_space import DAYS, Candidate, SearchSpace, weather_text
 from zoo.simulator.road_family import find_family
 from zoo.simulator.weather import CLEAR, Weather, read_weather
 
@@ -118,7 +118,7 @@ def test_the_search_is_the_same_for_every_number_of_workers(
 def test_a_wrong_option_is_named_in_one_line(
     given: str, key: str, remedy: str, checkpoint: Path, tmp_path: Path
 ) -> None:
-    result = run_here(tmp_path, str(checkpoint), given, module="zoo.commands.search")
+    result = run_here(tmp_path, str(checkpoint), given, module="zoo.extras.research.search")
     assert result.returncode == 2
     assert key in only_line(result)
     assert remedy in only_line(result)
@@ -126,14 +126,16 @@ def test_a_wrong_option_is_named_in_one_line(
 
 def test_a_feature_of_days_needs_days(checkpoint: Path, tmp_path: Path) -> None:
     result = run_here(
-        tmp_path, str(checkpoint), "weather=clear", "x=fog", module="zoo.commands.search"
+        tmp_path, str(checkpoint), "weather=clear", "x=fog", module="zoo.extras.research.search"
     )
     assert "x=fog: no such feature" in only_line(result)
 
 
 def test_a_used_folder_is_refused(checkpoint: Path, tmp_path: Path) -> None:
     (tmp_path / "kept.txt").write_text("kept")
-    result = run_here(tmp_path, str(checkpoint), f"out={tmp_path}", module="zoo.commands.search")
+    result = run_here(
+        tmp_path, str(checkpoint), f"out={tmp_path}", module="zoo.extras.research.search"
+    )
     assert result.returncode == 1
     assert "out=" in only_line(result)
     assert [one.name for one in tmp_path.iterdir()] == ["kept.txt"]

@@ -1,5 +1,6 @@
 """`drivezoo hub` against a stand-in for the Hub: what is sent, fetched and refused."""
 
+import re
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,14 +8,17 @@ from pathlib import Path
 import pytest
 import torch
 import yaml
+from hypothesis import given
 
+from tests.hostile.mutations import mutated_bytes
 from tests.zoo.command_runs import command, only_line, run_here, run_words, succeed
-from tests.zoo.hub.stand_in import StandIn, serving
+from tests.zoo.extras.hub.stand_in import StandIn, serving
 from tests.zoo.sweeps import write_run
 from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents
+from zoo.extras.hub.card import described_hash, shared_files
 
 pytest.importorskip("huggingface_hub")
 
@@ -35,7 +39,7 @@ def server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[StandIn]
 
 
 def hub(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
-    return run_here(cwd, *arguments, module="zoo.commands.hub")
+    return run_here(cwd, *arguments, module="zoo.extras.hub.hub")
 
 
 @pytest.fixture
@@ -124,7 +128,7 @@ def test_without_a_token_one_line_says_what_to_do(
 ) -> None:
     monkeypatch.delenv("HF_TOKEN")
     # In a process of its own, which reads HF_HOME: the tester may have a token.
-    words = command("zoo.commands.hub", "push", str(ran), "repo=ann/tiny", "send=true")
+    words = command("zoo.extras.hub.hub", "push", str(ran), "repo=ann/tiny", "send=true")
     result = run_words(tmp_path, *words)
     assert "hf auth login" in only_line(result)
     assert server.requests == []
@@ -216,3 +220,25 @@ def test_wrong_words_are_one_line(words: tuple[str, ...], part: str, tmp_path: P
 def test_a_folder_of_the_repository_s_name_is_not_guessed(ran: Path, tmp_path: Path) -> None:
     (tmp_path / "ann" / "tiny").mkdir(parents=True)
     assert "also a folder" in only_line(hub(tmp_path, "push", str(ran), "repo=ann/tiny"))
+
+
+@given(mutated_bytes(b"---\nlicense: mit\n---\n| `x.ckpt` | SHA-256 `" + b"0" * 64 + b"` |\n"))
+def test_a_damaged_card_of_the_hub_has_a_hash_or_none(data: bytes) -> None:
+    found = described_hash(data.decode(errors="replace"))
+    assert found is None or len(found) == 64
+
+
+def test_a_card_suggests_no_track_for_another_cars_network(tmp_path: Path) -> None:
+    path = write_constant(tmp_path / "tiny.ckpt", steering=0.0)
+    contents = read_checkpoint_file(path)
+    contents["drivezoo"]["data"]["source"] = "my car"
+    torch.save(contents, path)
+    card = shared_files(path, "ann/tub", None)["README.md"].decode()
+    assert re.search(r"drivezoo replay outputs/hub/ann/tub/\S+ FOLDER", card)
+    assert "sim=lake" not in card
+
+
+def test_a_mistyped_action_names_the_right_one(tmp_path: Path) -> None:
+    result = run_here(tmp_path, "pus", "x", module="zoo.extras.hub.hub")
+    assert result.returncode == 2
+    assert "did you mean push" in only_line(result)

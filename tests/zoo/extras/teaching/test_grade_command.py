@@ -23,10 +23,10 @@ from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_path import PACKAGED
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.commands.benchmark import benchmark
-from zoo.commands.grade import grade
-from zoo.grade import graded
-from zoo.grade.submissions import Submission, find_submissions, warnings_of
-from zoo.grade.submitted_network import (
+from zoo.extras.teaching import graded
+from zoo.extras.teaching.grade import grade
+from zoo.extras.teaching.submissions import Submission, find_submissions, warnings_of
+from zoo.extras.teaching.submitted_network import (
     IMAGES,
     NetworkFacts,
     facts_file,
@@ -397,7 +397,7 @@ def test_without_onnxruntime_nothing_is_driven(
     shutil.copytree(submitted, here / "class")
     (here / "class" / "gus.onnx").touch()
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    result = run_here(here, "class", "out=out", module="zoo.commands.grade")
+    result = run_here(here, "class", "out=out", module="zoo.extras.teaching.grade")
     assert result.returncode == 2
     assert "gus.onnx: onnxruntime" in result.stderr
     assert "pip install" in result.stderr

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from zoo.base.file_text import plot_text
+from zoo.extras.research.search_space import Feature
 from zoo.runs.plots import BLUE
-from zoo.search.search_space import Feature
 
 YELLOW = "#f2c500"
 # No failure, then shares of failures from light to dark.

@@ -20,12 +20,9 @@ from zoo.base.whole_file import json_text, write_whole
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.driving.embedded_world import ROAD
-from zoo.runs.code_fingerprint import code_fingerprint
-from zoo.runs.plots import save_figure
-from zoo.runs.result_table import Column, Table, number_column
-from zoo.search.failure_map import Archive, failure_map
-from zoo.search.search_options import SearchOptions
-from zoo.search.search_run import (
+from zoo.extras.research.failure_map import Archive, failure_map
+from zoo.extras.research.search_options import SearchOptions
+from zoo.extras.research.search_run import (
     BATCH,
     Driven,
     drive_roads,
@@ -34,7 +31,10 @@ from zoo.search.search_run import (
     sparseness,
     usual_features,
 )
-from zoo.search.search_space import SearchSpace, weather_text
+from zoo.extras.research.search_space import SearchSpace, weather_text
+from zoo.runs.code_fingerprint import code_fingerprint
+from zoo.runs.plots import save_figure
+from zoo.runs.result_table import Column, Table, number_column
 
 VERSION = 1
 RESULT, MAP, MILDEST = "search.json", "map.png", f"{ROAD}.yaml"
