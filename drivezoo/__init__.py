@@ -4,9 +4,19 @@ Importing is cheap: the functions are imported when the first is used, torch and
 renderer when one is called. It registers the Gymnasium environments, such as `drivezoo/Lake-v0`.
 """
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import zoo.simulator  # noqa: F401 - registers the environments
+try:
+    import zoo.simulator
+except ImportError as error:
+    import zoo as _found  # a user's file or folder, beside a script or a notebook, is found first
+
+    if Path(str(_found.__file__)).parents[1] == Path(__file__).parents[1]:
+        raise
+    raise ImportError(
+        f"{_found.__file__}: hides drivezoo's own package zoo; rename it, or start Python elsewhere"
+    ) from error
 from zoo import __version__
 from zoo.base.errors import InputError, StoppedError, UsageError
 

@@ -279,7 +279,7 @@ IN_THE_WAY = {
 }
 
 
-@pytest.mark.parametrize("case", IN_THE_WAY)
+@pytest.mark.parametrize("case", [case for case in IN_THE_WAY if case.partition(",")[0] in PLACES])
 def test_a_refused_output_names_a_key_that_the_command_has(
     case: str, recorded: Written, tmp_path: Path
 ) -> None:

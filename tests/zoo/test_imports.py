@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from tests.zoo.command_runs import environment
+from zoo.base.console_script import commands
 
 DRIVING = """
 import sys
@@ -44,7 +45,8 @@ TYPOS = (
 
 
 def test_a_wrong_path_is_reported_before_torch_is_imported(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", WRONG, *TYPOS]
+    typed = [words for words in TYPOS if words.partition(" ")[0] in commands()]
+    command = [sys.executable, "-c", WRONG, *typed]
     subprocess.run(command, cwd=tmp_path, env=environment(), check=True, timeout=60)
     status = next(tmp_path.glob("outputs/*/*/status.json"))
     assert json.loads(status.read_text())["status"] == "failed"

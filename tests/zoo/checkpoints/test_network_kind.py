@@ -15,6 +15,7 @@ from tests.zoo.command_runs import only_line, run_here
 from tests.zoo.keras.keras_files import write_h5, write_json, write_keras
 from tests.zoo.keras.test_keras_file import LAYERS, check_layers
 from tests.zoo.written_checkpoints import write_constant
+from zoo.base.console_script import commands
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.network_kind import IMPORTED, KINDS, network_kind
@@ -167,10 +168,12 @@ def test_a_zip_leaves_nothing_outside_and_names_itself(here: Path) -> None:
     assert not (here.parent / "model.h5").exists()
 
 
-@pytest.mark.parametrize("module", ["drive", "evaluate", "export", "search", "doctor"])
-def test_a_command_of_a_checkpoint_names_the_import(module: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "name", sorted({"drive", "evaluate", "export", "search", "doctor"} & commands().keys())
+)
+def test_a_command_of_a_checkpoint_names_the_import(name: str, tmp_path: Path) -> None:
     write_h5(tmp_path / "model.h5", LAYERS)
-    result = run_here(tmp_path, "model.h5", module=f"zoo.commands.{module}")
+    result = run_here(tmp_path, "model.h5", module=commands()[name])
     assert "drivezoo import model.h5" in (result.stdout + result.stderr)
     assert result.returncode
 

@@ -76,7 +76,6 @@ def test_keys_of_a_command_are_completed(script: Path, tmp_path: Path) -> None:
         ("drivezoo train data.spl", ["data.split=", "data.split_seed="]),
         ("drivezoo simulator rec", ["record "]),
         ("drivezoo simulator record lap", ["laps="]),
-        ("drivezoo hub pu", ["push ", "pull "]),
         ("drivezoo evaluate tiny4", ["tiny41 "]),
         ("drivezoo doctor --h", ["--help "]),
     ],
