@@ -18,12 +18,12 @@ from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo import command_runs as commands
-from tests.zoo.keras_networks import SCALED, SHORT_STRETCH, write_steering_h5
+from tests.zoo.extras.keras.keras_networks import SCALED, SHORT_STRETCH, write_steering_h5
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.compose import choices, conf_folder
 from zoo.base.console_script import LISTED
 from zoo.base.console_script import commands as drivezoo_commands
-from zoo.input_search import tied_drives
+from zoo.extras.keras import tied_drives
 
 ROOT = commands.ROOT
 PACKAGES = ("benchmarks", "datamodules", "drivezoo", "zoo")

@@ -34,7 +34,7 @@ GROUPS = {
 # train rerun=RUN; the leaderboard as Markdown; train resume=SWEEP.
 ALIASES = ("doubt", "replay", "rerun", "results", "sweep")
 # Functions of commands that have another name.
-FUNCTIONS = {"train": "train_or_sweep", "import": "import_file", "list": "list_parts"}
+FUNCTIONS = {"train": "train_or_sweep", "list": "list_parts"}
 SWEEP_RECORD = "sweep.json"  # as zoo.training.sweep_record
 ENTRY_POINTS, EXTRAS = "drivezoo.commands", "zoo.extras."
 # Kinds of `drivezoo list`: drivezoo tracks is drivezoo list tracks. A kind has its group in `conf`,

@@ -15,13 +15,15 @@ from tests.zoo.command_runs import only_line, run_here
 from tests.zoo.keras.keras_files import write_h5, write_json, write_keras
 from tests.zoo.keras.test_keras_file import LAYERS, check_layers
 from tests.zoo.written_checkpoints import write_constant
-from zoo.base.console_script import commands
+from zoo.base.console_script import commands, place_of
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.network_kind import IMPORTED, KINDS, network_kind
 from zoo.keras.keras_file import read_keras_apart
 
 Writer = Callable[[Path], object]
+
+needs_import = pytest.mark.skipif(not place_of("import"), reason="an extra imports networks")
 
 
 class Steering(nn.Module):
@@ -178,12 +180,14 @@ def test_a_command_of_a_checkpoint_names_the_import(name: str, tmp_path: Path) -
     assert result.returncode
 
 
+@needs_import
 def test_an_import_of_a_checkpoint_of_ours_is_not_needed(tmp_path: Path) -> None:
     write_constant(tmp_path / "model.h5", 0.1)
-    line = only_line(run_here(tmp_path, "model.h5", module="zoo.commands.import"))
+    line = only_line(run_here(tmp_path, "model.h5", module="zoo.extras.keras.import"))
     assert "drivezoo drive model.h5" in line
 
 
+@needs_import
 @pytest.mark.parametrize("name", ["state", "state in a checkpoint", "script"])
 def test_the_three_lines_of_the_message_drive_a_network_of_pytorch(
     name: str, here: Path, monkeypatch: pytest.MonkeyPatch
@@ -194,7 +198,7 @@ def test_the_three_lines_of_the_message_drive_a_network_of_pytorch(
     else:
         state = network.state_dict()
         torch.save(state if name == "state" else {"epoch": 3, "state_dict": state}, path)
-    line = only_line(run_here(here, "model.pth", module="zoo.commands.import"))
+    line = only_line(run_here(here, "model.pth", module="zoo.extras.keras.import"))
     _, _, code = line.partition("frame / 127.5 - 1: ")
     code = code.replace("YOUR_FILE", __name__).replace("YOUR_CLASS", Steering.__name__)
     driven = []

@@ -27,6 +27,7 @@ from tests.zoo.models.test_models_command import build
 from tests.zoo.server.serve import picture, served
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.compose import choices
+from zoo.base.console_script import place_of
 from zoo.base.errors import InputError
 from zoo.base.whole_file import write_output
 from zoo.base.written_files import OUTPUTS
@@ -508,14 +509,16 @@ def test_what_donkeycar_cannot_compute_is_refused(checkpoint: Checkpoint, words:
         donkeycar_bytes(checkpoint)
 
 
+@pytest.mark.skipif(not place_of("import"), reason="an extra reads Keras' files")
 def test_the_command_prints_what_to_set_in_donkeycar(recorded: Written, tmp_path: Path) -> None:
     write_donkeycar(tmp_path, donkeycar_layers(LINEAR, (1, 1), "linear"))
-    assert run(tmp_path, "pilot.h5", module="zoo.commands.import").returncode == 0
+    module = "zoo.extras.keras.import"
+    assert run(tmp_path, "pilot.h5", module=module).returncode == 0
     arguments = ("pilot.ckpt", "out=back.h5", f"frames={recorded.folder}")
     printed = succeed(run(tmp_path, *arguments, module="zoo.commands.export"))
     for text in ("IMAGE_W = 16", "IMAGE_H = 12", "--model back.h5 --type linear"):
         assert text in printed
-    assert run(tmp_path, "back.h5", "out=again.ckpt", module="zoo.commands.import").returncode == 0
+    assert run(tmp_path, "back.h5", "out=again.ckpt", module=module).returncode == 0
 
 
 def test_a_refused_export_leaves_nothing(tmp_path: Path) -> None:

@@ -4,10 +4,10 @@ from pathlib import Path
 
 from zoo.base.command import command
 from zoo.base.console_progress import loading
-from zoo.input_search.import_options import ImportOptions
+from zoo.extras.keras.import_options import ImportOptions
 
 # The module's name is a keyword, so no other module can import it: the code is in
-# zoo.input_search. torch, a slow import, comes late: --help and typos answer at once.
+# zoo.extras.keras. torch, a slow import, comes late: --help and typos answer at once.
 
 
 @command(name="import")
@@ -27,7 +27,7 @@ def import_file(file: str, *, options: ImportOptions) -> None:
 
     check_exists(Path(file).expanduser())
     with loading():
-        from zoo.input_search.keras_import import import_network
+        from zoo.extras.keras.keras_import import import_network
     import_network(file, options, Console(emoji=False))
 
 

@@ -19,7 +19,7 @@ from zoo.base.whole_file import write_output
 from zoo.base.written_files import checked_file
 from zoo.checkpoints.checkpoint import PREFIX, make_card
 from zoo.checkpoints.new_checkpoint import SUFFIX, checkpoint_bytes
-from zoo.input_search.combinations import (
+from zoo.extras.keras.combinations import (
     SCALES,
     USUAL_RESIZE,
     Combination,
@@ -28,16 +28,16 @@ from zoo.input_search.combinations import (
     likeliest_combination,
     read_trial_frames,
 )
-from zoo.input_search.import_options import ImportOptions
-from zoo.input_search.import_tables import (
+from zoo.extras.keras.import_options import ImportOptions
+from zoo.extras.keras.import_tables import (
     architecture_table,
     input_table,
     print_judgement,
     trials_table,
 )
-from zoo.input_search.judgement import Judgement, search
-from zoo.input_search.tied_drives import drive_tied
-from zoo.input_search.trials import Trial
+from zoo.extras.keras.judgement import Judgement, search
+from zoo.extras.keras.tied_drives import drive_tied
+from zoo.extras.keras.trials import Trial
 from zoo.keras.keras_file import KerasModel, read_keras_apart
 from zoo.keras.keras_layers import ConvertedKeras, convert
 from zoo.models.make_network import make_network

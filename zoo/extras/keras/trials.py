@@ -6,7 +6,7 @@
 4. The neighbouring crops of the best of these and its other scales, as long as one is better.
 5. The best with each way of resizing, which changes the outputs least; and `POPULAR`.
 
-`zoo.input_search.judgement` tries again, on all frames, what these cannot tell apart.
+`zoo.extras.keras.judgement` tries again, on all frames, what these cannot tell apart.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ from torch import nn
 from datamodules.view import RESIZES, View
 from zoo.base.cores import usable_cores
 from zoo.driving.run_drives import one_thread
-from zoo.input_search.combinations import (
+from zoo.extras.keras.combinations import (
     SCALES,
     Combination,
     KnownInput,

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from zoo.input_search.combinations import LEAST_ROWS
+from zoo.extras.keras.combinations import LEAST_ROWS
 from zoo.keras.keras_model import THROTTLE_RANGE
 
 Colour = Literal["rgb", "bgr", "yuv", "yuv_old", "hsv", "gray", "hsv_s"]

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from datamodules.view import RESIZES
-from zoo.input_search.combinations import POPULAR, SCALES, KnownInput, TrialFrames
-from zoo.input_search.trials import (
+from zoo.extras.keras.combinations import POPULAR, SCALES, KnownInput, TrialFrames
+from zoo.extras.keras.trials import (
     MOST_TIED,
     Network,
     Trial,

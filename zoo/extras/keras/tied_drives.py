@@ -9,9 +9,9 @@ from rich.console import Console
 from zoo.driving.metrics import cte_mean_m, interventions
 from zoo.driving.run_drives import all_drives
 from zoo.driving.scenario import Scenario
-from zoo.input_search.combinations import POPULAR
-from zoo.input_search.judgement import Driven, Judgement, judge
-from zoo.input_search.trials import Trial
+from zoo.extras.keras.combinations import POPULAR
+from zoo.extras.keras.judgement import Driven, Judgement, judge
+from zoo.extras.keras.trials import Trial
 
 # The two bends before the bridge, the bridge, the bend at the dirt road, and the sharpest bend.
 STRETCH = Scenario(track="udacity_lake", start=540.0, laps=0.47, speed=12.0)

@@ -13,9 +13,9 @@ from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from tests.recordings import recording_in_memory, write_recording
-from tests.zoo.keras_networks import write_steering_h5
+from tests.zoo.extras.keras.keras_networks import write_steering_h5
 from zoo.base.errors import InputError
-from zoo.input_search.combinations import (
+from zoo.extras.keras.combinations import (
     CROPS,
     POPULAR,
     SCALES,
@@ -28,10 +28,10 @@ from zoo.input_search.combinations import (
     read_trial_frames,
     with_each_resize,
 )
-from zoo.input_search.import_tables import print_judgement
-from zoo.input_search.judgement import Driven, Judgement, judge, search
-from zoo.input_search.keras_import import network_maker
-from zoo.input_search.trials import Trial, Trials, concordance, planned_images
+from zoo.extras.keras.import_tables import print_judgement
+from zoo.extras.keras.judgement import Driven, Judgement, judge, search
+from zoo.extras.keras.keras_import import network_maker
+from zoo.extras.keras.trials import Trial, Trials, concordance, planned_images
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert
 

@@ -6,10 +6,10 @@ from rich.console import Console
 from rich.table import Table
 
 from zoo.base.terminal import command_line
-from zoo.input_search.combinations import Combination
-from zoo.input_search.judgement import Driven, Judgement
-from zoo.input_search.tied_drives import STRETCH
-from zoo.input_search.trials import Trial
+from zoo.extras.keras.combinations import Combination
+from zoo.extras.keras.judgement import Driven, Judgement
+from zoo.extras.keras.tied_drives import STRETCH
+from zoo.extras.keras.trials import Trial
 from zoo.keras.keras_layers import LayerNote
 from zoo.runs.fitted_table import fitted_table
 from zoo.runs.result_table import Table as Columns

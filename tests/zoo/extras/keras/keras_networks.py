@@ -11,7 +11,7 @@ from datamodules.image import read_image
 from datamodules.recording import Recording
 from datamodules.view import View
 from tests.zoo.keras.keras_files import Layer, lambda_config, write_h5
-from zoo.input_search.tied_drives import STRETCH
+from zoo.extras.keras.tied_drives import STRETCH
 
 RIDGE = 10.0
 SHORT_STRETCH = replace(STRETCH, laps=0.01, quality="simple")  # 285 m take a minute

@@ -15,21 +15,21 @@ from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from tests.recordings import Written, write_recording
 from tests.zoo.command_runs import only_line, run, run_here, succeed
-from tests.zoo.keras.keras_files import lambda_config, write_h5
-from tests.zoo.keras.test_donkeycar import BINS, donkeycar_layers
-from tests.zoo.keras.test_donkeycar import write as write_donkeycar
-from tests.zoo.keras_networks import (
+from tests.zoo.extras.keras.keras_networks import (
     SCALED,
     SHORT_STRETCH,
     dense_layer,
     pilotnet_layers,
     write_steering_h5,
 )
+from tests.zoo.keras.keras_files import lambda_config, write_h5
+from tests.zoo.keras.test_donkeycar import BINS, donkeycar_layers
+from tests.zoo.keras.test_donkeycar import write as write_donkeycar
 from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.export.compiled_policy import find_compiler
-from zoo.input_search import tied_drives
+from zoo.extras.keras import tied_drives
 from zoo.models.pilotnet import PilotNet
 from zoo.server.input_checks import check_checkpoint
 
@@ -39,7 +39,7 @@ VIEW = View((60, 25), "yuv_old", (12, 40))
 def import_file(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tied_drives, "STRETCH", SHORT_STRETCH)
-        return run_here(cwd, *arguments, module="zoo.commands.import")
+        return run_here(cwd, *arguments, module="zoo.extras.keras.import")
 
 
 @pytest.fixture(scope="module")
