@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 EXTRAS = sorted(path.name for path in (ROOT / "zoo" / "extras").iterdir() if path.is_dir())
 EXTRAS = [name for name in EXTRAS if not name.startswith("_")]
 DRIVEZOO = "import sys; from zoo.base.console_script import main; sys.exit(main())"
-LEFT_OUT = shutil.ignore_patterns(".*", "outputs", "__pycache__", "_build", "dist", "docs")
+LEFT_OUT = shutil.ignore_patterns(".*", "outputs", "__pycache__", "_build", "dist")
 
 
 def without(name: str, folder: Path) -> Path:
