@@ -18,12 +18,10 @@ from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo import command_runs as commands
-from tests.zoo.extras.keras.keras_networks import SCALED, SHORT_STRETCH, write_steering_h5
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.compose import choices, conf_folder
 from zoo.base.console_script import LISTED
 from zoo.base.console_script import commands as drivezoo_commands
-from zoo.extras.keras import tied_drives
 
 ROOT = commands.ROOT
 PACKAGES = ("benchmarks", "datamodules", "drivezoo", "zoo")
@@ -251,6 +249,9 @@ def test_a_marked_command_runs(
     if "model.h5" in words:
         recording = read_recordings(str(recorded.folder))
         view = View((60, 25), "yuv_old", (12, 40))
+        from tests.zoo.extras.keras.keras_networks import SCALED, SHORT_STRETCH, write_steering_h5
+        from zoo.extras.keras import tied_drives
+
         write_steering_h5(tmp_path / "model.h5", recording, view, SCALED)
         monkeypatch.setattr(tied_drives, "STRETCH", SHORT_STRETCH)
     for name, place in places.items():
