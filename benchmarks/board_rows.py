@@ -10,11 +10,12 @@ from pathlib import Path
 from rich.console import Console
 
 from benchmarks.measuring import Rows, grouped
-from benchmarks.study_grid import PACKAGED, Entry, Study, run_logged
+from benchmarks.study_grid import PACKAGED, Entry, Files, Study, run_logged, write_files
 from benchmarks.study_tables import CELLS, of_group
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.base.whole_file import json_text, write_whole
+from zoo.checkpoints.checkpoint_path import PACKAGED as PACKAGED_FOLDER
 from zoo.results.result import DIGESTS, LEVEL_NEEDED, NAME, NEEDED, BenchmarkResult
 from zoo.results.suite import OVERALL
 from zoo.runs.metrics_file import read_metrics_file
@@ -54,12 +55,12 @@ def board_rows(study: Study, entry: Entry) -> list[Row]:
         words = ["drivezoo", "train", *study.command(entry)]
         if entry.corrects:
             words = [*CORRECT.split(), "CKPT", *entry.words]
-        keep_result(folder, shlex.join(words) if entry.words else "")
+        study.files |= kept_result(folder, shlex.join(words) if entry.words else "")
     return []
 
 
-def keep_result(folder: Path, command: str) -> None:
-    """Write the result of a folder to the board's results, with few figures of each drive.
+def kept_result(folder: Path, command: str) -> Files:
+    """Return the files of the board's results for a folder, with few figures of each drive.
 
     Args:
         folder: folder with the `result.json`.
@@ -81,9 +82,6 @@ def keep_result(folder: Path, command: str) -> None:
             f"has {wanted}; train on data=bench_v1 alone"
         )
     own = BOARDS[result.suite] / result.entry
-    own.mkdir(parents=True, exist_ok=True)
-    if command:
-        write_whole(own / COMMAND, f"{command}\n")
     names = [*NEEDED, *(LEVEL_NEEDED if result.has_levels else ())]
     drives = [
         one.model_copy(update={"figures": {name: one.figures[name] for name in names}})
@@ -101,7 +99,9 @@ def keep_result(folder: Path, command: str) -> None:
     known = set(BenchmarkResult.model_fields)
     kept = result.model_copy(update={"drives": [], "checkpoints": checkpoints})
     text = kept.model_dump_json(include=known)
-    write_whole(own / NAME, text.replace('"drives":[]', f'"drives":[\n{lines}\n]', 1) + "\n")
+    text = text.replace('"drives":[]', f'"drives":[\n{lines}\n]', 1)
+    files: Files = {own / COMMAND: f"{command}\n"} if command else {}
+    return files | {own / NAME: f"{text}\n"}
 
 
 def rows_of_board(suite: str = "v1") -> list[Row]:
@@ -205,7 +205,7 @@ def add_submission(folder: Path) -> None:
         if not path.is_file():
             raise InputError(f"{path}: does not exist; docs/benchmark.md says what it contains")
     verify(folder, result.suite, 0, 0, Console(emoji=False))
-    keep_result(folder, (folder / COMMAND).read_text().strip())
+    write_files(kept_result(folder, (folder / COMMAND).read_text().strip()))
 
 
 def board_page(rows: Rows, path: Path) -> None:
@@ -258,12 +258,11 @@ def board_page(rows: Rows, path: Path) -> None:
 
 
 def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
-    """Write the checkpoint and the facts of a network, and drive it; the facts are its rows.
+    """Drive the checkpoint of a network, and keep it with its facts, which are its rows.
 
     Raises:
         InputError: the drives failed.
     """
-    from zoo.checkpoints import checkpoint_path
     from zoo.checkpoints.checkpoint import build_checkpoint, read_checkpoint_file
     from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents
     from zoo.results.checked_result import read_result
@@ -274,7 +273,7 @@ def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
         # From `data.record`, a further training records what this one was trained on.
         contents["drivezoo"]["config"]["data"]["root"] = None
         checkpoint, data = build_checkpoint(contents, path), checkpoint_bytes(contents)
-        packaged = checkpoint_path.PACKAGED / f"{entry.name}.ckpt"
+        packaged = entry.folder / f"{entry.name}.ckpt"
         write_whole(packaged, data)
         sha256, laps = hashlib.sha256(data).hexdigest(), study.config["laps"]
         folder, workers = entry.folder / sha256[:8], f"workers={study.options.threads}"
@@ -311,6 +310,6 @@ def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
                 },
             },
         }
-        write_whole(checkpoint_path.PACKAGED / f"{entry.name}.json", json_text(facts))
-        checkpoint_path.packaged_names.cache_clear()
+        study.files[PACKAGED_FOLDER / packaged.name] = data
+        study.files[PACKAGED_FOLDER / f"{entry.name}.json"] = json_text(facts)
     return []

@@ -1,18 +1,18 @@
 """Run a study of the manual: `python benchmarks/study.py NAME [only=lenet] [seeds=3] [runs=false]`.
 
 A study is a grid of trainings and drives in `benchmarks/studies/NAME.yaml`. The command trains and
-drives what is missing, adds each measured entry to the study's CSV file, and writes its tables;
-`runs=false` writes tables alone. Runs are kept, so that an interrupted command resumes, and a
-failed entry does not stop the others. Without a name it lists the studies.
+drives what is missing, and then writes the study's CSV file and its tables; `runs=false` writes
+tables alone. Runs are kept, so that an interrupted command resumes, and a failed entry does not
+stop the others. Without a name it lists the studies.
 """
 
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from benchmarks.board_rows import BOARDS, add_submission, board_page, rows_of_board
+from benchmarks.board_rows import add_submission, board_page, rows_of_board
 from benchmarks.measuring import merge, print_table, read_csv, write_csv
-from benchmarks.study_grid import Entry, Study
+from benchmarks.study_grid import Entry, Study, write_files
 from benchmarks.study_tables import packaged, write_tables
 from zoo.base.errors import InputError
 from zoo.runs.code_fingerprint import changed_files, code_fingerprint
@@ -20,38 +20,36 @@ from zoo.runs.metrics_file import read_metrics_file
 
 CODE = "code"  # column of a row's code, by its hash
 ROOT = Path(__file__).resolve().parents[1]
-# Files that studies write: tables and figures, results of boards, and networks that come trained.
-WRITTEN = (
-    "docs/",
-    "zoo/checkpoints/packaged/",
-    *(f"{path.as_posix()}/" for path in BOARDS.values()),
-)
 
 
 def refuse_unclean(study: Study) -> None:
     """Refuse to measure figures in a checkout whose files differ from its commit.
 
     Raises:
-        InputError: a file differs that a study does not write itself.
+        InputError: a file differs.
     """
     if not study.options.drive or study.options.quick:
         return
-    for name in changed_files(ROOT):
-        if not name.startswith(WRITTEN):
-            raise InputError(
-                f"{name}: differs from the commit, so that nobody could repeat the figures; commit "
-                "it first, train alone with drive=false, or try with quick=true"
-            )
+    if changed := changed_files(ROOT):
+        raise InputError(
+            f"{changed[0]}: differs from the commit, so that nobody could repeat the figures; "
+            "commit it first, train alone with drive=false, or try with quick=true"
+        )
 
 
-def check_code(entry: Entry) -> None:
-    """Check that an entry's runs were trained by the code that drives them.
+def check_code(entry: Entry, quick: bool = False) -> None:
+    """Check that an entry's runs were trained by the code that drives them, and from a commit.
 
     Raises:
-        InputError: a run was trained by other code.
+        InputError: a run was trained by other code, or, unless `quick`, beside changed files.
     """
     for run in entry.finished:
         trained = {} if entry.corrects else read_metrics_file(run).get("code") or {}
+        if (changed := trained.get("changed")) and not quick:
+            raise InputError(
+                f"{run}: was trained while {changed[0]} differed from the commit; commit all "
+                "files, and remove the folder to train it again"
+            )
         if (code := trained.get("hash")) not in (None, code_fingerprint()["hash"]):
             raise InputError(
                 f"{run}: was trained by other code ({code}, here {code_fingerprint()['hash']}); "
@@ -68,8 +66,8 @@ def add_rows(study: Study, rows: list[dict]) -> None:
         write_csv(path, merge(before, [row | code for row in rows], **columns))
 
 
-def measure_entry(study: Study, entry: Entry) -> None:
-    """Train what is missing of an entry, drive it and add its rows.
+def measure_entry(study: Study, entry: Entry) -> list[dict]:
+    """Train what is missing of an entry, drive it and return its rows.
 
     Raises:
         InputError: a training or a drive failed.
@@ -78,30 +76,40 @@ def measure_entry(study: Study, entry: Entry) -> None:
 
     with ThreadPoolExecutor(study.options.jobs) as pool:
         list(pool.map(lambda run: study.train(entry, run), entry.runs))
-    if study.options.drive:
-        check_code(entry)
-        add_rows(study, ROWS[study.config["rows"]](study, entry))
+    if not study.options.drive:
+        return []
+    check_code(entry, study.options.quick)
+    return ROWS[study.config["rows"]](study, entry)
 
 
-def make_runs(study: Study) -> list[str]:
-    """Train and drive what is missing, and return the names of the entries that failed.
+def make_runs(study: Study) -> None:
+    """Train and drive what is missing, and write what was measured.
+
+    Committed files are written at the end: the first entry's would make the commit of the next ones
+    unclean, so that nobody could repeat them.
 
     Raises:
-        InputError: `only` names no entry, or a recording was changed.
+        InputError: `only` names no entry, a recording was changed, or an entry failed.
     """
     from benchmarks.study_data import PREPARE
 
     refuse_unclean(study)
-    chosen, failed = study.chosen(), []
+    chosen, failed, rows = study.chosen(), [], []
     if "prepare" in study.config:
         study.values |= PREPARE[study.config["prepare"]](study)
     for entry in chosen:
         try:
-            measure_entry(study, entry)
+            rows += measure_entry(study, entry)
         except InputError as error:
             print(error, file=sys.stderr, flush=True)
             failed.append(entry.name)
-    return failed
+    if failed:
+        raise InputError(
+            f"failed: {', '.join(failed)}; the same command resumes, and then writes all results; "
+            "only= names others"
+        )
+    add_rows(study, rows)
+    write_files(study.files)
 
 
 def write_results(study: Study) -> list[Path]:
@@ -139,15 +147,13 @@ def main(arguments: list[str]) -> None:
         InputError: an option is wrong, or an entry failed or could not be verified.
     """
     name, *options = arguments or ["no name given"]
-    study, failed = Study(name, options), []
+    study = Study(name, options)
     if study.values.get("add"):
         add_submission(Path(study.values["add"]))
     elif study.options.runs and "grids" in study.config:
-        failed = make_runs(study)
+        make_runs(study)
     if study.options.drive:
         print(", ".join(map(str, write_results(study))))
-    if failed:
-        raise InputError(f"failed: {', '.join(failed)}; the same command resumes")
 
 
 if __name__ == "__main__":

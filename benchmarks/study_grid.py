@@ -26,6 +26,7 @@ FOLDER = Path(__file__).parent / "studies"
 # The last epoch: no drive chooses it, and a score of the training does not change it.
 CHECKPOINT = Path("checkpoints/last.ckpt")
 PACKAGED = "packaged-"  # before the entry's name of a network that comes with drivezoo
+Files = dict[Path, str | bytes]
 NAMES = {"nvidia": "pilotnet", "tiny": "tiny41"}  # networks by the name of their recipe
 
 
@@ -112,6 +113,7 @@ class Study:
         config: contents of the YAML file.
         options: options of `StudyOptions` and of the study.
         values: values of `$name` in overrides and folders: the options, and what was prepared.
+        files: contents of the committed files that it writes, when all is measured.
     """
 
     def __init__(self, name: str, arguments: list[str]) -> None:
@@ -122,6 +124,7 @@ class Study:
         self.name, self.config = name, yaml.safe_load(path.read_text())
         self.options = read_options(_options_type(self.config.get("options", {})), arguments)
         self.values = dict(vars(self.options))
+        self.files: Files = {}
 
     def entries(self) -> list[Entry]:
         """Return all entries; one whose overrides need an option that is null is left out."""
@@ -170,7 +173,10 @@ class Study:
         """Return an entry's overrides with those of the study's `train` or `command`."""
         common = [filled(word, self.values) for word in self.config.get(keys, [])]
         quick = ["quick=true"] if self.options.quick else []
-        return [*entry.words, *map(str, common), *quick]
+        words = [*entry.words, *map(str, common), *quick]
+        if not any(word.startswith("trainer.precision=") for word in words):
+            words.append("trainer.precision=32-true")  # a study repeats on processors without bf16
+        return words
 
     def train(self, entry: Entry, run: Path) -> None:
         """Train or correct one seed of an entry, or resume that, unless it has finished.
@@ -181,8 +187,6 @@ class Study:
         if run in entry.finished or not entry.words:
             return
         keys = self.command(entry, "train")
-        if not any(word.startswith("trainer.precision=") for word in keys):
-            keys.append("trainer.precision=32-true")  # a study repeats on processors without bf16
         words = ["zoo", *keys, f"seed={run.name}", f"hydra.run.dir={run}"]
         if (run / ".hydra" / "config.yaml").is_file():
             words = ["zoo", f"resume={run}"]
@@ -262,6 +266,13 @@ SOURCES: dict[str, Callable[[], dict]] = {
     "packaged": lambda: {PACKAGED + name: () for name in packaged_names()},
     "recipes": recipes,
 }
+
+
+def write_files(files: Files) -> None:
+    """Write the committed files of a study."""
+    for path, contents in files.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, contents)
 
 
 def run_logged(log: Path, words: list[str], threads: int) -> None:

@@ -174,6 +174,7 @@ def packaged() -> list[dict]:
     """Return the facts of the networks that come trained, the smallest first."""
     from zoo.checkpoints.checkpoint_path import packaged_names, read_facts
 
+    packaged_names.cache_clear()  # the study may have written a new one
     rows = []
     for name in packaged_names():
         facts = read_facts(name)

@@ -108,8 +108,8 @@ def test_a_wrong_option_is_named(arguments: list[str], named: str) -> None:
     ("changed", "arguments", "named"),
     [
         ("zoo/policy.py", [], "zoo/policy.py: differs from the commit"),
-        ("docs/claims.csv", [], "no entry Z"),
-        ("benchmarks/board_v2/lenet/result.json", [], "no entry Z"),
+        ("docs/claims.csv", [], "docs/claims.csv: differs from the commit"),
+        ("zoo/checkpoints/packaged/lenet.ckpt", [], "lenet.ckpt: differs from the commit"),
         ("zoo/policy.py", ["quick=true"], "no entry Z"),
         ("zoo/policy.py", ["drive=false"], "no entry Z"),
     ],
@@ -117,7 +117,6 @@ def test_a_wrong_option_is_named(arguments: list[str], named: str) -> None:
 def test_figures_are_measured_from_a_commit(
     changed: str, arguments: list[str], named: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A study's own tables may have changed: it writes them while it runs."""
     monkeypatch.setattr(study, "changed_files", lambda _: [changed])
     monkeypatch.setattr(Study, "chosen", lambda _: (_ for _ in ()).throw(InputError("no entry Z")))
     with pytest.raises(InputError, match=named):
@@ -143,6 +142,11 @@ def test_a_run_of_other_code_is_not_driven(tmp_path: Path) -> None:
     trained(entry.runs[0], {"version": 1, "code": {"hash": "aaaa"}})
     with pytest.raises(InputError, match=r"was trained by other code \(aaaa, here "):
         study.check_code(entry)
+    changed = {"hash": study.code_fingerprint()["hash"], "changed": ["docs/claims.csv"]}
+    trained(entry.runs[0], {"version": 1, "code": changed})
+    with pytest.raises(InputError, match=r"while docs/claims\.csv differed from the commit"):
+        study.check_code(entry)
+    study.check_code(entry, quick=True)
 
 
 # The grid
@@ -208,15 +212,19 @@ def trained(run: Path, metrics: dict | None = None) -> None:
 def test_a_finished_run_is_not_repeated_and_a_failed_entry_not_the_last(
     pages: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    asked = []
+    asked, failing, table = [], ["lenet-mouse"], Path("outputs/first_try/first_try.csv")
+    committed = Path("kept/result.json")
 
     def run_logged(log: Path, words: list[str], threads: int) -> None:
+        assert not table.exists(), "a committed file would make the next entries' commit unclean"
+        assert not committed.exists()
         asked.append(words)
-        if "lenet-mouse" in str(log):
+        if any(name in str(log) for name in failing):
             raise InputError(f"{log}: failed")
         trained(log.parent)
 
     def row(opened: Study, entry: Entry) -> list[dict]:
+        opened.files[committed] = "{}"
         figures = {"wall_s": 60, "cpu_s": 99, "autonomy": 0.9, "interventions": 1}
         return [{**entry.labels, "seed": run.name, **figures} for run in entry.finished]
 
@@ -228,10 +236,12 @@ def test_a_finished_run_is_not_repeated_and_a_failed_entry_not_the_last(
         study.main(words)
     assert len(asked) == 12
     assert {"experiment=first_try", "seed=1"} <= set(asked[0])
-    assert len(read_csv(Path("outputs/first_try/first_try.csv"))) == 11
-    with pytest.raises(InputError):
-        study.main(words)
+    assert not table.exists()
+    failing.clear()
+    study.main(words)
     assert len(asked) == 13
+    assert len(read_csv(table)) == 12
+    assert committed.read_text() == "{}"
 
 
 def test_an_interrupted_training_is_resumed(
@@ -284,7 +294,8 @@ def write_entry(folder: Path, autonomy: float = 0.9, seeds: int = 3, **changes: 
 
 
 def add_entry(folder: Path) -> None:
-    board_rows.keep_result(folder, (folder / board_rows.COMMAND).read_text().strip())
+    command = (folder / board_rows.COMMAND).read_text().strip()
+    study_grid.write_files(board_rows.kept_result(folder, command))
 
 
 def test_an_entry_stands_in_all_pages_of_the_board(pages: Path) -> None:
@@ -316,7 +327,7 @@ def test_baselines_and_entries_of_one_training_have_no_rank(pages: Path) -> None
     expert = read_json(write_entry(pages / "expert", 1.0, seeds=1) / "result.json")
     expert["checkpoints"][0]["sha256"] = None
     write(pages / "known", expert)
-    board_rows.keep_result(pages / "known", "")
+    study_grid.write_files(board_rows.kept_result(pages / "known", ""))
     rows = board_rows.rows_of_board()
     assert list(dict.fromkeys((row["entry"], row["kind"], row["rank"]) for row in rows)) == [
         ("ranked", "ranked", "1"),
@@ -350,7 +361,7 @@ def test_a_kept_result_names_a_packaged_network_wherever_it_is_installed(pages: 
     found = read_json(write_entry(pages / "mine", seeds=1) / "result.json")
     found["checkpoints"][0]["file"] = str(PACKAGED / "lenet.ckpt")
     write(pages / "known", found)
-    board_rows.keep_result(pages / "known", "")
+    study_grid.write_files(board_rows.kept_result(pages / "known", ""))
     assert read_result(board_rows.BOARDS["v1"] / "mine").checkpoints[0].file == "lenet"
 
 
@@ -358,7 +369,7 @@ def test_a_kept_result_does_not_say_where_the_folder_is(pages: Path) -> None:
     found = read_json(write_entry(pages / "mine", seeds=1) / "result.json")
     found["checkpoints"][0]["file"] = str(pages / "outputs" / "last.ckpt")
     write(pages / "known", found)
-    board_rows.keep_result(pages / "known", "")
+    study_grid.write_files(board_rows.kept_result(pages / "known", ""))
     kept = read_result(board_rows.BOARDS["v1"] / "mine").checkpoints[0]
     assert Path(kept.file) == Path("outputs/last.ckpt")
 
@@ -437,6 +448,8 @@ def test_a_page_without_markers_is_named(pages: Path) -> None:
 def test_a_candidate_of_the_first_try_is_trained_and_driven(
     recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    # A developer's files may differ from the commit.
+    monkeypatch.setattr(study, "check_code", lambda *_: None)
     monkeypatch.chdir(tmp_path)
     opened = Study("first_try", [f"real={recorded.folder}", "only=first_try-real", "seeds=1"])
     small = ("model=tiny", "trainer.max_epochs=1", "data.samples_per_epoch=64", "score.laps=0.01")
@@ -445,7 +458,7 @@ def test_a_candidate_of_the_first_try_is_trained_and_driven(
     words = (*small, *split, f"data.root={recorded.folder}")
     monkeypatch.setattr(Study, "chosen", lambda _: [Entry(**vars(entry) | {"words": words})])
     monkeypatch.setitem(study_data.PREPARE, "student_laps", lambda _: {})
-    assert study.make_runs(opened) == []
+    study.make_runs(opened)
     with Path("outputs/first_try/first_try.csv").open(newline="") as file:
         (row,) = csv.DictReader(file)
     assert row["recording"] == "real"
