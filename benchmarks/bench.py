@@ -2,8 +2,8 @@
 
 Every part (a file here with a function `measure`) runs in its own process. The results are ratios,
 printed as one table and written to `outputs/bench.json`. `short` only checks that the parts run;
-its figures mean nothing. `docs` (or `readme`, its old name) also writes the table between the two
-markers of `docs/performance.md`. Without `KERAS_PYTHON` the part that needs Keras is skipped.
+its figures mean nothing. `docs` also writes the table between the two markers of
+`docs/performance.md`. Without `KERAS_PYTHON` the part that needs Keras is skipped.
 """
 
 import json
@@ -30,9 +30,9 @@ from zoo.base.cores import processor_name, usable_cores
 HERE = Path(__file__).parent
 OUT = Path("outputs/bench.json")
 PAGE = Path("docs/performance.md")
-PAGE_WORDS = {"docs", "readme"}
+DOCS = "docs"
 MEASURE = "measure"  # first word of a part's process
-FIRST = ("feed", "training", "tiny", "start", "cache", "growth")  # parts about training
+FIRST = ("feed", "training", "tiny", "start", "cache")  # parts about training
 LONGEST_S = 240  # of a part
 PACKAGES = ("torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
 
@@ -98,7 +98,7 @@ def main(arguments: list[str]) -> int:
     for word in arguments:
         if word.startswith("ONLY="):
             chosen += filter(None, word.removeprefix("ONLY=").split(","))
-        elif word not in {"short", *PAGE_WORDS}:
+        elif word not in {"short", DOCS}:
             console.print(f"bench: {word}: must be ONLY=PART,PART, short or docs")
             return 1
     if unknown := [name for name in chosen if name not in names]:
@@ -127,7 +127,7 @@ def main(arguments: list[str]) -> int:
     contents["rows"] = [asdict(row) | {"met": row.met} for row in rows]
     OUT.parent.mkdir(exist_ok=True)
     OUT.write_text(json.dumps(contents, indent=1) + "\n")
-    if PAGE_WORDS & set(arguments):
+    if DOCS in arguments:
         lines = [[row.what, *row.cells()] for row in rows]
         table = measuring.markdown_table(["what", *measuring.COLUMNS], lines, left=2)
         measuring.write_between(PAGE, "bench", f"{table}\n\n{facts}.")

@@ -104,17 +104,12 @@ def random_network(name: str) -> tuple[torch.nn.Module, View, dict]:
     return make_network(config["model"], view), view, config
 
 
-def random_checkpoint(name: str) -> Checkpoint:
-    """Return the untrained network of `model=name` as a checkpoint."""
-    torch.manual_seed(0)
-    network, view, config = random_network(name)
-    return Checkpoint(network.eval(), view, config, {})
-
-
 def random_policy(name: str, engine: Engine = "torch") -> CheckpointPolicy:
     """Return the untrained network of `model=name` as a policy on one thread."""
     torch.set_num_threads(1)
-    policy = CheckpointPolicy(random_checkpoint(name), engine)
+    torch.manual_seed(0)
+    network, view, config = random_network(name)
+    policy = CheckpointPolicy(Checkpoint(network.eval(), view, config, {}), engine)
     for _ in range(3):
         policy(np.zeros((160, 320, 3), np.uint8), 0.0)
     return policy

@@ -22,6 +22,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from zoo.base.file_text import csv_text
+from zoo.base.whole_file import write_whole
 from zoo.training.host_settings import limit_spinning
 
 TextRow = Mapping[str, str]  # of a study's CSV file
@@ -90,31 +92,22 @@ def read_csv(path: Path) -> list[dict[str, str]]:
 
 
 def write_csv(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
-    """Write rows with the same keys as a CSV file; the keys of the first are its header."""
+    """Write rows as a CSV file; a cell is empty where a row lacks a key."""
+    head = list(dict.fromkeys(name for row in rows for name in row))
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    write_whole(path, csv_text([head, *(map(row.get, head) for row in rows)], exact=True))
 
 
-def merge(
-    old: Rows, new: Rows, key: Sequence[str], same: Sequence[str] = (), sort: Sequence[str] = ()
-) -> list[TextRow]:
+def merge(old: Rows, new: Rows, key: Sequence[str], sort: Sequence[str] = ()) -> list[TextRow]:
     """Return rows with new ones in place of those with the same key, and further ones at the end.
 
     Args:
         old: rows of the file.
         new: rows that were measured, with values of any type.
         key: columns that tell rows apart.
-        same: columns in which all rows must agree; others of `old` are left out.
         sort: columns by whose text the rows are sorted.
     """
-    rows = {
-        tuple(row[name] for name in key): row
-        for row in old
-        if all(row[name] == str(new[0][name]) for name in same)
-    }
+    rows = {tuple(row[name] for name in key): row for row in old}
     rows |= {tuple(str(row[name]) for name in key): row for row in new}
     return sorted(rows.values(), key=lambda row: [str(row[name]) for name in sort])
 

@@ -61,7 +61,7 @@ def add_rows(study: Study, rows: list[dict]) -> None:
     """Add rows to the study's CSV file, in place of older ones of the same key."""
     if rows and "csv" in study.config:
         path, code = Path(study.config["csv"]), {CODE: str(code_fingerprint()["hash"])}
-        columns = {name: study.config.get(name, ()) for name in ("key", "same", "sort")}
+        columns = {name: study.config.get(name, ()) for name in ("key", "sort")}
         before = [{CODE: "", **row} for row in read_csv(path)]
         write_csv(path, merge(before, [row | code for row in rows], **columns))
 

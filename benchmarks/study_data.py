@@ -24,13 +24,6 @@ def recorded(config: object) -> str:
     return str(with_recording(OmegaConf.create(config), console).data.root)
 
 
-def swaying_laps(name: str, track: str, seed: int) -> str:
-    """Return the folder of laps by an expert that sways off its line, and returns."""
-    passes = [{"track": track, "direction": "both", "laps": 1, "noise": 1.0, "seed": seed}]
-    record = {"out": f"outputs/recordings/{name}", "passes": passes}
-    return recorded({"data": {"root": None, "record": record}})
-
-
 def student_laps(study: Study) -> dict[str, str]:
     """Record the laps of simulated students that the chosen entries lack."""
     for control in {entry.labels["recording"] for entry in study.chosen()} & REACTION_S.keys():

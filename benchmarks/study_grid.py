@@ -36,7 +36,6 @@ class StudyOptions:
 
     Args:
         only: names of entries, or their first parts up to `-`, separated by commas; null: all.
-        every: which entries to measure without `only`: every how many of them.
         seeds: largest number of training seeds of an entry.
         quick: whether to cut each training with `quick=true`; such entries stand on their own.
         threads: number of OpenMP threads of a training, and of processes that drive.
@@ -46,7 +45,6 @@ class StudyOptions:
     """
 
     only: str | None = None
-    every: int = 1
     seeds: int = 3
     quick: bool = False
     threads: int = 2
@@ -158,7 +156,7 @@ class Study:
         """
         known = self.entries()
         if self.options.only is None:
-            return known[:: self.options.every]
+            return known
         wanted = self.options.only.split(",")
         groups = {entry.name: entry.name.partition("-")[0] for entry in known}
         if unknown := set(wanted) - {*groups, *groups.values()}:
@@ -208,8 +206,6 @@ def _options_type(own: dict[str, Any]) -> type[StudyOptions]:
 
 
 def _type_of(value: object) -> Any:
-    if isinstance(value, list):
-        return list[type(value[0])]  # type: ignore[misc]
     return str | None if value is None else type(value)
 
 
@@ -229,24 +225,19 @@ def _words(own: str | Sequence | dict[str, str]) -> list[str]:
 def filled(text: str, values: Mapping[str, object]) -> str | None:
     """Return a text with its `$name` replaced; None if a value is None.
 
-    >>> filled("model.size=[$size]", {"size": [80, 256]}), filled("$root", {"root": None})
-    ('model.size=[80,256]', None)
+    >>> filled("data.root=$root", {"root": "lake"}), filled("$root", {"root": None})
+    ('data.root=lake', None)
     """
-    named = {name: values[name] for name in re.findall(r"\$(\w+)", text)}
-    if None in named.values():
+    if None in (values[name] for name in re.findall(r"\$(\w+)", text)):
         return None
-    given = {
-        name: ",".join(map(str, value)) if isinstance(value, list) else value
-        for name, value in named.items()
-    }
-    return Template(text).substitute(given)
+    return Template(text).substitute(values)
 
 
 def recipes() -> dict[str, tuple[str, ...]]:
     """Return the recipes of the results that are not published ones, by their name on the board."""
     found = {}
     for entry in Study("results", []).entries():
-        if entry.labels["in_table"] == "1" and not entry.labels["setting"].startswith("published"):
+        if not entry.labels["setting"].startswith("published"):
             model, _, setting = entry.name.partition("-")
             found[f"{NAMES.get(model, model)}-{setting}"] = entry.words
     return found

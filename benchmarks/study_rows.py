@@ -7,17 +7,12 @@ finished.
 import itertools
 import shlex
 from collections.abc import Callable, Iterable, Mapping
-from functools import cache
 from pathlib import Path
 
-import numpy as np
 from omegaconf import OmegaConf
 
 from benchmarks.board_rows import Row, board_rows, pretrained_rows
-from benchmarks.study_data import swaying_laps
 from benchmarks.study_grid import Entry, Study, kept
-from datamodules.image import read_image
-from datamodules.recording_format import read_recordings
 from zoo.base.bounded_files import read_json
 from zoo.driving.drive_log import summarize
 from zoo.driving.drive_record import Drive, DriveRow
@@ -27,7 +22,6 @@ from zoo.driving.speed_controller import PI, Constant, SpeedController
 from zoo.runs.metrics_file import read_metrics_file
 
 STALLED_S = 30.0
-OFFSET = 0.275  # of the side cameras' labels, also for networks trained with another one
 
 
 def per_run(measure: Callable[[Study, Entry, Path], Iterable[Row]]) -> Callable:
@@ -56,8 +50,8 @@ def command(study: Study, entry: Entry, run: Path) -> Row:
 
 
 def result_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
-    """Return a run's row: its test rows, its laps of lake and mountain, and recoveries."""
-    metrics, checkpoint = read_metrics_file(run), run / "checkpoints" / "best.ckpt"
+    """Return a run's row: its test rows, and its laps of lake and mountain."""
+    metrics = read_metrics_file(run)
     row: Row = {
         "split": OmegaConf.load(run / ".hydra" / "config.yaml").data.split,
         "parameters": metrics["parameters"],
@@ -72,45 +66,7 @@ def result_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
         driven = (metrics["drive"] or {}).get("tracks", {}).get(track)
         names = ("autonomy", "interventions", "cte_mean_m", "cte_max_m", "latency_ms")
         row |= columns(driven, f"{track}_", names)
-    figures = kept(run / "recoveries.json", lambda: recovery_figures(checkpoint))
-    yield row | columns(figures, "recoveries_", figures, 6) | command(study, entry, run)
-
-
-@cache
-def recoveries() -> tuple[np.ndarray, np.ndarray, list[list[np.ndarray]]]:
-    """Return steering and speed of every third row of the recoveries, and frames by camera.
-
-    These are laps of the lake which no training uses. The networks' own test rows differ by split
-    and by the offset of the labels: they cannot be compared.
-    """
-    recording = read_recordings(swaying_laps("recoveries", "lake", 9))
-    rows = np.arange(0, len(recording), 3)  # neighbours are alike
-    frames = [[read_image(path) for path in paths] for paths in recording.images[rows].T]
-    return recording.steering[rows], recording.speed_mph[rows], frames
-
-
-def recovery_figures(checkpoint: Path) -> dict[str, float]:
-    """Return a network's open-loop metrics on the recoveries.
-
-    `mse`, `mae` and `balanced_mae` are of the centre camera. `side_mae` is of the side cameras,
-    with the recorded steering corrected by `OFFSET` as label. `side_response` is that of
-    `zoo.training.open_loop`.
-    """
-    from zoo.checkpoints.checkpoint_policy import load_policy
-    from zoo.training.open_loop import open_loop_metrics, side_response
-
-    policy = load_policy(str(checkpoint))
-    true, speed, frames = recoveries()
-    center, left, right = (
-        np.array([policy(*pair)[0] for pair in zip(images, speed, strict=True)])
-        for images in frames
-    )
-    figures = open_loop_metrics(center, true)
-    sides = np.abs([left - (true + OFFSET), right - (true - OFFSET)])
-    figures |= {"side_mae": float(sides.mean()), "side_response": side_response(left, right)}
-    return {
-        key: figures[key] for key in ("mse", "mae", "balanced_mae", "side_mae", "side_response")
-    }
+    yield row | command(study, entry, run)
 
 
 class LapFigures(Keep):
@@ -132,25 +88,21 @@ class LapFigures(Keep):
         return {"stalled_m": round(drive.driven_m)} if self.stalled else summarize(drive)
 
 
-def lap(
-    track: str, control: str = "hold 15 mph", frame_rate: float = 15.0, laps: float = 1.0
-) -> tuple[Scenario, SpeedController | None]:
+def lap(track: str, control: str, frame_rate: float) -> tuple[Scenario, SpeedController | None]:
     """Return a drive from a track's first point, and its speed controller."""
     kind, text = control.removesuffix(" mph").split()
     value = float(text)
     if kind == "throttle":  # it starts at a standstill
-        scenario = Scenario(track, laps=laps, throttle="network", frame_rate=frame_rate)
+        scenario = Scenario(track, laps=1.0, throttle="network", frame_rate=frame_rate)
         return scenario, Constant(value)
     speed = PI(value, kp=0.5) if kind == "proportional" else None
-    return Scenario(track, laps=laps, speed=value, frame_rate=frame_rate), speed
+    return Scenario(track, laps=1.0, speed=value, frame_rate=frame_rate), speed
 
 
-def driven(
-    study: Study, entry: Entry, run: Path, **more: object
-) -> list[tuple[dict, dict[str, float]]]:
+def driven(study: Study, entry: Entry, run: Path) -> list[tuple[dict, dict[str, float]]]:
     """Return settings and figures of the drives that the study's YAML lists for a run."""
     settings = [
-        dict(zip(drives["axes"], values, strict=True)) | more
+        dict(zip(drives["axes"], values, strict=True))
         for drives in study.config["drives"]
         if all(entry.labels[key] in names for key, names in drives.get("where", {}).items())
         for values in itertools.product(*drives["axes"].values())

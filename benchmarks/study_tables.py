@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.measuring import Rows, grouped, markdown_table, write_between
-from zoo.driving.bootstrap import Estimate, mean_over_seeds
+from zoo.driving.bootstrap import mean_over_seeds
 from zoo.driving.intervals import count_with_interval
 from zoo.results.suite import OVERALL
-from zoo.runs.result_table import with_interval
 
 NOT_MEASURED = "Not measured yet."
 
@@ -104,18 +103,6 @@ def number(rows: Rows, group: str, figure: str, form: str = "", scale: int = 1) 
     return f"{value}{unit} ({low} to {high})" if low and high else f"{value}{unit}"
 
 
-def estimate(rows: Rows, key: str, form: str = "{:.4f}") -> str:
-    """Return a figure of one row with its interval; `-` without one.
-
-    >>> estimate([{"x": "0.25", "x_low": "0.2", "x_high": "0.31"}], "x", "{:.2f}")
-    '0.25 (0.20 to 0.31)'
-    >>> estimate([{"x": "", "x_low": "", "x_high": ""}], "x")
-    '-'
-    """
-    bounds = [float(rows[0][key + end] or "nan") for end in ("", "_low", "_high")]
-    return with_interval(Estimate(*bounds), form)
-
-
 def percent(rows: Rows, group: str, figure: str) -> str:
     """Return a share with its 95 % interval, in percent.
 
@@ -192,43 +179,32 @@ CELLS: dict[str, Callable[..., str]] = {
     "clean_laps": clean_laps,
     "count": lambda rows: str(len(rows)),
     "duration": duration,
-    "estimate": estimate,
     "figures": figures,
     "mean_with_interval": mean_with_interval,
     "number": number,
     "percent": percent,
-    "ratio": lambda rows, key, to: f"{np.mean(np.divide(floats(rows, key), floats(rows, to))):.2f}",
     "stalls_or_autonomy": stalls_or_autonomy,
     "text": lambda rows, form: form.format(**rows[0]) or "-",
     "trained": trained,
     "value": lambda *cell: number(*cell).partition(" (")[0],
 }
-CHOICES: dict[str, Callable[[Sequence[Rows]], list[Rows]]] = {
-    "by_frame_rate": lambda entries: sorted(entries, key=lambda rows: floats(rows, "frame_rate")),
-}
-TEXTS: dict[str, Callable[[Rows], str]] = {
-    "commands": commands,
-}
+TEXTS: dict[str, Callable[[Rows], str]] = {"commands": commands}
 
 
 def table(spec: Mapping, rows: Rows) -> str:
-    """Return a table of a study's YAML as Markdown, with what stands before and after it."""
+    """Return a table of a study's YAML as Markdown, with what stands after it."""
     groups = grouped(rows, spec.get("group", []))
-    for name in spec.get("choose", []):
-        groups = CHOICES[name](groups)
-    parts = [TEXTS[spec["before"]](rows)] if "before" in spec else []
-    if "columns" in spec and not groups:
-        parts.append(NOT_MEASURED)
-    elif "columns" in spec:
-        head = [column[0] for column in spec["columns"]]
-        lines = [
-            [CELLS[cell](group, *arguments) for _, cell, *arguments in spec["columns"]]
-            for group in groups
-        ]
-        parts.append(markdown_table(head, lines, spec.get("left", 1)))
-    if "after" in spec:
-        parts.append(TEXTS[spec["after"]](rows))
-    return "\n\n".join(parts)
+    if not groups:
+        return NOT_MEASURED
+    if "ascending" in spec:
+        groups.sort(key=lambda group: float(group[0][spec["ascending"]]))
+    head = [column[0] for column in spec["columns"]]
+    lines = [
+        [CELLS[cell](group, *arguments) for _, cell, *arguments in spec["columns"]]
+        for group in groups
+    ]
+    text = markdown_table(head, lines, spec.get("left", 1))
+    return f"{text}\n\n{TEXTS[spec['after']](rows)}" if "after" in spec else text
 
 
 def write_tables(specs: Sequence[Mapping], rows: Rows) -> list[Path]:
