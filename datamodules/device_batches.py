@@ -65,8 +65,8 @@ class DeviceBatches(Dataset):
         They are finished together, as many as `TOGETHER` images allow: a small batch costs a GPU
         less time than the program that starts its operations.
         """
-        images = max(1, group[0]["source"].shape[:2].numel())
-        count = max(1, TOGETHER // images)
+        images = len(group[0]["targets"]) * self.batches.samples.windows.sequence
+        count = max(1, TOGETHER // max(1, images))
         parts = [group[start : start + count] for start in range(0, len(group), count)]
         return [batch for part in parts for batch in self._finish(part)]
 

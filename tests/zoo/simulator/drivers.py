@@ -12,13 +12,26 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 GUID = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
 
 
+class Listening:
+    """A context manager that listens on a free port, in a thread; a subclass serves."""
+
+    def __enter__(self) -> Any:
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self.listener.getsockname()[1]}"
+        threading.Thread(target=self._serve, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.listener.close()
+
+
 @dataclass
-class RawDriver:
+class RawDriver(Listening):
     """A WebSocket server that records every frame; a context manager.
 
     It listens on a free port, in a thread, and serves one connection at a time.
@@ -37,15 +50,6 @@ class RawDriver:
     messages: list[list[str]] = field(default_factory=list)
     times: list[list[float]] = field(default_factory=list)
     requests: list[str] = field(default_factory=list)
-
-    def __enter__(self) -> "RawDriver":
-        self.listener = socket.create_server(("127.0.0.1", 0))
-        self.url = f"http://127.0.0.1:{self.listener.getsockname()[1]}"
-        threading.Thread(target=self._serve, daemon=True).start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.listener.close()
 
     @property
     def telemetry(self) -> list[str]:
@@ -98,7 +102,7 @@ class RawDriver:
 
 
 @dataclass
-class RefusingDriver:
+class RefusingDriver(Listening):
     """A server that answers every handshake with HTTP 400, as libraries of 2020 do.
 
     Attributes:
@@ -108,15 +112,6 @@ class RefusingDriver:
 
     times: list[float] = field(default_factory=list)
     left_open: int = 0
-
-    def __enter__(self) -> "RefusingDriver":
-        self.listener = socket.create_server(("127.0.0.1", 0))
-        self.url = f"http://127.0.0.1:{self.listener.getsockname()[1]}"
-        threading.Thread(target=self._serve, daemon=True).start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.listener.close()
 
     def _serve(self) -> None:
         while True:
