@@ -16,7 +16,7 @@ from tests.recordings import Written
 from tests.zoo.results.synthetic_results import ROADS, figures, result, write
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError
-from zoo.checkpoints.checkpoint_path import PACKAGED
+from zoo.checkpoints.checkpoint_path import PACKAGED, packaged_names, read_facts
 from zoo.results.baselines import BASELINES
 from zoo.results.checked_result import read_result
 
@@ -165,6 +165,14 @@ def test_a_recipe_means_its_variants_too() -> None:
     chosen = Study("board", ["only=pilotnet-with_bends,lenet", "quick=true"]).chosen()
     assert [entry.name for entry in chosen] == ["pilotnet-with_bends", "lenet", "lenet-with_bends"]
     assert chosen[1].folder == Path("outputs/board/lenet-quick")
+
+
+@pytest.mark.parametrize("name", packaged_names())
+def test_a_packaged_network_names_a_commit_that_has_its_code(name: str) -> None:
+    facts = read_facts(name)
+    assert re.fullmatch(r"[0-9a-f]{12}", facts["code"]["commit"]), "trained beside changed files"
+    assert "changed" not in facts["code"]
+    assert "trainer.precision=32-true" in facts["command"], "repeats on any processor"
 
 
 def test_a_packaged_network_has_the_boards_recipe() -> None:
