@@ -17,8 +17,8 @@ import numpy as np
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from zoo.base.bounded_files import read_json
+from zoo.base.entry_points import installed_entries
 from zoo.base.errors import InputError, UsageError, hint
-from zoo.base.parts import installed_entries
 from zoo.base.rig import UDACITY, Rig
 from zoo.base.rig_file import find_rig, named_rig, write_rig
 

@@ -8,16 +8,15 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from zoo.base.entry_points import file_of, installed_entries, is_extra
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.module_start import run_module
-from zoo.base.parts import installed_entries
 from zoo.base.run_command import run_command
 from zoo.base.terminal import command_line, printable, take_verbosity
 
 if TYPE_CHECKING:
     from zoo.base.command import Command
 
-ROOT = Path(__file__).parents[2]
 # Commands, by what a user is doing: of the core, and of the extras that are there.
 GROUPS = {
     "recordings": ("check", "edit", "convert", "preview"),
@@ -36,7 +35,7 @@ ALIASES = ("doubt", "replay", "rerun", "results", "sweep")
 # Functions of commands that have another name.
 FUNCTIONS = {"train": "train_or_sweep", "list": "list_parts"}
 SWEEP_RECORD = "sweep.json"  # as zoo.training.sweep_record
-ENTRY_POINTS, EXTRAS = "drivezoo.commands", "zoo.extras."
+ENTRY_POINTS = "drivezoo.commands"
 # Kinds of `drivezoo list`: drivezoo tracks is drivezoo list tracks. A kind has its group in `conf`,
 # if it has one, and how a user types a choice.
 LISTED = {
@@ -120,16 +119,14 @@ def place_of(name: str) -> str | None:
     if name not in {*ALIASES, *(name for group in GROUPS.values() for name in group)}:
         return None
     place = f"zoo.commands.{name}:{FUNCTIONS.get(name, name)}"
-    if not _file_of(place).is_file():
-        place = extra_commands().get(name, "")
-    return place if place and _file_of(place).is_file() else None
+    return place if file_of(place).is_file() else extra_commands().get(name)
 
 
 @functools.cache
 def extra_commands() -> dict[str, str]:
-    """Return the places that this package declares of its extras, by the command's name."""
-    entries = {entry.name: entry.value for entry in installed_entries(ENTRY_POINTS)}
-    return {name: value for name, value in entries.items() if value.startswith(EXTRAS)}
+    """Return the places of the extras' commands, by the command's name."""
+    entries = installed_entries(ENTRY_POINTS)
+    return {entry.name: entry.value for entry in entries if is_extra(entry)}
 
 
 def outside_commands() -> dict[str, str]:
@@ -172,11 +169,7 @@ def help_text() -> str:
 def _purpose(place: str) -> str:
     """Return the first line of a function's docstring, without importing its module."""
     name = place.partition(":")[2]
-    return _shortened(written_docstring(_file_of(place), name).partition("\n\n")[0])
-
-
-def _file_of(place: str) -> Path:
-    return ROOT.joinpath(*place.partition(":")[0].split(".")).with_suffix(".py")
+    return _shortened(written_docstring(file_of(place), name).partition("\n\n")[0])
 
 
 def written_docstring(path: Path, name: str) -> str:

@@ -25,12 +25,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from zoo.base.entry_points import installed_entries
 from zoo.base.errors import InputError, UsageError
-
-if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
 
 KEY, VARIABLE, GROUP = "parts", "DRIVEZOO_PARTS", "drivezoo.parts"
 MEANING = f"files, folders or modules of your own networks, losses, ...; see also {VARIABLE}"
@@ -283,19 +280,6 @@ def _modules_in(folder: Path) -> list[Path]:
 def _installed(group: str) -> tuple[Part, ...]:
     modules = sorted({entry.module for entry in installed_entries(group)})
     return tuple(Part(name, conf=_conf_in(_package_folder(name))) for name in modules)
-
-
-def installed_entries(group: str) -> list[EntryPoint]:
-    """Return a group's entry points of installed packages."""
-    from importlib.metadata import entry_points  # slow import
-
-    # Python also reads the packages' files in the current folder, which may be a downloaded one.
-    here = Path.cwd()
-    return [
-        entry
-        for entry in entry_points(group=group)
-        if entry.dist and Path(str(entry.dist.locate_file(""))).resolve() != here
-    ]
 
 
 def _package_folder(module: str) -> Path | None:
