@@ -290,12 +290,14 @@ def config_groups() -> list[str]:
     return [name for name in folders if name not in OTHER_GROUPS]
 
 
-def compose_config(overrides: list[str]) -> dict:
+def compose_config(overrides: list[str]) -> dict[str, Any]:
     """Return the config of `drivezoo train *overrides` as plain containers."""
     return compose_with_choices(overrides)[0]
 
 
-def compose_with_choices(overrides: list[str]) -> tuple[dict, dict[str, str | None]]:
+def compose_with_choices(
+    overrides: list[str],
+) -> tuple[dict[str, Any], dict[str, str | None]]:
     """Return the config of `drivezoo train *overrides`, and the chosen name of each group."""
     from hydra import compose, initialize_config_dir
     from omegaconf import OmegaConf
@@ -303,9 +305,10 @@ def compose_with_choices(overrides: list[str]) -> tuple[dict, dict[str, str | No
     conf = initialize_config_dir(str(conf_folder().resolve()), version_base="1.3")
     with one_line_errors(overrides), conf:
         composed = compose("config", overrides, return_hydra_config=True)
-        chosen = OmegaConf.to_container(composed.hydra.runtime.choices)
-        config = OmegaConf.masked_copy(composed, [key for key in composed if key != "hydra"])
-        return OmegaConf.to_container(config, resolve=True), chosen
+        chosen: Any = OmegaConf.to_container(composed.hydra.runtime.choices)
+        config = OmegaConf.masked_copy(composed, [str(key) for key in composed if key != "hydra"])
+        container: Any = OmegaConf.to_container(config, resolve=True)
+    return container, chosen
 
 
 def config_help(arguments: Sequence[str]) -> str:
@@ -331,13 +334,13 @@ def key_comments(chosen: Mapping[str, str | None]) -> dict[str, str]:
     """
     files = [("score", conf_folder() / "world" / "embedded.yaml")]
     for group in config_groups():
-        names = sorted(choices(group), key=lambda name, group=group: name == chosen.get(group))
-        paths = choice_files(group)
-        files += [(group, paths[name]) for name in names]
-    found = {}
+        paths, preferred = choice_files(group), chosen.get(group)
+        names = [*(name for name in sorted(paths) if name != preferred), preferred]
+        files += [(group, paths[name]) for name in names if name in paths]
+    comments: dict[str, str] = {}
     for package, path in [*files, ("", conf_folder() / "config.yaml")]:
         text = path.read_text(encoding="utf-8")
         header = _PACKAGE.match(text)
         prefix = f"{header['package'] if header else package}.".lstrip(".")
-        found |= comments_of(text, prefix)
-    return found
+        comments |= comments_of(text, prefix)
+    return comments

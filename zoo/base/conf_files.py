@@ -39,14 +39,15 @@ def part_folders() -> list[Path]:
     Raises:
         InputError: a file's part has a YAML file of the same group and name as drivezoo.
     """
-    parts = [one for one in named_parts() if one.conf and not is_conf_folder(one.conf)]
-    for folder in dict.fromkeys(one.conf for one in parts if one.file):
+    parts = [(part.conf, part.file) for part in named_parts() if part.conf]
+    parts = [(folder, file) for folder, file in parts if not is_conf_folder(folder)]
+    for folder in dict.fromkeys(folder for folder, file in parts if file):
         for path in sorted(folder.glob("*/*.yaml")):
             if (conf_folder() / path.relative_to(folder)).exists():
                 raise InputError(
                     f"{path}: drivezoo has {path.parent.name}={path.stem}; rename the file"
                 )
-    return list(dict.fromkeys(one.conf for one in parts))
+    return list(dict.fromkeys(folder for folder, _ in parts))
 
 
 def choices(group: str) -> list[str]:
@@ -66,8 +67,9 @@ def trainer_arguments() -> tuple[str, ...]:
 
     They are read from its source, since an import takes seconds.
     """
-    (folder,) = importlib.util.find_spec("lightning").submodule_search_locations
-    source = Path(folder, "pytorch", "trainer", "trainer.py").read_text(encoding="utf-8")
+    spec = importlib.util.find_spec("lightning")
+    folder = Path(str(spec and spec.origin)).parent
+    source = (folder / "pytorch" / "trainer" / "trainer.py").read_text(encoding="utf-8")
     functions = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef))
     called = next(node for node in functions if node.name == "__init__")
     yaml = comments_of((conf_folder() / "trainer" / "default.yaml").read_text(encoding="utf-8"))

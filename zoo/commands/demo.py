@@ -66,7 +66,7 @@ def demo() -> None:
             raise InputError(f"could not {stage}; see the error above")
         table.add_row(stage, f"{time.perf_counter() - began:.0f}")
     console.print(table)
-    written = [
+    written: list[str | Path] = [
         best,
         run / "lap.mp4",
         run / "report" / "index.html",
@@ -75,8 +75,8 @@ def demo() -> None:
         drive,
     ]
     # With score=none there are no drives.
-    found = [path for path in written if Path(path).exists()]
-    print_written(found, ["drive", best, "sim=lake"], console)
+    there = [path for path in written if Path(path).exists()]
+    print_written(there, ["drive", best, "sim=lake"], console)
 
 
 if __name__ == "__main__":

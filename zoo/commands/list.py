@@ -4,7 +4,7 @@ import importlib.util
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from zoo.base.command import command
 from zoo.base.command_keys import help_row
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 CHECKPOINTS = "checkpoints"  # networks that come trained
 METRICS, MODELS = "metrics", "models"
-Kind = Literal[tuple(LISTED)]
+# The choices are read at run time, where a type checker cannot follow.
+Kind: TypeAlias = Literal[tuple(LISTED)]  # type: ignore[valid-type]
 OWN = ("zoo", "datamodules")
 _USAGE = re.compile(r"(@package|python -m|drivezoo|pip install) ")
 _TARGET = re.compile(r"^\s*_target_: *(\S+)", re.MULTILINE)
@@ -113,7 +114,7 @@ def packaged_description(facts: Mapping[str, Any]) -> str:
 def description(path: Path) -> str:
     """Return the first sentence on a choice: of its YAML's comment, or its class's docstring."""
     text = path.read_text(encoding="utf-8")
-    comment = []
+    comment: list[str] = []
     for line in text.splitlines():
         if not line.startswith("# ") or (comment and _USAGE.match(line, 2)):
             break

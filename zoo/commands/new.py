@@ -4,6 +4,7 @@ import importlib.util
 import keyword
 import os
 import re
+from collections.abc import Container
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -149,7 +150,9 @@ def _check_free(name: str, kind: str) -> None:
     from zoo.scoring.robustness import PERTURBATIONS
 
     group, files = KINDS[kind].group, KINDS[kind].files.values()
-    registered = {"metric": METRICS, "perturbation": PERTURBATIONS, "rig": RIGS}.get(kind, ())
+    registries: dict[str, Container[str]]
+    registries = {"metric": METRICS, "perturbation": PERTURBATIONS, "rig": RIGS}
+    registered = registries.get(kind, ())
     if name in registered or (group is not None and name in choices(group)):
         raise UsageError(f"{name}: there is a {kind} of that name; choose another name")
     if "$here$name.py" in files and importlib.util.find_spec(name) is not None:

@@ -91,11 +91,11 @@ def differences(then: object, now: object, name: str = "") -> tuple[list[Differe
         children = [(str(place), *pair) for place, pair in enumerate(zip(then, now, strict=True))]
     else:
         return ([] if then == now else [(name, then, now)]), 1
-    found, count = [], 0
-    for key, one, other in children:
-        more, compared = differences(one, other, f"{name}.{key}" if name else key)
-        found, count = found + more, count + compared
-    return found, count
+    pairs = [
+        differences(before, after, f"{name}.{key}" if name else key)
+        for key, before, after in children
+    ]
+    return [pair for differing, _ in pairs for pair in differing], sum(count for _, count in pairs)
 
 
 def place_of(run: Path) -> Path:
@@ -152,14 +152,15 @@ def _report(then: dict, now: dict, out: Path) -> None:
     for key in ("threads", "precision"):
         if then.get(key) != now.get(key):
             print(f"{key}: {then.get(key)} then, {now.get(key)} now")
-    found, count = differences(*({key: one.get(key) for key in COMPARED} for one in (then, now)))
-    for name, before, after in found:
-        print(f"{name}: {before} then, {after} now")
-    if not found:
+    before, after = ({key: figures.get(key) for key in COMPARED} for figures in (then, now))
+    differing, count = differences(before, after)
+    for name, *values in differing:
+        print(f"{name}: {values[0]} then, {values[1]} now")
+    if not differing:
         print(f"equal: all {count} figures, to the digit")
-    print_written([out], [] if found else ["report", out])
-    if found:
-        raise InputError(f"{len(found)} of {count} figures differ")
+    print_written([out], [] if differing else ["report", out])
+    if differing:
+        raise InputError(f"{len(differing)} of {count} figures differ")
 
 
 def _code(code: dict) -> str:

@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from zoo.base.command import command, is_help
+from zoo.base.command import Command, command, is_help
 from zoo.base.errors import UsageError, hint
 from zoo.base.run_command import exit_after
 from zoo.simulator.command_options import ClientOptions, DriveOptions, RecordOptions, ServeOptions
@@ -77,7 +78,12 @@ def serve(*, options: ServeOptions) -> None:
     serve(options)
 
 
-COMMANDS = {"record": record, "drive": drive, "client": client, "serve": serve}
+COMMANDS: dict[str, Command[Any]] = {
+    "record": record,
+    "drive": drive,
+    "client": client,
+    "serve": serve,
+}
 
 
 def simulator(arguments: Sequence[str]) -> None:

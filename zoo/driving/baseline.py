@@ -5,11 +5,12 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from zoo.checkpoints.policy_base import Policy, as_policy
+from zoo.driving.embedded_world import EmbeddedWorld
 from zoo.driving.run_drives import PolicyMaker
 from zoo.driving.scenario import Scenario
 from zoo.driving.world import World
@@ -40,7 +41,7 @@ class Baseline(PolicyMaker):
         if self.name in ("zero", "mean"):
             steering = 0.0 if self.name == "zero" else float(self.mean_steering or 0.0)
             return as_policy(lambda frame, mph: (steering, None))
-        simulated = world.simulated
+        simulated = cast(EmbeddedWorld, world).simulated  # other worlds have no such baseline
         if self.name == "human":
             return as_policy(by_hand(simulated.frame_s))
         expert = Expert(simulated.track)

@@ -135,14 +135,16 @@ class Warp:
     def _place(self, right_m: float, heading_rad: float) -> np.ndarray:
         """Return the moved centre camera's metres right, up and ahead of the recorded car."""
         turn = camera_matrix(0, np.degrees(heading_rad), 0)
-        return turn @ _place_m(self._rig.cameras["center"]) + (right_m, 0.0, 0.0)
+        centre: np.ndarray = turn @ _place_m(self._rig.cameras["center"])
+        return centre + (right_m, 0.0, 0.0)
 
     def _unseen(self, camera: str, maps: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """Return the pixels that the camera's bonnet or borders hide, bool [N]."""
         x, y = (np.rint(one).astype(np.int32) for one in maps)
         outside = (x < 0) | (x >= self._width) | (y < 0) | (y >= self._height)
         at = np.where(outside, 0, y * self._width + x)
-        return outside | self._hidden[camera][at]
+        unseen: np.ndarray = outside | self._hidden[camera][at]
+        return unseen
 
     def _remap(self, frame: np.ndarray, maps: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """Return the frame's colours at N positions, uint8 [N, 3]."""

@@ -5,6 +5,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -66,7 +67,7 @@ def drive(
     policy.reset()
     meter = latency_meter(policy)
     tied = policy.tied or world.tied
-    facts = {"lane_m": DEFAULT_MARGIN_M, "tied": tied} | world.facts(scenario)
+    facts: dict[str, Any] = {"lane_m": DEFAULT_MARGIN_M, "tied": tied} | world.facts(scenario)
     if scenario.margin is not None:
         facts["lane_m"] = scenario.margin
     rows: list[DriveRow] = []

@@ -3,7 +3,7 @@
 import importlib
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -60,7 +60,8 @@ class EnvironmentWorld(World):
         Raises:
             InputError: the environment fails, or is not what its mapping says.
         """
-        self.track, self.shape = scenario.track, None
+        self.track = scenario.track
+        self.shape: tuple[int, ...] | None = None
         self.steps, self.episodes, self.rewards = 0, 0, 0.0
         self.sources: dict[str, Any] = {"env": self.environment.unwrapped}
         state = self._begin(seed=scenario.seed)
@@ -72,6 +73,7 @@ class EnvironmentWorld(World):
     def frame(self, camera: str = "center") -> np.ndarray:
         """Return the image, uint8 [H, W, 3] RGB."""
         place = self.known.image if camera == "center" else f"observation.{camera}"
+        image: np.ndarray
         image = self._call(self.environment.render) if place == "render" else self._value(place)
         shape, kind = np.shape(image), getattr(image, "dtype", type(image).__name__)
         if kind != np.uint8 or len(shape) != 3 or shape[2] != 3:
@@ -86,7 +88,7 @@ class EnvironmentWorld(World):
 
     def step(self, steering: float, throttle: float) -> State:
         """Take a step; the drive is done when the episode is, but for an intervention."""
-        known, space = self.known, self.environment.action_space
+        known, space = self.known, cast("gymnasium.spaces.Box", self.environment.action_space)
         action = np.zeros(space.shape, np.float32)
         brake = max(-throttle, 0.0)
         values = (steering, throttle if known.brake is None else throttle + brake, brake)
@@ -210,12 +212,13 @@ def _convention(
     places = {name: f"info.{key}" for name, key in names.items() if key in info}
     if "speed" in parts or "speed_mph" in info:
         places["speed"] = "observation.speed" if "speed" in parts else "info.speed_mph"
+    quantities: dict[str, Any] = {key: Quantity(place=value) for key, value in places.items()}
     return Environment(
         env="",
         image="observation.image" if parts else "observation",
         throttle=Control(component=1) if environment.action_space.shape != (1,) else None,
         interventions=("info.hit",) if "hit" in info else (),
-        **{name: Quantity(place=place) for name, place in places.items()},
+        **quantities,
     )
 
 

@@ -117,6 +117,8 @@ class ReplayWorld(World):
         InputError: the recording has no rig, no times or no speed, or is too short.
     """
 
+    rig: Rig
+
     def __init__(
         self,
         recording: Recording,
@@ -125,13 +127,13 @@ class ReplayWorld(World):
         stretches: Sequence[np.ndarray] | None = None,
     ) -> None:
         names = ", ".join(recording.names)
-        if recording.rig is None:
+        if (rig := recording.rig) is None:
             raise InputError(
                 f"{names}: the rig is unknown, so that it cannot be replayed; describe camera and "
                 "car in rig.yaml beside it or in data.rig=FILE (drivezoo new rig my_car), or name "
                 f"a known one, {RIG_KEYS}"
             )
-        self.rig, self.stretches, self.speed_mph = recording.rig, stretches, speed_mph
+        self.rig, self.stretches, self.speed_mph = rig, stretches, speed_mph
         self.recording = with_speed(recording, speed_mph)
         self.elapsed_s = seconds_of_rows(self.recording, frame_rate)
         if stretches is not None:

@@ -111,7 +111,7 @@ def run_drives(
             pool = stack.enter_context(
                 opened_cluster(executor) if is_cluster else opened_pool(workers, most=len(jobs))
             )
-        shown = {}
+        shown: dict[str, Any] = {}
         if what and console is not None:
             shown["show"] = stack.enter_context(progress_bar(what, console))
         yield from run_jobs(pool, _drive_once, jobs, **shown)

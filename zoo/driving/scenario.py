@@ -50,7 +50,7 @@ class Scenario(WorldSettings):
     speed: SpeedMph = 15.0
     margin: Margin | None = None
     throttle: Throttle = "hold"
-    weather: Weather | str = field(default=CLEAR, kw_only=True)
+    weather: Weather | str = field(default=CLEAR, kw_only=True)  # type: ignore[assignment] # wider
     offset: float = 0.0
     heading: float = 0.0
     start: float | None = None

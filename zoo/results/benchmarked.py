@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 from rich.box import SIMPLE_HEAD
@@ -266,10 +267,11 @@ def print_result(result: BenchmarkResult, console: Console) -> None:
     shown = groups_table(result).short().narrow()
     cells = [replace(one, heading=printable(one.heading)) for one in shown.columns]
     title = printable(f"{result.entry}, suite {result.suite}")
-    style = {"title": Text(title), "caption": CAPTION, "caption_justify": "left"}
-    console.print(Table(cells).printed(left=1, box=SIMPLE_HEAD, pad_edge=False, **style))
+    style: dict[str, Any] = {"box": SIMPLE_HEAD, "pad_edge": False}
+    titled = style | {"title": Text(title), "caption": CAPTION, "caption_justify": "left"}
+    console.print(Table(cells).printed(left=1, **titled))
     if levels := levels_table(result):
-        console.print(levels.printed(left=1, box=SIMPLE_HEAD, pad_edge=False), highlight=False)
+        console.print(levels.printed(left=1, **style), highlight=False)
     lines = [*difference_lines(result), overall_line(result)]
     lines += filter(None, [tied_line([driver.model_dump() for driver in result.checkpoints])])
     for line in (*lines, f"digest of the drives: {result.digest}"):

@@ -184,7 +184,7 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
     for line in caveats(result):
         console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
     by_road = {drive.key: drive for drive in found.drives}
-    numbers = range(len(result.drives))
+    numbers = list(range(len(result.drives)))
     if drives:
         numbers = sorted(random.sample(numbers, min(drives, len(numbers))))
     recorded = [result.drives[number] for number in numbers]
@@ -238,7 +238,7 @@ def difference_line(old: DriveRecord, new: DriveRecord) -> str:
     figures = [
         f"{name} {first:g} -> {second:g} (by {abs(second - first):.2g})"
         for name, (first, second) in pairs.items()
-        if first != second
+        if first is not None and second is not None and first != second
     ]
     what = "; ".join(figures) or "the figures are equal, rows differ"
     return f"{old.group} {old.track}: digest {old.digest} -> {new.digest}; {what}"

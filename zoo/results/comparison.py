@@ -73,7 +73,7 @@ class ComparedEntries(Result):
     @property
     def lines(self) -> list[str]:
         """Return the verdict over all groups, what limits it, and what is needed to tell."""
-        name, overall = next(reversed(self.groups.items()))
+        name, overall = list(self.groups.items())[-1]
         where = counted(overall.roads, "road") + f" of group {name}" * (name != OVERALL)
         first, second = (f"{one[self._score]:.1%}" for one in (overall.a, overall.b))
         what = SCORES[self._score]

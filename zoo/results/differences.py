@@ -206,11 +206,12 @@ def in_order(entries: Sequence[Entry]) -> list[Entry]:
 
     def key(entry: Entry) -> tuple[int, float]:
         figures = overall(entry.result)
-        rate = figures["interventions_per_km"].value
+        name, sign = "interventions_per_km", 1
         if entry.result.has_levels:
-            rate = -figures[entry.result.score].value
+            name, sign = entry.result.score, -1
+        value = figures[name].value
         kinds = (RANKED, ONE_SEED, BASELINE)
-        return kinds.index(entry.kind), math.inf if rate is None else rate
+        return kinds.index(entry.kind), math.inf if value is None else sign * value
 
     return sorted(entries, key=key)
 
@@ -235,7 +236,8 @@ def _p_value(a: Entry, b: Entry, roads: list[Road], paired: bool) -> float:
     """Return the p-value of the difference in the scores; 1 for too few places."""
     if not _has_interval(roads):
         return 1.0
-    return p_value(_difference(*_scores(a, b, roads, paired), paired), *clusters(roads))
+    scores_a, scores_b = _scores(a, b, roads, paired)
+    return p_value(_difference(scores_a, scores_b, paired), *clusters(roads))
 
 
 def _scores(a: Entry, b: Entry, roads: list[Road], paired: bool) -> list[np.ndarray]:
@@ -328,9 +330,9 @@ def seeds_needed(a: np.ndarray, b: np.ndarray) -> Needed:
 def _by_place(table: np.ndarray, places: Sequence[str]) -> np.ndarray:
     """Return drives [seeds, drives] as places [seeds, places] with the same mean."""
     order = list(dict.fromkeys(places))
-    found = np.zeros((len(table), len(order)))
-    np.add.at(found, (slice(None), [order.index(place) for place in places]), table)
-    return found * len(order) / len(places)
+    sums = np.zeros((len(table), len(order)))
+    np.add.at(sums.T, [order.index(place) for place in places], table.T)
+    return sums * len(order) / len(places)
 
 
 def _variances(figures: np.ndarray) -> tuple[float, float]:

@@ -211,7 +211,9 @@ def _missed_groups(reached: Sequence[Reached]) -> list[str]:
 def _worst_first(result: BenchmarkResult, group: str) -> list[DriveRecord]:
     drives = drives_of(result.drives, group)
     return sorted(
-        drives, key=lambda one: (-one.figures["interventions"], -one.figures["cte_mean_m"])
+        drives,
+        key=lambda drive: (drive.figures["interventions"], drive.figures["cte_mean_m"]),
+        reverse=True,
     )
 
 

@@ -111,7 +111,8 @@ def _entry(runs: Sequence[Scored], shared: set[str]) -> Entry:
 
 
 def _spread(values: Sequence[float | None]) -> Spread | None:
-    return None if None in values else mean_and_deviation(values)
+    numbers = [value for value in values if value is not None]
+    return mean_and_deviation(numbers) if len(numbers) == len(values) else None
 
 
 def _order(entry: Entry) -> tuple:

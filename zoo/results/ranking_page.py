@@ -144,8 +144,10 @@ class Ranking(Result):
         settings = setting_columns(entries)
         shown = [in_one_column(settings)] if len(settings) > FEW else settings
         names = [*named_columns(entries, self.under), *shown, seeds_column(entries)]
+        cells: list[list[tuple[str, float | None]]]
         cells = [[(cell, None) for cell in column.cells] for column in names]
         cells += [list(zip(one.texts, one.values, strict=True)) for one in figures]
+        axes: list[dict[str, str | bool]]
         axes = [{"key": one.name, "heading": one.name, "kind": "setting"} for one in settings]
         axes += [
             {

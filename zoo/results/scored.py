@@ -131,16 +131,19 @@ def read_scored(
         runs: folders of runs.
         drives: folders of drives, evaluations and results of the benchmark.
     """
-    scored, unranked = [], []
+    jobs: list[tuple[Path, Callable[[Path], Scored | Unranked]]]
     jobs = [(folder, _ranked_run) for folder in runs]
     jobs += [(folder, _reader(folder) or load_evaluation) for folder in drives]
-    for folder, load in jobs:
-        try:
-            found = load(folder)
-        except InputError as error:
-            found = Unranked(folder, "damaged", str(error).removeprefix(f"{folder}/"))
-        (unranked if isinstance(found, Unranked) else scored).append(found)
-    return scored, unranked
+    entries = [_read(folder, load) for folder, load in jobs]
+    scored = [entry for entry in entries if isinstance(entry, Scored)]
+    return scored, [entry for entry in entries if isinstance(entry, Unranked)]
+
+
+def _read(folder: Path, load: Callable[[Path], Scored | Unranked]) -> Scored | Unranked:
+    try:
+        return load(folder)
+    except InputError as error:
+        return Unranked(folder, "damaged", str(error).removeprefix(f"{folder}/"))
 
 
 def _ranked_run(folder: Path) -> Scored | Unranked:

@@ -193,7 +193,7 @@ def read_suite(name: str, split: str = "test") -> Suite:
     file = _read_file(path)
     if split == DEV and not (file.dev or file.axes):
         raise UsageError(f"split=dev: the suite {file.name} has no dev roads; use split=test")
-    count = sum(map(len, (*file.groups.values(), file.dev, file.laps)))
+    count = sum(map(len, file.groups.values())) + len(file.dev) + len(file.laps)
     count += file.roads * sum(map(len, file.axes.values()))
     check_most("drives", count, f"{path}: groups", "remove some")
     dev, laps = ([_Drive(track=track) for track in tracks] for tracks in (file.dev, file.laps))

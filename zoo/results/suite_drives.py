@@ -5,6 +5,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -216,7 +217,7 @@ def find_drivers(names: Sequence[str], suite: Suite) -> list[Driver]:
             raise InputError(
                 f"mean: the suite {suite.name} has no mean_steering; add it to the suite's file"
             )
-        facts = {"sha256": None, "parameters": 0, "training_seed": None, "data": ""}
+        facts: dict[str, Any] = {"sha256": None, "parameters": 0, "training_seed": None, "data": ""}
         return [Driver(file=names[0], model=names[0], **facts)]
     drivers = [read_driver(find_checkpoint(one)) for one in names]
     check_distinct(drivers)

@@ -183,7 +183,7 @@ def table(drives: Sequence[DriveRecord], name: str) -> np.ndarray:
     """Return a figure of drives, float64 [training seeds, drives]."""
     seeds = 1 + max(one.checkpoint for one in drives)
     values = [
-        [float(one.figures[name]) for one in drives if one.checkpoint == number]
+        [drive.figures[name] for drive in drives if drive.checkpoint == number]
         for number in range(seeds)
     ]
     return np.array(values, np.float64)

@@ -82,7 +82,7 @@ class DriveSettings:
     def server(self) -> tuple[str, int]:
         """Return host and port to listen on: for simulators, or for browsers alone."""
         if self.world is None:
-            return self.host, self.port
+            return self.host, PORT if self.port is None else self.port
         return "0.0.0.0" if self.expose else "127.0.0.1", self.page
 
     @property

@@ -116,7 +116,7 @@ class BackgroundWriter:
 
     def _write_all(self) -> None:
         while (item := self._queue.get()) is not None:
-            items = [item]
+            items: list[tuple[DriveRow, bytes | None] | None] = [item]
             while not self._queue.empty() and items[-1] is not None and len(items) < WAITING:
                 items.append(self._queue.get())
             rows = [self._record(*one) for one in items if one is not None]

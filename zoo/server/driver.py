@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from zoo.base.errors import InputError
 from zoo.checkpoints.policy_base import Policy, PolicyFunction, as_policy
 from zoo.driving.drive_record import FALLBACK, PERSON, DriveRow
 from zoo.driving.interventions import OFF_ROAD, STANDSTILL, TAKEOVER, WORDS
@@ -238,7 +239,7 @@ class Driver:
         self.writer.put(row, reply.image)
 
     def _time(self, now_s: float) -> float:
-        return now_s - self._began_s
+        return now_s - (now_s if self._began_s is None else self._began_s)
 
     def end(self, began: datetime) -> Path | None:
         """Write `drive.json` and print the summary; return the folder, None without a frame."""
@@ -284,6 +285,8 @@ class Driver:
         Raises:
             InputError: see `zoo.checkpoints.checkpoint_policy.load_policy`.
         """
+        if self.load is None:
+            raise InputError(f"{path}: this server loads no checkpoint")
         policy = as_policy(self.load(Path(path)))
         self.policy, self.checkpoint = policy, str(path)
 

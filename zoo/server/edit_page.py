@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from http import HTTPStatus
 from pathlib import Path
+from typing import Any
 from urllib.parse import parse_qs
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
@@ -197,7 +198,7 @@ class PageServer(socketserver.ThreadingMixIn, WSGIServer):
         self.server_name, self.server_port = HOST, self.server_address[1]
         self.setup_environ()
 
-    def process_request(self, request: socket.socket, client_address: object) -> None:
+    def process_request(self, request: Any, client_address: object) -> None:
         """Answer a request in a thread; close the oldest when too many are unfinished."""
         self._open[request] = None
         if len(self._open) > MOST_REQUESTS:
@@ -207,7 +208,7 @@ class PageServer(socketserver.ThreadingMixIn, WSGIServer):
                 oldest.shutdown(socket.SHUT_RDWR)
         super().process_request(request, client_address)
 
-    def shutdown_request(self, request: socket.socket) -> None:
+    def shutdown_request(self, request: Any) -> None:
         """Close a connection after its answer."""
         self._open.pop(request, None)
         super().shutdown_request(request)
@@ -226,7 +227,7 @@ class _Request(io.RawIOBase):
     def readable(self) -> bool:
         return True
 
-    def readinto(self, buffer: memoryview) -> int:
+    def readinto(self, buffer: Any) -> int:
         left_s = self._ends_s - time.monotonic()
         if left_s <= 0:
             raise TimeoutError("the request did not arrive in time")

@@ -256,7 +256,7 @@ class FastEngine(engineio.Server):
         self, target: object, *arguments: object, **options: object
     ) -> object | None:
         """Start a task as engineio does, but put a PING into the table."""
-        if getattr(target, "__func__", None) is Socket._send_ping:
+        if isinstance(target, MethodType) and target.__func__ is Socket._send_ping:
             self._pings[target.__self__.sid] = time.monotonic() + self.ping_interval
             return None
         return super().start_background_task(target, *arguments, **options)

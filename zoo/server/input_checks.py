@@ -11,10 +11,15 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from itertools import compress
+from typing import TYPE_CHECKING
 
 from zoo.base.child_process import end_module, start_module
 from zoo.base.terminal import command_line
 from zoo.server.machine_checks import FAULT, OK, WARNING, Finding
+
+if TYPE_CHECKING:
+    from zoo.checkpoints.policy_base import Policy
+    from zoo.simulator.legacy_socket import LegacySocket
 
 SLOW_MS = 1000 / 60  # the original simulator sends up to 60 images per second
 TRIALS, IMAGES = 15, 50
@@ -54,7 +59,7 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
         yield Finding(OK, "speed", found)
 
 
-def _trained_on(policy: object, recording: str | None) -> Finding:
+def _trained_on(policy: Policy, recording: str | None) -> Finding:
     from datamodules.recording_format import read_recordings
     from zoo.base.errors import InputError
 
@@ -155,7 +160,7 @@ def _drive(url: str) -> tuple[list[float], float]:
     return times_ms, steering
 
 
-def _next_steer(client: object) -> object:
+def _next_steer(client: LegacySocket) -> object:
     end_s = time.monotonic() + TIMEOUT_S / 3
     while time.monotonic() < end_s:
         for name, argument in client.events(0.2):
@@ -170,7 +175,7 @@ def _wait_for_url(process: subprocess.Popen) -> tuple[str | None, str]:
     timer.start()
     last = "nothing"
     try:
-        for line in process.stdout:
+        for line in process.stdout or ():
             last = line.strip() or last
             if found := re.search(r"listening on (http://\S+?)[;\s]", line):
                 return found[1], last

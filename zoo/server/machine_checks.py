@@ -152,7 +152,7 @@ def installed_version(name: str) -> str | None:
 
 
 def _name(requirement: str) -> str:
-    return re.match(r"[\w.-]+", requirement)[0]
+    return re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
 
 
 def _dotted(version: tuple[int, int]) -> str:

@@ -221,7 +221,7 @@ def _protocol(notices: Notices) -> type[wsgi.HttpProtocol]:
         def log_message(self, text: str, *values: object) -> None:
             pass  # eventlet prints two lines for each bad request
 
-        def log_error(self, text: str, *values: object) -> None:
+        def log_error(self, text: str, *values: Any) -> None:
             # The text is "code %d, message %s", or is about a timeout.
             status = int(values[0]) if text.startswith("code") else HTTPStatus.REQUEST_TIMEOUT
             notices.report(f"a bad HTTP request was refused ({status:d})", text % values)

@@ -72,7 +72,7 @@ class Session:
         """
         self.sends_cross_track |= math.isfinite(telemetry.cross_track_m)
         self.can_put_back = telemetry.can_put_back
-        if self._margin_m is None and (telemetry.lane_m or 0) > 0:
+        if self._margin_m is None and telemetry.lane_m and telemetry.lane_m > 0:
             self.rule.margin_m = telemetry.lane_m
         mph = math.inf if held or telemetry.speed_mph is None else telemetry.speed_mph
         kind = self.rule.judge(now_s, mph, telemetry.cross_track_m, telemetry.at_wall)
@@ -107,7 +107,7 @@ class Session:
         The policy is called once for an image that is sent twice, as the original's two loops do
         with most images. The call takes most of the latency.
         """
-        if policy is not self._shared:
+        if self._policy is None or policy is not self._shared:
             self._shared, self._policy = policy, as_policy(policy).session()
             self._policy.reset()  # a policy without sessions may remember an earlier one
             self._meter = latency_meter(self._policy)

@@ -221,8 +221,8 @@ def end_of(segments: list[dict]) -> tuple[complex, float]:
         if "straight" in one:
             place += one["straight"] * cmath.exp(1j * heading)
             continue
-        way = 1 if "left" in one else -1
-        turn = way * math.radians(one.get("left", one.get("right")))
+        side, way = ("left", 1) if "left" in one else ("right", -1)
+        turn = way * math.radians(one[side])
         centre = place + way * one["radius"] * 1j * cmath.exp(1j * heading)
         place = centre + (place - centre) * cmath.exp(1j * turn)
         heading += turn

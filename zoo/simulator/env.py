@@ -29,6 +29,7 @@ from zoo.simulator.reward import REWARDS, TERMINATIONS, Info, Reward, Terminatio
 from zoo.simulator.simulated_world import Start, open_world
 from zoo.simulator.track_names import ANY_ROAD
 from zoo.simulator.weather import Weather, read_weather
+from zoo.simulator.world_settings import Quality
 
 START_KEYS = {"distance", "cte", "heading_deg", "speed_mph"}
 SECONDS_PER_LAP = 300.0  # the longest included track at 11 mph
@@ -89,7 +90,7 @@ class DrivingEnv(gymnasium.Env):
         max_seconds: float | None = None,
         off_road_s: float = 1.0,
         renderer: str = "auto",
-        quality: str = "full",
+        quality: Quality = "full",
         render_mode: str | None = None,
         width: int = rig.FRAME_WIDTH,
         height: int = rig.FRAME_HEIGHT,
@@ -124,7 +125,7 @@ class DrivingEnv(gymnasium.Env):
         lens = {"size": (width, height), "vertical_fov_deg": vertical_fov_deg}
         cameras_of = {name: camera.changed(**lens) for name, camera in UDACITY.cameras.items()}
         self.rig, self.renderer = replace(UDACITY, cameras=cameras_of), renderer
-        self.settings = {
+        self.settings: dict[str, Any] = {
             "quality": quality,
             "frame_rate": frame_rate,
             "delay_s": delay_s,

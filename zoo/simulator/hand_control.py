@@ -196,7 +196,7 @@ class MouseHand:
         return Hands(frozenset({MOUSE_BUTTON}), round(pointer * WINDOW_WIDTH) / WINDOW_WIDTH)
 
 
-HANDS = {"keyboard": KeyTaps, "mouse": MouseHand}
+HANDS: dict[str, type[KeyTaps] | type[MouseHand]] = {"keyboard": KeyTaps, "mouse": MouseHand}
 
 
 class HumanControl:

@@ -82,7 +82,11 @@ class DriveScreen:
         _set_text(self.notice, notice, GREY)
 
     def draw(
-        self, pose: tuple[float, ...], speed_mph: float, steering: float, throttle: float
+        self,
+        pose: tuple[float, float, float, float, float],
+        speed_mph: float,
+        steering: float,
+        throttle: float,
     ) -> bool:
         """Draw the world from a pose of `World.pose`; return False when the window is closed."""
         aspect = self.window.aspect
@@ -182,7 +186,8 @@ class Drive:
             notice = "cruising: space or the brake ends it"
         self.screen.show_status(status, self.is_recording, notice)
         pairs = zip(self._before, self.world.pose(), strict=True)
-        pose = tuple(before + (after - before) * part for before, after in pairs)
+        x, y, z, heading, pitch = (before + (after - before) * part for before, after in pairs)
+        pose = x, y, z, heading, pitch
         car = self.world.car
         return self.screen.draw(pose, car.speed_mph, self.control.steering, self.control.throttle)
 
@@ -236,7 +241,7 @@ def drive(options: DriveOptions, console: Console | None = None) -> tuple[Path, 
     with Recorder(folder, options.header, options.relative) as recorder:
         title = f"{world.track.name}, drivezoo simulator drive"
         window = Window(title, (options.width, options.width // 2))
-        screen = DriveScreen(window, world.renderer, world.weather)
+        screen = DriveScreen(window, world.drawing(), world.weather)
         run = Drive(world, screen, recorder, options.frame_rate)
         console.print(HELP.replace("     ", "\n"), highlight=False, markup=False)
         try:
@@ -247,7 +252,7 @@ def drive(options: DriveOptions, console: Console | None = None) -> tuple[Path, 
         console.print("nothing was recorded; press R while driving to record")
         return None
     took = time.perf_counter() - began
-    print_report(console, recorder, [run.driven], took, world.renderer.name)
+    print_report(console, recorder, [run.driven], took, world.drawing().name)
     return recorder.folder, run.driven.off_road
 
 

@@ -19,6 +19,7 @@ from zoo.simulator.renderer import Renderer, open_buffer
 from zoo.simulator.track_file import read_track
 from zoo.simulator.udacity_car import FRAME_HEIGHT, FRAME_WIDTH
 from zoo.simulator.weather import Weather
+from zoo.simulator.world_settings import Quality
 
 BATCH = 50  # rows that a process draws at a time
 
@@ -43,7 +44,7 @@ class Request:
 class Requests:
     """A stand-in for `Renderer` that returns requests in place of frames; see `Renderer`."""
 
-    def __init__(self, track: str, renderer: str = "auto", quality: str = "full") -> None:
+    def __init__(self, track: str, renderer: str = "auto", quality: Quality = "full") -> None:
         self.scene = track, renderer, quality
         engine, buffer, self.name = open_buffer(renderer, FRAME_WIDTH, FRAME_HEIGHT)
         engine.removeWindow(buffer)
@@ -124,7 +125,7 @@ class ParallelRecorder:
 
 
 @lru_cache(maxsize=1)
-def _opened(scene: tuple[str, str, str]) -> Renderer:
+def _opened(scene: tuple[str, str, Quality]) -> Renderer:
     """Return the renderer of a scene; the last one of a process stays open."""
     track, renderer, quality = scene
     return Renderer(read_track(track), renderer, quality)

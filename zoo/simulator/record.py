@@ -5,10 +5,11 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import Progress, TaskID
 from rich.table import Table
 
 from zoo.base.errors import InputError, file_errors
@@ -62,7 +63,7 @@ class Driven:
         self,
         recorder: Recorder | ParallelRecorder,
         world: World,
-        frames: dict[str, np.ndarray],
+        frames: dict[str, Any],
         command: tuple[float, float],
         seconds: float,
     ) -> None:
@@ -227,17 +228,17 @@ def record_laps(
             name = options.track if options.direction == 1 else f"{options.track}, backward"
             task = progress.add_task(name, total=world.drive_m(options.laps))
 
-            def show(metres: float, task: int = task) -> None:
+            def show(metres: float, task: TaskID = task) -> None:
                 progress.update(task, completed=metres)
 
             row_s = 1 / options.frame_rate
             all_driven.append(record(world, driver, rows, options.laps, show, row_s))
-            world.renderer.close()
+            world.drawing().close()
     recipe = {"passes": [{"track": one.track, "laps": one.laps} for one in given]}
     with file_errors(path := recorder.folder / RECIPE, "cannot be written ({})"):
         path.unlink(missing_ok=True)  # of a recording that was deleted
         write_new(path, json_text(recipe).encode())
-    print_report(console, recorder, all_driven, time.perf_counter() - began, world.renderer.name)
+    print_report(console, recorder, all_driven, time.perf_counter() - began, world.drawing().name)
     return recorder.folder
 
 

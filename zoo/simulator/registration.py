@@ -54,5 +54,5 @@ class _GymnasiumFinder:
                 execute(module)
                 _register()
 
-            spec.loader.exec_module = execute_and_register
+            spec.loader.exec_module = execute_and_register  # type: ignore[method-assign]
         return spec

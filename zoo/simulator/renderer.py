@@ -27,7 +27,7 @@ from zoo.simulator.scenery.textures import halvings, make_textures
 from zoo.simulator.track import Track
 from zoo.simulator.udacity_car import FOV_DEG, NEAR_M, camera_matrix
 from zoo.simulator.weather import CLEAR, Weather, lit_by
-from zoo.simulator.world_settings import WorldSettings
+from zoo.simulator.world_settings import Quality, WorldSettings
 
 SETTINGS = "audio-library-name null\nnotify-level fatal\ntextures-power-2 down\n"
 # Collected states would wait for Panda3D's task manager, which does not run here: 4 kB a frame, and
@@ -37,8 +37,10 @@ RGB_FROM = {3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}  # by the number of a f
 FAR_M = 1500.0
 CELL_M = 90.0
 FAST_CELL_M, FAST_ALONG_M = 200.0, 4.0  # of quality `fast`: cells; rows of faces below verges
-ORDER = ("asphalt", "plain", "cobbles", "stripes", "concrete", "ground", "rock", "bare")
-ORDER += ("plants", "sky")
+ORDER = (
+    *("asphalt", "plain", "cobbles", "stripes", "concrete", "ground", "rock", "bare"),
+    *("plants", "sky"),
+)
 POINTS = core.GeomVertexFormat.getV3c4t2()
 POINT = np.dtype([("point", "<f4", 3), ("colour", "u1", 4), ("uv", "<f4", 2)])
 
@@ -61,7 +63,7 @@ class Renderer:
     """
 
     def __init__(
-        self, track: Track, renderer: str = "auto", quality: str = "full", rig: Rig = UDACITY
+        self, track: Track, renderer: str = "auto", quality: Quality = "full", rig: Rig = UDACITY
     ) -> None:
         WorldSettings(quality=quality).check()
         self.track, self.rig = track, rig

@@ -216,7 +216,8 @@ def _segments(family: RoadFamily, rng: np.random.Generator, closed: bool) -> lis
         # A loop turns left steadily, an open road to both sides.
         aim = 300.0 * along / wanted if closed else 0.0
         left = rng.random() < 1 / (1 + math.exp((turned - aim) / TURN_BACK_DEG * 2))
-        radius = round(math.exp(rng.uniform(*map(math.log, family.radius))), 1)
+        least, most = map(math.log, family.radius)
+        radius = round(math.exp(rng.uniform(least, most)), 1)
         degrees = min(rng.uniform(*family.degrees), math.degrees(LONGEST_M / radius))
         one = {"left" if left else "right": round(degrees, 1), "radius": radius}
         turned += one["left"] if left else -one["right"]
@@ -264,7 +265,7 @@ def _length(segment: dict) -> float:
     """Return a segment's length in metres."""
     if "straight" in segment:
         return float(segment["straight"])
-    degrees = segment.get("left", segment.get("right"))
+    degrees = segment["left"] if "left" in segment else segment["right"]
     return float(math.radians(degrees) * segment["radius"])
 
 

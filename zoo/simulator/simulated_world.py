@@ -15,7 +15,7 @@ from zoo.simulator.track import Place, Track
 from zoo.simulator.track_file import read_track
 from zoo.simulator.udacity_car import PHYSICS_STEP_S, WHEEL_TRACK_M
 from zoo.simulator.weather import CLEAR, Weather, random_weather
-from zoo.simulator.world_settings import WorldSettings
+from zoo.simulator.world_settings import Quality, WorldSettings
 
 if TYPE_CHECKING:
     from zoo.simulator.renderer import Renderer
@@ -87,7 +87,8 @@ class World:
         if seed < 0:
             raise InputError(f"seed={seed}: must be 0 or more")
         rng = np.random.default_rng(seed)
-        self.weather = random_weather(rng) if weather == "random" else weather
+        # Of a text, `read_weather` leaves "random" alone.
+        self.weather = weather if isinstance(weather, Weather) else random_weather(rng)
         if self.renderer is not None:
             self.renderer.set_weather(self.weather, int(rng.integers(2**31)))
         start = start or Start()
@@ -198,9 +199,17 @@ class World:
 
     def frame(self, camera: str = "center") -> np.ndarray:
         """Return a camera's frame: uint8 [H, W, 3], RGB; 160 x 320 from Udacity's rig."""
+        return self.drawing().frame(self.pose(), camera, self.frames)
+
+    def drawing(self) -> "Renderer":
+        """Return the renderer.
+
+        Raises:
+            InputError: the world has none.
+        """
         if self.renderer is None:
             raise InputError("this world has no renderer; open it with renderer=auto")
-        return self.renderer.frame(self.pose(), camera, self.frames)
+        return self.renderer
 
     def pose(self) -> tuple[float, float, float, float, float]:
         """Return the car's x, y, z in metres, and its heading and upward pitch in radians."""
@@ -241,7 +250,7 @@ class World:
 def open_world(
     track: str | Track = "lake",
     renderer: "str | Renderer" = "auto",
-    quality: str = "full",
+    quality: Quality = "full",
     frame_rate: float = 15.0,
     delay_s: float = 0.0,
     direction: int | str = 1,

@@ -63,10 +63,11 @@ def read_steer(data: object, decimal_comma: bool) -> tuple[float, float]:
             raise ValueError(f"it has no {key}")
         if not isinstance(data[key], str):
             raise ValueError(f"{key} is {data[key]!r}, expected a string")
-        values.append(parse_float(data[key], decimal_comma))
-        if values[-1] is None:
+        if (value := parse_float(data[key], decimal_comma)) is None:
             raise ValueError(f"{key} is {data[key]!r}, which C#'s float.Parse does not take")
-    return tuple(min(max(value, -1.0), 1.0) for value in values)
+        values.append(min(max(value, -1.0), 1.0))
+    steering, throttle = values
+    return steering, throttle
 
 
 def read_put_back(data: dict, decimal_comma: bool) -> float | None:

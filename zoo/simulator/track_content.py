@@ -1,7 +1,7 @@
 """A track from the content of its YAML file."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -171,6 +171,7 @@ def read_centreline(keys: TrackKeys, folder: Path, tightest_m: float = TIGHTEST_
     if others:
         raise InputError(f"{others[0]}: {kind} is given, too; keep one of them")
     closed, turned, fine = keys.closed, 0.0, 200
+    follow: Callable[[bool], np.ndarray]
     if keys.segments is not None:
         moves, fine = [one.move for one in keys.segments], 20
         ends, turned = segment_points(moves), sum(turn for _, turn, _ in moves)

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 
@@ -105,7 +106,7 @@ class ImagePanel:
         self.parent, self.place = parent, (left, bottom, width)
         self.texture = core.Texture("image")
         self.texture.setMagfilter(core.SamplerState.FTLinear)
-        self.node: core.NodePath | None = None
+        self.node: Any = None  # a NodePath from the first image on
 
     def show(self, frame: np.ndarray) -> None:
         """Show uint8 [H, W, 3 or 4], RGB or RGBA; every image needs the first one's shape."""

@@ -169,8 +169,8 @@ def _deck(track: Track, along: np.ndarray) -> Mesh:
     right = road.rightwards(track, along)
     half = road.half_width(track, along) + WALL_END_M
     up = np.array([0.0, 0.0, 1.0])
-    profile = ((-1, WALL_M, -1), (-1, -DECK_M, -1), (-1, -DECK_M, 0), (1, -DECK_M, 0))
-    profile += ((1, -DECK_M, 1), (1, WALL_M, 1))
+    profile = [(-1, WALL_M, -1), (-1, -DECK_M, -1), (-1, -DECK_M, 0), (1, -DECK_M, 0)]
+    profile += [(1, -DECK_M, 1), (1, WALL_M, 1)]
     points, normals = [], []
     for side, rise, faces in profile:
         points.append(track.at(along) + (side * half)[:, None] * right + rise * up)

@@ -46,8 +46,8 @@ def bonnet_image(camera: str, scale: int = 1) -> tuple[np.ndarray, np.ndarray]:
     small = (scale * FRAME_WIDTH, scale * FRAME_HEIGHT)
     # The average is of covered pixels only; otherwise edges darken.
     cover = own_car_cover(own, scale)
-    bonnet = cv2.resize(bonnet, small, interpolation=cv2.INTER_AREA)
-    return bonnet / np.maximum(cover, 1e-6), cover
+    averages = cv2.resize(bonnet, small, interpolation=cv2.INTER_AREA)
+    return averages / np.maximum(cover, 1e-6), cover
 
 
 def own_car_cover(camera: Camera, scale: int = 1) -> np.ndarray:

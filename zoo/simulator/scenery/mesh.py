@@ -1,6 +1,6 @@
 """Triangles as arrays, independent of any renderer."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +36,14 @@ class Mesh:
         """Return the values of the points, in the order of the constructor."""
         return self.points, self.normals, self.colours, self.uv
 
+    @classmethod
+    def of_columns(
+        cls, material: str, columns: Iterable[np.ndarray], triangles: np.ndarray
+    ) -> "Mesh":
+        """Return a mesh that is always drawn, from the values of its points."""
+        points, normals, colours, uv = columns
+        return cls(material, points, normals, colours, uv, triangles)
+
 
 def grid_triangles(rows: int, columns: int) -> np.ndarray:
     """Return triangles int [2 * (rows-1) * (columns-1), 3] of a row-major grid of points."""
@@ -64,7 +72,7 @@ def thin(mesh: Mesh, columns: int, rows: np.ndarray, step: int) -> Mesh:
     """Return the mesh of some rows, and of every `step`-th column, of the mesh of a grid."""
     index = np.arange(len(mesh.points)).reshape(-1, columns)[rows][:, every(0, columns - 1, step)]
     values = (one[index.reshape(-1)] for one in mesh.columns)
-    return Mesh(mesh.material, *values, grid_triangles(*index.shape))
+    return Mesh.of_columns(mesh.material, values, grid_triangles(*index.shape))
 
 
 def outward(mesh: Mesh) -> Mesh:
@@ -85,7 +93,7 @@ def join(meshes: Sequence[Mesh]) -> Mesh:
     starts = np.cumsum([0] + [len(mesh.points) for mesh in meshes[:-1]])
     columns = map(np.concatenate, zip(*(mesh.columns for mesh in meshes), strict=True))
     triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]
-    return Mesh(meshes[0].material, *columns, np.concatenate(triangles))
+    return Mesh.of_columns(meshes[0].material, columns, np.concatenate(triangles))
 
 
 def join_materials(meshes: Sequence[Mesh]) -> list[Mesh]:
@@ -105,5 +113,5 @@ def cut(mesh: Mesh, cell_m: float) -> list[Mesh]:
         triangles = mesh.triangles[number == one]
         used, renumbered = np.unique(triangles, return_inverse=True)
         columns = (values[used] for values in mesh.columns)
-        pieces.append(Mesh(mesh.material, *columns, renumbered.reshape(-1, 3)))
+        pieces.append(Mesh.of_columns(mesh.material, columns, renumbered.reshape(-1, 3)))
     return pieces

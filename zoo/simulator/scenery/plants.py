@@ -56,6 +56,7 @@ def place_standing(track: Track, ground: Ground, quality: str) -> list[Standing]
     far = scatter(ground, rng, trees - len(near), low=60, high=400)
     low = scatter(ground, rng, bushes, low=9.5, high=45)
     row = _row_of_poles(track, ground, around.poles)
+    kinds: list[tuple[str, ...]]
     kinds = [("pine", "tall_pine", "tall_pine", "round_tree")] * trees
     kinds += [("bush", "reeds")] * bushes + [("pylon",)] * len(row)
     # Between parts of the road near each other there is no room for tyres.

@@ -5,7 +5,7 @@ the mesh's colours by it. Its mean is known (`MEANS`), and colours are divided b
 """
 
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, reduce
 
 import cv2
 import numpy as np
@@ -88,7 +88,8 @@ def _to_texture(name: str, values: np.ndarray) -> np.ndarray:
 def _grain(
     name: str, rng: np.random.Generator, octaves: tuple[tuple[float, float], ...]
 ) -> np.ndarray:
-    return _to_texture(name, sum(strength * _noise(rng, size) for size, strength in octaves))
+    noises = (strength * _noise(rng, size) for size, strength in octaves)
+    return _to_texture(name, reduce(np.add, noises))
 
 
 def _rock(rng: np.random.Generator) -> np.ndarray:
