@@ -28,8 +28,8 @@ from zoo.export import compiled_policy
 from zoo.export.c_file import c_header, c_source, rounded
 from zoo.export.c_source import CSource, function_name
 from zoo.export.c_view import write_view
+from zoo.export.checked_export import export_checkpoint
 from zoo.export.compiled_policy import CompiledPolicy, find_compiler
-from zoo.export.exported_file import export_checkpoint
 from zoo.models.layers import Normalize
 from zoo.scoring.parity import Frames, compare
 

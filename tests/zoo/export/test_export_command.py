@@ -39,13 +39,14 @@ from zoo.checkpoints.onnx_policy import CARD
 from zoo.commands import evaluate
 from zoo.commands.drive import load_warm_policy, view_line
 from zoo.commands.export import export
+from zoo.export.car_exports import Int8OnnxFile
+from zoo.export.checked_export import export_checkpoint
 from zoo.export.donkeycar_file import (
     bounded,
     donkeycar_bytes,
     donkeycar_policy,
     inferred_throttle,
 )
-from zoo.export.exported_file import Int8OnnxFile, export_checkpoint
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert
 from zoo.models.commaai import CommaAi

@@ -1,0 +1,173 @@
+"""Kinds of `drivezoo export` for the computer of a car: C, 8 bits, and Donkeycar's file."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from zoo.export.exported_file import FLOAT, ExportedFile, OnnxFile
+
+# torch, a slow import, comes late: --help and typos answer at once.
+if TYPE_CHECKING:
+    from zoo.checkpoints.checkpoint import Checkpoint
+    from zoo.checkpoints.frame_memory import SessionPolicy
+    from zoo.scoring.parity import Frames
+
+# The largest difference where Keras computes the view, which is not rounded to whole numbers.
+ROUNDED_TOLERANCE = 0.02
+# The largest difference of a network whose values have 8 bits.
+INT8_TOLERANCE = 0.1
+HEADER = ".h"
+
+
+class Int8OnnxFile(OnnxFile):
+    """A checkpoint as an ONNX file of 8 bits."""
+
+    keys = ("calibration",)
+    tolerance = INT8_TOLERANCE
+    remedy = "name frames of more places, calibration=RECORDING, or leave weights=int8 out"
+
+    @cached_property
+    def graph(self) -> bytes:  # type: ignore[override]
+        """Return the graph of 8 bits."""
+        from zoo.export.int8_onnx import int8_graph
+        from zoo.scoring.parity import CALIBRATION, take_frames
+
+        frames = take_frames(self.calibration, self.checkpoint, CALIBRATION)
+        return int8_graph(self.checkpoint, frames)
+
+    def changes(self, original: "Checkpoint", frames: "Frames") -> list[str]:
+        """Return that it has 8 bits, see `ExportedFile`."""
+        return ["Weights, and values between the layers: 8 bits."]
+
+
+class DonkeycarFile(ExportedFile):
+    """A checkpoint as a Keras 2 file that Donkeycar loads."""
+
+    default = "pilot.h5"
+    packages = ("h5py",)
+    install = "pip install h5py"
+    keys = ("throttle",)
+    engine = "the file's layers"
+
+    def __init__(self, checkpoint: "Checkpoint", *options: Any) -> None:
+        from zoo.export.donkeycar_file import bounded
+
+        super().__init__(checkpoint, *options)
+        if self.throttle is not None:
+            self.checkpoint = bounded(checkpoint, self.throttle)
+        if checkpoint.view.size or checkpoint.view.colour != "rgb":
+            self.tolerance = ROUNDED_TOLERANCE
+
+    def files(self, model_card: str) -> Mapping[str, bytes]:
+        """Return the file, see `ExportedFile`."""
+        return {self.out.suffix: self._written[0]}
+
+    @cached_property
+    def _written(self) -> tuple[bytes, str]:
+        from zoo.export.donkeycar_file import donkeycar_bytes
+
+        return donkeycar_bytes(self.checkpoint)
+
+    def policy(self, path: Path) -> "SessionPolicy":
+        """Return the policy, see `ExportedFile`."""
+        from zoo.export.donkeycar_file import donkeycar_policy
+
+        return donkeycar_policy(self.checkpoint, path)
+
+    def shown(self, frames: "Frames") -> "Frames":
+        """Return frames of the training's size, see `ExportedFile`."""
+        from zoo.export.donkeycar_file import whole_view
+
+        whole = whole_view(self.checkpoint.view)
+        return replace(frames, frames=[whole(frame) for frame in frames.frames])
+
+    def changes(self, original: "Checkpoint", frames: "Frames") -> list[str]:
+        """Return which throttle the car gets, see `ExportedFile`."""
+        from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
+        from zoo.export.donkeycar_file import inferred_throttle
+
+        policy = CheckpointPolicy(self.checkpoint)
+        steering, throttle = zip(*(policy(frame, 0.0) for frame in frames.frames), strict=True)
+        if self._written[1] == "inferred":  # Donkeycar computes it
+            throttle = inferred_throttle(steering)
+        line = f"Throttle: {min(throttle):.2f} to {max(throttle):.2f} over these frames"
+        risk = "; it may be too fast for a car: bound it with throttle=0.2"
+        return [f"{line}{risk if self.throttle is None else ''}."]
+
+    def hints(self) -> list[str]:
+        """Return what to type in Donkeycar, see `ExportedFile`."""
+        rows, columns = self.checkpoint.view.frame
+        return [
+            f"in Donkeycar: IMAGE_W = {columns} and IMAGE_H = {rows} in myconfig.py; python "
+            f"manage.py drive --model {self.out} --type {self._written[1]}"
+        ]
+
+
+class CFile(ExportedFile):
+    """A checkpoint as a C99 file and its header."""
+
+    default = "steer.c"
+    beside = (HEADER,)
+    packages = ("onnx",)
+    engine = "the compiled file"
+    not_run = "no C compiler is installed here"
+    weights = FLOAT
+
+    @classmethod
+    def check_name(cls, out: Path) -> None:
+        """Check the function's name, see `ExportedFile`."""
+        from zoo.export.c_source import function_name
+
+        function_name(out)
+
+    def files(self, model_card: str) -> Mapping[str, bytes]:
+        """Return both files, see `ExportedFile`."""
+        from zoo.export.c_file import c_header
+
+        header = c_header(self.checkpoint, self.out.stem, model_card)
+        return {HEADER: header.encode(), self.out.suffix: self._source.encode()}
+
+    @cached_property
+    def _source(self) -> str:
+        from zoo.export.c_file import c_source
+
+        return c_source(self.checkpoint, self.out.stem, self.weights)
+
+    def policy(self, path: Path) -> "SessionPolicy | None":
+        """Return the policy of the compiled file, see `ExportedFile`."""
+        from zoo.export.compiled_policy import CompiledPolicy, find_compiler
+
+        return CompiledPolicy(self.checkpoint, path) if find_compiler() else None
+
+    def hints(self) -> list[str]:
+        """Return how to call it, see `ExportedFile`."""
+        rows, columns = self.checkpoint.view.frame
+        name = self.out.stem
+        return [
+            f'in C: #include "{self.out.with_suffix(HEADER).name}", compile {self.out.name} with '
+            f"-std=c99 -O2, and call {name}(rgb, {columns}, {rows}, speed_mph)"
+        ]
+
+
+class Int8CFile(CFile):
+    """A checkpoint as a C99 file with weights of 8 bits."""
+
+    weights = "int8"
+
+    def __init__(self, checkpoint: "Checkpoint", *options: Any) -> None:
+        from zoo.export.c_file import rounded
+
+        super().__init__(rounded(checkpoint), *options)
+
+    def changes(self, original: "Checkpoint", frames: "Frames") -> list[str]:
+        """Return what the rounding changes, see `ExportedFile`."""
+        from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
+        from zoo.scoring.parity import compare
+
+        lost = compare(CheckpointPolicy(original), CheckpointPolicy(self.checkpoint), frames)
+        return [
+            f"Weights: 8 bits; they change the steering by {lost.difference:.1e} at most, by "
+            f"{lost.mean:.1e} on average, over {len(frames.frames)} frames."
+        ]
