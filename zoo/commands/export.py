@@ -55,7 +55,7 @@ def export(
             file cannot be written, or it steers differently from the checkpoint.
         UsageError: the ending does not fit, or weights=int8 for another kind.
     """
-    from zoo.export.checked_export import export_checkpoint
+    from zoo.scoring.checked_export import export_checkpoint
 
     return export_checkpoint(ckpt, out, frames, Console(), to, weights, calibration, throttle)
 

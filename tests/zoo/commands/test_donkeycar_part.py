@@ -18,8 +18,8 @@ from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.commands.new import write_part
-from zoo.export.c_file import c_header, c_source
-from zoo.export.compiled_policy import FLAGS, find_compiler
+from zoo.extras.car.c_file import c_header, c_source
+from zoo.extras.car.compiled_policy import FLAGS, find_compiler
 
 FRAMES = np.random.default_rng(0).integers(0, 256, (3, 120, 160, 3), np.uint8)
 

@@ -28,7 +28,7 @@ from tests.zoo.keras.test_donkeycar import write as write_donkeycar
 from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_policy import load_policy
-from zoo.export.compiled_policy import find_compiler
+from zoo.extras.car.compiled_policy import find_compiler
 from zoo.extras.keras import tied_drives
 from zoo.models.pilotnet import PilotNet
 from zoo.server.input_checks import check_checkpoint

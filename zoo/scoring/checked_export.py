@@ -17,8 +17,8 @@ from zoo.base.whole_file import write_output
 from zoo.base.written_files import check_output, checked_file
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.onnx_policy import SUFFIX, is_onnx
-from zoo.export.exported_file import FLOAT, ExportedFile, export_names, exports
 from zoo.scoring.evidence import next_drive
+from zoo.scoring.exported_file import FLOAT, ExportedFile, export_names, exports
 
 # torch, a slow import, comes late: --help and typos answer at once.
 if TYPE_CHECKING:

@@ -39,9 +39,8 @@ from zoo.checkpoints.onnx_policy import CARD
 from zoo.commands import evaluate
 from zoo.commands.drive import load_warm_policy, view_line
 from zoo.commands.export import export
-from zoo.export.car_exports import Int8OnnxFile
-from zoo.export.checked_export import export_checkpoint
-from zoo.export.donkeycar_file import (
+from zoo.extras.car.car_exports import Int8OnnxFile
+from zoo.extras.car.donkeycar_file import (
     bounded,
     donkeycar_bytes,
     donkeycar_policy,
@@ -53,6 +52,7 @@ from zoo.models.commaai import CommaAi
 from zoo.models.lenet import LeNet
 from zoo.models.pilotnet import PilotNet
 from zoo.models.sequential import Sequential
+from zoo.scoring.checked_export import export_checkpoint
 from zoo.scoring.parity import RENDERED, Frames, compare, take_frames
 from zoo.scoring.visual_backprop import Saliency
 from zoo.server import input_checks as inputs

@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zoo.export.exported_file import FLOAT, ExportedFile, OnnxFile
+from zoo.scoring.exported_file import FLOAT, ExportedFile, OnnxFile
 
 # torch, a slow import, comes late: --help and typos answer at once.
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ class Int8OnnxFile(OnnxFile):
     @cached_property
     def graph(self) -> bytes:  # type: ignore[override]
         """Return the graph of 8 bits."""
-        from zoo.export.int8_onnx import int8_graph
+        from zoo.extras.car.int8_onnx import int8_graph
         from zoo.scoring.parity import CALIBRATION, take_frames
 
         frames = take_frames(self.calibration, self.checkpoint, CALIBRATION)
@@ -52,7 +52,7 @@ class DonkeycarFile(ExportedFile):
     engine = "the file's layers"
 
     def __init__(self, checkpoint: "Checkpoint", *options: Any) -> None:
-        from zoo.export.donkeycar_file import bounded
+        from zoo.extras.car.donkeycar_file import bounded
 
         super().__init__(checkpoint, *options)
         if self.throttle is not None:
@@ -66,19 +66,19 @@ class DonkeycarFile(ExportedFile):
 
     @cached_property
     def _written(self) -> tuple[bytes, str]:
-        from zoo.export.donkeycar_file import donkeycar_bytes
+        from zoo.extras.car.donkeycar_file import donkeycar_bytes
 
         return donkeycar_bytes(self.checkpoint)
 
     def policy(self, path: Path) -> "SessionPolicy":
         """Return the policy, see `ExportedFile`."""
-        from zoo.export.donkeycar_file import donkeycar_policy
+        from zoo.extras.car.donkeycar_file import donkeycar_policy
 
         return donkeycar_policy(self.checkpoint, path)
 
     def shown(self, frames: "Frames") -> "Frames":
         """Return frames of the training's size, see `ExportedFile`."""
-        from zoo.export.donkeycar_file import whole_view
+        from zoo.extras.car.donkeycar_file import whole_view
 
         whole = whole_view(self.checkpoint.view)
         return replace(frames, frames=[whole(frame) for frame in frames.frames])
@@ -86,7 +86,7 @@ class DonkeycarFile(ExportedFile):
     def changes(self, original: "Checkpoint", frames: "Frames") -> list[str]:
         """Return which throttle the car gets, see `ExportedFile`."""
         from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
-        from zoo.export.donkeycar_file import inferred_throttle
+        from zoo.extras.car.donkeycar_file import inferred_throttle
 
         policy = CheckpointPolicy(self.checkpoint)
         steering, throttle = zip(*(policy(frame, 0.0) for frame in frames.frames), strict=True)
@@ -118,26 +118,26 @@ class CFile(ExportedFile):
     @classmethod
     def check_name(cls, out: Path) -> None:
         """Check the function's name, see `ExportedFile`."""
-        from zoo.export.c_source import function_name
+        from zoo.extras.car.c_source import function_name
 
         function_name(out)
 
     def files(self, model_card: str) -> Mapping[str, bytes]:
         """Return both files, see `ExportedFile`."""
-        from zoo.export.c_file import c_header
+        from zoo.extras.car.c_file import c_header
 
         header = c_header(self.checkpoint, self.out.stem, model_card)
         return {HEADER: header.encode(), self.out.suffix: self._source.encode()}
 
     @cached_property
     def _source(self) -> str:
-        from zoo.export.c_file import c_source
+        from zoo.extras.car.c_file import c_source
 
         return c_source(self.checkpoint, self.out.stem, self.weights)
 
     def policy(self, path: Path) -> "SessionPolicy | None":
         """Return the policy of the compiled file, see `ExportedFile`."""
-        from zoo.export.compiled_policy import CompiledPolicy, find_compiler
+        from zoo.extras.car.compiled_policy import CompiledPolicy, find_compiler
 
         return CompiledPolicy(self.checkpoint, path) if find_compiler() else None
 
@@ -157,7 +157,7 @@ class Int8CFile(CFile):
     weights = "int8"
 
     def __init__(self, checkpoint: "Checkpoint", *options: Any) -> None:
-        from zoo.export.c_file import rounded
+        from zoo.extras.car.c_file import rounded
 
         super().__init__(rounded(checkpoint), *options)
 

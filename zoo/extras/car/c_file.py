@@ -17,8 +17,8 @@ from zoo.base.file_text import c_comment
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.onnx_file import graph_bytes
 from zoo.checkpoints.onnx_policy import IMAGES, SPEED
-from zoo.export.c_source import CSource, c_number, read_parts
-from zoo.export.c_view import write_view
+from zoo.extras.car.c_source import CSource, c_number, read_parts
+from zoo.extras.car.c_view import write_view
 from zoo.models.memory import Memory
 
 if TYPE_CHECKING:
