@@ -141,7 +141,9 @@ def test_other_layers_are_exact_too(tmp_path: Path) -> None:
         nn.Sigmoid(),
         nn.AdaptiveAvgPool2d(1),
         nn.Flatten(),
-        nn.Linear(9, 1),
+        nn.Linear(9, 2),
+        nn.Sigmoid(),
+        nn.Linear(2, 1),
     ]
     layers[2].running_mean += 0.3
     view = View((0, 0), "rgb", (20, 30), frame=(40, 60))
