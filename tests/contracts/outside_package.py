@@ -13,14 +13,29 @@ from zoo.base.registry import Registry
 
 @contextmanager
 def installed(
-    folder: Path, code: str, group: str, *registries: Registry, name: str = "outside_part"
+    folder: Path,
+    code: str,
+    group: str,
+    *registries: Registry,
+    name: str = "outside_part",
+    member: str = "",
 ) -> Iterator[None]:
-    """Install a module as an entry point of a group; remove what it registers at the end."""
+    """Install a module, or a member of it, as an entry point; remove what it registers at the end.
+
+    Args:
+        folder: folder to write the package to.
+        code: text of the module.
+        group: group of the entry point, whose name is `mine`.
+        *registries: registries that the module adds to.
+        name: name of the module.
+        member: member of the module that the entry point names; empty for the module.
+    """
     about = folder / f"{name}-1.dist-info"
     about.mkdir(parents=True)
+    place = f"{name}:{member}" if member else name
     (folder / f"{name}.py").write_text(code)
     (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1\n")
-    (about / "entry_points.txt").write_text(f"[{group}]\nmine = {name}\n")
+    (about / "entry_points.txt").write_text(f"[{group}]\nmine = {place}\n")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(folder)
         for registry in registries:

@@ -2,6 +2,7 @@
 
 import importlib.util
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -127,17 +128,18 @@ def _checked_out(
     (_, first), *_ = by_ending.values()
     out = checked_file(file or first.default, [*by_ending], inputs=[path], into_folder=True)
     name, kind = by_ending[out.suffix]
+    if weights != FLOAT:
+        kinds = dict(exports(weights=weights))
+        if name not in kinds:
+            raise UsageError(f"weights={weights}: {_belongs(f'to={taker}' for taker in kinds)}")
+        kind = kinds[name]
     kind.check_name(out)
     for ending in kind.beside:
         check_output(out.with_suffix(ending), inputs=[path])
     missing = [package for package in kind.packages if not importlib.util.find_spec(package)]
     if missing:
         raise InputError(f"exporting needs {' and '.join(missing)}: {kind.install}")
-    kinds = [kind for _, kind in exports(name, weights)]
-    if not kinds:
-        takers = [f"to={taker}" for taker, _ in exports(weights=weights)]
-        raise UsageError(f"weights={weights}: {_belongs(takers)}")
-    return kinds[0], out
+    return kind, out
 
 
 def _check_keys(kind: type[ExportedFile], **values: object) -> None:
@@ -153,7 +155,7 @@ def _check_keys(kind: type[ExportedFile], **values: object) -> None:
             raise UsageError(f"{key}: {_belongs(takers)}")
 
 
-def _belongs(takers: list[str]) -> str:
+def _belongs(takers: Iterable[str]) -> str:
     kinds = " and ".join(takers) or "a kind of file that is not installed"
     return f"belongs to {kinds}; leave it out"
 
