@@ -7,8 +7,15 @@ from pathlib import Path
 
 import pytest
 
+from tests.zoo.command_runs import ROOT
 from zoo.base.parts import _installed
 from zoo.base.registry import Registry
+
+
+def manual_example(file: str) -> str:
+    """Return the code of a file in docs/extending.md."""
+    page = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+    return page.partition(f"# {file}\n")[2].partition("```")[0]
 
 
 @contextmanager
@@ -18,24 +25,14 @@ def installed(
     group: str,
     *registries: Registry,
     name: str = "outside_part",
-    member: str = "",
+    attribute: str = "",
 ) -> Iterator[None]:
-    """Install a module, or a member of it, as an entry point; remove what it registers at the end.
-
-    Args:
-        folder: folder to write the package to.
-        code: text of the module.
-        group: group of the entry point, whose name is `mine`.
-        *registries: registries that the module adds to.
-        name: name of the module.
-        member: member of the module that the entry point names; empty for the module.
-    """
+    """Install a module, or its `:attribute`, as the entry point `mine`; remove it at the end."""
     about = folder / f"{name}-1.dist-info"
     about.mkdir(parents=True)
-    place = f"{name}:{member}" if member else name
     (folder / f"{name}.py").write_text(code)
     (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1\n")
-    (about / "entry_points.txt").write_text(f"[{group}]\nmine = {place}\n")
+    (about / "entry_points.txt").write_text(f"[{group}]\nmine = {name}{attribute}\n")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(folder)
         for registry in registries:

@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from tests.contracts.outside_package import installed
+from tests.contracts.outside_package import installed, manual_example
 from tests.recordings import Written
-from tests.zoo.command_runs import ROOT
 from tests.zoo.written_checkpoints import write_pilotnet
 from zoo.base.errors import InputError, UsageError
 from zoo.checkpoints.checkpoint import load_checkpoint
@@ -24,18 +23,11 @@ KINDS = [(name, weights) for weights in (FLOAT, "int8") for name, _ in exports(w
 KINDS.append(("mine", FLOAT))
 
 
-def manual_export() -> str:
-    """Return the example of the manual."""
-    page = (ROOT / "docs" / "extending.md").read_text()
-    code = re.search(r"```python\n(# my_exports\.py\n.*?)```", page, re.DOTALL)
-    assert code, "docs/extending.md has no my_exports.py"
-    return code[1]
-
-
 @pytest.fixture(scope="module", autouse=True)
 def _outside(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Install a package outside the checkout."""
-    with installed(tmp_path_factory.mktemp("site"), manual_export(), GROUP, member="ArraysFile"):
+    folder, code = tmp_path_factory.mktemp("site"), manual_example("my_exports.py")
+    with installed(folder, code, GROUP, attribute=":ArraysFile"):
         yield
 
 

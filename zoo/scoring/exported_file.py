@@ -8,8 +8,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from zoo.base.entry_points import installed_entries
-from zoo.base.errors import InputError
+from zoo.base.entry_points import installed_entries, load_entry
 from zoo.checkpoints.onnx_policy import INSTALL, SUFFIX, TOLERANCE, OnnxPolicy
 
 # torch, a slow import, comes late: --help and typos answer at once.
@@ -147,12 +146,6 @@ def exports(
             yield name, kind
     for entry in installed_entries(GROUP):
         name, _, entry_weights = entry.name.partition(".")
-        if to not in (None, name) or weights != (entry_weights or FLOAT) or entry.name in OWN:
-            continue
-        try:
-            yield name, entry.load()
-        except Exception as error:
-            raise InputError(
-                f"{entry.value}: the kind of file {entry.name} cannot be imported ({error}); "
-                "install its package again"
-            ) from None
+        is_wanted = to in (None, name) and weights == (entry_weights or FLOAT)
+        if is_wanted and entry.name not in OWN:
+            yield name, load_entry(entry)
