@@ -10,7 +10,6 @@ import io
 import math
 import re
 import shlex
-import textwrap
 from collections.abc import Iterable
 from typing import Any
 
@@ -19,8 +18,6 @@ from markupsafe import Markup
 
 from zoo.base.terminal import printable
 
-C_WIDTH = 97  # of a comment
-_NOT_IN_C = re.compile(r"[^ -)+->@-\[\]-~]")  # all but printable ASCII without *, ? and \
 _NOT_IN_MARKDOWN = re.compile(r"[\\`*_\[\]<>#|~&${}]")
 _BLOCK = re.compile(r"^(\d{0,9})([-+=.)])(?=[-+=\s]|$)")  # begins a list, a rule or a heading
 _NOT_IN_TEX = re.compile(r"[<>]=|(?<![\w-])-(?=\d)|[^ \w.,:;!?()/'\"+=@-]|_")
@@ -40,21 +37,6 @@ _TEX = {
 _FORMULA = re.compile("(^|;)(?=[=+@\uff1d\uff0b\uff20]|[-\uff0d].)")
 _NUMBER = re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?", re.ASCII)
 _SHELL_WORD = re.compile(r"[\w.,:=/@%+\[\]-]+", re.ASCII)
-
-
-def c_comment(text: str) -> str:
-    r"""Return a text of several lines as lines of a C comment, which it cannot end.
-
-    >>> c_comment("a */ b")
-    ' * a _/ b'
-    """
-    lines = []
-    for line in (_NOT_IN_C.sub("_", one) for one in text.replace("\\", "").splitlines()):
-        is_whole = line.startswith(("drivezoo ", "|"))  # a command, or a row of a table
-        lines += (
-            [line] if is_whole else textwrap.wrap(line, C_WIDTH, subsequent_indent="  ") or [""]
-        )
-    return "\n".join(f" * {line}".rstrip() for line in lines)
 
 
 class _OneLineTexts(yaml.SafeDumper):

@@ -13,7 +13,7 @@ from zoo.base.command import command
 def export(
     ckpt: str,
     *,
-    to: Literal["onnx", "donkeycar", "c"] | None = None,
+    to: str | None = None,
     out: str | None = None,
     weights: Literal["float", "int8"] = "float",
     calibration: str | None = None,
@@ -55,7 +55,7 @@ def export(
             file cannot be written, or it steers differently from the checkpoint.
         UsageError: the ending does not fit, or weights=int8 for another kind.
     """
-    from zoo.export.exported_file import export_checkpoint
+    from zoo.scoring.checked_export import export_checkpoint
 
     return export_checkpoint(ckpt, out, frames, Console(), to, weights, calibration, throttle)
 

@@ -1,1 +1,1 @@
-"""Scores of a network from drives and replays, the verdict on it, and its report."""
+"""Scores of a network from drives and replays, its verdict and report, and its exported file."""

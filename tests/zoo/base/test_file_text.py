@@ -3,8 +3,6 @@
 import csv
 import io
 import re
-import shutil
-import subprocess
 from collections import Counter
 from collections.abc import Iterator
 from html.parser import HTMLParser
@@ -19,7 +17,6 @@ from markdown_it import MarkdownIt
 
 from zoo.base.errors import UsageError
 from zoo.base.file_text import (
-    c_comment,
     csv_text,
     markdown_cell,
     markdown_code,
@@ -49,30 +46,6 @@ def spoiled(*payloads: str) -> Iterator[str]:
         for place in range(len(payload) + 1):
             for control in CONTROLS:
                 yield payload[:place] + control + payload[place:]
-
-
-def outside_comments(text: str) -> str:
-    """Return C without its comments, by the order of the standard: trigraphs, splices, comments."""
-    text = text.replace("??/", "\\")
-    return re.sub(r"/\*.*?\*/", "", re.sub(r"\\[ \t]*\n", "", text), flags=re.DOTALL).strip()
-
-
-ENDS_OF_A_COMMENT = ("*/ int e; /*", "*\\\n/ int e;", "*??/\n/ int e;", "/*", "*\\/ int e;")
-
-
-def test_a_c_comment_is_not_ended() -> None:
-    for text in spoiled(*ENDS_OF_A_COMMENT):
-        comment = c_comment(text)
-        assert not outside_comments(f"/*\n{comment}\n */"), ascii(text)
-        assert comment.isascii()
-
-
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs a C compiler")
-def test_a_compiler_sees_no_code_in_comments(tmp_path: Path) -> None:
-    comments = "".join(f"/*\n{c_comment(text)}\n */\n" for text in spoiled(*ENDS_OF_A_COMMENT))
-    (tmp_path / "a.c").write_text(f"{comments}int e;\n")
-    words = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "a.c"]
-    subprocess.run(words, check=True, cwd=tmp_path)
 
 
 def test_yaml_holds_the_same_texts_in_a_line_each() -> None:

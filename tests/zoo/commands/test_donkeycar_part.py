@@ -2,7 +2,6 @@
 
 import importlib.util
 import json
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -18,16 +17,18 @@ from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.commands.new import write_part
-from zoo.export.c_file import c_header, c_source
-from zoo.export.compiled_policy import FLAGS, find_compiler
 
 FRAMES = np.random.default_rng(0).integers(0, 256, (3, 120, 160, 3), np.uint8)
 
 
 @pytest.fixture
 def part(tmp_path: Path) -> ModuleType:
+    return imported_part(tmp_path)
+
+
+def imported_part(folder: Path) -> ModuleType:
     """Write and import the part in an empty folder."""
-    (path,), _ = write_part("donkeycar", "my_pilot", tmp_path)
+    (path,), _ = write_part("donkeycar", "my_pilot", folder)
     spec = importlib.util.spec_from_file_location("my_pilot", path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -91,22 +92,3 @@ def test_a_network_that_it_cannot_run_is_refused(
 ) -> None:
     with pytest.raises(ValueError, match=words):
         onnx_part(part, checkpoint_of(name, **data), tmp_path)
-
-
-@pytest.mark.skipif(not find_compiler(), reason="no C compiler")
-def test_a_c_file_steers_as_its_checkpoint_and_refuses_another_size(
-    part: ModuleType, tmp_path: Path
-) -> None:
-    checkpoint, library = checkpoint_of("tiny63"), tmp_path / "steer.so"
-    library.with_suffix(".c").write_text(c_source(checkpoint, "steer", "float"))
-    library.with_suffix(".h").write_text(c_header(checkpoint, "steer", ""))
-    source = [str(library.with_suffix(".c")), "-o", str(library)]
-    subprocess.run([find_compiler(), *FLAGS, "-shared", "-fPIC", *source], check=True)
-    pilot, policy = part.MyPilot(str(library)), CheckpointPolicy(checkpoint)
-    for frame in FRAMES:
-        assert pilot.run(frame)[0] == pytest.approx(policy(frame, 0.0).steering, abs=1e-5)
-    assert pilot.run(None) == (0.0, 0.0)
-    with pytest.raises(ValueError, match="IMAGE_W"):
-        pilot.run(FRAMES[0, ::2])
-    with pytest.raises(ValueError, match="IMAGE_DEPTH"):
-        pilot.run(FRAMES[0, :, :, :1])

@@ -112,13 +112,13 @@ def test_a_moved_recording_is_replaced_by_frames_of_the_networks_size(
         assert words in frames.source
 
 
-def test_a_c_file_is_compared_in_another_folder(begun: Path, tmp_path: Path) -> None:
-    printed = succeed(run_here(tmp_path, str(begun / "run"), "to=c", module="zoo.commands.export"))
+def test_an_export_is_compared_in_another_folder(begun: Path, tmp_path: Path) -> None:
+    printed = succeed(run_here(tmp_path, str(begun / "run"), module="zoo.commands.export"))
     assert f"frames of {begun}/laps/tub" in printed
     shutil.copy(begun / "run" / "checkpoints" / "best.ckpt", tmp_path / "alone.ckpt")
     (begun / "laps").rename(begun / "gone")
     try:
-        words = ("alone.ckpt", "to=c", "out=other.c")
+        words = ("alone.ckpt", "out=other.onnx")
         printed = succeed(run_here(tmp_path, *words, module="zoo.commands.export"))
     finally:
         (begun / "gone").rename(begun / "laps")

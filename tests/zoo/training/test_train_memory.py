@@ -9,8 +9,8 @@ from tests.recordings import Written
 from tests.zoo.command_runs import run, succeed
 from tests.zoo.models.test_memory import NAMES
 from zoo.checkpoints.checkpoint_policy import load_policy
-from zoo.export.exported_file import export_checkpoint
 from zoo.runs.metrics_file import read_metrics_file
+from zoo.scoring.checked_export import export_checkpoint
 
 SMALL = {
     "pilotnet_stack": ["model.sequence=2", "model.stride=2"],

@@ -1,1 +1,1 @@
-"""How fast a network drives on a computer with measured loop times."""
+"""A network on the car's computer: files in C, of 8 bits and for Donkeycar; loop times."""

@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zoo.base.errors import InputError
-from zoo.base.file_text import c_comment
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.onnx_file import graph_bytes
 from zoo.checkpoints.onnx_policy import IMAGES, SPEED
-from zoo.export.c_source import CSource, c_number, read_parts
-from zoo.export.c_view import write_view
+from zoo.extras.car.c_source import CSource, c_comment, c_number, read_parts
+from zoo.extras.car.c_view import write_view
 from zoo.models.memory import Memory
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from datamodules.view import View
-from zoo.export.c_source import CSource
+from zoo.extras.car.c_source import CSource
 
 ONE = 2048  # OpenCV's weight of a whole pixel
 PARTS = {"rgb": "plain", "bgr": "plain", "yuv_old": "yuv", "hsv_s": "hsv"}

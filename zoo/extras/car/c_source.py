@@ -1,6 +1,7 @@
 """The text of a C file: its parts, constant arrays, and the statements of its function."""
 
 import re
+import textwrap
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cache
@@ -10,6 +11,8 @@ import numpy as np
 
 from zoo.base.errors import UsageError
 
+C_WIDTH = 97  # of a comment
+_NOT_IN_C = re.compile(r"[^ -)+->@-\[\]-~]")  # all but printable ASCII without *, ? and \
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,50}", re.ASCII)
 # Words that C or the file uses.
 TAKEN = re.compile(
@@ -101,3 +104,18 @@ def c_number(value: float) -> str:
     ('0.1f', '-2.0f')
     """
     return f"{np.float32(value)!s}f"
+
+
+def c_comment(text: str) -> str:
+    r"""Return a text of several lines as lines of a C comment, which it cannot end.
+
+    >>> c_comment("a */ b")
+    ' * a _/ b'
+    """
+    lines = []
+    for line in (_NOT_IN_C.sub("_", row) for row in text.replace("\\", "").splitlines()):
+        is_whole = line.startswith(("drivezoo ", "|"))  # a command, or a row of a table
+        lines += (
+            [line] if is_whole else textwrap.wrap(line, C_WIDTH, subsequent_indent="  ") or [""]
+        )
+    return "\n".join(f" * {line}".rstrip() for line in lines)

@@ -24,13 +24,13 @@ from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.driving.metrics import measure
 from zoo.driving.run_drives import all_drives
 from zoo.driving.scenario import Scenario
-from zoo.export import compiled_policy
-from zoo.export.c_file import c_header, c_source, rounded
-from zoo.export.c_source import CSource, function_name
-from zoo.export.c_view import write_view
-from zoo.export.compiled_policy import CompiledPolicy, find_compiler
-from zoo.export.exported_file import export_checkpoint
+from zoo.extras.car import compiled_policy
+from zoo.extras.car.c_file import c_header, c_source, rounded
+from zoo.extras.car.c_source import CSource, function_name
+from zoo.extras.car.c_view import write_view
+from zoo.extras.car.compiled_policy import CompiledPolicy, find_compiler
 from zoo.models.layers import Normalize
+from zoo.scoring.checked_export import export_checkpoint
 from zoo.scoring.parity import Frames, compare
 
 COMPILER = find_compiler()
@@ -141,7 +141,9 @@ def test_other_layers_are_exact_too(tmp_path: Path) -> None:
         nn.Sigmoid(),
         nn.AdaptiveAvgPool2d(1),
         nn.Flatten(),
-        nn.Linear(9, 1),
+        nn.Linear(9, 2),
+        nn.Sigmoid(),
+        nn.Linear(2, 1),
     ]
     layers[2].running_mean += 0.3
     view = View((0, 0), "rgb", (20, 30), frame=(40, 60))

@@ -1,1 +1,0 @@
-"""Export of a checkpoint to ONNX, with a check that both steer the same: `drivezoo export`."""
