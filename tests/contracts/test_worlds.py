@@ -1,6 +1,9 @@
 """What every world promises, over all implementations, one of another package among them."""
 
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,7 +13,7 @@ import pytest
 from datamodules.recording_format import read_recordings
 from tests.contracts.outside_package import installed
 from tests.recordings import write_recording
-from tests.zoo.command_runs import ROOT
+from tests.zoo.command_runs import ROOT, environment
 from tests.zoo.simulator.donkey_process import donkey_simulator
 from zoo.base.errors import InputError
 from zoo.checkpoints.policy_base import as_policy
@@ -95,6 +98,39 @@ def test_a_world_of_another_package_is_named_by_its_entry_point(folder: Path) ->
     assert straight.intervention.any(), "it leaves the straight road"
     with pytest.raises(InputError, match=r"world=strait: no such world; did you mean straight"):
         open_world(Scenario(world="strait"))
+
+
+SCRIPT = """
+from zoo.checkpoints.policy_base import as_policy
+from zoo.driving.run_drives import all_drives
+from zoo.driving.scenario import Scenario
+
+policy = as_policy(lambda frame, mph: (0.0, None))
+(drive,) = all_drives(policy, [Scenario(world="straight")])
+print(drive.intervention.sum())
+"""
+
+
+def test_a_world_of_a_package_works_in_a_script_beside_its_source(tmp_path: Path) -> None:
+    project, site = tmp_path / "project", tmp_path / "site"
+    # As `pip install -e .` leaves them: what is installed, and a folder that only builds need.
+    for about in (project / "my_world.egg-info", site / "my_world-1.dist-info"):
+        about.mkdir(parents=True)
+        text = "Metadata-Version: 2.1\nName: my_world\nVersion: 1\n"
+        (about / "METADATA").write_text(text)
+        (about / "PKG-INFO").write_text(text)
+        (about / "entry_points.txt").write_text("[drivezoo.worlds]\nmy_world = my_world\n")
+    (project / "my_world.py").write_text(manual_world())
+    (project / "script.py").write_text(SCRIPT)
+    result = subprocess.run(
+        [sys.executable, "script.py"],
+        cwd=project,
+        env=environment() | {"PYTHONPATH": os.pathsep.join((str(site), str(ROOT)))},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.stdout == "0\n", result.stderr
 
 
 def test_a_recording_that_is_open_is_a_world_too(folder: Path) -> None:

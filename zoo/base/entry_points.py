@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,16 +15,18 @@ EXTRAS = "zoo.extras."
 
 def installed_entries(group: str) -> list[EntryPoint]:
     """Return a group's entry points of installed packages, without those of deleted extras."""
-    from importlib.metadata import entry_points  # slow import
+    from importlib.metadata import distributions  # slow import
 
     # Python also reads the packages' files in the current folder, which may be a downloaded one.
-    here = Path.cwd()
-    return [
-        entry
-        for entry in entry_points(group=group)
-        if entry.dist and Path(str(entry.dist.locate_file(""))).resolve() != here
-        if not is_extra(entry) or file_of(entry.value).is_file()
-    ]
+    # They must not hide an installed package's either: a script starts beside its own project.
+    folders = [folder for folder in sys.path if Path(folder).resolve() != Path.cwd()]
+    entries = {
+        (entry.name, entry.value): entry
+        for package in distributions(path=folders)
+        for entry in package.entry_points
+        if entry.group == group and (not is_extra(entry) or file_of(entry.value).is_file())
+    }
+    return list(entries.values())
 
 
 def is_extra(entry: EntryPoint) -> bool:
