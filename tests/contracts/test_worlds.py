@@ -1,7 +1,6 @@
 """What every world promises, over all implementations, one of another package among them."""
 
 import os
-import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 
 from datamodules.recording_format import read_recordings
-from tests.contracts.outside_package import installed
+from tests.contracts.outside_package import installed, manual_example
 from tests.recordings import write_recording
 from tests.zoo.command_runs import ROOT, environment
 from tests.zoo.simulator.donkey_process import donkey_simulator
@@ -34,14 +33,6 @@ SCENARIOS = {
 }
 
 
-def manual_world() -> str:
-    """Return the example of the manual."""
-    page = (ROOT / "docs" / "extending.md").read_text()
-    found = re.search(r"```python\n(# my_world\.py\n.*?)```", page, re.DOTALL)
-    assert found, "docs/extending.md has no my_world.py"
-    return found[1]
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Install a package outside the checkout; write a recording beside it."""
@@ -50,7 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(here)
         with (
-            installed(folder, manual_world(), "drivezoo.worlds", WORLDS),
+            installed(folder, manual_example("my_world.py"), "drivezoo.worlds", WORLDS),
             donkey_simulator("rate=max") as (port, _),
         ):
             patch.setattr(donkey_world, "PORT", port)
@@ -120,7 +111,7 @@ def test_a_world_of_a_package_works_in_a_script_beside_its_source(tmp_path: Path
         (about / "METADATA").write_text(text)
         (about / "PKG-INFO").write_text(text)
         (about / "entry_points.txt").write_text("[drivezoo.worlds]\nmy_world = my_world\n")
-    (project / "my_world.py").write_text(manual_world())
+    (project / "my_world.py").write_text(manual_example("my_world.py"))
     (project / "script.py").write_text(SCRIPT)
     result = subprocess.run(
         [sys.executable, "script.py"],

@@ -262,6 +262,3 @@ def _field(data: object, key: str) -> str:
     if not isinstance(text, str):
         raise InputError(f"{key}: {text!a:.50}; must be a text in one object")
     return text
-
-
-CLIENTS = {"udacity": Client, "maxitwo": MaxitwoClient, "udacity_gym": GymClient}
