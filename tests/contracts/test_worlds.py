@@ -13,10 +13,8 @@ from datamodules.recording_format import read_recordings
 from tests.contracts.outside_package import installed, manual_example
 from tests.recordings import write_recording
 from tests.zoo.command_runs import ROOT, environment
-from tests.zoo.simulator.donkey_process import donkey_simulator
 from zoo.base.errors import InputError
 from zoo.checkpoints.policy_base import as_policy
-from zoo.driving import donkey_world
 from zoo.driving.drive_loop import drive
 from zoo.driving.open_world import WORLDS, open_world
 from zoo.driving.replay_world import ReplayWorld
@@ -28,7 +26,6 @@ SCENARIOS = {
     "embedded": Scenario("lake", laps=0.02, quality="simple"),
     "replay": Scenario("recording", world="replay"),
     "gymnasium": Scenario("Lake-v0", world="gymnasium"),
-    "donkey": Scenario("generated_track", laps=0.02, world="donkey"),
     "outside": Scenario(world="straight"),
 }
 
@@ -40,11 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     write_recording(here / "recording", rows=250)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(here)
-        with (
-            installed(folder, manual_example("my_world.py"), "drivezoo.worlds", WORLDS),
-            donkey_simulator("rate=max") as (port, _),
-        ):
-            patch.setattr(donkey_world, "PORT", port)
+        with installed(folder, manual_example("my_world.py"), "drivezoo.worlds", WORLDS):
             yield here
 
 

@@ -131,7 +131,8 @@ class EntryChoice:
     @property
     def words(self) -> str:
         """Return the names as in a sentence."""
-        return alternatives(self.names) if self.names else f"an entry point of {self.group}"
+        none = f"an entry point of {self.group}, of which none is installed"
+        return alternatives(self.names) if self.names else none
 
 
 def alternatives(names: Iterable[object]) -> str:

@@ -1,7 +1,7 @@
 """The command `drivezoo simulator serve`: the embedded world for Donkeycar clients."""
 
 from zoo.base.command import command
-from zoo.simulator.serve_options import ServeOptions
+from zoo.extras.donkey.serve_options import ServeOptions
 
 
 @command(name="simulator serve", parts=False)
@@ -13,6 +13,6 @@ def serve(*, options: ServeOptions) -> None:
     Args:
         options: see `ServeOptions`.
     """
-    from zoo.simulator.donkey_server import serve_clients  # slow import: SciPy
+    from zoo.extras.donkey.donkey_server import serve_clients  # slow import: SciPy
 
     serve_clients(options)

@@ -14,8 +14,8 @@ from zoo.base.errors import InputError
 from zoo.base.process_pool import ProcessPool
 from zoo.base.rig import RIGS, Rig
 from zoo.base.rig_file import RIG_NAME, find_rig, write_rig
-from zoo.simulator.donkey_session import RATE, DonkeySession, Message, track_of
-from zoo.simulator.serve_options import ServeOptions
+from zoo.extras.donkey.donkey_session import RATE, DonkeySession, Message, track_of
+from zoo.extras.donkey.serve_options import ServeOptions
 from zoo.simulator.track_file import read_track
 
 MOST_BYTES = 65_536  # of one message
