@@ -4,18 +4,24 @@ import os
 import shutil
 import subprocess
 import sys
-from importlib.metadata import distribution
+from importlib.metadata import EntryPoint, distribution
 from pathlib import Path
 
 import pytest
 
-from zoo.base.console_script import extra_commands
+from zoo.base.console_script import ENTRY_POINTS, extra_commands
 from zoo.base.entry_points import is_extra
 
 ROOT = Path(__file__).parents[1]
 EXTRAS = sorted(path.name for path in (ROOT / "zoo" / "extras").iterdir() if path.is_dir())
 EXTRAS = [name for name in EXTRAS if not name.startswith("_")]
 DRIVEZOO = "import sys; from zoo.base.console_script import main; sys.exit(main())"
+# What a user types to choose an entry point of a group.
+CHOICES = {
+    "drivezoo.dialects": ("simulator", "client", "dialect={}"),
+    "drivezoo.simulators": ("drive", "tiny41", "world={}"),
+    "drivezoo.worlds": ("evaluate", "tiny41", "world={}"),
+}
 LEFT_OUT = shutil.ignore_patterns(".*", "outputs", "__pycache__", "_build", "dist")
 
 
@@ -27,10 +33,10 @@ def without(name: str, folder: Path) -> Path:
     return folder
 
 
-def joined(name: str) -> set[str]:
-    """Return the places of an extra that entry points name."""
+def joined(name: str) -> list[EntryPoint]:
+    """Return the entry points of an extra."""
     entries = filter(is_extra, distribution("drivezoo").entry_points)
-    return {entry.value for entry in entries if entry.value.startswith(f"zoo.extras.{name}.")}
+    return [entry for entry in entries if entry.value.startswith(f"zoo.extras.{name}.")]
 
 
 def run(folder: Path, *words: str) -> subprocess.CompletedProcess:
@@ -47,14 +53,20 @@ def test_without_an_extra_the_other_commands_are_there(name: str, tmp_path: Path
     assert printed.returncode == 0, printed.stderr
     shown = {line.split()[0] for line in printed.stdout.splitlines() if line.startswith("  ")}
     assert joined(name), "an extra that nothing joins"
-    places = extra_commands()
-    gone = {command for command, place in places.items() if place in joined(name)}
+    gone = {entry.name for entry in joined(name) if entry.group == ENTRY_POINTS}
     assert gone.isdisjoint(shown)
-    assert shown >= {"train", "evaluate", *places} - gone
+    assert shown >= {"train", "evaluate", *extra_commands()} - gone
     for command in gone:
-        typed = run(copy, "-c", DRIVEZOO, command)
+        typed = run(copy, "-c", DRIVEZOO, *command.split("."))
         assert typed.returncode == 2
         assert "no such command" in typed.stderr
+    for entry in joined(name):
+        if entry.group in CHOICES:
+            words = [word.format(entry.name) for word in CHOICES[entry.group]]
+            typed = run(copy, "-c", DRIVEZOO, *words)
+            assert typed.returncode == 2
+            line = typed.stderr.splitlines()[-1]
+            assert f"{words[-1]}: " in line
 
 
 @pytest.mark.slow

@@ -27,17 +27,17 @@ from zoo.base.command_keys import (
 from zoo.base.console_script import ALIASES, GROUPS, LISTED, load, places
 from zoo.base.errors import InputError, UsageError
 from zoo.base.terminal import command_line
-from zoo.commands.simulator import COMMANDS as SIMULATOR
+from zoo.commands.simulator import all_commands
 from zoo.scoring.evaluate_options import EvaluateOptions, ReplayOptions
 
 MOST_SHOWN = 27
-# Trainings have a config in place of a signature, `simulator` has three commands below it.
+# Trainings have a config in place of a signature, `simulator` has commands below it.
 PLACES = places()
 SPECIAL = ("train", "simulator")
 COMMANDS: dict[str, Command[Any]] = {
     name: load(place) for name, place in PLACES.items() if name not in SPECIAL
 }
-COMMANDS |= {f"simulator {name}": one for name, one in SIMULATOR.items()}
+COMMANDS |= {f"simulator {name}": one for name, one in all_commands().items()}
 WITH_KEYS = [name for name, one in COMMANDS.items() if one.keys]
 RANGED = [
     (name, key.name)

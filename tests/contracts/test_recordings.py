@@ -18,18 +18,12 @@ from datamodules.recording import Recording
 from datamodules.recording_edits import Edits
 from datamodules.recording_format import OWN, find_format, formats, other_car, read_recordings
 from tests import foreign_recordings as foreign
+from tests.contracts.outside_package import manual_example
 from tests.recordings import write_recording
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import UDACITY
 
 ROWS = 30
-OUTSIDE = Path("docs/extending.md")
-
-
-def outside_code() -> str:
-    """Return the outside format of the manual."""
-    text = (Path(__file__).parents[2] / OUTSIDE).read_text(encoding="utf-8")
-    return text.partition("# my_formats.py\n")[2].partition("```")[0]
 
 
 @pytest.fixture
@@ -38,7 +32,7 @@ def outside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     site = tmp_path / "site"
     info = site / "my_formats-1.0.dist-info"
     info.mkdir(parents=True)
-    (site / "my_formats.py").write_text(outside_code())
+    (site / "my_formats.py").write_text(manual_example("my_formats.py"))
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my_formats\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text("[drivezoo.formats]\nnamed = my_formats\n")
     monkeypatch.syspath_prepend(str(site))

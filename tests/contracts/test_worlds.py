@@ -1,6 +1,8 @@
 """What every world promises, over all implementations, one of another package among them."""
 
-import re
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -8,13 +10,11 @@ import numpy as np
 import pytest
 
 from datamodules.recording_format import read_recordings
-from tests.contracts.outside_package import installed
+from tests.contracts.outside_package import installed, manual_example
 from tests.recordings import write_recording
-from tests.zoo.command_runs import ROOT
-from tests.zoo.simulator.donkey_process import donkey_simulator
+from tests.zoo.command_runs import ROOT, environment
 from zoo.base.errors import InputError
 from zoo.checkpoints.policy_base import as_policy
-from zoo.driving import donkey_world
 from zoo.driving.drive_loop import drive
 from zoo.driving.open_world import WORLDS, open_world
 from zoo.driving.replay_world import ReplayWorld
@@ -26,17 +26,8 @@ SCENARIOS = {
     "embedded": Scenario("lake", laps=0.02, quality="simple"),
     "replay": Scenario("recording", world="replay"),
     "gymnasium": Scenario("Lake-v0", world="gymnasium"),
-    "donkey": Scenario("generated_track", laps=0.02, world="donkey"),
     "outside": Scenario(world="straight"),
 }
-
-
-def manual_world() -> str:
-    """Return the example of the manual."""
-    page = (ROOT / "docs" / "extending.md").read_text()
-    found = re.search(r"```python\n(# my_world\.py\n.*?)```", page, re.DOTALL)
-    assert found, "docs/extending.md has no my_world.py"
-    return found[1]
 
 
 @pytest.fixture(scope="module")
@@ -46,11 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     write_recording(here / "recording", rows=250)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(here)
-        with (
-            installed(folder, manual_world(), "drivezoo.worlds", WORLDS),
-            donkey_simulator("rate=max") as (port, _),
-        ):
-            patch.setattr(donkey_world, "PORT", port)
+        with installed(folder, manual_example("my_world.py"), "drivezoo.worlds", WORLDS):
             yield here
 
 
@@ -95,6 +82,39 @@ def test_a_world_of_another_package_is_named_by_its_entry_point(folder: Path) ->
     assert straight.intervention.any(), "it leaves the straight road"
     with pytest.raises(InputError, match=r"world=strait: no such world; did you mean straight"):
         open_world(Scenario(world="strait"))
+
+
+SCRIPT = """
+from zoo.checkpoints.policy_base import as_policy
+from zoo.driving.run_drives import all_drives
+from zoo.driving.scenario import Scenario
+
+policy = as_policy(lambda frame, mph: (0.0, None))
+(drive,) = all_drives(policy, [Scenario(world="straight")])
+print(drive.intervention.sum())
+"""
+
+
+def test_a_world_of_a_package_works_in_a_script_beside_its_source(tmp_path: Path) -> None:
+    project, site = tmp_path / "project", tmp_path / "site"
+    # As `pip install -e .` leaves them: what is installed, and a folder that only builds need.
+    for about in (project / "my_world.egg-info", site / "my_world-1.dist-info"):
+        about.mkdir(parents=True)
+        text = "Metadata-Version: 2.1\nName: my_world\nVersion: 1\n"
+        (about / "METADATA").write_text(text)
+        (about / "PKG-INFO").write_text(text)
+        (about / "entry_points.txt").write_text("[drivezoo.worlds]\nmy_world = my_world\n")
+    (project / "my_world.py").write_text(manual_example("my_world.py"))
+    (project / "script.py").write_text(SCRIPT)
+    result = subprocess.run(
+        [sys.executable, "script.py"],
+        cwd=project,
+        env=environment() | {"PYTHONPATH": os.pathsep.join((str(site), str(ROOT)))},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.stdout == "0\n", result.stderr
 
 
 def test_a_recording_that_is_open_is_a_world_too(folder: Path) -> None:

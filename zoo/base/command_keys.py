@@ -18,6 +18,7 @@ from dataclasses import dataclass, is_dataclass
 from operator import attrgetter
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
+from zoo.base.entry_points import named_entries
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.terminal import command_line
 
@@ -61,7 +62,9 @@ class Key:
     @property
     def row(self) -> str:
         """Return the lines of the help."""
-        limits = bounds(self.kind).removeprefix("in ").removeprefix("of ")
+        mark = _entry_choice(self.kind)
+        limits = mark.words if mark else bounds(self.kind)
+        limits = limits.removeprefix("in ").removeprefix("of ")
         explained = all(re.search(rf"\b{name}\b", self.meaning) for name in self.choices)
         meaning = re.sub(r"\bNone\b", "null", self.meaning)
         if limits and not (self.choices and explained):
@@ -106,6 +109,40 @@ class Choice:
         if chosen not in self.functions:
             raise UsageError(f"{name}={chosen}: no such choice; {hint(chosen, self.functions)}")
         return {**values, name: chosen}
+
+
+@dataclass(frozen=True)
+class EntryChoice:
+    """Mark of a key that names one of drivezoo's choices, or a package's entry point.
+
+    Attributes:
+        group: group of the entry points, which are read only for a name that is not drivezoo's.
+        own: drivezoo's names.
+    """
+
+    group: str
+    own: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return all names, drivezoo's first."""
+        return tuple(dict.fromkeys((*self.own, *sorted(named_entries(self.group)))))
+
+    @property
+    def words(self) -> str:
+        """Return the names as in a sentence."""
+        none = f"an entry point of {self.group}, of which none is installed"
+        return alternatives(self.names) if self.names else none
+
+
+def alternatives(names: Iterable[object]) -> str:
+    """Return names as in a sentence.
+
+    >>> alternatives(["a", "b", "c"])
+    'a, b or c'
+    """
+    *first, last = map(str, names)
+    return f"{', '.join(first)} or {last}" if first else last
 
 
 def typed(value: object) -> str:
@@ -171,8 +208,7 @@ def bounds(kind: Any) -> str:
     if get_origin(kind) in (Union, types.UnionType):
         return ", or ".join(filter(None, map(bounds, get_args(kind))))
     if get_origin(kind) is Literal:
-        *first, last = map(str, get_args(kind))
-        return f"{', '.join(first)} or {last}" if first else last
+        return alternatives(get_args(kind))
     limits: dict[str, float] = {}
     for mark in getattr(kind, "__metadata__", ()):
         for limit in getattr(mark, "metadata", ()):  # of pydantic's Field
@@ -201,6 +237,8 @@ def wanted(kind: Any) -> str:
         return ", or ".join("null" if part is type(None) else wanted(part) for part in parts)
     if get_origin(kind) is Literal:
         return bounds(kind)
+    if mark := _entry_choice(kind):
+        return mark.words
     plain, *marks = get_args(kind) if get_origin(kind) is Annotated else [kind]
     examples = [one for mark in marks for one in getattr(mark, "examples", None) or ()]
     if examples:
@@ -215,6 +253,8 @@ def choices_of(kind: Any) -> tuple[str, ...]:
     for mark in getattr(kind, "__metadata__", ()):
         if isinstance(mark, Choice):
             return tuple(mark.functions)
+        if isinstance(mark, EntryChoice):
+            return mark.names
     if get_origin(kind) is Literal:
         return tuple(map(str, get_args(kind)))
     if get_origin(kind) in (Union, types.UnionType):
@@ -245,6 +285,9 @@ def convert(name: str, kind: Any, value: Any) -> Any:
     plain = {get_origin(part) or part for part in parts}
     if is_misplaced_bool(kind, value):
         raise UsageError(f"{name}={typed(given)}: must be {wanted(kind)}")
+    mark = _entry_choice(kind)
+    if mark and value is not None and value not in mark.own and value not in mark.names:
+        raise UsageError(f"{name}={typed(given)}: must be {wanted(kind)}")
     if isinstance(value, str) and plain & {list, tuple}:
         from zoo.base.bounded_files import parse_yaml  # slow import: YAML
 
@@ -262,6 +305,13 @@ def convert(name: str, kind: Any, value: Any) -> Any:
         is_number = error.errors()[0]["type"] == "finite_number"
         what = "a finite number" if is_number else wanted(kind)
         raise UsageError(f"{name}={typed(given)}: must be {what}") from None
+
+
+def _entry_choice(kind: Any) -> EntryChoice | None:
+    """Return the mark of a type, or of a part of a union; None without it."""
+    kinds = (kind, *get_args(kind))
+    marks = (mark for part in kinds for mark in getattr(part, "__metadata__", ()))
+    return next((mark for mark in marks if isinstance(mark, EntryChoice)), None)
 
 
 def is_misplaced_bool(kind: Any, value: Any) -> bool:

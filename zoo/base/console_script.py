@@ -8,13 +8,15 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zoo.base.entry_points import file_of, installed_entries, is_extra
+from zoo.base.entry_points import file_of, installed_entries, is_extra, named_entries
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.module_start import run_module
 from zoo.base.run_command import run_command
 from zoo.base.terminal import command_line, printable, take_verbosity
 
 if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
     from zoo.base.command import Command
 
 # Commands, by what a user is doing: of the core, and of the extras that are there.
@@ -126,14 +128,36 @@ def place_of(name: str) -> str | None:
 def extra_commands() -> dict[str, str]:
     """Return the places of the extras' commands, by the command's name."""
     entries = installed_entries(ENTRY_POINTS)
-    return {entry.name: entry.value for entry in entries if is_extra(entry)}
+    return {entry.name: entry.value for entry in entries if is_extra(entry) and not below(entry)}
 
 
 def outside_commands() -> dict[str, str]:
     """Return the place of each command of other installed packages, by the command's name."""
-    entries = {entry.name: entry.value for entry in installed_entries(ENTRY_POINTS)}
     known = {*commands(), *LISTED, *extra_commands()}
-    return {name: value for name, value in entries.items() if name not in known}
+    entries = named_entries(ENTRY_POINTS)
+    return {
+        name: entry.value
+        for name, entry in entries.items()
+        if name not in known and not below(entry)
+    }
+
+
+def below(entry: "EntryPoint") -> str:
+    """Return the command below which an entry point adds a command, such as `simulator`."""
+    return entry.name.rpartition(".")[0]
+
+
+def commands_below(name: str) -> dict[str, "Command[Any]"]:
+    """Return the commands of installed packages below one of drivezoo's, by the last word.
+
+    Raises:
+        InputError: one of them cannot be imported, or is no command.
+    """
+    return {
+        entry.name.removeprefix(f"{name}."): load(entry.value)
+        for entry in named_entries(ENTRY_POINTS).values()
+        if below(entry) == name
+    }
 
 
 def load(place: str) -> "Command[Any]":

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, hint
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
+
+Kind = TypeVar("Kind")
 
 ROOT = Path(__file__).parents[2]
 EXTRAS = "zoo.extras."
@@ -16,16 +19,23 @@ EXTRAS = "zoo.extras."
 
 def installed_entries(group: str) -> list[EntryPoint]:
     """Return a group's entry points of installed packages, without those of deleted extras."""
-    from importlib.metadata import entry_points  # slow import
+    from importlib.metadata import distributions  # slow import
 
     # Python also reads the packages' files in the current folder, which may be a downloaded one.
-    here = Path.cwd()
-    return [
-        entry
-        for entry in entry_points(group=group)
-        if entry.dist and Path(str(entry.dist.locate_file(""))).resolve() != here
-        if not is_extra(entry) or file_of(entry.value).is_file()
-    ]
+    # They must not hide an installed package's either: a script starts beside its own project.
+    folders = [folder for folder in sys.path if Path(folder).resolve() != Path.cwd()]
+    entries = {
+        (entry.name, entry.value): entry
+        for package in distributions(path=folders)
+        for entry in package.entry_points
+        if entry.group == group and (not is_extra(entry) or file_of(entry.value).is_file())
+    }
+    return list(entries.values())
+
+
+def named_entries(group: str) -> dict[str, EntryPoint]:
+    """Return a group's entry points by name; an extra's replaces that of another package."""
+    return {entry.name: entry for entry in sorted(installed_entries(group), key=is_extra)}
 
 
 def load_entry(entry: EntryPoint) -> Any:
@@ -41,6 +51,27 @@ def load_entry(entry: EntryPoint) -> Any:
             f"{entry.value}: the {_kind(entry.group)} {entry.name} cannot be imported ({error}); "
             "install its package again"
         ) from None
+
+
+def load_class(group: str, name: str, base: type[Kind]) -> type[Kind]:
+    """Return the class that an entry point names.
+
+    Args:
+        group: group of the entry point.
+        name: name of the entry point, as a user types it.
+        base: class from which it must be derived.
+
+    Raises:
+        InputError: there is no such entry point, it cannot be imported, or it is another class.
+    """
+    entries = named_entries(group)
+    if name not in entries:
+        raise InputError(f"{name}: no such {_kind(group)}; {hint(name, entries)}")
+    loaded = load_entry(entries[name])
+    if not (isinstance(loaded, type) and issubclass(loaded, base)):
+        wanted = f"{base.__module__}.{base.__name__}"
+        raise InputError(f"{entries[name].value}: is no {_kind(group)}; derive it from {wanted}")
+    return loaded
 
 
 def _kind(group: str) -> str:

@@ -105,7 +105,7 @@ def command_words() -> dict[str, Words]:
     """Return the words of each command of `drivezoo`."""
     known = places() | outside_commands()
     special = {name: Words((), _training_keys()) for name in ("train", "preview")}
-    simulator = _value("simulator", "COMMANDS")
+    simulator = _value("simulator", "all_commands")()
     special |= {
         "simulator": Words(tuple(simulator), {}),
         "new": Words(tuple(_value("new", "KINDS")), {}),
@@ -115,7 +115,7 @@ def command_words() -> dict[str, Words]:
     return found | {kind: Words((), {}) for kind in LISTED}
 
 
-def _value(name: str, variable: str) -> Mapping[str, Any]:
+def _value(name: str, variable: str) -> Any:
     """Return a variable of a command's module."""
     return getattr(importlib.import_module(commands()[name]), variable)
 

@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING
 from zoo.base.child_process import end_module, start_module
 from zoo.base.command import command
 from zoo.base.console_progress import loading
+from zoo.base.entry_points import load_class
 from zoo.base.errors import InputError
 from zoo.base.new_folder import dated_folder
 from zoo.base.terminal import print_written
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.server.drive_settings import DriveSettings, check_settings
+from zoo.server.driven_simulator import SIMULATORS, DrivenSimulator
 from zoo.simulator.track_names import file_name
 
 if TYPE_CHECKING:
@@ -64,12 +66,12 @@ def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
         InputError: the port is taken, the checkpoint cannot be loaded, or the simulator failed.
     """
     from zoo.scoring.evidence import other_car_line
-    from zoo.server.donkey_client import DonkeyClient
     from zoo.server.drive_writer import BackgroundWriter
     from zoo.server.driver import Driver
     from zoo.server.notices import Notices
     from zoo.server.server import DriveServer
 
+    simulator = load_class(SIMULATORS, settings.world, DrivenSimulator) if settings.world else None
     began, notices, stop = datetime.now(), Notices(), StopOnSignal()
     source = file_name(settings.place or "") if settings.world else None
     writer = BackgroundWriter(settings.record or dated_folder("drives"), notices, source)
@@ -103,9 +105,11 @@ def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
     server = DriveServer(driver, listener, LivePage(driver, token=token), settings.expose)
     url = f"http://{local_name(settings.server[0])}:{server.port}"
     ending = settings.laps, settings.put_back
-    client: EmbeddedClient | DonkeyClient = EmbeddedClient(settings.sim, url, *ending)
-    if settings.world:
-        client = DonkeyClient(driver, settings.place, *ending)
+    client: EmbeddedClient | DrivenSimulator = (
+        simulator(driver, settings.place, *ending)
+        if simulator
+        else EmbeddedClient(settings.sim, url, *ending)
+    )
 
     def listening() -> None:
         if token:

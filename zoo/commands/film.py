@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import cv2
 import numpy as np
@@ -20,7 +20,7 @@ from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
 from zoo.base.terminal import counted, print_line, print_written
 from zoo.driving import drive_log
-from zoo.driving.drive_film import MOMENTS, draw_overlay
+from zoo.driving.drive_film import MOMENTS, Overlay, draw_overlay
 from zoo.driving.drive_record import EMBEDDED, FALLBACK, PERSON, REPLAY, SOCKET
 from zoo.driving.tally import LONGEST_STEP_S, autonomy
 
@@ -32,11 +32,11 @@ SUFFIXES = (".jpg", ".jpeg", ".png")
 
 @dataclass(frozen=True)
 class Shot:
-    """A frame of a film: its image, and the arguments of `draw_overlay` at that time."""
+    """A frame of a film: its image, and the drive's state at that time."""
 
     path: AnyImage
     time_s: float
-    values: dict[str, Any] = field(default_factory=dict)
+    state: Overlay = field(default_factory=Overlay)
 
 
 def read_shots(folder: Path) -> list[Shot]:
@@ -103,7 +103,7 @@ def make_film(
                 except (OSError, ValueError) as error:
                     faults.append(f"{shot.path}: {getattr(error, 'strerror', None) or error}")
                 else:
-                    image = draw_overlay(frame, **shot.values)
+                    image = draw_overlay(frame, shot.state)
                     size = size or image.shape[1::-1]
                     film.add(cv2.resize(image, size))
     except InputError as error:
@@ -136,20 +136,22 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
             continue
         lost_s = float(drive.time_s[row]) if int(interventions[number]) > lost else lost_s
         last, lost = frame, int(interventions[number])
-        values: dict[str, Any] = {
-            name: float(getattr(drive, name)[row])
-            for name in ("steering", "throttle", "speed_mph", "spread")
-        }
-        values["time_s"] = float(drive.time_s[row])
-        values["autonomy"] = autonomy(lost, driven_s[number]) if judged or lost else None
-        values["cte_m"] = float(drive.cross_track_m[row])
-        lately = "intervention" if drive.time_s[row] - lost_s < SHOWN_S else None
-        values["note"] = notes.get(str(drive.driver[row]), lately)
-        # In other worlds it is any car, whose steering range the drive does not have.
-        values["rig"] = UDACITY if drive.source in ("", EMBEDDED, SOCKET) else None
-        if drive.source == REPLAY:
-            values["recorded"] = float(drive.expert_steering[row])
-        shots.append(Shot(folder / frame, float(drive.time_s[row]), values))
+        time_s = float(drive.time_s[row])
+        lately = "intervention" if time_s - lost_s < SHOWN_S else None
+        state = Overlay(
+            float(drive.steering[row]),
+            float(drive.throttle[row]),
+            float(drive.speed_mph[row]),
+            autonomy(lost, driven_s[number]) if judged or lost else None,
+            float(drive.cross_track_m[row]),
+            notes.get(str(drive.driver[row]), lately),
+            float(drive.spread[row]),
+            # In other worlds it is any car, whose steering range the drive does not have.
+            rig=UDACITY if drive.source in ("", EMBEDDED, SOCKET) else None,
+            recorded=float(drive.expert_steering[row]) if drive.source == REPLAY else None,
+            time_s=time_s,
+        )
+        shots.append(Shot(folder / frame, time_s, state))
     if not shots or len(shots) <= MOMENTS < len(drive) / 10:
         raise InputError(
             f"{folder}: has no frames, or only its worst moments; drive with record=FOLDER, or "
@@ -165,12 +167,12 @@ def _shots_of_recording(folder: Path) -> list[Shot]:
         Shot(
             log.images[row, 0],
             float(log.time_s[row]),
-            {
-                "steering": float(log.steering[row]),
-                "throttle": float(log.throttle[row] - log.brake[row]),
-                "speed_mph": float(speed_mph[row]),
-                "rig": log.rig,
-            },
+            Overlay(
+                float(log.steering[row]),
+                float(log.throttle[row] - log.brake[row]),
+                float(speed_mph[row]),
+                rig=log.rig,
+            ),
         )
         for row in range(len(log))
     ]

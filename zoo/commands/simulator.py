@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from zoo.base.command import Command, command, is_help
+from zoo.base.console_script import commands_below
 from zoo.base.errors import UsageError, hint
 from zoo.base.run_command import exit_after
-from zoo.simulator.command_options import ClientOptions, DriveOptions, RecordOptions, ServeOptions
+from zoo.simulator.command_options import ClientOptions, DriveOptions, RecordOptions
 
 # Slow imports come late: --help and typos answer at once.
 
@@ -59,45 +60,32 @@ def client(*, options: ClientOptions) -> None:
     from rich.console import Console
 
     from zoo.simulator.client import run_client
-    from zoo.simulator.fork_clients import CLIENTS
 
-    run_client(options, Console(), CLIENTS[options.dialect])
-
-
-@command(name="simulator serve", parts=False)
-def serve(*, options: ServeOptions) -> None:
-    """Serve the embedded world to Donkeycar clients, such as gym-donkeycar.
-
-    It listens as the Donkeycar simulator does, without a display or a GPU; Ctrl-C ends it.
-
-    Args:
-        options: see `ServeOptions`.
-    """
-    from zoo.simulator.donkey_server import serve
-
-    serve(options)
+    run_client(options, Console())
 
 
-COMMANDS: dict[str, Command[Any]] = {
-    "record": record,
-    "drive": drive,
-    "client": client,
-    "serve": serve,
-}
+COMMANDS: dict[str, Command[Any]] = {"record": record, "drive": drive, "client": client}
+
+
+def all_commands() -> dict[str, Command[Any]]:
+    """Return the commands below `simulator`, those of extras and other packages last."""
+    added = commands_below("simulator")
+    return COMMANDS | {name: entry for name, entry in added.items() if name not in COMMANDS}
 
 
 def simulator(arguments: Sequence[str]) -> None:
     """Record laps, drive in a window, connect to a driver, or serve a world."""
     name, *rest = arguments or ["--help"]
-    if name in COMMANDS:
-        COMMANDS[name].main(rest)
+    commands = COMMANDS if name in COMMANDS else all_commands()
+    if name in commands:
+        commands[name].main(rest)
     elif is_help([name]) or name == "help":
         print("usage: drivezoo simulator COMMAND [key=value...]\n")
-        for shown, one in COMMANDS.items():
-            print(f"  {shown:<8}{one.purpose}")
+        for shown, entry in commands.items():
+            print(f"  {shown:<8}{entry.purpose}")
         print("\nhelp on a command: drivezoo simulator COMMAND --help")
     else:
-        raise UsageError(f"{name}: no such command; {hint(name, COMMANDS)}")
+        raise UsageError(f"{name}: no such command; {hint(name, commands)}")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,9 @@
 import functools
 import importlib.util
 import math
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -21,6 +23,7 @@ MOMENTS, APART_S = 10, 2.0
 WIDTH = 960  # of a drawn frame
 WHEEL_RATIO = 6.0  # angle of the drawn steering wheel per angle of the front wheels
 UNKNOWN_LOCK_DEG = 25.0  # drawn of a car of unknown rig
+Colour = tuple[int, int, int]
 WHITE, GREY, GREEN, RED, AMBER = (
     (255, 255, 255),
     (190, 196, 204),
@@ -30,7 +33,6 @@ WHITE, GREY, GREEN, RED, AMBER = (
 )
 MAP = 150  # side in pixels of the small map
 PANEL = 104  # height in pixels of the darkened band for the instruments, over the car's bonnet
-Label = tuple[str, int, int, int, tuple[int, int, int], str]
 _SUBPIXEL = 4  # fractional bits of OpenCV's coordinates
 
 
@@ -86,8 +88,8 @@ class DriveFilm(Film):
         folder: folder of the drive.
         frame_rate: frames per second of simulated time.
         speed: playing speed as a multiple of the driven speed; 3 writes every third frame.
-        rig: see `draw_overlay`.
-        road: see `draw_overlay`.
+        rig: see `Overlay`.
+        road: see `Overlay`.
 
     Raises:
         InputError: the film cannot be written.
@@ -119,8 +121,7 @@ class DriveFilm(Film):
             return
         is_measured = not math.isnan(row.cross_track_m)
         share = autonomy(self.interventions, row.time_s) if is_measured else None
-        image = draw_overlay(
-            frame,
+        state = Overlay(
             row.steering,
             row.throttle,
             row.speed_mph,
@@ -133,32 +134,16 @@ class DriveFilm(Film):
             road=self.road,
             xy=xy,
         )
+        image = draw_overlay(frame, state)
         size = FILM_WIDTH, len(image) * FILM_WIDTH // WIDTH
         self.add(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
-def draw_overlay(
-    frame: np.ndarray,
-    steering: float | None = None,
-    throttle: float | None = None,
-    speed_mph: float | None = None,
-    autonomy: float | None = None,
-    cte_m: float | None = None,
-    note: str | None = None,
-    spread: float | None = None,
-    rig: Rig | None = None,
-    recorded: float | None = None,
-    time_s: float | None = None,
-    lap: int | None = None,
-    road: np.ndarray | None = None,
-    xy: tuple[float, float] | None = None,
-) -> np.ndarray:
-    """Return an enlarged camera frame with the drive's state drawn in.
+@dataclass(frozen=True)
+class Overlay:
+    """The state of a drive that is drawn into a frame; what is None or NaN is not drawn.
 
-    A state that is None or NaN is not drawn.
-
-    Args:
-        frame: camera frame, uint8 [H, W, 3] RGB.
+    Attributes:
         steering: steering, -1..1, negative is left.
         throttle: throttle, -1..1, negative brakes.
         speed_mph: speed of the car.
@@ -173,75 +158,124 @@ def draw_overlay(
         lap: number of the lap.
         road: points of the road for a small map, float [N, 2], m.
         xy: position of the car on the map, m.
+    """
+
+    steering: float | None = None
+    throttle: float | None = None
+    speed_mph: float | None = None
+    autonomy: float | None = None
+    cte_m: float | None = None
+    note: str | None = None
+    spread: float | None = None
+    rig: Rig | None = None
+    recorded: float | None = None
+    time_s: float | None = None
+    lap: int | None = None
+    road: np.ndarray | None = None
+    xy: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Replace numbers that are not finite by None, and a road without a line."""
+        for name, value in vars(self).items():
+            if isinstance(value, float | np.floating) and not math.isfinite(value):
+                object.__setattr__(self, name, None)
+        if self.road is not None and len(self.road) < 2:
+            object.__setattr__(self, "road", None)
+
+
+class Label(NamedTuple):
+    """A text in a frame, and the point of the text that stands at x and y, as in Pillow."""
+
+    text: str
+    x: int
+    y: int
+    size: int
+    colour: Colour
+    anchor: str = "lm"
+
+
+def draw_overlay(frame: np.ndarray, state: Overlay) -> np.ndarray:
+    """Return an enlarged camera frame, uint8 [H, W, 3] RGB, with a drive's state drawn in.
 
     Returns:
         uint8 [960 H / W, 960, 3], RGB.
     """
-    steering, throttle, speed_mph, autonomy, cte_m, spread, recorded = (
-        value if value is not None and math.isfinite(value) else None
-        for value in (steering, throttle, speed_mph, autonomy, cte_m, spread, recorded)
-    )
-    width, height = WIDTH, WIDTH * len(frame) // frame.shape[1]
-    image = cv2.resize(frame, (width, height), interpolation=cv2.INTER_CUBIC)
-    texts: list[Label] = []
-    lines: list[tuple[str, str, tuple[int, int, int]]] = []
-    if any(value is not None for value in (steering, throttle, speed_mph)):
-        # Fade to black, so that text is readable on any road.
-        light = 1 - 0.72 * np.linspace(0, 1, PANEL) ** 0.6
-        image[-PANEL:] = (image[-PANEL:] * light[:, None, None]).astype(np.uint8)
-    if steering is not None:
-        lock_deg = UNKNOWN_LOCK_DEG if rig is None else rig.steering_deg
-        _draw_wheel(image, (70, height - 54), 40, steering * lock_deg * WHEEL_RATIO)
-        factor, form = (1.0, "{:+.2f}") if rig is None else (rig.steering_deg, "{:+.1f}°")
-        angle = form.format(steering * factor + 0.0).replace("-", "\N{MINUS SIGN}")
-        band = form.format(BAND * (spread or 0.0) * factor).replace("+", " ±")
-        doubt = "" if spread is None else band
-        texts += [
-            (angle, 128, height - 57, 26, WHITE, "lm"),
-            (f"STEERING{doubt}", 128, height - 26, 13, GREY, "lm"),
-        ]
-        _draw_steering_bar(image, (width // 2, height - 40), 150, steering, spread or 0.0)
-        if recorded is not None:
-            _mark_wheel(image, (70, height - 54), 47, recorded * lock_deg * WHEEL_RATIO, GREEN)
-            angle = form.format(recorded * factor + 0.0).replace("-", "\N{MINUS SIGN}")
-            lines.append(("RECORDED", angle, GREEN))
-    if speed_mph is not None:
-        texts += [
-            (f"{speed_mph:.1f}", width - 84, height - 50, 38, WHITE, "rm"),
-            ("mph", width - 76, height - 43, 17, GREY, "lm"),
-        ]
-    if throttle is not None:
-        _draw_pedals(image, (width - 208, height - 20), 184, throttle)
-    if autonomy is not None:
-        colour = GREEN if autonomy >= 0.995 else AMBER if autonomy >= 0.9 else RED
-        lines.append(("AUTONOMY", f"{autonomy:.1%}", colour))
-    if cte_m is not None:
-        side = "right" if cte_m > 0 else "left"
-        line = "OFF CENTRE" if recorded is None else "OFF PATH"
-        lines.append((line, f"{abs(cte_m):.2f} m {side}", WHITE))
-    if time_s is not None and math.isfinite(time_s):
-        clock = f"{int(time_s // 60)}:{time_s % 60:04.1f}"
-        lines.append(("TIME" if lap is None else f"LAP {lap}", clock, WHITE))
-    left, right = width - 288, width - 20
-    boxes = [(left, 18, right, 32 + 30 * len(lines))] if lines else []
-    for y, (label, text, colour) in zip(range(40, 40 + 30 * len(lines), 30), lines, strict=True):
-        texts.append((label, left + 14, y, 13, GREY, "lm"))
-        texts.append((text, right - 14, y, 20, colour, "rm"))
-    if note:
-        boxes.append((20, 18, 48 + int(_font(18).getlength(note)), 54))
-        texts.append((note, 34, 36, 18, WHITE, "lm"))
-    map_at = 20, 18 if not note else 66
-    if road is not None and len(road) > 1:
-        boxes.append((*map_at, map_at[0] + MAP, map_at[1] + MAP))
+    size = WIDTH, WIDTH * len(frame) // frame.shape[1]
+    image = cv2.resize(frame, size, interpolation=cv2.INTER_CUBIC)
+    labels, boxes = _draw_instruments(image, state), []
+    if rows := _text_rows(state):
+        boxes.append((WIDTH - 288, 18, WIDTH - 20, 32 + 30 * len(rows)))
+    for number, (name, value, colour) in enumerate(rows):
+        y = 40 + 30 * number
+        labels.append(Label(name, WIDTH - 274, y, 13, GREY))
+        labels.append(Label(value, WIDTH - 34, y, 20, colour, "rm"))
+    if state.note:
+        boxes.append((20, 18, 48 + int(_font(18).getlength(state.note)), 54))
+        labels.append(Label(state.note, 34, 36, 18, WHITE))
+    corner = 20, 66 if state.note else 18
+    if state.road is not None:
+        boxes.append((*corner, corner[0] + MAP, corner[1] + MAP))
     drawn = Image.fromarray(image)
     blending, draw = ImageDraw.Draw(drawn, "RGBA"), ImageDraw.Draw(drawn)
     for box in boxes:
         blending.rounded_rectangle(box, 10, fill=(12, 16, 22, 140))
-    if road is not None and len(road) > 1:
-        _draw_map(draw, map_at, road, xy)
-    for text, x, y, size, colour, anchor in texts:
-        draw.text((x, y), text, fill=colour, font=_font(size), anchor=anchor)
+    if state.road is not None:
+        _draw_map(draw, corner, state.road, state.xy)
+    for label in labels:
+        point, font = (label.x, label.y), _font(label.size)
+        draw.text(point, label.text, fill=label.colour, font=font, anchor=label.anchor)
     return np.array(drawn)
+
+
+def _draw_instruments(image: np.ndarray, state: Overlay) -> list[Label]:
+    """Draw wheel, steering and pedals over the bonnet; return their texts."""
+    height, labels = len(image), []
+    if (state.steering, state.throttle, state.speed_mph) != (None, None, None):
+        # Fade to black, so that text is readable on any road.
+        light = 1 - 0.72 * np.linspace(0, 1, PANEL) ** 0.6
+        image[-PANEL:] = (image[-PANEL:] * light[:, None, None]).astype(np.uint8)
+    if state.steering is not None:
+        wheel, spread = (70, height - 54), state.spread or 0.0
+        turn_deg = WHEEL_RATIO * (UNKNOWN_LOCK_DEG if state.rig is None else state.rig.steering_deg)
+        _draw_wheel(image, wheel, 40, state.steering * turn_deg)
+        _draw_steering_bar(image, (WIDTH // 2, height - 40), 150, state.steering, spread)
+        if state.recorded is not None:
+            _mark_wheel(image, wheel, 47, state.recorded * turn_deg, GREEN)
+        band = _angle(BAND * spread, state.rig).replace("+", " ±")
+        name = f"STEERING{'' if state.spread is None else band}"
+        labels.append(Label(_angle(state.steering, state.rig), 128, height - 57, 26, WHITE))
+        labels.append(Label(name, 128, height - 26, 13, GREY))
+    if state.speed_mph is not None:
+        speed = f"{state.speed_mph:.1f}"
+        labels.append(Label(speed, WIDTH - 84, height - 50, 38, WHITE, "rm"))
+        labels.append(Label("mph", WIDTH - 76, height - 43, 17, GREY))
+    if state.throttle is not None:
+        _draw_pedals(image, (WIDTH - 208, height - 20), 184, state.throttle)
+    return labels
+
+
+def _angle(steering: float, rig: Rig | None) -> str:
+    """Return a steering in degrees of the wheels; as it is, for a car of unknown rig."""
+    degrees = rig and f"{steering * rig.steering_deg + 0.0:+.1f}°"
+    return (degrees or f"{steering + 0.0:+.2f}").replace("-", "\N{MINUS SIGN}")
+
+
+def _text_rows(state: Overlay) -> list[tuple[str, str, Colour]]:
+    """Return name, value and colour of each row at the top right."""
+    rows = []
+    if state.steering is not None and state.recorded is not None:
+        rows.append(("RECORDED", _angle(state.recorded, state.rig), GREEN))
+    if state.autonomy is not None:
+        colour = GREEN if state.autonomy >= 0.995 else AMBER if state.autonomy >= 0.9 else RED
+        rows.append(("AUTONOMY", f"{state.autonomy:.1%}", colour))
+    if state.cte_m is not None:
+        name = "OFF CENTRE" if state.recorded is None else "OFF PATH"
+        side = "right" if state.cte_m > 0 else "left"
+        rows.append((name, f"{abs(state.cte_m):.2f} m {side}", WHITE))
+    if state.time_s is not None:
+        clock = f"{int(state.time_s // 60)}:{state.time_s % 60:04.1f}"
+        rows.append(("TIME" if state.lap is None else f"LAP {state.lap}", clock, WHITE))
+    return rows
 
 
 def _draw_map(

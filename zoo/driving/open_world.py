@@ -27,18 +27,11 @@ def _gymnasium(scenario: Scenario, renderer: str) -> World:
     return make_environment(scenario)
 
 
-def _donkey(scenario: Scenario, renderer: str) -> World:
-    from zoo.driving.donkey_world import DonkeyWorld
-
-    return DonkeyWorld(scenario.track)
-
-
 Opener = Callable[[Scenario, str], World]
 WORLDS: Registry[Opener] = Registry("world")
 WORLDS.add("embedded", _embedded, __name__)
 WORLDS.add("replay", _replay, __name__)
 WORLDS.add("gymnasium", _gymnasium, __name__)
-WORLDS.add("donkey", _donkey, __name__)
 
 
 def world(name: str) -> Callable[[Opener], Opener]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from datamodules.image import read_image
 from zoo.base.errors import InputError
-from zoo.driving.drive_film import APART_S, FILM_NAME, FILM_WIDTH, badness, draw_overlay
+from zoo.driving.drive_film import APART_S, FILM_NAME, FILM_WIDTH, Overlay, badness, draw_overlay
 from zoo.driving.drive_log import read_drive
 from zoo.driving.drive_record import EMBEDDED, Drive, DriveRow
 from zoo.driving.drives_table import drives_table
@@ -123,7 +123,7 @@ def worst_moment(drive: Drive) -> Image | None:
         return None
     frame = read_image(drive.folder / worst.frame)
     state = worst.steering, worst.throttle, worst.speed_mph
-    pixels = draw_overlay(frame, *state, cte_m=worst.cross_track_m)
+    pixels = draw_overlay(frame, Overlay(*state, cte_m=worst.cross_track_m))
     size = FILM_WIDTH, len(pixels) * FILM_WIDTH // pixels.shape[1]
     lost = ": an intervention" if worst.intervention else ""
     caption = f"The worst moment, after {worst.time_s:.1f} s{lost}."

@@ -7,15 +7,16 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from zoo.base.command_keys import Choice, Section
+from zoo.base.command_keys import Choice, EntryChoice, Section
 from zoo.base.errors import UsageError, placed_errors
-from zoo.driving.donkey_world import PORT as DONKEY_PORT
 from zoo.driving.scenario import Margin
 from zoo.driving.speed_controller import PI, Constant, Network, SpeedController, SteeringFilter
+from zoo.server.driven_simulator import SIMULATORS
 from zoo.server.origin import is_loopback
 from zoo.simulator.track_names import recorded_name, short_name
 
 PORT = 4567  # to which the original simulator connects
+SIMULATOR_PORT = 9091  # on which the Donkeycar simulator listens
 Port = Annotated[int, Field(ge=0, le=65535)]
 _PI = partial(PI, kp=0.1, ki=0.002)  # of the Udacity course
 CONTROLLERS = {
@@ -59,7 +60,7 @@ class DriveSettings:
     port: Port | None = None
     expose: bool = False
     sim: str | None = None
-    world: Literal["donkey"] | None = None
+    world: Annotated[str, EntryChoice(SIMULATORS)] | None = None
     scene: str = "generated_track"
     page: Port = PORT
     laps: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
@@ -76,7 +77,7 @@ class DriveSettings:
         if self.record is not None:
             object.__setattr__(self, "record", self.record.expanduser())
         if self.port is None:
-            object.__setattr__(self, "port", DONKEY_PORT if self.world else PORT)
+            object.__setattr__(self, "port", SIMULATOR_PORT if self.world else PORT)
 
     @property
     def server(self) -> tuple[str, int]:

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import Console
 
+from zoo.base.entry_points import load_class
 from zoo.base.terminal import counted
 from zoo.base.video import Film
-from zoo.simulator.command_options import ClientOptions
+from zoo.simulator.command_options import DIALECTS, ClientOptions
 from zoo.simulator.legacy_socket import (
     OPENED,
     UNREADABLE,
@@ -278,19 +279,21 @@ class Client:
         )
 
 
-def run_client(options: ClientOptions, console: Console, kind: type[Client] = Client) -> Client:
+def run_client(options: ClientOptions, console: Console) -> Client:
     """Connect and drive, reconnect after each lost connection, and print a summary.
 
     Args:
         options: options of the client.
         console: console for messages to the user.
-        kind: class of the client, that of the options' dialect.
 
     Raises:
-        InputError: an option is wrong, no renderer opens, or the film cannot be written.
+        InputError: an option is wrong, there is no such dialect, no renderer opens, or the film
+            cannot be written.
     """
     options.check()
     websocket_address(options.url)
+    is_original = options.dialect == ClientOptions.dialect
+    kind = Client if is_original else load_class(DIALECTS, options.dialect, Client)
     world = options.open()
     client = kind(world, options, console)
     client.print_once(f"{world.track.name}, drawn by the {world.renderer.name} renderer")

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
+from zoo.base.command_keys import EntryChoice
 from zoo.base.errors import InputError
 from zoo.simulator.udacity_car import TOP_SPEED_MPH
 from zoo.simulator.weather import read_weather
@@ -13,6 +14,7 @@ from zoo.simulator.world_settings import WorldSettings
 if TYPE_CHECKING:
     from zoo.simulator.simulated_world import World
 
+DIALECTS = "drivezoo.dialects"  # entry points: classes that are derived from `Client`
 Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
@@ -123,7 +125,7 @@ class ClientOptions(DrawnWorld):
 
     url: str = "http://127.0.0.1:4567"
     protocol: Literal["legacy", "modern"] = "legacy"
-    dialect: Literal["udacity", "maxitwo", "udacity_gym"] = "udacity"
+    dialect: Annotated[str, EntryChoice(DIALECTS, own=("udacity",))] = "udacity"
     clock: Literal["lockstep", "realtime"] = "lockstep"
     laps: Seconds = 0.0
     seconds: Seconds = 0.0
@@ -146,28 +148,3 @@ class ClientOptions(DrawnWorld):
             ordered = False
         if not ordered:
             raise InputError("manual: must be pairs of seconds such as [[5,7],[20,21]]")
-
-
-@dataclass(frozen=True, kw_only=True)
-class ServeOptions:
-    """Keys of a server.
-
-    Args:
-        protocol: donkey, the protocol of the Donkeycar simulator.
-        host: address to listen on; 0.0.0.0 lets other machines connect.
-        port: TCP port to listen on; 0: any free one.
-        scene: scene that is loaded when a client connects; null: the client chooses.
-        rate: telemetry messages per second, 1..50; max: one for each control, as fast as possible.
-        clients: number of clients at the same time, each with a car and a world of its own.
-        tub: folder in which a client records; the rig.yaml of its camera and car is written there.
-        renderer: auto, software or opengl.
-    """
-
-    protocol: Literal["donkey"] = "donkey"
-    host: str = "127.0.0.1"
-    port: Annotated[int, Field(ge=0, le=65535)] = 9091
-    scene: str | None = None
-    rate: Annotated[float, Field(ge=1, le=50)] | Literal["max"] = 20.0
-    clients: Annotated[int, Field(ge=1, le=64)] = 4
-    tub: str | None = None
-    renderer: Literal["auto", "software", "opengl"] = "auto"

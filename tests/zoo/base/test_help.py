@@ -10,12 +10,13 @@ from tests.zoo.command_runs import ROOT, environment, succeed
 from zoo.base.command_keys import typed_keys
 from zoo.base.compose import choices, compose_with_choices, config_groups, key_comments
 from zoo.base.console_script import commands
+from zoo.commands.simulator import all_commands
 
 GUARD = '\nif __name__ == "__main__":'
 # `zoo` is `zoo.commands.train`; only other commands run the others, as subprocesses.
 PROBES = ("zoo", "zoo.server.renderer_check", "zoo.extras.teaching.submitted_network")
 TRAIN = "zoo.commands.train"
-SIMULATOR = ("record", "drive", "client", "serve")
+SIMULATOR = tuple(all_commands())
 # Texts that each help must contain: options, or files that the command writes; the contract of
 # commands (tests/contracts/test_commands.py) checks a row for each key.
 NAMED = {

@@ -18,7 +18,7 @@ from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
 from zoo.commands.film import film as film_command
 from zoo.commands.film import make_film, read_shots, real_fps
-from zoo.driving.drive_film import GREEN, RED, draw_overlay
+from zoo.driving.drive_film import GREEN, RED, Overlay, draw_overlay
 from zoo.driving.drive_log import DriveWriter, write_drive
 from zoo.driving.drive_record import PERSON, REPLAY, Drive, DriveRow
 from zoo.driving.open_world import open_world
@@ -66,7 +66,7 @@ def test_a_folder_of_images_is_filmed_in_the_order_of_time(
     succeed(film(tmp_path, folder, "fps=48"))
 
     assert [shot.path.stem for shot in shots] == [recorded.stems[row] for row in (3, 5, 7)]
-    assert shots[0].values == {}
+    assert shots[0].state == Overlay()
     assert real_fps(shots) == pytest.approx(7.5, abs=0.1)
     meta, frames = decode(tmp_path / "a=[run] 1.mp4")
     assert meta["fps"] == 48
@@ -96,10 +96,10 @@ def test_a_drive_shows_autonomy_and_distance_from_the_centre(
     shots = read_shots(folder)
 
     assert len(shots) == 120
-    assert shots[59].values["autonomy"] == 1
-    assert shots[60].values["note"] == "a person drives"
-    assert shots[-1].values["autonomy"] == pytest.approx(1 - 6 / shots[-1].time_s, abs=0.01)
-    assert (shots[-1].values["cte_m"], shots[-1].values["spread"]) == (-0.5, 0.05)
+    assert shots[59].state.autonomy == 1
+    assert shots[60].state.note == "a person drives"
+    assert shots[-1].state.autonomy == pytest.approx(1 - 6 / shots[-1].time_s, abs=0.01)
+    assert (shots[-1].state.cte_m, shots[-1].state.spread) == (-0.5, 0.05)
     assert len(decode(make_film(folder, None, None, console))[1]) == 120
 
 
@@ -192,26 +192,26 @@ def test_a_film_shows_no_autonomy_where_it_is_not_measured(
         writer.add([DriveRow(row / 10, frame=str(recorded.image(row)), intervention=row == 5)])
     writer.close()
     shots = read_shots(tmp_path)
-    assert {shot.values["autonomy"] for shot in shots[:5]} == {None}
-    assert shots[9].values["autonomy"] == 0, "a takeover shows that a person watches"
+    assert {shot.state.autonomy for shot in shots[:5]} == {None}
+    assert shots[9].state.autonomy == 0, "a takeover shows that a person watches"
 
 
 def test_the_overlay_draws_only_known_values() -> None:
-    bare = draw_overlay(GREY, None, float("nan"), None)
+    bare = draw_overlay(GREY, Overlay(None, float("nan"), None))
     assert bare.shape == (480, 960, 3)
     assert bare.dtype == np.uint8
     assert (bare == 90).all()
-    road = draw_overlay(np.full((480, 640, 3), 90, np.uint8))
+    road = draw_overlay(np.full((480, 640, 3), 90, np.uint8), Overlay())
     assert road.shape == (720, 960, 3), "a frame keeps its shape"
-    whole = draw_overlay(GREY, -0.2, 0.5, 9.0, 0.97, 0.3, "nvidia")
+    whole = draw_overlay(GREY, Overlay(-0.2, 0.5, 9.0, 0.97, 0.3, "nvidia"))
     assert (whole[18:92, 700:940] != 90).any(), "autonomy and distance are at the top right"
-    assert (draw_overlay(GREY, 0.0, 0.0, 9.0)[18:92] == 90).all()
+    assert (draw_overlay(GREY, Overlay(0.0, 0.0, 9.0))[18:92] == 90).all()
 
 
 def test_a_spread_is_drawn_as_a_band_around_the_steering() -> None:
-    sure = draw_overlay(GREY, 0.4, None, None)
-    assert np.array_equal(draw_overlay(GREY, 0.4, None, None, spread=float("nan")), sure)
-    doubting = draw_overlay(GREY, 0.4, None, None, spread=0.1)
+    sure = draw_overlay(GREY, Overlay(0.4, None, None))
+    assert np.array_equal(draw_overlay(GREY, Overlay(0.4, None, None, spread=float("nan"))), sure)
+    doubting = draw_overlay(GREY, Overlay(0.4, None, None, spread=0.1))
     columns = np.flatnonzero((doubting != sure)[428:430].any((0, 2)))
     # 150 pixels right of the middle is full lock; the band is 1.96 spreads wide on each side.
     assert (columns.min(), columns.max()) == (480 + round(150 * 0.204), 480 + round(150 * 0.596))
@@ -219,9 +219,9 @@ def test_a_spread_is_drawn_as_a_band_around_the_steering() -> None:
 
 
 def test_steering_turns_the_wheel_and_pedals_have_their_colours() -> None:
-    left, right = (draw_overlay(GREY, value, None, None) for value in (-0.3, 0.3))
+    left, right = (draw_overlay(GREY, Overlay(value, None, None)) for value in (-0.3, 0.3))
     assert not np.array_equal(left[380:, :120], right[380:, :120])
-    throttle, brake = (draw_overlay(GREY, None, value, None) for value in (0.8, -0.8))
+    throttle, brake = (draw_overlay(GREY, Overlay(None, value, None)) for value in (0.8, -0.8))
     for image, colour, other in ((throttle, GREEN, RED), (brake, RED, GREEN)):
         assert (image[440:] == colour).all(2).sum() > 300
         assert not (image[440:] == other).all(2).any()
@@ -241,10 +241,10 @@ def test_a_replay_shows_the_recorded_steering(tmp_path: Path) -> None:
     ]
     write_drive(tmp_path, Drive.of(rows, source=REPLAY, lane_m=1.0))
     shots = read_shots(tmp_path)
-    assert {shot.values["recorded"] for shot in shots} == {0.3}
-    noted = [number for number, shot in enumerate(shots) if shot.values["note"]]
+    assert {shot.state.recorded for shot in shots} == {0.3}
+    noted = [number for number, shot in enumerate(shots) if shot.state.note]
     assert noted == list(range(5, 15)), "for a second"
-    shown, alone = (draw_overlay(GREY, -0.2, recorded=value) for value in (0.3, None))
+    shown, alone = (draw_overlay(GREY, Overlay(-0.2, recorded=value)) for value in (0.3, None))
     assert (shown[380:, :120] == GREEN).all(2).any(), "a mark on the wheel"
     assert not (alone == GREEN).all(2).any()
 
@@ -253,11 +253,11 @@ def test_a_recording_of_any_format_is_filmed(tmp_path: Path) -> None:
     tub = write_tub(tmp_path / "tub", [record(index) for index in range(5)])
     shots = read_shots(tub)
     assert len(shots) == 5
-    assert {shot.values["rig"] for shot in shots} == {None}, "its car is unknown"
+    assert {shot.state.rig for shot in shots} == {None}, "its car is unknown"
     out = make_film(tub, tmp_path / "tub.mp4", None, Console(file=io.StringIO()))
     assert out.stat().st_size > 0
 
 
 def test_the_steering_of_an_unknown_car_is_no_angle() -> None:
-    known, unknown = (draw_overlay(GREY, 0.4, rig=rig) for rig in (UDACITY, None))
+    known, unknown = (draw_overlay(GREY, Overlay(0.4, rig=rig)) for rig in (UDACITY, None))
     assert not np.array_equal(known, unknown)

@@ -13,14 +13,11 @@ import pytest
 import torch
 
 from datamodules.image import decode_image
-from datamodules.recording_format import other_car, read_recordings
+from datamodules.recording_format import read_recordings
 from tests.recordings import Written
 from tests.zoo.command_runs import only_line, run, succeed
 from tests.zoo.server.old_client import OldClient
 from tests.zoo.server.serve import served
-from tests.zoo.simulator.donkey_process import donkey_simulator
-from tests.zoo.simulator.donkey_replica import donkey_replica, telemetry
-from zoo.base.rig import RIGS
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.commands.drive import EmbeddedClient
 from zoo.driving.drive_log import read_drive
@@ -225,48 +222,3 @@ def test_a_simulator_that_fails_is_noticed() -> None:
     while not client.ended and time.monotonic() < deadline_s:
         time.sleep(0.05)
     assert "exit status 1" in client.stop()
-
-
-def test_a_donkeycar_simulator_is_driven_until_it_ends(checkpoint: Path, tmp_path: Path) -> None:
-    with donkey_simulator("rate=max") as (port, _):
-        options = (f"port={port}", "scene=lake", "laps=0.01", "page=0", "record=drive")
-        result = drive(tmp_path, checkpoint, "world=donkey", *options)
-    assert result.returncode == 0, result.stderr
-    assert "simulator 1 has connected" in result.stdout
-    record = read_drive(tmp_path / "drive")
-    assert record.summary["track"] == f"127.0.0.1:{port}/lake"
-    assert record.summary["autonomy"] is not None
-    assert record.speed_mph.max() > 2
-    assert np.isfinite(record.cross_track_m).all()
-    recording = read_recordings(str(tmp_path / "drive"))
-    assert len(recording) == len(record)
-    assert recording.image(0).shape == (120, 160, 3)
-    assert recording.rig == RIGS["donkey_sim"]
-    assert other_car(recording) == "lake"
-
-
-def change_at_20(number: int, message: dict) -> dict:
-    """Drive off the road at once, and send another size of frames after 20 messages."""
-    changed = telemetry(number, (60, 80)) if number >= 20 else message
-    return changed | {"cte": 9.0, "speed": 4.0}
-
-
-@pytest.mark.parametrize("put_back", [True, False])
-def test_a_failing_donkeycar_simulator_leaves_a_line_and_the_drive(
-    checkpoint: Path, tmp_path: Path, put_back: bool
-) -> None:
-    with donkey_replica(change_at_20) as (address, received):
-        port = address.partition(":")[2].partition("/")[0]
-        options = ("scene=oval", "page=0", "record=drive", f"put_back={str(put_back).lower()}")
-        result = drive(tmp_path, checkpoint, "world=donkey", f"port={port}", *options)
-    assert result.returncode == 1
-    (line,) = result.stderr.splitlines()[-1:]
-    assert f"{address}: the simulator failed: its frames changed" in line
-    record = read_drive(tmp_path / "drive")
-    assert record.summary["interventions"] == record.summary["off_road"] >= 1
-    assert put_back == ("set_position" in {one["msg_type"] for one in received})
-
-
-def test_two_simulators_at_once_are_refused(checkpoint: Path, tmp_path: Path) -> None:
-    line = only_line(drive(tmp_path, checkpoint, "world=donkey", "sim=lake"))
-    assert "sim=lake: world=donkey is driven; drop one" in line

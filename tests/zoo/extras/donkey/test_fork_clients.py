@@ -12,9 +12,9 @@ import pytest
 from rich.console import Console
 
 from tests.zoo.simulator.drivers import RawDriver
+from zoo.extras.donkey.fork_clients import MOST_UNANSWERED, ForkClient
 from zoo.simulator.client import run_client
 from zoo.simulator.command_options import ClientOptions
-from zoo.simulator.fork_clients import CLIENTS, MOST_UNANSWERED, ForkClient
 
 OPEN = '0{"sid":"x","upgrades":[],"pingInterval":25000,"pingTimeout":60000}'
 STRAIGHT = "@".join(f"10.0,1.9,{z:.1f}" for z in np.arange(5, 30, 1.3))
@@ -44,7 +44,7 @@ def drive(dialect: str, reply: Callable, **options) -> tuple[list, ForkClient, s
     console = Console(record=True, width=400, file=io.StringIO())
     given = {"seconds": 1.0, "quality": "simple", "dialect": dialect, **options}
     with RawDriver(answering(reply)) as driver:
-        client = run_client(ClientOptions(url=driver.url, **given), console, CLIENTS[dialect])
+        client = run_client(ClientOptions(url=driver.url, **given), console)
     sent = [json.loads(text[2:]) for text in driver.messages[0] if text.startswith("42")]
     return sent, client, console.export_text()
 

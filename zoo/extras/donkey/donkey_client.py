@@ -10,14 +10,15 @@ from eventlet.greenthread import GreenThread
 
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
-from zoo.driving.donkey_world import DonkeyWorld
 from zoo.driving.scenario import Scenario
 from zoo.driving.world import State
+from zoo.extras.donkey.donkey_world import DonkeyWorld
+from zoo.server.driven_simulator import DrivenSimulator
 from zoo.server.driver import Driver
 from zoo.server.telemetry_message import PUT_BACK
 
 
-class DonkeyClient:
+class DonkeyClient(DrivenSimulator):
     """A green thread that drives in a Donkeycar simulator.
 
     Its telemetry becomes a message as the embedded simulator sends it, so that the driver judges,

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 from datamodules.recording_format import read_recordings
-from tests.zoo.simulator.donkey_process import donkey_simulator
+from tests.zoo.extras.donkey.donkey_process import donkey_simulator
 from zoo.base.errors import InputError
 from zoo.base.rig import RIGS
 from zoo.base.rig_file import make_rig, rig_fields
-from zoo.simulator.donkey_server import MOST_BYTES, MessageStream, rig_line
-from zoo.simulator.donkey_session import NODE_M, SCENES, DonkeySession
+from zoo.extras.donkey.donkey_server import MOST_BYTES, MessageStream, rig_line
+from zoo.extras.donkey.donkey_session import NODE_M, SCENES, DonkeySession
 from zoo.simulator.track_names import road_folder
 
 # As gym-donkeycar sends it: each value is a text, and 0 keeps the default.

@@ -20,6 +20,7 @@ from zoo.base.errors import InputError
 from zoo.base.limits import MOST_MPH, MOST_REPORTED, parse_number
 from zoo.base.rig import MPS_PER_MPH
 from zoo.base.rig_file import make_rig
+from zoo.driving.open_world import world
 from zoo.driving.scenario import Scenario
 from zoo.driving.world import State, World
 
@@ -36,6 +37,12 @@ MOST_STEERING = 90.0  # some simulators send degrees in place of a share
 BRAKE = {"steering": 0, "throttle": 0, "brake": 1}
 
 Message = dict[str, Any]
+
+
+@world("donkey")
+def open_donkey(scenario: Scenario, renderer: str) -> World:
+    """Return the world of a scenario, whose track is an address; its simulator renders."""
+    return DonkeyWorld(scenario.track)
 
 
 class DonkeyWorld(World):

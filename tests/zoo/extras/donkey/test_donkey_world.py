@@ -1,17 +1,39 @@
 """A Donkeycar simulator as a world: what it is told, and what one that fails is reported as."""
 
 import socket
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
-from tests.zoo.simulator.donkey_replica import Change, donkey_replica, telemetry
+from tests.contracts.test_worlds import (  # noqa: F401  the contract, with the fixture below
+    test_a_drive_ends_and_is_the_same_twice,
+    test_a_world_is_reset_stepped_and_put_back,
+)
+from tests.zoo.extras.donkey.donkey_process import donkey_simulator
+from tests.zoo.extras.donkey.donkey_replica import Change, donkey_replica, telemetry
 from zoo.base.errors import InputError
-from zoo.driving import donkey_world
-from zoo.driving.donkey_world import DonkeyWorld
 from zoo.driving.drive_loop import drive
+from zoo.driving.open_world import open_world
 from zoo.driving.scenario import Scenario
-from zoo.driving.world import State
+from zoo.driving.world import State, World
+from zoo.extras.donkey import donkey_world
+from zoo.extras.donkey.donkey_world import DonkeyWorld
+
+
+@pytest.fixture(scope="module")
+def port() -> Iterator[int]:
+    with donkey_simulator("rate=max") as (port, _):
+        yield port
+
+
+@pytest.fixture
+def opened(port: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[World, Scenario]]:
+    monkeypatch.setattr(donkey_world, "PORT", port)
+    scenario = Scenario("generated_track", laps=0.02, world="donkey")
+    world = open_world(scenario)
+    yield world, scenario
+    world.close()
 
 
 def step_through(address: str) -> list[State]:

@@ -1,4 +1,4 @@
-"""The command `drivezoo simulator serve`: the embedded world on a Donkeycar simulator's port."""
+"""The server of `drivezoo simulator serve`: the embedded world on a Donkeycar simulator's port."""
 
 import json
 import math
@@ -14,8 +14,8 @@ from zoo.base.errors import InputError
 from zoo.base.process_pool import ProcessPool
 from zoo.base.rig import RIGS, Rig
 from zoo.base.rig_file import RIG_NAME, find_rig, write_rig
-from zoo.simulator.command_options import ServeOptions
-from zoo.simulator.donkey_session import RATE, DonkeySession, Message, track_of
+from zoo.extras.donkey.donkey_session import RATE, DonkeySession, Message, track_of
+from zoo.extras.donkey.serve_options import ServeOptions
 from zoo.simulator.track_file import read_track
 
 MOST_BYTES = 65_536  # of one message
@@ -163,7 +163,7 @@ def rig_line(rig: Rig, tub: str | None) -> str:
     return f"wrote {folder / RIG_NAME}"
 
 
-def serve(options: ServeOptions) -> None:
+def serve_clients(options: ServeOptions) -> None:
     """Serve clients until Ctrl-C, each in a process of its own.
 
     Raises:

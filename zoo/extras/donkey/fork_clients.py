@@ -8,7 +8,8 @@ positions are Unity's: x right, y up, z ahead; speeds are in m/s.
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
@@ -34,7 +35,7 @@ FORGOTTEN_S = 2.0  # without a reply, after which none is expected
 NEXT_S = 0.3  # seconds ahead of the car at which the fork measures `next_cte`
 SECTOR_M = 20.0  # length of a sector; the fork's waypoints are not known here
 NAMED = ("track", "weather", "daytime")
-TRACKS = {"jungle": "udacity_jungle"}  # the fork's names are ours else
+TRACKS = {"jungle": "udacity_jungle"}  # the fork's name of a track, where it differs
 WEATHERS = {
     "sunny": "clear",
     "rainy": "{rain: 0.5, wet: 1, sun: 0.6}",
@@ -42,18 +43,18 @@ WEATHERS = {
 }
 
 
-class ForkClient(Client):
+class ForkClient(Client, ABC):
     """A client that sends telemetry with each frame, and obeys further events.
 
     Attributes:
         answers: events that answer telemetry.
-        orders: further events, and what obeys them: it yields the events that are sent back.
+        orders: further events, see `obey`.
         paused: whether the world stands still while telemetry is sent.
         unanswered: number of frames that were sent and not answered.
     """
 
     answers: ClassVar[tuple[str, ...]]
-    orders: ClassVar[dict[str, Callable[..., Iterator[Event]]]]
+    orders: ClassVar[tuple[str, ...]]
     paused = False
     unanswered = 0
 
@@ -67,6 +68,14 @@ class ForkClient(Client):
         """Return the number of episodes, in words."""
         return f"{counted(self.counts['episodes'], 'episode')}"
 
+    @abstractmethod
+    def obey(self, name: str, data: object) -> Iterator[Event]:
+        """Obey an order; yield the events that are sent back.
+
+        Raises:
+            InputError: the order's data are wrong.
+        """
+
     def handle_event(self, socket: "Socket", name: str, data: object) -> None:
         """Obey an order, or handle an event as the original client does."""
         self.unanswered = max(self.unanswered - (name in self.answers), 0)
@@ -75,7 +84,7 @@ class ForkClient(Client):
             return
         self.replied_s = time.monotonic()
         try:
-            for event in self.orders[name](self, data):
+            for event in self.obey(name, data):
                 socket.emit(*event)
         except InputError as error:
             self.counts["discarded"] += 1
@@ -102,8 +111,8 @@ class ForkClient(Client):
         """Return the numbers of both forks."""
         x, y, z, _, _ = self.world.pose()
         speed_mps = self.world.car.speed_mph * MPS_PER_MPH
-        place = {"pos_x": x, "pos_y": z, "pos_z": y, "cte": self.world.cte}
-        return {**super().truth(), **place, "speed": speed_mps}
+        position = {"pos_x": x, "pos_y": z, "pos_z": y, "cte": self.world.cte}
+        return {**super().truth(), **position, "speed": speed_mps}
 
     def begin(self, track: "Track | None" = None) -> None:
         """Begin an episode, at the road's begin, on another track or the same one."""
@@ -121,6 +130,7 @@ class MaxitwoClient(ForkClient):
     """A client whose roads the driver sends as `x,y,z@x,y,z@...`; `hit` reports their end."""
 
     answers = ("steer", "track", "reset")
+    orders = ("track", "reset")
     track_string = "none"
 
     def telemetry(self) -> Event:
@@ -133,29 +143,25 @@ class MaxitwoClient(ForkClient):
         """Return the fork's numbers; its `cte_pid` is the cross-track error again."""
         return {**super().truth(), "cte_pid": self.world.cte}
 
-    def draw_road(self, data: object) -> Iterator[Event]:
+    def obey(self, name: str, data: object) -> Iterator[Event]:
+        """Begin again, on another road or the same one."""
+        if name == "track":
+            self.draw_road(data)
+        else:
+            self.begin()
+        if self.options.clock == "lockstep":
+            yield self.telemetry()  # in place of an answer, which the driver waits for
+
+    def draw_road(self, data: object) -> None:
         """Begin on the road of a track string; bends may be tighter than the car can drive."""
         text = _field(data, "track_string")
-        points = [one.split(",") for one in text.split("@")]
+        points = [point.split(",") for point in text.split("@")]
         try:
             content = road_content([(float(x), float(z), float(y)) for x, y, z in points])
         except ValueError:
             raise InputError(f"track_string={text!a:.50}: must be x,y,z@x,y,z@...") from None
         self.begin(make_track("track", content, tightest_m=0.0))
         self.track_string = text
-        yield from self.again()
-
-    def begin_again(self, _: object) -> Iterator[Event]:
-        """Begin again on the same road."""
-        self.begin()
-        yield from self.again()
-
-    def again(self) -> Iterator[Event]:
-        """Yield telemetry in place of an answer, which a driver waits for in lockstep."""
-        if self.options.clock == "lockstep":
-            yield self.telemetry()
-
-    orders: ClassVar = {"track": draw_road, "reset": begin_again}
 
 
 class GymClient(ForkClient):
@@ -163,6 +169,7 @@ class GymClient(ForkClient):
 
     control = "action"
     answers = ("action",)
+    orders = ("pause_sim", "resume_sim", "end_episode", "start_episode")
     track = ""
 
     def __init__(self, *arguments: object) -> None:
@@ -194,13 +201,13 @@ class GymClient(ForkClient):
 
     def telemetry(self) -> Event:
         """Return the event of the car's state and the frame; there is no segmentation."""
-        car, place = self.world.car, self.world.place
+        car = self.world.car
         numbers = {
             "steering_angle": car.steering * MAX_STEERING_DEG,
             "throttle": car.throttle,
             **self.truth(),
             "lap": self.world.lap + 1,
-            "sector": int(place.distance / SECTOR_M),
+            "sector": int(self.world.place.distance / SECTOR_M),
         }
         texts = {"image": image_text(self.frame()), "semantic_segmentation": ""}
         return "car_telemetry", {"timestamp": self._timestamp, **texts, **numbers}
@@ -214,47 +221,39 @@ class GymClient(ForkClient):
         next_cte = world.track.locate(x, y, world.place.distance).cte * world.direction
         return {**numbers, "next_cte": next_cte}
 
-    def pause_time(self, _: object) -> Iterator[Event]:
-        """Stop the world's time."""
-        self.paused = True
-        yield "sim_paused", None
+    def obey(self, name: str, data: object) -> Iterator[Event]:
+        """Stop the world's time or let it pass, at an episode's end and begin, too."""
+        if name == "start_episode":
+            self.start_episode(data)
+            yield "episode_started", None
+        elif name == "resume_sim":
+            self.paused = False
+            yield "sim_resumed", None
+        elif name == "pause_sim":
+            self.paused = True
+            yield "sim_paused", None
+        else:
+            self.paused = True
+            yield "episode_metrics", dict(self.metrics)
+            yield "episode_events", {}  # the fork's program sends none of them here
+            yield "episode_ended", None
 
-    def resume_time(self, _: object) -> Iterator[Event]:
-        """Let the world's time pass again."""
-        self.paused = False
-        yield "sim_resumed", None
-
-    def end_episode(self, _: object) -> Iterator[Event]:
-        """Stop the world's time, and send the episode's counts."""
-        self.paused = True
-        yield "episode_metrics", dict(self.metrics)
-        yield "episode_events", {}  # the fork's program sends none of them here
-        yield "episode_ended", None
-
-    def start_episode(self, data: object) -> Iterator[Event]:
+    def start_episode(self, data: object) -> None:
         """Begin an episode on a track, in a weather."""
-        asked, weather, day = (_field(data, f"{key}_name") for key in NAMED)
-        name = TRACKS.get(asked, asked)
+        track, weather, day = (_field(data, f"{key}_name") for key in NAMED)
+        name = TRACKS.get(track, track)
         if not is_included(name):  # a file of the driver's choice is not opened
-            raise InputError(f"no track {asked!a:.50}; see: drivezoo list tracks")
+            raise InputError(f"no track {track!a:.50}; see: drivezoo list tracks")
         if weather not in WEATHERS or day != "day":
             self.print_once("start_episode: there is sunny, rainy or foggy weather, by day")
         self.options = replace(self.options, weather=WEATHERS.get(weather, "clear"))
         self.begin(read_track(name) if name != self.track else None)
         self.track, self.paused = name, False
         self.metrics = dict.fromkeys(self.metrics, 0)
-        yield "episode_started", None
 
     @property
     def _timestamp(self) -> str:
         return f"{1000 * self.world.time:.0f}"  # the fork's is the wall clock's
-
-    orders: ClassVar = {
-        "pause_sim": pause_time,
-        "resume_sim": resume_time,
-        "end_episode": end_episode,
-        "start_episode": start_episode,
-    }
 
 
 def _field(data: object, key: str) -> str:
@@ -262,6 +261,3 @@ def _field(data: object, key: str) -> str:
     if not isinstance(text, str):
         raise InputError(f"{key}: {text!a:.50}; must be a text in one object")
     return text
-
-
-CLIENTS = {"udacity": Client, "maxitwo": MaxitwoClient, "udacity_gym": GymClient}

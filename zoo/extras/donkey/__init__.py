@@ -1,0 +1,1 @@
+"""The Donkeycar simulator both ways, and the dialects of forks of the original simulator."""
