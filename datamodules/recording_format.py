@@ -1,9 +1,11 @@
 """The formats of recordings, and the one door to recordings in any of them.
 
 A format is a module with `title`, `detect` and `read` (see `Format`). drivezoo's own are in
-`datamodules.formats`; an installed package names others by the entry point `drivezoo.formats`.
+`datamodules.formats`; extras and installed packages name others by the entry point
+`drivezoo.formats`.
 """
 
+import functools
 import importlib
 import itertools
 import re
@@ -17,13 +19,13 @@ import numpy as np
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from zoo.base.bounded_files import read_json
-from zoo.base.entry_points import installed_entries
+from zoo.base.entry_points import installed_entries, is_extra
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.rig import UDACITY, Rig
 from zoo.base.rig_file import find_rig, named_rig, write_rig
 
 SOURCE_NAME = "source.json"  # beside the log of a converted recording
-GROUP = "drivezoo.formats"  # entry points of installed packages
+GROUP = "drivezoo.formats"  # entry points of extras and of installed packages
 OWN = {
     name: f"datamodules.formats.{name}"
     for name in (
@@ -31,11 +33,6 @@ OWN = {
         "lerobot",
         "donkeycar",
         "challenge2",
-        "sullychen",
-        "deeppicar",
-        "named_images",
-        "comma2016",
-        "comma2k19",
         "table",
         "shards",
     )
@@ -65,20 +62,35 @@ class Format(Protocol):
         """
 
 
-def formats() -> Iterator[tuple[str, Format]]:
-    """Yield the name and the reader of each format, those of installed packages last."""
-    for name, module in OWN.items():
-        yield name, importlib.import_module(module)
-    for point in installed_entries(GROUP):
-        if point.name in OWN:
+@functools.cache
+def own_formats() -> dict[str, Format]:
+    """Return drivezoo's formats by name: the core's, then those of extras."""
+    extras = {entry.name: entry.value for entry in installed_entries(GROUP) if is_extra(entry)}
+    return {name: importlib.import_module(place) for name, place in (OWN | extras).items()}
+
+
+def outside_formats() -> Iterator[tuple[str, Format]]:
+    """Yield the name and the reader of each format of an installed package.
+
+    Raises:
+        InputError: a package's format cannot be imported.
+    """
+    for entry in installed_entries(GROUP):
+        if is_extra(entry):
             continue
         try:
-            yield point.name, point.load()
+            yield entry.name, entry.load()
         except Exception as error:
             raise InputError(
-                f"{point.value}: the format {point.name} cannot be imported ({error}); install "
+                f"{entry.value}: the format {entry.name} cannot be imported ({error}); install "
                 "its package again"
             ) from None
+
+
+def formats() -> dict[str, Format]:
+    """Return all formats by name: drivezoo's, then those of installed packages."""
+    names = own_formats()
+    return names | {name: source for name, source in outside_formats() if name not in names}
 
 
 def known_format(path: Path, name: str | None = None) -> tuple[str, Format] | None:
@@ -92,17 +104,16 @@ def known_format(path: Path, name: str | None = None) -> tuple[str, Format] | No
         InputError: it has several formats.
         UsageError: there is no format of this name.
     """
-    known = formats()
     if name is not None:
-        named = dict(known)
+        named = formats()
         if name not in named:
             raise UsageError(f"format={name}: no such format; {hint(name, named)}")
         return name, named[name]
-    fitting = [pair for pair in itertools.islice(known, len(OWN)) if pair[1].detect(path)]
+    fitting = [pair for pair in own_formats().items() if pair[1].detect(path)]
     # A package that cannot be imported does not matter to our own formats.
-    fitting = fitting or [pair for pair in known if pair[1].detect(path)]
+    fitting = fitting or [pair for pair in formats().items() if pair[1].detect(path)]
     if len(fitting) > 1:
-        titles = ", ".join(f"{one} ({fits.title})" for one, fits in fitting)
+        titles = ", ".join(f"{name} ({source.title})" for name, source in fitting)
         raise InputError(f"{path}: has the files of several formats, {titles}; name one: format=")
     return fitting[0] if fitting else None
 
@@ -136,7 +147,7 @@ def read_recording(path: Path, options: ReadOptions) -> tuple[str, Recording]:
     """
     try:
         name, source = find_format(path, options.format)
-        if options.images and name in OWN and name not in WITH_IMAGES:
+        if options.images and name in own_formats() and name not in WITH_IMAGES:
             raise UsageError(
                 f"images={options.images}: {path} is a {source.title}, which names its own "
                 "images; leave images= out"

@@ -18,7 +18,8 @@ from datamodules.formats.shards import LABELS, export_shards
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.samples import make_samples
-from tests.foreign_recordings import deeppicar, jetracer
+from tests.datamodules.test_path_contents import tub
+from tests.foreign_recordings import challenge2_test
 from tests.recordings import Written, write_recording
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
@@ -131,7 +132,8 @@ def test_labels_come_back_to_the_bit_and_images_as_they_were_stored(
 
 
 def test_recordings_of_different_cars_stay_apart(source: Written, tmp_path: Path) -> None:
-    roads = [str(source.folder), str(deeppicar(tmp_path / "a")), str(jetracer(tmp_path / "b"))]
+    folders = challenge2_test(tmp_path / "road"), tub(tmp_path / "tub")
+    roads = [str(folder) for folder in (source.folder, *folders)]
     before = read_recordings(roads)
     export_shards(before, tmp_path / "shards")
     after = read_recordings(str(tmp_path / "shards"))

@@ -61,7 +61,7 @@ def convert(
 
     place = Path(source).expanduser()
     found, _ = find_format(place, read.format)
-    titles = {name: known.title for name, known in formats()}
+    titles = {name: known.title for name, known in formats().items()}
     to = to or "udacity"
     if to == found:
         *others, last = (f"to={name}" for name in get_args(Written) if name != found)
