@@ -2,23 +2,27 @@
 
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from datamodules.edited_recording import write_edited
-from datamodules.formats.donkeycar import export_tub
-from datamodules.formats.lerobot_export import export_lerobot
-from datamodules.formats.recording_writer import convert_to_recording
-from datamodules.formats.shards import export_shards
 from datamodules.read_options import ReadOptions
-from datamodules.recording import Recording
+from datamodules.recording import TIMED_LABELS, Recording
 from datamodules.recording_edits import Edits
-from datamodules.recording_format import OWN, find_format, formats, other_car, read_recordings
+from datamodules.recording_format import (
+    OWN,
+    find_format,
+    formats,
+    other_car,
+    read_recordings,
+    writable_formats,
+)
 from tests import foreign_recordings as foreign
-from tests.recordings import write_recording
+from tests.recordings import convert_to_recording, write_as, write_recording
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import UDACITY
 
@@ -44,22 +48,8 @@ def outside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(site))
 
 
-def named_images(source: Recording, out: Path) -> None:
-    out.mkdir()
-    for row, path in enumerate(source.images[:, 0]):
-        shutil.copy(path, out / f"{row:05d}_{float(source.steering[row])!r}.jpg")
-
-
-def udacity(source: Recording, out: Path) -> None:
-    shutil.copytree(source.names[0], out)
-
-
-WRITERS: dict[str, Callable[[Recording, Path], object]] = {
-    "udacity": udacity,
-    "lerobot": export_lerobot,
-    "donkeycar": export_tub,
-    "named": named_images,
-}
+WRITTEN = ("udacity", "lerobot", "donkeycar", "named")
+EXACT = {name: TIMED_LABELS for name in WRITTEN} | {"named": ("steering",)}  # to the bit
 
 
 @pytest.fixture
@@ -68,22 +58,58 @@ def source(tmp_path: Path) -> Recording:
 
 
 @pytest.mark.usefixtures("outside")
-@pytest.mark.parametrize("name", WRITERS)
-def test_a_format_is_detected_and_read_and_becomes_a_log(
+@pytest.mark.parametrize("name", WRITTEN)
+def test_what_a_format_writes_is_detected_and_read_back_equal(
     name: str, source: Recording, tmp_path: Path
 ) -> None:
     if name == "lerobot":
         pytest.importorskip("pyarrow")
-    WRITERS[name](source, tmp_path / name)
-    assert [other for other, source in formats().items() if source.detect(tmp_path / name)] == [
-        name
-    ]
+    check_written(name, source, tmp_path, EXACT[name])
+
+
+def check_written(
+    name: str, source: Recording, tmp_path: Path, exact: Sequence[str] = TIMED_LABELS
+) -> None:
+    """Check what a format writes, and the log of it, against the recording that was written."""
+    shares: list[float] = []
+    result = write_as(name, source, tmp_path / name, shares.append)
+    assert (result.folder, result.rows) == (tmp_path / name, ROWS)
+    assert shares
+    assert all(0 <= share <= 1 for share in shares)
+    detecting = [other for other, known in formats().items() if known.detect(tmp_path / name)]
+    assert detecting == [name]
     detected, known = find_format(tmp_path / name)
     assert (detected, bool(known.title)) == (name, True)
     recording = known.read(tmp_path / name, ReadOptions())
     check_recording(recording, source)
+    for column in exact:
+        np.testing.assert_array_equal(getattr(recording, column), getattr(source, column), column)
     convert_to_recording(tmp_path / name, tmp_path / "log")
     check_recording(read_recordings(str(tmp_path / "log")), source)
+
+
+@pytest.mark.usefixtures("outside")
+def test_the_written_formats_are_all_that_write() -> None:
+    core = {name for name in writable_formats() if name in OWN or name == "named"}
+    assert core == {*WRITTEN, "shards"}, "shards have a test of their own"
+
+
+@pytest.mark.parametrize("name", ["donkeycar", "udacity", "lerobot"])
+def test_a_writer_replaces_nothing_and_leaves_nothing_behind(
+    name: str, source: Recording, tmp_path: Path
+) -> None:
+    if name == "lerobot":
+        pytest.importorskip("pyarrow")
+
+    def stop(share: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_as(name, source, tmp_path / "new", stop)
+    (tmp_path / "old").mkdir()
+    with pytest.raises(InputError, match="exists"):
+        write_as(name, source, tmp_path / "old")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["old", "source"]
 
 
 def check_recording(recording: Recording, source: Recording) -> None:
@@ -132,12 +158,12 @@ def change_column(folder: Path) -> None:
     parquet.write_table(pytest.importorskip("pyarrow").table(columns), file)
 
 
-def ours(write: Callable[[Recording, Path], object]) -> Callable[[Path], Path]:
+def ours(name: str) -> Callable[[Path], Path]:
     """Return a writer of 60 rows in a format that drivezoo writes."""
 
     def write_from_log(folder: Path) -> Path:
         log = write_recording(folder.parent / "of_log", foreign.ROWS)
-        write(read_recordings(str(log.folder)), folder)
+        write_as(name, read_recordings(str(log.folder)), folder)
         return folder
 
     return write_from_log
@@ -148,14 +174,14 @@ COLUMNS = {"columns": {"image": "path", "steering": "turn"}, "format": "table"}
 Example = tuple[Callable[[Path], Path], Callable[[Path], None], str, dict]
 FORMATS: dict[str, Example] = {
     "udacity": (
-        ours(udacity),
+        ours("udacity"),
         cut_fourth_row,
         r"driving_log\.csv, row 4",
         {},
     ),
-    "lerobot": (ours(export_lerobot), change_column, r"file-000\.parquet, row 4", {}),
+    "lerobot": (ours("lerobot"), change_column, r"file-000\.parquet, row 4", {}),
     "donkeycar": (
-        ours(export_tub),
+        ours("donkeycar"),
         replace_once('"_index": 3,', '"_index": 3', "catalog_0.catalog"),
         r"catalog_0\.catalog, row 4",
         {},
@@ -255,7 +281,7 @@ def check_a_half_written_line(example: Example, file: str, tmp_path: Path) -> No
 def test_damage_is_one_line_with_the_place_and_the_remedy(
     source: Recording, tmp_path: Path
 ) -> None:
-    named_images(source, tmp_path / "named")
+    write_as("named", source, tmp_path / "named")
     (tmp_path / "named/00003_7.5.jpg").write_bytes(b"")
     with pytest.raises(InputError, match=r"00003_7\.5\.jpg: steering is 7\.5.*on_bad_row=skip"):
         convert_to_recording(tmp_path / "named", tmp_path / "log")
@@ -276,18 +302,18 @@ def edited(source: Recording, out: Path) -> None:
     write_edited(source, Edits(len(source)), out)
 
 
-COPIES = [edited, export_lerobot, export_tub, export_shards, convert_to_recording]
+@pytest.mark.parametrize("name", ["edited", "udacity", "lerobot", "donkeycar"])
+def test_a_copy_of_another_cars_recording_is_of_that_car(name: str, tmp_path: Path) -> None:
+    if name == "lerobot":
+        pytest.importorskip("pyarrow")
+    check_copied_car(name, tmp_path)
 
 
-@pytest.mark.parametrize("copy", COPIES)
-def test_a_copy_of_another_cars_recording_is_of_that_car(copy: Callable, tmp_path: Path) -> None:
-    for needed in {export_lerobot: ["pyarrow"], export_shards: ["pyarrow", "litdata"]}.get(
-        copy, []
-    ):
-        pytest.importorskip(needed)
+def check_copied_car(name: str, tmp_path: Path) -> None:
     folder = foreign.challenge2_training(tmp_path / "recording")
     original = read_recordings(str(folder))
-    copy(folder if copy is convert_to_recording else original, tmp_path / "copy")
+    copy = edited if name == "edited" else partial(write_as, name)
+    copy(original, tmp_path / "copy")
     again = read_recordings(str(tmp_path / "copy"))
     assert again.rig == original.rig
     assert other_car(again)

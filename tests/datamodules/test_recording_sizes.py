@@ -6,12 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from datamodules.formats.lerobot_export import export_lerobot
 from datamodules.recording_format import read_recordings
 from tests import foreign_recordings as foreign
 from tests.datamodules.exchange.test_lerobot import as_version_2, write_foreign
 from tests.datamodules.test_path_contents import tub
-from tests.recordings import write_recording
+from tests.recordings import write_as, write_recording
 from tests.zoo.command_runs import run_here
 from zoo.base.errors import InputError
 
@@ -71,7 +70,7 @@ def test_a_dataset_with_more_rows_than_it_says_is_refused(dataset: Path) -> None
 def test_check_of_a_dataset_without_a_file_fails(tmp_path: Path) -> None:
     pytest.importorskip("pyarrow")
     written = write_recording(tmp_path / "lap", 8, cameras=("center",))
-    export_lerobot(read_recordings(str(written.folder)), tmp_path / "set")
+    write_as("lerobot", read_recordings(str(written.folder)), tmp_path / "set")
     info = tmp_path / "set/meta/info.json"
     info.write_text(info.read_text().replace('"total_frames": 8', '"total_frames": 127'))
     done = run_here(tmp_path, "set", module="zoo.commands.check")

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from datamodules.formats.shards import export_shards
 from datamodules.recording_format import OWN, read_recordings
 from tests import foreign_recordings as foreign
 from tests.contracts.test_recordings import COLUMNS, FORMATS, ours
@@ -60,7 +59,7 @@ WRITERS: dict[str, tuple[Callable[[Path], Path], dict]] = {
     name: (write, said) for name, (write, _, _, said) in FORMATS.items()
 }
 WRITERS |= {
-    "shards": (ours(export_shards), {}),
+    "shards": (ours("shards"), {}),
     "challenge2_test": (foreign.challenge2_test, {}),
     "donkeycar3": (old_tub, {}),
     "parquet": (parquet_table, COLUMNS),

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from datamodules.recording_format import writable_formats
 from zoo.base.command import Command, command
 from zoo.base.command_keys import choices_of, typed_keys
 from zoo.base.compose import compose_config, config_groups
@@ -135,6 +136,8 @@ def values_of(key: str, default: str) -> tuple[str, ...]:
     """Return the values of a key that have names, without those that only its command knows."""
     if default in ("true", "false"):
         return ("true", "false")
+    if key == "to":
+        return tuple(writable_formats())
     checkpoints, tracks = (LATEST, *packaged_names()), tuple(sorted([*TRACKS, *track_names()]))
     names = {"ckpt": checkpoints, "weights": checkpoints, "track": tracks, "sim": tracks}
     names |= {"family": tuple(choices("road")), "suite": tuple(choices("suite"))}
