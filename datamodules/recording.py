@@ -102,6 +102,7 @@ class Recording:
         notes: a line on what was inferred, and on what else was left out.
         rigs: rig of each of `names`, where there are several.
         blocks: blocks of a split by time, as the format states.
+        format: name of the format that was read, of several recordings that of the first.
     """
 
     names: tuple[str, ...]
@@ -120,6 +121,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     rigs: tuple[Rig | None, ...] = ()
     blocks: Blocks = SHORT_DRIVES
+    format: str = ""
 
     def __len__(self) -> int:
         return len(self.steering)

@@ -1,29 +1,33 @@
 """The formats of recordings, and the one door to recordings in any of them.
 
-A format is a module with `title`, `detect` and `read` (see `Format`). drivezoo's own are in
-`datamodules.formats`; an installed package names others by the entry point `drivezoo.formats`.
+A format is a module with `title`, `detect` and `read` (see `Format`), and `write` if it can be
+written. drivezoo's own are in `datamodules.formats`; extras and installed packages name others by
+the entry point `drivezoo.formats`, users by `parts=`.
 """
 
+import functools
 import importlib
 import itertools
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
+from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.bounded_files import read_json
-from zoo.base.entry_points import installed_entries, load_entry
+from zoo.base.entry_points import installed_entries, is_extra, load_entry
 from zoo.base.errors import InputError, UsageError, hint
+from zoo.base.parts import format_parts, import_part
 from zoo.base.rig import UDACITY, Rig
 from zoo.base.rig_file import find_rig, named_rig, write_rig
 
 SOURCE_NAME = "source.json"  # beside the log of a converted recording
-GROUP = "drivezoo.formats"  # entry points of installed packages
+GROUP = "drivezoo.formats"  # entry points of extras and of installed packages
 OWN = {
     name: f"datamodules.formats.{name}"
     for name in (
@@ -31,11 +35,6 @@ OWN = {
         "lerobot",
         "donkeycar",
         "challenge2",
-        "sullychen",
-        "deeppicar",
-        "named_images",
-        "comma2016",
-        "comma2k19",
         "table",
         "shards",
     )
@@ -45,6 +44,7 @@ OWN = {
 WITH_IMAGES = ("udacity", "table")  # formats whose images may lie in another folder
 
 
+@runtime_checkable
 class Format(Protocol):
     """One way to store recordings: a module, or an object, with these names.
 
@@ -65,13 +65,61 @@ class Format(Protocol):
         """
 
 
-def formats() -> Iterator[tuple[str, Format]]:
-    """Yield the name and the reader of each format, those of installed packages last."""
-    for name, module in OWN.items():
-        yield name, importlib.import_module(module)
-    for point in installed_entries(GROUP):
-        if point.name not in OWN:
-            yield point.name, load_entry(point)
+@runtime_checkable
+class WritableFormat(Format, Protocol):
+    """A format that `drivezoo convert` writes, too."""
+
+    def write(
+        self, recording: Recording, out: Path, options: WriteOptions, progress: Progress
+    ) -> Converted:
+        """Write a recording to a new folder.
+
+        Args:
+            recording: recording to write; of several that were read as one, `names` has each.
+            out: new folder, which appears when it is complete (`zoo.base.new_folder`).
+            options: what the user says about the new recording.
+            progress: function to call with the finished share, 0..1.
+
+        Raises:
+            InputError: an image cannot be read, `out` exists, or the disk is full.
+        """
+
+
+@functools.cache
+def own_formats() -> dict[str, Format]:
+    """Return drivezoo's formats by name: the core's, then those of extras."""
+    extras = {entry.name: entry.value for entry in installed_entries(GROUP) if is_extra(entry)}
+    return {name: importlib.import_module(place) for name, place in (OWN | extras).items()}
+
+
+def outside_formats() -> Iterator[tuple[str, Format]]:
+    """Yield the name and the format of each part of the user's and each installed package.
+
+    Raises:
+        InputError: a part or a package's format cannot be imported.
+    """
+    for part in format_parts():
+        module = import_part(part, part.module)
+        if isinstance(module, Format):
+            yield part.module.rpartition(".")[2], module
+    for entry in installed_entries(GROUP):
+        if not is_extra(entry):
+            yield entry.name, load_entry(entry)
+
+
+def formats() -> dict[str, Format]:
+    """Return all formats by name: drivezoo's, then those of parts and installed packages."""
+    sources = dict(own_formats())
+    for name, source in outside_formats():
+        sources.setdefault(name, source)
+    return sources
+
+
+def writable_formats() -> dict[str, WritableFormat]:
+    """Return the formats that can be written by name; see `formats`."""
+    return {
+        name: source for name, source in formats().items() if isinstance(source, WritableFormat)
+    }
 
 
 def known_format(path: Path, name: str | None = None) -> tuple[str, Format] | None:
@@ -85,17 +133,16 @@ def known_format(path: Path, name: str | None = None) -> tuple[str, Format] | No
         InputError: it has several formats.
         UsageError: there is no format of this name.
     """
-    known = formats()
     if name is not None:
-        named = dict(known)
+        named = formats()
         if name not in named:
             raise UsageError(f"format={name}: no such format; {hint(name, named)}")
         return name, named[name]
-    fitting = [pair for pair in itertools.islice(known, len(OWN)) if pair[1].detect(path)]
+    fitting = [pair for pair in own_formats().items() if pair[1].detect(path)]
     # A package that cannot be imported does not matter to our own formats.
-    fitting = fitting or [pair for pair in known if pair[1].detect(path)]
+    fitting = fitting or [pair for pair in formats().items() if pair[1].detect(path)]
     if len(fitting) > 1:
-        titles = ", ".join(f"{one} ({fits.title})" for one, fits in fitting)
+        titles = ", ".join(f"{name} ({source.title})" for name, source in fitting)
         raise InputError(f"{path}: has the files of several formats, {titles}; name one: format=")
     return fitting[0] if fitting else None
 
@@ -129,12 +176,12 @@ def read_recording(path: Path, options: ReadOptions) -> tuple[str, Recording]:
     """
     try:
         name, source = find_format(path, options.format)
-        if options.images and name in OWN and name not in WITH_IMAGES:
+        if options.images and name in own_formats() and name not in WITH_IMAGES:
             raise UsageError(
                 f"images={options.images}: {path} is a {source.title}, which names its own "
                 "images; leave images= out"
             )
-        recording = source.read(path, options)
+        recording = replace(source.read(path, options), format=name)
     except OSError as error:
         raise InputError(
             f"{error.filename or path}: {error.strerror or error}; allow your user to read it, or "
@@ -182,6 +229,7 @@ def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
         notes=tuple(f"{part.names[0]}: {note}" for part in parts for note in part.notes),
         rigs=tuple(rigs),
         blocks=max((part.blocks for part in parts), key=lambda blocks: blocks.block_s),
+        format=parts[0].format,
         **joined,
     )
     if not len(whole):

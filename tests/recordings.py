@@ -9,7 +9,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
+from datamodules.recording_format import read_recording, writable_formats
+from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.rig import UDACITY
 
 HEADER = "center,left,right,steering,throttle,brake,speed"
@@ -185,6 +188,26 @@ def _grass(rng: np.random.Generator) -> np.ndarray:
     image[HORIZON:] = (70, 120, 50)
     noise = rng.integers(-12, 13, (160, 320, 1))
     return np.clip(image + noise, 0, 255).astype(np.uint8)
+
+
+def write_as(
+    name: str,
+    recording: Recording,
+    out: Path,
+    progress: Progress = lambda share: None,
+    **how: object,
+) -> Converted:
+    """Write a recording in a format; `how` as in `WriteOptions`."""
+    options = WriteOptions(**how)  # type: ignore[arg-type]
+    return writable_formats()[name].write(recording, out, options, progress)
+
+
+def convert_to_recording(
+    source: Path, out: Path, options: ReadOptions | None = None, **how: object
+) -> Converted:
+    """Write a folder of any format as a log."""
+    _, recording = read_recording(source, options or ReadOptions())
+    return write_as("udacity", recording, out, **how)
 
 
 def recording_in_memory(

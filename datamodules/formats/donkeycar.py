@@ -10,7 +10,7 @@ import json
 import os
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +19,7 @@ import numpy as np
 from datamodules.driving_log import BadRows
 from datamodules.formats.json_fields import number, parse, plain_name
 from datamodules.formats.path_contents import SUGGESTED, find_below
-from datamodules.formats.recording_writer import (
-    Converted,
-    left_out_note,
-    put_image,
-    reported,
-    whole_rows,
-)
+from datamodules.formats.recording_writer import left_out_note, put_image, reported, whole_rows
 from datamodules.image import find_file_fault
 from datamodules.read_options import ReadOptions
 from datamodules.recording import (
@@ -40,6 +34,7 @@ from datamodules.recording import (
 )
 from datamodules.recording_format import write_car
 from datamodules.stretches import complete_times, continuous_drives, times_of_drives
+from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.bounded_files import MOST_JSON_BYTES, open_text, read_text
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most, is_ordinary
@@ -255,18 +250,11 @@ def _old_paths(folder: Path) -> Iterator[tuple[int, Path]]:
             yield int(match[1]), path
 
 
-def export_tub(
-    recording: Recording, out: Path, progress: Callable[[float], None] = lambda share: None
-) -> Converted:
+def write(recording: Recording, out: Path, options: WriteOptions, progress: Progress) -> Converted:
     """Write the centre camera's images and the labels as a tub.
 
     The steering becomes the angle to the bit. Donkeycar's throttle is throttle minus brake, its
     speed is in m/s; the recorded values are kept under keys of drivezoo. Images are hard links.
-
-    Args:
-        recording: recording to write.
-        out: new folder.
-        progress: function called with the finished share, 0..1.
 
     Raises:
         InputError: no image is whole, `out` exists, or the disk is full.
@@ -300,7 +288,9 @@ def export_tub(
     notes = left_out_note(left_out, "their image is damaged")
     if any(path is not None for path in recording.images[:, 1:].flat):
         notes.append("a tub has one camera: the side cameras are left out")
-    return Converted(out, len(kept), len(drives), tuple(notes))
+    following = ("donkey", "train", "--tub", str(out))
+    purpose = "in your car's folder"
+    return Converted(out, len(kept), len(drives), tuple(notes), following, purpose)
 
 
 def write_catalogs(folder: Path, lines: list[str], sessions: list[str], created_s: float) -> None:

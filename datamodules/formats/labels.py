@@ -21,14 +21,11 @@ from datamodules.driving_log import (
     without_empty,
 )
 from datamodules.formats.udacity import image_finder
-from datamodules.formats.video_frames import read_frames
-from datamodules.image import StoredImage
 from datamodules.looking.sign_evidence import find_sign_evidence
 from datamodules.read_options import ReadOptions
 from datamodules.recording import (
     SHORT_DRIVES,
     Blocks,
-    ForwardReader,
     Recording,
     keep_valid,
     make_recording,
@@ -299,9 +296,3 @@ def inside(folder: Path, name: str) -> str:
     if not parts or ".." in parts or ":" in local or "\0" in name:
         raise ValueError(f"the image {name!r:.80} is no path within the folder")
     return str(folder.joinpath(*parts))
-
-
-def video_images(video: Path) -> Callable[[int], StoredImage]:
-    """Return a function from a frame's number, from 0, to the image in a video."""
-    reader = ForwardReader(lambda file: read_frames(Path(file)))
-    return lambda number: StoredImage(str(video), number, reader)

@@ -9,6 +9,7 @@ import numpy as np
 
 from datamodules.driving_log import BadRows
 from datamodules.formats.json_fields import number, parse
+from datamodules.formats.lerobot_export import write as write
 from datamodules.formats.lerobot_features import (
     DATA,
     DATA_PATH,

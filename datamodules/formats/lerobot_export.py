@@ -4,7 +4,6 @@ An episode is a continuous drive, of 600 s at most.
 """
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +23,13 @@ from datamodules.formats.lerobot_features import (
     video_file,
 )
 from datamodules.formats.parquet_columns import load_pyarrow
-from datamodules.formats.recording_writer import Converted, left_out_note, whole_rows
+from datamodules.formats.recording_writer import left_out_note, whole_rows
 from datamodules.formats.video_frames import video_writer
 from datamodules.image import read_image
 from datamodules.recording import LABELS, Recording
 from datamodules.recording_format import write_car
 from datamodules.stretches import continuous_drives, mean_rate
+from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.rig import MPS_PER_MPH
@@ -51,29 +51,16 @@ QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 SAMPLED_FRAMES, SAMPLED_PIXELS = 10, 2  # every tenth frame, every second row and column
 
 
-def export_lerobot(
-    recording: Recording,
-    out: Path,
-    fps: int | None = None,
-    crf: int = 18,
-    task: str = "follow the road",
-    progress: Callable[[float], None] = lambda share: None,
-) -> Converted:
+def write(recording: Recording, out: Path, options: WriteOptions, progress: Progress) -> Converted:
     """Write a recording's rows as a dataset; each continuous drive is an episode.
 
-    Args:
-        recording: recording to write; its images are written in the size of the first.
-        out: new folder.
-        fps: constant frames per second of the dataset, 1..1000; None for the recording's mean.
-        crf: quality of the H.264 videos, 1 (best) to 51.
-        task: the task in words.
-        progress: function called with the finished share, 0..1.
+    The images are written in the size of the first.
 
     Raises:
         InputError: pyarrow is missing, no image is whole, `out` exists, or the disk is full.
     """
     pyarrow = load_pyarrow()
-    rate = fps or min(max(round(mean_rate(recording)), 1), MOST_FPS)
+    rate = options.fps or min(max(round(mean_rate(recording)), 1), MOST_FPS)
     with whole_folder(out, RECORDINGS) as part:
         kept, left_out = whole_rows(recording)
         known = {camera: list(kept.images[:, at]) for at, camera in enumerate(CAMERAS)}
@@ -87,15 +74,17 @@ def export_lerobot(
             for camera in cameras:
                 path = part / video_file(CAMERA_PREFIX + camera, *divmod(number, CHUNK))
                 path.parent.mkdir(parents=True, exist_ok=True)
-                counts[camera].append(_write_video(path, kept, camera, rows, size, rate, crf))
+                counts[camera].append(
+                    _write_video(path, kept, camera, rows, size, rate, options.crf)
+                )
                 progress(rows.stop / len(kept))
         about = [
-            _about_episode(number, rows, columns, counts, rate, task)
+            _about_episode(number, rows, columns, counts, rate, options.task)
             for number, rows in enumerate(episodes)
         ]
         tables = {
             f"{DATA}/{FIRST_FILE}": _data_table(columns, pyarrow),
-            TASKS: _task_table(task, pyarrow),
+            TASKS: _task_table(options.task, pyarrow),
             f"{EPISODES}/{FIRST_FILE}": pyarrow.Table.from_pylist(about),
         }
         for name, table in tables.items():
@@ -118,7 +107,15 @@ def export_lerobot(
         notes.append(
             f"recorded at {real:.2f} frames/s, the dataset has {rate}: recorded times are in {TIME}"
         )
-    return Converted(out, len(kept), len(episodes), tuple(notes))
+    viewer = ("lerobot-dataset-viz", "--repo-id", f"local/{out.name}", "--root", str(out))
+    return Converted(
+        out,
+        len(kept),
+        len(episodes),
+        tuple(notes),
+        following=(*viewer, "--episode-index", "0"),
+        purpose="where LeRobot is installed",
+    )
 
 
 def _columns(recording: Recording, episodes: list[range], rate: int) -> dict[str, np.ndarray]:

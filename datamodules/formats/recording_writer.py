@@ -1,11 +1,10 @@
-"""Write a recording of any format as a `driving_log.csv` with an `IMG` folder."""
+"""What the writers of recordings share: whole rows, images, and a `driving_log.csv`."""
 
 import csv
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,39 +19,18 @@ from datamodules.image import (
     read_ends,
     read_stored,
 )
-from datamodules.read_options import ReadOptions
-from datamodules.recording import IMAGE_FOLDER, LOG_NAME, Recording
-from datamodules.recording_format import read_recording, write_car
-from datamodules.stretches import complete_times, find_breaks
+from datamodules.recording import LOG_NAME, Recording
+from datamodules.write_options import Progress
 from zoo.base.errors import InputError
-from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.whole_file import write_new
 
 REPORT_EVERY = 50  # items between two calls of `progress`
 PNG = b"\x89PNG"
 
-Fit = Literal["keep", "pad"]
 Item = TypeVar("Item")
 
 
-@dataclass(frozen=True)
-class Converted:
-    """A converted recording.
-
-    Attributes:
-        folder: folder that was written.
-        rows: number of rows in it.
-        drives: number of continuous drives.
-        notes: a line on each loss or assumption.
-    """
-
-    folder: Path
-    rows: int
-    drives: int
-    notes: tuple[str, ...] = ()
-
-
-def reported(items: Sequence[Item], progress: Callable[[float], None]) -> Iterator[Item]:
+def reported(items: Sequence[Item], progress: Progress) -> Iterator[Item]:
     """Yield items; call `progress` with the finished share, 0..1."""
     for number, item in enumerate(items):
         if number % REPORT_EVERY == 0:
@@ -79,58 +57,6 @@ def whole_rows(recording: Recording, cameras: int = len(CAMERAS)) -> tuple[Recor
     if not mask.any():
         raise InputError(f"no row has whole images: {left_out[0]}; copy the images again")
     return recording.keep(mask), left_out
-
-
-def write_recording(
-    recording: Recording,
-    out: Path,
-    source: str,
-    fit: Fit = "keep",
-    quality: int = 95,
-    progress: Callable[[float], None] = lambda share: None,
-) -> Converted:
-    """Write a recording's rows as a log with images.
-
-    Image files are linked or copied as they are, unless they are padded.
-
-    Args:
-        recording: recording to write.
-        out: new folder.
-        source: name of the recording's format.
-        fit: `keep`, or `pad` images with black bars to twice as wide as high.
-        quality: quality of the JPEGs that are encoded, 1..100.
-        progress: function called with the finished share, 0..1.
-
-    Raises:
-        InputError: an image cannot be read, `out` exists, or the disk is full.
-    """
-    stems = image_stems(complete_times(recording))
-    written = np.full(recording.images.shape, "", object)
-    change = pad_to_two_by_one if fit == "pad" else None
-    with whole_folder(out, RECORDINGS) as part:
-        (part / IMAGE_FOLDER).mkdir()
-        for row, camera in reported(_reading_order(recording), progress):
-            target = part / IMAGE_FOLDER / f"{CAMERAS[camera]}_{stems[row]}"
-            image, place = recording.images[row, camera], recording.place(row)
-            written[row, camera] = put_image(image, target, place, change, quality)
-        columns = (recording.steering, recording.throttle, recording.brake, recording.speed_mph)
-        write_log(part, zip(written.tolist(), np.stack(columns, 1).tolist(), strict=True))
-        write_car(part, recording, source, keeps_size=change is None)
-    notes = [
-        *left_out_note(recording.bad_rows, "they cannot be read"),
-        *left_out_note(recording.bad_images, "their image is damaged or missing"),
-        *recording.notes,
-    ]
-    drives = 1 + int(find_breaks(recording).sum())
-    return Converted(out, len(recording), drives, tuple(notes))
-
-
-def convert_to_recording(
-    source: Path, out: Path, options: ReadOptions | None = None, **how: Any
-) -> Converted:
-    """Read a folder of any format and write it as a log; `how` as in `write_recording`."""
-    name, recording = read_recording(source, options or ReadOptions())
-    return write_recording(recording, out, name, **how)
 
 
 def image_stems(time_s: np.ndarray) -> list[str]:
@@ -165,30 +91,6 @@ def write_frame(image: np.ndarray, target: Path, quality: int = 95) -> None:
     OpenCV's own writer ends the process for a path that is not UTF-8.
     """
     write_new(target, encode_image(image, target.suffix, quality))
-
-
-def pad_to_two_by_one(image: np.ndarray) -> np.ndarray:
-    """Return an image with black bars that make it twice as wide as high.
-
-    >>> pad_to_two_by_one(np.zeros((120, 160, 3), np.uint8)).shape
-    (120, 240, 3)
-    """
-    height, width = image.shape[:2]
-    rows, columns = max(height, -(-width // 2)), max(width, 2 * height)
-    top, left = (rows - height) // 2, (columns - width) // 2
-    around = ((top, rows - height - top), (left, columns - width - left), (0, 0))
-    return np.pad(image, around)
-
-
-def _reading_order(recording: Recording) -> list[tuple[int, int]]:
-    """Return row and camera of each image: camera by camera, each file from its beginning."""
-
-    def place(at: tuple[int, int]) -> tuple[int, str, int]:
-        image = recording.images[at]
-        return at[1], getattr(image, "file", ""), getattr(image, "number", at[0])
-
-    rows, cameras = np.nonzero(recording.images.astype(bool))
-    return sorted(zip(rows.tolist(), cameras.tolist(), strict=True), key=place)
 
 
 def put_image(

@@ -5,7 +5,6 @@ converted stay apart, each with its rig.
 """
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,12 +12,13 @@ import numpy as np
 
 from datamodules.driving_log import CAMERAS, BadRows
 from datamodules.formats.parquet_columns import component, load_pyarrow, read_table
-from datamodules.formats.recording_writer import Converted, left_out_note, reported
+from datamodules.formats.recording_writer import left_out_note, reported
 from datamodules.image import Stored, StoredImage, encode_image, find_fault
 from datamodules.read_options import ReadOptions
 from datamodules.recording import TIMED_LABELS, Recording, indices, keep_valid, make_recording
 from datamodules.shard_store import EXTRA, INDEX, REMEDY, ShardStore, is_address
 from datamodules.stretches import complete_times, find_breaks
+from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, optional_import
 from zoo.base.new_folder import RECORDINGS, whole_folder
@@ -85,21 +85,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
     return keep_valid(recording, bad)
 
 
-def export_shards(
-    recording: Recording,
-    out: Path,
-    shard_mb: float = 128,
-    quality: int = 95,
-    progress: Callable[[float], None] = lambda share: None,
-) -> Converted:
+def write(recording: Recording, out: Path, options: WriteOptions, progress: Progress) -> Converted:
     """Write images as they are stored, in shards, and the labels, to the bit.
-
-    Args:
-        recording: recording to write.
-        out: new folder.
-        shard_mb: size of a shard, MB.
-        quality: quality of the JPEGs of a video's frames, 1..100.
-        progress: function called with the finished share, 0..1.
 
     Raises:
         InputError: LitData or pyarrow is missing, no image is whole, `out` exists, or the disk is
@@ -111,11 +98,13 @@ def export_shards(
     item, count = np.full(recording.images.shape, -1), 0
     left_out = []
     with whole_folder(out, RECORDINGS) as part:
-        writer = BinaryWriter(str(part), chunk_bytes=int(shard_mb * 1e6))
+        writer = BinaryWriter(str(part), chunk_bytes=int(options.shard_mb * 1e6))
         for row in reported(range(len(recording)), progress):
             cameras = np.flatnonzero(recording.images[row]).tolist()
             try:
-                stored = [_encoded(recording.stored(row, one), quality) for one in cameras]
+                stored = [
+                    _encoded(recording.stored(row, camera), options.quality) for camera in cameras
+                ]
             except (OSError, ValueError) as error:
                 left_out.append(f"{recording.place(row)}: {error}")
                 continue
@@ -139,7 +128,8 @@ def export_shards(
         ]
         (part / RIGS).write_text(json.dumps(rigs, indent=2) + "\n", encoding="utf-8")
     notes = left_out_note(left_out, "their image is damaged")
-    return Converted(out, len(kept), 1 + int(find_breaks(kept).sum()), tuple(notes))
+    following = ("drivezoo", "train", f"data.root={out}")
+    return Converted(out, len(kept), 1 + int(find_breaks(kept).sum()), tuple(notes), following)
 
 
 def _read_rigs(store: ShardStore) -> tuple[Rig | None, ...]:

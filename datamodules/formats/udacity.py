@@ -11,6 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, IMAGE, BadRows, LogRow, read_log
+from datamodules.formats.recording_writer import (
+    image_stems,
+    left_out_note,
+    put_image,
+    reported,
+    write_log,
+)
 from datamodules.read_options import ReadOptions
 from datamodules.recording import (
     IMAGE_FOLDER,
@@ -24,7 +31,11 @@ from datamodules.recording import (
     spellings,
     unnamed_note,
 )
+from datamodules.recording_format import write_car
+from datamodules.stretches import complete_times, find_breaks
+from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.errors import InputError
+from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.rig import UDACITY
 
 title = "recording"
@@ -74,6 +85,59 @@ def read(path: Path, options: ReadOptions) -> Recording:
     good = np.ones(len(rows), dtype=bool)
     good[list(bad)] = False
     return recording.keep(good, tuple(bad[index] for index in sorted(bad)))
+
+
+def write(recording: Recording, out: Path, options: WriteOptions, progress: Progress) -> Converted:
+    """Write a recording's rows as a log with images.
+
+    Image files are linked or copied as they are, unless they are padded.
+
+    Raises:
+        InputError: an image cannot be read, `out` exists, or the disk is full.
+    """
+    stems = image_stems(complete_times(recording))
+    written = np.full(recording.images.shape, "", object)
+    change = pad_to_two_by_one if options.fit == "pad" else None
+    with whole_folder(out, RECORDINGS) as part:
+        (part / IMAGE_FOLDER).mkdir()
+        for row, camera in reported(_reading_order(recording), progress):
+            target = part / IMAGE_FOLDER / f"{CAMERAS[camera]}_{stems[row]}"
+            image, place = recording.images[row, camera], recording.place(row)
+            written[row, camera] = put_image(image, target, place, change, options.quality)
+        columns = (recording.steering, recording.throttle, recording.brake, recording.speed_mph)
+        write_log(part, zip(written.tolist(), np.stack(columns, 1).tolist(), strict=True))
+        write_car(part, recording, recording.format, keeps_size=change is None)
+    notes = [
+        *left_out_note(recording.bad_rows, "they cannot be read"),
+        *left_out_note(recording.bad_images, "their image is damaged or missing"),
+        *recording.notes,
+    ]
+    drives = 1 + int(find_breaks(recording).sum())
+    return Converted(out, len(recording), drives, tuple(notes))
+
+
+def pad_to_two_by_one(image: np.ndarray) -> np.ndarray:
+    """Return an image with black bars that make it twice as wide as high.
+
+    >>> pad_to_two_by_one(np.zeros((120, 160, 3), np.uint8)).shape
+    (120, 240, 3)
+    """
+    height, width = image.shape[:2]
+    rows, columns = max(height, -(-width // 2)), max(width, 2 * height)
+    top, left = (rows - height) // 2, (columns - width) // 2
+    around = ((top, rows - height - top), (left, columns - width - left), (0, 0))
+    return np.pad(image, around)
+
+
+def _reading_order(recording: Recording) -> list[tuple[int, int]]:
+    """Return row and camera of each image: camera by camera, each file from its beginning."""
+
+    def place(at: tuple[int, int]) -> tuple[int, str, int]:
+        image = recording.images[at]
+        return at[1], getattr(image, "file", ""), getattr(image, "number", at[0])
+
+    rows, cameras = np.nonzero(recording.images.astype(bool))
+    return sorted(zip(rows.tolist(), cameras.tolist(), strict=True), key=place)
 
 
 def _missing_images(

@@ -2,24 +2,28 @@
 
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from datamodules.edited_recording import write_edited
-from datamodules.formats.donkeycar import export_tub
-from datamodules.formats.lerobot_export import export_lerobot
-from datamodules.formats.recording_writer import convert_to_recording
-from datamodules.formats.shards import export_shards
 from datamodules.read_options import ReadOptions
-from datamodules.recording import Recording
+from datamodules.recording import TIMED_LABELS, Recording
 from datamodules.recording_edits import Edits
-from datamodules.recording_format import OWN, find_format, formats, other_car, read_recordings
+from datamodules.recording_format import (
+    OWN,
+    find_format,
+    formats,
+    other_car,
+    read_recordings,
+    writable_formats,
+)
 from tests import foreign_recordings as foreign
 from tests.contracts.outside_package import manual_example
-from tests.recordings import write_recording
+from tests.recordings import convert_to_recording, write_as, write_recording
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import UDACITY
 
@@ -38,22 +42,8 @@ def outside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(site))
 
 
-def named_images(source: Recording, out: Path) -> None:
-    out.mkdir()
-    for row, path in enumerate(source.images[:, 0]):
-        shutil.copy(path, out / f"{row:05d}_{float(source.steering[row])!r}.jpg")
-
-
-def udacity(source: Recording, out: Path) -> None:
-    shutil.copytree(source.names[0], out)
-
-
-WRITERS: dict[str, Callable[[Recording, Path], object]] = {
-    "udacity": udacity,
-    "lerobot": export_lerobot,
-    "donkeycar": export_tub,
-    "named": named_images,
-}
+WRITTEN = ("udacity", "lerobot", "donkeycar", "named")
+EXACT = {name: TIMED_LABELS for name in WRITTEN} | {"named": ("steering",)}  # to the bit
 
 
 @pytest.fixture
@@ -62,20 +52,58 @@ def source(tmp_path: Path) -> Recording:
 
 
 @pytest.mark.usefixtures("outside")
-@pytest.mark.parametrize("name", WRITERS)
-def test_a_format_is_detected_and_read_and_becomes_a_log(
+@pytest.mark.parametrize("name", WRITTEN)
+def test_what_a_format_writes_is_detected_and_read_back_equal(
     name: str, source: Recording, tmp_path: Path
 ) -> None:
     if name == "lerobot":
         pytest.importorskip("pyarrow")
-    WRITERS[name](source, tmp_path / name)
-    assert [one for one, known in formats() if known.detect(tmp_path / name)] == [name]
+    check_written(name, source, tmp_path, EXACT[name])
+
+
+def check_written(
+    name: str, source: Recording, tmp_path: Path, exact: Sequence[str] = TIMED_LABELS
+) -> None:
+    """Check what a format writes, and the log of it, against the recording that was written."""
+    shares: list[float] = []
+    result = write_as(name, source, tmp_path / name, shares.append)
+    assert (result.folder, result.rows) == (tmp_path / name, ROWS)
+    assert shares
+    assert all(0 <= share <= 1 for share in shares)
+    detecting = [other for other, known in formats().items() if known.detect(tmp_path / name)]
+    assert detecting == [name]
     detected, known = find_format(tmp_path / name)
     assert (detected, bool(known.title)) == (name, True)
     recording = known.read(tmp_path / name, ReadOptions())
     check_recording(recording, source)
+    for column in exact:
+        np.testing.assert_array_equal(getattr(recording, column), getattr(source, column), column)
     convert_to_recording(tmp_path / name, tmp_path / "log")
     check_recording(read_recordings(str(tmp_path / "log")), source)
+
+
+@pytest.mark.usefixtures("outside")
+def test_the_written_formats_are_all_that_write() -> None:
+    core = {name for name in writable_formats() if name in OWN or name == "named"}
+    assert core == {*WRITTEN, "shards"}, "shards have a test of their own"
+
+
+@pytest.mark.parametrize("name", ["donkeycar", "udacity", "lerobot"])
+def test_a_writer_replaces_nothing_and_leaves_nothing_behind(
+    name: str, source: Recording, tmp_path: Path
+) -> None:
+    if name == "lerobot":
+        pytest.importorskip("pyarrow")
+
+    def stop(share: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_as(name, source, tmp_path / "new", stop)
+    (tmp_path / "old").mkdir()
+    with pytest.raises(InputError, match="exists"):
+        write_as(name, source, tmp_path / "old")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["old", "source"]
 
 
 def check_recording(recording: Recording, source: Recording) -> None:
@@ -124,47 +152,30 @@ def change_column(folder: Path) -> None:
     parquet.write_table(pytest.importorskip("pyarrow").table(columns), file)
 
 
-def change_log_of_2016(folder: Path) -> None:
-    with pytest.importorskip("h5py").File(next((folder / "log").iterdir()), "r+") as file:
-        file["steering_angle"][15] = np.nan
-
-
-def change_signal_of_2k19(folder: Path) -> None:
-    value = folder / "processed_log/CAN/steering_angle/value"
-    signal = np.load(value)
-    signal[3] = np.nan
-    with value.open("wb") as file:
-        np.save(file, signal)
-
-
-def move_point(folder: Path) -> None:
-    image = sorted(folder.iterdir())[-1]
-    image.rename(folder / f"999{image.name[image.name.index('_') :]}")
-
-
-def ours(write: Callable[[Recording, Path], object]) -> Callable[[Path], Path]:
+def ours(name: str) -> Callable[[Path], Path]:
     """Return a writer of 60 rows in a format that drivezoo writes."""
 
     def write_from_log(folder: Path) -> Path:
         log = write_recording(folder.parent / "of_log", foreign.ROWS)
-        write(read_recordings(str(log.folder)), folder)
+        write_as(name, read_recordings(str(log.folder)), folder)
         return folder
 
     return write_from_log
 
 
 COLUMNS = {"columns": {"image": "path", "steering": "turn"}, "format": "table"}
-# A writer of each format, what makes one row bad, its place, and what the user says.
-FORMATS: dict[str, tuple[Callable[[Path], Path], Callable[[Path], None], str, dict]] = {
+# A writer of a format, what makes one row bad, its place, and what the user says.
+Example = tuple[Callable[[Path], Path], Callable[[Path], None], str, dict]
+FORMATS: dict[str, Example] = {
     "udacity": (
-        ours(udacity),
+        ours("udacity"),
         cut_fourth_row,
         r"driving_log\.csv, row 4",
         {},
     ),
-    "lerobot": (ours(export_lerobot), change_column, r"file-000\.parquet, row 4", {}),
+    "lerobot": (ours("lerobot"), change_column, r"file-000\.parquet, row 4", {}),
     "donkeycar": (
-        ours(export_tub),
+        ours("donkeycar"),
         replace_once('"_index": 3,', '"_index": 3', "catalog_0.catalog"),
         r"catalog_0\.catalog, row 4",
         {},
@@ -177,21 +188,6 @@ FORMATS: dict[str, tuple[Callable[[Path], Path], Callable[[Path], None], str, di
         r"interpolated\.csv, row 62",
         {},
     ),
-    "sullychen": (
-        foreign.sullychen,
-        replace_once("\n3.jpg ", "\n3.jpg x", "data.txt"),
-        r"data\.txt, row 4",
-        {},
-    ),
-    "deeppicar": (
-        foreign.deeppicar,
-        replace_once(",4,", ",x,", "out-key.csv"),
-        r"out-key\.csv, row 5",
-        {},
-    ),
-    "named_images": (foreign.jetracer, move_point, r"999_\S+\.jpg", {}),
-    "comma2016": (foreign.comma2016, change_log_of_2016, r"\.h5, row 16", {}),
-    "comma2k19": (foreign.comma2k19, change_signal_of_2k19, r"video\.hevc, frame", {}),
     "table": (
         foreign.table,
         replace_once("\npics\\3.png,", "\npics\\3.png,x", "my.csv"),
@@ -210,7 +206,11 @@ def test_the_table_names_every_format() -> None:
 def test_a_bad_row_is_one_line_or_is_left_out_and_listed(name: str, tmp_path: Path) -> None:
     if name == "lerobot":
         pytest.importorskip("pyarrow")
-    write, damage, place, said = FORMATS[name]
+    check_a_bad_row(name, FORMATS[name], tmp_path)
+
+
+def check_a_bad_row(name: str, example: Example, tmp_path: Path) -> None:
+    write, damage, place, said = example
     folder = str(write(tmp_path / "recording"))
     if not said:
         assert find_format(Path(folder))[0] == name
@@ -231,15 +231,19 @@ def test_a_folder_of_images_is_taken_or_refused(name: str, tmp_path: Path) -> No
         pytest.importorskip("pyarrow")
     write, _, _, said = FORMATS[name]
     folder = write(tmp_path / "recording")
+    if name not in ("udacity", "table"):
+        check_a_refused_folder_of_images(folder, said)
+        return
     images = str(shutil.copytree(folder, tmp_path / "elsewhere") / "IMG")
     if name == "table":
         images = str(tmp_path / "elsewhere")
-    if name in ("udacity", "table"):
-        image = read_recordings(str(folder), **said, images=images).images[0, 0]
-        assert image.startswith(images)
-        return
+    image = read_recordings(str(folder), **said, images=images).images[0, 0]
+    assert image.startswith(images)
+
+
+def check_a_refused_folder_of_images(folder: Path, said: dict) -> None:
     with pytest.raises(UsageError, match=r"^images=.*leave images= out"):
-        read_recordings(str(folder), **said, images=images)
+        read_recordings(str(folder), **said, images=str(folder.parent))
 
 
 @pytest.mark.parametrize(
@@ -248,15 +252,17 @@ def test_a_folder_of_images_is_taken_or_refused(name: str, tmp_path: Path) -> No
         ("udacity", "driving_log.csv"),
         ("donkeycar", "catalog_0.catalog"),
         ("challenge2", "interpolated.csv"),
-        ("sullychen", "data.txt"),
-        ("deeppicar", "out-key.csv"),
         ("table", "my.csv"),
     ],
 )
 def test_a_last_line_that_is_being_written_is_no_error(
     name: str, file: str, tmp_path: Path
 ) -> None:
-    write, _, _, said = FORMATS[name]
+    check_a_half_written_line(FORMATS[name], file, tmp_path)
+
+
+def check_a_half_written_line(example: Example, file: str, tmp_path: Path) -> None:
+    write, _, _, said = example
     folder = write(tmp_path / "recording")
     lines = (folder / file).read_bytes().splitlines(keepends=True)
     half = lines[-1][: len(lines[-1]) // 2].rpartition(b",")[0]
@@ -269,7 +275,7 @@ def test_a_last_line_that_is_being_written_is_no_error(
 def test_damage_is_one_line_with_the_place_and_the_remedy(
     source: Recording, tmp_path: Path
 ) -> None:
-    named_images(source, tmp_path / "named")
+    write_as("named", source, tmp_path / "named")
     (tmp_path / "named/00003_7.5.jpg").write_bytes(b"")
     with pytest.raises(InputError, match=r"00003_7\.5\.jpg: steering is 7\.5.*on_bad_row=skip"):
         convert_to_recording(tmp_path / "named", tmp_path / "log")
@@ -290,18 +296,18 @@ def edited(source: Recording, out: Path) -> None:
     write_edited(source, Edits(len(source)), out)
 
 
-COPIES = [edited, export_lerobot, export_tub, export_shards, convert_to_recording]
+@pytest.mark.parametrize("name", ["edited", "udacity", "lerobot", "donkeycar"])
+def test_a_copy_of_another_cars_recording_is_of_that_car(name: str, tmp_path: Path) -> None:
+    if name == "lerobot":
+        pytest.importorskip("pyarrow")
+    check_copied_car(name, tmp_path)
 
 
-@pytest.mark.parametrize("copy", COPIES)
-def test_a_copy_of_another_cars_recording_is_of_that_car(copy: Callable, tmp_path: Path) -> None:
-    for needed in {export_lerobot: ["pyarrow"], export_shards: ["pyarrow", "litdata"]}.get(
-        copy, []
-    ):
-        pytest.importorskip(needed)
-    folder = foreign.deeppicar(tmp_path / "recording")
+def check_copied_car(name: str, tmp_path: Path) -> None:
+    folder = foreign.challenge2_training(tmp_path / "recording")
     original = read_recordings(str(folder))
-    copy(folder if copy is convert_to_recording else original, tmp_path / "copy")
+    copy = edited if name == "edited" else partial(write_as, name)
+    copy(original, tmp_path / "copy")
     again = read_recordings(str(tmp_path / "copy"))
     assert again.rig == original.rig
     assert other_car(again)
@@ -311,7 +317,7 @@ def test_a_copy_of_another_cars_recording_is_of_that_car(copy: Callable, tmp_pat
 
 
 def test_a_copy_of_an_unknown_cars_recording_is_not_of_udacitys(tmp_path: Path) -> None:
-    original = read_recordings(str(foreign.jetracer(tmp_path / "recording")))
+    original = read_recordings(str(foreign.table(tmp_path / "recording")), **COLUMNS)
     edited(original, tmp_path / "copy")
     again = read_recordings(str(tmp_path / "copy"))
     assert again.rig is None

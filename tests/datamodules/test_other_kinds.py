@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from datamodules.recording_format import read_recordings
-from tests.contracts.test_recordings import FORMATS
+from tests.contracts.test_recordings import FORMATS, Example
 from zoo.base.bounded_files import open_data, read_text
 from zoo.base.errors import InputError
 from zoo.commands.check import look_at_image
@@ -36,10 +36,6 @@ FILES = {
     "lerobot": "data/chunk-000/file-000.parquet",
     "donkeycar": "manifest.json",
     "challenge2": "interpolated.csv",
-    "sullychen": "data.txt",
-    "deeppicar": "out-key.csv",
-    "comma2016": "log/2016-01-30--11-24-51.h5",
-    "comma2k19": "global_pose/frame_times",
     "table": "my.csv",
 }
 
@@ -49,12 +45,16 @@ FILES = {
 def test_a_file_of_another_kind_is_named_by_its_contents(
     name: str, kind: str, tmp_path: Path
 ) -> None:
-    pytest.importorskip({"lerobot": "pyarrow", "comma2016": "h5py"}.get(name, "numpy"))
-    write, _, _, said = FORMATS[name]
+    pytest.importorskip({"lerobot": "pyarrow"}.get(name, "numpy"))
+    check_another_kind(name, FORMATS[name], FILES[name], kind, tmp_path)
+
+
+def check_another_kind(name: str, example: Example, file: str, kind: str, tmp_path: Path) -> None:
+    write, _, _, said = example
     folder = write(tmp_path / "recording")
     data, words = KINDS[kind]
-    (folder / FILES[name]).write_bytes(data)
-    with pytest.raises(InputError, match=rf"{Path(FILES[name]).name}\b.*: .*{words}"):
+    (folder / file).write_bytes(data)
+    with pytest.raises(InputError, match=rf"{Path(file).name}\b.*: .*{words}"):
         read_recordings(str(folder), **{"format": name, **said}, on_bad_row="skip")
 
 

@@ -14,12 +14,13 @@ from rich.console import Console
 import datamodules.shard_store
 from datamodules.balance import epoch_batches, shard_windows, share_of
 from datamodules.driving import DrivingData
-from datamodules.formats.shards import LABELS, export_shards
+from datamodules.formats.shards import LABELS
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.samples import make_samples
-from tests.foreign_recordings import deeppicar, jetracer
-from tests.recordings import Written, write_recording
+from tests.datamodules.test_path_contents import tub
+from tests.foreign_recordings import challenge2_test
+from tests.recordings import Written, write_as, write_recording
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.training.build import build_data
@@ -82,7 +83,7 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Written:
 
 @pytest.fixture
 def shards(source: Written, tmp_path: Path) -> Path:
-    export_shards(read_recordings(str(source.folder)), tmp_path / "shards", SHARD_MB)
+    write_as("shards", read_recordings(str(source.folder)), tmp_path / "shards", shard_mb=SHARD_MB)
     return tmp_path / "shards"
 
 
@@ -131,9 +132,10 @@ def test_labels_come_back_to_the_bit_and_images_as_they_were_stored(
 
 
 def test_recordings_of_different_cars_stay_apart(source: Written, tmp_path: Path) -> None:
-    roads = [str(source.folder), str(deeppicar(tmp_path / "a")), str(jetracer(tmp_path / "b"))]
+    folders = challenge2_test(tmp_path / "road"), tub(tmp_path / "tub")
+    roads = [str(folder) for folder in (source.folder, *folders)]
     before = read_recordings(roads)
-    export_shards(before, tmp_path / "shards")
+    write_as("shards", before, tmp_path / "shards")
     after = read_recordings(str(tmp_path / "shards"))
     assert after.rigs == before.rigs
     assert len(set(after.rigs)) == 3
@@ -145,7 +147,7 @@ def test_recordings_of_different_cars_stay_apart(source: Written, tmp_path: Path
 
 @pytest.mark.parametrize("rigs", ["[]", "{}", '["mine"]', '[null, {"name": 3}]', "[null]"])
 def test_damaged_rigs_are_one_line(rigs: str, source: Written, tmp_path: Path) -> None:
-    export_shards(read_recordings([str(source.folder)] * 2), tmp_path / "shards")
+    write_as("shards", read_recordings([str(source.folder)] * 2), tmp_path / "shards")
     (tmp_path / "shards/rigs.json").write_text(rigs)
     with pytest.raises(InputError, match=r"rigs\.json"):
         read_recordings(str(tmp_path / "shards"))
@@ -164,7 +166,7 @@ def test_rows_without_an_image_and_damaged_ones(source: Written, tmp_path: Path)
     recording.images[4, 1] = None
     (tmp_path / "cut.jpg").write_bytes(Path(recording.images[7, 0]).read_bytes()[:900])
     recording.images[7, 0] = str(tmp_path / "cut.jpg")
-    written = export_shards(recording, tmp_path / "shards", SHARD_MB)
+    written = write_as("shards", recording, tmp_path / "shards", shard_mb=SHARD_MB)
     after = read_recordings(str(tmp_path / "shards"))
     assert (written.rows, len(after)) == (ROWS - 1, ROWS - 1)
     assert "row 8" in written.notes[0]
@@ -310,7 +312,7 @@ def joined(recording: Recording) -> set[str]:
 
 def test_several_sources_and_several_folders(source: Written, shards: Path, tmp_path: Path) -> None:
     both = read_recordings([str(source.folder), str(source.folder)])
-    export_shards(both, tmp_path / "both", SHARD_MB)
+    write_as("shards", both, tmp_path / "both", shard_mb=SHARD_MB)
     assert len(read_recordings(str(tmp_path / "both"))) == 2 * ROWS
     two = read_recordings([str(shards), str(tmp_path / "both")])
     assert (len(two), len(two.names)) == (3 * ROWS, 2)

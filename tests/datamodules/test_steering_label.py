@@ -17,6 +17,7 @@ from datamodules.steering_label import curvature_label, in_label
 from datamodules.steering_unit import SteeringUnit
 from datamodules.view import View
 from tests import foreign_recordings as foreign
+from tests.contracts.test_recordings import COLUMNS
 from tests.recordings import Written, recording_in_memory, write_recording
 from zoo.base.errors import UsageError
 from zoo.base.rig import STEERING, UDACITY, Camera, single_camera_rig
@@ -135,9 +136,9 @@ def test_formats_with_keys_and_weights_of_their_own_train_on_one_unit(
 ) -> None:
     """A road car, and a toy car that writes a servo's numbers in another format."""
     road = foreign.challenge2_test(tmp_path / "road")
-    toy = foreign.sullychen(tmp_path / "toy", full=45, zero=90)
+    toy = foreign.table(tmp_path / "toy", 90 + 45 * foreign.STEERING)
     (toy / "rig.yaml").write_text(RIG_FILE.replace("long", "toy"))
-    servo = {"steering": {"unit": "servo", "zero": 90, "full": 45}}
+    servo = {"steering": {"unit": "servo", "zero": 90, "full": 45}, **COLUMNS}
     settings = {"cache": None, "batch_size": 16, "block_s": 0.5, "gap_s": 0.1}
     data = DrivingData(
         [str(road), str(toy)],

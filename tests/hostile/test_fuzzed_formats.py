@@ -2,7 +2,7 @@
 
     python -m pytest tests/hostile/test_fuzzed_formats.py -m slow
 
-reads 5,600 of them, 400 of each way to store a recording.
+reads 3,600 of them, 400 of each way to store a recording.
 """
 
 import json
@@ -15,17 +15,14 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from datamodules.formats.shards import export_shards
 from datamodules.recording_format import OWN, read_recordings
 from tests import foreign_recordings as foreign
 from tests.contracts.test_recordings import COLUMNS, FORMATS, ours
 from tests.datamodules.test_other_kinds import KINDS
 from tests.hostile.mutations import (
     for_each,
-    mutated_array,
     mutated_bytes,
     mutated_csv,
-    mutated_hdf5,
     mutated_json,
     mutated_parquet,
 )
@@ -62,19 +59,21 @@ WRITERS: dict[str, tuple[Callable[[Path], Path], dict]] = {
     name: (write, said) for name, (write, _, _, said) in FORMATS.items()
 }
 WRITERS |= {
-    "shards": (ours(export_shards), {}),
+    "shards": (ours("shards"), {}),
     "challenge2_test": (foreign.challenge2_test, {}),
     "donkeycar3": (old_tub, {}),
     "parquet": (parquet_table, COLUMNS),
 }
-PACKAGES = {"lerobot": ["pyarrow"], "comma2016": ["h5py"], "shards": ["pyarrow", "litdata"]}
+PACKAGES = {"lerobot": ["pyarrow"], "shards": ["pyarrow", "litdata"]}
+Strategies = dict[str, Callable[[bytes], st.SearchStrategy[bytes]]]  # by the suffix of a file
+STRATEGIES: Strategies = {".parquet": mutated_parquet}
 
 
 def test_the_writers_are_of_every_format() -> None:
     assert set(OWN) <= set(WRITERS)
 
 
-def mutated(path: Path) -> st.SearchStrategy[bytes]:
+def mutated(path: Path, strategies: Strategies) -> st.SearchStrategy[bytes]:
     """Return a strategy of damaged contents of a file."""
     data, kind = path.read_bytes(), path.suffix
     if kind in (".csv", ".txt"):
@@ -87,7 +86,6 @@ def mutated(path: Path) -> st.SearchStrategy[bytes]:
         return mutated_json(json.loads(rest)).map(lambda one: first + b"\n" + one) | mutated_bytes(
             data
         )
-    strategies = {".parquet": mutated_parquet, ".h5": mutated_hdf5, "": mutated_array}
     if kind in strategies:
         return strategies[kind](data) | mutated_bytes(data)
     return mutated_bytes(data)
@@ -100,12 +98,22 @@ def test_damaged_recordings(
 ) -> None:
     for package in PACKAGES.get(name, []):
         pytest.importorskip(package)
-    write, said = WRITERS[name]
+    check_damaged(*WRITERS[name], STRATEGIES, count, tmp_path, capsys)
+
+
+def check_damaged(
+    write: Callable[[Path], Path],
+    said: dict,
+    by_suffix: Strategies,
+    count: int,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture,
+) -> None:
     folder = write(tmp_path / "recording")
     images = sorted(folder.rglob("*.jpg"))
     files = [path for path in sorted(folder.rglob("*")) if path.is_file() and path not in images]
     files = [path for path in files if path.suffix != ".png" and not path.name.startswith(".")]
-    strategies = {path: mutated(path) for path in [*files[:9], *images[:1]]}
+    strategies = {path: mutated(path, by_suffix) for path in [*files[:9], *images[:1]]}
     whole = {path: path.read_bytes() for path in strategies}
     damaged = st.sampled_from(sorted(strategies)).flatmap(
         lambda path: st.tuples(st.just(path), strategies[path] | OTHERS, st.booleans())

@@ -10,11 +10,10 @@ import pytest
 import yaml
 from hypothesis import strategies as st
 
-from datamodules.formats.recording_writer import convert_to_recording
 from datamodules.recording_format import read_recordings
 from tests.hostile.mutations import FEW_AND_MANY, mutated_bytes, mutated_json, read_damaged
 from tests.hostile.test_damaged_files import write_drive
-from tests.recordings import Written, write_recording
+from tests.recordings import Written, convert_to_recording, write_recording
 from tests.zoo.sweeps import write_run
 from zoo.base.errors import InputError
 from zoo.driving.drive_log import read_drive

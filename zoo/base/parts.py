@@ -32,6 +32,7 @@ from zoo.base.errors import InputError, UsageError
 KEY, VARIABLE, GROUP = "parts", "DRIVEZOO_PARTS", "drivezoo.parts"
 MEANING = f"files, folders or modules of your own networks, losses, ...; see also {VARIABLE}"
 _REGISTERS = re.compile(r"^@(\w+\.)*(metric|perturbation|world)\b", re.MULTILINE)
+_FORMAT = re.compile(r"^def detect\(", re.MULTILINE)
 _CLASS = re.compile(r"^\s*class \w", re.MULTILINE)
 
 
@@ -80,10 +81,10 @@ def take_parts(arguments: Sequence[str]) -> list[str]:
     name_parts(names)
     for name in names:
         parts = _parts_of(_absolute(name, name), Path.cwd())
-        if not any(part.conf or part.matches(_CLASS, _REGISTERS) for part in parts):
+        if not any(part.conf or part.matches(_CLASS, _REGISTERS, _FORMAT) for part in parts):
             print(
-                f"{name}: registers nothing: it has no class, and no function with @metric, "
-                "@perturbation or @world",
+                f"{name}: registers nothing: it has no class, no function with @metric, "
+                "@perturbation or @world, and no detect of a format",
                 file=sys.stderr,
             )
     return [argument for argument in arguments if argument not in typed]
@@ -132,6 +133,14 @@ def registering_parts(group: str) -> tuple[list[Part], list[Part]]:
     """
     named = [part for part in _users_parts() if part.matches(_REGISTERS)]
     return named, list(_installed(group))
+
+
+def format_parts() -> list[Part]:
+    """Return the user's parts that may be formats of recordings: modules, and files with `detect`.
+
+    Formats of installed packages need not be modules.
+    """
+    return [part for part in _users_parts() if part.matches(_FORMAT)]
 
 
 def _users_parts() -> tuple[Part, ...]:

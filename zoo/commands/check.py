@@ -36,7 +36,7 @@ AT_ONCE = 64  # images of a thread's task: each task takes 1 kB until the last i
 SHOWN = 20  # bad rows and images that are listed; the others are counted
 
 
-@command(parts=False)
+@command
 def check(folder: str, *folders: str, read: ReadOptions) -> bool:
     """Check recordings before training: rows, images, and what is unusual.
 

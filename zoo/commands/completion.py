@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from datamodules.recording_format import writable_formats
 from zoo.base.command import Command, command
 from zoo.base.command_keys import choices_of, typed_keys
 from zoo.base.compose import compose_config, config_groups
@@ -129,6 +130,8 @@ def words_of(command: Command[Any]) -> Words:
             first += [LATEST, *packaged_names()]
             first += ("verify", *NO_CHECKPOINT) if command.name == "benchmark" else ()
     keys = {key.name: key.choices or values_of(key.name, key.typed) for key in command.keys}
+    if names_to := {"convert": writable_formats, "export": export_names}.get(command.name):
+        keys["to"] = tuple(names_to())
     return Words(tuple(dict.fromkeys(first)), keys | ({KEY: ()} if keys and command.parts else {}))
 
 
@@ -136,8 +139,6 @@ def values_of(key: str, default: str) -> tuple[str, ...]:
     """Return the values of a key that have names, without those that only its command knows."""
     if default in ("true", "false"):
         return ("true", "false")
-    if key == "to":  # of export, whose kinds are entry points
-        return tuple(export_names())
     checkpoints, tracks = (LATEST, *packaged_names()), tuple(sorted([*TRACKS, *track_names()]))
     names = {"ckpt": checkpoints, "weights": checkpoints, "track": tracks, "sim": tracks}
     names |= {"family": tuple(choices("road")), "suite": tuple(choices("suite"))}

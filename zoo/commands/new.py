@@ -75,6 +75,12 @@ KINDS = {
     "perturbation": _kind(
         "perturbation", None, (f"{DRIVE} perturb=$name", "drive with its values")
     ),
+    "format": _kind(
+        "format",
+        None,
+        ("drivezoo check FOLDER parts=$here$name.py", "check a recording in it"),
+        ("drivezoo convert FOLDER to=$name parts=$here$name.py", "write one"),
+    ),
     "track": Kind(
         "track",
         {"track.yaml": "$here$name.yaml", "track_test.py": "${here}test_$name.py"},
@@ -146,14 +152,16 @@ def write_part(kind: str, name: str, folder: Path) -> tuple[list[Path], list[tup
 
 def _check_free(name: str, kind: str) -> None:
     """Raise UsageError for a name that drivezoo or a Python module already has."""
-    from zoo.driving.metrics import METRICS  # slow imports
+    from datamodules.recording_format import formats  # slow imports
+    from zoo.driving.metrics import METRICS
     from zoo.scoring.robustness import PERTURBATIONS
 
     group, files = KINDS[kind].group, KINDS[kind].files.values()
     registries: dict[str, Container[str]]
     registries = {"metric": METRICS, "perturbation": PERTURBATIONS, "rig": RIGS}
-    registered = registries.get(kind, ())
-    if name in registered or (group is not None and name in choices(group)):
+    if kind == "format":
+        registries[kind] = formats()
+    if name in registries.get(kind, ()) or (group is not None and name in choices(group)):
         raise UsageError(f"{name}: there is a {kind} of that name; choose another name")
     if "$here$name.py" in files and importlib.util.find_spec(name) is not None:
         raise UsageError(f"{name}: there is a Python module of that name; choose another name")
@@ -177,9 +185,10 @@ def new(kind: str, name: str) -> None:
     prints what to type next.
 
     Args:
-        kind: model, augmentation, loss, callback, metric, perturbation, track, rig (camera and car
-            of a recording, to fill in), donkeycar (the pilot of a Donkeycar), notebook (train a
-            network and let it drive) or study (a notebook that compares networks).
+        kind: model, augmentation, loss, callback, metric, perturbation, format (of recordings),
+            track, rig (camera and car of a recording, to fill in), donkeycar (the pilot of a
+            Donkeycar), notebook (train a network and let it drive) or study (a notebook that
+            compares networks).
         name: name in small letters, such as my_net.
 
     Raises:

@@ -10,16 +10,14 @@ import numpy as np
 import pytest
 
 from datamodules.formats.lerobot import read
-from datamodules.formats.lerobot_export import export_lerobot
 from datamodules.formats.parquet_columns import encoded_images
-from datamodules.formats.recording_writer import convert_to_recording
 from datamodules.formats.video_frames import read_frames, video_writer
 from datamodules.image import read_image
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.stretches import find_breaks
-from tests.recordings import Written, write_recording, write_resized
+from tests.recordings import Written, convert_to_recording, write_as, write_recording, write_resized
 from zoo.base.errors import InputError, UsageError
 
 pa = pytest.importorskip("pyarrow")
@@ -42,7 +40,7 @@ def source(recorded: Written) -> Recording:
 @pytest.fixture(scope="module")
 def dataset(source: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("datasets") / "lake"
-    export_lerobot(source, out)
+    write_as("lerobot", source, out)
     return out
 
 
@@ -69,7 +67,7 @@ def test_a_recording_comes_back(source: Recording, dataset: Path, tmp_path: Path
 
 def test_images_keep_their_size_but_for_an_odd_column(recorded: Written, tmp_path: Path) -> None:
     odd = write_resized(recorded, tmp_path / "odd", 455, 256)
-    export_lerobot(read_recordings(str(odd.folder)), tmp_path / "dataset")
+    write_as("lerobot", read_recordings(str(odd.folder)), tmp_path / "dataset")
     info = json.loads((tmp_path / "dataset/meta/info.json").read_text())
     assert info["features"]["observation.images.center"]["shape"] == [256, 454, 3]
     convert_to_recording(tmp_path / "dataset", tmp_path / "again")
@@ -105,7 +103,7 @@ def test_the_tables_are_lerobots(source: Recording, dataset: Path) -> None:
 
 def test_a_centre_only_recording_has_one_video(tmp_path: Path) -> None:
     folder = write_recording(tmp_path / "one", 12, cameras=("center",)).folder
-    export_lerobot(read_recordings(str(folder)), tmp_path / "lr", crf=30)
+    write_as("lerobot", read_recordings(str(folder)), tmp_path / "lr", crf=30)
     assert [path.name for path in (tmp_path / "lr/videos").iterdir()] == [
         "observation.images.center"
     ]
@@ -117,7 +115,7 @@ def test_a_long_drive_is_cut_into_episodes_and_comes_back_whole(
     source: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("datamodules.formats.lerobot_export.MOST_S", 1)
-    assert export_lerobot(source, tmp_path / "lr").drives == 4
+    assert write_as("lerobot", source, tmp_path / "lr").drives == 4
     assert len(list((tmp_path / "lr/videos/observation.images.left").rglob("*.mp4"))) == 4
     convert_to_recording(tmp_path / "lr", tmp_path / "again")
     again = read_recordings(str(tmp_path / "again"))
@@ -322,7 +320,7 @@ def test_damage_is_named_in_one_line_and_nothing_is_left(
 def test_a_row_with_a_damaged_image_is_left_out_of_the_export(tmp_path: Path) -> None:
     written = write_recording(tmp_path / "lap", 8, cameras=("center",))
     written.image(3).write_bytes(b"\xff\xd8\xff")
-    result = export_lerobot(read_recordings(str(written.folder)), tmp_path / "lr")
+    result = write_as("lerobot", read_recordings(str(written.folder)), tmp_path / "lr")
     assert result.rows == 7
     assert "row 4" in result.notes[0]
 
@@ -333,7 +331,7 @@ def test_an_interrupted_export_leaves_nothing(source: Recording, tmp_path: Path)
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        export_lerobot(source, tmp_path / "lr", progress=stop)
+        write_as("lerobot", source, tmp_path / "lr", progress=stop)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datamodules.formats.recording_writer import convert_to_recording
 from datamodules.read_options import ReadOptions
 from datamodules.recording_format import read_recordings
 from tests import foreign_recordings as foreign
+from tests.recordings import convert_to_recording
 from zoo.base.errors import InputError
 
 pa = pytest.importorskip("pyarrow")

@@ -9,15 +9,13 @@ import cv2
 import numpy as np
 import pytest
 
-from datamodules.formats.donkeycar import export_tub
-from datamodules.formats.recording_writer import convert_to_recording
 from datamodules.image import read_image
 from datamodules.looking.findings import report_recordings
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings, read_source
 from datamodules.stretches import find_breaks
-from tests.recordings import Written
+from tests.recordings import Written, convert_to_recording, write_as
 from zoo.base.errors import InputError
 
 LABELS = ("steering", "throttle", "brake", "speed_mph", "time_s")
@@ -29,7 +27,7 @@ def tub(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
     whole = read_recordings(str(recorded.folder))
     rows = np.r_[0:20, 60:80]
     out = tmp_path_factory.mktemp("tubs") / "tub"
-    export_tub(whole.keep(np.isin(np.arange(len(whole)), rows)), out)
+    write_as("donkeycar", whole.keep(np.isin(np.arange(len(whole)), rows)), out)
     return out
 
 
@@ -222,7 +220,7 @@ def test_damage_is_named_in_one_line_and_nothing_is_left(
 def test_a_recording_without_times_gets_some(recorded: Written, tmp_path: Path) -> None:
     whole = read_recordings(str(recorded.folder))
     timeless = Recording(**{**vars(whole), "time_s": np.full(len(whole), np.nan)})
-    export_tub(timeless, tmp_path / "tub")
+    write_as("donkeycar", timeless, tmp_path / "tub")
     convert_to_recording(tmp_path / "tub", tmp_path / "new")
     assert np.diff(read_recordings(str(tmp_path / "new")).time_s) == pytest.approx(1 / 15, abs=1e-3)
 

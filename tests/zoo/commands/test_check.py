@@ -9,11 +9,10 @@ import cv2
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from datamodules.formats.donkeycar import export_tub
 from datamodules.recording_format import read_recordings
 from tests.datamodules.test_other_kinds import POINTER
-from tests.foreign_recordings import deeppicar, driving_log
-from tests.recordings import Written, write_recording
+from tests.foreign_recordings import challenge2_test, driving_log
+from tests.recordings import Written, write_as, write_recording
 from tests.zoo.command_runs import ROOT, run_here
 from zoo.commands.check import look_at_image
 
@@ -43,7 +42,7 @@ def test_whole_recording(written):
 
 def as_tub(folder: Path, right: float) -> Path:
     tub = folder.with_name(f"{folder.name} tub")
-    export_tub(read_recordings(str(driving_log(folder, right))), tub)
+    write_as("donkeycar", read_recordings(str(driving_log(folder, right))), tub)
     return tub
 
 
@@ -136,7 +135,7 @@ def test_findings_are_those_of_rows_with_whole_images(written):
 
 
 def test_a_recording_without_a_whole_image_beside_another_one_has_no_findings(written, tmp_path):
-    folder = deeppicar(tmp_path / "picar")
+    folder = challenge2_test(tmp_path / "road")
     for image in written.folder.glob("IMG/*.jpg"):
         image.write_bytes(POINTER)
     done = run_check(written.folder, folder)

@@ -24,6 +24,7 @@ PARTS = {
     "augmentation": "my_augmentation",
     "loss": "my_loss",
     "callback": "my_callback",
+    "format": "my_format",
     "track": "my_track",
 }
 
@@ -122,6 +123,19 @@ def test_the_printed_commands_show_train_and_drive_the_parts(
     written.run("zoo.commands.simulator", "record", *record, "laps=0.02")
 
 
+def test_the_printed_commands_write_a_recording_and_check_it(
+    written: New, recorded: Written
+) -> None:
+    (convert,) = written.commands("drivezoo", "convert")
+    (check,) = written.commands("drivezoo", "check")
+    given = [str(recorded.folder), *convert[1:], "out=converted"]
+    printed = written.run("zoo.commands.convert", *given)
+    assert "recording -> folder of my_format: 120 rows" in printed
+    assert "next: drivezoo check converted" in printed
+    checked = written.run("zoo.commands.check", "converted", *check[1:])
+    assert "all images are whole" in checked
+
+
 def test_in_a_checkout_a_part_leaves_the_projects_files_alone(tmp_path: Path) -> None:
     shutil.copytree(ROOT / "conf", tmp_path / "conf")
     with pytest.MonkeyPatch.context() as patch:
@@ -163,6 +177,7 @@ def test_a_notebook_is_the_one_that_the_tests_run(kind: str, source: str, tmp_pa
         ("model", "lenet", "there is a model"),
         ("track", "zoo_lake", "there is a track"),
         ("rig", "donkey_sim", "there is a rig"),
+        ("format", "lerobot", "there is a format"),
         ("loss", "json", "there is a Python module"),
     ],
 )

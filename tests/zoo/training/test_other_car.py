@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datamodules.formats.donkeycar import export_tub
 from datamodules.read_options import ReadOptions
 from datamodules.recording_format import read_recordings
 from datamodules.split import split_rows
-from tests.recordings import Written, write_recording
+from tests.recordings import Written, write_as, write_recording
 from tests.zoo.command_runs import only_line, run, run_here, succeed
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.command import Command
@@ -126,7 +125,7 @@ def test_a_replay_of_another_cars_drives_says_so(recorded: Written, tmp_path: Pa
 def unknown(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder with a tub of an unknown car, and a run on it."""
     cwd = tmp_path_factory.mktemp("unknown")
-    export_tub(read_recordings(str(recorded.folder)), cwd / "tub")
+    write_as("donkeycar", read_recordings(str(recorded.folder)), cwd / "tub")
     for file in ("rig.yaml", "source.json"):
         (cwd / "tub" / file).unlink()
     for catalog in (cwd / "tub").glob("*.catalog"):

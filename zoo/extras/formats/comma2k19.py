@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datamodules.formats.labels import labelled_recording, video_images
+from datamodules.formats.labels import labelled_recording
 from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.steering_unit import SteeringUnit
@@ -16,6 +16,7 @@ from zoo.base.bounded_files import open_data
 from zoo.base.errors import InputError, library_errors
 from zoo.base.limits import MOST
 from zoo.base.rig import Camera, single_camera_rig
+from zoo.extras.formats.video_images import video_images
 
 title = "segment of comma2k19"
 UNIT = SteeringUnit("deg", full=500.0, right="negative")

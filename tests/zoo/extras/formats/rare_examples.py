@@ -1,0 +1,47 @@
+"""Examples of the extra's formats, for the tests that every format passes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.contracts.test_recordings import Example, replace_once
+from tests.zoo.extras.formats import rare_recordings as rare
+
+
+def change_log_of_2016(folder: Path) -> None:
+    with pytest.importorskip("h5py").File(next((folder / "log").iterdir()), "r+") as file:
+        file["steering_angle"][15] = np.nan
+
+
+def change_signal_of_2k19(folder: Path) -> None:
+    value = folder / "processed_log/CAN/steering_angle/value"
+    signal = np.load(value)
+    signal[3] = np.nan
+    with value.open("wb") as file:
+        np.save(file, signal)
+
+
+def move_point(folder: Path) -> None:
+    image = sorted(folder.iterdir())[-1]
+    image.rename(folder / f"999{image.name[image.name.index('_') :]}")
+
+
+# As `FORMATS` of tests/contracts.
+RARE: dict[str, Example] = {
+    "sullychen": (
+        rare.sullychen,
+        replace_once("\n3.jpg ", "\n3.jpg x", "data.txt"),
+        r"data\.txt, row 4",
+        {},
+    ),
+    "deeppicar": (
+        rare.deeppicar,
+        replace_once(",4,", ",x,", "out-key.csv"),
+        r"out-key\.csv, row 5",
+        {},
+    ),
+    "named_images": (rare.jetracer, move_point, r"999_\S+\.jpg", {}),
+    "comma2016": (rare.comma2016, change_log_of_2016, r"\.h5, row 16", {}),
+    "comma2k19": (rare.comma2k19, change_signal_of_2k19, r"video\.hevc, frame", {}),
+}

@@ -1,0 +1,70 @@
+"""Damaged recordings in the extra's formats, by the thousand: read, or refused in one line."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+
+from tests.hostile.test_fuzzed_formats import FEW_AND_MANY, STRATEGIES, check_damaged
+from tests.zoo.extras.formats.rare_examples import RARE
+
+
+@st.composite
+def mutated_hdf5(draw: st.DrawFn, data: bytes) -> bytes:
+    """Draw an HDF5 file in which a dataset has another type or shape, is lost, or leads outside."""
+    h5py = pytest.importorskip("h5py")
+    written = io.BytesIO(data)
+    with h5py.File(written, "r+") as file:
+        name = draw(st.sampled_from(sorted(file)))
+        values = file[name][:]
+        changed: dict[str, Any] = {
+            "text": np.array([b"x"] * len(values)),
+            "bool": np.ones(len(values), bool),
+            "complex": np.ones(len(values), complex),
+            "fields": np.zeros(len(values), [("a", float), ("b", int)]),
+            "huge": np.full(len(values), 1e300),
+            "nan": np.full(len(values), np.nan),
+            "scalar": 0.5,
+            "none": np.zeros(0),
+            "fewer": values[:7],
+            "matrix": np.zeros((len(values), 2)),
+            "cube": np.zeros((2, 2, 2, 2), np.uint8),
+            "link": h5py.SoftLink("/nowhere"),
+            "outside": h5py.ExternalLink("/etc/passwd", "x"),
+        }
+        how = draw(st.sampled_from(("lose", "group", *changed)))
+        del file[name]
+        if how == "group":
+            file.create_group(name)
+        elif how != "lose":
+            file[name] = changed[how]
+    return written.getvalue()
+
+
+@st.composite
+def mutated_array(draw: st.DrawFn, data: bytes) -> bytes:
+    """Draw a file of NumPy whose array has another type, shape or values."""
+    values = np.load(io.BytesIO(data))
+    odd = np.array(values, float)
+    odd[draw(st.integers(0, len(odd) - 1))] = draw(st.sampled_from((np.nan, np.inf, -1e300, 0.0)))
+    arrays = [
+        odd, odd[:-1], odd[:0], odd[0], odd[::-1], odd.reshape(2, -1), odd.astype(complex),
+        odd.astype("U9"), odd.astype(bool), np.zeros(len(odd), "datetime64[s]"),
+        np.zeros(len(odd), [("a", float)]), np.zeros((len(odd), 0)),
+    ]  # fmt: skip
+    written = io.BytesIO()
+    np.save(written, arrays[draw(st.integers(0, len(arrays) - 1))])
+    return written.getvalue()
+
+
+@FEW_AND_MANY
+@pytest.mark.parametrize("name", RARE)
+def test_damaged_recordings(
+    name: str, count: int, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    write, _, _, said = RARE[name]
+    strategies = STRATEGIES | {".h5": mutated_hdf5, "": mutated_array}
+    check_damaged(write, said, strategies, count, tmp_path, capsys)

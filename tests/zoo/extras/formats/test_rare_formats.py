@@ -1,0 +1,249 @@
+"""The extra's formats: what every format promises, units, signs, and damaged files."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from datamodules.driving import DrivingData
+from datamodules.recording import LONG_DRIVE
+from datamodules.recording_format import OWN, find_format, own_formats
+from datamodules.view import View
+from tests.contracts.test_recordings import (
+    check_a_bad_row,
+    check_a_half_written_line,
+    check_a_refused_folder_of_images,
+)
+from tests.datamodules.exchange.test_labels import (
+    check_shares_of_full_lock,
+    check_without_rows,
+    cut_end,
+    read,
+)
+from tests.datamodules.test_other_kinds import KINDS, check_another_kind
+from tests.datamodules.test_path_contents import refusal
+from tests.datamodules.test_recording_sizes import check_an_unnamed_image, notes
+from tests.foreign_recordings import ROWS, STEERING
+from tests.zoo.extras.formats.rare_examples import RARE
+from tests.zoo.extras.formats.rare_recordings import (
+    comma2k19,
+    comma2016,
+    deeppicar,
+    jetracer,
+    sullychen,
+)
+from zoo.base.errors import InputError
+from zoo.commands.check import check
+
+EVERY = pytest.mark.parametrize("name", RARE)
+
+
+def test_the_examples_are_of_every_format() -> None:
+    sources = own_formats()
+    assert {*OWN, *RARE} <= set(sources)
+    assert all(sources[name].__name__ == f"zoo.extras.formats.{name}" for name in RARE)
+
+
+@EVERY
+def test_a_bad_row_is_one_line_or_is_left_out_and_listed(name: str, tmp_path: Path) -> None:
+    check_a_bad_row(name, RARE[name], tmp_path)
+
+
+@EVERY
+def test_a_folder_of_images_is_refused(name: str, tmp_path: Path) -> None:
+    check_a_refused_folder_of_images(RARE[name][0](tmp_path / "recording"), {})
+
+
+@pytest.mark.parametrize(
+    ("name", "file"), [("sullychen", "data.txt"), ("deeppicar", "out-key.csv")]
+)
+def test_a_last_line_that_is_being_written_is_no_error(
+    name: str, file: str, tmp_path: Path
+) -> None:
+    check_a_half_written_line(RARE[name], file, tmp_path)
+
+
+FILES = {
+    "sullychen": "data.txt",
+    "deeppicar": "out-key.csv",
+    "comma2016": "log/2016-01-30--11-24-51.h5",
+    "comma2k19": "global_pose/frame_times",
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_of_another_kind_is_named_by_its_contents(
+    name: str, kind: str, tmp_path: Path
+) -> None:
+    check_another_kind(name, RARE[name], FILES[name], kind, tmp_path)
+
+
+@pytest.mark.parametrize("deep", ["data", "data/data", "a/b/c"])
+def test_a_recording_below_is_named(deep: str, tmp_path: Path) -> None:
+    sullychen(tmp_path / "mycar" / deep)
+    assert refusal(tmp_path / "mycar").endswith(f"name {tmp_path}/mycar/{deep}")
+
+
+@pytest.mark.parametrize(("write", "file"), [(sullychen, "data.txt"), (deeppicar, "out-key.csv")])
+def test_the_table_of_a_format_names_its_folder(write: Callable, file: str, tmp_path: Path) -> None:
+    folder = write(tmp_path / "recording")
+    assert refusal(folder / file).endswith(f"name {folder}")
+
+
+def test_a_typo_names_the_nearest_recording(tmp_path: Path) -> None:
+    sullychen(tmp_path / "my_recording")
+    assert refusal(tmp_path / "my_recoding").endswith(f"name {tmp_path}/my_recording")
+
+
+@pytest.mark.parametrize("write", [sullychen, jetracer])
+def test_an_image_that_no_row_names_is_counted(write: Callable, tmp_path: Path) -> None:
+    check_an_unnamed_image(write(tmp_path / "recording"))
+
+
+def test_images_of_an_hdf5_file_that_no_row_names_are_counted(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    folder = comma2016(tmp_path / "recording")
+    assert "have no row" not in notes(folder)
+    log = next((folder / "log").iterdir())
+    with h5py.File(log, "r+") as file:
+        pointers = np.minimum(file["cam1_ptr"][:], ROWS - 2)
+        file["cam1_ptr"][:] = pointers
+    assert "1 of 60 images in" in notes(folder)
+
+
+EXACT = {sullychen: 1e-6}  # what the text of a format leaves of the steering
+
+
+@pytest.mark.parametrize("write", [sullychen, deeppicar, comma2016, comma2k19])
+def test_steering_is_a_share_of_full_lock_with_right_positive(
+    write: Callable[[Path], Path], tmp_path: Path
+) -> None:
+    check_shares_of_full_lock(read(write(tmp_path / "recording")), EXACT.get(write, 1e-9))
+
+
+@pytest.mark.parametrize("write", [comma2016, comma2k19])
+def test_formats_of_long_drives_state_long_blocks(write: Callable, tmp_path: Path) -> None:
+    assert read(write(tmp_path / "drive")).blocks == LONG_DRIVE
+
+
+def test_points_of_a_jetracer_are_shares_of_half_the_width(tmp_path: Path) -> None:
+    recording = read(jetracer(tmp_path / "recording"))
+    points = [int(Path(path).name.partition("_")[0]) for path in recording.images[:, 0]]
+    assert recording.steering == pytest.approx(np.array(points) / 80 - 1)
+    assert np.isnan(recording.time_s).all()
+
+
+def test_images_with_capital_suffixes_are_detected(tmp_path: Path) -> None:
+    folder = jetracer(tmp_path / "recording")
+    for image in list(folder.iterdir()):
+        image.rename(image.with_suffix(".JPG"))
+    assert find_format(folder)[0] == "named_images"
+    assert len(read(folder)) == ROWS
+
+
+def test_images_that_deny_the_sign_stop_and_name_the_key(tmp_path: Path) -> None:
+    folder = sullychen(tmp_path / "recording", right=-1.0)
+    with pytest.raises(InputError, match=r"images deny .*data\.steering=\{unit: deg, full: 540"):
+        read(folder)
+    unit = "{unit: deg, full: 540, right: negative}"
+    assert read(folder, steering=unit).steering == pytest.approx(-STEERING, abs=1e-6)
+
+
+def test_a_servo_in_the_layout_of_degrees_stops_and_names_the_key(tmp_path: Path) -> None:
+    folder = sullychen(tmp_path / "recording", full=45.0, zero=90.0)
+    with pytest.raises(InputError, match=r"mostly about .*\{unit: servo, zero: 90, full: 45"):
+        read(folder)
+    unit = {"unit": "servo", "full": 45, "zero": 90}
+    assert read(folder, steering=unit).steering == pytest.approx(STEERING, abs=1e-6)
+
+
+def lead_outside(log: Path) -> None:
+    log.write_text(log.read_text().replace("\n3.jpg", "\n../3.jpg"))
+
+
+def no_number(log: Path) -> None:
+    log.write_text(log.read_text().replace("\n3.jpg ", "\n3.jpg x"))
+
+
+WITHOUT_ROWS = {
+    "comma2016": {},
+    "named_images": {},
+    "sullychen": {"data.txt": "0.jpg 1.5"},  # half written
+    "deeppicar": {"out-key.csv": "ts_micro,frame,wheel\n"},
+}
+
+
+@pytest.mark.parametrize("name", WITHOUT_ROWS)
+def test_a_recording_without_rows_is_refused(name: str, tmp_path: Path) -> None:
+    check_without_rows(name, WITHOUT_ROWS[name], tmp_path)
+
+
+def test_a_last_row_that_is_being_written_is_left_out(tmp_path: Path) -> None:
+    folder = sullychen(tmp_path / "sullychen")
+    cut_end(folder / "data.txt")
+    assert len(read(folder)) == ROWS - 1
+
+
+@pytest.mark.parametrize("damage", [lead_outside, no_number])
+def test_a_bad_row_is_named_or_left_out(damage: Callable[[Path], None], tmp_path: Path) -> None:
+    folder = sullychen(tmp_path / "recording")
+    damage(folder / "data.txt")
+    with pytest.raises(InputError, match=r"data\.txt, row 4: .*on_bad_row=skip"):
+        read(folder)
+    recording = read(folder, on_bad_row="skip")
+    assert len(recording) == ROWS - 1
+    assert "row 4" in recording.bad_rows[0]
+
+
+def test_a_missing_image_is_named_or_its_row_is_left_out(tmp_path: Path) -> None:
+    folder = sullychen(tmp_path / "recording")
+    (folder / "7.jpg").unlink()
+    with pytest.raises(InputError, match=r"data\.txt, row 8: no centre image .*on_bad_image=skip"):
+        read(folder)
+    recording = read(folder, on_bad_image="skip")
+    assert len(recording) == ROWS - 1
+    assert "row 8" in recording.bad_images[0]
+
+
+@pytest.mark.parametrize(("name", "file"), [("X", "camera"), ("steering_angle", "log")])
+def test_a_small_hdf5_file_that_claims_a_billion_rows_is_refused(
+    name: str, file: str, tmp_path: Path
+) -> None:
+    h5py = pytest.importorskip("h5py")
+    folder = comma2016(tmp_path / "recording")
+    path = next((folder / file).iterdir())
+    with h5py.File(path, "r+") as opened:
+        rest, kind = opened[name].shape[1:], opened[name].dtype
+        del opened[name]
+        opened.create_dataset(name, (10**9, *rest), kind, chunks=(1, *rest))
+    assert path.stat().st_size < 10_000_000
+    with pytest.raises(InputError, match=rf"{name} claims 1,000,000,000 rows.*divide"):
+        read(folder, steering={"unit": "deg", "full": 500, "right": "negative"}).image(0)
+
+
+def test_a_folder_of_two_formats_names_both_and_the_key(tmp_path: Path) -> None:
+    folder = sullychen(tmp_path / "recording")
+    (folder / "driving_log.csv").write_text("0.jpg,,,0,0,0,1\n")
+    with pytest.raises(InputError, match=r"recording: .*udacity .*sullychen .*name one: format="):
+        find_format(folder)
+    assert find_format(folder, "sullychen")[0] == "sullychen"
+
+
+def test_a_video_that_is_shorter_than_its_table_is_named_with_the_row(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    folder = deeppicar(tmp_path / "recording")
+    with (folder / "out-key.csv").open("a") as file:
+        file.writelines(f"{50 * row},{row + 1},0.1\n" for row in range(ROWS, ROWS + 2))
+    place = rf"out-key\.csv, row {ROWS + 2}: .*it has {ROWS} images"
+    data = DrivingData(str(folder), View((20, 20), "gray", (16, 32)), cache=None)
+    with pytest.raises(InputError, match=rf"{place}.*on_bad_image=skip"):
+        data.load(Console(quiet=True))
+    assert not check(str(folder))
+    printed = capsys.readouterr().out
+    assert re.search(place, printed)
+    assert "2 bad images; copy" in printed
