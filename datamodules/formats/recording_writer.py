@@ -25,7 +25,7 @@ from datamodules.recording import IMAGE_FOLDER, LOG_NAME, Recording
 from datamodules.recording_format import read_recording, write_car
 from datamodules.stretches import complete_times, find_breaks
 from zoo.base.errors import InputError
-from zoo.base.new_folder import RECORDINGS, whole_folder
+from zoo.base.new_folder import whole_folder
 from zoo.base.whole_file import write_new
 
 REPORT_EVERY = 50  # items between two calls of `progress`
@@ -107,7 +107,7 @@ def write_recording(
     stems = image_stems(complete_times(recording))
     written = np.full(recording.images.shape, "", object)
     change = pad_to_two_by_one if fit == "pad" else None
-    with whole_folder(out, RECORDINGS) as part:
+    with whole_folder(out) as part:
         (part / IMAGE_FOLDER).mkdir()
         for row, camera in reported(_reading_order(recording), progress):
             target = part / IMAGE_FOLDER / f"{CAMERAS[camera]}_{stems[row]}"

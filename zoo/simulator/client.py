@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import Console
 
+from zoo.base.output_files import checked_file
 from zoo.base.terminal import counted
-from zoo.base.video import Film
+from zoo.base.video import FILMS, Film
 from zoo.simulator.command_options import ClientOptions
 from zoo.simulator.legacy_socket import (
     OPENED,
@@ -296,7 +297,8 @@ def run_client(options: ClientOptions, console: Console, kind: type[Client] = Cl
     client.print_once(f"{world.track.name}, drawn by the {world.renderer.name} renderer")
     with ExitStack() as open_things:
         if options.film:
-            film = open_things.enter_context(Film(options.film, options.frame_rate))
+            path = checked_file(options.film, FILMS, "film")
+            film = open_things.enter_context(Film(path, options.frame_rate))
             client.on_frame.append(film.add)
         if options.window:
             from zoo.simulator.window import Viewer

@@ -29,8 +29,6 @@ from tests.zoo.written_checkpoints import write_constant
 from zoo.base.compose import choices
 from zoo.base.console_script import place_of
 from zoo.base.errors import InputError
-from zoo.base.whole_file import write_output
-from zoo.base.written_files import OUTPUTS
 from zoo.checkpoints import onnx_file
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy, load_policy
@@ -75,21 +73,19 @@ def checkpoint(run_folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def exported(checkpoint: Path, recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Export a checkpoint with the command, over its own earlier file; a link is not followed."""
+    """Export a checkpoint with the command, over an earlier file; a link is not followed."""
     cwd = tmp_path_factory.mktemp("onnx")
     (cwd / "secret.txt").write_text("mine")
     (cwd / "model.onnx.part").symlink_to("secret.txt")
-    write_output(cwd / "model.onnx", b"earlier")
-    result = run_here(
-        cwd, str(checkpoint), f"frames={recorded.folder}", module="zoo.commands.export"
-    )
+    (cwd / "model.onnx").write_bytes(b"earlier")
+    arguments = [str(checkpoint), f"frames={recorded.folder}", "overwrite=true"]
+    result = run_here(cwd, *arguments, module="zoo.commands.export")
     assert (result.returncode, result.stderr) == (0, "")
     assert (cwd / "secret.txt").read_text() == "mine"
     assert {one.name for one in cwd.iterdir()} == {
         "model.onnx",
         "model.onnx.part",
         "secret.txt",
-        OUTPUTS,
     }
     for text in ("PilotNet", "252,219 parameters", "difference", str(recorded.folder)):
         assert text in result.stdout
@@ -482,7 +478,8 @@ def test_the_command_prints_the_throttle_and_the_key_that_bounds_it(
     low, high = re.search(r"Throttle: ([\d.]+) to ([\d.]+) over", printed).groups()
     assert 0.5 < float(low) <= float(high) <= 1
     assert "throttle=0.2" in printed
-    printed = succeed(run_here(tmp_path, *words, "throttle=0.15", module="zoo.commands.export"))
+    words = (*words, "throttle=0.15", "overwrite=true")
+    printed = succeed(run_here(tmp_path, *words, module="zoo.commands.export"))
     assert "Throttle: 0.15 to 0.15" in printed
     assert "--type linear" in printed
 
