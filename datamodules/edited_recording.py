@@ -21,7 +21,7 @@ from datamodules.recording import IMAGE_FOLDER, Recording
 from datamodules.recording_edits import Edits, edit_options
 from datamodules.recording_format import write_car
 from zoo.base.errors import InputError
-from zoo.base.new_folder import RECORDINGS, whole_folder
+from zoo.base.new_folder import whole_folder
 
 EDITS_NAME = "edits.json"
 
@@ -71,7 +71,7 @@ def write_edited(
     def report(before: int, rows: int, share: float) -> None:
         progress((before + share * rows) / total)
 
-    with whole_folder(out, RECORDINGS) as part:
+    with whole_folder(out) as part:
         places = [part] if len(parts) == 1 else [part / str(one + 1) for one in range(len(parts))]
         for place, (rows, mirrored) in zip(places, parts, strict=True):
             count, faults = _write_part(

@@ -25,7 +25,6 @@ from datamodules.recording import file_name
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, optional_import
 from zoo.base.limits import is_ordinary
-from zoo.base.written_files import mark_folder
 
 SCHEME = "s3:"
 INDEX = "index.json"
@@ -68,7 +67,6 @@ class ShardStore:
                 raise InputError(f"{self.place}: shards need a cache; set data.cache=FOLDER")
             self.cache = cache / "shards"
             self.cache.mkdir(parents=True, exist_ok=True)
-            mark_folder(cache, "cache")
             with self._locked():
                 index = self.cache / INDEX
                 self._download(INDEX, index)

@@ -28,11 +28,9 @@ from datamodules.view import View
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError
 from zoo.base.whole_file import whole_path, write_whole
-from zoo.base.written_files import mark_folder, note_files
 
 # Raise it when the output of `decode_image` or `View` changes: old files are then not read again.
 VERSION = 3
-CACHE = "cache"  # kind of folder
 CHUNK = 32  # images that a thread decodes at a time
 SYNC_EVERY_S = 0.02  # time between two syncs of a file that is being written
 
@@ -107,7 +105,6 @@ def load_file(
     if not is_stored(target):
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
-            mark_folder(target.parent, CACHE)
             with _lock(target):
                 if not is_stored(target):
                     _build(target, shape, np.dtype(dtype), fill)
@@ -246,7 +243,6 @@ def _synced_early(descriptor: int) -> Iterator[None]:
 def _lock(target: Path) -> AbstractContextManager:
     """Return the held lock of a file; the system releases it when the process dies."""
     path = target.with_suffix(".lock")
-    note_files(path)
     lock = FileLock(path)
     try:
         return lock.acquire(timeout=0)

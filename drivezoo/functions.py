@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from zoo.base.command_keys import constructed, typed_keys
 from zoo.base.errors import UsageError
+from zoo.base.output_files import overwriting
 from zoo.base.parts import name_parts
 from zoo.base.run_command import expected_failure
 from zoo.base.terminal import counted
@@ -348,17 +349,21 @@ def read_benchmark(path: str | Path) -> Benchmarked:
 
 
 @one_line_errors
-def write_table(rows: Sequence[Mapping[str, Cell]], path: str | Path) -> Path:
+def write_table(
+    rows: Sequence[Mapping[str, Cell]], path: str | Path, overwrite: bool = False
+) -> Path:
     """Write rows of figures as a .csv, .tex or .parquet file; return its path.
 
     Args:
         rows: figures by the name of their column, such as the `table()` of a result.
-        path: file to write; an existing one is replaced.
+        path: file to write.
+        overwrite: whether an existing file is replaced.
 
     Raises:
-        InputError: the file's name has another ending, or it cannot be written.
+        InputError: the file's name has another ending, or it exists or cannot be written.
     """
-    return write_result_table(Table.of_figures(rows), path)
+    with overwriting(overwrite):
+        return write_result_table(Table.of_figures(rows), path)
 
 
 def overrides(keywords: Mapping[str, object]) -> list[str]:

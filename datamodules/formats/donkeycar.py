@@ -38,7 +38,7 @@ from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.bounded_files import MOST_JSON_BYTES, open_text, read_text
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most, is_ordinary
-from zoo.base.new_folder import RECORDINGS, whole_folder
+from zoo.base.new_folder import whole_folder
 from zoo.base.rig import MPS_PER_MPH, UDACITY
 from zoo.base.terminal import counted
 
@@ -259,7 +259,7 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
     Raises:
         InputError: no image is whole, `out` exists, or the disk is full.
     """
-    with whole_folder(out, RECORDINGS) as part:
+    with whole_folder(out) as part:
         (part / IMAGES).mkdir()
         kept, left_out = whole_rows(recording, cameras=1)
         drives, time_s = continuous_drives(kept), complete_times(kept)

@@ -31,7 +31,7 @@ from datamodules.recording_format import write_car
 from datamodules.stretches import continuous_drives, mean_rate
 from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.errors import InputError
-from zoo.base.new_folder import RECORDINGS, whole_folder
+from zoo.base.new_folder import whole_folder
 from zoo.base.rig import MPS_PER_MPH
 
 STATS = "meta/stats.json"
@@ -61,7 +61,7 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
     """
     pyarrow = load_pyarrow()
     rate = options.fps or min(max(round(mean_rate(recording)), 1), MOST_FPS)
-    with whole_folder(out, RECORDINGS) as part:
+    with whole_folder(out) as part:
         kept, left_out = whole_rows(recording)
         known = {camera: list(kept.images[:, at]) for at, camera in enumerate(CAMERAS)}
         cameras = [camera for camera, paths in known.items() if None not in paths]

@@ -21,7 +21,7 @@ from datamodules.stretches import complete_times, find_breaks
 from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, optional_import
-from zoo.base.new_folder import RECORDINGS, whole_folder
+from zoo.base.new_folder import whole_folder
 from zoo.base.rig import UDACITY, Rig
 from zoo.base.rig_file import make_rig, rig_fields
 
@@ -97,7 +97,7 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
         from litdata.streaming.writer import BinaryWriter
     item, count = np.full(recording.images.shape, -1), 0
     left_out = []
-    with whole_folder(out, RECORDINGS) as part:
+    with whole_folder(out) as part:
         writer = BinaryWriter(str(part), chunk_bytes=int(options.shard_mb * 1e6))
         for row in reported(range(len(recording)), progress):
             cameras = np.flatnonzero(recording.images[row]).tolist()

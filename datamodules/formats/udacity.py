@@ -35,7 +35,7 @@ from datamodules.recording_format import write_car
 from datamodules.stretches import complete_times, find_breaks
 from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.errors import InputError
-from zoo.base.new_folder import RECORDINGS, whole_folder
+from zoo.base.new_folder import whole_folder
 from zoo.base.rig import UDACITY
 
 title = "recording"
@@ -98,7 +98,7 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
     stems = image_stems(complete_times(recording))
     written = np.full(recording.images.shape, "", object)
     change = pad_to_two_by_one if options.fit == "pad" else None
-    with whole_folder(out, RECORDINGS) as part:
+    with whole_folder(out) as part:
         (part / IMAGE_FOLDER).mkdir()
         for row, camera in reported(_reading_order(recording), progress):
             target = part / IMAGE_FOLDER / f"{CAMERAS[camera]}_{stems[row]}"

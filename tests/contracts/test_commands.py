@@ -93,6 +93,12 @@ def test_the_help_has_a_row_for_each_argument_and_key(
         assert f"\n  {command_line([f'{key.name}={key.typed}'])}" in printed
 
 
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_that_writes_a_table_takes_overwrite(name: str) -> None:
+    names = {key.name for key in COMMANDS[name].keys}
+    assert "overwrite" in names or names.isdisjoint({"table", "plot"})
+
+
 @pytest.mark.parametrize("name", WITH_KEYS)
 def test_a_typo_names_the_right_key(name: str) -> None:
     one, key = COMMANDS[name], COMMANDS[name].keys[-1].name

@@ -92,7 +92,7 @@ def test_columns_are_chosen_in_their_order(ending: str, tmp_path: Path) -> None:
     path = write_table(TABLE, tmp_path / f"table{ending}", "seconds, network")
     assert read(path)[0] == ["seconds", "network"]
     with pytest.raises(UsageError, match="no column autnomy; did you mean autonomy"):
-        write_table(TABLE, path, "autnomy")
+        write_table(TABLE, tmp_path / f"other{ending}", "autnomy")
 
 
 @pytest.mark.parametrize("ending", FORMS)

@@ -27,12 +27,16 @@ from typing import Any, Generic, TypeVar, overload
 
 from zoo.base import command_keys
 from zoo.base.errors import InputError, UsageError, hint
+from zoo.base.output_files import overwriting
 from zoo.base.parts import MEANING as PARTS
 from zoo.base.run_command import exit_after
 
 Made = TypeVar("Made")
 
 HELP = ("-h", "--help")
+OVERWRITE = command_keys.Key(
+    "overwrite", bool, False, "true: replace output files that exist, but no input"
+)
 MOST_NAMED = 3  # choices that stand in the usage themselves, such as push|pull
 
 
@@ -55,6 +59,7 @@ class Command(Generic[Made]):
         function: function to call. A result that is `Shown` is printed in a shell.
         name: words after `drivezoo`; the function's name without it.
         parts: whether the command takes `parts=`.
+        outputs: whether it writes files that the user names, and takes `overwrite=`.
         config: whether keys of a training's config, which have a dot or a slash, are passed as
             typed in the function's `*overrides`.
     """
@@ -64,10 +69,11 @@ class Command(Generic[Made]):
         function: Callable[..., Made],
         name: str = "",
         parts: bool = True,
+        outputs: bool = False,
         config: bool = False,
     ) -> None:
         functools.update_wrapper(self, function)
-        self.function, self.parts, self.config = function, parts, config
+        self.function, self.parts, self.outputs, self.config = function, parts, outputs, config
         self.name = name or function.__name__
 
     def __call__(self, *arguments: Any, **keywords: Any) -> Made:
@@ -131,7 +137,11 @@ class Command(Generic[Made]):
     @functools.cached_property
     def keys(self) -> list[command_keys.Key]:
         """Return the keys, of choices those below the default one."""
-        return command_keys.keys_of(self.function)
+        return self._keys({})
+
+    def _keys(self, given: Mapping[str, Any]) -> list[command_keys.Key]:
+        """Return the keys; the given values of choices decide the keys below them."""
+        return command_keys.keys_of(self.function, given=given) + [OVERWRITE] * self.outputs
 
     @property
     def usage(self) -> str:
@@ -151,7 +161,7 @@ class Command(Generic[Made]):
             for placeholder, parameter in self.arguments.items()
         ]
         values = dict(argument.split("=", 1) for argument in given if "=" in argument)
-        keys = [key.row for key in command_keys.keys_of(self.function, given=values)]
+        keys = [key.row for key in self._keys(values)]
         if keys and self.parts:
             keys.append(command_keys.help_row("parts=null", PARTS))
         blocks = [f"usage: {self.usage}", self.doc, "\n".join(rows), "\n".join(keys)]
@@ -204,7 +214,7 @@ class Command(Generic[Made]):
                     f"{argument}: no such {parameter.name}; {hint(argument, choices)}; "
                     f"usage: {self.usage}"
                 )
-        keys = command_keys.keys_of(self.function, given=values)
+        keys = self._keys(values)
         known = {key.name for key in keys}
         # What a recording means has the same keys in all commands, here without `data.`, too.
         values = {
@@ -212,7 +222,10 @@ class Command(Generic[Made]):
             for name, value in values.items()
         }
         command_keys.check_keys(values, keys, f"drivezoo {self.name} --help lists all")
-        return self.function(*arguments, **command_keys.constructed(self.function, values))
+        keywords = command_keys.constructed(self.function, values)
+        given = values.get(OVERWRITE.name, False) if self.outputs else False
+        with overwriting(command_keys.convert(OVERWRITE.name, bool, given)):
+            return self.function(*arguments, **keywords)
 
     def _flat(self, keywords: Mapping[str, Any]) -> dict[str, Any]:
         """Return keywords with `steering={"gain": 2}` as `steering.gain`."""
@@ -237,7 +250,7 @@ def command(function: Callable[..., Made]) -> Command[Made]: ...
 
 @overload
 def command(
-    *, name: str = "", parts: bool = True, config: bool = False
+    *, name: str = "", parts: bool = True, outputs: bool = False, config: bool = False
 ) -> Callable[[Callable[..., Made]], Command[Made]]: ...
 
 

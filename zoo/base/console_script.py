@@ -29,11 +29,13 @@ GROUPS = {
         *("leaderboard", "report", "saliency"),
     ),
     "sharing": ("export", "hub"),
-    "drivezoo itself": ("demo", "list", "new", "doctor", "clean", "completion"),
+    "drivezoo itself": ("demo", "list", "new", "doctor", "completion"),
 }
 # Further names, which belong to a command above: export doubt; evaluate replay=RECORDING;
 # train rerun=RUN; the leaderboard as Markdown; train resume=SWEEP.
 ALIASES = ("doubt", "replay", "rerun", "results", "sweep")
+# What to do instead of a command that earlier versions had.
+REMOVED = {"clean": "delete what you no longer need; drivezoo doctor prints the cache's size"}
 # Functions of commands that have another name.
 FUNCTIONS = {"train": "train_or_sweep", "list": "list_parts"}
 SWEEP_RECORD = "sweep.json"  # as zoo.training.sweep_record
@@ -81,6 +83,8 @@ def _help_or_hint(arguments: list[str], outside: Iterable[str]) -> None:
     if name in HELP:
         print(help_text())
         return
+    if name in REMOVED:
+        raise UsageError(f"{name}: was removed; {REMOVED[name]}")
     near = hint(name, [*commands(), *outside], "drivezoo --help lists all")
     if "=" in name:  # keys of a training without its name
         near = f"did you mean drivezoo train {command_line(arguments)}?"

@@ -1,8 +1,8 @@
-"""The folders that commands write: created, marked and locked in one place.
+"""The folders that commands write: created and locked in one place.
 
 `command_folder` is a folder that fills while its command runs, and `whole_folder` one that appears
-under its name when it is complete. Both are locked while the command runs; the system releases the
-lock when the process ends, also after `kill -9`.
+under its name when it is complete. The first is locked while the command runs; the system releases
+the lock when the process ends, also after `kill -9`.
 """
 
 import datetime
@@ -18,9 +18,9 @@ from filelock import FileLock, Timeout
 
 from zoo.base.errors import InputError, file_errors
 from zoo.base.whole_file import PART
-from zoo.base.written_files import LOCK, MARK, mark_folder, note_files, read_register
 
-RECORDINGS = "recordings"  # kind of folder
+LOCK = ".drivezoo.lock"
+HIDDEN = ".drivezoo"  # beginning of its name, and of what earlier versions kept in a folder
 RECIPE = "recipe.json"  # in a recording of the embedded simulator: what it drove
 
 
@@ -51,13 +51,13 @@ def command_folder(
     if is_filled and not (resumed_by and (folder / resumed_by).is_file()):
         more = f" and has no {resumed_by}" if resumed_by else ""
         raise InputError(f"{folder}: is not empty{more}; name another folder with {key}")
-    with written_folder(folder, kind, key):
+    with written_folder(folder, key):
         yield folder
 
 
 @contextmanager
-def written_folder(folder: Path, kind: str, key: str = "out=") -> Iterator[None]:
-    """Create, mark and lock a folder for a command; remove it if the command writes nothing.
+def written_folder(folder: Path, key: str = "out=") -> Iterator[None]:
+    """Create and lock a folder for a command; remove it if the command writes nothing.
 
     Raises:
         InputError: the folder is in use, or cannot be written to.
@@ -68,15 +68,14 @@ def written_folder(folder: Path, kind: str, key: str = "out=") -> Iterator[None]
             folder.mkdir(parents=True, exist_ok=True)
             stack.callback(_remove_empty, folder, created)
             stack.enter_context(hold_folder(folder, key))
-            mark_folder(folder, kind)
-            if not os.access(folder, os.W_OK):  # it was marked and locked before
+            if not os.access(folder, os.W_OK):  # it was locked before
                 raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
         yield
 
 
 @contextmanager
 def hold_folder(folder: Path, key: str = "out=") -> Iterator[None]:
-    """Lock a folder for this process, so that no other command writes or removes it.
+    """Lock a folder for this process, so that no other command writes there.
 
     Raises:
         InputError: another process holds it.
@@ -101,11 +100,7 @@ def hold_folder(folder: Path, key: str = "out=") -> Iterator[None]:
 
 def is_held(folder: Path) -> bool:
     """Return whether a process that is alive holds a folder."""
-    return is_locked(folder / LOCK)
-
-
-def is_locked(path: Path) -> bool:
-    """Return whether a process that is alive holds a lock file."""
+    path = folder / LOCK
     if path.is_symlink() or not path.is_file():
         return False
     try:
@@ -116,7 +111,7 @@ def is_locked(path: Path) -> bool:
 
 
 @contextmanager
-def whole_folder(out: Path, kind: str, key: str = "out=") -> Iterator[Path]:
+def whole_folder(out: Path, key: str = "out=") -> Iterator[Path]:
     """Yield a hidden folder to write to, which becomes `out`; an exception removes it.
 
     Raises:
@@ -128,12 +123,7 @@ def whole_folder(out: Path, kind: str, key: str = "out=") -> Iterator[Path]:
     try:
         try:
             part.mkdir(parents=True)
-            with hold_folder(part):
-                mark_folder(part, kind)
-                yield part
-                known = {MARK, LOCK, *read_register(part / MARK).files}
-                files = [one for one in sorted(part.rglob("*")) if not one.is_dir()]
-                note_files(*(one for one in files if one.relative_to(part).as_posix() not in known))
+            yield part
             (part / LOCK).unlink(missing_ok=True)
             part.rename(out)
         except BaseException:
@@ -162,23 +152,16 @@ def refuse_existing(out: Path, key: str = "out=") -> None:
         raise InputError(f"{key}{out}: exists already; name another folder")
 
 
-def is_unfinished(path: Path) -> bool:
-    """Return whether a folder is one of `whole_folder` that is not complete."""
-    is_part = bool(PART.fullmatch(path.name)) and path.is_dir() and not path.is_symlink()
-    return is_part and read_register(path / MARK).kind is not None
-
-
 def _remove_empty(folder: Path, created: list[Path]) -> None:
     """Remove what was created for a command that wrote nothing, unless another one began there."""
     with suppress(OSError):
         if not _names(folder) and not is_held(folder):
-            for name in (MARK, LOCK):
-                (folder / name).unlink()
-            for one in created:
-                one.rmdir()
+            (folder / LOCK).unlink(missing_ok=True)
+            for path in created:
+                path.rmdir()
 
 
 def _names(folder: Path) -> set[str]:
-    """Return the names in a folder besides its mark, its lock and temporary files."""
-    names = {one.name for one in folder.iterdir()} - {MARK, LOCK}
-    return {one for one in names if not PART.fullmatch(one)}
+    """Return the names in a folder besides its lock and temporary files."""
+    names = {path.name for path in folder.iterdir()}
+    return {name for name in names if not (name.startswith(HIDDEN) or PART.fullmatch(name))}

@@ -16,8 +16,8 @@ import numpy as np
 
 from zoo.base.errors import InputError, file_errors
 from zoo.base.whole_file import whole_path
-from zoo.base.written_files import checked_file, note_output
 
+FILMS = (".mp4",)  # endings of a film's name
 UNWRITTEN = "cannot be written: {}"
 DISK_FULL = "No space left on device"
 FILM = ("-preset", "veryfast", "-crf", "27")  # encoding of a film
@@ -100,19 +100,18 @@ class VideoWriter(contextlib.AbstractContextManager):
 class Film(contextlib.AbstractContextManager):
     """A film that is being written; a context manager.
 
-    The file appears under its name when the film is complete. An existing file is replaced only if
-    drivezoo wrote it.
+    The file appears under its name when the film is complete, and replaces an earlier one.
 
     Args:
         path: path of the .mp4.
         fps: frames per second, above 0.
 
     Raises:
-        InputError: the path cannot be written to, the disk is full, or see `check_output`.
+        InputError: the path cannot be written to, or the disk is full.
     """
 
     def __init__(self, path: Path | str, fps: float) -> None:
-        self.path, self.fps = checked_file(path, (".mp4",)), fps
+        self.path, self.fps = Path(path).expanduser(), fps
         self._open = contextlib.ExitStack()
         self._video: VideoWriter | None = None
         with file_errors(self.path, UNWRITTEN):
@@ -138,5 +137,3 @@ class Film(contextlib.AbstractContextManager):
     def __exit__(self, *error: Any) -> None:
         with file_errors(self.path, UNWRITTEN):
             self._open.__exit__(*error)
-        if error[0] is None and self._video is not None:
-            note_output(self.path)

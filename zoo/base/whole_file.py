@@ -15,7 +15,7 @@ import numpy as np
 from zoo.base.bounded_files import mapped
 from zoo.base.errors import InputError, file_errors
 from zoo.base.file_text import csv_text
-from zoo.base.written_files import check_output, note_files, note_output
+from zoo.base.output_files import check_output
 
 OPEN_FILES_STAY = os.name == "nt"  # Windows replaces no file that a program has open
 REPLACE_S, RETRY_S = 2.0, 0.1  # longest wait for it, and time between two tries
@@ -52,7 +52,7 @@ def whole_path(path: Path) -> Iterator[Path]:
     """Yield a new hidden file next to a file to write to, which then becomes the file.
 
     Its name is random and must not exist. So no link is followed that another person has put there,
-    or in place of the file. In the folder of a command, the file is noted as written by it.
+    or in place of the file.
 
     Raises:
         OSError: the file cannot be written; names the file, and keeps its old contents.
@@ -61,9 +61,7 @@ def whole_path(path: Path) -> Iterator[Path]:
     try:
         try:
             part.open("xb").close()  # not from `tempfile`: other users could not read its files
-            note_files(part)
             yield part
-            note_files(path)
             _replace(part, path)
         except BaseException:
             part.unlink(missing_ok=True)
@@ -92,13 +90,13 @@ def write_output(path: Path, data: str | bytes | memoryview, key: str = "out") -
     """Write a file that the user named in one step, see `whole_path`; return the path.
 
     Raises:
-        InputError: see `check_output`; or the file cannot be written.
+        UsageError: see `check_output`.
+        InputError: the file cannot be written.
     """
     check_output(path, key)
     with file_errors(f"{key}={path}" if key else path):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, data)
-        note_output(path)
     return path
 
 
@@ -110,7 +108,6 @@ def write_new(path: Path, data: bytes | memoryview) -> None:
     """
     with path.open("xb") as file:
         try:
-            note_files(path)
             file.write(data)
             file.flush()
         except BaseException:
@@ -123,7 +120,6 @@ class AppendedFile:
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("xb", buffering=0)
-        note_files(path)
 
     def append(self, rows: Iterable[Iterable[object]]) -> None:
         """Append rows, all or none.

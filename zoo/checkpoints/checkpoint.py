@@ -19,14 +19,13 @@ import torch
 from torch import Tensor, nn
 
 from datamodules.view import View
-from zoo.base.bounded_files import check_text, check_version, leaves, open_binary
+from zoo.base.bounded_files import check_text, check_version, hash_file, leaves, open_binary
 from zoo.base.errors import InputError, file_errors
 from zoo.base.limits import check_unpacked, open_archive
 from zoo.base.parts import Part, part_class, part_of, unknown_part
 from zoo.base.rig import UDACITY, Rig
 from zoo.base.rig_file import find_rig
 from zoo.base.terminal import error_line
-from zoo.base.written_files import digest_of
 from zoo.checkpoints.checkpoint_path import FOLDER, STARTED_IN
 from zoo.checkpoints.checkpoint_path import find_checkpoint as find_checkpoint
 from zoo.checkpoints.network_kind import (
@@ -405,4 +404,7 @@ def _hash_of(target: str, part: Part) -> str:
     if file is None:
         found = part_class(target)
         file = Path(getattr(sys.modules[found.__module__], "__file__", "") if found else "")
-    return digest_of(file)[:16]
+    try:
+        return hash_file(file)[:16]
+    except (OSError, InputError):
+        return ""

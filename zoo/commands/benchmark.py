@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 # Slow imports (torch, Panda3D) come late: --help and typos answer at once.
 
 
-@command
+@command(outputs=True)
 def benchmark(ckpt: str, *ckpts: str, options: BenchmarkOptions) -> "Benchmarked | None":
     """Drive a suite of roads and compare.
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from zoo.scoring.challenge_score import Challenge
 
 
-@command
+@command(outputs=True)
 def challenge(ckpt: str, data: str, *, options: ChallengeOptions) -> "Challenge":
     """Score a checkpoint on the official test of Udacity's Challenge 2.
 

@@ -4,14 +4,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zoo.base.command import command
-from zoo.base.written_files import check_output
+from zoo.base.output_files import check_output
 from zoo.runs.table_files import ResultFiles
 
 if TYPE_CHECKING:
     from zoo.results.comparison import ComparedEntries
 
 
-@command
+@command(outputs=True)
 def compare(
     a: str | Path,
     b: str | Path,
@@ -29,7 +29,7 @@ def compare(
         a: result.json of a benchmark, or its folder.
         b: the other result.json, or its folder.
         paired: whether trainings of the same seed are pairs, as of two settings of one network.
-        out: JSON file to write; an existing one is replaced.
+        out: JSON file to write.
         files: see `ResultFiles`.
 
     Raises:
@@ -40,7 +40,7 @@ def compare(
 
     path = Path(out).expanduser()
     given = [Path(each).expanduser() for each in (a, b)]
-    check_output(path, inputs=[*given, *map(result_path, given)])
+    check_output(path, inputs=[*map(result_path, given)])
     from zoo.results.comparison import COLUMNS, ComparedEntries  # slow imports: SciPy, Matplotlib
 
     files.check_files(COLUMNS)

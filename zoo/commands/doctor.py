@@ -66,6 +66,7 @@ def diagnose(checkpoint: str | None, recording: str | None, port: int) -> Iterat
     yield from careful("renderer", renderers)
     yield from careful("port", partial(machine.check_port, port))
     yield from careful("disk", machine.check_disk)
+    yield from careful("cache", machine.check_cache)
     if recording is not None:
         check = partial(inputs.check_recording, recording)
         yield from careful("recording", check, "record or copy it again")

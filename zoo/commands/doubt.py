@@ -10,9 +10,9 @@ from zoo.base.bounded_files import hash_file
 from zoo.base.command import command
 from zoo.base.console_progress import loading
 from zoo.base.errors import InputError
+from zoo.base.output_files import checked_file
 from zoo.base.terminal import print_written
 from zoo.base.whole_file import write_output
-from zoo.base.written_files import checked_file
 from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
 from zoo.runs.result_table import Column, Table
 from zoo.runs.table_files import TableFiles
@@ -25,7 +25,7 @@ TABLE_COLUMNS = ("checkpoint", "network", "parameters", "sees")
 # torch, a slow import, comes late: --help and typos answer at once.
 
 
-@command
+@command(outputs=True)
 def doubt(
     ckpt: str,
     *ckpts: str,
@@ -43,7 +43,7 @@ def doubt(
     Args:
         ckpt: checkpoint: a .ckpt file, a run's folder, or latest.
         *ckpts: further checkpoints.
-        out: checkpoint to write; an existing one is replaced only if this command wrote it.
+        out: checkpoint to write.
         samples: number of dropout masks per frame; an ensemble does not use it.
         seed: random seed of the masks; an ensemble does not use it.
         tables: see `TableFiles`.

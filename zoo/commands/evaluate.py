@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from zoo.scoring.evaluation import Evaluation
 
 
-@command
+@command(outputs=True)
 def evaluate(ckpt: str, *, options: EvaluateOptions) -> "Evaluation":
     """Score a checkpoint by driving.
 

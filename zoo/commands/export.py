@@ -9,7 +9,7 @@ from rich.console import Console
 from zoo.base.command import command
 
 
-@command
+@command(outputs=True)
 def export(
     ckpt: str,
     *,
@@ -38,9 +38,8 @@ def export(
         ckpt: checkpoint: a .ckpt file, a run's folder, or latest.
         to: onnx; donkeycar: for its manage.py drive --model; c: a C99 file and its header; null:
             by the ending of out.
-        out: file to write: .onnx, .h5 for Donkeycar, .c, with the name of the C function; an
-            existing one is replaced only after the comparison; null: model.onnx, pilot.h5 or
-            steer.c.
+        out: file to write: .onnx, .h5 for Donkeycar, .c, with the name of the C function; null:
+            model.onnx, pilot.h5 or steer.c.
         weights: int8: c and onnx: a quarter of the size; the steering changes a little, which is
             printed.
         calibration: recording whose frames give the ranges of values of weights=int8 in an ONNX

@@ -17,6 +17,7 @@ from datamodules.recording_format import known_format, read_recordings
 from zoo.base.command import command
 from zoo.base.console_progress import progress_bar
 from zoo.base.errors import InputError
+from zoo.base.output_files import checked_file
 from zoo.base.rig import UDACITY
 from zoo.base.terminal import counted, print_line, print_written
 from zoo.driving import drive_log
@@ -86,10 +87,10 @@ def make_film(
         InputError: `read_shots` fails, no image can be read, or the film cannot be written.
     """
     # Imported late: imageio-ffmpeg (30 MB) is needed only for films.
-    from zoo.base.video import Film
+    from zoo.base.video import FILMS, Film
 
     folder = Path(folder).expanduser()
-    out = Path(out).expanduser() if out else Path(f"{folder.absolute()}.mp4")
+    out = checked_file(out or f"{folder.absolute()}.mp4", FILMS, "out" if out else "")
     shots = read_shots(folder)
     rate = real_fps(shots) if fps is None else fps
     faults: list[str] = []
@@ -188,7 +189,7 @@ def _shots_of_images(folder: Path) -> list[Shot]:
     return [Shot(path, float(time)) for path, time in zip(paths, times, strict=True)]
 
 
-@command
+@command(outputs=True)
 def film(
     folder: str,
     *,

@@ -5,17 +5,17 @@ from typing import TYPE_CHECKING
 
 from zoo.base.command import command
 from zoo.base.errors import InputError
+from zoo.base.output_files import OUTPUTS
 from zoo.base.terminal import command_line, counted
 from zoo.runs.table_files import TableFiles
 
 if TYPE_CHECKING:
     from zoo.results.ranking_page import Ranking
 
-OUTPUTS = Path("outputs")
 PAGE = "leaderboard.html"
 
 
-@command
+@command(outputs=True)
 def leaderboard(
     *folder: str | Path, paper: str | Path | None = None, tables: TableFiles
 ) -> "Ranking":
@@ -39,7 +39,6 @@ def leaderboard(
     from zoo.results.ranking_page import Ranking
     from zoo.results.scored import drive_folders, run_folders
 
-    tables.check_files()
     named = [Path(name) for name in folder]
     roots = named or [OUTPUTS]
     for root in roots:
@@ -52,6 +51,7 @@ def leaderboard(
             f"{', '.join(map(str, roots))}: no runs found; train one: drivezoo train, or score a "
             "checkpoint: drivezoo evaluate CKPT out=FOLDER"
         )
+    tables.check_files(inputs=[*folders, *drives])
     title = f"leaderboard of {', '.join(map(str, roots))}: {counted(len(folders), 'run')}"
     title += f", {len(drives)} evaluations, benchmarks or drives" if drives else ""
     under = roots[0] if len(roots) == 1 else Path()

@@ -1,11 +1,9 @@
 """`drivezoo preview`: draw the images that training feeds to a network."""
 
-from pathlib import Path
-
 from zoo.base.command import command
 from zoo.base.console_progress import loading
+from zoo.base.output_files import OUTPUTS, check_output
 from zoo.base.terminal import command_line, print_next, print_written
-from zoo.base.written_files import check_output, note_output
 
 COUNT = 32
 NAMES = ("fed_batch", "steering_histogram")
@@ -30,7 +28,7 @@ def preview(*overrides: str) -> None:
     from zoo.base.compose import compose_config, escape_interpolation, hydra_overrides
 
     console = Console(soft_wrap=True)
-    written = [Path("outputs/preview") / f"{name}.png" for name in NAMES]
+    written = [OUTPUTS / "preview" / f"{name}.png" for name in NAMES]
     for path in written:
         check_output(path, key="")
     config = OmegaConf.create(escape_interpolation(compose_config(hydra_overrides(overrides))))
@@ -46,7 +44,7 @@ def preview(*overrides: str) -> None:
     data.load(console)
     figures = figure_of_fed_batch(data, COUNT), figure_of_steering(data)
     for path, figure in zip(written, figures, strict=True):
-        note_output(plots.save_figure(figure, path))
+        plots.save_figure(figure, path)
     print_written(written, console=console)
     print_next(command_line(["drivezoo", "train", *overrides]), console=console)
 

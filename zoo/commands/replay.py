@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from zoo.scoring.replay_score import Replay
 
 
-@command
+@command(outputs=True)
 def replay(ckpt: str, recording: str, *, options: ReplayOptions) -> "Replay":
     """Score a checkpoint on any recording.
 

@@ -52,7 +52,7 @@ class FinishedRuns(Result):
         return Table([replace(one, short=one.name in SHORT) for one in columns], caption)
 
 
-@command
+@command(outputs=True)
 def results(
     *run_folder: str | Path, metrics: bool = False, tables: TableFiles
 ) -> FinishedRuns | None:
@@ -76,7 +76,7 @@ def results(
         return None
     if not run_folder:
         raise UsageError(f"name the folders of finished runs; usage: {results.usage}")
-    tables.check_files()
+    tables.check_files(inputs=run_folder)
     runs = read_finished(run_folder)
     runs.written.extend(tables.write_files(runs))
     return runs

@@ -10,9 +10,9 @@ from datamodules.recording_format import read_recordings
 from zoo.base.command import command
 from zoo.base.console_progress import loading
 from zoo.base.errors import InputError
+from zoo.base.output_files import check_output
 from zoo.base.terminal import print_written
 from zoo.base.whole_file import write_output
-from zoo.base.written_files import check_output
 from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
 
 SHOWN = 12  # frames of a recording that are drawn
@@ -21,7 +21,7 @@ CAPTION = 24  # height in pixels of the line below a pair
 # torch, a slow import, comes late: --help and typos answer at once.
 
 
-@command
+@command(outputs=True)
 def saliency(
     ckpt: str, image_or_recording: str, *, out: str = "saliency.png", published: bool = False
 ) -> None:

@@ -47,7 +47,7 @@ def drive(*, options: DriveOptions) -> Path | None:
     return recorded[0]
 
 
-@command(name="simulator client", parts=False)
+@command(name="simulator client", parts=False, outputs=True)
 def client(*, options: ClientOptions) -> None:
     """Connect to a driver as the original simulator's autonomous mode does.
 

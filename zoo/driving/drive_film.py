@@ -17,7 +17,7 @@ from zoo.base.video import Film
 from zoo.driving.drive_record import BAND, DriveRow
 from zoo.driving.tally import autonomy
 
-FILM_NAME = "film.mp4"
+FILM_NAME, FRAMES = "film.mp4", "frames"
 FILM_WIDTH = 640  # at 960 a lap takes twice the bytes
 MOMENTS, APART_S = 10, 2.0
 WIDTH = 960  # of a drawn frame
@@ -69,9 +69,9 @@ class WorstMoments:
     def write(self, folder: Path) -> dict[int, str]:
         """Write the frames as JPEG; return their paths within the folder by row number."""
         names = {}
-        (folder / "frames").mkdir(parents=True, exist_ok=True)
+        (folder / FRAMES).mkdir(parents=True, exist_ok=True)
         for number, _, frame in self.moments:
-            names[number] = f"frames/{number:06d}.jpg"
+            names[number] = f"{FRAMES}/{number:06d}.jpg"
             write_frame(frame, folder / names[number])
         return names
 

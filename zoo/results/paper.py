@@ -19,9 +19,9 @@ from zoo.base.bounded_files import hash_file, read_regular
 from zoo.base.errors import InputError
 from zoo.base.file_text import markdown_code, markdown_text
 from zoo.base.new_folder import command_folder
+from zoo.base.output_files import check_output
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import write_output
-from zoo.base.written_files import LOCK, MARK, remove_files, written_below
 from zoo.checkpoints.checkpoint_path import FOLDER as CHECKPOINTS
 from zoo.driving.bootstrap import Estimate
 from zoo.driving.clustered import SHARE, clustered
@@ -41,6 +41,7 @@ from zoo.runs.run_record import Run
 from zoo.runs.table_files import write_plot, write_table
 
 ARCHIVE, APPENDIX, COMMAND = "repeat.zip", "appendix.md", "command.txt"
+NOT_ALWAYS = ("pairs.tex", "pairs.csv", "profiles.pdf")  # files that not every paper has
 OF_RUN = (
     *(".hydra/config.yaml", ".hydra/overrides.yaml", ".hydra/hydra.yaml"),
     *("metrics.json", "metrics.csv", "split.csv", "status.json"),
@@ -101,7 +102,7 @@ class Paper:
 
 
 def write_paper(ranking: Ranking, out: str | Path, command: str) -> tuple[list[Path], list[str]]:
-    """Write the files of a paper into a new folder, or in place of those of an earlier paper.
+    """Write the files of a paper into a new folder, or with `overwrite=true` over an earlier one.
 
     Args:
         ranking: ranked results of the benchmark, or ranked runs.
@@ -113,7 +114,7 @@ def write_paper(ranking: Ranking, out: str | Path, command: str) -> tuple[list[P
 
     Raises:
         InputError: nothing is ranked, runs are mixed with other results, results are of different
-            roads, a file cannot be read, or the folder has files of the user's.
+            roads, a file cannot be read, or the folder is no new one.
     """
     scored = [run for entry in ranking.entries for run in entry.runs]
     results = [run.folder for run in scored if run.source == BENCHMARK]
@@ -123,10 +124,11 @@ def write_paper(ranking: Ranking, out: str | Path, command: str) -> tuple[list[P
             "name their folders"
         )
     with command_folder(out, "papers", resumed_by=APPENDIX, key="paper=") as folder:
-        earlier = [one for one in written_below(folder)[0] if one.name not in (MARK, LOCK)]
-        remove_files(earlier, folder)
+        check_output(folder / APPENDIX, "paper")
         paper = of_results(differences.read_entries(*results)) if results else of_runs(ranking)
         paper.plots["intervals"].supxlabel("bar: 95 % interval", fontsize="medium")
+        for name in NOT_ALWAYS:  # of an earlier paper
+            (folder / name).unlink(missing_ok=True)
         text = _appendix(paper, command, [*paper.notes, *ranking.unranked_lines()])
         written = [
             write_table(table, folder / f"{name}{ending}")

@@ -1,5 +1,6 @@
 """The ranking as a result: printed, as a table for files, and as one self-contained page."""
 
+import hashlib
 import math
 import os
 from collections.abc import Sequence
@@ -9,6 +10,10 @@ from pathlib import Path
 
 from rich.console import Console
 
+from zoo.base.bounded_files import read_regular
+from zoo.base.console_script import SWEEP_RECORD
+from zoo.base.errors import InputError
+from zoo.base.output_files import overwriting
 from zoo.base.terminal import print_line, print_written, printable
 from zoo.base.whole_file import write_output
 from zoo.driving.drive_record import EMBEDDED
@@ -44,6 +49,8 @@ CAPTION = (
 )
 FEW = 3  # settings that have columns of their own, and stand for the run's folder in a TeX table
 WIDTH = 140  # of a table that is not printed on a terminal
+SIGNED = b"<!-- written by drivezoo; without this line: "  # begin of a page's last line
+MOST_PAGE_BYTES = 200_000_000
 NAMED = 5  # unranked runs that a line names; it counts the others
 
 
@@ -138,7 +145,8 @@ class Ranking(Result):
         """Write the page and return its path.
 
         Raises:
-            OSError: the file cannot be written.
+            UsageError: another file, or a page that was edited, must not be replaced.
+            InputError: the file cannot be written.
         """
         entries, figures = self.entries, ranked_figures(self.entries)
         settings = setting_columns(entries)
@@ -181,7 +189,9 @@ class Ranking(Result):
             },
             unranked=self.unranked_lines(),
         )
-        return write_output(path, page, key="")
+        text = page.encode(errors="backslashreplace")
+        with overwriting((path.parent / SWEEP_RECORD).is_file() or _is_page(path)):
+            return write_output(path, text + SIGNED + _digest(text), key="")
 
     def _scripted(
         self, place: int, entry: Entry, settings: Sequence[Column], figures: Sequence[Figure]
@@ -231,3 +241,16 @@ def wide_console() -> Console:
     """Return a console as wide as the terminal; without a terminal, wide enough for tables."""
     is_known = Console().is_terminal or "COLUMNS" in os.environ
     return Console(soft_wrap=True, emoji=False, width=None if is_known else WIDTH)
+
+
+def _is_page(path: Path) -> bool:
+    """Return whether a file is a page as it was written: its last line has its SHA-256."""
+    try:
+        text, signed, digest = read_regular(path, MOST_PAGE_BYTES).rpartition(SIGNED)
+    except (OSError, InputError):
+        return False
+    return bool(signed) and digest == _digest(text)
+
+
+def _digest(page: bytes) -> bytes:
+    return f"sha256 {hashlib.sha256(page).hexdigest()} -->\n".encode()

@@ -12,7 +12,6 @@ from zoo.base.compose import conf_folder, quote
 from zoo.base.errors import InputError
 from zoo.base.process_ranks import is_first_process, needs_processes
 from zoo.base.terminal import command_line
-from zoo.base.written_files import MARK
 from zoo.runs.status import claim_run
 
 KEY = "hydra.run.dir="
@@ -21,7 +20,6 @@ TRACES = (
     *(".hydra", "status.json", "checkpoints", "drives", "plots", "report"),
     *("metrics.json", "metrics.csv", "split.csv", "hparams.yaml"),
 )
-OWN = (MARK, "status.lock")
 
 
 def run_in_folder(arguments: list[str], task: Callable[[DictConfig], None]) -> None:
@@ -111,7 +109,7 @@ def _refuse_a_run(folder: Path) -> None:
 
 def _remove(folder: Path, created: list[Path]) -> None:
     shutil.rmtree(folder / ".hydra", ignore_errors=True)
-    for name in ("status.json", *OWN):
+    for name in ("status.json", "status.lock"):
         with suppress(OSError):
             (folder / name).unlink()
     for one in created:

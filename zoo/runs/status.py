@@ -16,16 +16,10 @@ from filelock import FileLock
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, PrunedError, StoppedError
 from zoo.base.whole_file import remove_parts, write_whole
-from zoo.base.written_files import mark_folder, note_files
 from zoo.runs.metrics_file import read_metrics_file
 from zoo.runs.record_fields import Fields, Number, Whole, check_fields, plain
 
 NAME = "status.json"
-# Files of a run that others write: Hydra, Lightning and this module's lock.
-OTHER_FILES = (
-    *(f".hydra/{one}.yaml" for one in ("config", "hydra", "overrides")),
-    *("hparams.yaml", "metrics.csv", "status.lock"),
-)
 # Every BEAT_S a run touches its file; after GONE_S without it, other machines count it as dead.
 BEAT_S, GONE_S = 20.0, 180.0
 
@@ -73,7 +67,6 @@ def run_status(folder: Path, first: bool = True) -> Iterator[None]:
     finally:
         over.set()
         try:
-            mark_run(folder)
             write_status(folder, status, **reason)
         except OSError:  # a full disk, or the folder was removed
             if status == "finished":
@@ -101,19 +94,10 @@ def claim_run(folder: Path, check: Callable[[Path], None] = lambda _: None) -> N
                 "wait until it has finished, stop it, or name another folder: hydra.run.dir=FOLDER"
             )
         check(folder)
-        mark_run(folder)
         more = {}
         if before.get("status") == "finished":
             more = {"finished_epochs": read_metrics(folder).get("epochs")}
         write_status(folder, "running", **more)
-
-
-def mark_run(folder: Path) -> None:
-    """Mark a run's folder, and note the files that other programs write there."""
-    mark_folder(folder, "runs")
-    # TensorBoard and Weights & Biases choose their own names.
-    note_files(*(folder / one for one in OTHER_FILES), *folder.glob("events.out.tfevents.*"))
-    note_files(*folder.glob("wandb/"), library=True)
 
 
 def read_metrics(folder: Path) -> dict:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from zoo.base.command import Shown
 from zoo.base.errors import UsageError, optional_import
+from zoo.base.output_files import checked_file, overwriting
 from zoo.base.whole_file import write_output
-from zoo.base.written_files import checked_file
 from zoo.runs.result_table import Cell, Table, column_names
 
 if TYPE_CHECKING:
@@ -44,19 +44,26 @@ class Result(Shown, ABC):
             import pandas
         return pandas.DataFrame(self.table())
 
-    def write_table(self, path: str | Path, columns: str | Sequence[str] | None = None) -> Path:
+    def write_table(
+        self,
+        path: str | Path,
+        columns: str | Sequence[str] | None = None,
+        overwrite: bool = False,
+    ) -> Path:
         """Write the table as a file, see `write_table`; return its path.
 
         Args:
             path: file to write.
             columns: names of the columns; None for all, and for the most important in TeX.
+            overwrite: whether an existing file is replaced.
 
         Raises:
             InputError: the file's name has another ending, or it cannot be written.
-            UsageError: there is no such column.
+            UsageError: there is no such column, or the file exists.
         """
         names = columns if isinstance(columns, str | None) else ",".join(columns)
-        return write_table(self.result_table(), path, names)
+        with overwriting(overwrite):
+            return write_table(self.result_table(), path, names)
 
     def _repr_html_(self) -> str:
         """Return the table as HTML, which notebooks show."""
@@ -68,22 +75,22 @@ class TableFiles:
     """Keys of a command that writes its table.
 
     Args:
-        table: file to write the table to: .csv, .tex, .parquet, .md or .html; an existing one is
-            replaced.
+        table: file to write the table to: .csv, .tex, .parquet, .md or .html.
         columns: names of the table's columns, such as a,b; null: all, in .tex the main ones.
     """
 
     table: str | None = None
     columns: str | None = None
 
-    def check_files(self, known: Iterable[str] = ()) -> None:
+    def check_files(self, known: Iterable[str] = (), inputs: Sequence[str | Path] = ()) -> None:
         """Raise InputError for files that cannot be written; call before long work.
 
         Args:
             known: names of the table's columns; none where they depend on what the work finds.
+            inputs: files and folders that the command reads.
         """
         if self.table is not None:
-            _checked_table(self.table)
+            _checked_table(self.table, inputs)
         elif self.columns is not None:
             raise UsageError(f"columns={self.columns}: are those of table=FILE; name the file, too")
         if self.columns is not None and known:
@@ -105,11 +112,11 @@ class ResultFiles(TableFiles):
 
     plot: str | None = None
 
-    def check_files(self, known: Iterable[str] = ()) -> None:
+    def check_files(self, known: Iterable[str] = (), inputs: Sequence[str | Path] = ()) -> None:
         """Raise InputError for files that cannot be written; see `TableFiles`."""
-        super().check_files(known)
+        super().check_files(known, inputs)
         if self.plot is not None:
-            checked_file(self.plot, PLOTS, "plot")
+            checked_file(self.plot, PLOTS, "plot", inputs)
 
     def write_files(self, result: Result | Table) -> list[Path]:
         """Write the files that the user named; return their paths."""
@@ -119,8 +126,8 @@ class ResultFiles(TableFiles):
         return written
 
 
-def _checked_table(path: str | Path) -> Path:
-    path = checked_file(path, FORMS, "table")
+def _checked_table(path: str | Path, inputs: Sequence[str | Path] = ()) -> Path:
+    path = checked_file(path, FORMS, "table", inputs)
     if path.suffix == ".parquet":
         _pyarrow(path)
     return path

@@ -160,7 +160,7 @@ def score_challenge(
             network's car is unknown.
         UsageError: the network was trained on these frames, and no split says on which.
     """
-    options.check_files()
+    options.check_files(inputs=[folder])
     test = read_test(folder)
     policy = load_policy(driver) if isinstance(driver, str) else as_policy(driver)
     name = short_name(Path(driver)) if isinstance(driver, str) else policy.name

@@ -12,10 +12,10 @@ from rich.console import Console
 
 from zoo.base.console_progress import loading
 from zoo.base.errors import InputError, UsageError, hint
+from zoo.base.output_files import check_output, checked_file
 from zoo.base.rig import CURVATURE
 from zoo.base.terminal import print_written
 from zoo.base.whole_file import write_output
-from zoo.base.written_files import check_output, checked_file
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.onnx_policy import SUFFIX, is_onnx
 from zoo.scoring.evidence import next_drive

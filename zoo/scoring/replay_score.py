@@ -110,7 +110,7 @@ def replay_recording(
         InputError: the checkpoint cannot be loaded, the recording does not exist or cannot be
             replayed, or an option is wrong.
     """
-    options.check_files(METRICS)
+    options.check_files(METRICS, [recording_folder])
     policy = load_policy(driver) if isinstance(driver, str) else as_policy(driver)
     name = driver if isinstance(driver, str) else policy.name
     recording = read_recordings(

@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -18,13 +18,13 @@ from zoo.base.command_keys import check_keys, constructed, keys_of
 from zoo.base.console_progress import working
 from zoo.base.errors import InputError, placed_errors
 from zoo.base.terminal import counted, print_line
-from zoo.base.written_files import remove_written
+from zoo.base.whole_file import remove_parts
 from zoo.checkpoints.checkpoint_path import checkpoint_of
 from zoo.checkpoints.policy_base import Policy
 from zoo.driving.baseline import Baseline
 from zoo.driving.cluster_pool import Executor
-from zoo.driving.drive_film import DriveFilm, WorstMoments
-from zoo.driving.drive_log import summarize, write_drive
+from zoo.driving.drive_film import FILM_NAME, FRAMES, DriveFilm, WorstMoments
+from zoo.driving.drive_log import LOG_NAME, SUMMARY_NAME, summarize, write_drive
 from zoo.driving.drive_record import Drive, DriveRow
 from zoo.driving.drives_table import mean_and_spread, nan_line, tied_line, with_deviation
 from zoo.driving.embedded_world import EmbeddedWorld
@@ -40,6 +40,8 @@ from zoo.scoring.evaluate_options import EvaluateOptions, ReplayMph, check_world
 from zoo.simulator.recorder import Recorder, split_pedals
 from zoo.simulator.track_names import file_name
 from zoo.simulator.weather import CLEAR
+
+TRACK_PLOT, ERROR_PLOT = "track.png", "error.png"
 
 
 class KeptDrive(Keep):
@@ -130,12 +132,27 @@ class KeptDrive(Keep):
             )
             if isinstance(world, EmbeddedWorld):
                 track = birds_eye(world.simulated.track, drive, title)
-                save_figure(track, self.folder / "track.png")
-            save_figure(error_over_distance(drive, title), self.folder / "error.png")
+                save_figure(track, self.folder / TRACK_PLOT)
+            save_figure(error_over_distance(drive, title), self.folder / ERROR_PLOT)
         return {
             key: known(value) if isinstance(value, float) else value
             for key, value in figures.items()
         }
+
+
+def remove_drives(folder: Path) -> None:
+    """Remove the drives below a folder that a stopped command has left there, and nothing else."""
+    drives = folder.iterdir() if folder.is_dir() else ()
+    for drive in [path for path in drives if path.is_dir() and not path.is_symlink()]:
+        images = drive / FRAMES
+        names = (LOG_NAME, SUMMARY_NAME, FILM_NAME, TRACK_PLOT, ERROR_PLOT)
+        for path in (*(drive / name for name in names), *images.glob(f"{'[0-9]' * 6}.jpg")):
+            path.unlink(missing_ok=True)
+        remove_parts(drive)
+        with suppress(OSError):  # has a file of the user's
+            if images.is_dir():
+                images.rmdir()
+            drive.rmdir()
 
 
 def expert_steering_per_s(scenario: Scenario) -> float:
@@ -285,7 +302,7 @@ def score_run(
     drives, scenarios = folder / "drives", options.scenarios
     if replayed is not None:
         scenarios = [Scenario("held_out", world="replay", margin=options.margin)]
-    remove_written(drives)  # from before the run was resumed
+    remove_drives(drives)  # from before the run was resumed
     try:
         found = score_on_tracks(
             str(checkpoint_of(folder) or folder / "checkpoints" / "last.ckpt"),

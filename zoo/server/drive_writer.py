@@ -70,9 +70,9 @@ class BackgroundWriter:
             tempfile.TemporaryFile(dir=self.folder).close()
 
     def _open_folder(self) -> None:
-        """Create, mark and lock the folder, once."""
+        """Create and lock the folder, once."""
         if not self._is_open:
-            self._held.enter_context(written_folder(self.folder, "drives", "record="))
+            self._held.enter_context(written_folder(self.folder, "record="))
             self._is_open = True
 
     def put(self, row: DriveRow, image: bytes | None) -> None:

@@ -12,11 +12,13 @@ import socket
 import sys
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError
+from zoo.base.output_files import OUTPUTS
 from zoo.base.terminal import counted
 
 OK, WARNING, FAULT = "ok", "warning", "fault"
@@ -30,7 +32,7 @@ RIVALS = {
 }
 SHOWN = ("torch", "lightning", "numpy", "opencv-python-headless", "python-socketio")
 FULL_GB, LOW_GB = 0.2, 2.0  # a training run on the lake writes about 0.2 GB, with its cache
-OUTPUTS = Path("outputs")
+CACHE = OUTPUTS / "cache"  # as conf/data: data.cache
 
 
 @dataclass(frozen=True)
@@ -214,6 +216,17 @@ def check_disk() -> Iterator[Finding]:
         yield Finding(FAULT if free_gb < FULL_GB else WARNING, "disk", found, fix)
     else:
         yield Finding(OK, "disk", found)
+
+
+def check_cache() -> Iterator[Finding]:
+    """Print the size of the decoded images that trainings keep."""
+    size = 0
+    for path in CACHE.rglob("*"):
+        with suppress(OSError):  # a training removes files meanwhile
+            size += path.stat().st_size
+    if size:
+        found = f"{size / 1e9:.1f} GB in {CACHE.absolute()}; delete the folder to empty it"
+        yield Finding(OK, "cache", found)
 
 
 def check_port(port: int) -> Iterator[Finding]:

@@ -14,8 +14,9 @@ import numpy as np
 from rich.console import Console
 
 from zoo.base.entry_points import load_class
+from zoo.base.output_files import checked_file
 from zoo.base.terminal import counted
-from zoo.base.video import Film
+from zoo.base.video import FILMS, Film
 from zoo.simulator.command_options import DIALECTS, ClientOptions
 from zoo.simulator.legacy_socket import (
     OPENED,
@@ -299,7 +300,8 @@ def run_client(options: ClientOptions, console: Console) -> Client:
     client.print_once(f"{world.track.name}, drawn by the {world.renderer.name} renderer")
     with ExitStack() as open_things:
         if options.film:
-            film = open_things.enter_context(Film(options.film, options.frame_rate))
+            path = checked_file(options.film, FILMS, "film")
+            film = open_things.enter_context(Film(path, options.frame_rate))
             client.on_frame.append(film.add)
         if options.window:
             from zoo.simulator.window import Viewer

@@ -8,9 +8,8 @@ import cv2
 import numpy as np
 
 from zoo.base.errors import InputError
-from zoo.base.new_folder import RECORDINGS, written_folder
+from zoo.base.new_folder import written_folder
 from zoo.base.whole_file import AppendedFile, write_new
-from zoo.base.written_files import marked_folder
 from zoo.simulator.udacity_car import CAMERAS
 
 LOG_NAME, IMAGE_FOLDER = "driving_log.csv", "IMG"
@@ -50,8 +49,7 @@ class Recorder:
                     f"{self.folder}: has a {LOG_NAME} already; give another folder with out=, or "
                     "delete it"
                 )
-            if marked_folder(self.log) is None:  # the folder is no part of a command's
-                self._held.enter_context(written_folder(self.folder, RECORDINGS))
+            self._held.enter_context(written_folder(self.folder))
             self.images.mkdir(parents=True, exist_ok=True)
             self._file = AppendedFile(self.log)
             if header:

@@ -25,7 +25,6 @@ from datamodules.view import View
 from zoo.base.errors import InputError, UsageError
 from zoo.base.parts import import_part, part_errors, part_of
 from zoo.base.terminal import print_line
-from zoo.base.written_files import note_files
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
 from zoo.keras.initial_weights import load_weights
 from zoo.models.make_network import make_network, view_of
@@ -247,7 +246,6 @@ def keep_earlier_log(folder: Path) -> None:
     log = folder / "metrics.csv"
     if log.is_file():
         earlier = folder / f"metrics.{len(list(folder.glob('metrics.*.csv'))) + 1}.csv"
-        note_files(earlier)
         log.rename(earlier)
 
 

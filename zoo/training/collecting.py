@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 
 from datamodules.driving_log import CAMERAS
-from zoo.base.new_folder import RECORDINGS, whole_folder
+from zoo.base.new_folder import whole_folder
 from zoo.base.terminal import counted
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.policy_base import Command, Policy, PolicyWrapper
@@ -209,7 +209,7 @@ class RecordedErrors(Keep):
 
 def _join(parts: list[Path], folder: Path) -> None:
     """Join recordings with relative paths; the result gets its name when it is complete."""
-    with whole_folder(folder, RECORDINGS) as whole:
+    with whole_folder(folder) as whole:
         (whole / IMAGE_FOLDER).mkdir()
         lines: list[str] = []
         for part in parts:

@@ -17,7 +17,6 @@ from zoo.base.bounded_files import hash_file, read_json
 from zoo.base.errors import InputError, file_errors
 from zoo.base.terminal import counted
 from zoo.base.whole_file import json_text, write_whole
-from zoo.base.written_files import remove_written
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.onnx_policy import is_onnx
@@ -27,7 +26,7 @@ from zoo.runs.record_fields import Fields, Figures, Pair, Whole, check_fields, p
 from zoo.runs.result_table import Table
 from zoo.runs.saved_config import TRUST, split_trust
 from zoo.scoring.evidence import other_car_line, with_track
-from zoo.scoring.track_scores import how_well, score_on_tracks
+from zoo.scoring.track_scores import how_well, remove_drives, score_on_tracks
 from zoo.training.collecting import collect
 from zoo.training.correct_options import FIRST_SEED, CorrectOptions
 from zoo.training.correct_training import own_config, train_round, training_config, write_own_split
@@ -135,7 +134,7 @@ class Correction:
     def _finish(self, number: int, checkpoint: str, corrections: int) -> None:
         """Score a round's checkpoint and save the round as finished."""
         drives, options = self.folder / f"round-{number}" / "drives", self.options
-        remove_written(drives)  # left by a stopped correction
+        remove_drives(drives)  # left by a stopped correction
         found = score_on_tracks(checkpoint, options.scored, drives, self.console, options.workers)
         finished = {"number": number, "checkpoint": checkpoint, "corrections": corrections}
         self.progress["rounds"].append(finished | {"tracks": found.tracks})

@@ -20,7 +20,7 @@ from datamodules.recording import IMAGE_FOLDER
 from datamodules.recording_format import read_recordings
 from zoo.base.errors import InputError
 from zoo.base.file_text import csv_text
-from zoo.base.new_folder import RECORDINGS, whole_folder
+from zoo.base.new_folder import whole_folder
 from zoo.base.whole_file import write_whole
 from zoo.driving.drive_log import read_drive
 from zoo.driving.drive_record import PERSON, POLICY, Drive
@@ -87,7 +87,7 @@ def corrections_of_a_person(options: CorrectOptions, out: Path, folder: Path) ->
     """
     rows = _recorded(options.recording) if options.recording else _labelled(options, out)
     lines = []
-    with whole_folder(folder, RECORDINGS) as whole:
+    with whole_folder(folder) as whole:
         (whole / IMAGE_FOLDER).mkdir()
         for images, numbers in rows:
             names = [""] * len(CAMERAS)

@@ -20,7 +20,7 @@ from zoo.base.compose import escape_interpolation
 from zoo.base.conf_files import choice_files
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError, file_errors
-from zoo.base.new_folder import RECIPE, RECORDINGS, whole_folder
+from zoo.base.new_folder import RECIPE, whole_folder
 from zoo.base.terminal import command_line, counted, print_line
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import check_card, find_checkpoint, read_checkpoint_file
@@ -229,7 +229,7 @@ def _record(folder: Path, recipe: dict, jobs: int | None, console: Console) -> N
         f"in {folder}",
     )
     try:
-        with whole_folder(folder, RECORDINGS, "data.record.out=") as unfinished:
+        with whole_folder(folder, "data.record.out=") as unfinished:
             common = {"out": str(unfinished), "relative": True}
             passes = [RecordOptions(**common, **options) for options in recipe["passes"]]
             # Half a lap takes less time than starting another process is worth.

@@ -13,10 +13,10 @@ from rich.console import Console
 from zoo.base.compose import conf_folder, hydra_overrides, quote
 from zoo.base.errors import InputError, StoppedError
 from zoo.base.new_folder import is_held, written_folder
+from zoo.base.output_files import check_output
 from zoo.base.parts import typed_parts
 from zoo.base.terminal import command_line, counted, print_line
 from zoo.base.whole_file import refuse_links_out
-from zoo.base.written_files import note_files
 from zoo.results.ranking_page import Ranking, wide_console
 from zoo.runs.run_folder import check_name
 from zoo.runs.saved_config import split_trust
@@ -109,10 +109,10 @@ def go_on(folder: Path, more: list[str]) -> None:
 def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bool) -> None:
     """Run the jobs in `folder` that are not done, then rank all jobs."""
     check_name(folder, "hydra.sweep.dir=")
-    with written_folder(folder, "sweeps", FOLDER_KEY):
-        note_files(*(folder / name for name in LIBRARY_FILES))
+    with written_folder(folder, FOLDER_KEY):
         is_new = not (folder / records.NAME).is_file()
         if is_new:
+            check_output(folder / PAGE, key="")
             records.write_record(folder, records.new_record(arguments))
         if not finished:
             try:

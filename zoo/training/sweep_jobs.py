@@ -28,11 +28,10 @@ from zoo.base.errors import InputError, PrunedError, StoppedError
 from zoo.base.process_ranks import needs_processes
 from zoo.base.terminal import is_verbose, print_line
 from zoo.base.whole_file import write_whole
-from zoo.base.written_files import note_files
 from zoo.results.ranking import folder_label
 from zoo.results.scored import finished_run
 from zoo.runs.saved_config import TRUST, find_refusals
-from zoo.runs.status import is_alive, is_beating, mark_run, read_status, write_status
+from zoo.runs.status import is_alive, is_beating, read_status, write_status
 from zoo.training.sweep_record import add_to_record, check_job, log_digest, read_record, varying
 
 SERIAL = "basic"  # launcher that runs the jobs one by one, each of which prints its own progress
@@ -279,7 +278,6 @@ def _claim(folder: Path) -> bool:
         if read_status(folder).get("status") in DONE or is_beating(folder):
             return False
         (folder / "error.txt").unlink(missing_ok=True)
-        mark_run(folder)
         write_status(folder, "running")
     return True
 
@@ -322,7 +320,6 @@ def _train_in_subprocess(config: DictConfig, folder: Path) -> None:
 @contextlib.contextmanager
 def _output_to(path: Path) -> Iterator[None]:
     """Redirect printed output to a file: a sweep prints one line for each job."""
-    note_files(path)
     with (
         path.open("a", encoding="utf-8", buffering=1) as log,
         contextlib.redirect_stdout(log),

@@ -63,6 +63,20 @@ def test_a_healthy_checkpoint_and_recording_are_ok(
     assert not list(tmp_path.iterdir()), "the doctor leaves no files"
 
 
+def test_it_prints_the_size_of_the_cache_and_how_to_empty_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert not list(machine.check_cache())
+    machine.CACHE.mkdir(parents=True)
+    with (machine.CACHE / "0123.npy").open("wb") as file:
+        file.truncate(1_300_000_000)
+    (finding,) = machine.check_cache()
+    assert "1.3 GB" in finding.found
+    assert str(tmp_path / "outputs" / "cache") in finding.found
+    assert "delete" in finding.found
+
+
 def test_every_fault_is_named_with_its_fix(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as holder:
         port = holder.getsockname()[1]

@@ -109,16 +109,18 @@ def test_a_command_that_needs_one_network_names_the_way(
 def test_saliency_is_of_one_network(dropout: Path, ensemble: Path, recorded: object) -> None:
     image, cwd = str(recorded.image(3)), dropout.parent
     succeed(run_here(cwd, str(dropout), image, module="zoo.commands.saliency"))
-    line = only_line(run_here(cwd, str(ensemble), image, module="zoo.commands.saliency"))
+    again = [str(ensemble), image, "overwrite=true"]
+    line = only_line(run_here(cwd, *again, module="zoo.commands.saliency"))
     assert "2 Linear and 1 PilotNet: an ONNX file or an ensemble has no" in line
 
 
 def test_an_earlier_file_is_replaced_and_a_checkpoint_is_kept(dropout: Path) -> None:
     member = write_pilotnet(dropout.parent / "member.ckpt")
     earlier = member.read_bytes()
-    doubt.main([str(member), f"out={dropout}", "samples=7"])
+    doubt.main([str(member), f"out={dropout}", "samples=7", "overwrite=true"])
     assert load_policy(dropout).name == "PilotNet with 7 dropout samples"
-    refused = run_here(dropout.parent, str(member), f"out={member}", module="zoo.commands.doubt")
+    arguments = [str(member), f"out={member}", "overwrite=true"]
+    refused = run_here(dropout.parent, *arguments, module="zoo.commands.doubt")
     assert f"out={member}: is an input" in only_line(refused)
     assert member.read_bytes() == earlier
 

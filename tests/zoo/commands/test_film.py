@@ -179,9 +179,18 @@ def test_a_foreign_film_is_not_replaced(recorded: Written, tmp_path: Path) -> No
     (tmp_path / "lake.mp4").write_text("a wedding")
     assert "lake.mp4: exists" in only_line(film(tmp_path, "lake"))
     assert (tmp_path / "lake.mp4").read_text() == "a wedding"
-    (tmp_path / "lake.mp4").unlink()
-    assert film(tmp_path, "lake").returncode == 0
-    assert film(tmp_path, "lake").returncode == 0, "drivezoo's own is replaced"
+    assert film(tmp_path, "lake", "overwrite=true").returncode == 0
+    assert (tmp_path / "lake.mp4").read_bytes() != b"a wedding"
+
+
+def test_a_film_below_outputs_is_replaced_unless_it_is_named(
+    recorded: Written, tmp_path: Path
+) -> None:
+    shutil.copytree(recorded.folder, tmp_path / "outputs" / "lake")
+    for _ in range(2):
+        assert film(tmp_path, "outputs/lake").returncode == 0
+    line = only_line(film(tmp_path, "outputs/lake", "out=outputs/lake.mp4"))
+    assert "out=outputs/lake.mp4: exists" in line
 
 
 def test_a_film_shows_no_autonomy_where_it_is_not_measured(

@@ -302,13 +302,31 @@ def test_neither_an_input_nor_a_foreign_file_is_replaced(
         (tmp_path / one).write_text("mine")
     for key, words in (
         (f"out={first}/result.json", "is an input of this command"),
-        ("out=mine.json", "exists, and drivezoo did not write it"),
-        ("table=thesis.tex", "exists, and drivezoo did not write it"),
+        ("out=mine.json", "exists"),
+        ("table=thesis.tex", "exists"),
     ):
         line = only_line(compare(tmp_path, str(first), str(second), key))
         assert f"{key}: {words}; name another file" in line
-    assert (first / "result.json").read_bytes() == before
     assert (tmp_path / "thesis.tex").read_text() == (tmp_path / "mine.json").read_text() == "mine"
+    (tmp_path / "link.json").symlink_to(first / "result.json")
+    (tmp_path / "linked").symlink_to(first)
+    for name in (f"{first}/result.json", "link.json", "linked/result.json"):
+        line = only_line(
+            compare(tmp_path, str(first), str(second), f"out={name}", "overwrite=true")
+        )
+        assert f"out={name}: is an input of this command; name another file" in line
+    assert (first / "result.json").read_bytes() == before
+
+
+def test_outputs_that_exist_are_replaced_with_overwrite(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    keys = ("out=mine.json", "table=thesis.tex")
+    for key in keys:
+        (tmp_path / key.partition("=")[2]).write_text("mine")
+    succeed(compare(tmp_path, *map(str, folders), *keys, "overwrite=true"))
+    assert "mine" not in {(tmp_path / key.partition("=")[2]).read_text() for key in keys}
+    assert compare(tmp_path, *map(str, folders), *keys).returncode == 2
 
 
 def test_names_of_a_result_cannot_write_to_the_terminal(

@@ -15,6 +15,7 @@ from tests.zoo.command_runs import only_line, run_here, succeed
 from tests.zoo.results.synthetic_results import ROADS, figures, result, write
 from tests.zoo.server.browser import CHROMIUM, Browser
 from tests.zoo.sweeps import change_status, write_run
+from zoo.base.errors import InputError, UsageError
 from zoo.commands.leaderboard import leaderboard
 from zoo.driving.drive_log import write_drive
 from zoo.driving.drive_record import SOCKET, Drive, DriveRow
@@ -147,6 +148,34 @@ def test_results_of_the_benchmark_are_ranked(capsys: pytest.CaptureFixture) -> N
     assert best.autonomy == pytest.approx(own["autonomy"].value)
     leaderboard.main(["marks"])
     assert "next: drivezoo compare marks/good marks/bad" in capsys.readouterr().out
+
+
+def test_a_page_that_was_edited_or_is_another_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_run(Path("runs/a"), 0.9)
+    page = Path("runs/leaderboard.html")
+    for _ in range(2):
+        leaderboard("runs")
+    written = page.read_text()
+    for text in ("mine", written.replace("<title>", "<title>My "), written + "mine"):
+        page.write_text(text)
+        with pytest.raises(UsageError, match=r"runs/leaderboard\.html: exists"):
+            leaderboard("runs")
+        assert page.read_text() == text
+    leaderboard("runs", overwrite=True)
+    assert "mine" not in page.read_text()
+
+
+def test_a_table_replaces_no_file_of_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_run(Path("runs/a"), 0.9)
+    log = Path("runs/a/metrics.csv")
+    log.write_text("mine")
+    with pytest.raises(InputError, match=r"table=.*metrics\.csv: is an input"):
+        leaderboard("runs", table=str(log), overwrite=True)
+    assert log.read_text() == "mine"
 
 
 def test_the_drives_of_a_folder_that_holds_runs_are_not_ranked(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from tests.zoo.results.synthetic_results import ROADS, figures, result, summed, write
 from tests.zoo.sweeps import write_run
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, UsageError
 from zoo.commands.leaderboard import leaderboard
 from zoo.results.differences import read_entries
 from zoo.results.paper import of_results
@@ -113,14 +113,15 @@ def test_mixed_results_and_a_folder_with_files_are_refused() -> None:
     assert not Path("new").exists()
 
 
-def test_a_paper_is_written_again_and_a_changed_table_is_kept() -> None:
+def test_a_paper_is_replaced_only_with_overwrite() -> None:
     write_entry("good", 0.9)
     write_entry("bad", 0.6)
     leaderboard("marks", paper="paper")
-    leaderboard("marks/good", paper="paper")
+    with pytest.raises(UsageError, match=r"paper=paper/appendix\.md: exists"):
+        leaderboard("marks/good", paper="paper")
+    assert Path("paper/pairs.csv").exists()
+    Path("paper/notes.txt").write_text("mine")
+    leaderboard("marks/good", paper="paper", overwrite=True)
     assert not Path("paper/pairs.csv").exists()
     assert [row["entry"] for row in rows("paper/table.csv")] == ["good"]
-    Path("paper/table.tex").write_text("mine")
-    with pytest.raises(InputError, match="was changed after drivezoo wrote it"):
-        leaderboard("marks", paper="paper")
-    assert Path("paper/table.tex").read_text() == "mine"
+    assert Path("paper/notes.txt").read_text() == "mine"

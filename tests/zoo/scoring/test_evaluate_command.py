@@ -12,6 +12,7 @@ from tests.zoo.command_runs import only_line, run_here, succeed
 from zoo.base.command_keys import read_options
 from zoo.base.errors import InputError
 from zoo.commands.evaluate import evaluate_or_replay as command
+from zoo.driving.baseline import Baseline
 from zoo.driving.drives_table import table_rows
 from zoo.driving.scenario import Scenario
 from zoo.scoring import track_scores
@@ -85,6 +86,19 @@ def test_a_run_says_how_fast_it_was_driven(
     found = track_scores.score_run(options, tmp_path, console)
     assert " at 14.5 mph: " in console.file.getvalue()
     assert (found["speed_mph"], found["throttle"]) == (mph, throttle)
+
+
+def test_drives_of_a_stopped_run_go_and_a_users_files_stay(tmp_path: Path, console) -> None:
+    scenarios = [Scenario("lake", seed=seed, laps=0.01) for seed in (0, 1)]
+    track_scores.score_on_tracks(Baseline("zero"), scenarios, tmp_path, console, 1, film_speed=3)
+    assert (tmp_path / "lake-0" / "film.mp4").exists()
+    mine = [tmp_path / name for name in ("notes.txt", "lake-0/notes.txt", "lake-0/frames/a.png")]
+    for path in mine:
+        path.write_text("mine")
+    track_scores.remove_drives(tmp_path)
+    assert sorted(path for path in tmp_path.rglob("*") if path.is_file()) == sorted(mine)
+    assert not (tmp_path / "lake-1").exists()
+    track_scores.remove_drives(tmp_path / "none")
 
 
 @pytest.mark.parametrize(

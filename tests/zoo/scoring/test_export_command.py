@@ -22,8 +22,6 @@ from tests.zoo.models.test_models_command import build
 from tests.zoo.server.serve import picture, served
 from zoo.base.compose import choices
 from zoo.base.errors import InputError
-from zoo.base.whole_file import write_output
-from zoo.base.written_files import OUTPUTS
 from zoo.checkpoints import onnx_file
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy, load_policy
@@ -56,21 +54,19 @@ def checkpoint(run_folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def exported(checkpoint: Path, recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Export a checkpoint with the command, over its own earlier file; a link is not followed."""
+    """Export a checkpoint with the command, over an earlier file; a link is not followed."""
     cwd = tmp_path_factory.mktemp("onnx")
     (cwd / "secret.txt").write_text("mine")
     (cwd / "model.onnx.part").symlink_to("secret.txt")
-    write_output(cwd / "model.onnx", b"earlier")
-    result = run_here(
-        cwd, str(checkpoint), f"frames={recorded.folder}", module="zoo.commands.export"
-    )
+    (cwd / "model.onnx").write_bytes(b"earlier")
+    arguments = [str(checkpoint), f"frames={recorded.folder}", "overwrite=true"]
+    result = run_here(cwd, *arguments, module="zoo.commands.export")
     assert (result.returncode, result.stderr) == (0, "")
     assert (cwd / "secret.txt").read_text() == "mine"
     assert {one.name for one in cwd.iterdir()} == {
         "model.onnx",
         "model.onnx.part",
         "secret.txt",
-        OUTPUTS,
     }
     for text in ("PilotNet", "252,219 parameters", "difference", str(recorded.folder)):
         assert text in result.stdout

@@ -129,7 +129,7 @@ def test_it_draws_a_picture_beside_its_saliency(
     assert np.array_equal(drawn[:, 320:], overlay(frame, where))
 
 
-def test_only_an_image_of_drivezoo_is_replaced(
+def test_an_image_is_replaced_only_with_overwrite(
     checkpoint: str, recorded: Written, tmp_path: Path
 ) -> None:
     given = [checkpoint, str(recorded.image(3))]
@@ -138,11 +138,10 @@ def test_only_an_image_of_drivezoo_is_replaced(
     with pytest.raises(InputError, match=r"out=.*saliency\.png: exists"):
         saliency_command.main([*given, f"out={out}"])
     assert out.read_text() == "mine"
-    out.unlink()
-    for _ in range(2):
-        saliency_command.main([*given, f"out={out}"])
+    saliency_command.main([*given, f"out={out}", "overwrite=true"])
+    assert out.read_bytes() != b"mine"
     with pytest.raises(InputError, match="is an input of this command"):
-        saliency_command.main([given[0], str(out), f"out={out}"])
+        saliency_command.main([given[0], str(out), f"out={out}", "overwrite=true"])
 
 
 def test_a_mistake_is_said_with_what_to_do(checkpoint: str, tmp_path: Path) -> None:

@@ -227,6 +227,16 @@ def test_a_mistake_gets_one_line_and_leaves_nothing(
     assert [one.name for one in here.iterdir()] == ["other"]
 
 
+def test_a_new_sweep_replaces_no_page_of_the_users(here: Path) -> None:
+    page = here / "mine" / "ranking.html"
+    page.parent.mkdir()
+    page.write_text("mine")
+    line = only_line(run_here(here, "-m", "seed=1,2", "hydra.sweep.dir=mine"))
+    assert "mine/ranking.html: exists" in line
+    assert page.read_text() == "mine"
+    assert not (page.parent / "sweep.json").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

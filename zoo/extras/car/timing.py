@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 # Slow imports (torch, Panda3D) come late: --help and typos answer at once.
 
 
-@command
+@command(outputs=True)
 def timing(ckpt: str, times: str, *, options: TimingOptions) -> "Timing":
     """Find how fast a network drives on a computer with measured loop times.
 

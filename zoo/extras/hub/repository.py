@@ -19,7 +19,7 @@ from zoo.checkpoints.checkpoint import (
     check_card,
     read_checkpoint_file,
 )
-from zoo.extras.hub.card import CARD, HUB, described_hash
+from zoo.extras.hub.card import CARD, described_hash
 
 if TYPE_CHECKING:
     from huggingface_hub import HfApi
@@ -93,7 +93,7 @@ def fetch(repo: str, file: str | None, out: str | None, console: Console) -> lis
         raise InputError(f"{repo}: {name} has {size} bytes, not 1..{MOST_BYTES:,}; it is not read")
     folder = Path(out or f"outputs/hub/{repo}").expanduser()
     refuse_existing(folder)
-    with whole_folder(folder, HUB) as part:
+    with whole_folder(folder) as part:
         with progress_bar(f"fetching {name}", console) as progress:
             digest = _download(api, repo, name, size, part / name, progress)
         if CARD in sizes:

@@ -10,7 +10,7 @@ from zoo.extras.keras.import_options import ImportOptions
 # zoo.extras.keras. torch, a slow import, comes late: --help and typos answer at once.
 
 
-@command(name="import")
+@command(name="import", outputs=True)
 def import_file(file: str, *, options: ImportOptions) -> None:
     """Make a checkpoint of a Keras network.
 

@@ -14,9 +14,9 @@ from zoo.base.command_keys import typed
 from zoo.base.compose import compose_config
 from zoo.base.console_progress import progress_bar
 from zoo.base.errors import InputError
+from zoo.base.output_files import checked_file
 from zoo.base.terminal import command_line, print_written
 from zoo.base.whole_file import write_output
-from zoo.base.written_files import checked_file
 from zoo.checkpoints.checkpoint import PREFIX, make_card
 from zoo.checkpoints.new_checkpoint import SUFFIX, checkpoint_bytes
 from zoo.extras.keras.combinations import (

@@ -8,7 +8,7 @@ from zoo.extras.research.search_options import SearchOptions
 # Slow imports (torch, Panda3D) come late: --help and typos answer at once.
 
 
-@command
+@command(outputs=True)
 def search(ckpt: str, *, options: SearchOptions) -> dict:
     """Find roads and days on which a checkpoint fails.
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 # Slow imports (torch, Panda3D) come late: --help and typos answer at once.
 
 
-@command
+@command(outputs=True)
 def grade(folder: str, *, options: GradeOptions) -> "Graded":
     """Mark the networks of a class.
 

@@ -147,7 +147,7 @@ def grade_class(
     """
     if options.roads > 1 and options.seed is None:
         raise UsageError(f"roads={options.roads}: are drawn; name seed=NUMBER, too")
-    options.check_files()
+    options.check_files(inputs=[options.recording] if options.recording else [])
     text = redraw_suite(options.suite, options.seed, options.roads)
     if "marks" not in parse_yaml(text):
         raise InputError(f"suite={options.suite}: has no marks; add them, see conf/suite")
@@ -276,7 +276,7 @@ def _write_marks(graded: Graded, suite: Suite) -> list[Path]:
     """Write what is known of the marks of the class; return the paths of the files."""
     page = to_html("Marks of the class", _overview(graded, suite), footer="")
     written = write_whole(graded.folder / "grades.html", page)
-    return [written, graded.write_table(graded.folder / "grades.csv")]
+    return [written, graded.write_table(graded.folder / "grades.csv", overwrite=True)]
 
 
 def _overview(graded: Graded, suite: Suite) -> list[Section]:

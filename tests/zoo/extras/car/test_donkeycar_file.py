@@ -162,7 +162,8 @@ def test_the_command_prints_the_throttle_and_the_key_that_bounds_it(
     low, high = re.search(r"Throttle: ([\d.]+) to ([\d.]+) over", printed).groups()
     assert 0.5 < float(low) <= float(high) <= 1
     assert "throttle=0.2" in printed
-    printed = succeed(run_here(tmp_path, *words, "throttle=0.15", module="zoo.commands.export"))
+    words = (*words, "throttle=0.15", "overwrite=true")
+    printed = succeed(run_here(tmp_path, *words, module="zoo.commands.export"))
     assert "Throttle: 0.15 to 0.15" in printed
     assert "--type linear" in printed
 

@@ -1,64 +1,73 @@
-"""Files and folders that commands write: whole, marked, and held by one process."""
+"""Files and folders that commands write: whole, never over a user's, held by one process."""
 
 import os
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from zoo.base import whole_file
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, UsageError
 from zoo.base.new_folder import (
     command_folder,
     is_held,
     whole_folder,
 )
+from zoo.base.output_files import check_output, overwriting
 from zoo.base.whole_file import write_new, write_output, write_whole
-from zoo.base.written_files import MARK, OUTPUTS, check_output, mark_folder, read_register
 
 
-def test_only_a_file_that_drivezoo_wrote_is_replaced(tmp_path: Path) -> None:
+def test_a_file_that_exists_is_replaced_only_with_overwrite(tmp_path: Path) -> None:
     path = tmp_path / "table.tex"
     path.write_text("mine")
-    with pytest.raises(InputError, match=r"table=.*table\.tex: exists, and drivezoo did not"):
+    with pytest.raises(UsageError, match=r"table=.*table\.tex: exists; .*overwrite=true"):
         write_output(path, "its", "table")
     assert path.read_text() == "mine"
-    path.unlink()
-    write_output(path, "its", "table")
-    write_output(path, "its second", "table")
-    assert path.read_text() == "its second"
+    with overwriting(True):
+        write_output(path, "its", "table")
+    assert path.read_text() == "its"
+    with pytest.raises(UsageError, match=r"table\.tex: exists"):
+        write_output(path, "its second", "table")
 
 
-def test_a_file_that_was_changed_is_the_users(tmp_path: Path) -> None:
-    path = write_output(tmp_path / "table.tex", "its")
-    path.write_text("mine")
-    with pytest.raises(InputError, match="was changed after drivezoo wrote it"):
-        check_output(path)
+def test_a_default_name_is_replaced_below_outputs_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in ("outputs/preview", "site"):
+        Path(folder).mkdir(parents=True)
+    Path("outputs/site").symlink_to(tmp_path / "site")
+    write_output(Path("outputs/preview/a.png"), "first", key="")
+    write_output(Path("outputs/preview/a.png"), "second", key="")
+    assert Path("outputs/preview/a.png").read_text() == "second"
+    with pytest.raises(UsageError, match=r"out=.*a\.png: exists"):
+        write_output(Path("outputs/preview/a.png"), "third")
+    Path("site/a.png").write_text("mine")
+    for name in ("site/a.png", "outputs/../site/a.png", "outputs/site/a.png"):
+        with pytest.raises(UsageError, match=r"a\.png: exists"):
+            write_output(Path(name), "its", key="")
 
 
-def test_a_moved_folder_keeps_what_is_known_of_its_files(tmp_path: Path) -> None:
-    (tmp_path / "before").mkdir()
-    write_output(tmp_path / "before" / "table.tex", "its")
-    (tmp_path / "before").rename(tmp_path / "after")
-    check_output(tmp_path / "after" / "table.tex")
-
-
-def test_an_input_is_not_replaced(tmp_path: Path) -> None:
+@pytest.mark.skipif(os.name != "posix", reason="makes links")
+def test_an_input_is_never_replaced(tmp_path: Path) -> None:
     path = write_output(tmp_path / "a.json", "{}")
     os.link(path, tmp_path / "b.json")
-    for one in (path, tmp_path / "b.json"):
-        with pytest.raises(InputError, match=r"out=.*\.json: is an input of this command"):
-            check_output(one, inputs=[path])
+    (tmp_path / "c.json").symlink_to(path)
+    (tmp_path / "linked").symlink_to(tmp_path)
+    for name in ("a.json", "b.json", "c.json", "linked/a.json"):
+        with (
+            overwriting(True),
+            pytest.raises(InputError, match=r"out=.*\.json: is an input of this command"),
+        ):
+            check_output(tmp_path / name, inputs=[path])
 
 
-def test_a_file_of_a_commands_results_is_no_output(tmp_path: Path) -> None:
-    with command_folder(tmp_path / "r1", "benchmarks") as folder:
-        write_whole(folder / "result.json", "{}")
-    with pytest.raises(InputError, match=r"belongs to the results in .*r1"):
-        check_output(folder / "result.json")
-    write_output(folder / "compare.json", "{}")
-    check_output(folder / "compare.json")
-    assert not (folder / OUTPUTS).exists(), "a marked folder has one register"
+def test_a_file_in_a_folder_that_is_read_is_an_input(tmp_path: Path) -> None:
+    log = tmp_path / "lake" / "driving_log.csv"
+    log.parent.mkdir()
+    log.write_text("mine")
+    with overwriting(True), pytest.raises(InputError, match="is an input of this command"):
+        check_output(log, "table", inputs=[tmp_path / "lake"])
+    check_output(tmp_path / "lake" / "new.csv", "table", inputs=[tmp_path / "lake"])
 
 
 @pytest.mark.skipif(os.name != "posix", reason="makes links and a named pipe")
@@ -72,38 +81,16 @@ def test_what_is_no_file_is_refused_without_waiting(kind: str, tmp_path: Path) -
         "pipe": lambda: os.mkfifo(path),
         "folder": path.mkdir,
     }[kind]()
-    with pytest.raises(InputError, match=r"out=.*out\.csv"):
+    with overwriting(True), pytest.raises(InputError, match=r"out=.*out\.csv"):
         write_output(path, "its")
     assert (tmp_path / "secret.txt").read_text() == "mine"
     assert not (tmp_path / "nowhere").exists()
 
 
-@pytest.mark.skipif(os.name != "posix", reason="makes a link")
-@pytest.mark.parametrize("name", [OUTPUTS, MARK])
-def test_a_link_in_place_of_the_register_is_not_followed(name: str, tmp_path: Path) -> None:
-    (tmp_path / "secret.txt").write_text("mine")
-    (tmp_path / name).symlink_to("secret.txt")
-    with suppress(InputError):
-        write_output(tmp_path / "out.csv", "its")
-    assert (tmp_path / "secret.txt").read_text() == "mine"
-
-
-def test_a_damaged_register_knows_its_whole_lines(tmp_path: Path) -> None:
-    mark_folder(tmp_path, "runs")
-    with (tmp_path / MARK).open("ab") as file:
-        file.write(b'\n{"file": "a')  # by a full disk
-    write_whole(tmp_path / "b", "")
-    with (tmp_path / MARK).open("ab") as file:
-        file.write(b'\n\xff\n[]\n{"file": 3}\n{"file": "/etc/passwd"}\n{"file": "../c"}')
-    found = read_register(tmp_path / MARK)
-    assert found.kind == "runs"
-    assert [one for one in found.files if not one.startswith(".")] == ["b"]
-
-
 @pytest.mark.parametrize("small_disk", ["16k"], indirect=True)
 def test_a_full_disk_keeps_the_file_before(small_disk: Path) -> None:
     path = write_output(small_disk / "out.csv", "before")
-    with pytest.raises(InputError, match=r"out=.*out\.csv: No space left"):
+    with overwriting(True), pytest.raises(InputError, match=r"out=.*out\.csv: No space left"):
         write_output(path, "x" * 20_000)
     assert path.read_text() == "before"
     assert not list(small_disk.glob("*.part"))
@@ -184,10 +171,15 @@ def test_a_command_that_writes_nothing_leaves_no_folder(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_whole_folder_knows_all_its_files(tmp_path: Path) -> None:
-    with whole_folder(tmp_path / "lake", "recordings") as folder:
-        (folder / "IMG").mkdir()
-        (folder / "IMG" / "a.jpg").write_text("")
-    found = read_register(tmp_path / "lake" / MARK)
-    assert (found.kind, list(found.files)) == ("recordings", ["IMG/a.jpg"])
-    assert [one.name for one in tmp_path.iterdir()] == ["lake"]
+def test_a_whole_folder_appears_when_it_is_complete(tmp_path: Path) -> None:
+    with whole_folder(tmp_path / "lake") as folder:
+        (folder / "a.jpg").write_text("")
+        assert not (tmp_path / "lake").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["lake"]
+    assert [path.name for path in (tmp_path / "lake").iterdir()] == ["a.jpg"]
+
+
+def test_a_folder_with_the_mark_of_an_earlier_version_is_empty(tmp_path: Path) -> None:
+    (tmp_path / ".drivezoo.jsonl").write_text("")
+    with command_folder(tmp_path, "evaluations") as folder:
+        assert folder == tmp_path
