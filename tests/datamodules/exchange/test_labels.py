@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from datamodules.driving import DrivingData
+from datamodules.data_settings import DataSettings
 from datamodules.looking.findings import find_oddities
 from datamodules.looking.sign_evidence import find_sign_evidence
 from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.recording_format import find_format, read_recordings
-from datamodules.view import View
 from tests.foreign_recordings import (
     NS,
     ROWS,
@@ -300,9 +299,9 @@ def test_a_video_that_is_shorter_than_its_table_is_named_with_the_row(
     with (folder / "out-key.csv").open("a") as file:
         file.writelines(f"{50 * row},{row + 1},0.1\n" for row in range(ROWS, ROWS + 2))
     place = rf"out-key\.csv, row {ROWS + 2}: .*it has {ROWS} images"
-    data = DrivingData(str(folder), View((20, 20), "gray", (16, 32)), cache=None)
+    settings = DataSettings(str(folder), colour="gray", size=(16, 32), cache=None)
     with pytest.raises(InputError, match=rf"{place}.*on_bad_image=skip"):
-        data.load(Console(quiet=True))
+        settings.load(Console(quiet=True))
     assert not check(str(folder))
     printed = capsys.readouterr().out
     assert re.search(place, printed)
