@@ -80,11 +80,9 @@ def ready_to_fit(config: DictConfig, data: DrivingData, folder: Path) -> tuple:
 
 def loaded_data(config: DictConfig) -> DrivingData:
     """Return the data of a config, with its views."""
-    from zoo.training.build import build_data
+    from zoo.training.build import load_data
 
-    data = build_data(config)
-    data.load(Console(quiet=True))
-    return data
+    return load_data(config, Console(quiet=True))
 
 
 def config_for(folder: Path, *overrides: str) -> DictConfig:

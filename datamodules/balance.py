@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from datamodules.batch_options import BatchOptions
 from datamodules.samples import Samples
 from zoo.base.errors import InputError
 
@@ -57,11 +58,11 @@ def epoch_batches(
     epoch: int,
     seed: int,
     samples_per_epoch: int | None = None,
-    straight_cap: float | None = 0.5,
-    straight_threshold: float = 0.1,
+    straight_cap: float | None = BatchOptions.straight_cap,
+    straight_threshold: float = BatchOptions.straight_threshold,
     weights: np.ndarray | None = None,
     shard: np.ndarray | None = None,
-    window_shards: int = 64,
+    window_shards: int = BatchOptions.window_shards,
     world: int = 1,
 ) -> list[np.ndarray]:
     """Return the batches of an epoch, each int64 [batch_size] (the last may be shorter).

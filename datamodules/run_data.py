@@ -18,8 +18,8 @@ class RunData(lightning.LightningDataModule):
 
     Besides Lightning's `train_dataloader` and `val_dataloader`, whose batches the module takes, it
     needs two methods of its own: `load(console)`, which reads the recording before anything else
-    is called, and `evaluation_batches(part)`, which returns the `EvaluationBatches` of `train`,
-    `val` or `test`. The members below have defaults.
+    is called, or returns the datamodule that has read it, and `evaluation_batches(part)`, which
+    returns the `EvaluationBatches` of `train`, `val` or `test`. The members below have defaults.
 
     Attributes:
         recording, split, view: what `load` leaves: the `Recording`, its `Split`, the network's

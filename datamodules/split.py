@@ -15,6 +15,7 @@ from zoo.base.whole_file import write_whole
 
 PARTS = ("train", "val", "test")
 KINDS = ("blocks", "random", "recording")
+SHARE = 0.1  # of the rows, for validation, and for the test, where a user sets no other
 REDEALS = 100
 LEAST_SHARDS = 20  # with more, a shard is a block
 
@@ -30,9 +31,9 @@ class Split:
 
 def split_rows(
     recording: Recording,
-    kind: str = "blocks",
-    val_share: float = 0.1,
-    test_share: float = 0.1,
+    kind: str = KINDS[0],
+    val_share: float = SHARE,
+    test_share: float = SHARE,
     block_s: float | None = None,
     gap_s: float | None = None,
     seed: int = 0,

@@ -90,11 +90,6 @@ def test_a_default_is_the_configs(key: str, default: str, config: dict) -> None:
     assert OmegaConf.select(known, key) == yaml.safe_load(default)
 
 
-def test_no_key_of_the_data_is_missing(config: dict) -> None:
-    keys = {f"data.{key}" for key in config["data"] if key not in ("_target_", "augment", "record")}
-    assert keys == {key for key, _ in ROWS if key.startswith("data.")}
-
-
 def named_choices() -> list[tuple[str, str]]:
     """Return the groups and choices that the page names.
 

@@ -1,6 +1,7 @@
 """Augmentations on a GPU, or on a CPU in its place: what the others do, in batches."""
 
 import io
+from dataclasses import replace
 
 import albumentations
 import cv2
@@ -13,6 +14,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from datamodules.augment import Augment, Brightness, Change, Shadow, Shift
 from datamodules.balance import BatchKey
 from datamodules.bend import Bend
+from datamodules.data_settings import DataSettings
 from datamodules.device_augment import polygons
 from datamodules.device_batches import DeviceBatches
 from datamodules.driving import DrivingData
@@ -205,10 +207,8 @@ def data(recorded, tmp_path_factory) -> DrivingData:
     folder = tmp_path_factory.mktemp("device")
     other = write_recording(folder / "other", rows=40, seed=2, cameras=("center", "left"))
     roots = [str(recorded.folder), str(other.folder)]
-    view = View((40, 20), "rgb", (66, 200))
-    data = DrivingData(roots, view, batch_size=16, block_s=0.5, gap_s=0.1, cache=str(folder / "c"))
-    data.load(Console(quiet=True))
-    return data
+    settings = {"batch_size": 16, "block_s": 0.5, "gap_s": 0.1, "cache": str(folder / "c")}
+    return DataSettings(roots, colour="rgb", size=(66, 200), **settings).load(Console(quiet=True))
 
 
 @pytest.mark.parametrize("room", [None, 0], ids=["resident", "copied"])
@@ -244,7 +244,7 @@ def test_views_that_do_not_fit_stay_where_they_are(data) -> None:
 )
 def test_where_batches_are_made(data, monkeypatch, setting, device, augment, made_on) -> None:
     console = Console(file=io.StringIO(), width=200)
-    monkeypatch.setattr(data, "augment_on", setting)
+    monkeypatch.setattr(data, "options", replace(data.options, augment_on=setting))
     monkeypatch.setattr(data, "augment", Augment(augment, "rgb"))
     chosen = data.choose_batch_device(torch.device(device), console)
     assert chosen == (torch.device(made_on) if made_on else None)
@@ -257,7 +257,7 @@ def test_where_batches_are_made(data, monkeypatch, setting, device, augment, mad
 
 
 def test_what_only_the_cpu_can_do_is_refused_on_a_device(data, monkeypatch) -> None:
-    monkeypatch.setattr(data, "augment_on", "device")
+    monkeypatch.setattr(data, "options", replace(data.options, augment_on="device"))
     monkeypatch.setattr(data, "augment", Augment([Shift(), albumentations.GaussNoise()], "rgb"))
     with pytest.raises(InputError, match=r"GaussNoise has no equivalent .*; leave it out"):
         data.choose_batch_device(DEVICE, Console(quiet=True))
@@ -265,4 +265,4 @@ def test_what_only_the_cpu_can_do_is_refused_on_a_device(data, monkeypatch) -> N
 
 def test_another_place_to_augment_on_is_refused(recorded) -> None:
     with pytest.raises(InputError, match=r"data\.augment_on=gpu: must be auto, cpu or device"):
-        DrivingData(str(recorded.folder), View((40, 20), "gray", None), augment_on="gpu")
+        DataSettings(str(recorded.folder), colour="gray", size=None, augment_on="gpu")

@@ -11,6 +11,7 @@ import torch
 from datamodules.augment import Brightness, Shift
 from datamodules.balance import BatchKey
 from datamodules.batches import EVALUATION_BATCH
+from datamodules.data_settings import DataSettings
 from datamodules.driving import DrivingData
 from datamodules.image import decode_image
 from datamodules.samples import LEFT
@@ -20,6 +21,7 @@ from zoo.base.errors import InputError
 from zoo.commands.check import look_at_image
 
 VIEW = View((60, 25), "yuv", (66, 200))
+SEEN = {"colour": "yuv", "size": (66, 200)}
 
 
 @pytest.fixture
@@ -28,9 +30,8 @@ def load(recorded, console):
 
     def make(root=None, view: View = VIEW, **settings) -> DrivingData:
         settings = {"batch_size": 16, "cache": str(recorded.views)} | settings
-        data = DrivingData(str(root or recorded.folder), view, **settings)
-        data.load(console)
-        return data
+        settings |= {"crop": view.crop, "colour": view.colour, "size": view.size}
+        return DataSettings(str(root or recorded.folder), **settings).load(console)
 
     return make
 
@@ -38,10 +39,10 @@ def load(recorded, console):
 @pytest.mark.parametrize("size", [(66, 200), None])
 def test_recordings_of_several_sizes_crop_the_same_shares(recorded, tmp_path, console, size):
     large = write_resized(recorded, tmp_path / "large", 640, 480)
-    view, folders = View((60, 25), "gray", size), [str(large.folder), str(recorded.folder)]
-    data = DrivingData(folders, view, cache=None)
-    data.load(console)
-    assert data.view == replace(view, frame=(480, 640)), "of the first image"
+    folders = [str(large.folder), str(recorded.folder)]
+    settings = DataSettings(folders, crop=(60, 25), colour="gray", size=size, cache=None)
+    data = settings.load(console)
+    assert data.view == replace(settings.view, frame=(480, 640)), "of the first image"
     for row in (0, len(data.recording) - 1):
         image = data.views.take(np.array([row]), 0)[0]
         np.testing.assert_array_equal(image, data.view(data.recording.image(row)))
@@ -302,7 +303,7 @@ def test_a_batch_is_at_most_all_samples(load):
 
 def test_root_must_be_set():
     with pytest.raises(InputError, match=r"data\.root is not set"):
-        DrivingData(None, VIEW)
+        DataSettings(None, **SEEN)
 
 
 @pytest.mark.parametrize(
@@ -334,15 +335,15 @@ def test_root_must_be_set():
 def test_value_that_cannot_be_names_its_key(setting):
     (key,) = setting
     with pytest.raises(InputError) as caught:
-        DrivingData("lake", VIEW, **setting)
+        DataSettings("lake", **SEEN, **setting)
     assert re.match(rf"data\.{key}=.*( must be | is not )", str(caught.value))
 
 
 def test_a_recording_with_weight_is_fed_as_many_times(recorded, tmp_path, console):
     other = write_recording(tmp_path / "other", rows=60, seed=1)
-    data = DrivingData(
+    data = DataSettings(
         [str(recorded.folder), str(other.folder)],
-        VIEW,
+        **SEEN,
         weights=[1, 3],
         cache=None,
         cameras=["center"],
@@ -350,8 +351,7 @@ def test_a_recording_with_weight_is_fed_as_many_times(recorded, tmp_path, consol
         batch_size=16,
         val_share=0,
         test_share=0,
-    )
-    data.load(console)
+    ).load(console)
     fed = np.concatenate([key.samples for key in data.sampler()])
     number = data.recording.recording[data.samples.row[fed]]
     assert np.bincount(number).tolist() == [120, 180]
@@ -359,6 +359,6 @@ def test_a_recording_with_weight_is_fed_as_many_times(recorded, tmp_path, consol
 
 @pytest.mark.parametrize("weights", [[1], [1, 2, 3], [1, 0], [1, -2], [1, "two"], 4, [1, True]])
 def test_weights_are_one_for_each_recording(weights, recorded, console):
-    data = DrivingData([str(recorded.folder)] * 2, VIEW, weights=weights)
+    settings = DataSettings([str(recorded.folder)] * 2, **SEEN, weights=weights)
     with pytest.raises(InputError, match=r"data.weights=.* is not .* list of 2 numbers above 0"):
-        data.load(console)
+        settings.load(console)

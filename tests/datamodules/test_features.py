@@ -11,6 +11,7 @@ import pytest
 from rich.console import Console
 
 from datamodules import view_store
+from datamodules.data_settings import DataSettings
 from datamodules.driving import DrivingData
 from datamodules.features import (
     MIRRORED,
@@ -44,9 +45,11 @@ class Halves:
 
 
 def data_of(recorded: Written, cache: Path | None, **settings: object) -> DrivingData:
-    data = DrivingData(
+    settings = DataSettings(
         str(recorded.folder),
-        VIEW,
+        crop=VIEW.crop,
+        colour=VIEW.colour,
+        size=VIEW.size,
         cameras=["center", "left"],
         cache=str(cache) if cache else None,
         block_s=0.5,
@@ -54,14 +57,12 @@ def data_of(recorded: Written, cache: Path | None, **settings: object) -> Drivin
         batch_size=16,
         **settings,
     )
-    data.load(Console(quiet=True))
-    return data
+    return settings.load(Console(quiet=True))
 
 
 def plan_of(data: DrivingData, front: Front, mirrored: bool = True) -> FeaturePlan:
-    return plan_features(
-        data.recording, data.views, data.cameras, data.view, front, mirrored, data.cache
-    )
+    cameras, cache = data.options.cameras, data.options.cache_folder
+    return plan_features(data.recording, data.views, cameras, data.view, front, mirrored, cache)
 
 
 @pytest.mark.parametrize("cached", [True, False], ids=["cache", "memory"])

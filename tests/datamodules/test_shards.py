@@ -23,7 +23,7 @@ from tests.foreign_recordings import challenge2_test
 from tests.recordings import Written, write_as, write_recording
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
-from zoo.training.build import build_data
+from zoo.training.build import load_data
 
 for needed in ("litdata", "boto3", "pyarrow"):
     pytest.importorskip(needed, reason=f"{needed}: pip install 'drivezoo[shards]'")
@@ -104,9 +104,7 @@ def server(shards: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
 def loaded(root: object, cache: Path, *more: str) -> DrivingData:
     keys = [f"data.root={root}", f"data.cache={cache}", f"data.cache_gb={CACHE_GB}"]
     keys += ["model=lenet", "data.window_shards=3", "data.batch_size=8", "augment=[]", *more]
-    data = build_data(OmegaConf.create(compose_config(keys)))
-    data.load(Console(quiet=True))
-    return data
+    return load_data(OmegaConf.create(compose_config(keys)), Console(quiet=True))
 
 
 def batches(data: DrivingData, epoch: int = 0) -> list[np.ndarray]:

@@ -8,14 +8,13 @@ import pytest
 from rich.console import Console
 
 from datamodules.augment import Augment, Shift
-from datamodules.driving import DrivingData
+from datamodules.data_settings import DataSettings
 from datamodules.formats.labels import _with_full_lock
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.samples import make_samples
 from datamodules.steering_label import curvature_label, in_label
 from datamodules.steering_unit import SteeringUnit
-from datamodules.view import View
 from tests import foreign_recordings as foreign
 from tests.contracts.test_recordings import COLUMNS
 from tests.recordings import Written, recording_in_memory, write_recording
@@ -105,8 +104,8 @@ def test_two_recordings_train_on_curvature_and_name_what_is_a_guess(
     (other.folder / "rig.yaml").write_text(RIG_FILE)
     roots = [str(recorded.folder), str(other.folder)]
     settings = {"cache": None, "batch_size": 16, "block_s": 0.5, "gap_s": 0.1}
-    data = DrivingData(roots, View([50, 0], "gray", [16, 32]), label="curvature", **settings)
-    data.load(Console(soft_wrap=True))
+    view = {"crop": (50, 0), "colour": "gray", "size": (16, 32)}
+    data = DataSettings(roots, label="curvature", **view, **settings).load(Console(soft_wrap=True))
 
     rows = np.array([10, 130])
     expected = [UDACITY.curvature(recorded.steering[10]), LONG.curvature(other.steering[10])]
@@ -140,17 +139,17 @@ def test_formats_with_keys_and_weights_of_their_own_train_on_one_unit(
     (toy / "rig.yaml").write_text(RIG_FILE.replace("long", "toy"))
     servo = {"steering": {"unit": "servo", "zero": 90, "full": 45}, **COLUMNS}
     settings = {"cache": None, "batch_size": 16, "block_s": 0.5, "gap_s": 0.1}
-    data = DrivingData(
+    data = DataSettings(
         [str(road), str(toy)],
-        View([20, 20], "gray", [16, 32]),
+        colour="gray",
+        size=(16, 32),
         label="curvature",
         each={2: servo},
         weights=[1, 3],
         samples_per_epoch=4000,
         straight_cap=None,
         **settings,
-    )
-    data.load(Console(soft_wrap=True))
+    ).load(Console(soft_wrap=True))
 
     driven = np.split(data.labelled.steering * data.label.curvature_per_m, 2)
     for curvature, wheels_deg, wheelbase_m in zip(driven, (31.745, 60), (2.85, 3), strict=True):

@@ -8,17 +8,18 @@ import torch
 from datamodules.augment import Augment, Brightness, Shadow, Shift
 from datamodules.balance import BatchKey
 from datamodules.bend import Bend
+from datamodules.data_settings import DataSettings
 from datamodules.device_batches import DeviceBatches
 from datamodules.driving import DrivingData
 from datamodules.samples import make_samples
 from datamodules.split import PARTS
-from datamodules.view import View
 from datamodules.windows import Windows
 from tests.recordings import recording_in_memory, write_recording
 from zoo.base.errors import InputError
 from zoo.base.rig import MPS_PER_MPH, UDACITY
 
-VIEW = View((60, 25), "yuv", (33, 100))
+VIEW = {"crop": (60, 25), "colour": "yuv", "size": (33, 100)}
+SMALLER = {"crop": (60, 25), "colour": "gray", "size": (8, 16)}
 WINDOWS = {"sequence": 3, "stride": 2, "ahead": 1}
 SETTINGS = {"batch_size": 16, "block_s": 3.0, "gap_s": 0.1, "straight_cap": None}
 
@@ -33,10 +34,8 @@ def load(lake, console):
     """Create and load a datamodule of a recording of 600 rows."""
 
     def make(**settings) -> DrivingData:
-        settings = SETTINGS | {"root": str(lake.folder), "view": VIEW} | settings
-        data = DrivingData(cache=str(lake.views), **settings)
-        data.load(console)
-        return data
+        settings = SETTINGS | {"root": str(lake.folder), **VIEW} | settings
+        return DataSettings(cache=str(lake.views), **settings).load(console)
 
     return make
 
@@ -105,9 +104,9 @@ def test_windows_of_one_frame_are_single_frames(load):
 
 
 @pytest.mark.parametrize("flip", [1.0, "both"])
-@pytest.mark.parametrize("view", [VIEW, View((60, 25), "gray", (8, 16))], ids=["large", "small"])
+@pytest.mark.parametrize("view", [VIEW, SMALLER], ids=["large", "small"])
 def test_a_window_is_flipped_as_one(load, flip, view):
-    settings = {"view": view, **WINDOWS}
+    settings = view | WINDOWS
     data, mirrored = load(flip=0.0, **settings), load(flip=flip, **settings)
     key = some(data)
     own = key.samples + len(mirrored.samples) // 2 if flip == "both" else key.samples

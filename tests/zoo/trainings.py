@@ -12,7 +12,7 @@ from datamodules.driving import DrivingData
 from datamodules.view import View
 from tests.recordings import Written
 from zoo.base.compose import compose_config
-from zoo.training.build import build_data, build_feed, build_module, build_network, build_trainer
+from zoo.training.build import build_feed, build_module, build_network, build_trainer, load_data
 from zoo.training.host_settings import set_up_process
 from zoo.training.plan import TrainingPlan, make_plan
 from zoo.training.steering_module import SteeringModule
@@ -42,8 +42,7 @@ def train_here(
     )
     config = OmegaConf.create(compose_config([*base, *overrides]))
     config.callbacks = config.logger = {}
-    data = build_data(config)
-    data.load(Console(quiet=True))
+    data = load_data(config, Console(quiet=True))
     folder.mkdir(exist_ok=True)
     module, data, trainer = planned(config, data, folder, console, together, captured)
     trainer.fit(module, datamodule=data)

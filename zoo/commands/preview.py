@@ -5,7 +5,6 @@ from zoo.base.console_progress import loading
 from zoo.base.output_files import OUTPUTS, check_output
 from zoo.base.terminal import command_line, print_next, print_written
 
-COUNT = 32
 NAMES = ("fed_batch", "steering_histogram")
 
 
@@ -36,13 +35,12 @@ def preview(*overrides: str) -> None:
     with loading():
         from datamodules.driving import DrivingData
         from zoo.runs import plots
-        from zoo.training.build import build_data, check_members
+        from zoo.training.build import check_members, load_data
         from zoo.training.run_config import settle_config
-        from zoo.training.training_images import figure_of_fed_batch, figure_of_steering
-    data = build_data(settle_config(config, console))
+        from zoo.training.training_images import FedBatch, figure_of_fed_batch, figure_of_steering
+    data = load_data(settle_config(config, console), console)
     check_members("data", data, DrivingData, ("sampler", "training_batches"))
-    data.load(console)
-    figures = figure_of_fed_batch(data, COUNT), figure_of_steering(data)
+    figures = figure_of_fed_batch(data, FedBatch().count), figure_of_steering(data)
     for path, figure in zip(written, figures, strict=True):
         plots.save_figure(figure, path)
     print_written(written, console=console)

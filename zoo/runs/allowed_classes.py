@@ -52,7 +52,7 @@ ALLOWED = {
     ),
     ("module",): Allowed(own=(STEERING,), part=f"{STEERING}.SteeringModule"),
     ("trainer",): Allowed(package="lightning", base="lightning.pytorch.trainer.trainer.Trainer"),
-    ("data",): Allowed(own=("datamodules.driving",)),
+    ("data",): Allowed(own=("datamodules.data_settings",)),
     ("data", "augment", "*"): Allowed(
         own=("datamodules.augment", "datamodules.bend"),
         package="albumentations",
@@ -78,6 +78,7 @@ ALLOWED = {
 
 # Classes that had another name when version 0.1 wrote configs and checkpoints.
 RENAMED = {
+    "datamodules.driving.DrivingData": "datamodules.data_settings.DataSettings",
     "zoo.callbacks.closed_loop.ClosedLoop": "zoo.training.closed_loop.ClosedLoop",
     "zoo.callbacks.progress.TrainingProgress": "zoo.training.training_progress.TrainingProgress",
     "zoo.callbacks.training_images.FedBatch": "zoo.training.training_images.FedBatch",

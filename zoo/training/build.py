@@ -19,15 +19,18 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from torch import nn
 
+from datamodules.data_settings import DataSettings
 from datamodules.features import load_features
 from datamodules.run_data import RunData
 from datamodules.view import View
+from zoo.base.command_keys import check_keys, keys_of
 from zoo.base.errors import InputError, UsageError
 from zoo.base.parts import import_part, part_errors, part_of
 from zoo.base.terminal import print_line
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
 from zoo.keras.initial_weights import load_weights
-from zoo.models.make_network import make_network, view_of
+from zoo.models.make_network import VIEW_KEYS, make_network, view_of
+from zoo.runs.allowed_classes import with_present_names
 from zoo.training.captured_step import CapturedStep
 from zoo.training.closed_loop import MONITORED, ClosedLoop
 from zoo.training.host_settings import AUTO, FULL
@@ -46,19 +49,34 @@ RARER = {"check_val_every_n_epoch", "val_check_interval", "max_steps", "max_time
 AFTER_EPOCH = ("save_on_train_epoch_end", "check_on_train_epoch_end")
 
 
-def build_data(config: DictConfig) -> RunData:
-    """Return the datamodule; call its `load` before use."""
+def load_data(config: DictConfig, console: Console) -> RunData:
+    """Return the datamodule of a config, with the recording read."""
+    settings = build_data(config)
+    loaded = settings.load(console)
+    data = settings if loaded is None else loaded  # a user's datamodule may load itself
+    check_members("data", data, RunData, RunData.LOADED)
+    return data
+
+
+def build_data(config: DictConfig) -> DataSettings | RunData:
+    """Return what `data` names, whose `load` returns the datamodule: nothing is read yet."""
     model = OmegaConf.to_container(config.model, resolve=True)
-    data = OmegaConf.to_container(config.data, resolve=True)
+    data = with_present_names(OmegaConf.to_container(config.data, resolve=True))
     settings = {key: v for key, v in data.items() if key not in ("crop", "record")}
     kind = construct("data", {"_target_": data["_target_"]}, _partial_=True).func
-    check_members("data", kind, RunData, RunData.NEEDED)
     # What the user has not chosen goes only to a datamodule that takes it.
     offered = {key: settings.pop(key) for key in WINDOW if key in settings}
     if not data.get("augment"):
         settings.pop("augment", None)
-    offered |= {"view": view_of(model, data.get("crop", [0, 0])), "seed": config.seed}
-    if unknown := [key for key in settings if key[0] != "_" and not takes(kind, key)]:
+    crop = data.get("crop", [0, 0])
+    offered |= {"view": view_of(model, crop), "crop": crop, "seed": config.seed}
+    offered |= {key: model[key] for key in VIEW_KEYS if key in model and key not in settings}
+    keys = [key for key in settings if key[0] != "_"]
+    if issubclass(kind, DataSettings):
+        check_keys([f"data.{key}" for key in keys], keys_of(kind, "data."))
+    else:
+        check_members("data", kind, RunData, RunData.NEEDED)
+    if unknown := [key for key in keys if not takes(kind, key)]:
         raise UsageError(f"data.{unknown[0]}: {kind.__qualname__} does not take it; leave it out")
     places = {key: settings.pop(key) for key in PLACES if key in settings}
     # Hydra would convert the view, a dataclass, to a config.

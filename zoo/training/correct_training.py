@@ -82,13 +82,12 @@ def write_own_split(
         path: file to write.
         console: output of a note if the recording has changed.
     """
-    from zoo.training.build import build_data
+    from zoo.training.build import load_data
 
     config = config.copy()
     if run_split.is_file():
         config.data.split = str(run_split)
-    data = build_data(config)
-    data.load(Console(file=io.StringIO()))
+    data = load_data(config, Console(file=io.StringIO()))
     if data.recording.fingerprint() != checkpoint.data["fingerprint"]:
         console.print(
             f"note: {', '.join(data.recording.names)} is not the recording that the checkpoint was "

@@ -63,11 +63,11 @@ def plan_cached_features(
         plan = plan_features(
             data.recording,
             data.views,
-            data.cameras,
+            data.options.cameras,
             data.view,
             _front(network.to(device), frozen, data),
-            mirrored=data.flip != 0,
-            cache=data.cache,
+            mirrored=data.options.flip != 0,
+            cache=data.options.cache_folder,
         )
         refusal = _too_large(setting, plan, config, data)
     if refusal is None:

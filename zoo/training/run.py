@@ -91,9 +91,7 @@ def _run(
     keep_config = keep_config or asked is not config  # resuming needs no file of weights
     config = settle_config(asked, console)
 
-    data = build.build_data(config)
-    data.load(console)
-    build.check_members("data", data, RunData, RunData.LOADED)
+    data = build.load_data(config, console)
     with working("measuring train/validation similarity", console):
         leaks = data.leaks()
     recorded = {

@@ -94,7 +94,7 @@ def figure_of_steering(data: LightningDataModule) -> Figure:
         fed.append(batches.steering(key))
         if sum(map(len, fed)) > 50_000:
             break
-    threshold = data.balance["straight_threshold"]
+    threshold = data.options.straight_threshold
     return plots.steering_histogram(data.samples.steering, np.concatenate(fed), threshold)
 
 

@@ -25,7 +25,7 @@ from zoo.checkpoints.checkpoint import load_checkpoint, make_card, read_checkpoi
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.server.telemetry_message import read_telemetry
-from zoo.training.build import build_data, build_network
+from zoo.training.build import build_network, load_data
 
 
 @pytest.fixture
@@ -81,8 +81,7 @@ def test_training_validation_driving_and_export_see_the_same_bits(
     if (width, height) != (320, 160):
         recorded = write_resized(recorded, tmp_path / "resized", width, height)
     config = view_config(recorded, tmp_path, colour, resize)
-    data = build_data(config)
-    data.load(console)
+    data = load_data(config, console)
     training = data.training_batches()[BatchKey(0, 0, np.arange(5))]["images"]
     rows = [*data.samples.row[:5], *data.split.val[:5]]
     cameras = [*data.samples.camera[:5], *[0] * 5]

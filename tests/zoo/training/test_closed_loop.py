@@ -18,7 +18,7 @@ from tests.zoo.trainings import module_of
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.models.make_network import make_network
-from zoo.training.build import build_data, build_trainer
+from zoo.training.build import build_data, build_trainer, load_data
 from zoo.training.closed_loop import ClosedLoop
 
 SHORT = ("callbacks.closed_loop.starts=2", "callbacks.closed_loop.metres=10")
@@ -43,8 +43,7 @@ def fit(
 ) -> tuple[lightning.Trainer, dict[str, torch.Tensor]]:
     """Train; return the trainer and the weights."""
     config = OmegaConf.create(compose_config(small(recorded, *overrides)))
-    data = build_data(config)
-    data.load(console)
+    data = load_data(config, console)
     module = module_of(config, data.view)
     trainer = build_trainer(config, folder, has_validation=True)
     trainer.fit(module, datamodule=data)

@@ -23,7 +23,7 @@ from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.models.losses import SteeringWeightedMSE
 from zoo.runs.status import read_status
-from zoo.training.build import build_data
+from zoo.training.build import load_data
 from zoo.training.conclusion import read_curves
 from zoo.training.distributed import ending_together
 from zoo.training.open_loop import open_loop_metrics, predict_steering
@@ -52,9 +52,7 @@ TOLERANCE = 1e-6
 def loaded(recorded: Written, tmp_path: Path, *overrides: str) -> DrivingData:
     root = (f"data.root={recorded.folder}", f"data.cache={tmp_path / 'cache'}")
     config = OmegaConf.create(compose_config([*SETTINGS, *root, *overrides]))
-    data = build_data(config)
-    data.load(Console(quiet=True))
-    return data
+    return load_data(config, Console(quiet=True))
 
 
 @pytest.mark.parametrize("world", [2, 3, 4])
@@ -113,8 +111,7 @@ def validate_together(root: str, folder: str) -> None:
     There is a folder for 2 rows and one for 50. Run this in a separate process.
     """
     config = OmegaConf.create(compose_config([*SETTINGS, root, "data.cache=null"]))
-    data = build_data(config)
-    data.load(Console(quiet=True))
+    data = load_data(config, Console(quiet=True))
     module = module_of(config, data.view)
     for rows in (2, 50):
         data.split = replace(data.split, val=data.split.train[:rows])

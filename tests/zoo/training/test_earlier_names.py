@@ -5,15 +5,19 @@ from pathlib import Path
 
 import pytest
 import torch
+from omegaconf import OmegaConf
 
+from datamodules.data_settings import DataSettings
 from tests.recordings import Written
 from tests.zoo.command_runs import run_here, succeed
 from tests.zoo.trainings import SMALL
 from zoo.base.bounded_files import mapped
+from zoo.base.compose import compose_config
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.runs.allowed_classes import RENAMED
 from zoo.runs.run_record import Run
 from zoo.runs.saved_config import find_refusals
+from zoo.training.build import build_data
 
 EARLIER = {present: earlier for earlier, present in RENAMED.items()}
 
@@ -22,6 +26,12 @@ EARLIER = {present: earlier for earlier, present in RENAMED.items()}
 def test_a_present_name_names_a_class(name: str) -> None:
     module, _, kind = name.rpartition(".")
     assert getattr(import_module(module), kind).__module__ == module
+
+
+def test_a_yaml_file_of_a_user_may_have_an_earlier_name() -> None:
+    config = OmegaConf.create(compose_config(["data.root=lake"]))
+    config.data._target_ = "datamodules.driving.DrivingData"
+    assert isinstance(build_data(config), DataSettings)
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.models.vgg import Vgg16
 from zoo.training import frozen_layers
-from zoo.training.build import build_data
+from zoo.training.build import load_data
 from zoo.training.frozen_layers import fingerprint
 from zoo.training.run import run_experiment
 from zoo.training.steering_module import SteeringModule
@@ -59,8 +59,7 @@ def prepare(
     config: OmegaConf, folder: Path, console: Console
 ) -> tuple[SteeringModule, DrivingData, lightning.Trainer]:
     """Build all that a training of `config` needs, including features."""
-    data = build_data(config)
-    data.load(Console(quiet=True))
+    data = load_data(config, Console(quiet=True))
     config.callbacks = {}
     module, data, trainer = planned(config, data, folder, console)
     assert (data.features is not None) == module.skips_front

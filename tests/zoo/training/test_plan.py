@@ -20,7 +20,7 @@ from tests.zoo.trainings import SMALL, data_of, planned, train_here
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.training import plan
-from zoo.training.build import build_data
+from zoo.training.build import load_data
 from zoo.training.plan import compile_step, compiles
 
 CPU = torch.device("cpu")
@@ -102,8 +102,7 @@ def test_what_looks_at_batches_or_steps_keeps_them_apart(
     overrides += ("model=tiny", "data.crop=[50,0]", "trainer.accelerator=cpu", *data_of(recorded))
     config = OmegaConf.create(compose_config([*overrides]))
     config.data.update(block_s=0.5, gap_s=0.1, batch_size=16)
-    data = build_data(config)
-    data.load(Console(quiet=True))
+    data = load_data(config, Console(quiet=True))
     assert planned(config, data, tmp_path)[1].batches_per_step == count
 
 
@@ -173,8 +172,7 @@ def test_a_plan_finishes_the_constructors(recorded: Written, tmp_path: Path) -> 
     overrides = ("model=tiny", "data.crop=[50,0]", "trainer.accelerator=cpu")
     config = OmegaConf.create(compose_config([*overrides, f"data.root={recorded.folder}"]))
     config.data.update(cache=str(tmp_path / "cache"), block_s=0.5, gap_s=0.1, batch_size=16)
-    loaded = build_data(config)
-    loaded.load(Console(quiet=True))
+    loaded = load_data(config, Console(quiet=True))
     before = config.copy()
     module, data, _ = planned(config, loaded, tmp_path)
     assert (loaded.batches_per_step, data.batches_per_step) == (1, GROUP)

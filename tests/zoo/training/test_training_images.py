@@ -11,8 +11,7 @@ from PIL import Image
 from rich.console import Console
 from tensorboard.backend.event_processing.event_file_loader import EventFileLoader
 
-from datamodules.driving import DrivingData
-from datamodules.view import View
+from datamodules.data_settings import DataSettings
 from tests.recordings import Written
 from zoo.runs.plots import steering_histogram
 from zoo.training.training_images import figure_of_fed_batch, publish
@@ -31,8 +30,8 @@ def test_a_window_is_a_row_of_frames(
     recorded: Written, tmp_path: Path, windows: dict, columns: int, rows: int
 ) -> None:
     settings = {"val_share": 0.0, "test_share": 0.0, "cache": None} | windows
-    data = DrivingData(str(recorded.folder), View((60, 25), "yuv", (33, 100)), **settings)
-    data.load(Console(file=io.StringIO()))
+    settings |= {"crop": (60, 25), "colour": "yuv", "size": (33, 100)}
+    data = DataSettings(str(recorded.folder), **settings).load(Console(file=io.StringIO()))
     (axis,) = figure_of_fed_batch(data, 11).axes
     places = np.array([text.get_position() for text in axis.texts])
     if windows.get("sequence"):

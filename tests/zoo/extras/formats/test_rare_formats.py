@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from datamodules.driving import DrivingData
+from datamodules.data_settings import DataSettings
 from datamodules.recording import LONG_DRIVE
 from datamodules.recording_format import OWN, find_format, own_formats
-from datamodules.view import View
 from tests.contracts.test_recordings import (
     check_a_bad_row,
     check_a_half_written_line,
@@ -240,9 +239,9 @@ def test_a_video_that_is_shorter_than_its_table_is_named_with_the_row(
     with (folder / "out-key.csv").open("a") as file:
         file.writelines(f"{50 * row},{row + 1},0.1\n" for row in range(ROWS, ROWS + 2))
     place = rf"out-key\.csv, row {ROWS + 2}: .*it has {ROWS} images"
-    data = DrivingData(str(folder), View((20, 20), "gray", (16, 32)), cache=None)
+    settings = DataSettings(str(folder), colour="gray", size=(16, 32), cache=None)
     with pytest.raises(InputError, match=rf"{place}.*on_bad_image=skip"):
-        data.load(Console(quiet=True))
+        settings.load(Console(quiet=True))
     assert not check(str(folder))
     printed = capsys.readouterr().out
     assert re.search(place, printed)

@@ -1,0 +1,102 @@
+"""The keys of `data`: a type, a default and a meaning each, which other places repeat checked."""
+
+from pathlib import Path
+
+import lightning
+import pytest
+import torch
+from omegaconf import OmegaConf
+
+from datamodules.data_settings import DataSettings
+from zoo.base.command_keys import REQUIRED, keys_of, typed
+from zoo.base.conf_files import comments_of, conf_folder
+from zoo.base.errors import InputError
+
+RECORDING = conf_folder() / "data" / "recording.yaml"
+PAGE = Path(__file__).parents[2] / "docs" / "settings.md"
+BEGIN, END = "<!-- keys of data -->\n", "\n<!-- end of keys -->"
+KEYS = {key.name: key for key in keys_of(DataSettings)}
+
+
+def settings_table() -> str:
+    """Return the manual's table of the keys, in the order of the YAML file."""
+    rows = ["| key | default | meaning |", "|---|---|---|"]
+    for name in OmegaConf.load(RECORDING):
+        if name not in ("_target_", "augment"):  # the page has a table of augmentations
+            key = KEYS[name]
+            default = "null" if key.default is REQUIRED else typed(key.default)
+            meaning = key.meaning.replace("|", r"\|")
+            rows.append(f"| `data.{name}` | `{default}` | {meaning} |")
+    return "\n".join(rows)
+
+
+def test_the_yaml_file_has_the_keys_and_their_meanings() -> None:
+    values = OmegaConf.to_container(OmegaConf.load(RECORDING))
+    assert values.keys() - {"_target_"} == KEYS.keys()
+    comments = comments_of(RECORDING.read_text())
+    for name, key in KEYS.items():
+        # A comment may leave out the first words, which its key and its default tell.
+        assert key.meaning.endswith(comments[name]), name
+
+
+def test_the_manual_has_the_keys_and_their_meanings() -> None:
+    table = PAGE.read_text().partition(BEGIN)[2].partition(END)[0]
+    wanted = settings_table()
+    assert table == wanted, f"the table of docs/settings.md should be:\n{wanted}"
+
+
+def test_settings_do_not_change() -> None:
+    settings = DataSettings("lake", colour="rgb", size=None)
+    with pytest.raises(AttributeError):
+        settings.offset = 0.3
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ({"flip": True}, "data.flip=true: must be a number in 0..1, or both"),
+        ({"offset": "x"}, "data.offset=x: must be a number in -1..1"),
+        ({"label": "angle"}, "data.label=angle: must be steering or curvature"),
+        ({"sequence": 300}, "data.sequence=300: must be a whole number in 1..256, or null"),
+        ({"crop": (100, 80)}, "data.crop=[100, 80] leaves nothing"),
+    ],
+    ids=str,
+)
+def test_a_wrong_value_is_one_line_with_key_and_range(setting: dict, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        DataSettings("lake", colour="rgb", size=None, **setting)
+    assert words in str(caught.value)
+
+
+class Line(lightning.LightningModule):
+    """A module of Lightning's alone, which knows nothing of drivezoo."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.layer = torch.nn.LazyLinear(1)
+
+    def loss(self, batch: dict) -> torch.Tensor:
+        predicted = self.layer(batch["images"].flatten(1) / 255)
+        return (predicted[:, 0] - batch["targets"][:, 0]).square().mean()
+
+    def training_step(self, batch: dict, number: int) -> torch.Tensor:
+        return self.loss(batch)
+
+    def validation_step(self, batch: dict, number: int) -> None:
+        self.log("val/mse", self.loss(batch), batch_size=len(batch["images"]))
+
+    def configure_optimizers(self) -> torch.optim.Optimizer:
+        return torch.optim.SGD(self.parameters(), lr=0.01)
+
+
+def test_a_trainer_of_lightnings_fits_any_module(recorded, tmp_path, console) -> None:
+    view = {"crop": (60, 25), "colour": "gray", "size": (8, 16)}
+    data = DataSettings(str(recorded.folder), cache=None, batch_size=16, **view).load(console)
+    module = Line()
+    module.layer(torch.zeros(1, 8 * 16))
+    trainer = lightning.Trainer(
+        max_epochs=1, logger=False, accelerator="cpu", default_root_dir=tmp_path
+    )
+    trainer.fit(module, datamodule=data)
+    assert trainer.callback_metrics["val/mse"] > 0
+    assert trainer.global_step == -(-data.count_samples() // 16)
