@@ -15,8 +15,6 @@ from zoo.base.run_command import run_command
 from zoo.base.terminal import command_line, printable, take_verbosity
 
 if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
-
     from zoo.base.command import Command
 
 # Commands, by what a user is doing: of the core, and of the extras that are there.
@@ -132,23 +130,17 @@ def place_of(name: str) -> str | None:
 def extra_commands() -> dict[str, str]:
     """Return the places of the extras' commands, by the command's name."""
     entries = installed_entries(ENTRY_POINTS)
-    return {entry.name: entry.value for entry in entries if is_extra(entry) and not below(entry)}
+    return {
+        entry.name: entry.value for entry in entries if is_extra(entry) and "." not in entry.name
+    }
 
 
 def outside_commands() -> dict[str, str]:
     """Return the place of each command of other installed packages, by the command's name."""
     known = {*commands(), *LISTED, *extra_commands()}
     entries = named_entries(ENTRY_POINTS)
-    return {
-        name: entry.value
-        for name, entry in entries.items()
-        if name not in known and not below(entry)
-    }
-
-
-def below(entry: "EntryPoint") -> str:
-    """Return the command below which an entry point adds a command, such as `simulator`."""
-    return entry.name.rpartition(".")[0]
+    names = [name for name in entries if name not in known and "." not in name]
+    return {name: entries[name].value for name in names}
 
 
 def commands_below(name: str) -> dict[str, "Command[Any]"]:
@@ -157,11 +149,9 @@ def commands_below(name: str) -> dict[str, "Command[Any]"]:
     Raises:
         InputError: one of them cannot be imported, or is no command.
     """
-    return {
-        entry.name.removeprefix(f"{name}."): load(entry.value)
-        for entry in named_entries(ENTRY_POINTS).values()
-        if below(entry) == name
-    }
+    entries, start = named_entries(ENTRY_POINTS), f"{name}."
+    below = (entry for entry in entries.values() if entry.name.startswith(start))
+    return {entry.name.removeprefix(start): load(entry.value) for entry in below}
 
 
 def load(place: str) -> "Command[Any]":
