@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from zoo.base.errors import InputError, UsageError, hint
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -24,6 +26,31 @@ def installed_entries(group: str) -> list[EntryPoint]:
         if entry.dist and Path(str(entry.dist.locate_file(""))).resolve() != here
         if not is_extra(entry) or file_of(entry.value).is_file()
     ]
+
+
+def load_entry(group: str, name: str, key: str, usual: tuple[str, ...] = ()) -> Any:
+    """Return the object that an entry point names.
+
+    Args:
+        group: group of the entry point.
+        name: name of the entry point, which the user chose.
+        key: key and value that the user typed, for messages.
+        usual: names that the core has itself, for messages.
+
+    Raises:
+        UsageError: no installed package has such an entry point.
+        InputError: the object cannot be imported.
+    """
+    entries = {entry.name: entry for entry in installed_entries(group)}
+    if name not in entries:
+        kind = group.rpartition(".")[2].removesuffix("s")
+        raise UsageError(f"{key}: no such {kind}; {hint(name, [*usual, *entries])}")
+    try:
+        return entries[name].load()
+    except Exception as error:
+        raise InputError(
+            f"{entries[name].value}: {key} cannot be imported ({error}); install its package again"
+        ) from None
 
 
 def is_extra(entry: EntryPoint) -> bool:
