@@ -36,7 +36,6 @@ OWN = {
         "donkeycar",
         "challenge2",
         "table",
-        "shards",
     )
 }
 

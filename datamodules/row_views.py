@@ -16,9 +16,9 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from datamodules.driving_log import CAMERAS
 from datamodules.image import StoredImage, read_image
+from datamodules.image_store import ImageStore, shard_of
 from datamodules.recording import Recording, file_name
 from datamodules.samples import camera_numbers
-from datamodules.shard_store import REMEDY, ShardStore, shard_of
 from datamodules.view import View
 from datamodules.view_store import load_views
 from zoo.base.errors import InputError
@@ -43,7 +43,7 @@ class ShardViews:
     """
 
     file: str
-    reader: ShardStore
+    reader: ImageStore
     view: View
     dtype = np.dtype(np.uint8)
     nbytes = sys.maxsize  # never copied whole to memory or to a device
@@ -63,7 +63,7 @@ class ShardViews:
             return self.view(read_image(image))
         except (OSError, ValueError) as error:
             fault = getattr(error, "strerror", None) or error
-            raise InputError(f"{image}: {fault}; {REMEDY}") from None
+            raise InputError(f"{image}: {fault}; {self.reader.remedy}") from None
 
 
 @dataclass(frozen=True)
@@ -205,7 +205,7 @@ def _shard_views(recording: Recording, cameras: list[int], view: View) -> RowVie
     """Return views that are decoded when they are taken."""
     file = np.full((len(recording), len(CAMERAS)), -1)
     position = file.copy()
-    numbers: dict[tuple[str, ShardStore], int] = {}
+    numbers: dict[tuple[str, ImageStore], int] = {}
     for camera in cameras:
         for row, image in enumerate(recording.images[:, camera]):
             if place := shard_of(image):

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.driving_log import BadRows, read_fields
+from datamodules.image_store import shard_of
 from datamodules.recording import LOG_NAME, Recording, file_name
-from datamodules.shard_store import shard_of
 from zoo.base.errors import InputError
 from zoo.base.file_text import csv_cell, csv_text
 from zoo.base.whole_file import write_whole

@@ -61,7 +61,7 @@ class OptunaSweeper(_Sweeper):
 
 
 class RayLauncher(Launcher):
-    """A launcher that runs each job as a task of a Ray cluster; see `zoo.training.ray_cluster`."""
+    """A launcher that runs each job as a task of a Ray cluster; see `zoo.extras.scale`."""
 
     def __init__(self, init: DictConfig, task: DictConfig) -> None:
         self.init, self.task = init, task
@@ -74,6 +74,7 @@ class RayLauncher(Launcher):
 
     def launch(self, job_overrides: list[list[str]], initial_job_idx: int) -> list:
         """Run jobs on the cluster and return their results."""
-        from zoo.training.ray_cluster import launch_on_ray
+        from zoo.base.entry_points import load_named
 
-        return launch_on_ray(self, job_overrides, initial_job_idx)
+        launch = load_named("drivezoo.launchers", "ray", "hydra/launcher")
+        return launch(self, job_overrides, initial_job_idx)

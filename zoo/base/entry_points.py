@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from zoo.base.errors import InputError, hint
+from zoo.base.errors import InputError, UsageError, hint
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -53,24 +54,36 @@ def load_entry(entry: EntryPoint) -> Any:
         ) from None
 
 
-def load_class(group: str, name: str, base: type[Kind]) -> type[Kind]:
-    """Return the class that an entry point names.
+def load_named(group: str, name: str, key: str = "", usual: Sequence[str] = ()) -> Any:
+    """Return what a group's entry point names.
 
     Args:
         group: group of the entry point.
-        name: name of the entry point, as a user types it.
-        base: class from which it must be derived.
+        name: name of the entry point, as the user typed it.
+        key: key before the name, for messages; empty without one.
+        usual: names that the core has itself, for messages.
 
     Raises:
-        InputError: there is no such entry point, it cannot be imported, or it is another class.
+        UsageError: there is no such entry point.
+        InputError: it cannot be imported.
     """
     entries = named_entries(group)
     if name not in entries:
-        raise InputError(f"{name}: no such {_kind(group)}; {hint(name, entries)}")
-    loaded = load_entry(entries[name])
+        typed = f"{key}={name}" if key else name
+        raise UsageError(f"{typed}: no such {_kind(group)}; {hint(name, [*usual, *entries])}")
+    return load_entry(entries[name])
+
+
+def load_class(group: str, name: str, base: type[Kind]) -> type[Kind]:
+    """Return the class that a group's entry point names.
+
+    Raises:
+        InputError: see `load_named`, or the class is not derived from `base`.
+    """
+    loaded = load_named(group, name)
     if not (isinstance(loaded, type) and issubclass(loaded, base)):
         wanted = f"{base.__module__}.{base.__name__}"
-        raise InputError(f"{entries[name].value}: is no {_kind(group)}; derive it from {wanted}")
+        raise InputError(f"{name}: is no {_kind(group)}; derive {loaded!r} from {wanted}")
     return loaded
 
 

@@ -12,17 +12,19 @@ from rich.console import Console
 
 from datamodules.view import FRAME
 from zoo.base.console_progress import progress_bar
+from zoo.base.entry_points import load_named
 from zoo.base.errors import InputError
 from zoo.base.process_pool import Pool, ThisProcess, opened_pool, run_jobs
 from zoo.base.rig import UDACITY
 from zoo.checkpoints.policy_base import Policy
-from zoo.driving.cluster_pool import Executor, opened_cluster
 from zoo.driving.drive_loop import drive
 from zoo.driving.drive_record import Drive, DriveRow
 from zoo.driving.open_world import open_world
 from zoo.driving.scenario import Scenario
 from zoo.driving.speed_controller import SpeedController
 from zoo.driving.world import World
+
+PROCESSES, EXECUTORS = "processes", "drivezoo.executors"  # the core's executor; the others' group
 
 
 class PolicyMaker(ABC):
@@ -72,7 +74,7 @@ def run_drives(
     first_only: bool = False,
     world: World | None = None,
     pool: Pool | None = None,
-    executor: Executor = "processes",
+    executor: str = PROCESSES,
     speeds: Sequence[SpeedController | None] | None = None,
 ) -> Iterator[tuple[int, Any]]:
     """Drive scenarios, in parallel; yield number and result of each drive as soon as it ends.
@@ -92,7 +94,8 @@ def run_drives(
         world: open world to drive in, in this process, which is not closed; None opens one for each
             drive.
         pool: open pool of processes, in place of `workers`.
-        executor: processes of this machine, or tasks of a cluster of `ray` or `slurm`.
+        executor: processes of this machine, or an entry point of the group `drivezoo.executors`:
+            a function that opens a pool, such as that of a cluster.
         speeds: speed controller of each drive; None for that of its scenario.
 
     Raises:
@@ -107,10 +110,11 @@ def run_drives(
         pool = ThisProcess()  # a policy or a world may not fit through a pipe
     with ExitStack() as stack:
         if pool is None:
-            is_cluster = executor != "processes"
-            pool = stack.enter_context(
-                opened_cluster(executor) if is_cluster else opened_pool(workers, most=len(jobs))
-            )
+            if executor == PROCESSES:
+                opened = opened_pool(workers, most=len(jobs))
+            else:
+                opened = load_named(EXECUTORS, executor, "executor", usual=(PROCESSES,))()
+            pool = stack.enter_context(opened)
         shown: dict[str, Any] = {}
         if what and console is not None:
             shown["show"] = stack.enter_context(progress_bar(what, console))

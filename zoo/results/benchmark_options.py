@@ -5,7 +5,6 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from zoo.driving.cluster_pool import Executor
 from zoo.runs.table_files import ResultFiles
 
 
@@ -29,5 +28,5 @@ class BenchmarkOptions(ResultFiles):
     entry: str | None = None
     out: str | None = None
     workers: Annotated[int, Field(ge=0)] = 0
-    executor: Executor = "processes"
+    executor: str = "processes"
     drives: Annotated[int, Field(ge=0)] = 5

@@ -16,7 +16,6 @@ from zoo.base.terminal import counted
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.driving.baseline import Baseline
-from zoo.driving.cluster_pool import Executor
 from zoo.driving.drive_record import Drive
 from zoo.driving.metrics import measure
 from zoo.driving.run_drives import all_drives, load_kept, run_drives
@@ -40,7 +39,7 @@ def drive_suite(
     workers: int,
     console: Console,
     finished: "FinishedDrives | None" = None,
-    executor: Executor = "processes",
+    executor: str = "processes",
 ) -> list[DriveRecord]:
     """Return the drives of some drivers, in the order of the jobs.
 

@@ -8,7 +8,6 @@ from pydantic import Field
 from datamodules.read_options import ReadOptions
 from zoo.base.command_keys import Section
 from zoo.base.errors import InputError, UsageError
-from zoo.driving.cluster_pool import Executor
 from zoo.driving.scenario import Scenario
 from zoo.runs.table_files import ResultFiles, TableFiles
 from zoo.simulator.world_settings import WorldSettings
@@ -55,7 +54,7 @@ class EvaluateOptions(ResultFiles, Scenario):
     data: str | None = None
     out: str | None = None
     workers: Workers = 0
-    executor: Executor = "processes"
+    executor: str = "processes"
 
     @property
     def tracks(self) -> list[str]:

@@ -22,7 +22,6 @@ from zoo.base.whole_file import remove_parts
 from zoo.checkpoints.checkpoint_path import checkpoint_of
 from zoo.checkpoints.policy_base import Policy
 from zoo.driving.baseline import Baseline
-from zoo.driving.cluster_pool import Executor
 from zoo.driving.drive_film import FILM_NAME, FRAMES, DriveFilm, WorstMoments
 from zoo.driving.drive_log import LOG_NAME, SUMMARY_NAME, summarize, write_drive
 from zoo.driving.drive_record import Drive, DriveRow
@@ -189,7 +188,7 @@ def score_on_tracks(
     workers: int,
     film_speed: float = 0.0,
     more: Sequence[Scenario] = (),
-    executor: Executor = "processes",
+    executor: str = "processes",
     world: World | None = None,
     record: bool = False,
 ) -> TrackScores:

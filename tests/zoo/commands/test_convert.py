@@ -47,8 +47,10 @@ def test_an_existing_folder_is_never_written_to(to: str, recorded: Written, tmp_
 
 def test_wrong_uses_name_the_right_one(recorded: Written, tmp_path: Path) -> None:
     source = str(recorded.folder)
-    with pytest.raises(UsageError, match="to=lerobot, to=donkeycar or to=shards"):
+    with pytest.raises(UsageError, match=r"name another format: to=lerobot.* to=donkeycar"):
         convert.main([source])
+    with pytest.raises(UsageError, match=r"to=donkycar: no format .* did you mean donkeycar\?"):
+        convert.main([source, "to=donkycar"])
     with pytest.raises(UsageError, match=r"to=udacity: .* is a recording already"):
         convert.main([source, "to=udacity"])
     with pytest.raises(InputError, match="no such folder"):

@@ -10,12 +10,11 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from zoo.base.errors import InputError, optional_import
 from zoo.base.parts import VARIABLE
 
-Executor = Literal["processes", "ray", "slurm"]
 Place = tuple[str, list[str], str]
 LOGS = Path("outputs") / "slurm"
 
@@ -95,24 +94,32 @@ class ClusterPool:
 
 
 @contextmanager
-def opened_cluster(executor: Executor) -> Iterator[ClusterPool]:
-    """Open the pool of a cluster.
+def opened_ray() -> Iterator[ClusterPool]:
+    """Open the pool of a Ray cluster.
 
     Raises:
-        InputError: the cluster's library is not installed, or the cluster cannot be reached.
+        InputError: Ray is not installed, or the cluster cannot be reached.
     """
-    key = f"executor={executor}"
-    if executor == "ray":
-        with running_ray(key, address=os.environ.get("RAY_ADDRESS"), log_to_driver=False):
-            import ray
+    address = os.environ.get("RAY_ADDRESS")
+    with running_ray("executor=ray", address=address, log_to_driver=False):
+        import ray
 
-            def start(function: Callable, *arguments: object) -> Any:
-                task = ray.remote(num_cpus=1, max_retries=0)(function)
-                return task.remote(*arguments).future()
+        def start(function: Callable, *arguments: object) -> Any:
+            task = ray.remote(num_cpus=1, max_retries=0)(function)
+            return task.remote(*arguments).future()
 
-            yield ClusterPool(start)
-        return
-    with optional_import(f"{key}: submitit is not installed; pip install 'drivezoo[slurm]'"):
+        yield ClusterPool(start)
+
+
+@contextmanager
+def opened_slurm() -> Iterator[ClusterPool]:
+    """Open the pool of a Slurm cluster.
+
+    Raises:
+        InputError: submitit is not installed.
+    """
+    line = "executor=slurm: submitit is not installed; pip install 'drivezoo[slurm]'"
+    with optional_import(line):
         import submitit
     slurm = submitit.AutoExecutor(LOGS, cluster="slurm")
     slurm.update_parameters(name="drivezoo", timeout_min=720, cpus_per_task=1, mem_gb=4)

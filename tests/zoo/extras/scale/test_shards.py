@@ -11,18 +11,21 @@ import pytest
 from omegaconf import OmegaConf
 from rich.console import Console
 
-import datamodules.shard_store
 from datamodules.balance import epoch_batches, shard_windows, share_of
 from datamodules.driving import DrivingData
-from datamodules.formats.shards import LABELS
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.samples import make_samples
+from tests.contracts.test_recordings import ROWS as CONTRACT_ROWS
+from tests.contracts.test_recordings import check_copied_car, check_written, ours
 from tests.datamodules.test_path_contents import tub
 from tests.foreign_recordings import challenge2_test
+from tests.hostile.test_fuzzed_formats import FEW_AND_MANY, STRATEGIES, check_damaged
 from tests.recordings import Written, write_as, write_recording
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
+from zoo.extras.scale import shard_store
+from zoo.extras.scale.shards import LABELS
 from zoo.training.build import load_data
 
 for needed in ("litdata", "boto3", "pyarrow"):
@@ -94,8 +97,8 @@ def server(shards: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
     monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{store.server_port}")
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "key")
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
-    monkeypatch.setattr(datamodules.shard_store, "WAITS_S", (0.01, 0.01, 0.01))
-    datamodules.shard_store._client.cache_clear()
+    monkeypatch.setattr(shard_store, "WAITS_S", (0.01, 0.01, 0.01))
+    shard_store._client.cache_clear()
     yield store
     store.shutdown()
     store.server_close()
@@ -127,6 +130,20 @@ def test_labels_come_back_to_the_bit_and_images_as_they_were_stored(
         assert after.stored(row, camera) == before.stored(row, camera)
     assert after.rig == before.rig
     assert len(list(shards.glob("*.bin"))) > 20
+
+
+def test_what_is_written_is_detected_and_read_back_equal(tmp_path: Path) -> None:
+    written = write_recording(tmp_path / "source", CONTRACT_ROWS)
+    check_written("shards", read_recordings(str(written.folder)), tmp_path)
+
+
+def test_a_copy_of_another_cars_recording_is_of_that_car(tmp_path: Path) -> None:
+    check_copied_car("shards", tmp_path)
+
+
+@FEW_AND_MANY
+def test_damaged_shards(count: int, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    check_damaged(ours("shards"), {}, STRATEGIES, count, tmp_path, capsys)
 
 
 def test_recordings_of_different_cars_stay_apart(source: Written, tmp_path: Path) -> None:
@@ -177,8 +194,8 @@ def test_an_address_trains_on_what_the_folder_does_within_its_cache(
     cache = tmp_path / "cache"
     local, remote = loaded(shards, cache), loaded("s3://bucket/shards", cache)
     sizes = []
-    for ours, theirs in zip(batches(remote), batches(local), strict=True):
-        np.testing.assert_array_equal(ours, theirs)
+    for fetched, read in zip(batches(remote), batches(local), strict=True):
+        np.testing.assert_array_equal(fetched, read)
         sizes.append(cached(cache))
     assert 0 < max(sizes) <= CACHE_GB * 1e9
     assert cached(shards) > 5 * CACHE_GB * 1e9

@@ -10,28 +10,32 @@ from typing import Any
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.singleton import Singleton
 from hydra.core.utils import JobReturn, run_job, setup_globals
-from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from zoo.driving.cluster_pool import Place, enter_place, running_ray, this_place
+from zoo.extras.scale.cluster_pool import Place, enter_place, running_ray, this_place
 
 
-def launch_on_ray(launcher: Launcher, jobs: Sequence[Sequence[str]], first: int) -> list[JobReturn]:
+def launch_on_ray(launcher: Any, jobs: Sequence[Sequence[str]], first: int) -> list[JobReturn]:
     """Run every job as a task on the cluster, and wait for all tasks.
+
+    Args:
+        launcher: `RayLauncher` of `hydra_plugins.drivezoo`, whose settings and context are used.
+        jobs: overrides of each job.
+        first: number of the first job.
 
     Raises:
         InputError: Ray cannot start, or finds no cluster at the address.
         ray.exceptions.RayError: a task's process died; the other tasks have ended.
     """
     setup_globals()
-    init = OmegaConf.to_container(launcher.init, resolve=True)
+    init: Any = OmegaConf.to_container(launcher.init, resolve=True)
+    task_settings: Any = OmegaConf.to_container(launcher.task, resolve=True)
     with running_ray("hydra.launcher.init", **init):
         import ray
 
         # No retries by Ray: `launch_all` resumes a job whose node died.
-        settings = {"max_retries": 0, **OmegaConf.to_container(launcher.task, resolve=True)}
-        task = ray.remote(**settings)(_run)
+        task = ray.remote(**{"max_retries": 0, **task_settings})(_run)
         tasks = []
         for number, overrides in enumerate(jobs, first):
             config = launcher.hydra_context.config_loader.load_sweep_config(

@@ -20,7 +20,8 @@ from typing import Any
 
 from filelock import FileLock
 
-from datamodules.image import MOST_IMAGE_BYTES, StoredImage
+from datamodules.image import MOST_IMAGE_BYTES
+from datamodules.image_store import ImageStore
 from datamodules.recording import file_name
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, optional_import
@@ -45,7 +46,7 @@ def is_address(path: Path) -> bool:
     return path.parts[:1] == (SCHEME,)
 
 
-class ShardStore:
+class ShardStore(ImageStore):
     """The shards of a folder or an address; a call reads an image.
 
     Args:
@@ -56,6 +57,8 @@ class ShardStore:
     Raises:
         InputError: the index or a shard is missing or damaged, or the server does not answer.
     """
+
+    remedy = REMEDY
 
     def __init__(self, path: Path, cache: Path | None, cache_bytes: int) -> None:
         self.place, self.folder, self.cache_bytes = str(path), path, cache_bytes
@@ -82,12 +85,7 @@ class ShardStore:
             self._check_size(name, path / name)
 
     def __call__(self, file: str, number: int) -> bytes:
-        """Return the JPEG or PNG at a position of a shard.
-
-        Raises:
-            OSError, ValueError: the shard is missing or damaged.
-            InputError: the server does not answer.
-        """
+        """Return the image at a position of a shard; see `ImageStore`."""
         with self._open(file_name(file)) as shard:
             shard.seek(4 + 4 * number)  # after the number of images
             head = shard.read(8)
@@ -216,13 +214,6 @@ class ShardStore:
         if not (is_known and shards and all(is_ordinary(one, 1, 2**32) for one in numbers)):
             raise InputError(f"{self.place}/{INDEX}: is no index of shards of images; {REMEDY}")
         return shards
-
-
-def shard_of(image: object) -> tuple[str, ShardStore] | None:
-    """Return the place of an image's shard, and its store; None for an image elsewhere."""
-    if isinstance(image, StoredImage) and isinstance(image.reader, ShardStore):
-        return image.file, image.reader
-    return None
 
 
 @functools.lru_cache(maxsize=1)

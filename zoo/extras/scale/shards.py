@@ -16,7 +16,6 @@ from datamodules.formats.recording_writer import left_out_note, reported
 from datamodules.image import Stored, StoredImage, encode_image, find_fault
 from datamodules.read_options import ReadOptions
 from datamodules.recording import TIMED_LABELS, Recording, indices, keep_valid, make_recording
-from datamodules.shard_store import EXTRA, INDEX, REMEDY, ShardStore, is_address
 from datamodules.stretches import complete_times, find_breaks
 from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.bounded_files import read_json
@@ -24,6 +23,7 @@ from zoo.base.errors import InputError, optional_import
 from zoo.base.new_folder import whole_folder
 from zoo.base.rig import UDACITY, Rig
 from zoo.base.rig_file import make_rig, rig_fields
+from zoo.extras.scale.shard_store import EXTRA, INDEX, REMEDY, ShardStore, is_address
 
 title = "shards"
 LABELS = "labels.parquet"

@@ -1,0 +1,1 @@
+"""Shards of images in a folder or on S3, and drives and sweeps on clusters of Ray and Slurm."""
