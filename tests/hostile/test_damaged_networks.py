@@ -37,8 +37,8 @@ from tests.zoo.keras.keras_files import (
 from tests.zoo.models.test_models_command import build
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
-from zoo.checkpoints.checkpoint import Checkpoint, doubt_members, load_checkpoint, load_plain
-from zoo.checkpoints.checkpoint_policy import build_doubt, doubt_contents
+from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint, load_plain
+from zoo.checkpoints.doubt_file import build_doubt, detect, doubt_contents
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.onnx_policy import CARD, OnnxPolicy
 from zoo.keras.keras_file import check_kind, read_keras
@@ -88,7 +88,7 @@ def test_a_damaged_doubt_file_is_named(count: int, tmp_path: Path) -> None:
 
     def read(path: Path) -> None:
         contents = load_plain(path)
-        if doubt_members(contents) is not None:
+        if detect(contents):
             build_doubt(contents, path)
 
     read_damaged(damaged_torch_files(path), read, path, count)

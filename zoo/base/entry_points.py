@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from zoo.base.errors import InputError
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -24,6 +26,30 @@ def installed_entries(group: str) -> list[EntryPoint]:
         if entry.dist and Path(str(entry.dist.locate_file(""))).resolve() != here
         if not is_extra(entry) or file_of(entry.value).is_file()
     ]
+
+
+def load_entry(entry: EntryPoint) -> Any:
+    """Return what an entry point names.
+
+    Raises:
+        InputError: it cannot be imported.
+    """
+    try:
+        return entry.load()
+    except Exception as error:
+        raise InputError(
+            f"{entry.value}: the {_kind(entry.group)} {entry.name} cannot be imported ({error}); "
+            "install its package again"
+        ) from None
+
+
+def _kind(group: str) -> str:
+    """Return the kind of a group's entries in a word.
+
+    >>> _kind("drivezoo.formats"), _kind("drivezoo.policies")
+    ('format', 'policy')
+    """
+    return group.removeprefix("drivezoo.").removesuffix("s").replace("ie", "y")
 
 
 def is_extra(entry: EntryPoint) -> bool:

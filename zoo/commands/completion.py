@@ -15,6 +15,7 @@ from zoo.base.file_text import shell_words
 from zoo.base.parts import KEY
 from zoo.checkpoints.checkpoint_path import LATEST, packaged_names
 from zoo.results.baselines import NO_CHECKPOINT
+from zoo.scoring.published_tests import challenges
 from zoo.simulator.track_names import ALIASES as TRACKS
 from zoo.simulator.track_names import track_names
 
@@ -135,6 +136,8 @@ def values_of(key: str, default: str) -> tuple[str, ...]:
     """Return the values of a key that have names, without those that only its command knows."""
     if default in ("true", "false"):
         return ("true", "false")
+    if key == "challenge":
+        return tuple(challenges())
     checkpoints, tracks = (LATEST, *packaged_names()), tuple(sorted([*TRACKS, *track_names()]))
     names = {"ckpt": checkpoints, "weights": checkpoints, "track": tracks, "sim": tracks}
     names |= {"family": tuple(choices("road")), "suite": tuple(choices("suite"))}

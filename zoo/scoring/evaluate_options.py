@@ -1,7 +1,7 @@
 """Keys of `drivezoo evaluate` and their checks."""
 
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field
 
@@ -51,7 +51,7 @@ class EvaluateOptions(ResultFiles, Scenario):
     page: bool = True
     perturb: str | None = None
     replay: str | None = None
-    challenge: Literal["ch2"] | None = None
+    challenge: str | None = None
     data: str | None = None
     out: str | None = None
     workers: Workers = 0
