@@ -7,20 +7,32 @@ from pathlib import Path
 
 import pytest
 
+from tests.zoo.command_runs import ROOT
 from zoo.base.parts import _installed
 from zoo.base.registry import Registry
 
 
+def manual_example(file: str) -> str:
+    """Return the code of a file in docs/extending.md."""
+    page = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+    return page.partition(f"# {file}\n")[2].partition("```")[0]
+
+
 @contextmanager
 def installed(
-    folder: Path, code: str, group: str, *registries: Registry, name: str = "outside_part"
+    folder: Path,
+    code: str,
+    group: str,
+    *registries: Registry,
+    name: str = "outside_part",
+    attribute: str = "",
 ) -> Iterator[None]:
-    """Install a module as an entry point of a group; remove what it registers at the end."""
+    """Install a module, or its `:attribute`, as the entry point `mine`; remove it at the end."""
     about = folder / f"{name}-1.dist-info"
     about.mkdir(parents=True)
     (folder / f"{name}.py").write_text(code)
     (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1\n")
-    (about / "entry_points.txt").write_text(f"[{group}]\nmine = {name}\n")
+    (about / "entry_points.txt").write_text(f"[{group}]\nmine = {name}{attribute}\n")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(folder)
         for registry in registries:
