@@ -24,8 +24,8 @@ from zoo.checkpoints.checkpoint import (
     read_checkpoint_file,
 )
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
-from zoo.checkpoints.doubt_policy import DropoutPolicy, EnsemblePolicy
 from zoo.checkpoints.engine import Engine
+from zoo.extras.research.doubt_policy import DropoutPolicy, EnsemblePolicy
 from zoo.runs.record_fields import Fields, check_fields
 
 MOST_SAMPLES, MOST_MEMBERS = 100, 100

@@ -18,7 +18,7 @@ from zoo.runs.result_table import Column, Table
 from zoo.runs.table_files import TableFiles
 
 if TYPE_CHECKING:
-    from zoo.checkpoints.doubt_policy import DropoutPolicy, EnsemblePolicy
+    from zoo.extras.research.doubt_policy import DropoutPolicy, EnsemblePolicy
 
 TABLE_COLUMNS = ("checkpoint", "network", "parameters", "sees")
 
@@ -54,8 +54,8 @@ def doubt(
     tables.check_files(TABLE_COLUMNS)
     paths = [find_checkpoint(name) for name in (ckpt, *ckpts)]
     with loading():
-        from zoo.checkpoints.doubt_file import doubt_contents, read
         from zoo.checkpoints.new_checkpoint import SUFFIX, checkpoint_bytes
+        from zoo.extras.research.doubt_file import doubt_contents, read
         from zoo.scoring.evidence import next_drive
 
         written = [checked_file(out, (SUFFIX,), inputs=paths, into_folder=True)]
