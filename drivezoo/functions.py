@@ -18,7 +18,6 @@ from zoo.base.parts import name_parts
 from zoo.base.run_command import expected_failure
 from zoo.base.terminal import counted
 from zoo.commands.benchmark import benchmark as benchmark_command
-from zoo.commands.challenge import challenge as challenge_command
 from zoo.commands.compare import compare as compare_command
 from zoo.commands.drive import drive as drive_command
 from zoo.commands.evaluate import evaluate as evaluate_command
@@ -33,6 +32,7 @@ from zoo.runs.result_table import Cell, Table
 from zoo.runs.run_record import Run
 from zoo.runs.table_files import Result
 from zoo.runs.table_files import write_table as write_result_table
+from zoo.scoring.published_tests import challenge_command
 
 if TYPE_CHECKING:
     import gymnasium
@@ -145,11 +145,28 @@ def one_line_errors(function: Callable[Given, Returned]) -> Callable[Given, Retu
 
 evaluate = one_line_errors(evaluate_command)
 replay = one_line_errors(replay_command)
-challenge = one_line_errors(challenge_command)
 benchmark = one_line_errors(benchmark_command)
 compare = one_line_errors(compare_command)
 leaderboard = one_line_errors(leaderboard_command)
 results = one_line_errors(results_command)
+
+
+@one_line_errors
+def challenge(*arguments: Any, test: str = "ch2", **keys: Any) -> Any:
+    """Score a driver on a published test, as `drivezoo evaluate challenge=NAME` does.
+
+    >>> challenge("lenet", "FOLDER")  # doctest: +SKIP
+
+    Args:
+        *arguments: driver, see `evaluate`, and the folder of the test.
+        test: name of the test.
+        **keys: keys of the test's command.
+
+    Raises:
+        UsageError: there is no such test, or a key or value is wrong.
+        InputError: the checkpoint or the test cannot be used; or the network steered NaN.
+    """
+    return challenge_command(test)(*arguments, **keys)
 
 
 @one_line_errors

@@ -7,15 +7,18 @@ import numpy as np
 import pytest
 import torch
 
+from tests.contracts.outside_package import installed, manual_example
 from tests.zoo.models.test_memory import NAMES
 from tests.zoo.models.test_models_command import build
 from tests.zoo.written_checkpoints import write_pilotnet
+from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
+from zoo.checkpoints import policy_kinds
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy, load_policy
-from zoo.checkpoints.doubt_policy import DropoutPolicy, EnsemblePolicy
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.policy_base import Command, Policy, PolicyWrapper, as_policy
+from zoo.checkpoints.policy_kinds import policy_kind
 from zoo.driving.embedded_world import open_embedded
 from zoo.driving.scenario import Scenario
 from zoo.training.collecting import LabellingPolicy
@@ -53,20 +56,10 @@ def exported(folder: Path) -> Policy:
     return load_policy(folder / "model.onnx")
 
 
-def ensemble() -> Policy:
-    return EnsemblePolicy([of_model("action_chunk"), of_model("lenet")])
-
-
-def dropout(folder: Path) -> Policy:
-    return DropoutPolicy(load_checkpoint(write_pilotnet(folder / "best.ckpt")), 4, seed=0)
-
-
 POLICIES: dict[str, Callable[[Path], Policy]] = {
     "checkpoint": lambda folder: of_model("lenet"),
     **{name: lambda folder, name=name: of_model(name) for name in NAMES},
     "onnx": exported,
-    "dropout": dropout,
-    "ensemble": lambda folder: ensemble(),
     "function": lambda folder: as_policy(lambda frame, mph: (frame.mean() / 255, None)),
 }
 WRAPPERS: dict[str, Callable[[Policy], Policy]] = {
@@ -81,14 +74,18 @@ def steering(policy: Policy) -> list[float]:
 
 @pytest.mark.parametrize("name", POLICIES)
 def test_a_policy_commands_forgets_and_has_sessions(name: str, tmp_path: Path) -> None:
-    policy = POLICIES[name](tmp_path)
+    check_commands(POLICIES[name](tmp_path), has_memory=name in NAMES)
+
+
+def check_commands(policy: Policy, has_memory: bool = False) -> None:
+    """Check a policy's commands, its memory, and that each car has one of its own."""
     command = policy(FRAMES[0], 9.0)
     assert isinstance(command, Command)
     assert -1 <= command.steering <= 1
     assert (command.spread is not None) == policy.predicts_spread
     policy.reset()
     first = steering(policy)
-    assert name not in NAMES or steering(policy)[0] != first[0], "it has no memory"
+    assert not has_memory or steering(policy)[0] != first[0], "it has no memory"
     policy.reset()
     assert steering(policy) == first
     one, other = policy.session(), policy.session()
@@ -100,23 +97,73 @@ def test_a_policy_commands_forgets_and_has_sessions(name: str, tmp_path: Path) -
 
 @pytest.mark.parametrize("name", POLICIES)
 def test_a_policy_states_its_facts(name: str, tmp_path: Path) -> None:
-    policy = POLICIES[name](tmp_path)
+    check_facts(POLICIES[name](tmp_path))
+
+
+def check_facts(policy: Policy) -> None:
+    """Check the facts that a policy states about itself."""
     assert policy.name
     assert policy.outputs in (1, 2)
     assert policy.parameters >= 0
     assert all(isinstance(one, Policy) for one in policy.members)
     assert dict(policy.config) == policy.config
     assert dict(policy.data) == policy.data
-    assert (policy.latency_s is not None) == (name in ("action_chunk", "ensemble"))
+    ahead = [member for member in policy.members if member.name == "ActionChunk"]
+    assert (policy.latency_s is not None) == bool(ahead)
     if policy.latency_s is not None:
         policy.latency_s = 0.2
         assert policy.latency_s == 0.2
     policy.expect(np.zeros(3))
 
 
+def test_a_file_of_an_installed_kind_drives(tmp_path: Path) -> None:
+    path = tmp_path / "table.ckpt"
+    torch.save({"steering": torch.linspace(-1, 1, 256)}, path)
+    code = manual_example("my_policies.py")
+    with installed(tmp_path / "site", code, "drivezoo.policies"):
+        check_commands(load_policy(path))
+        check_facts(load_policy(path))
+        with pytest.raises(InputError, match=r"table\.ckpt: is a table of steering, .* name a"):
+            load_checkpoint(path)
+        torch.save({"steering": torch.zeros(3)}, path)
+        with pytest.raises(InputError, match=r"table\.ckpt: steering: needs 256 values"):
+            load_policy(path)
+    with pytest.raises(InputError, match=r"table\.ckpt: "):
+        load_policy(path)
+
+
+def test_a_kind_that_cannot_be_imported_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "table.ckpt"
+    torch.save({"steering": 0}, path)
+    with (
+        installed(tmp_path / "site", "import no_such_module", "drivezoo.policies"),
+        pytest.raises(InputError, match=r"^outside_part: the policy mine cannot be .*no_such"),
+    ):
+        load_policy(path)
+
+
+def test_a_file_of_a_kind_that_is_not_installed_names_what_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(policy_kinds, "installed_entries", lambda group: [])
+    torch.save({"drivezoo": {"format": 1, "other": {}}, "members": []}, tmp_path / "x.ckpt")
+    with pytest.raises(InputError, match=r"x\.ckpt: .*installed kind of policy \(none\)"):
+        load_policy(tmp_path / "x.ckpt")
+
+
+@pytest.mark.parametrize("contents", [None, 1, [], {}, {"drivezoo": 1}, {"drivezoo": {"doubt": 1}}])
+def test_no_kind_takes_what_nobody_wrote(contents: object) -> None:
+    assert policy_kind(contents) is None
+
+
 @pytest.mark.parametrize("wrap", WRAPPERS)
 def test_a_wrapper_forwards_all_methods_and_facts(wrap: str) -> None:
-    policy = ensemble().in_car(UDACITY)
+    check_wrapper(wrap, of_model("action_chunk"))
+
+
+def check_wrapper(wrap: str, policy: Policy) -> None:
+    """Check that a wrapper of a policy that predicts ahead has its methods and facts."""
+    policy.in_car(UDACITY)
     wrapper = WRAPPERS[wrap](policy)
     wrapper.reset()
     first = steering(wrapper)

@@ -27,7 +27,6 @@ from tests.zoo.command_runs import only_line, run
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, load_plain
-from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.onnx_policy import open_session
 
 
@@ -129,14 +128,6 @@ def test_a_network_larger_than_its_weights_is_not_built(path: Path) -> None:
     changed(path, model=contents_of(path)["drivezoo"]["config"]["model"] | model)
     with pytest.raises(InputError, match=r"x\.ckpt: .*126,000,000 parameters"):
         load_checkpoint(path)
-
-
-def test_members_that_share_their_weights_are_refused(path: Path) -> None:
-    member = contents_of(path)
-    doubt = {"drivezoo": {"format": 1, "doubt": {"samples": 2, "seed": 0}}, "members": [member] * 9}
-    torch.save(doubt, path)
-    with pytest.raises(InputError, match=r"x\.ckpt: member 2: has the weights of a member"):
-        load_policy(path)
 
 
 def test_weights_of_eight_bits_are_named(path: Path) -> None:

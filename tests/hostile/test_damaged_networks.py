@@ -37,8 +37,7 @@ from tests.zoo.keras.keras_files import (
 from tests.zoo.models.test_models_command import build
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
-from zoo.checkpoints.checkpoint import Checkpoint, doubt_members, load_checkpoint, load_plain
-from zoo.checkpoints.checkpoint_policy import build_doubt, doubt_contents
+from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.onnx_policy import CARD, OnnxPolicy
 from zoo.keras.keras_file import check_kind, read_keras
@@ -78,20 +77,6 @@ def damaged_torch_files(path: Path) -> st.SearchStrategy[bytes]:
 def test_a_damaged_checkpoint_is_named(count: int, tmp_path: Path) -> None:
     path = write_constant(tmp_path / "x.ckpt", 0.1)
     read_damaged(damaged_torch_files(path), load_checkpoint, path, count)
-
-
-@FEW_AND_MANY
-def test_a_damaged_doubt_file_is_named(count: int, tmp_path: Path) -> None:
-    members = [write_constant(tmp_path / f"{one}.ckpt", 0.1 * one) for one in (1, 2)]
-    path = tmp_path / "x.ckpt"
-    torch.save(doubt_contents(members, samples=2, seed=0), path)
-
-    def read(path: Path) -> None:
-        contents = load_plain(path)
-        if doubt_members(contents) is not None:
-            build_doubt(contents, path)
-
-    read_damaged(damaged_torch_files(path), read, path, count)
 
 
 def imported(path: Path) -> None:

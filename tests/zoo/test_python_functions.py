@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-import zipfile
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,7 +21,6 @@ from tests.zoo import command_runs as commands
 from tests.zoo.notebooks import FOLDER as NOTEBOOKS
 from tests.zoo.notebooks import run_notebook
 from tests.zoo.results.synthetic_results import ROADS, figures, result, write
-from tests.zoo.results.test_benchmark_command import write_suite
 from tests.zoo.written_checkpoints import write_constant
 from zoo.results.benchmarked import Benchmarked
 from zoo.runs.table_files import write_plot
@@ -272,27 +270,6 @@ def test_the_quickstart_trains_and_drives(recorded: Written, here: Path) -> None
     images = [one._repr_png_() for one in found["shown"] if hasattr(one, "_repr_png_")]
     assert images
     assert all(one.startswith(b"\x89PNG") for one in images)
-
-
-def test_the_study_compares_networks_and_resumes(recorded: Written, here: Path) -> None:
-    tiny = {
-        "RECORDING": str(recorded.folder),
-        "MODELS": ["linear", "tiny"],
-        "SEEDS": [1],
-        "EPOCHS": 0,
-        "SUITE": str(write_suite(here)),
-        "WORKERS": 1,
-    }
-    first = run_notebook("study.ipynb", **tiny)
-    for name in ("metrics.json", "status.json"):  # as if killed in this training
-        (here / "study" / "tiny-1" / name).unlink()
-    second = run_notebook("study.ipynb", **tiny)
-    assert second["ranking"].table() == first["ranking"].table()
-    assert len(first["comparisons"]) == 1
-    assert (here / "study" / "paper" / "profiles.pdf").stat().st_size > 1000
-    assert "linear & 15 & 1 &" in (here / "study" / "paper" / "table.tex").read_text()
-    archive = zipfile.ZipFile(here / "study" / "paper" / "repeat.zip").namelist()
-    assert sum(name.endswith(".ckpt") for name in archive) == 2
 
 
 @pytest.mark.parametrize("path", sorted(NOTEBOOKS.glob("*.ipynb")), ids=lambda path: path.name)

@@ -37,6 +37,7 @@ from zoo.checkpoints.network_kind import (
 )
 from zoo.checkpoints.pickle_limits import MOST_BYTES as MOST_PICKLE_BYTES
 from zoo.checkpoints.pickle_limits import check_pickles
+from zoo.checkpoints.policy_kinds import kind_names, policy_kind
 from zoo.models.make_network import make_network
 from zoo.runs.allowed_classes import with_present_names
 from zoo.runs.record_fields import Count, Fields, Number, Whole, check_fields
@@ -139,24 +140,21 @@ def trained_epochs(contents: dict) -> int:
     return int(contents["epoch"]) + (contents.get("global_step") != 0)
 
 
-def doubt_members(contents: object) -> list | None:
-    """Return the checkpoints within a file of `drivezoo doubt`; None if it is another file."""
-    card = contents.get("drivezoo") if isinstance(contents, dict) else None
-    members = contents.get("members") if isinstance(contents, dict) else None
-    is_doubt = isinstance(card, dict) and "doubt" in card and isinstance(members, list)
-    return members if is_doubt else None
+def is_checkpoint(contents: Any) -> bool:
+    """Return whether a file's contents have a card and weights, as a checkpoint of drivezoo."""
+    return has_card(contents) and "state_dict" in contents
+
+
+def has_card(contents: Any) -> bool:
+    """Return whether drivezoo wrote a file's contents."""
+    return isinstance(contents, dict) and isinstance(contents.get("drivezoo"), dict)
 
 
 def checked_contents(contents: Any, path: Path) -> dict:
     """Return a file's contents, checked to be a checkpoint; see `read_checkpoint_file`."""
-    if doubt_members(contents) is not None:
-        raise InputError(
-            f"{path}: is a file of drivezoo doubt, which only drives; name a checkpoint that it "
-            "was written from"
-        )
-    card = contents.get("drivezoo") if isinstance(contents, dict) else None
-    if not isinstance(card, dict) or "state_dict" not in contents:
+    if not is_checkpoint(contents):
         raise InputError(f"{path}: {_describe_contents(contents, path)}")
+    card = contents["drivezoo"]
     check_version(card.get("format"), FORMAT, path)
     renamed = {"config": with_present_names(card["config"])} if "config" in card else {}
     return {**contents, "drivezoo": card | renamed}
@@ -164,13 +162,16 @@ def checked_contents(contents: Any, path: Path) -> dict:
 
 def _describe_contents(contents: Any, path: Path) -> str:
     """Return what a torch file is that is not a checkpoint of drivezoo."""
+    if kind := policy_kind(contents):
+        return f"is a {kind.title}, which only drives; name a checkpoint that it was written from"
     states = {"": contents} | (contents if isinstance(contents, dict) else {})
     for key, state in states.items():
         if isinstance(state, dict) and state and all(map(torch.is_tensor, state.values())):
             load = f"torch.load({str(path)!r}, weights_only=True){f'[{key!r}]' if key else ''}"
             own = "from YOUR_FILE import YOUR_CLASS; net = YOUR_CLASS()"
             return describe_torch(f"{own}; net.load_state_dict({load})")
-    return "is not a checkpoint of drivezoo; name one from a run of drivezoo train"
+    kinds = f", or of an installed kind of policy ({kind_names()})" if has_card(contents) else ""
+    return f"is not a checkpoint of drivezoo{kinds}; name one from a run of drivezoo train"
 
 
 def load_plain(path: Path) -> Any:

@@ -217,20 +217,3 @@ def output_command(outputs: Sequence[float], predicts_spread: bool) -> Command:
     steering, *throttle = (min(max(one, -1.0), 1.0) for one in controls)
     spread = math.exp(min(outputs[-1], 100.0)) if predicts_spread else None
     return Command(steering, throttle[0] if throttle else None, spread)
-
-
-def mixture(commands: Sequence[Command]) -> Command:
-    """Return the mean command, with the standard deviation of the mixture as its spread.
-
-    The variance is that of the steering plus the mean of the commands' own variances
-    (Lakshminarayanan et al. 2017). There is a throttle only if all commands have one.
-
-    >>> mixture([Command(0.0), Command(0.5)])
-    Command(steering=0.25, throttle=None, spread=0.25)
-    """
-    count = len(commands)
-    steering = sum(one.steering for one in commands) / count
-    squares = ((one.steering - steering) ** 2 + (one.spread or 0.0) ** 2 for one in commands)
-    throttles = [one.throttle for one in commands if one.throttle is not None]
-    throttle = sum(throttles) / count if len(throttles) == count else None
-    return Command(steering, throttle, math.sqrt(sum(squares) / count))

@@ -19,6 +19,7 @@ from zoo.checkpoints.checkpoint_path import LATEST, packaged_names
 from zoo.driving.run_drives import EXECUTORS, PROCESSES
 from zoo.results.baselines import NO_CHECKPOINT
 from zoo.scoring.exported_file import export_names
+from zoo.scoring.published_tests import challenges
 from zoo.simulator.track_names import ALIASES as TRACKS
 from zoo.simulator.track_names import track_names
 
@@ -143,6 +144,8 @@ def values_of(key: str, default: str) -> tuple[str, ...]:
         return ("true", "false")
     if key == "executor":
         return (PROCESSES, *(entry.name for entry in installed_entries(EXECUTORS)))
+    if key == "challenge":
+        return tuple(challenges())
     checkpoints, tracks = (LATEST, *packaged_names()), tuple(sorted([*TRACKS, *track_names()]))
     names = {"ckpt": checkpoints, "weights": checkpoints, "track": tracks, "sim": tracks}
     names |= {"family": tuple(choices("road")), "suite": tuple(choices("suite"))}

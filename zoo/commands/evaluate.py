@@ -12,6 +12,7 @@ from zoo.base.errors import UsageError
 from zoo.base.run_command import exit_after
 from zoo.checkpoints.checkpoint_path import find_driver
 from zoo.scoring.evaluate_options import EvaluateOptions, check_world
+from zoo.scoring.published_tests import challenge_command
 
 if TYPE_CHECKING:
     from zoo.scoring.evaluation import Evaluation
@@ -49,7 +50,6 @@ def evaluate(ckpt: str, *, options: EvaluateOptions) -> "Evaluation":
 
 # Commands that score elsewhere, by the key that asks for them; the key of their second argument.
 ELSEWHERE = {"replay": "replay", "challenge": "data"}
-CHALLENGES = ("ch2",)
 
 
 def evaluate_or_replay(arguments: list[str]) -> None:
@@ -76,12 +76,11 @@ def evaluate_or_replay(arguments: list[str]) -> None:
             raise UsageError("data=: is the folder of a test; name the test, challenge=ch2")
         evaluate.main(arguments)
         return
-    function, key = load(f"zoo.commands.{asked}:{asked}"), ELSEWHERE[asked]
+    is_test, key = asked == "challenge", ELSEWHERE[asked]
+    function = challenge_command(given[asked]) if is_test else load("zoo.commands.replay:replay")
     if is_help(arguments):
         function.main(["--help"])
         return
-    if asked == "challenge" and given[asked] not in CHALLENGES:
-        raise UsageError(f"challenge={given[asked]}: no such test; try {', '.join(CHALLENGES)}")
     if key not in given:
         raise UsageError(f"{asked}=: needs the folder of the test, {key}=FOLDER")
     function.main([*others[:1], given[key], *others[1:]])

@@ -4,15 +4,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zoo.base.command import command
-from zoo.base.errors import InputError
+from zoo.base.entry_points import installed_entries, is_extra, load_entry
+from zoo.base.errors import InputError, UsageError
 from zoo.base.output_files import OUTPUTS
 from zoo.base.terminal import command_line, counted
 from zoo.runs.table_files import TableFiles
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from zoo.results.ranking_page import Ranking
 
+    # Takes a ranking, the folder and the typed command; returns files, and lines to print.
+    PaperWriter = Callable[[Ranking, str | Path, str], tuple[list[Path], list[str]]]
 PAGE = "leaderboard.html"
+PAPERS = "drivezoo.papers"  # entry points of what writes the files of `paper=`
 
 
 @command(outputs=True)
@@ -34,7 +40,7 @@ def leaderboard(
 
     Raises:
         InputError: a folder does not exist, or contains neither runs nor drives; or see
-            `write_paper`.
+            `paper_writers`.
     """
     from zoo.results.ranking_page import Ranking
     from zoo.results.scored import drive_folders, run_folders
@@ -52,6 +58,7 @@ def leaderboard(
             "checkpoint: drivezoo evaluate CKPT out=FOLDER"
         )
     tables.check_files(inputs=[*folders, *drives])
+    writers = [] if paper is None else paper_writers(paper)
     title = f"leaderboard of {', '.join(map(str, roots))}: {counted(len(folders), 'run')}"
     title += f", {len(drives)} evaluations, benchmarks or drives" if drives else ""
     under = roots[0] if len(roots) == 1 else Path()
@@ -59,14 +66,26 @@ def leaderboard(
     if paper is None:
         ranking.written.append(ranking.write_page(roots[0] / PAGE, "Leaderboard"))
     ranking.written.extend(tables.write_files(ranking))
-    if paper is not None:
-        from zoo.results.paper import write_paper
-
+    for write_paper in writers:
         words = ["drivezoo", "leaderboard", *roots, f"paper={paper}"]
         written, notes = write_paper(ranking, paper, command_line(words))
         ranking.written.extend(written)
         ranking.notes.extend(notes)
     return ranking
+
+
+def paper_writers(out: str | Path) -> list["PaperWriter"]:
+    """Return the functions of extras and installed packages that write a paper's files.
+
+    Raises:
+        UsageError: there is none.
+        InputError: a package's function cannot be imported.
+    """
+    entries = sorted(installed_entries(PAPERS), key=is_extra, reverse=True)  # ours makes the folder
+    writers = [load_entry(entry) for entry in entries]
+    if not writers:
+        raise UsageError(f"paper={out}: nothing that is installed writes papers; leave it out")
+    return writers
 
 
 if __name__ == "__main__":

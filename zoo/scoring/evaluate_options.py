@@ -1,7 +1,7 @@
 """Keys of `drivezoo evaluate` and their checks."""
 
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field
 
@@ -50,7 +50,7 @@ class EvaluateOptions(ResultFiles, Scenario):
     page: bool = True
     perturb: str | None = None
     replay: str | None = None
-    challenge: Literal["ch2"] | None = None
+    challenge: str | None = None
     data: str | None = None
     out: str | None = None
     workers: Workers = 0
@@ -96,22 +96,6 @@ class ReplayOptions(TableFiles):
     speed: ReplayMph | None = None
     data: Annotated[ReadOptions, Section()] = field(default_factory=ReadOptions)
     frames: bool = False
-    out: str | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class ChallengeOptions(TableFiles):
-    """Keys of a score on a published test.
-
-    Args:
-        split: file of image,part rows, such as a run's split.csv, whose test rows are scored; null:
-            all rows, which a network that was trained on some of them may not have.
-        speed: mph that a network is told, since the test has no speed.
-        out: output folder; null: named by date and time.
-    """
-
-    split: str | None = None
-    speed: ReplayMph = 30.0
     out: str | None = None
 
 

@@ -11,9 +11,9 @@ from torch import Tensor, nn
 
 from datamodules.batches import make_batch
 from zoo.base.errors import InputError
-from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
-from zoo.checkpoints.doubt_policy import EnsemblePolicy
+from zoo.checkpoints.frozen_graph import NetworkPolicy
 from zoo.checkpoints.onnx_policy import OnnxPolicy
+from zoo.checkpoints.policy_base import Policy
 from zoo.models.keras_modules import Crop
 from zoo.models.memory import frame_outputs
 
@@ -60,8 +60,8 @@ class Saliency:
     >>> image = overlay(frame, where)  # doctest: +SKIP
     """
 
-    def __init__(self, policy: CheckpointPolicy, published: bool = False) -> None:
-        if isinstance(policy, OnnxPolicy | EnsemblePolicy):
+    def __init__(self, policy: Policy, published: bool = False) -> None:
+        if not isinstance(policy, NetworkPolicy):
             name = policy.path if isinstance(policy, OnnxPolicy) else policy.name
             raise InputError(
                 f"{name}: an ONNX file or an ensemble has no gradients for the saliency; "

@@ -26,7 +26,7 @@ NAMED = {
     "zoo.commands.compare": ("result.json",),
     "zoo.commands.benchmark": ("expert_late", "result.json"),
     "zoo.commands.demo": ("trains PilotNet",),
-    "zoo.commands.doubt": ("an ensemble",),
+    "zoo.extras.research.doubt": ("an ensemble",),
     "zoo.commands.drive": ("one of bends", "speed.set_mph=9.0"),
     "zoo.commands.film": ("plays as fast as it was driven", "(above 0, up to 1000)"),
     "zoo.extras.hub.hub": ("user/name",),

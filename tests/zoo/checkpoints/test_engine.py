@@ -13,7 +13,7 @@ from zoo.base.errors import InputError
 from zoo.checkpoints import engine
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
-from zoo.checkpoints.doubt_policy import DropoutPolicy
+from zoo.checkpoints.policy_base import Policy
 
 FRAMES = np.random.default_rng(3).integers(0, 256, (4, 160, 320, 3), np.uint8)
 
@@ -30,12 +30,14 @@ def large(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engine, "LEAST_OPERATIONS", 0)
 
 
-@pytest.mark.parametrize("name", ["lenet", "nvidia_speed", *NAMES, "dropout"])
+@pytest.mark.parametrize("name", ["lenet", "nvidia_speed", *NAMES])
 def test_onnxruntime_steers_as_torch(name: str, large: None) -> None:
-    if name == "dropout":
-        both = [DropoutPolicy(checkpoint_of("nvidia"), 3, 0, one) for one in ("torch", "auto")]
-    else:
-        both = [CheckpointPolicy(checkpoint_of(name), one) for one in ("torch", "auto")]
+    checkpoint = checkpoint_of(name)
+    check_engines([CheckpointPolicy(checkpoint, engine) for engine in ("torch", "auto")])
+
+
+def check_engines(both: list[Policy]) -> None:
+    """Check that a policy of torch and one of onnxruntime steer the same."""
     assert [dict(one.engine) for one in both] == [{"name": "torch"}, {"name": "onnx"}]
     assert [engine.engine_text(one.engine) for one in both] == ["", "engine onnx"]
     for frame in FRAMES:

@@ -1,6 +1,5 @@
 """Policies of a checkpoint, a function or an ensemble: the forward pass, memory, car."""
 
-import math
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,7 +18,6 @@ from zoo.base.errors import UsageError
 from zoo.base.rig import CURVATURE, UDACITY, Camera, single_camera_rig
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
-from zoo.checkpoints.doubt_policy import EnsemblePolicy
 from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.onnx_policy import OnnxPolicy
@@ -217,64 +215,6 @@ def test_only_policies_that_predict_ahead_have_a_latency(name: str) -> None:
     assert policy_of("action_chunk").latency_s == 0.0
 
 
-FRAME = np.zeros((160, 320, 3), np.uint8)
-
-
-class Member(Policy):
-    """A policy with a fixed command."""
-
-    view, config, name, parameters = View((60, 25), "rgb", None), {"seed": 1}, "Member", 10
-    takes_speed, outputs = False, 1
-
-    def __init__(self, steering: float, throttle: float | None = None, spread: float | None = None):
-        self.command = Command(steering, throttle, spread)
-        self.data: dict = {"rows": 3}
-
-    def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
-        return self.command
-
-
-class Ahead(Member):
-    """A policy that predicts ahead."""
-
-    latency_s = 0.0
-
-
-def test_the_command_is_the_mean_with_the_deviation_of_the_members() -> None:
-    command = EnsemblePolicy([Member(0.1, 0.5), Member(0.3, 0.7)])(FRAME, 9.0)
-    found = (command.steering, command.throttle, command.spread)
-    assert found == pytest.approx((0.2, 0.6, 0.1))
-
-
-def test_the_members_own_variance_counts() -> None:
-    command = EnsemblePolicy([Member(0.1, spread=0.2), Member(0.3, spread=0.4)])(FRAME, 9.0)
-    assert command.spread == pytest.approx(math.sqrt(0.1**2 + (0.2**2 + 0.4**2) / 2))
-
-
-def test_without_a_throttle_of_every_member_there_is_none() -> None:
-    assert EnsemblePolicy([Member(0.1, 0.5), Member(0.3)])(FRAME, 9.0).throttle is None
-
-
-def test_a_member_that_steers_nan_makes_the_mean_nan() -> None:
-    assert math.isnan(EnsemblePolicy([Member(math.nan), Member(0.3)])(FRAME, 9.0).steering)
-
-
-def test_it_describes_its_members() -> None:
-    policy = EnsemblePolicy([Member(0.1), Member(0.2)])
-    assert (policy.name, policy.parameters, policy.data) == ("2 Member", 20, {"rows": 3})
-    assert policy.config == {"seed": 1, "model": {"name": "2 Member"}}
-    policy.members[1].data = {"rows": 4}
-    assert EnsemblePolicy(policy.members).data == {}
-
-
-def test_the_latency_reaches_the_members_that_predict_ahead() -> None:
-    policy = EnsemblePolicy([Ahead(0.0), Member(0.0)])
-    policy.latency_s = 0.4
-    assert policy.members[0].latency_s == policy.latency_s == 0.4
-    assert policy.members[1].latency_s is None
-    assert EnsemblePolicy([Member(0.0)]).latency_s is None
-
-
 SHORT = single_camera_rig("short", Camera(0, 1.2, 0), wheelbase_m=1.0, steering_deg=60.0)
 SCALE = 0.2
 
@@ -325,21 +265,3 @@ def test_a_spread_becomes_one_of_the_steering() -> None:
     policy.rig = replace(UDACITY, steering_deg=12.5)
     found = policy.for_car(Command(0.1, spread=0.05))
     assert found.spread == pytest.approx(0.05 * found.steering / 0.1, rel=0.02)
-
-
-class Bend(Policy):
-    """A policy whose network always returns the same label."""
-
-    data = {CURVATURE: SCALE}  # noqa: RUF012
-
-    def __call__(self, frame: object, speed_mph: float) -> Command:
-        return self.for_car(Command(0.3))
-
-
-def test_a_drive_tells_each_member_the_car_of_its_world() -> None:
-    members = [Bend(), Bend()]
-    for member in members:
-        member.rig = SHORT
-    world = open_world(Scenario("lake"), "none")
-    driven = drive(EnsemblePolicy(members), world, Scenario("lake", laps=0.01))
-    assert driven.rows[0].steering == pytest.approx(UDACITY.steering_of(0.3 * SCALE))

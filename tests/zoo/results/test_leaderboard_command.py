@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from tests.contracts.outside_package import installed, manual_example
 from tests.zoo.command_runs import only_line, run_here, succeed
 from tests.zoo.results.synthetic_results import ROADS, figures, result, write
 from tests.zoo.server.browser import CHROMIUM, Browser
 from tests.zoo.sweeps import change_status, write_run
+from zoo.base.entry_points import installed_entries
 from zoo.base.errors import InputError, UsageError
 from zoo.commands.leaderboard import leaderboard
 from zoo.driving.drive_log import write_drive
@@ -536,3 +538,27 @@ def test_runs_of_several_folders_are_named_from_the_current_folder(here: Path) -
         write_run(here / name / "today" / "run", 0.9, overrides=(f"x={name}",))
     ranking = leaderboard(here / "a", here / "b")
     assert {row["run"] for row in ranking.table()} == {"a/today/run", "b/today/run"}
+
+
+def test_a_package_adds_files_to_a_paper(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_run(Path("sweep/a"), 0.9)
+    code, group = manual_example("my_paper.py"), "drivezoo.papers"
+    with installed(here / "site", code, group, attribute=":write_seeds"):
+        mine = [entry for entry in installed_entries(group) if entry.name == "mine"]
+        monkeypatch.setattr("zoo.commands.leaderboard.installed_entries", lambda group: mine)
+        Path("paper").mkdir()
+        ranking = leaderboard("sweep", paper="paper")
+    text = Path("paper/seeds.txt").read_text()
+    assert text.startswith("drivezoo leaderboard sweep paper=paper\nsweep")
+    assert ranking.written == [Path("paper/seeds.txt")]
+    assert "1 training seeds" in ranking.notes
+
+
+def test_without_a_writer_of_papers_nothing_is_written(
+    here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_run(Path("sweep/a"), 0.9)
+    monkeypatch.setattr("zoo.commands.leaderboard.installed_entries", lambda group: [])
+    with pytest.raises(UsageError, match="paper=paper: nothing that is installed writes papers"):
+        leaderboard("sweep", paper="paper", table="a.csv")
+    assert sorted(path.name for path in here.iterdir()) == ["sweep"]

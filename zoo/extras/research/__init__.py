@@ -1,1 +1,1 @@
-"""A search for roads and conditions on which a checkpoint fails."""
+"""What researchers need: failing roads, policies that doubt, an official test, papers."""

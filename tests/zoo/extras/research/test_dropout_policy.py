@@ -8,8 +8,8 @@ from torch import Tensor, nn
 from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
-from zoo.checkpoints.doubt_policy import DropoutPolicy, SampledNetwork
 from zoo.checkpoints.frozen_graph import network_inputs
+from zoo.extras.research.doubt_policy import DropoutPolicy, SampledNetwork
 from zoo.models.lenet import LeNet
 from zoo.models.pilotnet import PilotNet
 

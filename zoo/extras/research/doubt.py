@@ -18,7 +18,7 @@ from zoo.runs.result_table import Column, Table
 from zoo.runs.table_files import TableFiles
 
 if TYPE_CHECKING:
-    from zoo.checkpoints.doubt_policy import DropoutPolicy, EnsemblePolicy
+    from zoo.extras.research.doubt_policy import DropoutPolicy, EnsemblePolicy
 
 TABLE_COLUMNS = ("checkpoint", "network", "parameters", "sees")
 
@@ -54,14 +54,14 @@ def doubt(
     tables.check_files(TABLE_COLUMNS)
     paths = [find_checkpoint(name) for name in (ckpt, *ckpts)]
     with loading():
-        from zoo.checkpoints.checkpoint_policy import doubt_contents, doubt_policy
         from zoo.checkpoints.new_checkpoint import SUFFIX, checkpoint_bytes
+        from zoo.extras.research.doubt_file import doubt_contents, read
         from zoo.scoring.evidence import next_drive
 
         written = [checked_file(out, (SUFFIX,), inputs=paths, into_folder=True)]
         contents = doubt_contents(paths, samples, seed)
         _check_distinct(paths)
-        policy = doubt_policy(contents, paths[0] if len(paths) == 1 else written[0])
+        policy = read(contents, paths[0] if len(paths) == 1 else written[0])
         write_output(written[0], checkpoint_bytes(contents))
     table = members_table(paths, policy)
     from rich.console import Console

@@ -7,10 +7,10 @@ from rich.console import Console
 from zoo.base.command import command
 from zoo.base.console_progress import loading
 from zoo.checkpoints.checkpoint_path import find_driver
-from zoo.scoring.evaluate_options import ChallengeOptions
+from zoo.extras.research.challenge_options import ChallengeOptions
 
 if TYPE_CHECKING:
-    from zoo.scoring.challenge_score import Challenge
+    from zoo.extras.research.challenge_score import Challenge
 
 
 @command(outputs=True)
@@ -34,5 +34,5 @@ def challenge(ckpt: str, data: str, *, options: ChallengeOptions) -> "Challenge"
     """
     driver = find_driver(ckpt)
     with loading():
-        from zoo.scoring.challenge_score import score_challenge
+        from zoo.extras.research.challenge_score import score_challenge
     return score_challenge(driver, data, options, Console(emoji=False))

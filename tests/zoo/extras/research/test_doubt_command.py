@@ -13,8 +13,8 @@ from tests.zoo.bomb import Bomb
 from tests.zoo.command_runs import only_line, run_here, succeed
 from tests.zoo.written_checkpoints import write_constant, write_pilotnet
 from zoo.checkpoints.checkpoint_policy import load_policy
-from zoo.commands.doubt import doubt
 from zoo.commands.drive import view_line
+from zoo.extras.research.doubt import doubt
 
 FRAMES = np.random.default_rng(0).integers(0, 256, (3, 160, 320, 3), np.uint8)
 
@@ -91,7 +91,7 @@ def test_the_file_holds_plain_containers_and_all_that_it_needs(file: Path) -> No
     [
         ("zoo.commands.export", ["FILE"]),
         ("zoo.commands.correct", ["FILE"]),
-        ("zoo.commands.doubt", ["FILE"]),
+        ("zoo.extras.research.doubt", ["FILE"]),
         ("zoo", ["model=nvidia", "model.weights=FILE", "data.root=RECORDING", "score=none"]),
     ],
 )
@@ -120,7 +120,7 @@ def test_an_earlier_file_is_replaced_and_a_checkpoint_is_kept(dropout: Path) -> 
     doubt.main([str(member), f"out={dropout}", "samples=7", "overwrite=true"])
     assert load_policy(dropout).name == "PilotNet with 7 dropout samples"
     arguments = [str(member), f"out={member}", "overwrite=true"]
-    refused = run_here(dropout.parent, *arguments, module="zoo.commands.doubt")
+    refused = run_here(dropout.parent, *arguments, module="zoo.extras.research.doubt")
     assert f"out={member}: is an input" in only_line(refused)
     assert member.read_bytes() == earlier
 
@@ -143,7 +143,7 @@ def test_wrong_input_is_one_line(
     write_pilotnet(tmp_path / "pilotnet.ckpt")
     shutil.copy(write_constant(tmp_path / "linear.ckpt", 0.1), tmp_path / "copy.ckpt")
     before = sorted(tmp_path.iterdir())
-    line = only_line(run_here(tmp_path, *arguments, module="zoo.commands.doubt"))
+    line = only_line(run_here(tmp_path, *arguments, module="zoo.extras.research.doubt"))
     assert place in line
     assert remedy in line
     assert sorted(tmp_path.iterdir()) == before

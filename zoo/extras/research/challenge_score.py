@@ -34,10 +34,10 @@ from zoo.checkpoints.checkpoint_path import short_name
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.policy_base import Policy, PolicyFunction, as_policy
 from zoo.driving.bootstrap import Estimate, bootstrap
+from zoo.extras.research.challenge_options import ChallengeOptions
 from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.result_table import Column, Table, interval_column
 from zoo.runs.table_files import Result
-from zoo.scoring.evaluate_options import ChallengeOptions
 from zoo.scoring.evidence import source_of
 
 HALVES = {"private": 0, "public": 1}  # value of the column `public`

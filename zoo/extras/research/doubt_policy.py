@@ -5,6 +5,7 @@ Ghahramani 2016, "Dropout as a Bayesian approximation".
 """
 
 import copy
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,7 +20,7 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.engine import Engine, chosen_forward
 from zoo.checkpoints.frozen_graph import NetworkPolicy, network_inputs
-from zoo.checkpoints.policy_base import Command, Policy, mixture, output_command
+from zoo.checkpoints.policy_base import Command, Policy, output_command
 
 
 class EnsemblePolicy(Policy):
@@ -235,3 +236,20 @@ def _fix_masks(network: nn.Module, samples: int, generator: torch.Generator) -> 
     for parent, name, layer in found:
         setattr(parent, name, FixedDropout(layer, samples, generator))
     return len(found)
+
+
+def mixture(commands: Sequence[Command]) -> Command:
+    """Return the mean command, with the standard deviation of the mixture as its spread.
+
+    The variance is that of the steering plus the mean of the commands' own variances
+    (Lakshminarayanan et al. 2017). There is a throttle only if all commands have one.
+
+    >>> mixture([Command(0.0), Command(0.5)])
+    Command(steering=0.25, throttle=None, spread=0.25)
+    """
+    count = len(commands)
+    steering = sum(one.steering for one in commands) / count
+    squares = ((one.steering - steering) ** 2 + (one.spread or 0.0) ** 2 for one in commands)
+    throttles = [one.throttle for one in commands if one.throttle is not None]
+    throttle = sum(throttles) / count if len(throttles) == count else None
+    return Command(steering, throttle, math.sqrt(sum(squares) / count))

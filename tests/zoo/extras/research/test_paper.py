@@ -8,12 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.contracts.outside_package import installed, manual_example
+from tests.recordings import Written
+from tests.zoo.notebooks import run_notebook
 from tests.zoo.results.synthetic_results import ROADS, figures, result, summed, write
+from tests.zoo.results.test_benchmark_command import write_suite
 from tests.zoo.sweeps import write_run
 from zoo.base.errors import InputError, UsageError
 from zoo.commands.leaderboard import leaderboard
+from zoo.extras.research.paper import of_results
 from zoo.results.differences import read_entries
-from zoo.results.paper import of_results
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -103,6 +107,16 @@ def test_trainings_have_no_pairs_and_the_notes_name_the_command() -> None:
     assert "runs/2-1/.hydra/config.yaml" in zipfile.ZipFile("paper/repeat.zip").namelist()
 
 
+def test_another_packages_files_stand_beside_ours(here: Path) -> None:
+    write_run(Path("sweep/a"), 0.9)
+    code = manual_example("my_paper.py")
+    with installed(here / "site", code, "drivezoo.papers", attribute=":write_seeds"):
+        for _ in range(2):
+            shown = leaderboard("sweep", paper="paper")
+            assert Path("paper/seeds.txt") in shown.written
+            assert Path("paper/table.tex") in shown.written
+
+
 def test_mixed_results_and_a_folder_with_files_are_refused() -> None:
     write_run(Path("sweep/a"), 0.9)
     write_entry("good", 0.9)
@@ -125,3 +139,24 @@ def test_a_paper_is_replaced_only_with_overwrite() -> None:
     assert not Path("paper/pairs.csv").exists()
     assert [row["entry"] for row in rows("paper/table.csv")] == ["good"]
     assert Path("paper/notes.txt").read_text() == "mine"
+
+
+def test_the_study_compares_networks_and_resumes(recorded: Written, here: Path) -> None:
+    tiny = {
+        "RECORDING": str(recorded.folder),
+        "MODELS": ["linear", "tiny"],
+        "SEEDS": [1],
+        "EPOCHS": 0,
+        "SUITE": str(write_suite(here)),
+        "WORKERS": 1,
+    }
+    first = run_notebook("study.ipynb", **tiny)
+    for name in ("metrics.json", "status.json"):  # as if killed in this training
+        (here / "study" / "tiny-1" / name).unlink()
+    second = run_notebook("study.ipynb", **tiny)
+    assert second["ranking"].table() == first["ranking"].table()
+    assert len(first["comparisons"]) == 1
+    assert (here / "study" / "paper" / "profiles.pdf").stat().st_size > 1000
+    assert "linear & 15 & 1 &" in (here / "study" / "paper" / "table.tex").read_text()
+    archive = zipfile.ZipFile(here / "study" / "paper" / "repeat.zip").namelist()
+    assert sum(name.endswith(".ckpt") for name in archive) == 2

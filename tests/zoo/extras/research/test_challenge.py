@@ -14,7 +14,7 @@ from tests.foreign_recordings import challenge2_test
 from zoo.base.errors import InputError, UsageError
 from zoo.checkpoints.policy_base import Command, Policy
 from zoo.commands.evaluate import evaluate_or_replay as command
-from zoo.scoring.challenge_score import block_rmse, read_test
+from zoo.extras.research.challenge_score import block_rmse, read_test
 
 TEST = "CH2_final_evaluation.csv"
 
