@@ -29,6 +29,7 @@ from zoo.base.written_files import note_files
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
 from zoo.keras.initial_weights import load_weights
 from zoo.models.make_network import make_network, view_of
+from zoo.models.network_facts import facts_of, loss_facts_of
 from zoo.training.captured_step import CapturedStep
 from zoo.training.closed_loop import MONITORED, ClosedLoop
 from zoo.training.host_settings import AUTO, FULL
@@ -179,7 +180,7 @@ def lr_scale(optimizer: str, lr_batch: int | None, batch_size: int | None) -> fl
 
 def _check_spread(network: nn.Module, loss: nn.Module) -> None:
     """Raise InputError if one of network and loss knows a spread and the other does not."""
-    predicted, needed = getattr(network, "predicts_spread", False), hasattr(loss, "needs_spread")
+    predicted, needed = facts_of(network).predicts_spread, loss_facts_of(loss).needs_spread
     if predicted != needed:
         remedy = "loss=gaussian" if predicted else "model=nvidia_gaussian, or loss=mse"
         raise InputError(

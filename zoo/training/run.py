@@ -24,6 +24,7 @@ from zoo.base.terminal import counted, print_line
 from zoo.base.whole_file import refuse_links_out, write_whole
 from zoo.checkpoints.checkpoint import make_card, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import STARTED_IN
+from zoo.models.network_facts import facts_of
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.status import run_status
 from zoo.scoring.replay_score import held_out_replay
@@ -207,7 +208,7 @@ def print_start(
             f"differs from the most similar one {leak.likeness:.0%} as much as from any other "
             "(medians; near 0 % they are copies, whose errors say little)"
         )
-    if model["weights"] is None and getattr(network, "frozen_front", None) is not None:
+    if model["weights"] is None and facts_of(network).frozen_front is not None:
         lines.append(
             "frozen blocks keep their random weights (model.weights=null): random features; "
             "a larger model.trainable_blocks trains them"

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 import torch
@@ -14,6 +13,8 @@ from datamodules.batches import Batch
 from zoo.base.errors import InputError
 from zoo.models.layers import piece_length
 from zoo.models.memory import Memory
+from zoo.models.network_facts import facts_of, loss_facts_of
+from zoo.training.batch_outputs import predictor, true_outputs
 from zoo.training.captured_step import CapturedStep
 from zoo.training.open_loop import open_loop_metrics
 from zoo.training.run_module import RunModule
@@ -77,6 +78,7 @@ class SteeringModule(RunModule):
         self._loss_sum: Tensor | float = 0.0
         self._loss_count: Tensor | int = 0
         self.skips_front, self._compiled_batch = skips_front, compiled_batch
+        self._predict, self._targets = predictor(network, skips_front), true_outputs(network)
         self._loss = self._plain_loss()
         self._compiled = compile_loss(self._loss) if compile_loss else None
         self._capture, self._captured = capture, None
@@ -89,25 +91,24 @@ class SteeringModule(RunModule):
             dict(zip(batch, tensors, strict=True))
             for tensors in zip(*(one.split(size) for one in batch.values()), strict=True)
         ]
-        predicted = torch.cat([predict(self.network, one, self.skips_front) for one in pieces])
+        predicted = torch.cat([self._predict(piece) for piece in pieces])
         return self.network.newest(predicted) if isinstance(self.network, Memory) else predicted
 
     def _plain_loss(self) -> Callable[[Batch], Tensor]:
         """Return a function from a batch to its loss, without `self`, to compile."""
-        network, loss, skips_front = self.network, self.loss, self.skips_front
-        is_own = type(self) is SteeringModule
-        targets_of = partial(network_targets, network) if is_own else self.targets_of
+        predict, loss, has_memory = self._predict, self.loss, isinstance(self.network, Memory)
+        targets_of = self._targets if type(self) is SteeringModule else self.targets_of
 
         def batch_loss(batch: Batch) -> Tensor:
-            predicted = predict(network, batch, skips_front)
-            rows = predicted.flatten(0, 1) if isinstance(network, Memory) else predicted
+            predicted = predict(batch)
+            rows = predicted.flatten(0, 1) if has_memory else predicted
             return loss(rows, targets_of(batch))
 
         return batch_loss
 
     def targets_of(self, batch: Batch) -> Tensor:
         """Return the targets of the loss, [rows, columns of the network in training]."""
-        return network_targets(self.network, batch)
+        return self._targets(batch)
 
     def on_train_start(self) -> None:
         """Start the clock: an epoch that is resumed inside has no start."""
@@ -187,7 +188,7 @@ class SteeringModule(RunModule):
 
         All ranks sum the whole loss: if it is not finite, all stop.
         """
-        divisor = getattr(self.loss, "divisor", None)  # without one, a mean over samples
+        divisor = loss_facts_of(self.loss).divisor
         share = loss.new_tensor(count) if divisor is None else divisor(targets).to(loss)
         # In double precision, in which a sum of counts is exact.
         sums = torch.stack([loss.detach() * share, share, loss.new_tensor(count)]).double()
@@ -320,7 +321,7 @@ class SteeringModule(RunModule):
         Without `l2` no group has a `weight_decay`: the optimizer's own counts for all.
         Each group costs a call of the optimizer, so there are as few as possible.
         """
-        backbone = getattr(self.network, "backbone", None)
+        backbone = facts_of(self.network).backbone
         slow = {id(p) for p in backbone.parameters()} if backbone is not None else set()
         groups: dict[tuple[bool, bool], list[nn.Parameter]] = {}
         for parameter in self.network.parameters():
@@ -339,27 +340,3 @@ class SteeringModule(RunModule):
             }
             for (is_backbone, decays), parameters in groups.items()
         ]
-
-
-def predict(network: nn.Module, batch: Batch, skips_front: bool = False) -> Tensor:
-    """Return outputs, float32 [N, outputs], steering first; with `skips_front`, of features.
-
-    A network with memory has outputs for K rows of each window, [N, K, outputs].
-    """
-    images = batch["images"]
-    if skips_front:
-        return network.rest(images)
-    if network.takes_speed:
-        return network(images, batch["speed"])
-    if isinstance(network, Memory) and images.ndim == 4:  # windows of one frame
-        images = images[:, None]
-    return network(images)
-
-
-def network_targets(network: nn.Module, batch: Batch) -> Tensor:
-    """Return the true outputs of all rows that a network predicts for a batch, [rows, outputs]."""
-    targets = batch["targets"]
-    if isinstance(network, Memory):
-        targets = targets[:, None] if targets.ndim == 2 else targets
-        targets = targets[:, network.targets].flatten(0, 1)
-    return targets[:, : network.outputs]
