@@ -24,7 +24,7 @@ from benchmarks.measuring import Row, contestants, print_rows, ratios, take_turn
 from benchmarks.training import flops_of_sample, run_product, untrained
 from benchmarks.training_callbacks import train_by_turns
 from zoo.base.compose import choices
-from zoo.training.steering_module import predict
+from zoo.training.batch_outputs import predictor
 
 NETWORKS = ("nvidia", "vgg", "tiny", "cnn_gru", "pilotnet_stack")
 BATCH, ROWS, ROUNDS = 256, 2_000, 5
@@ -98,7 +98,7 @@ def difference(name: str, device: str) -> float:
     results = []
     for where in ("cpu", device):
         moved = copy.deepcopy(network).to(where).train()
-        outputs = predict(moved, {key: value.to(where) for key, value in batch.items()})
+        outputs = predictor(moved)({key: value.to(where) for key, value in batch.items()})
         outputs.square().mean().backward()
         gradients = [weight.grad for weight in moved.parameters() if weight.grad is not None]
         results.append([tensor.detach().cpu() for tensor in (outputs, *gradients)])

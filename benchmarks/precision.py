@@ -14,8 +14,9 @@ from benchmarks.measuring import print_table
 from benchmarks.training import noise
 from zoo.base.conf_files import choice_files
 from zoo.models.make_network import multiply_adds
+from zoo.models.network_facts import facts_of
+from zoo.training.batch_outputs import predictor
 from zoo.training.host_settings import keep_freed_memory
-from zoo.training.steering_module import predict
 
 IMAGES, PAIRS = 32, 9  # of the measured steps, which take turns
 
@@ -24,17 +25,17 @@ def gain_of_half(name: str) -> tuple[int, float]:
     """Return multiply-adds an image, and a step's seconds in 32 bits divided by bfloat16's."""
     torch.manual_seed(0)
     network, view, _ = material.random_network(name)
-    height, width, channels = view.shape
+    (height, width, channels), window = view.shape, facts_of(network).window
     count = multiply_adds(network, (channels, height, width))
-    batch = noise(network, view, max(1, IMAGES // getattr(network, "sequence", 1)))
+    batch = noise(network, view, max(1, IMAGES // (window.sequence if window else 1)))
     network.train().to(memory_format=torch.channels_last)
-    gains = []
+    predict, gains = predictor(network), []
     for _ in range(PAIRS + 1):
         seconds = []
         for half in (False, True):
             began = time.perf_counter()
             with torch.autocast("cpu", torch.bfloat16, enabled=half):
-                loss = predict(network, batch).float().square().mean()
+                loss = predict(batch).float().square().mean()
             loss.backward()
             seconds.append(time.perf_counter() - began)
         gains.append(seconds[0] / seconds[1])

@@ -24,6 +24,7 @@ from benchmarks import material
 from benchmarks.measuring import Row, compared, contestants, take_turns
 from datamodules.batches import Batch
 from datamodules.view import View
+from zoo.models.network_facts import facts_of
 from zoo.training.host_settings import multiplies_bf16
 
 BATCH, WORKERS, ROWS = 64, 4, 2_000
@@ -230,7 +231,8 @@ def run_product(pipe: Connection, device: str, side: int, dtype: torch.dtype) ->
 
 def noise(network: torch.nn.Module, view: View, samples: int) -> Batch:
     """Return a batch of noise of a network's view, or of its windows."""
-    frames = [count] if (count := getattr(network, "sequence", 1)) > 1 else []
+    window = facts_of(network).window
+    frames = [window.sequence] if window and window.sequence > 1 else []
     images = torch.randint(0, 256, (samples, *frames, *view.shape), dtype=torch.uint8)
     return {"images": images.movedim(-1, -3), "speed": torch.full((samples,), 10.0)}
 
@@ -244,9 +246,9 @@ def untrained(name: str, samples: int) -> tuple[torch.nn.Module, dict[str, torch
 
 def flops_of_sample(name: str) -> float:
     """Return the floating-point operations of a training step for each of its samples."""
-    from zoo.training.steering_module import predict  # imports Lightning, slowly
+    from zoo.training.batch_outputs import predictor  # imports torch, slowly
 
     network, batch = untrained(name, 2)
     with FlopCounterMode(display=False) as counter:
-        predict(network.train(), batch).square().mean().backward()
+        predictor(network.train())(batch).square().mean().backward()
     return counter.get_total_flops() / 2

@@ -14,6 +14,7 @@ from datamodules.view import View
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.policy_base import Policy
 from zoo.models.memory import Memory, Step
+from zoo.models.network_facts import facts_of
 
 
 def network_inputs(view_image: np.ndarray, speed_mph: float | None) -> tuple[Tensor, ...]:
@@ -101,7 +102,7 @@ def trials(
     network: nn.Module, step: nn.Module, view: View
 ) -> tuple[list[tuple[Tensor, ...]], list[tuple[Tensor, ...]]]:
     """Return the inputs and outputs of three frames of noise, one after the other."""
-    speed = 20.0 if network.takes_speed else None
+    speed = 20.0 if facts_of(network).takes_speed else None
     images = np.random.default_rng(0).integers(0, 256, (3, *view.shape), np.uint8)
     state = network.first_state() if isinstance(network, Memory) else ()
     weight = next(network.parameters(), torch.empty(0))
@@ -150,9 +151,9 @@ class NetworkPolicy(Policy):
         self.config, self.data = checkpoint.config, checkpoint.data
         self.name = type(self.network).__name__
         self.parameters = sum(one.numel() for one in self.network.parameters())
-        facts: Any = self.network
+        facts = facts_of(self.network)
         self.takes_speed, self.outputs = facts.takes_speed, facts.outputs
-        self.predicts_spread = getattr(self.network, "predicts_spread", False)
+        self.predicts_spread = facts.predicts_spread
         self._doubled: list[Callable[..., Any]] = []  # shared by all sessions
 
     def in_double(self: Network, network: nn.Module) -> Network:

@@ -3,7 +3,7 @@
 import io
 import json
 import warnings
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from zoo.base.errors import InputError
 from zoo.base.rig import CURVATURE
@@ -50,17 +50,18 @@ def onnx_bytes(checkpoint: "Checkpoint", model_card: str = "", graph: bytes = b"
     import onnx  # optional, see INSTALL
 
     from zoo.checkpoints.checkpoint import make_card
-    from zoo.models.memory import Memory
+    from zoo.models.network_facts import facts_of
 
     network, view = checkpoint.network, checkpoint.view
+    facts = facts_of(network)
     data = {key: one for key, one in checkpoint.data.items() if key != STARTED_IN}  # is private
     card = make_card(checkpoint.config, view, data) | {
         "network": type(network).__name__,
         "parameters": sum(one.numel() for one in network.parameters()),
-        "predicts_spread": getattr(network, "predicts_spread", False),
+        "predicts_spread": facts.predicts_spread,
     }
-    if isinstance(network, Memory):
-        card["window"] = vars(network.window)
+    if facts.window:
+        card["window"] = vars(facts.window)
     model = onnx.load_from_string(graph or graph_bytes(checkpoint))
     texts = {CARD: json.dumps(card)} | ({MODEL_CARD: model_card} if model_card else {})
     onnx.helper.set_model_props(model, texts)
@@ -71,27 +72,26 @@ def onnx_bytes(checkpoint: "Checkpoint", model_card: str = "", graph: bytes = b"
 
 def _how_to_feed(checkpoint: "Checkpoint") -> str:
     """Describe inputs and outputs for other programs that run the file."""
-    from zoo.models.memory import Memory
+    from zoo.models.network_facts import facts_of
 
-    network: Any = checkpoint.network
-    view = checkpoint.view
+    facts, view = facts_of(checkpoint.network), checkpoint.view
     height, width, channels = view.shape
     colour, way = COLOURS[view.colour], view.resize.removesuffix("_first")
     steps = [f"in {colour}", f"resized by {WAYS[way]}"] if view.size else [f"in {colour}"]
     steps = steps[::-1] if view.resize.endswith("_first") else steps
-    speed = f", and {SPEED}: mph, float32 [batch]" if network.takes_speed else ""
-    throttle = " and throttle" if network.outputs > 1 else ""
-    memory = isinstance(network, Memory)
+    speed = f", and {SPEED}: mph, float32 [batch]" if facts.takes_speed else ""
+    throttle = " and throttle" if facts.outputs > 1 else ""
     state = f", and {STATE}...: 0 at a start, then the {NEXT}... of the frame before"
-    rows = ", for now and each step ahead" if memory and network.ahead else ""
+    state = state if facts.window else ""
+    rows = ", for now and each step ahead" if facts.window and facts.window.ahead else ""
     spread = ", and the logarithm of the steering's standard deviation"
-    spread = spread if getattr(network, "predicts_spread", False) else ""
+    spread = spread if facts.predicts_spread else ""
     scale = checkpoint.data.get(CURVATURE)
     steering = f"curvature of the path in {scale:.6g} 1/m, right positive" if scale else "steering"
     return (
         f"{IMAGES}: uint8 [batch, {channels}, {height}, {width}], less "
         f"{view.crop_text}, {', then '.join(steps)}"
-        f"{speed}{state * memory} -> {CONTROLS}: {steering}{throttle}{rows}, float32, to be "
+        f"{speed}{state} -> {CONTROLS}: {steering}{throttle}{rows}, float32, to be "
         f"clipped to -1..1{spread}"
     )
 
@@ -111,11 +111,12 @@ def graph_bytes(checkpoint: "Checkpoint", one_frame: bool = False) -> bytes:
 
     from zoo.checkpoints.frozen_graph import quiet_tracing
     from zoo.models.memory import Memory, Step
+    from zoo.models.network_facts import facts_of
 
     network, (height, width, channels) = checkpoint.network, checkpoint.view.shape
     batch = 1 if one_frame else 2  # the exporter takes a size of one for a constant
     inputs = {IMAGES: torch.zeros((batch, channels, height, width), dtype=torch.uint8)}
-    if network.takes_speed:
+    if facts_of(network).takes_speed:
         inputs[SPEED] = torch.zeros(batch)
     if isinstance(network, Memory):
         states = enumerate(network.first_state(batch))

@@ -126,11 +126,11 @@ def convert(
     for index, module in enumerate(modules):
         network.layers[index] = module
     if line is not None:
-        specs.append({"layer": "Dense", "units": network.outputs})
-        network.layers.append(_line_layer(network.outputs, *line))
+        specs.append({"layer": "Dense", "units": network.facts.outputs})
+        network.layers.append(_line_layer(network.facts.outputs, *line))
     input_shape = (rows, columns, channels)
     return ConvertedKeras(
-        specs, network.state_dict(), input_shape, chain.scale, notes, network.outputs
+        specs, network.state_dict(), input_shape, chain.scale, notes, network.facts.outputs
     )
 
 

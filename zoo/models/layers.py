@@ -9,6 +9,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, library, nn
 
+from zoo.models.network_facts import NetworkFacts
+
 ACTIVATIONS = {"elu": nn.ELU, "relu": nn.ReLU}
 # Pixel values of 32 of PilotNet's images: the activations of more exceed a processor's caches
 # (docs/performance.md#where-the-time-goes).
@@ -80,8 +82,7 @@ def checked_scale(scale: object) -> tuple[float, float]:
 class OneFrame(nn.Module):
     """A network that steers by one frame: a subclass sets `features` and `head`."""
 
-    takes_speed = False
-    outputs = 1
+    facts = NetworkFacts()
 
     def forward(self, images: Tensor) -> Tensor:
         """Return the steering [N, 1] for images [N, C, H, W]."""

@@ -1,11 +1,13 @@
 """Losses that torch lacks, called as `torch.nn.MSELoss`.
 
-A loss with `needs_spread = True` is for networks with `predicts_spread = True`, whose last column
-is the logarithm of the steering's standard deviation.
+A loss that is no mean over samples, or needs more than the true outputs, has
+`zoo.models.network_facts.LossFacts`.
 """
 
 import torch
 from torch import Tensor, nn
+
+from zoo.models.network_facts import LossFacts
 
 
 class SteeringWeightedMSE(nn.Module):
@@ -18,6 +20,7 @@ class SteeringWeightedMSE(nn.Module):
     def __init__(self, weight: float = 4.0) -> None:
         super().__init__()
         self.weight = weight
+        self.facts = LossFacts(divisor=self.divisor)
 
     def forward(self, predicted: Tensor, true: Tensor) -> Tensor:
         """Return the loss of a batch, both [N, outputs], as a scalar."""
@@ -37,7 +40,7 @@ class GaussianNLL(nn.Module):
     counts with half of its squared error.
     """
 
-    needs_spread = True
+    facts = LossFacts(needs_spread=True)
 
     def forward(self, predicted: Tensor, true: Tensor) -> Tensor:
         """Return the loss of a batch as a scalar.

@@ -14,6 +14,7 @@ from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.base.parts import Part, part_class, part_errors, part_of, unknown_part
 from zoo.models.memory import Memory, frame_outputs
+from zoo.models.network_facts import facts_of
 from zoo.runs.allowed_classes import ALLOWED, own_class
 
 MOST_PARAMETERS = 1_000_000_000  # VGG16 has 138 million
@@ -113,24 +114,22 @@ def check_network(network: nn.Module, shape: tuple[int, int, int], part: Part) -
         part: part that defines it, for messages.
     """
     name = type(network).__name__
-    for key, kind, example in (("takes_speed", bool, "False"), ("outputs", int, "1")):
-        if not isinstance(getattr(network, key, None), kind):
-            raise InputError(f"{part.name}: {name} lacks {key}; add {key} = {example} to the class")
     if isinstance(network, Memory):  # its own methods compute the shapes
         return
+    facts = facts_of(network)
     inputs = [torch.zeros(FRAMES, *shape)]
-    if network.takes_speed:
+    if facts.takes_speed:
         inputs.append(torch.zeros(FRAMES))
     was_training = network.training
     with part_errors(part), torch.no_grad():
         found = network.eval()(*inputs)
     network.train(was_training)
-    columns = network.outputs + bool(getattr(network, "predicts_spread", False))
+    columns = facts.columns
     if not isinstance(found, torch.Tensor) or tuple(found.shape) != (FRAMES, columns):
         shown = list(found.shape) if isinstance(found, torch.Tensor) else type(found).__name__
         raise InputError(
             f"{part.name}: {name}.forward returns {shown} for {FRAMES} images; return "
-            f"[{FRAMES}, {columns}], one row for each image"
+            f"[{FRAMES}, {columns}], one row for each image, or correct facts = NetworkFacts(...)"
         )
 
 

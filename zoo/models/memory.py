@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from zoo.models.frame_window import Window
+from zoo.models.network_facts import NetworkFacts, facts_of
 
 State = tuple[Tensor, ...]
 
@@ -18,15 +19,12 @@ class Memory(nn.Module):
     Attributes:
         sequence, stride, ahead: see `Window`.
         targets: rows of a window that `forward` predicts, of its `sequence + ahead`.
-        outputs: number of outputs for each of these rows, steering first.
     """
-
-    takes_speed = False
-    outputs = 1
 
     def __init__(self, sequence: int, stride: int, ahead: int = 0) -> None:
         super().__init__()
         self.window = Window(sequence, stride, ahead)
+        self.facts = NetworkFacts(window=self.window)
         self.sequence, self.stride, self.ahead = sequence, stride, ahead
         self.targets = slice(sequence - 1, sequence + ahead)
 
@@ -87,7 +85,8 @@ def frame_outputs(network: nn.Module, images: Tensor, speed_mph: Tensor | None =
     """
     if isinstance(network, Memory):
         return network.step(images, *network.first_state(len(images)))[0][:, 0]
-    return network(images, speed_mph) if network.takes_speed else network(images)
+    takes_speed = facts_of(network).takes_speed
+    return network(images, speed_mph) if takes_speed else network(images)
 
 
 class Stack(Memory):

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from zoo.models.layers import SCALE, Dropout, LogSpread, Normalize, activation_layer, feature_shape
+from zoo.models.network_facts import NetworkFacts
 
 CONVOLUTIONS = [(24, 5, 2), (36, 5, 2), (48, 5, 2), (64, 3, 1), (64, 3, 1)]
 DENSE = [100, 50, 10]
@@ -60,8 +61,7 @@ class PilotNet(nn.Module):
     ) -> None:
         super().__init__()
         rates = torch.linspace(*dropout, len(CONVOLUTIONS) + len(DENSE)).tolist()
-        self.takes_speed, self.predicts_spread = speed, spread
-        self.outputs = 2 if speed else 1
+        self.facts = NetworkFacts(2 if speed else 1, takes_speed=speed, predicts_spread=spread)
         self.features = convolutions(shape[0], activation, rates, width, scale)
 
         units = feature_shape(self.features, shape, "PilotNet").numel() + speed
@@ -70,13 +70,13 @@ class PilotNet(nn.Module):
             out = max(1, round(out * width))
             layers += [nn.Linear(units, out), activation_layer(activation), Dropout(rate)]
             units = out
-        layers.append(nn.Linear(units, self.outputs + spread))
+        layers.append(nn.Linear(units, self.facts.columns))
         self.head = nn.Sequential(*layers, *([LogSpread()] if spread else []))
 
     def forward(self, images: Tensor, speed: Tensor | None = None) -> Tensor:
-        """Return the steering, the throttle if `takes_speed`, and the spread's logarithm if any."""
+        """Return the steering, the throttle with a speed, and the spread's logarithm if any."""
         features = self.features(images).flatten(1)
-        if self.takes_speed:
+        if self.facts.takes_speed:
             # 30 mph is the simulator's top speed, so the input is in 0..1, in the features' range.
             features = torch.cat([features, speed.to(features.dtype)[:, None] / 30.0], dim=1)
         return self.head(features)

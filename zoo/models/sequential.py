@@ -7,6 +7,7 @@ from torch import Tensor, nn
 
 from zoo.models.layer_spec import LayerSpec, Shape
 from zoo.models.layers import SCALE, Normalize
+from zoo.models.network_facts import NetworkFacts
 from zoo.models.spec_builders import BUILDERS
 
 MOST_LAYERS = 1000
@@ -30,8 +31,6 @@ class Sequential(nn.Module):
         ValueError: a spec is wrong; names the layer, the setting and the value.
     """
 
-    takes_speed = False
-
     def __init__(
         self,
         shape: tuple[int, int, int],
@@ -46,12 +45,13 @@ class Sequential(nn.Module):
         self.normalize = Normalize(self.scale)
         modules, shapes = build_layers(specs, shape if first else (height, width, channels), first)
         self.layers = nn.Sequential(*modules)
-        self.outputs = math.prod(shapes[-1])
-        if self.outputs not in (1, 2):
+        outputs = math.prod(shapes[-1])
+        if outputs not in (1, 2):
             raise ValueError(
-                f"model.layers: the last layer has {self.outputs} outputs; a network steers with "
+                f"model.layers: the last layer has {outputs} outputs; a network steers with "
                 "1 or 2, steering and throttle"
             )
+        self.facts = NetworkFacts(outputs)
 
     def forward(self, images: Tensor) -> Tensor:
         """Return the steering, and the throttle with two outputs; [N, outputs]."""

@@ -5,6 +5,7 @@ from itertools import islice
 from torch import Tensor, nn
 
 from zoo.models.layers import activation_layer, feature_shape, in_pieces
+from zoo.models.network_facts import NetworkFacts
 
 
 class Transfer(nn.Module):
@@ -25,8 +26,6 @@ class Transfer(nn.Module):
         reduce: layers between `features` and the head; None for none.
     """
 
-    takes_speed = False
-    outputs = 1
     published_name: str
     imagenet_source: str
 
@@ -74,16 +73,11 @@ class Transfer(nn.Module):
         return self
 
     @property
-    def backbone(self) -> nn.Module:
-        """The pretrained part, which can have its own learning rate (`optim.backbone_lr`)."""
-        return self.features
-
-    @property
-    def frozen_front(self) -> nn.Module | None:
-        """The frozen layers, whose features of an image never change; None without any."""
-        if not self._frozen_layers:
-            return None
-        return nn.Sequential(self.normalize, *self.features[: self._frozen_layers])
+    def facts(self) -> NetworkFacts:
+        """The frozen layers, if any; the backbone is all convolutions."""
+        frozen = self.features[: self._frozen_layers]
+        front = nn.Sequential(self.normalize, *frozen) if self._frozen_layers else None
+        return NetworkFacts(frozen_front=front, backbone=self.features)
 
     def front(self, images: Tensor) -> Tensor:
         """Return the features [N, c, h, w] of the frozen layers."""

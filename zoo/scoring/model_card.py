@@ -11,6 +11,7 @@ from zoo.checkpoints.new_checkpoint import lean_contents, without_folders
 from zoo.driving.drives_table import drives_table
 from zoo.driving.intervals import ONE_TRACK
 from zoo.models.make_network import multiply_adds
+from zoo.models.network_facts import facts_of
 from zoo.scoring.blocks import Block, Bullets, Code, Rows, Section, Text, to_markdown
 from zoo.scoring.evidence import Evidence, read_evidence
 from zoo.scoring.training_section import INTENDED_USE
@@ -94,15 +95,15 @@ def _network(checkpoint: Checkpoint) -> list[str]:
 
 def _units(checkpoint: Checkpoint) -> list[str]:
     """Return what the numbers mean, and for which car."""
-    network, data = checkpoint.network, checkpoint.data
+    facts, data = facts_of(checkpoint.network), checkpoint.data
     rows, columns = checkpoint.view.frame
     points = [f"Input: RGB frames of {columns} x {rows} pixels, 0..255."]
-    if network.takes_speed:
+    if facts.takes_speed:
         points.append("Input: speed in miles per hour.")
     scale = data.get(CURVATURE)
     curvature = f"; it is the curvature of the path in {scale:.6g} 1/m" if scale else ""
     points.append(f"Output: steering -1..1, negative is left{curvature}.")
-    if network.outputs > 1:
+    if facts.outputs > 1:
         points.append("Output: throttle -1..1, negative brakes.")
     if source := data.get("source"):
         return [*points, f"Rig: that of its recording ({source}); the checkpoint has no numbers."]

@@ -10,7 +10,8 @@ from torch import nn
 
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
-from zoo.models.memory import Memory, frame_outputs
+from zoo.models.memory import frame_outputs
+from zoo.models.network_facts import facts_of
 from zoo.runs.result_table import Table
 from zoo.scoring.blocks import Block, Bullets, Code, Fold, Heading, Images, Rows, Text
 from zoo.scoring.evidence import training_command
@@ -189,10 +190,11 @@ def layers_table(run: ReportedRun) -> list[Block]:
         for layer in layers
     ]
     rows.append(["total", "", "", f"{total:,}"])
-    inputs = "image and speed" if network.takes_speed else "image"
-    outputs = "steering and throttle" if network.outputs == 2 else "steering"
-    outputs += " with its spread" if getattr(network, "predicts_spread", False) else ""
-    window = f" It was trained on {network.window}." if isinstance(network, Memory) else ""
+    facts = facts_of(network)
+    inputs = "image and speed" if facts.takes_speed else "image"
+    outputs = "steering and throttle" if facts.outputs == 2 else "steering"
+    outputs += " with its spread" if facts.predicts_spread else ""
+    window = f" It was trained on {facts.window}." if facts.window else ""
     return [
         Text(
             f"{run.config['model']['name']}: {paper(network)}. Input: {inputs}. Output: {outputs}."

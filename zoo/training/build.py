@@ -2,7 +2,6 @@
 
 import inspect
 import logging
-import math
 import os
 import warnings
 from collections.abc import Callable, Collection, Sequence
@@ -30,11 +29,16 @@ from zoo.base.terminal import print_line
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
 from zoo.keras.initial_weights import load_weights
 from zoo.models.make_network import VIEW_KEYS, make_network, view_of
+from zoo.models.network_facts import facts_of, loss_facts_of
 from zoo.runs.allowed_classes import with_present_names
-from zoo.training.captured_step import CapturedStep
+from zoo.training.batch_step import BatchStep
+from zoo.training.captured_step import CapturedGroup
 from zoo.training.closed_loop import MONITORED, ClosedLoop
+from zoo.training.compiled_loss import compiled_loss
+from zoo.training.group_step import GroupStep
 from zoo.training.host_settings import AUTO, FULL
-from zoo.training.plan import TrainingPlan, compile_step
+from zoo.training.optimizer_groups import lr_scale
+from zoo.training.plan import TrainingPlan
 from zoo.training.run_loggers import naming_arguments
 from zoo.training.run_module import RunModule
 from zoo.training.steering_module import OWN, SteeringModule
@@ -167,12 +171,10 @@ def build_module(
         "seed": config.seed,
         "card": card,
         "skips_front": plan.features is not None,
-        "compile_loss": partial(compile_step, console=console) if plan.compiled_batch else None,
-        "compiled_batch": plan.compiled_batch,
-        "capture": partial(CapturedStep, size=plan.captured_batch, console=console)
-        if plan.captured_batch
-        else None,
+        "make_step": step_of(plan, console),
     }
+    if size := plan.compiled_batch:
+        offered["compile_loss"] = partial(compiled_loss, size=size, console=console)
     with part_errors(part_of(chosen["_target_"])):
         module = make(**_taken(make.func, offered))
     check_members("module", module, RunModule, ("network",))
@@ -184,19 +186,16 @@ def build_module(
     return module
 
 
-def lr_scale(optimizer: str, lr_batch: int | None, batch_size: int | None) -> float:
-    """Return the factor on a learning rate that was chosen for batches of `lr_batch` samples.
-
-    For SGD it is the ratio of the sizes (Goyal et al. 2017, arXiv:1706.02677), for optimizers that
-    divide by the gradient's size its square root (Malladi et al. 2022, arXiv:2205.10287).
-    """
-    ratio = batch_size / lr_batch if batch_size and lr_batch else 1.0
-    return ratio if optimizer == "torch.optim.SGD" else math.sqrt(ratio)
+def step_of(plan: TrainingPlan, console: Console) -> Callable[..., BatchStep]:
+    """Return the constructor of what a training step does in a plan."""
+    if plan.captured_batch:
+        return partial(CapturedGroup, size=plan.captured_batch, console=console)
+    return GroupStep if plan.batches_per_step > 1 else BatchStep
 
 
 def _check_spread(network: nn.Module, loss: nn.Module) -> None:
     """Raise InputError if one of network and loss knows a spread and the other does not."""
-    predicted, needed = getattr(network, "predicts_spread", False), hasattr(loss, "needs_spread")
+    predicted, needed = facts_of(network).predicts_spread, loss_facts_of(loss).needs_spread
     if predicted != needed:
         remedy = "loss=gaussian" if predicted else "model=nvidia_gaussian, or loss=mse"
         raise InputError(

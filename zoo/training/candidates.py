@@ -8,6 +8,7 @@ score, so that the score is not the best of several attempts.
 from collections.abc import Sequence
 from pathlib import Path
 
+import lightning
 from rich.console import Console
 
 from zoo.base.errors import InputError
@@ -77,6 +78,27 @@ def choose_best(
             take(checkpoints, best["file"])
     print_line(console, f"best.ckpt is of epoch {best['epoch']}: {why}")
     return {"epoch": best["epoch"], "why": why, "drives": drives}
+
+
+def monitored_figure(trainer: lightning.Trainer) -> str | None:
+    """Return the figure that chose `best.ckpt`; None if that is the last epoch's."""
+    for callback in trainer.checkpoint_callbacks:
+        if Path(callback.filename or "").stem == "best" and callback.best_model_path:
+            return callback.monitor
+    return None
+
+
+def complete_checkpoints(trainer: lightning.Trainer, folder: Path) -> None:
+    """Save the checkpoints that no epoch left: of no training, or one without a validation."""
+    checkpoints = folder / "checkpoints"
+    for callback in trainer.checkpoint_callbacks:
+        path, last = checkpoints / f"{callback.filename}.ckpt", checkpoints / "last.ckpt"
+        if path.stem not in ("best", "last") or path.is_file() or trainer.fast_dev_run:
+            continue
+        if last.is_file():
+            write_whole(path, last.read_bytes())
+        else:
+            trainer.save_checkpoint(path)
 
 
 def find_candidates(checkpoints: Path, monitor: str | None) -> list[dict]:

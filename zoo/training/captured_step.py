@@ -16,6 +16,8 @@ from torch.optim import Optimizer
 from datamodules.batches import Batch
 from zoo.base.errors import InputError
 from zoo.base.terminal import print_line
+from zoo.training.batch_step import BatchLoss, StepModule
+from zoo.training.group_step import GroupStep
 
 REPLACED = ("lr", "capturable")  # settings of a group that differ within a step
 PLAIN_STEPS = 3  # in which libraries choose and allocate what a capture must not
@@ -118,3 +120,29 @@ class CapturedStep:
             {key: value for key, value in group.items() if key not in ("params", *REPLACED)}
             for group in self.optimizer.param_groups
         ]
+
+
+class CapturedGroup(GroupStep):
+    """The optimizer steps of a group of batches, each a `CapturedStep`; Lightning takes none.
+
+    Args:
+        module, batch_loss: see `BatchStep`.
+        size, console: see `CapturedStep`.
+    """
+
+    by_lightning = False
+
+    def __init__(
+        self, module: StepModule, batch_loss: BatchLoss, size: int, console: Console
+    ) -> None:
+        super().__init__(module, batch_loss)
+        optimizer = module.trainer.optimizers[0]
+        self.captured = CapturedStep(self.whole_step, optimizer, size, console)
+
+    def step_ahead(self, group: list[Batch]) -> None:
+        """Take no step: `loss` takes all."""
+
+    def loss(self, group: list[Batch]) -> None:
+        """Step for each batch of the group."""
+        for batch in group:
+            self.count(self.captured(batch), len(batch["images"]))

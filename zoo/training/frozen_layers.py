@@ -20,6 +20,7 @@ from datamodules.run_data import RunData
 from zoo.base.errors import InputError
 from zoo.base.terminal import counted, print_line
 from zoo.models.layers import in_pieces
+from zoo.models.network_facts import facts_of
 
 KEY = "model.cache_features"
 REMEDY = "set a smaller model.size, fewer data.cameras, or data.cache=FOLDER on another disk"
@@ -55,7 +56,7 @@ def plan_cached_features(
     setting = config.model.get("cache_features", False)
     if setting not in ("auto", True, False):
         raise InputError(f"{KEY}={setting} is not auto, true or false")
-    frozen = getattr(network, "frozen_front", None) if isinstance(data, DrivingData) else None
+    frozen = facts_of(network).frozen_front if isinstance(data, DrivingData) else None
     if setting is False or (setting == "auto" and frozen is None):
         return None
     plan, refusal = None, _refusal(config, data, frozen)

@@ -4,7 +4,6 @@ It does not change what a network learns.
 """
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import lightning
@@ -22,6 +21,7 @@ from datamodules.run_data import RunData
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError
 from zoo.base.terminal import counted, print_line
+from zoo.training.compiled_loss import compiles
 from zoo.training.frozen_layers import plan_cached_features
 from zoo.training.host_settings import multiplies_bf16
 from zoo.training.steering_module import OWN
@@ -176,42 +176,3 @@ def _may_group(config: DictConfig, trainer: lightning.Trainer) -> bool:
         and trainer.max_steps == -1
         and trainer.val_check_interval == 1.0
     )
-
-
-def compiles(setting: object) -> bool:
-    """Return whether to compile the step.
-
-    Seven tenths of PilotNet's step on a CPU are convolutions, which use the same library with and
-    without compilation. On four threads the compiled step trained 10 % more samples per second than
-    the plain step, and 6 % more in bf16, after 20 to 45 s of compilation: it does not pay in a run
-    of five minutes. Both steps kept freed memory and used channels last and `zoo.models.layers`'
-    dropout.
-
-    Raises:
-        InputError: the setting is not true or false; `auto`, of older configs, is false.
-    """
-    if setting not in ("auto", True, False):
-        raise InputError(f"trainer.compile={setting} is not true or false")
-    return setting is True
-
-
-def compile_step(step: Callable, console: Console) -> Callable:
-    """Return `step`, compiled at its first call; print why where compilation fails."""
-    chosen: Callable | None = None
-
-    def run(*arguments: object) -> object:
-        nonlocal chosen
-        if chosen:
-            return chosen(*arguments)
-        try:
-            compiled = torch.compile(step, dynamic=False)
-            result, chosen = compiled(*arguments), compiled
-        except InputError:
-            raise
-        except Exception as error:  # any error, such as no C++ compiler: train without compilation
-            reason = " ".join(str(error).split())[:200] or type(error).__name__
-            print_line(console, f"torch.compile disabled: {reason}")
-            result, chosen = step(*arguments), step
-        return result
-
-    return run

@@ -4,7 +4,10 @@ Nothing is measured: the load of the moment would choose. Gains by network and p
 of networks of both precisions, are in docs/performance.md#bfloat16.
 """
 
+import lightning
 import torch
+from lightning.pytorch.plugins import FSDPPrecision, MixedPrecision, Precision
+from lightning.pytorch.utilities import GradClipAlgorithmType
 from omegaconf import DictConfig
 from rich.console import Console
 from torch import nn
@@ -65,3 +68,22 @@ def choose_precision(
         f"trainer.precision={other}",
     )
     return chosen
+
+
+def clip_gradients(
+    module: lightning.LightningModule,
+    optimizer: torch.optim.Optimizer,
+    value: float | None,
+    algorithm: str | None,
+) -> None:
+    """Clip the gradients of a module that Lightning trains.
+
+    Lightning refuses a fused optimizer, as in 16 bits with scaled gradients, which such an
+    optimizer takes. In bfloat16 gradients are not scaled.
+    """
+    plugin = module.trainer.precision_plugin
+    is_scaled = isinstance(plugin, MixedPrecision | FSDPPrecision) and plugin.scaler
+    if not value or is_scaled:
+        module.clip_gradients(optimizer, value, algorithm)
+        return
+    Precision.clip_gradients(plugin, optimizer, value, GradClipAlgorithmType(algorithm or "norm"))

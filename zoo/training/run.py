@@ -4,24 +4,18 @@ import time
 from pathlib import Path
 
 import lightning
-import numpy as np
-import torch
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
-from torch import nn
 
-from datamodules.looking.leak import Leak
-from datamodules.recording import ROW_SAMPLE
 from datamodules.recording_format import other_car
 from datamodules.run_data import RunData
-from datamodules.split import PARTS, rows_per_second, write_split
+from datamodules.split import write_split
 from zoo.base.console_progress import working
 from zoo.base.errors import InputError, hint
 from zoo.base.process_ranks import is_first_process, needs_processes
-from zoo.base.rig import CURVATURE
-from zoo.base.terminal import counted, print_line
-from zoo.base.whole_file import refuse_links_out, write_whole
+from zoo.base.terminal import print_line
+from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint import make_card, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import STARTED_IN
 from zoo.runs.code_fingerprint import code_fingerprint
@@ -29,13 +23,18 @@ from zoo.runs.status import run_status
 from zoo.scoring.replay_score import held_out_replay
 from zoo.scoring.track_scores import run_options, score_run
 from zoo.training import build, conclusion, interruptions
-from zoo.training.candidates import choose_best, restore_monitored
+from zoo.training.candidates import (
+    choose_best,
+    complete_checkpoints,
+    monitored_figure,
+    restore_monitored,
+)
 from zoo.training.closed_loop import best_drive
+from zoo.training.data_facts import print_start, recorded_facts
 from zoo.training.distributed import ending_together
 from zoo.training.host_settings import set_up_process
 from zoo.training.plan import make_plan
 from zoo.training.precision import choose_precision
-from zoo.training.recorded_roads import recorded_roads
 from zoo.training.run_config import settle_config, with_layers
 from zoo.training.run_loggers import log_config, log_results
 from zoo.training.run_module import RunModule
@@ -94,29 +93,16 @@ def _run(
     data = build.load_data(config, console)
     with working("measuring train/validation similarity", console):
         leaks = data.leaks()
-    recorded = {
-        "fingerprint": data.recording.fingerprint(),
-        "rows": len(data.recording),
-        "rows_per_s": rows_per_second(data.recording),
-        "speed_mph": float(np.median(data.recording.speed_mph)),
-        "split_by": data.split_by,
-        "row_hashes": data.recording.row_hashes()[:ROW_SAMPLE],
-        "roads": recorded_roads(data.recording.names),
-    }
-    if not data.label.is_steering:
-        recorded[CURVATURE] = data.label.curvature_per_m
     replayed, not_replayed = None, None
-    if source := other_car(data.recording):
-        rig = data.recording.rig
-        recorded |= {"source": source, "rig": rig and rig.name}
-        if score is not None:  # the embedded tracks show another camera and another car
-            try:
-                replayed = held_out_replay(data.recording, data.split, score.replay_speed)
-                print_line(console, f"scored by {replayed.words}")
-            except InputError as error:
-                score, not_replayed = None, str(error)
-                print_line(console, f"no score by driving: {error}")
-    card = make_card(OmegaConf.to_container(config, resolve=True), data.view, recorded)
+    source = other_car(data.recording)
+    if source and score is not None:  # the embedded tracks show another camera and another car
+        try:
+            replayed = held_out_replay(data.recording, data.split, score.replay_speed)
+            print_line(console, f"scored by {replayed.words}")
+        except InputError as error:
+            score, not_replayed = None, str(error)
+            print_line(console, f"no score by driving: {error}")
+    card = make_card(OmegaConf.to_container(config, resolve=True), data.view, recorded_facts(data))
     card[STARTED_IN] = str(Path.cwd())
     resumed = interruptions.find_resume_point(folder, card, console) if resume else None
 
@@ -153,12 +139,13 @@ def _run(
     data = build.build_feed(data, plan, console)
     with ending_together(trainer, folder, interruptions.resume_command(folder)):
         _fit(trainer, module, data, resumed, folder)
+        complete_checkpoints(trainer, folder)
     if not trainer.is_global_zero:
         return
 
     if summary := trainer.profiler.summary():  # as a log message, it would not be shown
         print_line(console, summary)
-    choice = choose_best(score, _monitor(trainer), folder, console, source)
+    choice = choose_best(score, monitored_figure(trainer), folder, console, source)
     module.float()  # as in a loaded checkpoint, whatever trainer.precision left
     if (best := folder / "checkpoints" / "best.ckpt").is_file():
         module.load_state_dict(read_checkpoint_file(best)["state_dict"])
@@ -179,39 +166,6 @@ def _run(
     metrics, judged = conclusion.write_metrics(folder, card, data, module, open_loop, more)
     conclusion.print_conclusion(folder, metrics, judged if verdict else None, console)
     log_results(trainer, card["config"], metrics, folder, console)
-
-
-def print_start(
-    card: dict,
-    network: nn.Module,
-    data: RunData,
-    leaks: dict[str, Leak],
-    device: torch.device,
-    console: Console,
-) -> None:
-    """Print the network, the split, and train/validation similarity."""
-    (height, width, _), frame = data.view.shape, data.view.frame
-    model, parameters = card["config"]["model"], sum(p.numel() for p in network.parameters())
-    split = ", ".join(f"{len(getattr(data.split, part)):,} {part}" for part in PARTS)
-    lines = [
-        f"{model['name']}: {parameters:,} parameters, sees {width} x {height} "
-        f"{data.view.colour} of frames of {frame[1]} x {frame[0]}, on {device}",
-        f"split by {card['data']['split_by']}: {split} rows; "
-        f"{counted(data.count_samples(), 'training sample')}",
-    ]
-    for part, leak in leaks.items():
-        lines.append(
-            f"leak: a {part} frame is {leak.seconds:.2f} s from the nearest training frame; it "
-            f"differs from the most similar one {leak.likeness:.0%} as much as from any other "
-            "(medians; near 0 % they are copies, whose errors say little)"
-        )
-    if model["weights"] is None and getattr(network, "frozen_front", None) is not None:
-        lines.append(
-            "frozen blocks keep their random weights (model.weights=null): random features; "
-            "a larger model.trainable_blocks trains them"
-        )
-    for line in lines:
-        print_line(console, line)
 
 
 def _fit(
@@ -240,20 +194,3 @@ def _fit(
         raise
     if trainer.interrupted:
         raise interruptions.stopped_error(folder, trainer.current_epoch + 1)
-    checkpoints = folder / "checkpoints"
-    for callback in trainer.checkpoint_callbacks:  # of no training, or one without a validation
-        path, last = checkpoints / f"{callback.filename}.ckpt", checkpoints / "last.ckpt"
-        if path.stem not in ("best", "last") or path.is_file() or trainer.fast_dev_run:
-            continue
-        if last.is_file():
-            write_whole(path, last.read_bytes())
-        else:
-            trainer.save_checkpoint(path)
-
-
-def _monitor(trainer: lightning.Trainer) -> str | None:
-    """Return the figure that chose `best.ckpt`; None if that is the last epoch's."""
-    for callback in trainer.checkpoint_callbacks:
-        if Path(callback.filename or "").stem == "best" and callback.best_model_path:
-            return callback.monitor
-    return None

@@ -2,20 +2,21 @@
 
 import time
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 import torch
-from lightning.pytorch.plugins import Precision
-from lightning.pytorch.utilities import GradClipAlgorithmType
 from torch import Tensor, nn
 
 from datamodules.batches import Batch
 from zoo.base.errors import InputError
 from zoo.models.layers import piece_length
 from zoo.models.memory import Memory
-from zoo.training.captured_step import CapturedStep
+from zoo.training.batch_outputs import predictor, true_outputs
+from zoo.training.batch_step import BatchLoss, BatchStep, as_group
 from zoo.training.open_loop import open_loop_metrics
+from zoo.training.optimizer_groups import optimizer_groups
+from zoo.training.precision import clip_gradients
+from zoo.training.rank_step import RankStep, all_rows
 from zoo.training.run_module import RunModule
 
 OWN = "zoo.training.steering_module.SteeringModule"
@@ -35,20 +36,13 @@ class SteeringModule(RunModule):
         optimizer: function from parameter groups to a torch optimizer.
         schedule: function from an optimizer to a torch scheduler, stepped each epoch.
         l2: factor of the sum of squared weights (not biases) in the loss, as Keras' `l2(...)`.
-        backbone_lr: learning rate of the network's `backbone`, if it has one.
+        backbone_lr: learning rate of the network's backbone, if it has one.
         seed: random seed of dropout in each epoch: a resumed run repeats an uninterrupted one.
         card: plain containers that every checkpoint holds (see `zoo.checkpoints.checkpoint`).
         skips_front: whether batches hold features of the frozen layers in place of images.
         compile_loss: function that compiles the loss of a batch; None without compilation.
-        compiled_batch: size of the batches whose loss is compiled.
-        capture: function from a step and an optimizer to a `CapturedStep`, for groups on a GPU.
-
-    A step of Lightning's may take a list of batches, one optimizer step each (see
-    `datamodules.batches`).
-
-    With several processes, each rank has a shard of each batch, which may be empty.
-    Each rank's loss is weighted by its part of the whole batch's divisor: the mean gradient is that
-    of the whole batch's loss.
+        make_step: constructor of what a step does, see `zoo.training.batch_step`; several
+            processes always have `RankStep`.
 
     Logs `train/loss` (mean over the epoch, of the loss without l2) and, over the validation rows,
     `val/mse`, `val/mae`, `val/balanced_mae`, `val/bias` (see `zoo.training.open_loop`).
@@ -65,21 +59,18 @@ class SteeringModule(RunModule):
         seed: int = 1,
         card: dict | None = None,
         skips_front: bool = False,
-        compile_loss: Callable[[Callable], Callable] | None = None,
-        compiled_batch: int | None = None,
-        capture: Callable[..., CapturedStep] | None = None,
+        compile_loss: Callable[[BatchLoss], BatchLoss] | None = None,
+        make_step: Callable[["SteeringModule", BatchLoss], BatchStep] = BatchStep,
     ) -> None:
         super().__init__(network, card)
         self.loss = loss
         self.optimizer, self.schedule = optimizer, schedule
         self.l2, self.backbone_lr, self.seed = l2, backbone_lr, seed
+        self.skips_front, self._make_step = skips_front, make_step
+        self._predict, self._true = predictor(network, skips_front), true_outputs(network)
+        self._loss = compile_loss(self._plain_loss()) if compile_loss else self._plain_loss()
+        self._step = BatchStep(self, self._loss)
         self._samples_before = 0
-        self._loss_sum: Tensor | float = 0.0
-        self._loss_count: Tensor | int = 0
-        self.skips_front, self._compiled_batch = skips_front, compiled_batch
-        self._loss = self._plain_loss()
-        self._compiled = compile_loss(self._loss) if compile_loss else None
-        self._capture, self._captured = capture, None
 
     def forward(self, batch: Batch) -> Tensor:
         """Return the outputs, float32 [N, outputs], steering first; of a window's newest frame."""
@@ -87,125 +78,70 @@ class SteeringModule(RunModule):
         size = len(batch["images"]) or 1 if self.training else piece_length(batch["images"])
         pieces = [
             dict(zip(batch, tensors, strict=True))
-            for tensors in zip(*(one.split(size) for one in batch.values()), strict=True)
+            for tensors in zip(*(tensor.split(size) for tensor in batch.values()), strict=True)
         ]
-        predicted = torch.cat([predict(self.network, one, self.skips_front) for one in pieces])
+        predicted = torch.cat([self._predict(piece) for piece in pieces])
         return self.network.newest(predicted) if isinstance(self.network, Memory) else predicted
 
-    def _plain_loss(self) -> Callable[[Batch], Tensor]:
+    def _plain_loss(self) -> BatchLoss:
         """Return a function from a batch to its loss, without `self`, to compile."""
-        network, loss, skips_front = self.network, self.loss, self.skips_front
-        is_own = type(self) is SteeringModule
-        targets_of = partial(network_targets, network) if is_own else self.targets_of
+        predict, loss, has_memory = self._predict, self.loss, isinstance(self.network, Memory)
+        targets_of = self._true if type(self) is SteeringModule else self.targets_of
 
         def batch_loss(batch: Batch) -> Tensor:
-            predicted = predict(network, batch, skips_front)
-            rows = predicted.flatten(0, 1) if isinstance(network, Memory) else predicted
+            predicted = predict(batch)
+            rows = predicted.flatten(0, 1) if has_memory else predicted
             return loss(rows, targets_of(batch))
 
         return batch_loss
 
     def targets_of(self, batch: Batch) -> Tensor:
         """Return the targets of the loss, [rows, columns of the network in training]."""
-        return network_targets(self.network, batch)
+        return self._true(batch)
 
     def on_train_start(self) -> None:
         """Start the clock: an epoch that is resumed inside has no start."""
         self._clock = time.perf_counter()
-        if self._capture:
-            self._captured = self._capture(self._whole_step, self.trainer.optimizers[0])
+        make_step = RankStep if self.trainer.world_size > 1 else self._make_step
+        self._step = make_step(self, self._loss)
 
     def on_train_epoch_start(self) -> None:
         """Start counting samples and loss of the epoch."""
         self._samples_before = self.train_samples
-        self._loss_sum, self._loss_count = 0.0, 0
+        self._step.start_epoch()
         self._clock = time.perf_counter()
 
     def on_train_batch_start(self, batch: Batch | list[Batch], number: int) -> None:
-        """Keep the group's first batches; seed dropout at the epoch's start."""
-        self._ahead = batch[:-1] if isinstance(batch, list) else []
+        """Seed dropout at the epoch's start; take the steps before Lightning's own."""
         if number == 0:
             # Dropout depends on the epoch alone, so that a resumed run repeats it. Not earlier:
             # creating a loader's iterator draws too, and a resumed run creates it before.
             torch.manual_seed(self.seed * 1_000_003 + self.current_epoch * 1_009 + self.global_rank)
+        self._step.step_ahead(as_group(batch))
 
     def training_step(self, batch: Batch | list[Batch], number: int) -> Tensor | None:
-        """Return the loss of the batch, or of a group's last batch; None of captured steps."""
-        if self._captured and isinstance(batch, list):
-            loss = None
-            for part in batch:
-                self._count(self._captured(part), len(part["images"]))
-        else:
-            loss = self._counted_loss(batch[-1] if isinstance(batch, list) else batch)
+        """Return the loss of Lightning's step; None if it takes none."""
+        loss = self._step.loss(as_group(batch))
         if number % CHECK_EVERY == 0:
             self._check_finite()
         return loss
 
     def optimizer_step(self, epoch: int, number: int, optimizer: object, closure: Callable) -> None:
-        """Step for each batch of the group but the last; then take Lightning's step."""
-        if self._captured:
-            closure()
-            return
-        for batch in self._ahead:
-            self._count(self._whole_step(batch), len(batch["images"]))
-        super().optimizer_step(epoch, number, optimizer, closure)
-
-    def _whole_step(self, batch: Batch) -> Tensor:
-        """Step the optimizer by a batch's loss; return it."""
-        optimizer = self.trainer.optimizers[0]
-        with self.trainer.precision_plugin.train_step_context():
-            loss = self._loss_of(batch)
-        for group in optimizer.param_groups:  # zero_grad() takes longer than tiny's relu
-            for parameter in group["params"]:
-                parameter.grad = None
-        loss.backward()
-        optimizer.step()
-        return loss.detach()
-
-    def _loss_of(self, batch: Batch) -> Tensor:
-        compiled = self._compiled and len(batch["images"]) == self._compiled_batch
-        return (self._compiled if compiled else self._loss)(batch)
-
-    def _count(self, loss: Tensor, count: int) -> None:
-        # Not summed in place: a compiled step owns the loss that it returns.
-        self._loss_sum = self._loss_sum + loss * count
-        self._loss_count += count
-
-    def _counted_loss(self, batch: Batch) -> Tensor:
-        count = len(batch["images"])
-        if not count:  # a rank without samples returns a zero loss
-            loss = sum(0.0 * p.sum() for p in self.network.parameters() if p.requires_grad)
+        """Take Lightning's step by the loss of `training_step`, which the closure calls."""
+        if self._step.by_lightning:
+            super().optimizer_step(epoch, number, optimizer, closure)
         else:
-            loss = self._loss_of(batch)
-        if self.trainer.world_size > 1:
-            return self._rank_loss(loss, self.targets_of(batch), count)
-        self._count(loss.detach(), count)
-        return loss
-
-    def _rank_loss(self, loss: Tensor, targets: Tensor, count: int) -> Tensor:
-        """Return this rank's loss, weighted so that the ranks' mean is the whole batch's loss.
-
-        All ranks sum the whole loss: if it is not finite, all stop.
-        """
-        divisor = getattr(self.loss, "divisor", None)  # without one, a mean over samples
-        share = loss.new_tensor(count) if divisor is None else divisor(targets).to(loss)
-        # In double precision, in which a sum of counts is exact.
-        sums = torch.stack([loss.detach() * share, share, loss.new_tensor(count)]).double()
-        torch.distributed.all_reduce(sums)
-        whole, divided_by, samples = sums
-        self._loss_sum = self._loss_sum + whole / divided_by * samples
-        self._loss_count = self._loss_count + samples
-        return loss * (share * self.trainer.world_size / divided_by).to(loss)
+            closure()
 
     @property
     def train_samples(self) -> int:
         """Return the number of samples that all processes have trained on."""
-        return self._samples_before + int(self._loss_count)
+        return self._samples_before + int(self._step.samples)
 
     def on_train_batch_end(self, *_: object) -> None:
         """Count the time of the step."""
         if self.trainer.is_last_batch:
-            float(self._loss_sum)  # waits for the steps that a GPU has not yet taken
+            self._step.is_finite()  # waits for the steps that a GPU has not yet taken
         # From the end of a step to the end of the next: validation and plots do not count.
         now = time.perf_counter()
         self.train_seconds += now - self._clock
@@ -223,14 +159,14 @@ class SteeringModule(RunModule):
         self.train_epochs += 1
         self.log("train/loss", float(self.mean_loss()), sync_dist=True)
 
-    def mean_loss(self) -> Tensor:
+    def mean_loss(self) -> Tensor | float:
         """Return the mean loss of the epoch so far, over all processes' samples."""
-        return self._loss_sum / self._loss_count
+        return self._step.mean_loss()
 
     def _check_finite(self, weights: bool = False) -> None:
         """Check the loss, and the weights: the last loss was computed before the last step."""
         what = None
-        if not np.isfinite(float(self._loss_sum)):
+        if not self._step.is_finite():
             what = "the loss is"
         elif weights and not all(bool(w.isfinite().all()) for w in self.network.parameters()):
             what = "the weights are"
@@ -247,53 +183,32 @@ class SteeringModule(RunModule):
         gradient_clip_val: float | None = None,
         gradient_clip_algorithm: str | None = None,
     ) -> None:
-        """Clip the gradients, also in bfloat16 with a fused optimizer.
-
-        Lightning refuses this, as in 16 bits with scaled gradients, which such an optimizer takes.
-        In bfloat16 gradients are not scaled.
-        """
-        plugin = self.trainer.precision_plugin
-        if not gradient_clip_val or getattr(plugin, "scaler", None):
-            self.clip_gradients(optimizer, gradient_clip_val, gradient_clip_algorithm)
-            return
-        algorithm = GradClipAlgorithmType(gradient_clip_algorithm or "norm")
-        Precision.clip_gradients(plugin, optimizer, gradient_clip_val, algorithm)
+        """Clip the gradients, also in bfloat16 with a fused optimizer."""
+        clip_gradients(self, optimizer, gradient_clip_val, gradient_clip_algorithm)
 
     def on_validation_epoch_start(self) -> None:
         """Start with no predictions."""
         # Numbers, not tensors: small tensors between the batches' activations fragment the heap.
         self._predicted: list[float] = []
-        self._true: list[float] = []
+        self._actual: list[float] = []
 
     def validation_step(self, batch: Batch, _: int) -> None:
         """Collect predicted and true steering."""
         if not len(batch["targets"]):  # this rank has no rows
             return
         self._predicted += self(batch)[:, 0].float().tolist()
-        self._true += batch["targets"][:, 0].tolist()
+        self._actual += batch["targets"][:, 0].tolist()
 
     def on_validation_epoch_end(self) -> None:
         """Log the figures of all validation rows."""
-        own = [np.array(column, np.float32) for column in (self._predicted, self._true)]
-        self.validation = predicted, true = self._all_rows(own)
+        columns = [np.array(column, np.float32) for column in (self._predicted, self._actual)]
+        self.validation = predicted, true = all_rows(self.trainer, columns)
         # Processes on other machines may sum in another order; decisions by these figures must be
         # the same everywhere.
         metrics = self.trainer.strategy.broadcast(open_loop_metrics(predicted, true))
         self.log_dict(
             {f"val/{name}": value for name, value in metrics.items()}, rank_zero_only=False
         )
-
-    def _all_rows(self, own: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Return predicted and true steering of all processes, float32 [N], in order of rows.
-
-        Each rank has contiguous rows, in order of ranks.
-        """
-        shares = [own]
-        if self.trainer.world_size > 1:
-            shares = [None] * self.trainer.world_size
-            torch.distributed.all_gather_object(shares, own)
-        predicted, true = (np.concatenate(column) for column in zip(*shares, strict=True))
-        return predicted, true
 
     def configure_optimizers(self) -> dict:
         """Return the optimizer and its scheduler, as Lightning expects them."""
@@ -315,51 +230,5 @@ class SteeringModule(RunModule):
         return schedule
 
     def parameter_groups(self) -> list[dict]:
-        """Return parameter groups: weights decay, biases do not; a backbone may have its own rate.
-
-        Without `l2` no group has a `weight_decay`: the optimizer's own counts for all.
-        Each group costs a call of the optimizer, so there are as few as possible.
-        """
-        backbone = getattr(self.network, "backbone", None)
-        slow = {id(p) for p in backbone.parameters()} if backbone is not None else set()
-        groups: dict[tuple[bool, bool], list[nn.Parameter]] = {}
-        for parameter in self.network.parameters():
-            if parameter.requires_grad:
-                own_rate = id(parameter) in slow and self.backbone_lr is not None
-                key = own_rate, parameter.ndim > 1 and self.l2 > 0
-                groups.setdefault(key, []).append(parameter)
-        if not groups:
-            raise InputError("no parameter can be trained; set model.trainable_blocks above 0")
-        return [
-            {
-                "params": parameters,
-                # The gradient of l2 * w^2 is 2 * l2 * w; torch's weight_decay w adds w itself.
-                **({"weight_decay": 2 * self.l2 if decays else 0.0} if self.l2 else {}),
-                **({"lr": self.backbone_lr} if is_backbone else {}),
-            }
-            for (is_backbone, decays), parameters in groups.items()
-        ]
-
-
-def predict(network: nn.Module, batch: Batch, skips_front: bool = False) -> Tensor:
-    """Return outputs, float32 [N, outputs], steering first; with `skips_front`, of features.
-
-    A network with memory has outputs for K rows of each window, [N, K, outputs].
-    """
-    images = batch["images"]
-    if skips_front:
-        return network.rest(images)
-    if network.takes_speed:
-        return network(images, batch["speed"])
-    if isinstance(network, Memory) and images.ndim == 4:  # windows of one frame
-        images = images[:, None]
-    return network(images)
-
-
-def network_targets(network: nn.Module, batch: Batch) -> Tensor:
-    """Return the true outputs of all rows that a network predicts for a batch, [rows, outputs]."""
-    targets = batch["targets"]
-    if isinstance(network, Memory):
-        targets = targets[:, None] if targets.ndim == 2 else targets
-        targets = targets[:, network.targets].flatten(0, 1)
-    return targets[:, : network.outputs]
+        """Return the parameter groups of the optimizer, see `optimizer_groups`."""
+        return optimizer_groups(self.network, self.l2, self.backbone_lr)

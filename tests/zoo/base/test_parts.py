@@ -187,7 +187,7 @@ def test_the_environment_variable_takes_whole_paths(
     [
         (("import Tensor, nn", "import Tensor, nm"), "line 3: ImportError"),
         (("self.head((", "self.tail(("), "line 17: AttributeError"),
-        (("outputs = 1", "kind = 1"), "MyNet lacks outputs"),
+        (("outputs = 1", "outputs = 2"), "MyNet.forward returns [2, 1] for 2 images"),
         ((".flatten(1))", ".flatten(1))[:, 0]"), "MyNet.forward returns [2] for 2 images"),
         (("class MyNet", "class YourNet"), "defines no class MyNet"),
         (("def __init__(self,", "def __init__(self, depth,"), "argument: 'shape'"),

@@ -28,6 +28,7 @@ from zoo.driving.scenario import Scenario
 from zoo.models.lenet import LeNet
 from zoo.models.make_network import make_network
 from zoo.models.memory import Memory
+from zoo.models.network_facts import facts_of
 from zoo.models.pilotnet import PilotNet
 
 # Not vgg, which takes seconds, nor efficientnet_lite0: a frozen graph folds batch normalization,
@@ -44,7 +45,9 @@ def test_a_networks_outputs_stay_the_same_to_the_bit(name: str) -> None:
     torch.manual_seed(1)
     network = make_network(model, view).eval()
     pictures = np.random.default_rng(1).integers(0, 256, (5, *view.shape), np.uint8)
-    frames = [network_inputs(one, SPEED if network.takes_speed else None) for one in pictures]
+    frames = [
+        network_inputs(one, SPEED if facts_of(network).takes_speed else None) for one in pictures
+    ]
     wanted = outputs_of(network, network, frames)
     forward = quick_forward(network, view)
     assert isinstance(forward, torch.jit.ScriptModule)

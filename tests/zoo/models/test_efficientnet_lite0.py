@@ -75,10 +75,10 @@ def test_the_network_is_its_front_and_its_rest(trainable: int, images: Tensor) -
     network = EfficientNetLite0(SHAPE, trainable).eval()
     front = network.front(images)
     assert torch.equal(network.rest(front), network(images))
-    assert (network.frozen_front is None) == (trainable == BLOCKS)
+    assert (network.facts.frozen_front is None) == (trainable == BLOCKS)
     if trainable < BLOCKS:
         assert not front.requires_grad
-        assert torch.equal(network.frozen_front(images), front)
+        assert torch.equal(network.facts.frozen_front(images), front)
 
 
 @pytest.mark.parametrize("trainable", [0, 2, BLOCKS])

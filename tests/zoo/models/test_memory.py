@@ -46,9 +46,9 @@ def test_stepping_through_a_window_gives_its_last_row(name: str, sequence: int) 
     with torch.inference_mode():
         predicted = network(images)
     rows = range(network.sequence + network.ahead)[network.targets]
-    assert predicted.shape == (2, len(rows), network.outputs)
+    assert predicted.shape == (2, len(rows), network.facts.outputs)
     out = stepped(network, images)
-    assert out.shape == (2, 1 + network.ahead, network.outputs)
+    assert out.shape == (2, 1 + network.ahead, network.facts.outputs)
     torch.testing.assert_close(out[:, 0], network.newest(predicted))
     if network.ahead:
         torch.testing.assert_close(out, predicted)

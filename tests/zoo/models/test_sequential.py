@@ -13,6 +13,7 @@ from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert
 from zoo.models.make_network import make_network
+from zoo.models.network_facts import NetworkFacts
 from zoo.models.sequential import Sequential
 from zoo.scoring.visual_backprop import Saliency
 
@@ -235,5 +236,4 @@ def test_a_strangers_specs_do_not_exhaust_the_machine(layers: list) -> None:
 
 def test_two_outputs_are_steering_and_throttle() -> None:
     network = Sequential((3, 13, 17), [{"layer": "Flatten"}, {"layer": "Dense", "units": 2}])
-    assert network.outputs == 2
-    assert not network.takes_speed
+    assert network.facts == NetworkFacts(outputs=2)

@@ -108,7 +108,7 @@ def test_every_model_steers_as_its_checkpoint(name: str, frames: Frames, tmp_pat
     steering = [onnx_policy(frame, 9.0)[0] for frame in frames.frames]
     assert np.std(steering) > 0, "it ignores the frame"
     throttle = [onnx_policy(frames.frames[0], mph)[1] for mph in (0.0, 30.0)]
-    if network.outputs > 1:
+    if policy.outputs > 1:
         assert throttle[0] != throttle[1]
     else:
         assert throttle == [None, None]

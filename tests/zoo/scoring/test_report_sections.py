@@ -26,6 +26,7 @@ from zoo.driving.drive_film import WorstMoments, badness
 from zoo.driving.drive_log import read_drive
 from zoo.driving.drive_record import DriveRow
 from zoo.models.make_network import make_network, view_of
+from zoo.models.network_facts import facts_of
 from zoo.scoring.data_section import find_recovery
 from zoo.scoring.training_section import network_layers
 
@@ -38,8 +39,9 @@ def test_the_parameters_of_the_layers_add_up(model: str) -> None:
     layers = network_layers(network, view.shape)
 
     assert sum(layer.parameters for layer in layers) == sum(p.numel() for p in network.parameters())
-    columns = network.outputs + getattr(network, "predicts_spread", False)
-    assert layers[-1].shape == (columns * (1 + getattr(network, "ahead", 0)),)
+    facts = facts_of(network)
+    steps = 1 + (facts.window.ahead if facts.window else 0)
+    assert layers[-1].shape == (facts.columns * steps,)
     assert {layer.name for layer in layers} <= dict(network.named_modules()).keys()
 
 

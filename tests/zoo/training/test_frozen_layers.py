@@ -75,23 +75,23 @@ def test_vgg_is_its_front_and_its_rest_to_the_bit(trainable: int) -> None:
     assert torch.equal(network(images), plain)
     front = network.front(images)
     assert torch.equal(network.rest(front), plain)
-    assert (network.frozen_front is None) == (trainable == 5)
+    assert (network.facts.frozen_front is None) == (trainable == 5)
     if trainable < 5:
         assert not front.requires_grad
-        assert torch.equal(network.frozen_front(images), front)
+        assert torch.equal(network.facts.frozen_front(images), front)
 
 
 def test_a_fingerprint_is_of_the_frozen_weights_alone() -> None:
     torch.manual_seed(0)
     network = Vgg16(SHAPE, 1)
-    before = fingerprint(network.frozen_front)
+    before = fingerprint(network.facts.frozen_front)
     with torch.no_grad():
         network.head[0].weight += 1
         network.features[-3].weight += 1
-    assert fingerprint(network.frozen_front) == before
+    assert fingerprint(network.facts.frozen_front) == before
     with torch.no_grad():
         network.features[0].bias[0] += 1e-3
-    assert fingerprint(network.frozen_front) != before
+    assert fingerprint(network.facts.frozen_front) != before
 
 
 def test_random_frozen_blocks_are_neither_dead_nor_huge(recorded: Written) -> None:

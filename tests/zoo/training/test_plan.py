@@ -21,7 +21,7 @@ from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.training import plan
 from zoo.training.build import load_data
-from zoo.training.plan import compile_step, compiles
+from zoo.training.compiled_loss import compile_step, compiles
 
 CPU = torch.device("cpu")
 

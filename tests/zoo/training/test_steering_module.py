@@ -16,9 +16,11 @@ from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.models.losses import SteeringWeightedMSE
 from zoo.models.make_network import view_of
+from zoo.models.network_facts import facts_of
+from zoo.training.batch_outputs import predictor, true_outputs
 from zoo.training.build import build_data
 from zoo.training.open_loop import baseline_metrics, open_loop_metrics, side_response
-from zoo.training.steering_module import SteeringModule, network_targets, predict
+from zoo.training.steering_module import SteeringModule
 
 
 def groups(recorded: Written, *overrides: str) -> list[dict]:
@@ -66,7 +68,7 @@ def test_a_network_that_predicts_its_spread_trains_by_its_mean(
     module, _ = train_here(recorded, tmp_path, *keys, "trainer.max_epochs=1")
     predicted, true = module.validation
     assert predicted.shape == true.shape
-    assert module.network.predicts_spread
+    assert facts_of(module.network).predicts_spread
 
 
 @pytest.mark.parametrize(
@@ -96,7 +98,7 @@ def test_a_batch_is_evaluated_in_pieces(name: str) -> None:
     }
     with torch.inference_mode():
         predicted = module_around(network).eval()(batch)
-        whole = predict(network, batch)
+        whole = predictor(network)(batch)
         module_around(network).train()(batch)
     assert seen.pop() == shape[0], "a training has whole batches"
     assert seen == ([4, 4, shape[0]] if windowed else [32, 32, 6, 70])
@@ -133,7 +135,7 @@ def test_each_prediction_is_compared_with_the_row_that_it_is_for(name: str) -> N
     network = network_of(name)
     batch = batch_of(network)
     predicted = network(batch["images"])
-    true = network_targets(network, batch)
+    true = true_outputs(network)(batch)
     assert predicted.flatten(0, 1).shape == true.shape == (2 * len(ROWS[name]), 1)
     assert true[:, 0].tolist() == batch["targets"][:, ROWS[name], 0].flatten().tolist()
 

@@ -19,6 +19,7 @@ from zoo.checkpoints.onnx_policy import IMAGES, SPEED
 from zoo.extras.car.c_source import CSource, c_comment, c_number, read_parts
 from zoo.extras.car.c_view import write_view
 from zoo.models.memory import Memory
+from zoo.models.network_facts import facts_of
 
 if TYPE_CHECKING:
     import onnx
@@ -81,7 +82,7 @@ def c_source(checkpoint: Checkpoint, name: str, weights: str) -> str:
     kind, upper = type(network).__name__, name.upper()
     if isinstance(network, Memory):
         raise InputError(f"{kind} keeps earlier frames, which a C file does not; {OTHERWISE}")
-    if getattr(network, "predicts_spread", False):
+    if facts_of(network).predicts_spread:
         raise InputError(f"{kind} returns a spread, which a C file does not; {OTHERWISE}")
     write_view(checkpoint.view, out)
     out.need(f"type {weights}")
@@ -109,19 +110,19 @@ def c_source(checkpoint: Checkpoint, name: str, weights: str) -> str:
 
 def c_header(checkpoint: Checkpoint, name: str, model_card: str) -> str:
     """Return the header of a C file, with a card for people as its comment."""
-    network, (rows, columns) = checkpoint.network, checkpoint.view.frame
+    facts, (rows, columns) = facts_of(checkpoint.network), checkpoint.view.frame
     values = {
         "name": name,
         "UPPER": name.upper(),
         "card": c_comment(model_card),
         "rows": rows,
         "columns": columns,
-        "speed": "the car's speed" if network.takes_speed else "not used by this network",
+        "speed": "the car's speed" if facts.takes_speed else "not used by this network",
     }
     parts = read_parts()
     text = Template(parts["header"]).substitute(values)
     throttle = Template(parts["header throttle"]).substitute(values)
-    return text.replace("THROTTLE", f"{throttle}\n\n" if network.outputs > 1 else "") + "\n"
+    return text.replace("THROTTLE", f"{throttle}\n\n" if facts.outputs > 1 else "") + "\n"
 
 
 class _Graph:

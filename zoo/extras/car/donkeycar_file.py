@@ -26,6 +26,7 @@ from zoo.keras.keras_model import DONKEYCAR
 from zoo.models.keras_modules import Crop, InKerasOrder, Unbin
 from zoo.models.layers import Normalize
 from zoo.models.memory import Memory
+from zoo.models.network_facts import NetworkFacts, facts_of
 from zoo.models.sequential import Sequential
 
 Layer = tuple[str, dict[str, Any], list[np.ndarray]]  # class, config, kernel and bias
@@ -47,7 +48,7 @@ COLOURS = {
 class BoundedThrottle(nn.Sequential):
     """A network, and layers that return its steering and a bounded throttle."""
 
-    takes_speed, outputs = False, 2
+    facts = NetworkFacts(outputs=2)
 
 
 def bounded(checkpoint: Checkpoint, most: float) -> Checkpoint:
@@ -65,7 +66,7 @@ def bounded(checkpoint: Checkpoint, most: float) -> Checkpoint:
             last.weight[steering[0] :][above] = 0
             last.bias[steering[0] :][above] = NEVER
             return replace(checkpoint, network=network)
-        if network.outputs == 1:
+        if facts_of(network).outputs == 1:
             signs, layers = torch.tensor([[1.0], [0.0]]), [nn.Linear(1, 2)]
         else:  # s = relu(s) - relu(-s), and the throttle = most - relu(most - throttle)
             signs = torch.tensor([[1.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
@@ -95,11 +96,11 @@ def donkeycar_bytes(checkpoint: Checkpoint) -> tuple[bytes, str]:
     """
     network = checkpoint.network
     name = type(network).__name__
-    if isinstance(network, Memory) or network.takes_speed:
+    if isinstance(network, Memory) or facts_of(network).takes_speed:
         raise InputError(f"{name} takes more than an image, which Donkeycar does not pass to it")
     layers = [*_view_layers(checkpoint.view), *_network_layers(network)]
     kind, config, weights = layers.pop()
-    units = [1] * network.outputs
+    units = [1] * facts_of(network).outputs
     bins = [one for one in network.modules() if isinstance(one, Unbin)]
     if bins:
         units = [one[0] for one in bins[0].groups]

@@ -21,6 +21,7 @@ from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.engine import Engine, chosen_forward
 from zoo.checkpoints.frozen_graph import NetworkPolicy, network_inputs
 from zoo.checkpoints.policy_base import Command, Policy, output_command
+from zoo.models.network_facts import facts_of
 
 
 class EnsemblePolicy(Policy):
@@ -147,7 +148,7 @@ class DropoutPolicy(NetworkPolicy):
         """
         inputs = network_inputs(self.view(frame), speed_mph if self.takes_speed else None)
         rows = self.forward(*inputs).tolist()
-        spread = getattr(self.network, "predicts_spread", False)
+        spread = facts_of(self.network).predicts_spread
         return self.for_car(mixture([output_command(row, spread) for row in rows]))
 
 
@@ -169,12 +170,12 @@ class SampledNetwork(nn.Module):
     def __init__(self, network: nn.Module, view: View, samples: int, seed: int) -> None:
         super().__init__()
         name = type(network).__name__
-        if hasattr(network, "first_state"):
+        if facts_of(network).window:
             raise InputError(
                 f"{name} remembers frames, of which dropout samples are not supported; name "
                 "several checkpoints for an ensemble"
             )
-        self.samples, self.takes_speed = samples, network.takes_speed
+        self.samples, self.takes_speed = samples, facts_of(network).takes_speed
         weights = {id(one): one for one in network.parameters()}  # shared, not copied
         self.network = copy.deepcopy(network, weights)
         if not _fix_masks(self.network, samples, torch.Generator().manual_seed(seed)):

@@ -10,7 +10,9 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.frozen_graph import network_inputs
 from zoo.extras.research.doubt_policy import DropoutPolicy, SampledNetwork
+from zoo.models.frame_window import Window
 from zoo.models.lenet import LeNet
+from zoo.models.network_facts import NetworkFacts
 from zoo.models.pilotnet import PilotNet
 
 VIEW = View((40, 20), "rgb", (66, 200))
@@ -120,6 +122,6 @@ def test_a_network_without_dropout_is_refused() -> None:
 
 def test_a_network_that_remembers_is_refused() -> None:
     checkpoint = pilotnet()
-    checkpoint.network.first_state = lambda count=1: ()
+    checkpoint.network.facts = NetworkFacts(window=Window())
     with pytest.raises(InputError, match=r"^PilotNet remembers frames.*ensemble$"):
         DropoutPolicy(checkpoint, 5, 1)
