@@ -22,9 +22,7 @@ from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert
-from zoo.keras.keras_model import DONKEYCAR
-from zoo.models.keras_modules import Crop, InKerasOrder, Unbin
-from zoo.models.layers import Normalize
+from zoo.models.layers import DONKEYCAR, Crop, InKerasOrder, Normalize, Unbin
 from zoo.models.memory import Memory
 from zoo.models.sequential import Sequential
 

@@ -14,19 +14,16 @@ from zoo.models.keras_modules import (
     ACTIVATIONS,
     RESIZE_METHODS,
     BatchNorm,
-    Crop,
     GaussianNoise,
-    InKerasOrder,
     Lambda,
     OnAxis,
     PaddedConv2d,
     Pads,
     PReLU,
     Resize,
-    Unbin,
 )
 from zoo.models.layer_spec import LayerSpec, Pair, Shape, by
-from zoo.models.layers import Dropout
+from zoo.models.layers import Crop, Dropout, InKerasOrder, Unbin
 
 Built = tuple[nn.Module, Shape]
 Builder = Callable[[LayerSpec, Shape, bool], Built]

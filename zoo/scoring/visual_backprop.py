@@ -14,7 +14,7 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.doubt_policy import EnsemblePolicy
 from zoo.checkpoints.onnx_policy import OnnxPolicy
-from zoo.models.keras_modules import Crop
+from zoo.models.layers import Crop
 from zoo.models.memory import frame_outputs
 
 # Layers that move or resize a map, besides convolutions.
