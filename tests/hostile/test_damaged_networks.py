@@ -44,7 +44,7 @@ from zoo.checkpoints.onnx_policy import CARD, OnnxPolicy
 from zoo.keras.keras_file import check_kind, read_keras
 from zoo.keras.keras_lambda import describe_lambda, specs_of_word
 from zoo.keras.keras_layers import convert
-from zoo.models.layer_spec import LayerSpec
+from zoo.keras.layer_spec import LayerSpec
 
 FRAME = np.zeros((160, 320, 3), np.uint8)
 KERAS: list[Layer] = [

@@ -22,9 +22,9 @@ from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert
+from zoo.keras.sequential import Sequential
 from zoo.models.layers import DONKEYCAR, Crop, InKerasOrder, Normalize, Unbin
 from zoo.models.memory import Memory
-from zoo.models.sequential import Sequential
 
 Layer = tuple[str, dict[str, Any], list[np.ndarray]]  # class, config, kernel and bias
 WAYS = {"linear": "bilinear", "area": "area"}

@@ -25,7 +25,7 @@ from zoo.checkpoints.network_kind import IMPORTED, network_kind
 from zoo.keras.keras_file import read_keras_apart
 from zoo.keras.keras_layers import convert
 from zoo.keras.keras_weights import load_keras_weights
-from zoo.models.sequential import Sequential
+from zoo.keras.sequential import Sequential
 from zoo.models.transfer import Transfer
 
 IMAGENET = "imagenet"

@@ -1,4 +1,4 @@
-"""Convert a Keras model to specs and weights of `zoo.models.sequential.Sequential`."""
+"""Convert a Keras model to specs and weights of `zoo.keras.sequential.Sequential`."""
 
 import math
 from collections.abc import Sequence
@@ -13,9 +13,9 @@ from zoo.keras.keras_lambda import WORDS
 from zoo.keras.keras_model import THROTTLE_RANGE, KerasModel
 from zoo.keras.keras_specs import Spec, plain_kind
 from zoo.keras.keras_weights import MisfitError, copy_arrays
-from zoo.models.layer_spec import by
+from zoo.keras.layer_spec import by
+from zoo.keras.sequential import Sequential, build_layers, is_channels_first
 from zoo.models.make_network import LimitedParameters
-from zoo.models.sequential import Sequential, build_layers, is_channels_first
 
 SIDES = set(range(1, 4097))  # of an image, in pixels
 

@@ -1,4 +1,4 @@
-"""Translate a Keras layer's config to specs of `zoo.models.sequential`, for Keras 1, 2 and 3.
+"""Translate a Keras layer's config to specs of `zoo.keras.sequential`, for Keras 1, 2 and 3.
 
 Values pass as they are: the network checks them when it is built. None stands for the default.
 """
@@ -6,7 +6,7 @@ Values pass as they are: the network checks them when it is built. None stands f
 from typing import Any
 
 from zoo.keras.keras_lambda import FUNCTIONS
-from zoo.models.keras_modules import ACTIVATIONS
+from zoo.keras.keras_modules import ACTIVATIONS
 
 Spec = dict[str, Any]
 

@@ -30,7 +30,7 @@ from zoo.models.make_network import view_of
 from zoo.training.config_values import check_config
 
 QUICK_EPOCHS = 3
-TARGET = "zoo.models.sequential.Sequential"
+TARGET = "zoo.keras.sequential.Sequential"
 MOST_JOBS = 8  # processes that draw if the user names no number: each opens its tracks
 
 

@@ -48,10 +48,10 @@ from zoo.export.donkeycar_file import (
 from zoo.export.exported_file import Int8OnnxFile, export_checkpoint
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert
+from zoo.keras.sequential import Sequential
 from zoo.models.commaai import CommaAi
 from zoo.models.lenet import LeNet
 from zoo.models.pilotnet import PilotNet
-from zoo.models.sequential import Sequential
 from zoo.scoring.parity import RENDERED, Frames, compare, take_frames
 from zoo.scoring.visual_backprop import Saliency
 from zoo.server import input_checks as inputs

@@ -10,7 +10,7 @@ from tests.zoo.keras.keras_files import Layer, functional, random_weights, write
 from zoo.base.errors import InputError
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import ConvertedKeras, convert
-from zoo.models.sequential import Sequential
+from zoo.keras.sequential import Sequential
 
 SHAPE = (12, 16, 3)
 HIDDEN = 16

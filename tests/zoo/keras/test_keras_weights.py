@@ -10,13 +10,13 @@ import pytest
 import torch
 
 from datamodules.view import View
+from tests.zoo.keras import keras_reference
 from tests.zoo.keras.keras_files import (
     Layer,
     model_config,
     random_weights,
     write_groups,
 )
-from tests.zoo.models import keras_reference
 from tests.zoo.models.test_models_command import build
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError

@@ -25,7 +25,7 @@ from zoo.base.errors import InputError
 from zoo.base.new_folder import RECIPE
 from zoo.checkpoints.checkpoint import load_checkpoint, make_card
 from zoo.keras.initial_weights import load_weights
-from zoo.models.sequential import Sequential
+from zoo.keras.sequential import Sequential
 from zoo.simulator.record import FIRST_TRY, RecordOptions
 from zoo.training.recorded_roads import recorded_roads, road_key
 from zoo.training.run_config import settle_windows, with_layers, with_quick, with_recording

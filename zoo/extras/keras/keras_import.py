@@ -218,7 +218,7 @@ def _model_settings(converted: ConvertedKeras, found: Combination) -> dict:
         "name": "keras",
         **{key: view[key] for key in ("colour", "size", "resize")},
         "weights": None,
-        "_target_": "zoo.models.sequential.Sequential",
+        "_target_": "zoo.keras.sequential.Sequential",
         "layers": converted.layers,
         "scale": list(found.scale),
     }

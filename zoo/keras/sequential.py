@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 
 from torch import Tensor, nn
 
-from zoo.models.layer_spec import LayerSpec, Shape
+from zoo.keras.layer_spec import LayerSpec, Shape
+from zoo.keras.spec_builders import BUILDERS
 from zoo.models.layers import SCALE, Normalize
-from zoo.models.spec_builders import BUILDERS
 
 MOST_LAYERS = 1000
 MOST_VALUES = 2**26  # of a layer's output for one image
