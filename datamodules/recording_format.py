@@ -17,7 +17,7 @@ import numpy as np
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from zoo.base.bounded_files import read_json
-from zoo.base.entry_points import installed_entries
+from zoo.base.entry_points import installed_entries, load_entry
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.rig import UDACITY, Rig
 from zoo.base.rig_file import find_rig, named_rig, write_rig
@@ -70,15 +70,8 @@ def formats() -> Iterator[tuple[str, Format]]:
     for name, module in OWN.items():
         yield name, importlib.import_module(module)
     for point in installed_entries(GROUP):
-        if point.name in OWN:
-            continue
-        try:
-            yield point.name, point.load()
-        except Exception as error:
-            raise InputError(
-                f"{point.value}: the format {point.name} cannot be imported ({error}); install "
-                "its package again"
-            ) from None
+        if point.name not in OWN:
+            yield point.name, load_entry(point, "format")
 
 
 def known_format(path: Path, name: str | None = None) -> tuple[str, Format] | None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from zoo.base.errors import InputError
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -24,6 +26,25 @@ def installed_entries(group: str) -> list[EntryPoint]:
         if entry.dist and Path(str(entry.dist.locate_file(""))).resolve() != here
         if not is_extra(entry) or file_of(entry.value).is_file()
     ]
+
+
+def load_entry(entry: EntryPoint, kind: str) -> Any:
+    """Return what an entry point names.
+
+    Args:
+        entry: entry point of an installed package.
+        kind: what it adds, for the message.
+
+    Raises:
+        InputError: it cannot be imported.
+    """
+    try:
+        return entry.load()
+    except Exception as error:  # a package's code may raise any error
+        raise InputError(
+            f"{entry.value}: the {kind} {entry.name} cannot be imported ({error}); install its "
+            "package again"
+        ) from None
 
 
 def is_extra(entry: EntryPoint) -> bool:

@@ -13,8 +13,8 @@ from zoo.keras.keras_lambda import WORDS
 from zoo.keras.keras_model import THROTTLE_RANGE, KerasModel
 from zoo.keras.keras_specs import Spec, plain_kind
 from zoo.keras.keras_weights import MisfitError, copy_arrays
+from zoo.keras.layer_chain import LayerChain, build_layers, is_channels_first
 from zoo.keras.layer_spec import by
-from zoo.keras.sequential import Sequential, build_layers, is_channels_first
 from zoo.models.make_network import LimitedParameters
 
 SIDES = set(range(1, 4097))  # of an image, in pixels
@@ -122,7 +122,7 @@ def convert(
     last = shapes[-1] if shapes else shape
     specs = [*specs, *(_bins(model, throttle_range) or _output_specs(model, last, outputs))]
     channels, rows, columns = shape if first else (shape[2], *shape[:2])
-    network = Sequential((channels, rows, columns), specs, chain.scale)
+    network = LayerChain((channels, rows, columns), specs, chain.scale)
     for index, module in enumerate(modules):
         network.layers[index] = module
     if line is not None:

@@ -1,4 +1,4 @@
-"""Translate a Keras layer's config to specs of `zoo.keras.sequential`, for Keras 1, 2 and 3.
+"""Translate a Keras layer's config to specs of `zoo.keras.layer_chain`, for Keras 1, 2 and 3.
 
 Values pass as they are: the network checks them when it is built. None stands for the default.
 """

@@ -1,111 +1,79 @@
 """Any sequential network of Keras' layers, such as one that `drivezoo import` converted."""
 
-import math
-from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 
-from torch import Tensor, nn
-
-from zoo.keras.layer_spec import LayerSpec, Shape
-from zoo.keras.spec_builders import BUILDERS
-from zoo.models.layers import SCALE, Normalize
-
-MOST_LAYERS = 1000
-MOST_VALUES = 2**26  # of a layer's output for one image
-MOST_WORK = 200_000_000_000  # multiply-adds for one image; VGG16's has 15 billion
-# Without layers it is a linear regression: the smallest network that steers.
-DEFAULT_LAYERS = ({"layer": "Flatten"}, {"layer": "Dense", "units": 1})
-FIRST = "channels_first"
+from datamodules.view import View
+from zoo.base.command_keys import typed
+from zoo.base.errors import InputError
+from zoo.base.terminal import command_line
+from zoo.checkpoints.checkpoint import check_card, find_checkpoint, read_checkpoint_file
+from zoo.keras.keras_file import read_keras_apart
+from zoo.keras.keras_layers import convert
+from zoo.keras.layer_chain import LayerChain
+from zoo.keras.network_kind import IMPORTED, network_kind
+from zoo.models.make_network import FileNetwork
 
 
-class Sequential(nn.Module):
+class Sequential(LayerChain, FileNetwork):
     """A network from plain specs of layers; the values are those of Keras.
 
-    Args:
-        shape: `(channels, height, width)` of the view.
-        layers: specs of the layers in order: `layer`, a class of Keras, and its settings with the
-            names and values of Keras 2. None for one dense layer.
-        scale: the network computes `pixel / scale[0] - scale[1]` first; None for -1..1.
-
-    Raises:
-        ValueError: a spec is wrong; names the layer, the setting and the value.
+    Its layers and its scale are those of the file of its weights where the config has none. The
+    arguments are those of `LayerChain`.
     """
 
-    takes_speed = False
-
-    def __init__(
-        self,
-        shape: tuple[int, int, int],
-        layers: Sequence[Mapping] | None = None,
-        scale: Sequence[float] | None = None,
-    ) -> None:
-        super().__init__()
-        specs = check_specs(layers if layers is not None else DEFAULT_LAYERS)
-        first = is_channels_first(specs)
-        channels, height, width = shape
-        self.scale = SCALE if scale is None else tuple(scale)
-        self.normalize = Normalize(self.scale)
-        modules, shapes = build_layers(specs, shape if first else (height, width, channels), first)
-        self.layers = nn.Sequential(*modules)
-        self.outputs = math.prod(shapes[-1])
-        if self.outputs not in (1, 2):
-            raise ValueError(
-                f"model.layers: the last layer has {self.outputs} outputs; a network steers with "
-                "1 or 2, steering and throttle"
+    @classmethod
+    def file_settings(cls, model: dict, view: View) -> dict:
+        """Return the layers and the scale of the file of weights, if no layers are set."""
+        if model.get("layers") is not None:
+            return {}
+        if model["weights"] is None:
+            raise InputError(
+                "model=keras has no layers of its own; set model.weights=FILE, a .h5, .keras or "
+                ".json of Keras or a checkpoint of drivezoo import"
             )
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Return the steering, and the throttle with two outputs; [N, outputs]."""
-        return self.layers(self.normalize(images)).flatten(1)
-
-
-def check_specs(layers: object) -> list[Mapping]:
-    """Return the specs, checked to be a list of mappings that name known layers."""
-    if not isinstance(layers, list | tuple) or not 0 < len(layers) <= MOST_LAYERS:
-        raise ValueError(f"model.layers is not a list of 1 to {MOST_LAYERS} layers")
-    for number, one in enumerate(layers, start=1):
-        name = one.get("layer") if isinstance(one, Mapping) else None
-        if not isinstance(name, str) or name not in BUILDERS:
-            known = ", ".join(BUILDERS)
-            raise ValueError(
-                f"model.layers: layer {number} is {name!r:.40}, no known layer; known are {known}"
-            )
-    return list(layers)
+        try:
+            path = find_checkpoint(str(model["weights"]))
+            read = _of_keras if network_kind(path) in IMPORTED else _of_checkpoint
+            layers, scale = read(path, view, model.get("scale"))
+        except InputError as error:
+            raise InputError(f"model.weights={error}") from None
+        return {"layers": layers, "scale": list(scale)}
 
 
-def is_channels_first(specs: Sequence[Mapping]) -> bool:
-    """Return whether the layers were trained with images [N, C, H, W]."""
-    return any(one.get("data_format") == FIRST for one in specs if one["layer"] != "Flatten")
+def _of_keras(path: Path, view: View, scale: list | None) -> tuple[list, list]:
+    remedy = "or run drivezoo import on it, and set model.weights to the checkpoint"
+    try:
+        network = convert(read_keras_apart(path), scale=scale)
+    except InputError as error:
+        raise InputError(f"{error}; here, scale is model.scale; {remedy}") from None
+    rows, columns, channels = network.input_shape
+    if network.input_shape != view.shape:
+        raise InputError(
+            f"{path}: its input is {rows} x {columns} x {channels}, the view gives "
+            f"{' x '.join(map(str, view.shape))}; set 'data.crop=[0,0]' "
+            f"'model.size=[{rows},{columns}]' model.colour={'gray' if channels == 1 else 'rgb'}, "
+            f"with the crop and the colour of its training, {remedy}"
+        )
+    if network.scale is None:
+        raise InputError(
+            f"{path}: does not tell how it scales pixels; set 'model.scale=[127.5,1]' for "
+            f"pixel / 127.5 - 1, or [1,0] for none, {remedy}"
+        )
+    return network.layers, list(network.scale)
 
 
-def build_layers(
-    specs: Sequence[Mapping], shape: Shape, first: bool, labels: Sequence[str] | None = None
-) -> tuple[list[nn.Module], list[Shape]]:
-    """Return a module and an output shape, in Keras' order of axes, for each spec.
-
-    Args:
-        specs: checked specs.
-        shape: shape of an image in Keras' order of axes.
-        first: whether that order is channels first.
-        labels: text on each layer for messages; None for their positions.
-
-    Raises:
-        ValueError: a spec is wrong, or a layer does not fit the output of the layer before.
-    """
-    modules, shapes, work = [], [], 0
-    for number, values in enumerate(specs, start=1):
-        label = f"model.layers: layer {number} of {len(specs)} ({values['layer']})"
-        spec = LayerSpec(values, labels[number - 1] if labels else label)
-        module, shape = BUILDERS[values["layer"]](spec, shape, first)
-        spec.check_all_read()
-        places = math.prod(shape[1:] if first else shape[:-1])
-        work += places * sum(one.numel() for one in module.parameters())
-        empty = min(shape, default=1) < 1
-        if empty or math.prod(shape) > MOST_VALUES or work > MOST_WORK:
-            raise ValueError(
-                f"{spec.label}: its output would be {' x '.join(map(str, shape))}, which is "
-                f"{'empty' if empty else 'too large'}; set the view of the training (data.crop, "
-                "model.size), or other layers"
-            )
-        modules.append(module)
-        shapes.append(shape)
-    return modules, shapes
+def _of_checkpoint(path: Path, view: View, scale: list | None) -> tuple[list, list]:
+    card = read_checkpoint_file(path)["drivezoo"]
+    check_card(card, path)
+    model, own = card["config"]["model"], View.from_dict(card["view"])
+    if not isinstance(model.get("layers"), list):
+        raise InputError(
+            f"{path}: is a checkpoint of {model.get('name')!s:.60}, without model.layers; set "
+            "model to its name"
+        )
+    if replace(own, frame=view.frame) != view:  # the recording has not been read yet
+        keys = [f"data.crop={typed(own.crop)}", f"model.colour={own.colour}"]
+        keys += [f"model.size={typed(own.size)}", f"model.resize={own.resize}"]
+        raise InputError(f"{path}: was trained on another view; set {command_line(keys)}")
+    return model["layers"], scale or model.get("scale") or [127.5, 1.0]

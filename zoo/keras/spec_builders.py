@@ -1,4 +1,4 @@
-"""Build the modules of `zoo.keras.sequential` from specs; one function for each kind of layer.
+"""Build the modules of `zoo.keras.layer_chain` from specs; one function for each kind of layer.
 
 A function takes a spec, the input's shape of one sample in Keras' order of axes, and whether that
 order is channels first. It returns the module and the output's shape.

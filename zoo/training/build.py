@@ -27,11 +27,11 @@ from zoo.base.parts import import_part, part_errors, part_of
 from zoo.base.terminal import print_line
 from zoo.base.written_files import note_files
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
-from zoo.keras.initial_weights import load_weights
 from zoo.models.make_network import make_network, view_of
 from zoo.training.captured_step import CapturedStep
 from zoo.training.closed_loop import MONITORED, ClosedLoop
 from zoo.training.host_settings import AUTO, FULL
+from zoo.training.initial_weights import load_weights
 from zoo.training.plan import TrainingPlan, compile_step
 from zoo.training.run_loggers import naming_arguments
 from zoo.training.run_module import RunModule

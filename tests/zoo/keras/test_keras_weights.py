@@ -20,8 +20,8 @@ from tests.zoo.keras.keras_files import (
 from tests.zoo.models.test_models_command import build
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
-from zoo.keras.initial_weights import load_weights
 from zoo.models.make_network import make_network
+from zoo.training.initial_weights import load_weights
 
 # Kernels as Keras keeps them: (h, w, in, out), (columns, in, out) and (in, out).
 KERNELS = {

@@ -24,11 +24,11 @@ from zoo.base.compose import ABOUT, compose_config, conf_folder
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECIPE
 from zoo.checkpoints.checkpoint import load_checkpoint, make_card
-from zoo.keras.initial_weights import load_weights
 from zoo.keras.sequential import Sequential
 from zoo.simulator.record import FIRST_TRY, RecordOptions
+from zoo.training.initial_weights import load_weights
 from zoo.training.recorded_roads import recorded_roads, road_key
-from zoo.training.run_config import settle_windows, with_layers, with_quick, with_recording
+from zoo.training.run_config import settle_windows, with_file_settings, with_quick, with_recording
 
 KERAS = ("model=keras", f"model.size=[{INPUT[0]},{INPUT[1]}]")
 USUAL = [one for one in SMALL if not one.startswith("model")]
@@ -110,7 +110,7 @@ def test_a_training_starts_from_a_keras_model_and_resumes_without_it(
 def test_layers_and_weights_come_from_any_file_of_keras(name: str, tmp_path: Path) -> None:
     writers = {".h5": write_h5, ".json": write_json, ".keras": write_keras}
     path = writers[Path(name).suffix](tmp_path / name, [SCALE, *REST])
-    model = with_layers(keras_config(f"model.weights={path}")).model
+    model = with_file_settings(keras_config(f"model.weights={path}")).model
     network = Sequential((3, *INPUT[:2]), OmegaConf.to_container(model.layers), model.scale)
     assert "3 layers" not in load_weights(network, str(path))
     np.testing.assert_allclose(outputs(network), expected(REST), atol=1e-5)
@@ -119,9 +119,9 @@ def test_layers_and_weights_come_from_any_file_of_keras(name: str, tmp_path: Pat
 def test_layers_of_the_config_are_kept(tmp_path: Path) -> None:
     config = keras_config()
     config.model.layers = [{"layer": "Flatten"}, {"layer": "Dense", "units": 1}]
-    assert with_layers(config) is config
+    assert with_file_settings(config) is config
     other = OmegaConf.create(compose_config(["data.root=x", "model=tiny"]))
-    assert with_layers(other) is other
+    assert with_file_settings(other) is other
 
 
 @pytest.mark.parametrize(
@@ -141,20 +141,20 @@ def test_what_is_missing_is_named(overrides: list[str], words: str, tmp_path: Pa
     given = any("weights" in one for one in overrides) or not overrides
     own = [] if given else [f"model.weights={path}"]
     with pytest.raises(InputError, match=words) as caught:
-        with_layers(keras_config(*own, *[one for one in overrides if "=" in one]))
+        with_file_settings(keras_config(*own, *[one for one in overrides if "=" in one]))
     assert len(str(caught.value).splitlines()) == 1
 
 
 def test_an_unclear_scale_is_set_by_the_user(tmp_path: Path) -> None:
     path = write_h5(tmp_path / "m.h5", [UNCLEAR, *REST])
-    config = with_layers(keras_config(f"model.weights={path}", "model.scale=[255,0.5]"))
+    config = with_file_settings(keras_config(f"model.weights={path}", "model.scale=[255,0.5]"))
     assert config.model.scale == [255, 0.5]
 
 
 def test_another_models_checkpoint_is_refused(run_folder: Path) -> None:
     path = run_folder / "checkpoints" / "best.ckpt"
     with pytest.raises(InputError, match=r"best\.ckpt: .*without model\.layers; set model"):
-        with_layers(keras_config(f"model.weights={path}"))
+        with_file_settings(keras_config(f"model.weights={path}"))
 
 
 def test_a_checkpoint_of_another_view_names_its_keys(tmp_path: Path) -> None:
@@ -167,9 +167,9 @@ def test_a_checkpoint_of_another_view_names_its_keys(tmp_path: Path) -> None:
         card = make_card(config, view, {"fingerprint": "0", "rows": 1})
         torch.save({"drivezoo": card, "state_dict": {}}, tmp_path / "old.ckpt")
         with pytest.raises(InputError, match=re.escape(words)):
-            with_layers(keras_config(f"model.weights={tmp_path / 'old.ckpt'}"))
+            with_file_settings(keras_config(f"model.weights={tmp_path / 'old.ckpt'}"))
     same = ["model.colour=bgr", "model.size=null", "data.crop=[0,0]"]
-    model = with_layers(keras_config(f"model.weights={tmp_path / 'old.ckpt'}", *same)).model
+    model = with_file_settings(keras_config(f"model.weights={tmp_path / 'old.ckpt'}", *same)).model
     assert (model.layers, model.scale) == (layers, [255, 0.5])
 
 

@@ -18,8 +18,8 @@ from tests.zoo.written_checkpoints import write_constant
 from zoo.base.console_script import commands, place_of
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_policy import load_policy
-from zoo.checkpoints.network_kind import IMPORTED, KINDS, network_kind
 from zoo.keras.keras_file import read_keras_apart
+from zoo.keras.network_kind import IMPORTED, KINDS, network_kind
 
 Writer = Callable[[Path], object]
 
