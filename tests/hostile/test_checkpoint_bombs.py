@@ -123,14 +123,6 @@ def test_tensors_that_repeat_one_number_count_whole(path: Path) -> None:
         load_plain(path)
 
 
-def test_a_network_larger_than_its_weights_is_not_built(path: Path) -> None:
-    layers = [{"layer": "Flatten"}, {"layer": "Dense", "units": 9_000_000}]
-    model = {"_target_": "zoo.keras.sequential.Sequential", "layers": layers}
-    changed(path, model=contents_of(path)["drivezoo"]["config"]["model"] | model)
-    with pytest.raises(InputError, match=r"x\.ckpt: .*126,000,000 parameters"):
-        load_checkpoint(path)
-
-
 def test_members_that_share_their_weights_are_refused(path: Path) -> None:
     member = contents_of(path)
     doubt = {"drivezoo": {"format": 1, "doubt": {"samples": 2, "seed": 0}}, "members": [member] * 9}

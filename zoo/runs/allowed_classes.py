@@ -38,7 +38,7 @@ STEERING = "zoo.training.steering_module"
 CALLBACK = "lightning.pytorch.callbacks.callback.Callback"
 # By the keys above a `_target_`; * stands for any name.
 ALLOWED = {
-    ("model",): Allowed(own=("zoo.models.*", "zoo.keras.sequential"), part=MODULE),
+    ("model",): Allowed(own=("zoo.models.*",), part=MODULE),
     ("loss",): Allowed(
         own=("zoo.models.losses",),
         package="torch.nn",
@@ -89,7 +89,7 @@ RENAMED = {
     ),
     "zoo.losses.GaussianNLL": "zoo.models.losses.GaussianNLL",
     "zoo.losses.SteeringWeightedMSE": "zoo.models.losses.SteeringWeightedMSE",
-    "zoo.models.sequential.Sequential": "zoo.keras.sequential.Sequential",
+    "zoo.models.sequential.Sequential": "zoo.extras.keras.sequential.Sequential",
     "zoo.sweep.pruning.Pruning": "zoo.training.sweep_pruning.Pruning",
 }
 

@@ -1,4 +1,4 @@
-"""Convert a Keras model to specs and weights of `zoo.keras.sequential.Sequential`."""
+"""Convert a Keras model to specs and weights of `zoo.extras.keras.sequential.Sequential`."""
 
 import math
 from collections.abc import Sequence
@@ -8,13 +8,13 @@ import torch
 from torch import Tensor
 
 from zoo.base.errors import InputError
-from zoo.keras.keras_chain import Chain, Scale
-from zoo.keras.keras_lambda import WORDS
-from zoo.keras.keras_model import THROTTLE_RANGE, KerasModel
-from zoo.keras.keras_specs import Spec, plain_kind
-from zoo.keras.keras_weights import MisfitError, copy_arrays
-from zoo.keras.layer_chain import LayerChain, build_layers, is_channels_first
-from zoo.keras.layer_spec import by
+from zoo.extras.keras.keras_chain import Chain, Scale
+from zoo.extras.keras.keras_lambda import WORDS
+from zoo.extras.keras.keras_model import THROTTLE_RANGE, KerasModel
+from zoo.extras.keras.keras_specs import Spec, plain_kind
+from zoo.extras.keras.keras_weights import MisfitError, copy_arrays
+from zoo.extras.keras.layer_chain import LayerChain, build_layers, is_channels_first
+from zoo.extras.keras.layer_spec import by
 from zoo.models.make_network import LimitedParameters
 
 SIDES = set(range(1, 4097))  # of an image, in pixels

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from tests.zoo.keras import keras_reference
-from tests.zoo.keras.keras_files import (
+from tests.zoo.extras.keras import keras_reference
+from tests.zoo.extras.keras.keras_files import (
     INPUT,
     Layer,
     lambda_config,
@@ -20,10 +20,10 @@ from tests.zoo.keras.keras_files import (
     write_keras,
 )
 from zoo.base.errors import InputError
-from zoo.keras.keras_file import read_keras
-from zoo.keras.keras_lambda import describe_lambda, specs_of_word
-from zoo.keras.keras_layers import ConvertedKeras, convert
-from zoo.keras.sequential import Sequential
+from zoo.extras.keras.keras_file import read_keras
+from zoo.extras.keras.keras_lambda import describe_lambda, specs_of_word
+from zoo.extras.keras.keras_layers import ConvertedKeras, convert
+from zoo.extras.keras.sequential import Sequential
 
 W = random_weights
 SCALE = ("Lambda", lambda_config(lambda x: x / 127.5 - 1.0), [])

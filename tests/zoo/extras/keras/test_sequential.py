@@ -5,14 +5,14 @@ import pytest
 import torch
 
 from datamodules.view import View
-from tests.zoo.keras import keras_reference
-from tests.zoo.keras.keras_files import Layer, random_weights, write_h5
+from tests.zoo.extras.keras import keras_reference
+from tests.zoo.extras.keras.keras_files import Layer, random_weights, write_h5
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
-from zoo.keras.keras_file import read_keras
-from zoo.keras.keras_layers import convert
-from zoo.keras.sequential import Sequential
+from zoo.extras.keras.keras_file import read_keras
+from zoo.extras.keras.keras_layers import convert
+from zoo.extras.keras.sequential import Sequential
 from zoo.models.make_network import make_network
 from zoo.scoring.visual_backprop import Saliency
 
@@ -209,7 +209,7 @@ WRONG = [
 
 @pytest.mark.parametrize(("layers", "words"), WRONG, ids=[str(one)[:60] for one, _ in WRONG])
 def test_a_wrong_spec_is_named(layers: object, words: str) -> None:
-    model = {"_target_": "zoo.keras.sequential.Sequential", "layers": layers}
+    model = {"_target_": "zoo.extras.keras.sequential.Sequential", "layers": layers}
     if layers is None:
         model["layers"] = 3
     with pytest.raises(InputError, match=words) as caught:
@@ -228,7 +228,7 @@ def test_a_wrong_spec_is_named(layers: object, words: str) -> None:
     ],
 )
 def test_a_strangers_specs_do_not_exhaust_the_machine(layers: list) -> None:
-    model = {"_target_": "zoo.keras.sequential.Sequential", "layers": layers}
+    model = {"_target_": "zoo.extras.keras.sequential.Sequential", "layers": layers}
     with pytest.raises(InputError, match=r"too large|1,000,000,000|outputs"):
         make_network(model, View([0, 0], "rgb", SHAPE[:2]))
 

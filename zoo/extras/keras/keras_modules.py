@@ -1,4 +1,4 @@
-"""Layers of Keras that torch lacks, for `zoo.keras.layer_chain`.
+"""Layers of Keras that torch lacks, for `zoo.extras.keras.layer_chain`.
 
 Images are [N, C, H, W] between the layers, as torch needs them. Where a layer's output depends on
 Keras' order of axes, usually [N, H, W, C], it changes to that order and back.

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from zoo.keras.network_kind import IMPORTED, describe_kind, network_kind
+from zoo.extras.keras.network_kind import IMPORTED, describe_kind, network_kind
 
 if TYPE_CHECKING:
     from torch import nn  # a slow import, as those in the functions
@@ -32,10 +32,10 @@ def load(network: nn.Module, path: Path) -> str:
         InputError: the file is damaged, or does not fit the network.
     """
     from zoo.checkpoints.checkpoint import check_fit
-    from zoo.keras.keras_file import read_keras_apart
-    from zoo.keras.keras_layers import convert
-    from zoo.keras.keras_weights import load_keras_weights
-    from zoo.keras.sequential import Sequential
+    from zoo.extras.keras.keras_file import read_keras_apart
+    from zoo.extras.keras.keras_layers import convert
+    from zoo.extras.keras.keras_weights import load_keras_weights
+    from zoo.extras.keras.sequential import Sequential
 
     if not isinstance(network, Sequential):
         return load_keras_weights(network, path)
@@ -54,9 +54,9 @@ def read(path: Path) -> nn.Module:
     Raises:
         InputError: the file is damaged, or a layer cannot be converted.
     """
-    from zoo.keras.keras_file import read_keras_apart
-    from zoo.keras.keras_layers import convert
-    from zoo.keras.layer_chain import LayerChain
+    from zoo.extras.keras.keras_file import read_keras_apart
+    from zoo.extras.keras.keras_layers import convert
+    from zoo.extras.keras.layer_chain import LayerChain
 
     converted = convert(read_keras_apart(path))
     rows, columns, channels = converted.input_shape

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 
 from torch import Tensor, nn
 
-from zoo.keras.layer_spec import LayerSpec, Shape
-from zoo.keras.spec_builders import BUILDERS
+from zoo.extras.keras.layer_spec import LayerSpec, Shape
+from zoo.extras.keras.spec_builders import BUILDERS
 from zoo.models.layers import SCALE, Normalize
 
 MOST_LAYERS = 1000

@@ -8,10 +8,10 @@ from zoo.base.command_keys import typed
 from zoo.base.errors import InputError
 from zoo.base.terminal import command_line
 from zoo.checkpoints.checkpoint import check_card, find_checkpoint, read_checkpoint_file
-from zoo.keras.keras_file import read_keras_apart
-from zoo.keras.keras_layers import convert
-from zoo.keras.layer_chain import LayerChain
-from zoo.keras.network_kind import IMPORTED, network_kind
+from zoo.extras.keras.keras_file import read_keras_apart
+from zoo.extras.keras.keras_layers import convert
+from zoo.extras.keras.layer_chain import LayerChain
+from zoo.extras.keras.network_kind import IMPORTED, network_kind
 from zoo.models.make_network import FileNetwork
 
 

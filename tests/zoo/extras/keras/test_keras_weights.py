@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from datamodules.view import View
-from tests.zoo.keras import keras_reference
-from tests.zoo.keras.keras_files import (
+from tests.zoo.extras.keras import keras_reference
+from tests.zoo.extras.keras.keras_files import (
     Layer,
     model_config,
     random_weights,

@@ -26,10 +26,10 @@ from zoo.base.errors import InputError, optional_import
 from zoo.base.limits import open_archive
 from zoo.base.read_apart import read_apart
 from zoo.checkpoints.network_files import TORCH
-from zoo.keras.keras_arrays import WeightsFile
-from zoo.keras.keras_model import KerasLayer, joined_outputs, read_architecture
-from zoo.keras.keras_model import KerasModel as KerasModel
-from zoo.keras.network_kind import (
+from zoo.extras.keras.keras_arrays import WeightsFile
+from zoo.extras.keras.keras_model import KerasLayer, joined_outputs, read_architecture
+from zoo.extras.keras.keras_model import KerasModel as KerasModel
+from zoo.extras.keras.network_kind import (
     FOLDER,
     IMPORTED,
     JSON,
