@@ -15,7 +15,6 @@ from zoo.models.layers import OneFrame
 from zoo.models.make_network import check_network
 from zoo.models.memory import Memory, Stack
 from zoo.models.network_facts import LossFacts, NetworkFacts, facts_of, loss_facts_of
-from zoo.models.sequential import Sequential
 
 SHAPE = (3, 16, 32)
 
@@ -126,11 +125,6 @@ def test_a_part_of_version_0_1_may_derive_from_a_class_of_the_zoo(base: type) ->
     network = TwoOutputs() if base is OneFrame else TwoOutputs(SHAPE, 2, 1)
     assert facts_of(network).outputs == 2
     assert facts_of(network).window == (Window(2) if base is Stack else None)
-
-
-def test_an_imported_network_has_as_many_outputs_as_its_last_layer() -> None:
-    network = Sequential(SHAPE, [{"layer": "Flatten"}, {"layer": "Dense", "units": 2}])
-    assert facts_of(network) == NetworkFacts(outputs=2)
 
 
 def test_facts_that_do_not_fit_the_network_are_refused() -> None:

@@ -122,14 +122,6 @@ def test_tensors_that_repeat_one_number_count_whole(path: Path) -> None:
         load_plain(path)
 
 
-def test_a_network_larger_than_its_weights_is_not_built(path: Path) -> None:
-    layers = [{"layer": "Flatten"}, {"layer": "Dense", "units": 9_000_000}]
-    model = {"_target_": "zoo.models.sequential.Sequential", "layers": layers}
-    changed(path, model=contents_of(path)["drivezoo"]["config"]["model"] | model)
-    with pytest.raises(InputError, match=r"x\.ckpt: .*126,000,000 parameters"):
-        load_checkpoint(path)
-
-
 def test_weights_of_eight_bits_are_named(path: Path) -> None:
     contents = contents_of(path)
     state = contents["state_dict"]

@@ -33,7 +33,6 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_plain
 from zoo.checkpoints.onnx_policy import open_session
 from zoo.commands.check import look_at_image
-from zoo.keras.keras_file import read_keras
 from zoo.scoring.blocks import Image
 from zoo.simulator.track_file import read_track
 
@@ -98,7 +97,6 @@ def place(make: Make, path: Path) -> Path:
 
 READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "checkpoint": ("x.ckpt", load_plain),
-    "weights": ("x.h5", read_keras),
     "ONNX": ("x.onnx", lambda path: open_session(path, 1)),
     "track": ("x.yaml", lambda path: read_track(str(path))),
     "log": ("driving_log.csv", lambda path: read_recordings(str(path.parent))),

@@ -26,7 +26,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from zoo.base.entry_points import installed_entries
+from zoo.base.entry_points import EXTRAS, installed_entries
 from zoo.base.errors import InputError, UsageError
 
 KEY, VARIABLE, GROUP = "parts", "DRIVEZOO_PARTS", "drivezoo.parts"
@@ -49,6 +49,11 @@ class Part:
     module: str
     file: Path | None = None
     conf: Path | None = None
+
+    @property
+    def is_extra(self) -> bool:
+        """Return whether it is drivezoo's own: its errors are bugs, and its code has no hash."""
+        return self.module.startswith(EXTRAS)
 
     @property
     def name(self) -> str:
@@ -148,18 +153,23 @@ def _users_parts() -> tuple[Part, ...]:
 
 
 def part_of(target: object) -> Part | None:
-    """Return the part whose module a `_target_` names, or None."""
+    """Return the part outside drivezoo whose module a `_target_` names, or None."""
+    part = _holder(target)
+    return part if part and not part.is_extra else None
+
+
+def _holder(target: object) -> Part | None:
     module = target.rpartition(".")[0] if isinstance(target, str) else ""
     return next((part for part in named_parts() if part.holds(module)), None)
 
 
 def part_class(target: object) -> type | None:
-    """Return the class of a part that a `_target_` names; None if it is no part's.
+    """Return the class of a part or an extra that a `_target_` names; None if it is no part's.
 
     Raises:
         InputError: the part cannot be imported, or defines no such class.
     """
-    part = part_of(target)
+    part = _holder(target)
     if part is None:
         return None
     module, _, name = str(target).rpartition(".")
@@ -211,7 +221,7 @@ def part_failure(error: BaseException) -> InputError | None:
         parts = named_parts()
     except InputError:  # the first error was that a part does not exist
         return None
-    passed = ((part, _lines_in(part, error)) for part in parts)
+    passed = ((part, _lines_in(part, error)) for part in parts if not part.is_extra)
     return next((_in_one_line(error, part, lines) for part, lines in passed if lines), None)
 
 
@@ -234,6 +244,8 @@ def unknown_part(target: object) -> str:
     if part := part_of(target):
         return f"{part.name} defines no such network; derive the class from torch.nn.Module"
     module = str(target).rpartition(".")[0]
+    if module.startswith(EXTRAS):
+        return f"the extra {module:.100} of drivezoo is missing; install drivezoo again"
     name = module if "." in module else f"{module}.py"
     return f"if you have {name:.100} and trust it, add {KEY}={name:.100}"
 

@@ -28,12 +28,13 @@ from zoo.base.rig_file import find_rig
 from zoo.base.terminal import error_line
 from zoo.checkpoints.checkpoint_path import FOLDER, STARTED_IN
 from zoo.checkpoints.checkpoint_path import find_checkpoint as find_checkpoint
-from zoo.checkpoints.network_kind import (
-    PICKLE,
-    TORCH,
-    describe_kind,
+from zoo.checkpoints.network_files import (
+    MOST_BYTES,
+    SCRIPT,
+    describe_network,
+    describe_script,
     describe_torch,
-    file_kind,
+    torch_kind,
 )
 from zoo.checkpoints.pickle_limits import MOST_BYTES as MOST_PICKLE_BYTES
 from zoo.checkpoints.pickle_limits import check_pickles
@@ -43,7 +44,6 @@ from zoo.runs.allowed_classes import with_present_names
 from zoo.runs.record_fields import Count, Fields, Number, Whole, check_fields
 
 FORMAT = 1
-MOST_BYTES = 8_000_000_000
 SPARE_PARAMETERS = 1_000_000  # more than those in the file; else their shapes are compared
 FLOATS = (torch.float32, torch.float16, torch.bfloat16, torch.float64)
 PREFIX = "network."  # the network's name in the LightningModule's state
@@ -197,10 +197,12 @@ def _load_plain(file: BinaryIO, path: Path) -> object:
         InputError: see `load_plain`.
         OSError: the file cannot be read.
     """
-    kind = file_kind(file, path.name)
-    if kind not in (TORCH, PICKLE):
-        what = describe_kind(path, kind) if kind else f"is not a torch file; {_ANOTHER}"
+    kind = torch_kind(file)
+    if not kind:
+        what = describe_network(path) or f"is not a torch file; {_ANOTHER}"
         raise InputError(f"{path}: {what}")
+    if kind == SCRIPT:
+        raise InputError(f"{path}: {describe_script(path)}")
     file.seek(0)
     is_zip = file.read(2) == b"PK"  # else a pickle, as torch wrote before 1.6
     if is_zip and not zipfile.is_zipfile(file):  # its end record is missing

@@ -200,11 +200,10 @@ def _in_folder(folder: Path) -> Path:
             + command_line(["drivezoo", "train", f"resume={folder}"])
         )
     # The doctor imports this module without packages.
-    from zoo.checkpoints.network_kind import describe_kind, network_kind
+    from zoo.checkpoints.network_files import describe_network
 
     what = f"is a folder without {FOLDER}/{BEST}; name a run's folder or a checkpoint"
-    kind = network_kind(folder)
-    raise InputError(f"{folder}: {describe_kind(folder, kind) if kind else what}")
+    raise InputError(f"{folder}: {describe_network(folder) or what}")
 
 
 def _started(run: Path, checkpoint: Path) -> float:

@@ -12,6 +12,9 @@ from torch import Tensor, library, nn
 from zoo.models.network_facts import NetworkFacts
 
 ACTIVATIONS = {"elu": nn.ELU, "relu": nn.ReLU}
+# The outputs of Donkeycar's networks of one image: linear and inferred, and in bins, or linear
+# before version 2.2 (`donkeycar/parts/keras.py`).
+DONKEYCAR = (["n_outputs0", "n_outputs1"], ["n_outputs0"], ["angle_out", "throttle_out"])
 # Pixel values of 32 of PilotNet's images: the activations of more exceed a processor's caches
 # (docs/performance.md#where-the-time-goes).
 PIECE = 1_270_000
@@ -216,3 +219,76 @@ def feature_shape(features: nn.Module, shape: tuple[int, int, int], name: str) -
             "larger model.size, or crop less (data.crop)"
         )
     return out.shape[1:]
+
+
+class Crop(nn.Module):
+    """A layer that removes rows and columns from the edges.
+
+    Args:
+        edges: number of rows or columns at the top, bottom, left and right.
+        size: rows and columns of the output.
+    """
+
+    def __init__(self, edges: tuple[int, int, int, int], size: tuple[int, int]) -> None:
+        super().__init__()
+        self.top, self.bottom, self.left, self.right = edges
+        self.rows, self.columns = size
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Return the images without their edges."""
+        images = images[:, :, self.top : self.top + self.rows]
+        return images[:, :, :, self.left : self.left + self.columns]
+
+    def extra_repr(self) -> str:
+        """Return the settings that a printed network shows."""
+        return f"{self.top}, {self.bottom}, {self.left}, {self.right}"
+
+
+class InKerasOrder(nn.Module):
+    """A layer for tensors in Keras' order of axes, [N, H, W, C] for images.
+
+    Args:
+        layer: layer that takes and returns this order.
+    """
+
+    def __init__(self, layer: nn.Module) -> None:
+        super().__init__()
+        self.layer = layer
+
+    def forward(self, values: Tensor) -> Tensor:
+        """Return the layer's output."""
+        if values.ndim == 4:
+            values = values.permute(0, 2, 3, 1)
+        values = self.layer(values)
+        return values.permute(0, 3, 1, 2) if values.ndim == 4 else values
+
+
+class Unbin(nn.Module):
+    """A layer that returns a number for each group of bins: that of the bin of the largest value.
+
+    In training, its gradient is that of the mean of all bins' numbers, weighed by their softmax
+    (straight-through estimator: Bengio et al., 2013, arXiv:1308.3432).
+
+    Args:
+        bins: number of bins of each group.
+        lows: number of each group's first bin.
+        steps: difference between two bins of each group.
+    """
+
+    def __init__(self, bins: list[int], lows: list[float], steps: list[float]) -> None:
+        super().__init__()
+        self.groups = list(zip(bins, lows, steps, strict=True))
+
+    def forward(self, values: Tensor) -> Tensor:
+        """Return the numbers, [N, groups], for values [N, bins of all groups]."""
+        numbers = []
+        for group, (bins, low, step) in zip(
+            values.split([one[0] for one in self.groups], dim=1), self.groups, strict=True
+        ):
+            number = group.argmax(1).to(values.dtype)
+            if self.training:
+                places = torch.arange(bins, dtype=values.dtype, device=values.device)
+                mean = group.softmax(1) @ places
+                number = number + mean - mean.detach()
+            numbers.append(low + step * number)
+        return torch.stack(numbers, dim=1)

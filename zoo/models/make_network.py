@@ -47,11 +47,43 @@ def published_view(config: dict) -> View:
     return view_of(model, crop)
 
 
+class FileNetwork(nn.Module):
+    """A network that takes settings from the file of its weights, `model.weights`."""
+
+    @classmethod
+    def file_settings(cls, model: dict, view: View) -> dict:
+        """Return what the file adds to the network's config; nothing if all is set.
+
+        Args:
+            model: section `model` of the config.
+            view: network's input.
+
+        Raises:
+            InputError: there is no file, it lacks the settings, or its network has another view.
+        """
+        raise NotImplementedError
+
+
+def network_class(target: object) -> type[nn.Module]:
+    """Return the class that a model's `_target_` names.
+
+    A config can come from an untrusted checkpoint, so the class must be in `zoo.models`, or in a
+    part that the user names or has installed.
+
+    Raises:
+        InputError: the target is no network of the zoo or of a part.
+    """
+    found = own_class(target, ALLOWED["model",].own) or part_class(target)
+    if found is None or not issubclass(found, nn.Module):
+        raise InputError(
+            f"model._target_={target!s:.200}: is no network of zoo.models "
+            f"(drivezoo models lists them); {unknown_part(target)}"
+        )
+    return found
+
+
 def make_network(model: dict, view: View, most: int = MOST_PARAMETERS) -> nn.Module:
     """Return the network that a model's config names, for a view.
-
-    A config can come from an untrusted checkpoint, so its `_target_` must be in `zoo.models` or in
-    a part that the user names.
 
     Args:
         model: section `model` of the config.
@@ -59,25 +91,19 @@ def make_network(model: dict, view: View, most: int = MOST_PARAMETERS) -> nn.Mod
         most: number of parameters that the network may have.
 
     Raises:
-        InputError: the target is no network of the zoo or of a part, or the network refuses a
-            setting; or a part's network does not work as one.
+        InputError: see `network_class`; or the network refuses a setting, or a part's network does
+            not work as one.
     """
     target = model.get("_target_")
-    part = part_of(target)
-    network_class = part_class(target) if part else own_class(target, ALLOWED["model",].own)
-    if network_class is None or not issubclass(network_class, nn.Module):
-        raise InputError(
-            f"model._target_={target!s:.200}: is no network of zoo.models "
-            f"(drivezoo models lists them); {unknown_part(target)}"
-        )
+    part, kind = part_of(target), network_class(target)
     settings = {key: value for key, value in model.items() if key not in ("_target_", *BORDER_KEYS)}
     height, width, channels = view.shape
     shape = (channels, height, width)
     if part is None:
-        _check_settings(network_class, settings)
+        _check_settings(kind, settings)
     try:
         with LimitedParameters(most), part_errors(part):
-            network = network_class(shape, **settings)
+            network = kind(shape, **settings)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(str(error)) from None
     if part is not None:
@@ -85,9 +111,9 @@ def make_network(model: dict, view: View, most: int = MOST_PARAMETERS) -> nn.Mod
     return network
 
 
-def _check_settings(network_class: type[nn.Module], settings: dict) -> None:
+def _check_settings(network: type[nn.Module], settings: dict) -> None:
     """Raise InputError for a number that is not as the constructor's default, or out of range."""
-    parameters = inspect.signature(network_class).parameters
+    parameters = inspect.signature(network).parameters
     for key, (low, below) in RANGES.items():
         if key not in settings or key not in parameters:
             continue

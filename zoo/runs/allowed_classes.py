@@ -90,6 +90,7 @@ RENAMED = {
     ),
     "zoo.losses.GaussianNLL": "zoo.models.losses.GaussianNLL",
     "zoo.losses.SteeringWeightedMSE": "zoo.models.losses.SteeringWeightedMSE",
+    "zoo.models.sequential.Sequential": "zoo.extras.keras.sequential.Sequential",
     "zoo.sweep.pruning.Pruning": "zoo.training.sweep_pruning.Pruning",
 }
 

@@ -14,7 +14,7 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.frozen_graph import NetworkPolicy
 from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy_base import Policy
-from zoo.models.keras_modules import Crop
+from zoo.models.layers import Crop
 from zoo.models.memory import frame_outputs
 
 # Layers that move or resize a map, besides convolutions.

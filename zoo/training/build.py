@@ -27,7 +27,6 @@ from zoo.base.errors import InputError, UsageError
 from zoo.base.parts import import_part, part_errors, part_of
 from zoo.base.terminal import print_line
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
-from zoo.keras.initial_weights import load_weights
 from zoo.models.make_network import VIEW_KEYS, make_network, view_of
 from zoo.models.network_facts import facts_of, loss_facts_of
 from zoo.runs.allowed_classes import with_present_names
@@ -37,6 +36,7 @@ from zoo.training.closed_loop import MONITORED, ClosedLoop
 from zoo.training.compiled_loss import compiled_loss
 from zoo.training.group_step import GroupStep
 from zoo.training.host_settings import AUTO, FULL
+from zoo.training.initial_weights import load_weights
 from zoo.training.optimizer_groups import lr_scale
 from zoo.training.plan import TrainingPlan
 from zoo.training.run_loggers import naming_arguments

@@ -35,7 +35,7 @@ from zoo.training.distributed import ending_together
 from zoo.training.host_settings import set_up_process
 from zoo.training.plan import make_plan
 from zoo.training.precision import choose_precision
-from zoo.training.run_config import settle_config, with_layers
+from zoo.training.run_config import settle_config, with_file_settings
 from zoo.training.run_loggers import log_config, log_results
 from zoo.training.run_module import RunModule
 
@@ -86,7 +86,7 @@ def _run(
     code_fingerprint()  # before training: later edits of the files do not count
     console = Console(soft_wrap=True, quiet=not first)
     score = run_options(config.get("score"))
-    asked = with_layers(config)
+    asked = with_file_settings(config)
     keep_config = keep_config or asked is not config  # resuming needs no file of weights
     config = settle_config(asked, console)
 

@@ -1,7 +1,7 @@
 """The config that a run trains with, settled from the config that the user typed.
 
-`settle_config` reads the layers and the scale of `model=keras` from the file of weights, gives
-`data` and `model` the same windows, applies `quick`, and records `data=lake` once, on first use.
+`settle_config` gives a network the settings that the file of its weights tells, `data` and `model`
+the same windows, applies `quick`, and records `data=lake` once, on first use.
 """
 
 import json
@@ -13,34 +13,29 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.recording_format import read_recordings
-from datamodules.view import View
 from zoo.base.bounded_files import read_json
-from zoo.base.command_keys import typed
 from zoo.base.compose import escape_interpolation
 from zoo.base.conf_files import choice_files
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError, file_errors
 from zoo.base.new_folder import RECIPE, whole_folder
-from zoo.base.terminal import command_line, counted, print_line
+from zoo.base.terminal import counted, print_line
 from zoo.base.whole_file import write_whole
-from zoo.checkpoints.checkpoint import check_card, find_checkpoint, read_checkpoint_file
-from zoo.checkpoints.network_kind import IMPORTED, network_kind
 from zoo.models.frame_window import Window
-from zoo.models.make_network import view_of
+from zoo.models.make_network import FileNetwork, network_class, view_of
 from zoo.training.config_values import check_config
 
 QUICK_EPOCHS = 3
-TARGET = "zoo.models.sequential.Sequential"
 MOST_JOBS = 8  # processes that draw if the user names no number: each opens its tracks
 
 
 def settle_config(config: DictConfig, console: Console) -> DictConfig:
     """Return the config to train with.
 
-    It sets `model.layers` and the windows, applies `quick`, checks all values, and then records
-    `data.record`.
+    It sets what the file of weights tells and the windows, applies `quick`, checks all values, and
+    then records `data.record`.
     """
-    settled = with_quick(settle_windows(with_layers(config)))
+    settled = with_quick(settle_windows(with_file_settings(config)))
     check_config(settled)
     return with_recording(settled, console)
 
@@ -102,74 +97,24 @@ def models_with(key: str) -> list[str]:
     return [name for name in sorted(files) if key in OmegaConf.load(files[name])]
 
 
-def with_layers(config: DictConfig) -> DictConfig:
-    """Return a config whose `model.layers` and `model.scale` are set, from `model.weights`.
+def with_file_settings(config: DictConfig) -> DictConfig:
+    """Return a config with the settings that its network takes from the file of its weights.
 
-    A config of another model, or with layers, is returned as it is.
+    A config of a network without such settings, or with all of them, is returned as it is.
 
     Raises:
-        InputError: there are no weights, they have no layers, or the view is not theirs.
+        InputError: see `zoo.models.make_network.FileNetwork.file_settings`.
     """
-    model = config.model
-    if model.get("_target_") != TARGET or model.get("layers") is not None:
+    kind = network_class(config.model.get("_target_"))
+    if not issubclass(kind, FileNetwork):
         return config
-    if model.weights is None:
-        raise InputError(
-            "model=keras has no layers of its own; set model.weights=FILE, a .h5, .keras or .json "
-            "of Keras or a checkpoint of drivezoo import"
-        )
-    plain = OmegaConf.to_container(model, resolve=True)
-    view = view_of(plain, config.data.crop)
-    try:
-        path = find_checkpoint(str(model.weights))
-        read = _of_keras if network_kind(path) in IMPORTED else _of_checkpoint
-        layers, scale = read(path, view, plain.get("scale"))
-    except InputError as error:
-        raise InputError(f"model.weights={error}") from None
+    model = OmegaConf.to_container(config.model, resolve=True)
+    settings = kind.file_settings(model, view_of(model, config.data.crop))
+    if not settings:
+        return config
     config = config.copy()
-    config.model.layers, config.model.scale = layers, list(scale)
+    config.model.update(settings)
     return config
-
-
-def _of_keras(path: Path, view: View, scale: list | None) -> tuple[list, list]:
-    from zoo.keras.keras_file import read_keras_apart
-    from zoo.keras.keras_layers import convert
-
-    remedy = "or run drivezoo import on it, and set model.weights to the checkpoint"
-    try:
-        network = convert(read_keras_apart(path), scale=scale)
-    except InputError as error:
-        raise InputError(f"{error}; here, scale is model.scale; {remedy}") from None
-    rows, columns, channels = network.input_shape
-    if network.input_shape != view.shape:
-        raise InputError(
-            f"{path}: its input is {rows} x {columns} x {channels}, the view gives "
-            f"{' x '.join(map(str, view.shape))}; set 'data.crop=[0,0]' "
-            f"'model.size=[{rows},{columns}]' model.colour={'gray' if channels == 1 else 'rgb'}, "
-            f"with the crop and the colour of its training, {remedy}"
-        )
-    if network.scale is None:
-        raise InputError(
-            f"{path}: does not tell how it scales pixels; set 'model.scale=[127.5,1]' for "
-            f"pixel / 127.5 - 1, or [1,0] for none, {remedy}"
-        )
-    return network.layers, list(network.scale)
-
-
-def _of_checkpoint(path: Path, view: View, scale: list | None) -> tuple[list, list]:
-    card = read_checkpoint_file(path)["drivezoo"]
-    check_card(card, path)
-    model, own = card["config"]["model"], View.from_dict(card["view"])
-    if not isinstance(model.get("layers"), list):
-        raise InputError(
-            f"{path}: is a checkpoint of {model.get('name')!s:.60}, without model.layers; set "
-            "model to its name"
-        )
-    if replace(own, frame=view.frame) != view:  # the recording has not been read yet
-        keys = [f"data.crop={typed(own.crop)}", f"model.colour={own.colour}"]
-        keys += [f"model.size={typed(own.size)}", f"model.resize={own.resize}"]
-        raise InputError(f"{path}: was trained on another view; set {command_line(keys)}")
-    return model["layers"], scale or model.get("scale") or [127.5, 1.0]
 
 
 def with_recording(config: DictConfig, console: Console) -> DictConfig:

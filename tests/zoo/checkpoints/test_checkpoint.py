@@ -19,6 +19,7 @@ from tests.recordings import Written, write_resized
 from tests.zoo.bomb import Bomb
 from tests.zoo.command_runs import run, succeed
 from tests.zoo.server.old_client import telemetry
+from tests.zoo.written_checkpoints import write_constant
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, make_card, read_checkpoint_file
@@ -227,3 +228,12 @@ def test_a_file_that_may_not_be_read_says_so(best: Path) -> None:
         finally:
             if was_root:
                 os.seteuid(0)
+
+
+def test_a_network_of_an_extra_that_is_missing_names_it(tmp_path: Path) -> None:
+    path = write_constant(tmp_path / "x.ckpt", 0.1)
+    contents = torch.load(path, weights_only=True)
+    contents["drivezoo"]["config"]["model"]["_target_"] = "zoo.extras.absent.net.Net"
+    torch.save(contents, path)
+    with pytest.raises(InputError, match=r"x\.ckpt: .*extra zoo\.extras\.absent\.net .*is missing"):
+        load_checkpoint(path)

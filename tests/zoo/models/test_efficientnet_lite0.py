@@ -9,9 +9,9 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from zoo.checkpoints.checkpoint import load_plain
-from zoo.keras.initial_weights import imagenet_file, load_weights
 from zoo.models import layers
 from zoo.models.efficientnet_lite0 import BLOCKS, EfficientNetLite0
+from zoo.training.initial_weights import imagenet_file, load_weights
 
 SHAPE = (3, 64, 96)
 PACKAGE = EfficientNetLite0.imagenet_source.partition("/")[0]

@@ -17,7 +17,8 @@ from zoo.training.config_values import check_arguments, check_config
 from zoo.training.run_config import settle_windows, with_quick
 
 CHOICES = [(group, name) for group in config_groups() for name in choices(group)]
-CHOICES.remove(("model", "keras"))  # its layers are in a file
+# Its layers are in a file.
+CHOICES = [choice for choice in CHOICES if choice != ("model", "keras")]
 
 
 def check(config: dict) -> None:

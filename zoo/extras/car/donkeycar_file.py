@@ -20,14 +20,10 @@ from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
-from zoo.keras.keras_file import read_keras
-from zoo.keras.keras_layers import convert
-from zoo.keras.keras_model import DONKEYCAR
-from zoo.models.keras_modules import Crop, InKerasOrder, Unbin
-from zoo.models.layers import Normalize
+from zoo.checkpoints.network_files import read_network
+from zoo.models.layers import DONKEYCAR, Crop, InKerasOrder, Normalize, Unbin
 from zoo.models.memory import Memory
 from zoo.models.network_facts import NetworkFacts, facts_of
-from zoo.models.sequential import Sequential
 
 Layer = tuple[str, dict[str, Any], list[np.ndarray]]  # class, config, kernel and bias
 WAYS = {"linear": "bilinear", "area": "area"}
@@ -124,10 +120,7 @@ def whole_view(view: View) -> View:
 
 def donkeycar_policy(checkpoint: Checkpoint, path: Path) -> CheckpointPolicy:
     """Return the policy of a written file, as `drivezoo import` reads it."""
-    read = convert(read_keras(path))
-    view = whole_view(checkpoint.view)
-    network = Sequential((3, *view.frame), read.layers, read.scale).eval()
-    network.load_state_dict(read.state)
+    network, view = read_network(path), whole_view(checkpoint.view)
     return CheckpointPolicy(replace(checkpoint, network=network, view=view))
 
 

@@ -1,1 +1,1 @@
-"""Checkpoints of Keras networks, and the search for the input that each was trained with."""
+"""Keras networks as checkpoints, and the search for the input that each was trained with."""

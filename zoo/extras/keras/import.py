@@ -23,7 +23,7 @@ def import_file(file: str, *, options: ImportOptions) -> None:
     """
     from rich.console import Console
 
-    from zoo.keras.keras_file import check_exists
+    from zoo.extras.keras.keras_file import check_exists
 
     check_exists(Path(file).expanduser())
     with loading():

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from zoo.extras.keras.combinations import LEAST_ROWS
-from zoo.keras.keras_model import THROTTLE_RANGE
+from zoo.extras.keras.keras_model import THROTTLE_RANGE
 
 Colour = Literal["rgb", "bgr", "yuv", "yuv_old", "hsv", "gray", "hsv_s"]
 Resize = Literal["area", "linear", "area_first", "linear_first", "blur_linear"]

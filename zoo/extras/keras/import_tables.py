@@ -8,9 +8,9 @@ from rich.table import Table
 from zoo.base.terminal import command_line
 from zoo.extras.keras.combinations import Combination
 from zoo.extras.keras.judgement import Driven, Judgement
+from zoo.extras.keras.keras_layers import LayerNote
 from zoo.extras.keras.tied_drives import STRETCH
 from zoo.extras.keras.trials import Trial
-from zoo.keras.keras_layers import LayerNote
 from zoo.runs.fitted_table import fitted_table
 from zoo.runs.result_table import Table as Columns
 
@@ -42,12 +42,12 @@ def input_table(
 ) -> Table:
     """Return the parts of the network's input and the line of its output, with their origins."""
     view = found.view
-    height, columns, _ = view.shape
+    height, width_px, _ = view.shape
     divisor, less = found.scale
     values = {
         "colour": view.colour,
         "crop": f"{view.crop[0]} rows at the top, {view.crop[1]} at the bottom",
-        "size": f"{height} x {columns}",
+        "size": f"{height} x {width_px}",
         "resize": view.resize if view.size else "-",
         "scale": f"pixel / {divisor:g} - {less:g}",
     }
@@ -142,8 +142,8 @@ def print_judgement(
     if judged.tied:
         tied = "; ".join(_difference(best, one) for one in judged.tied)
         lines.append(f"too near to tell apart, but steers differently; try by driving: {tied}")
-    for line in lines:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    for text in lines:
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
 def _drive(driven: Driven) -> str:

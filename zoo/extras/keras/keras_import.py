@@ -36,10 +36,10 @@ from zoo.extras.keras.import_tables import (
     trials_table,
 )
 from zoo.extras.keras.judgement import Judgement, search
+from zoo.extras.keras.keras_file import KerasModel, read_keras_apart
+from zoo.extras.keras.keras_layers import ConvertedKeras, convert
 from zoo.extras.keras.tied_drives import drive_tied
 from zoo.extras.keras.trials import Trial
-from zoo.keras.keras_file import KerasModel, read_keras_apart
-from zoo.keras.keras_layers import ConvertedKeras, convert
 from zoo.models.make_network import make_network
 from zoo.scoring.evidence import next_drive
 
@@ -55,7 +55,7 @@ def import_network(file: str, options: ImportOptions, console: Console) -> Path:
             is not, or the checkpoint cannot be written.
     """
     path = Path(file).expanduser()
-    inputs = [path, *([options.weights] if options.weights else [])]
+    inputs: list[str | Path] = [path, *([options.weights] if options.weights else [])]
     out = Path(options.out or path.stem + SUFFIX)
     out = checked_file(out, (SUFFIX,), inputs=inputs, into_folder=True)
     model = read_keras_apart(path, Path(options.weights).expanduser() if options.weights else None)
@@ -102,8 +102,8 @@ def _known(
 ) -> tuple[ConvertedKeras, KnownInput]:
     """Convert the model, and return what its file and the user's keys tell of its input."""
     scale = options.scale
-    given = (options.lambdas, options.outputs, options.size, options.throttle_range)
-    given = (*given, options.steering)
+    throttle, line = options.throttle_range, options.steering
+    given = (options.lambdas, options.outputs, options.size, throttle, line)
     try:
         converted = convert(model, scale, *given)
         scale = converted.scale
@@ -218,7 +218,7 @@ def _model_settings(converted: ConvertedKeras, found: Combination) -> dict:
         "name": "keras",
         **{key: view[key] for key in ("colour", "size", "resize")},
         "weights": None,
-        "_target_": "zoo.models.sequential.Sequential",
+        "_target_": "zoo.extras.keras.sequential.Sequential",
         "layers": converted.layers,
         "scale": list(found.scale),
     }

@@ -1,11 +1,9 @@
 """Files for Donkeycar: they steer as their checkpoint, with a bounded throttle."""
 
-import json
 import re
 from pathlib import Path
 
 import cv2
-import h5py
 import numpy as np
 import pytest
 import torch
@@ -13,27 +11,22 @@ import torch
 from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.command_runs import only_line, run, run_here, succeed
-from tests.zoo.keras.test_donkeycar import BINS, LINEAR, SHAPE, donkeycar_layers
-from tests.zoo.keras.test_donkeycar import write as write_donkeycar
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.console_script import place_of
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.extras.car.donkeycar_file import (
-    bounded,
     donkeycar_bytes,
     donkeycar_policy,
     inferred_throttle,
 )
-from zoo.keras.keras_file import read_keras
-from zoo.keras.keras_layers import convert
 from zoo.models.commaai import CommaAi
 from zoo.models.lenet import LeNet
 from zoo.models.pilotnet import PilotNet
-from zoo.models.sequential import Sequential
 
 FRAME = (120, 160)
+needs_reader = pytest.mark.skipif(not place_of("import"), reason="an extra reads Keras' files")
 
 
 def random_checkpoint(view: View, kind: type[torch.nn.Module] = LeNet, **settings) -> Checkpoint:
@@ -63,12 +56,14 @@ def difference(checkpoint: Checkpoint, folder: Path) -> float:
     return float(np.abs(ours - theirs).max() / ours.std())
 
 
+@needs_reader
 @pytest.mark.parametrize("kind", [LeNet, PilotNet])
 def test_layers_and_crop_are_exact(kind: type[torch.nn.Module], tmp_path: Path) -> None:
     checkpoint = random_checkpoint(View((40, 20), "rgb", None, frame=FRAME), kind)
     assert difference(checkpoint, tmp_path) < 1e-3
 
 
+@needs_reader
 @pytest.mark.parametrize("colour", ["rgb", "bgr", "gray", "yuv", "yuv_old"])
 @pytest.mark.parametrize("resize", ["area", "linear_first"])
 def test_colour_and_size_differ_by_rounding_only(colour: str, resize: str, tmp_path: Path) -> None:
@@ -76,84 +71,11 @@ def test_colour_and_size_differ_by_rounding_only(colour: str, resize: str, tmp_p
     assert difference(checkpoint, tmp_path) < 0.1
 
 
-@pytest.mark.parametrize(
-    ("names", "units", "activation", "model_type"),
-    [
-        (LINEAR, (1, 1), "linear", "linear"),
-        (BINS, (15, 20), "softmax", "categorical"),
-        (LINEAR[:1], (1,), "linear", "inferred"),
-    ],
-)
-def test_a_network_of_donkeycar_returns_as_it_came(
-    names: tuple[str, ...],
-    units: tuple[int, ...],
-    activation: str,
-    model_type: str,
-    tmp_path: Path,
-) -> None:
-    layers = donkeycar_layers(names, units, activation)
-    read = convert(read_keras(write_donkeycar(tmp_path, layers, ends=len(names))))
-    checkpoint = random_checkpoint(
-        View((0, 0), "rgb", None, frame=SHAPE[:2]),
-        Sequential,
-        layers=read.layers,
-        scale=read.scale,
-    )
-    checkpoint.network.load_state_dict(read.state)
-    contents, found = donkeycar_bytes(checkpoint)
-    assert found == model_type
-    (tmp_path / "back.h5").write_bytes(contents)
-    with h5py.File(tmp_path / "back.h5") as file:
-        config = json.loads(file.attrs["model_config"])["config"]
-        assert [name for name, *_ in config["output_layers"]] == list(names)
-        for (name, _, (kernel, bias)), end in zip(layers[-len(names) :], names, strict=True):
-            assert name == "Dense"
-            group = file["model_weights"][end]
-            found_kernel, found_bias = (group[path] for path in group.attrs["weight_names"])
-            np.testing.assert_array_equal(found_kernel, kernel)
-            np.testing.assert_array_equal(found_bias, bias)
-
-
-def commands_of(policy: CheckpointPolicy) -> np.ndarray:
-    """Return steering and throttle for some frames, [frames, 2]."""
-    return np.array([tuple(policy(frame, 0.0)) for frame in pictures(policy.view.frame)], float)
-
-
-@pytest.mark.parametrize(
-    ("names", "units", "activation", "most"),
-    [
-        (LINEAR, (1, 1), "linear", 0.02),
-        (LINEAR, (1, 1), "tanh", 0.02),
-        (LINEAR, (1, 1), "linear", 1.0),
-        (BINS, (15, 20), "softmax", 0.2),
-        (LINEAR[:1], (1,), "linear", 0.2),
-    ],
-)
-def test_a_throttle_is_bounded_in_the_file(
-    names: tuple[str, ...], units: tuple[int, ...], activation: str, most: float, tmp_path: Path
-) -> None:
-    layers = donkeycar_layers(names, units, activation)
-    read = convert(read_keras(write_donkeycar(tmp_path, layers, ends=len(names))))
-    view = View((0, 0), "rgb", None, frame=SHAPE[:2])
-    free = random_checkpoint(view, Sequential, layers=read.layers, scale=read.scale)
-    free.network.load_state_dict(read.state)
-    contents, kind = donkeycar_bytes(bounded(free, most))
-    (tmp_path / "bound.h5").write_bytes(contents)
-    written = donkeycar_policy(bounded(free, most), tmp_path / "bound.h5")
-    found, before = commands_of(written), commands_of(CheckpointPolicy(free))
-    np.testing.assert_allclose(found[:, 0], before[:, 0], atol=1e-6)
-    assert found[:, 1].max() <= most + 1e-6
-    if names == LINEAR:
-        np.testing.assert_allclose(found[:, 1], before[:, 1].clip(max=most), atol=1e-6)
-    if names == LINEAR[:1]:
-        assert kind == "linear"
-        np.testing.assert_allclose(found[:, 1], most)
-
-
 def test_donkeycars_own_throttle_is_that_of_its_formula() -> None:
     assert inferred_throttle([-1.0, 0.0, 1.0]) == pytest.approx([1.0, 0.7538, 0.5565], abs=1e-4)
 
 
+@needs_reader
 def test_the_command_prints_the_throttle_and_the_key_that_bounds_it(
     recorded: Written, tmp_path: Path
 ) -> None:
@@ -188,18 +110,6 @@ def test_a_throttle_that_cannot_be_is_refused(words: str, tmp_path: Path) -> Non
 def test_what_donkeycar_cannot_compute_is_refused(checkpoint: Checkpoint, words: str) -> None:
     with pytest.raises(InputError, match=words):
         donkeycar_bytes(checkpoint)
-
-
-@pytest.mark.skipif(not place_of("import"), reason="an extra reads Keras' files")
-def test_the_command_prints_what_to_set_in_donkeycar(recorded: Written, tmp_path: Path) -> None:
-    write_donkeycar(tmp_path, donkeycar_layers(LINEAR, (1, 1), "linear"))
-    module = "zoo.extras.keras.import"
-    assert run(tmp_path, "pilot.h5", module=module).returncode == 0
-    arguments = ("pilot.ckpt", "out=back.h5", f"frames={recorded.folder}")
-    printed = succeed(run(tmp_path, *arguments, module="zoo.commands.export"))
-    for text in ("IMAGE_W = 16", "IMAGE_H = 12", "--model back.h5 --type linear"):
-        assert text in printed
-    assert run(tmp_path, "back.h5", "out=again.ckpt", module=module).returncode == 0
 
 
 def test_a_refused_export_leaves_nothing(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from torch import nn
 from datamodules.image import read_image
 from datamodules.recording import Recording
 from datamodules.view import View
-from tests.zoo.keras.keras_files import Layer, lambda_config, write_h5
+from tests.zoo.extras.keras.keras_files import Layer, lambda_config, write_h5
 from zoo.extras.keras.tied_drives import STRETCH
 
 RIDGE = 10.0

@@ -15,6 +15,7 @@ from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from tests.recordings import Written, write_recording
 from tests.zoo.command_runs import only_line, run, run_here, succeed
+from tests.zoo.extras.keras.keras_files import lambda_config, write_h5
 from tests.zoo.extras.keras.keras_networks import (
     SCALED,
     SHORT_STRETCH,
@@ -22,9 +23,8 @@ from tests.zoo.extras.keras.keras_networks import (
     pilotnet_layers,
     write_steering_h5,
 )
-from tests.zoo.keras.keras_files import lambda_config, write_h5
-from tests.zoo.keras.test_donkeycar import BINS, donkeycar_layers
-from tests.zoo.keras.test_donkeycar import write as write_donkeycar
+from tests.zoo.extras.keras.test_donkeycar import BINS, donkeycar_layers
+from tests.zoo.extras.keras.test_donkeycar import write as write_donkeycar
 from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_policy import load_policy

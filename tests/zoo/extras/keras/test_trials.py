@@ -30,10 +30,10 @@ from zoo.extras.keras.combinations import (
 )
 from zoo.extras.keras.import_tables import print_judgement
 from zoo.extras.keras.judgement import Driven, Judgement, judge, search
+from zoo.extras.keras.keras_file import read_keras
 from zoo.extras.keras.keras_import import network_maker
+from zoo.extras.keras.keras_layers import convert
 from zoo.extras.keras.trials import Trial, Trials, concordance, planned_images
-from zoo.keras.keras_file import read_keras
-from zoo.keras.keras_layers import convert
 
 SIZE = (12, 40)
 

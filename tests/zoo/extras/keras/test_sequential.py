@@ -5,16 +5,16 @@ import pytest
 import torch
 
 from datamodules.view import View
-from tests.zoo.keras.keras_files import Layer, random_weights, write_h5
-from tests.zoo.models import keras_reference
+from tests.zoo.extras.keras import keras_reference
+from tests.zoo.extras.keras.keras_files import Layer, random_weights, write_h5
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
-from zoo.keras.keras_file import read_keras
-from zoo.keras.keras_layers import convert
+from zoo.extras.keras.keras_file import read_keras
+from zoo.extras.keras.keras_layers import convert
+from zoo.extras.keras.sequential import Sequential
 from zoo.models.make_network import make_network
 from zoo.models.network_facts import NetworkFacts
-from zoo.models.sequential import Sequential
 from zoo.scoring.visual_backprop import Saliency
 
 W = random_weights
@@ -210,7 +210,7 @@ WRONG = [
 
 @pytest.mark.parametrize(("layers", "words"), WRONG, ids=[str(one)[:60] for one, _ in WRONG])
 def test_a_wrong_spec_is_named(layers: object, words: str) -> None:
-    model = {"_target_": "zoo.models.sequential.Sequential", "layers": layers}
+    model = {"_target_": "zoo.extras.keras.sequential.Sequential", "layers": layers}
     if layers is None:
         model["layers"] = 3
     with pytest.raises(InputError, match=words) as caught:
@@ -229,11 +229,16 @@ def test_a_wrong_spec_is_named(layers: object, words: str) -> None:
     ],
 )
 def test_a_strangers_specs_do_not_exhaust_the_machine(layers: list) -> None:
-    model = {"_target_": "zoo.models.sequential.Sequential", "layers": layers}
+    model = {"_target_": "zoo.extras.keras.sequential.Sequential", "layers": layers}
     with pytest.raises(InputError, match=r"too large|1,000,000,000|outputs"):
         make_network(model, View([0, 0], "rgb", SHAPE[:2]))
 
 
 def test_two_outputs_are_steering_and_throttle() -> None:
     network = Sequential((3, 13, 17), [{"layer": "Flatten"}, {"layer": "Dense", "units": 2}])
+    assert network.facts == NetworkFacts(outputs=2)
+
+
+def test_an_imported_network_has_as_many_outputs_as_its_last_layer() -> None:
+    network = Sequential((3, 16, 32), [{"layer": "Flatten"}, {"layer": "Dense", "units": 2}])
     assert network.facts == NetworkFacts(outputs=2)

@@ -12,11 +12,11 @@ import torch
 from torch import Tensor, nn
 
 from zoo.base.errors import InputError
-from zoo.keras.keras_file import read_keras_apart
-from zoo.keras.keras_model import KerasLayer, KerasModel
-from zoo.keras.keras_specs import ORDERS
-from zoo.models.keras_modules import BatchNorm, PReLU
-from zoo.models.layer_spec import by
+from zoo.extras.keras.keras_file import read_keras_apart
+from zoo.extras.keras.keras_model import KerasLayer, KerasModel
+from zoo.extras.keras.keras_modules import BatchNorm, PReLU
+from zoo.extras.keras.keras_specs import ORDERS
+from zoo.extras.keras.layer_spec import by
 
 WithWeights = nn.Conv1d | nn.Conv2d | nn.Linear
 

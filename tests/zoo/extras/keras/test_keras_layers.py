@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from tests.zoo.keras.keras_files import (
+from tests.zoo.extras.keras import keras_reference
+from tests.zoo.extras.keras.keras_files import (
     INPUT,
     Layer,
     lambda_config,
@@ -18,12 +19,11 @@ from tests.zoo.keras.keras_files import (
     write_json,
     write_keras,
 )
-from tests.zoo.models import keras_reference
 from zoo.base.errors import InputError
-from zoo.keras.keras_file import read_keras
-from zoo.keras.keras_lambda import describe_lambda, specs_of_word
-from zoo.keras.keras_layers import ConvertedKeras, convert
-from zoo.models.sequential import Sequential
+from zoo.extras.keras.keras_file import read_keras
+from zoo.extras.keras.keras_lambda import describe_lambda, specs_of_word
+from zoo.extras.keras.keras_layers import ConvertedKeras, convert
+from zoo.extras.keras.sequential import Sequential
 
 W = random_weights
 SCALE = ("Lambda", lambda_config(lambda x: x / 127.5 - 1.0), [])

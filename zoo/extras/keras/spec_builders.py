@@ -1,4 +1,4 @@
-"""Build the modules of `zoo.models.sequential` from specs; one function for each kind of layer.
+"""Build the modules of `LayerChain` from specs; one function for each kind of layer.
 
 A function takes a spec, the input's shape of one sample in Keras' order of axes, and whether that
 order is channels first. It returns the module and the output's shape.
@@ -10,23 +10,20 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from zoo.models.keras_modules import (
+from zoo.extras.keras.keras_modules import (
     ACTIVATIONS,
     RESIZE_METHODS,
     BatchNorm,
-    Crop,
     GaussianNoise,
-    InKerasOrder,
     Lambda,
     OnAxis,
     PaddedConv2d,
     Pads,
     PReLU,
     Resize,
-    Unbin,
 )
-from zoo.models.layer_spec import LayerSpec, Pair, Shape, by
-from zoo.models.layers import Dropout
+from zoo.extras.keras.layer_spec import LayerSpec, Pair, Shape, by
+from zoo.models.layers import Crop, Dropout, InKerasOrder, Unbin
 
 Built = tuple[nn.Module, Shape]
 Builder = Callable[[LayerSpec, Shape, bool], Built]

@@ -10,14 +10,22 @@ from typing import BinaryIO
 
 from zoo.base.bounded_files import open_binary
 from zoo.base.errors import file_errors
-from zoo.base.limits import open_archive
 from zoo.base.terminal import command_line
+from zoo.checkpoints.network_files import (
+    MOST_BYTES,
+    PICKLE,
+    SCRIPT,
+    TORCH,
+    ZIP,
+    archive_names,
+    describe_script,
+    torch_kind,
+)
 
-MOST_BYTES = 8_000_000_000
 WHOLE_SUFFIXES = (".h5", ".hdf5", ".keras")  # of files that can hold weights and layers
 HDF5, KERAS, JSON, FOLDER, PACKED = "hdf5", "keras", "json", "folder", "packed"
 IMPORTED = (HDF5, KERAS, JSON, FOLDER, PACKED)  # kinds that `drivezoo import` reads
-TORCH, SCRIPT, PICKLE = "torch", "script", "pickle"
+TOPS = {"config.json", "metadata.json", "model.weights.h5"}  # of an archive of Keras 3
 IMPORT = "make a checkpoint of it: {import}"
 SAVE = "save it in its own environment with model.save('model.h5'), then drivezoo import model.h5"
 # What a file is, and what to do with it.
@@ -49,8 +57,6 @@ KINDS = {
 # Begins of files; the first that matches. Protocol buffers begin with their version.
 BEGINS = {
     HDF5: rb"\x89HDF\r\n\x1a\n",
-    TORCH: rb"\x80\x02\x8a\nl\xfc\x9cF\xf9 j\xa8P\x19",  # before PyTorch 1.6
-    PICKLE: rb"\x80[\x02-\x05]",
     "lite": rb".{4}TFL3",
     "model": rb"\x08\x01\x12",
     "onnx": rb"\x08[\x02-\x20][\x12\x1a\x22\x28\x32\x3a\x42]",
@@ -74,16 +80,21 @@ def network_kind(path: Path) -> str:
     if not path.exists():
         return ""
     with file_errors(path, "{}; name another file"), open_binary(path, MOST_BYTES) as file:
-        return file_kind(file, path.name)
+        return _file_kind(file, path.name)
 
 
-def file_kind(file: BinaryIO, name: str) -> str:
+def _file_kind(file: BinaryIO, name: str) -> str:
     """Return the kind of an opened file; its name counts where its content tells nothing."""
+    if kind := torch_kind(file):
+        return kind
+    file.seek(0)
     begin = file.read(512)
     if not begin:
         return "empty"
-    if begin.startswith(b"PK\3\4"):
-        return _archive_kind(file, begin)
+    if begin.startswith(ZIP):
+        names = archive_names(file, begin)
+        has_network = any(name.lower().endswith(WHOLE_SUFFIXES) for name in names)
+        return KERAS if TOPS & set(names) else PACKED if has_network else "archive"
     found = next((kind for kind, form in BEGINS.items() if re.match(form, begin, re.DOTALL)), "")
     file.seek(-min(len(TABLE_END), len(begin)), io.SEEK_END)
     return "tensors" if file.read() == TABLE_END else found or _kind_of_name(name)
@@ -92,28 +103,10 @@ def file_kind(file: BinaryIO, name: str) -> str:
 def describe_kind(path: Path, kind: str) -> str:
     """Return what a file is and what to do with it, for one line after the path."""
     if kind == SCRIPT:
-        return describe_torch(f"net = torch.jit.load({str(path)!r})")
+        return describe_script(path)
     what, remedy = KINDS[kind]
     command = command_line(["drivezoo", "import", path])
     return f"is {what}; {remedy.replace('{import}', command)}"
-
-
-def describe_torch(load: str) -> str:
-    """Return what a file of PyTorch is, and the three lines of Python that drive it.
-
-    Args:
-        load: statements that set `net`.
-    """
-    lines = (
-        "import drivezoo, torch",
-        load,
-        "drivezoo.evaluate(lambda frame, mph: (float(net.eval()(torch.tensor(frame).permute(2, 0, "
-        "1)[None] / 127.5 - 1).detach()),), track='lake')",
-    )
-    return (
-        "is PyTorch's, whose layers are code; three lines of Python drive it, with its own class, "
-        f"and its own input in place of frame / 127.5 - 1: {'; '.join(lines)}"
-    )
 
 
 def networks_in(folder: Path) -> list[Path]:
@@ -135,16 +128,3 @@ def _folder_kind(folder: Path) -> str:
 
 def _kind_of_name(name: str) -> str:
     return next((kind for kind, end in NAMES.items() if re.search(end, name.lower())), "")
-
-
-def _archive_kind(file: BinaryIO, begin: bytes) -> str:
-    try:
-        names = open_archive(file, "").namelist()
-    except Exception:  # zipfile raises any error on damaged bytes
-        names = [begin[30:][: int.from_bytes(begin[26:28], "little")].decode("latin-1")]
-    tops = {"config.json", "metadata.json", "model.weights.h5"}
-    if any(name.endswith("/data.pkl") for name in names):
-        return SCRIPT if any("/code/" in name for name in names) else TORCH
-    if tops & set(names):
-        return KERAS
-    return PACKED if any(name.lower().endswith(WHOLE_SUFFIXES) for name in names) else "archive"

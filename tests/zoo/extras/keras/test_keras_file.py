@@ -15,7 +15,7 @@ import pytest
 
 from tests.hostile.mutations import check_reading
 from tests.zoo.bomb import Bomb
-from tests.zoo.keras.keras_files import (
+from tests.zoo.extras.keras.keras_files import (
     Layer,
     functional,
     keras_3_weights,
@@ -28,8 +28,8 @@ from tests.zoo.keras.keras_files import (
     write_keras,
 )
 from zoo.base.errors import InputError
-from zoo.keras.keras_arrays import text
-from zoo.keras.keras_file import read_keras, read_keras_apart
+from zoo.extras.keras.keras_arrays import text
+from zoo.extras.keras.keras_file import read_keras, read_keras_apart
 
 W = random_weights
 LAYERS: list[Layer] = [

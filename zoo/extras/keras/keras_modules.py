@@ -1,4 +1,4 @@
-"""Layers of Keras that torch lacks, for `zoo.models.sequential`.
+"""Layers of Keras that torch lacks, for `zoo.extras.keras.layer_chain`.
 
 Images are [N, C, H, W] between the layers, as torch needs them. Where a layer's output depends on
 Keras' order of axes, usually [N, H, W, C], it changes to that order and back.
@@ -9,6 +9,8 @@ from collections.abc import Callable
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
+
+from zoo.models.layers import InKerasOrder
 
 Pads = tuple[int, int, int, int]  # left, right, top, bottom, as in F.pad
 
@@ -33,29 +35,6 @@ class PaddedConv2d(nn.Conv2d):
     def forward(self, images: Tensor) -> Tensor:
         """Return the convolution of padded images."""
         return super().forward(F.pad(images, self.pads))
-
-
-class Crop(nn.Module):
-    """A layer that removes rows and columns from the edges.
-
-    Args:
-        edges: number of rows or columns at the top, bottom, left and right.
-        size: rows and columns of the output.
-    """
-
-    def __init__(self, edges: tuple[int, int, int, int], size: tuple[int, int]) -> None:
-        super().__init__()
-        self.top, self.bottom, self.left, self.right = edges
-        self.rows, self.columns = size
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Return the images without their edges."""
-        images = images[:, :, self.top : self.top + self.rows]
-        return images[:, :, :, self.left : self.left + self.columns]
-
-    def extra_repr(self) -> str:
-        """Return the settings that a printed network shows."""
-        return f"{self.top}, {self.bottom}, {self.left}, {self.right}"
 
 
 class Resize(nn.Module):
@@ -119,25 +98,6 @@ def resize_matrix(length: int, size: int, method: str) -> Tensor:
     return matrix
 
 
-class InKerasOrder(nn.Module):
-    """A layer for tensors in Keras' order of axes, [N, H, W, C] for images.
-
-    Args:
-        layer: layer that takes and returns this order.
-    """
-
-    def __init__(self, layer: nn.Module) -> None:
-        super().__init__()
-        self.layer = layer
-
-    def forward(self, values: Tensor) -> Tensor:
-        """Return the layer's output."""
-        if values.ndim == 4:
-            values = values.permute(0, 2, 3, 1)
-        values = self.layer(values)
-        return values.permute(0, 3, 1, 2) if values.ndim == 4 else values
-
-
 class OnAxis(nn.Module):
     """A layer that works on axis 1, applied to another axis of torch's order."""
 
@@ -148,37 +108,6 @@ class OnAxis(nn.Module):
     def forward(self, values: Tensor) -> Tensor:
         """Return the layer's output, with the axes of the input."""
         return self.layer(values.transpose(1, self.axis)).transpose(1, self.axis)
-
-
-class Unbin(nn.Module):
-    """A layer that returns a number for each group of bins: that of the bin of the largest value.
-
-    In training, its gradient is that of the mean of all bins' numbers, weighed by their softmax
-    (straight-through estimator: Bengio et al., 2013, arXiv:1308.3432).
-
-    Args:
-        bins: number of bins of each group.
-        lows: number of each group's first bin.
-        steps: difference between two bins of each group.
-    """
-
-    def __init__(self, bins: list[int], lows: list[float], steps: list[float]) -> None:
-        super().__init__()
-        self.groups = list(zip(bins, lows, steps, strict=True))
-
-    def forward(self, values: Tensor) -> Tensor:
-        """Return the numbers, [N, groups], for values [N, bins of all groups]."""
-        numbers = []
-        for group, (bins, low, step) in zip(
-            values.split([one[0] for one in self.groups], dim=1), self.groups, strict=True
-        ):
-            number = group.argmax(1).to(values.dtype)
-            if self.training:
-                places = torch.arange(bins, dtype=values.dtype, device=values.device)
-                mean = group.softmax(1) @ places
-                number = number + mean - mean.detach()
-            numbers.append(low + step * number)
-        return torch.stack(numbers, dim=1)
 
 
 class BatchNorm(nn.Module):

@@ -12,12 +12,10 @@ import numpy as np
 
 from zoo.base.errors import InputError
 from zoo.base.limits import is_ordinary
+from zoo.models.layers import DONKEYCAR
 
 GRAPHS = ("Model", "Functional")  # classes of a model whose layers name their inputs
 MOST_LAYERS = 1000
-# The outputs of Donkeycar's networks of one image: linear and inferred, and in bins, or linear
-# before version 2.2 (`donkeycar/parts/keras.py`).
-DONKEYCAR = (["n_outputs0", "n_outputs1"], ["n_outputs0"], ["angle_out", "throttle_out"])
 THROTTLE_RANGE = 0.8  # MODEL_CATEGORICAL_MAX_THROTTLE_RANGE in Donkeycar's `cfg_complete.py`
 
 

@@ -10,7 +10,7 @@ from tests.zoo.bomb import Bomb
 from tests.zoo.models.test_models_command import build
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import FORMAT
-from zoo.keras.initial_weights import downloaded_file, imagenet_file, load_weights
+from zoo.training.initial_weights import downloaded_file, imagenet_file, load_weights
 
 
 @pytest.fixture(scope="module")

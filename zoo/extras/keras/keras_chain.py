@@ -6,9 +6,15 @@ import numpy as np
 
 from zoo.base.errors import InputError
 from zoo.base.limits import is_ordinary
-from zoo.keras.keras_lambda import LEAST, WORDS, describe_lambda, specs_of_word
-from zoo.keras.keras_model import KerasLayer, KerasModel
-from zoo.keras.keras_specs import RECURRENT, Spec, UnknownValueError, operator_specs, specs_of
+from zoo.extras.keras.keras_lambda import LEAST, WORDS, describe_lambda, specs_of_word
+from zoo.extras.keras.keras_model import KerasLayer, KerasModel
+from zoo.extras.keras.keras_specs import (
+    RECURRENT,
+    Spec,
+    UnknownValueError,
+    operator_specs,
+    specs_of,
+)
 
 Scale = tuple[float, float]
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most, check_unpacked
-from zoo.keras.keras_model import KerasLayer
+from zoo.extras.keras.keras_model import KerasLayer
 
 CONTAINERS = ("layers", "_layer_checkpoint_dependencies")  # of Keras 3, and of 2.12 to 2.15
 Named = tuple[str, np.ndarray]

@@ -21,11 +21,7 @@ from zoo.checkpoints.checkpoint import (
     find_checkpoint,
     load_plain,
 )
-from zoo.checkpoints.network_kind import IMPORTED, network_kind
-from zoo.keras.keras_file import read_keras_apart
-from zoo.keras.keras_layers import convert
-from zoo.keras.keras_weights import load_keras_weights
-from zoo.models.sequential import Sequential
+from zoo.checkpoints.network_files import weights_reader
 from zoo.models.transfer import Transfer
 
 IMAGENET = "imagenet"
@@ -39,7 +35,7 @@ def load_weights(network: nn.Module, source: str) -> str:
         network: network that gets the weights.
         source: `imagenet` (the public weights that the network names); a run's folder or `latest`;
             or a file: drivezoo's `.ckpt`, a state dict in `.pth` or `.pt` (of the whole network, or
-            the public one), or Keras' `.h5`, `.keras` or `.json` with weights beside it.
+            the public one), or one that an installed package reads.
 
     Raises:
         InputError: the file does not exist, cannot be read, contains code or does not fit.
@@ -56,10 +52,8 @@ def load_weights(network: nn.Module, source: str) -> str:
             path = find_checkpoint(source)
         except InputError as error:
             raise InputError(f"model.weights={error}") from None
-    if network_kind(path) in IMPORTED:
-        if isinstance(network, Sequential):
-            return load_converted(network, path)
-        return load_keras_weights(network, path)
+    if reader := weights_reader(path):
+        return reader.load(network, path)
     contents = load_plain(path)
     if path.suffix.lower() == ".ckpt":
         state = checked_state(checked_contents(contents, path)["state_dict"], path)
@@ -86,17 +80,6 @@ def load_state(network: nn.Module, state: dict[str, Tensor], path: Path) -> str:
     check_fit(own, state, type(network).__name__, path, fix)
     network.load_state_dict(state, strict=False)
     return f"{loaded} from {path}"
-
-
-def load_converted(network: Sequential, path: Path) -> str:
-    """Load the weights of a Keras file into the network that it was converted to."""
-    model = read_keras_apart(path)
-    state = convert(model, scale=network.scale).state
-    fix = "set model.layers=null for the file's own layers"
-    check_fit(network.state_dict(), state, "model.layers", path, fix)
-    network.load_state_dict(state)
-    count = sum(1 for layer in model.layers if layer.arrays)
-    return f"{count} layers from {path} (Keras {model.version})"
 
 
 def imagenet_file(source: str) -> Path:

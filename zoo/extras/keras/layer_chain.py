@@ -1,14 +1,14 @@
-"""Any sequential network of Keras' layers, such as one that `drivezoo import` converted."""
+"""A chain of Keras' layers, built from plain specs."""
 
 import math
 from collections.abc import Mapping, Sequence
 
 from torch import Tensor, nn
 
-from zoo.models.layer_spec import LayerSpec, Shape
+from zoo.extras.keras.layer_spec import LayerSpec, Shape
+from zoo.extras.keras.spec_builders import BUILDERS
 from zoo.models.layers import SCALE, Normalize
 from zoo.models.network_facts import NetworkFacts
-from zoo.models.spec_builders import BUILDERS
 
 MOST_LAYERS = 1000
 MOST_VALUES = 2**26  # of a layer's output for one image
@@ -18,7 +18,7 @@ DEFAULT_LAYERS = ({"layer": "Flatten"}, {"layer": "Dense", "units": 1})
 FIRST = "channels_first"
 
 
-class Sequential(nn.Module):
+class LayerChain(nn.Module):
     """A network from plain specs of layers; the values are those of Keras.
 
     Args:

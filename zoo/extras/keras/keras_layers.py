@@ -1,4 +1,4 @@
-"""Convert a Keras model to specs and weights of `zoo.models.sequential.Sequential`."""
+"""Convert a Keras model to specs and weights of `zoo.extras.keras.sequential.Sequential`."""
 
 import math
 from collections.abc import Sequence
@@ -8,14 +8,14 @@ import torch
 from torch import Tensor
 
 from zoo.base.errors import InputError
-from zoo.keras.keras_chain import Chain, Scale
-from zoo.keras.keras_lambda import WORDS
-from zoo.keras.keras_model import THROTTLE_RANGE, KerasModel
-from zoo.keras.keras_specs import Spec, plain_kind
-from zoo.keras.keras_weights import MisfitError, copy_arrays
-from zoo.models.layer_spec import by
+from zoo.extras.keras.keras_chain import Chain, Scale
+from zoo.extras.keras.keras_lambda import WORDS
+from zoo.extras.keras.keras_model import THROTTLE_RANGE, KerasModel
+from zoo.extras.keras.keras_specs import Spec, plain_kind
+from zoo.extras.keras.keras_weights import MisfitError, copy_arrays
+from zoo.extras.keras.layer_chain import LayerChain, build_layers, is_channels_first
+from zoo.extras.keras.layer_spec import by
 from zoo.models.make_network import LimitedParameters
-from zoo.models.sequential import Sequential, build_layers, is_channels_first
 
 SIDES = set(range(1, 4097))  # of an image, in pixels
 
@@ -122,7 +122,7 @@ def convert(
     last = shapes[-1] if shapes else shape
     specs = [*specs, *(_bins(model, throttle_range) or _output_specs(model, last, outputs))]
     channels, rows, columns = shape if first else (shape[2], *shape[:2])
-    network = Sequential((channels, rows, columns), specs, chain.scale)
+    network = LayerChain((channels, rows, columns), specs, chain.scale)
     for index, module in enumerate(modules):
         network.layers[index] = module
     if line is not None:

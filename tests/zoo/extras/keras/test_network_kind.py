@@ -12,14 +12,14 @@ from torch import nn
 
 import drivezoo
 from tests.zoo.command_runs import only_line, run_here
-from tests.zoo.keras.keras_files import write_h5, write_json, write_keras
-from tests.zoo.keras.test_keras_file import LAYERS, check_layers
+from tests.zoo.extras.keras.keras_files import write_h5, write_json, write_keras
+from tests.zoo.extras.keras.test_keras_file import LAYERS, check_layers
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.console_script import commands, place_of
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_policy import load_policy
-from zoo.checkpoints.network_kind import IMPORTED, KINDS, network_kind
-from zoo.keras.keras_file import read_keras_apart
+from zoo.extras.keras.keras_file import read_keras_apart
+from zoo.extras.keras.network_kind import IMPORTED, KINDS, network_kind
 
 Writer = Callable[[Path], object]
 

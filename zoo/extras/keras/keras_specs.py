@@ -1,12 +1,12 @@
-"""Translate a Keras layer's config to specs of `zoo.models.sequential`, for Keras 1, 2 and 3.
+"""Translate a Keras layer's config to specs of `LayerChain`, for Keras 1, 2 and 3.
 
 Values pass as they are: the network checks them when it is built. None stands for the default.
 """
 
 from typing import Any
 
-from zoo.keras.keras_lambda import FUNCTIONS
-from zoo.models.keras_modules import ACTIVATIONS
+from zoo.extras.keras.keras_lambda import FUNCTIONS
+from zoo.extras.keras.keras_modules import ACTIVATIONS
 
 Spec = dict[str, Any]
 

@@ -10,18 +10,18 @@ import pytest
 import torch
 
 from datamodules.view import View
-from tests.zoo.keras.keras_files import (
+from tests.zoo.extras.keras import keras_reference
+from tests.zoo.extras.keras.keras_files import (
     Layer,
     model_config,
     random_weights,
     write_groups,
 )
-from tests.zoo.models import keras_reference
 from tests.zoo.models.test_models_command import build
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
-from zoo.keras.initial_weights import load_weights
 from zoo.models.make_network import make_network
+from zoo.training.initial_weights import load_weights
 
 # Kernels as Keras keeps them: (h, w, in, out), (columns, in, out) and (in, out).
 KERNELS = {

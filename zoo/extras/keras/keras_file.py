@@ -25,21 +25,21 @@ from zoo.base.bounded_files import (
 from zoo.base.errors import InputError, optional_import
 from zoo.base.limits import open_archive
 from zoo.base.read_apart import read_apart
-from zoo.checkpoints.network_kind import (
+from zoo.checkpoints.network_files import TORCH
+from zoo.extras.keras.keras_arrays import WeightsFile
+from zoo.extras.keras.keras_model import KerasLayer, joined_outputs, read_architecture
+from zoo.extras.keras.keras_model import KerasModel as KerasModel
+from zoo.extras.keras.network_kind import (
     FOLDER,
     IMPORTED,
     JSON,
     KERAS,
     PACKED,
-    TORCH,
     WHOLE_SUFFIXES,
     describe_kind,
     network_kind,
     networks_in,
 )
-from zoo.keras.keras_arrays import WeightsFile
-from zoo.keras.keras_model import KerasLayer, joined_outputs, read_architecture
-from zoo.keras.keras_model import KerasModel as KerasModel
 
 MOST_BYTES = 4_000_000_000
 SUFFIXES = (*WHOLE_SUFFIXES, ".json")

@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 import torch
 
-from tests.zoo.keras.keras_files import Layer, functional, random_weights, write_h5, write_keras
+from tests.zoo.extras.keras.keras_files import (
+    Layer,
+    functional,
+    random_weights,
+    write_h5,
+    write_keras,
+)
 from zoo.base.errors import InputError
-from zoo.keras.keras_file import read_keras
-from zoo.keras.keras_layers import ConvertedKeras, convert
-from zoo.models.sequential import Sequential
+from zoo.extras.keras.keras_file import read_keras
+from zoo.extras.keras.keras_layers import ConvertedKeras, convert
+from zoo.extras.keras.sequential import Sequential
 
 SHAPE = (12, 16, 3)
 HIDDEN = 16

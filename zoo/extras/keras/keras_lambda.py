@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from zoo.base.limits import is_ordinary
-from zoo.models.keras_modules import ACTIVATIONS, RESIZE_METHODS
+from zoo.extras.keras.keras_modules import ACTIVATIONS, RESIZE_METHODS
 
 WORDS = (
     "identity, scale:DIVISOR:SUBTRACTED, atan, atan:FACTOR, resize:ROWS:COLUMNS, "

@@ -1,0 +1,100 @@
+"""Networks of Donkeycar that were imported are exported for Donkeycar: they steer the same."""
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from datamodules.view import View
+from tests.recordings import Written
+from tests.zoo.command_runs import run, succeed
+from tests.zoo.extras.keras.test_donkeycar import BINS, LINEAR, SHAPE, donkeycar_layers
+from tests.zoo.extras.keras.test_donkeycar import write as write_donkeycar
+from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
+from zoo.checkpoints.network_files import read_network
+
+donkeycar_file = pytest.importorskip("zoo.extras.car.donkeycar_file", reason="an extra writes it")
+
+
+def imported(folder: Path, names: list[str], layers: list) -> Checkpoint:
+    """Return a checkpoint of a written network of Donkeycar."""
+    network = read_network(write_donkeycar(folder, layers, ends=len(names)))
+    return Checkpoint(network, View((0, 0), "rgb", None, frame=SHAPE[:2]), {"model": {}}, {})
+
+
+@pytest.mark.parametrize(
+    ("names", "units", "activation", "model_type"),
+    [
+        (LINEAR, (1, 1), "linear", "linear"),
+        (BINS, (15, 20), "softmax", "categorical"),
+        (LINEAR[:1], (1,), "linear", "inferred"),
+    ],
+)
+def test_a_network_of_donkeycar_returns_as_it_came(
+    names: tuple[str, ...],
+    units: tuple[int, ...],
+    activation: str,
+    model_type: str,
+    tmp_path: Path,
+) -> None:
+    layers = donkeycar_layers(names, units, activation)
+    contents, found = donkeycar_file.donkeycar_bytes(imported(tmp_path, names, layers))
+    assert found == model_type
+    (tmp_path / "back.h5").write_bytes(contents)
+    with h5py.File(tmp_path / "back.h5") as file:
+        config = json.loads(file.attrs["model_config"])["config"]
+        assert [name for name, *_ in config["output_layers"]] == list(names)
+        for (name, _, (kernel, bias)), end in zip(layers[-len(names) :], names, strict=True):
+            assert name == "Dense"
+            group = file["model_weights"][end]
+            found_kernel, found_bias = (group[path] for path in group.attrs["weight_names"])
+            np.testing.assert_array_equal(found_kernel, kernel)
+            np.testing.assert_array_equal(found_bias, bias)
+
+
+def commands_of(policy: CheckpointPolicy) -> np.ndarray:
+    """Return steering and throttle for some frames, [frames, 2]."""
+    frames = np.random.default_rng(0).integers(0, 256, (8, *policy.view.frame, 3), np.uint8)
+    return np.array([tuple(policy(frame, 0.0)) for frame in frames], float)
+
+
+@pytest.mark.parametrize(
+    ("names", "units", "activation", "most"),
+    [
+        (LINEAR, (1, 1), "linear", 0.02),
+        (LINEAR, (1, 1), "tanh", 0.02),
+        (LINEAR, (1, 1), "linear", 1.0),
+        (BINS, (15, 20), "softmax", 0.2),
+        (LINEAR[:1], (1,), "linear", 0.2),
+    ],
+)
+def test_a_throttle_is_bounded_in_the_file(
+    names: tuple[str, ...], units: tuple[int, ...], activation: str, most: float, tmp_path: Path
+) -> None:
+    free = imported(tmp_path, names, donkeycar_layers(names, units, activation))
+    bounded = donkeycar_file.bounded(free, most)
+    contents, kind = donkeycar_file.donkeycar_bytes(bounded)
+    (tmp_path / "bound.h5").write_bytes(contents)
+    written = donkeycar_file.donkeycar_policy(bounded, tmp_path / "bound.h5")
+    found, before = commands_of(written), commands_of(CheckpointPolicy(free))
+    np.testing.assert_allclose(found[:, 0], before[:, 0], atol=1e-6)
+    assert found[:, 1].max() <= most + 1e-6
+    if names == LINEAR:
+        np.testing.assert_allclose(found[:, 1], before[:, 1].clip(max=most), atol=1e-6)
+    if names == LINEAR[:1]:
+        assert kind == "linear"
+        np.testing.assert_allclose(found[:, 1], most)
+
+
+def test_the_command_prints_what_to_set_in_donkeycar(recorded: Written, tmp_path: Path) -> None:
+    write_donkeycar(tmp_path, donkeycar_layers(LINEAR, (1, 1), "linear"))
+    module = "zoo.extras.keras.import"
+    assert run(tmp_path, "pilot.h5", module=module).returncode == 0
+    arguments = ("pilot.ckpt", "out=back.h5", f"frames={recorded.folder}")
+    printed = succeed(run(tmp_path, *arguments, module="zoo.commands.export"))
+    for text in ("IMAGE_W = 16", "IMAGE_H = 12", "--model back.h5 --type linear"):
+        assert text in printed
+    assert run(tmp_path, "back.h5", "out=again.ckpt", module=module).returncode == 0

@@ -1,0 +1,132 @@
+"""`model=keras`: a training takes its layers, its scale and its weights from a file of Keras."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from omegaconf import OmegaConf
+
+from datamodules.view import View
+from tests.recordings import Written
+from tests.zoo.command_runs import run_here, succeed
+from tests.zoo.extras.keras.keras_files import INPUT, write_h5, write_json, write_keras
+from tests.zoo.extras.keras.test_keras_layers import IMAGES, REST, SCALE, UNCLEAR, expected
+from tests.zoo.trainings import SMALL
+from zoo.base.compose import compose_config
+from zoo.base.errors import InputError
+from zoo.checkpoints.checkpoint import load_checkpoint, make_card
+from zoo.extras.keras.sequential import Sequential
+from zoo.training.initial_weights import load_weights
+from zoo.training.run_config import with_file_settings
+
+USUAL = [one for one in SMALL if not one.startswith("model")]
+
+
+KERAS = ("model=keras", f"model.size=[{INPUT[0]},{INPUT[1]}]")
+
+
+def keras_config(*overrides: str):
+    return OmegaConf.create(compose_config(["data.root=x", *KERAS, *overrides]))
+
+
+def outputs(network: torch.nn.Module) -> np.ndarray:
+    with torch.inference_mode():
+        return network.eval()(torch.from_numpy(IMAGES).permute(0, 3, 1, 2)).numpy()
+
+
+def test_a_training_starts_from_a_keras_model_and_resumes_without_it(
+    recorded: Written, tmp_path: Path
+) -> None:
+    source = write_h5(tmp_path / "old.h5", [SCALE, *REST])
+    run = tmp_path / "run"
+    start = [*USUAL, *KERAS, f"data.root={recorded.folder}", f"hydra.run.dir={run}"]
+    start += [f"model.weights={source}", "optim.l2=0"]
+    succeed(run_here(tmp_path, *start, "trainer.max_epochs=0"))
+    checkpoint = load_checkpoint(run / "checkpoints" / "best.ckpt")
+    np.testing.assert_allclose(outputs(checkpoint.network), expected(REST), atol=1e-5)
+    assert checkpoint.config["model"]["scale"] == [127.5, 1.0]
+    layers = checkpoint.config["model"]["layers"]
+    assert [one["layer"] for one in layers] == ["Conv2D", "Flatten", "Dropout", "Dense"]
+
+    source.unlink()
+    succeed(run_here(tmp_path, f"resume={run}", "trainer.max_epochs=1"))
+    trained = load_checkpoint(run / "checkpoints" / "last.ckpt")
+    assert trained.config["model"]["layers"] == layers
+    assert not np.allclose(outputs(trained.network), expected(REST), atol=1e-5)
+
+    other = tmp_path / "other"
+    again = [one.replace(str(run), str(other)) for one in start]
+    again = [one for one in again if not one.startswith("model.weights")]
+    again += [f"model.weights={run / 'checkpoints' / 'last.ckpt'}", "trainer.max_epochs=0"]
+    succeed(run_here(tmp_path, *again))
+    copied = load_checkpoint(other / "checkpoints" / "best.ckpt")
+    np.testing.assert_array_equal(outputs(copied.network), outputs(trained.network))
+
+
+@pytest.mark.parametrize("name", ["m.h5", "m.json", "m.keras"])
+def test_layers_and_weights_come_from_any_file_of_keras(name: str, tmp_path: Path) -> None:
+    writers = {".h5": write_h5, ".json": write_json, ".keras": write_keras}
+    path = writers[Path(name).suffix](tmp_path / name, [SCALE, *REST])
+    model = with_file_settings(keras_config(f"model.weights={path}")).model
+    network = Sequential((3, *INPUT[:2]), OmegaConf.to_container(model.layers), model.scale)
+    assert "3 layers" not in load_weights(network, str(path))
+    np.testing.assert_allclose(outputs(network), expected(REST), atol=1e-5)
+
+
+def test_layers_of_the_config_are_kept(tmp_path: Path) -> None:
+    config = keras_config()
+    config.model.layers = [{"layer": "Flatten"}, {"layer": "Dense", "units": 1}]
+    assert with_file_settings(config) is config
+    other = OmegaConf.create(compose_config(["data.root=x", "model=tiny"]))
+    assert with_file_settings(other) is other
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        ([], "set model.weights=FILE"),
+        (["model.weights=none.h5"], r"none\.h5"),
+        (["model.size=null"], r"20 x 30 x 3, .*set 'data\.crop=\[0,0\]' 'model\.size=\[20,30\]\'"),
+        (["model.colour=gray"], r"model\.colour=rgb"),
+        (["unclear"], r"lambda_1 .*model\.scale; or run drivezoo import"),
+        (["unscaled"], r"set 'model\.scale=\[127\.5,1\]'"),
+    ],
+)
+def test_what_is_missing_is_named(overrides: list[str], words: str, tmp_path: Path) -> None:
+    first = {"unclear": [UNCLEAR], "unscaled": []}.get("".join(overrides), [SCALE])
+    path = write_h5(tmp_path / "m.h5", [*first, *REST])
+    given = any("weights" in one for one in overrides) or not overrides
+    own = [] if given else [f"model.weights={path}"]
+    with pytest.raises(InputError, match=words) as caught:
+        with_file_settings(keras_config(*own, *[one for one in overrides if "=" in one]))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_an_unclear_scale_is_set_by_the_user(tmp_path: Path) -> None:
+    path = write_h5(tmp_path / "m.h5", [UNCLEAR, *REST])
+    config = with_file_settings(keras_config(f"model.weights={path}", "model.scale=[255,0.5]"))
+    assert config.model.scale == [255, 0.5]
+
+
+def test_another_models_checkpoint_is_refused(run_folder: Path) -> None:
+    path = run_folder / "checkpoints" / "best.ckpt"
+    with pytest.raises(InputError, match=r"best\.ckpt: .*without model\.layers; set model"):
+        with_file_settings(keras_config(f"model.weights={path}"))
+
+
+def test_a_checkpoint_of_another_view_names_its_keys(tmp_path: Path) -> None:
+    layers = [{"layer": "Flatten"}, {"layer": "Dense", "units": 1}]
+    config = {"model": {"name": "keras", "layers": layers, "scale": [255, 0.5]}}
+    for view, words in (
+        (View([60, 25], "yuv_old", (66, 200), "linear"), "crop=[60,25]' model.colour=yuv_old "),
+        (View([0, 0], "bgr", None), "crop=[0,0]' model.colour=bgr model.size=null "),
+    ):
+        card = make_card(config, view, {"fingerprint": "0", "rows": 1})
+        torch.save({"drivezoo": card, "state_dict": {}}, tmp_path / "old.ckpt")
+        with pytest.raises(InputError, match=re.escape(words)):
+            with_file_settings(keras_config(f"model.weights={tmp_path / 'old.ckpt'}"))
+    same = ["model.colour=bgr", "model.size=null", "data.crop=[0,0]"]
+    model = with_file_settings(keras_config(f"model.weights={tmp_path / 'old.ckpt'}", *same)).model
+    assert (model.layers, model.scale) == (layers, [255, 0.5])

@@ -1,1 +1,0 @@
-"""Networks and weights of other frameworks: Keras files, and public ImageNet weights."""
