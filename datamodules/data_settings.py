@@ -132,11 +132,15 @@ class DataSettings(BatchOptions):
         labelled = replace(recording, steering=in_label(recording, recording.steering, label))
         for line in [*report_lines(recording), *label_lines(recording, label)]:
             console.print(line, highlight=False, markup=False, emoji=False)
-        shares, lengths = (self.val_share, self.test_share), (self.block_s, self.gap_s)
-        split = split_rows(recording, self.split, *shares, *lengths, self.split_seed)
+        lengths = (self.block_s, self.gap_s)
+        split = split_rows(
+            recording, self.split, self.val_share, self.test_share, *lengths, self.split_seed
+        )
         windows = Windows(self.sequence or 1, self.stride or 1, self.ahead or 0)
         if windows.is_windowed:
             console.print(windows.line(recording, split), highlight=False)
+        rows, both_ways = windows.whole(recording, split.train), self.flip == "both"
+        corrected = (list(self.cameras), self.offset, self.recover_s)
         data = DrivingData(
             options=self,
             recording=recording,
@@ -146,16 +150,7 @@ class DataSettings(BatchOptions):
             views=views,
             split=split,
             split_by=split_words(recording, self.split, *lengths),
-            samples=make_samples(
-                labelled,
-                windows.whole(recording, split.train),
-                list(self.cameras),
-                self.offset,
-                self.recover_s,
-                both_ways=self.flip == "both",
-                windows=windows,
-                label=label,
-            ),
+            samples=make_samples(labelled, rows, *corrected, both_ways, windows, label),
             augment=Augment(transforms, view.colour, label),
         )
         if data.batch_size < self.batch_size:

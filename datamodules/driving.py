@@ -1,7 +1,7 @@
 """The datamodule: recordings to batches for training, validation and test."""
 
-import copy
 import functools
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -26,10 +26,11 @@ from zoo.base.errors import InputError
 from zoo.base.rig import SteeringLabel
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class DrivingData(RunData):
     """The batches of a recording's training, validation and test rows; see `DataSettings.load`.
 
-    Args:
+    Attributes:
         options: how training batches are drawn and fed.
         recording: recording whose images are decoded.
         labelled: the same recording, with steering in the unit of the labels.
@@ -40,47 +41,29 @@ class DrivingData(RunData):
         split_by: split in words.
         samples: training samples.
         augment: augmentation of training images.
+        batch_device, batches_per_step, features: see `with_feed`.
     """
 
-    def __init__(
-        self,
-        *,
-        options: BatchOptions,
-        recording: Recording,
-        labelled: Recording,
-        label: SteeringLabel,
-        view: View,
-        views: RowViews,
-        split: Split,
-        split_by: str,
-        samples: Samples,
-        augment: Augment,
-    ) -> None:
+    options: BatchOptions
+    recording: Recording
+    labelled: Recording
+    label: SteeringLabel
+    view: View
+    views: RowViews
+    split: Split
+    split_by: str
+    samples: Samples
+    augment: Augment
+    batch_device: torch.device | None = None
+    batches_per_step: int = 1
+    features: RowViews | None = None
+    _device_batches: DeviceBatches | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        """Complete Lightning's part."""
         super().__init__()
-        self.options, self.recording, self.labelled, self.label = (
-            options,
-            recording,
-            labelled,
-            label,
-        )
-        self.view, self.views, self.split, self.split_by = view, views, split, split_by
-        self.samples, self.windows, self.augment = samples, samples.windows, augment
-        self.batch_size = min(options.batch_size, options.samples_per_epoch or len(samples))
-        self.balance: dict[str, Any] = {
-            "samples_per_epoch": options.samples_per_epoch,
-            "straight_cap": options.straight_cap,
-            "straight_threshold": options.straight_threshold,
-        }
-        if options.weights is not None:
-            number = recording.recording[samples.row]
-            self.balance["weights"] = np.array(options.weights, float)[number]
-        if views.shards:
-            shard = views.file[samples.row, samples.camera]
-            self.balance |= {"shard": shard, "window_shards": options.window_shards}
-        self._batch_device: torch.device | None = None
-        self._device_batches: DeviceBatches | None = None
-        self.batches_per_step = 1
-        self.features: RowViews | None = None
+        most = self.options.samples_per_epoch or len(self.samples)
+        self.batch_size, self.windows = min(self.options.batch_size, most), self.samples.windows
 
     def steering_of(self, rows: np.ndarray) -> np.ndarray:
         """Return the true steering of rows, in the unit of the labels."""
@@ -96,12 +79,21 @@ class DrivingData(RunData):
         Raises:
             InputError: the cache does not hold the windows that are used at a time.
         """
-        options = self.options
-        keys = BalancedBatches(
-            self.samples, self.batch_size, options.seed, rank, world, **self.balance
-        )
-        remote = [one for one in self.views.shards if one.reader.is_remote]
-        largest = max((max(one.reader.bytes.values()) for one in remote), default=0)
+        options, samples = self.options, self.samples
+        balance: dict[str, Any] = {
+            "samples_per_epoch": options.samples_per_epoch,
+            "straight_cap": options.straight_cap,
+            "straight_threshold": options.straight_threshold,
+        }
+        if options.weights is not None:
+            number = self.recording.recording[samples.row]
+            balance["weights"] = np.array(options.weights, float)[number]
+        if self.views.shards:
+            shard = self.views.file[samples.row, samples.camera]
+            balance |= {"shard": shard, "window_shards": options.window_shards}
+        keys = BalancedBatches(samples, self.batch_size, options.seed, rank, world, **balance)
+        remote = [shard for shard in self.views.shards if shard.reader.is_remote]
+        largest = max((max(shard.reader.bytes.values()) for shard in remote), default=0)
         window_gb = world * min(options.window_shards, len(remote)) * largest / 1e9
         if window_gb > options.cache_gb:
             raise InputError(
@@ -154,10 +146,12 @@ class DrivingData(RunData):
             batches_per_step: number of training batches in a group; 1 for single batches.
             features: features fed in place of images (`datamodules.features`).
         """
-        fed = copy.copy(self)
-        fed._batch_device, fed.batches_per_step = batch_device, batches_per_step
-        fed.features = features
-        return fed
+        return replace(
+            self,
+            batch_device=batch_device,
+            batches_per_step=batches_per_step,
+            features=features,
+        )
 
     def train_dataloader(self) -> DataLoader:
         """Return this rank's training batches."""
@@ -172,8 +166,8 @@ class DrivingData(RunData):
         batches: Dataset = training
         if self.features is not None:
             batches = FeatureBatches(training, self.features)
-        elif self._batch_device is not None:
-            batches, workers = DeviceBatches(training, self._batch_device), 0
+        elif self.batch_device is not None:
+            batches, workers = DeviceBatches(training, self.batch_device), 0
             self._device_batches = batches
         sampling: dict[str, Any] = {"batch_size": None, "sampler": keys}
         if self.batches_per_step > 1:

@@ -215,7 +215,7 @@ def test_an_epoch_fetches_a_shard_once(shards: Path, server: Server, tmp_path: P
     data = loaded("s3://bucket/shards", tmp_path / "cache")
     server.asked.clear()
     batches(data)
-    used = {data.views.shards[one].file for one in np.unique(data.balance["shard"])}
+    used = {data.views.shards[one].file for one in np.unique(data.sampler().balance["shard"])}
     fetched = [one for one in server.asked if one.endswith(".bin")]
     assert {Path(one).name for one in used} <= set(fetched)
     # A window's cap may draw from another; HEAD and GET are two requests.
