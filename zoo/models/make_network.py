@@ -73,13 +73,13 @@ def network_class(target: object) -> type[nn.Module]:
     Raises:
         InputError: the target is no network of the zoo or of a part.
     """
-    found = own_class(target, ALLOWED["model",].own) or part_class(target)
-    if found is None or not issubclass(found, nn.Module):
+    kind = own_class(target, ALLOWED["model",].own) or part_class(target)
+    if kind is None or not issubclass(kind, nn.Module):
         raise InputError(
             f"model._target_={target!s:.200}: is no network of zoo.models "
             f"(drivezoo models lists them); {unknown_part(target)}"
         )
-    return found
+    return kind
 
 
 def make_network(model: dict, view: View, most: int = MOST_PARAMETERS) -> nn.Module:
