@@ -67,11 +67,15 @@ def load_named(group: str, name: str, key: str = "", usual: Sequence[str] = ()) 
         UsageError: there is no such entry point.
         InputError: it cannot be imported.
     """
+    return load_entry(_entry(group, name, key, usual))
+
+
+def _entry(group: str, name: str, key: str = "", usual: Sequence[str] = ()) -> EntryPoint:
     entries = named_entries(group)
     if name not in entries:
         typed = f"{key}={name}" if key else name
         raise UsageError(f"{typed}: no such {_kind(group)}; {hint(name, [*usual, *entries])}")
-    return load_entry(entries[name])
+    return entries[name]
 
 
 def load_class(group: str, name: str, base: type[Kind]) -> type[Kind]:
@@ -80,10 +84,11 @@ def load_class(group: str, name: str, base: type[Kind]) -> type[Kind]:
     Raises:
         InputError: see `load_named`, or the class is not derived from `base`.
     """
-    loaded = load_named(group, name)
+    entry = _entry(group, name)
+    loaded = load_entry(entry)
     if not (isinstance(loaded, type) and issubclass(loaded, base)):
         wanted = f"{base.__module__}.{base.__name__}"
-        raise InputError(f"{name}: is no {_kind(group)}; derive {loaded!r} from {wanted}")
+        raise InputError(f"{entry.value}: is no {_kind(group)}; derive it from {wanted}")
     return loaded
 
 

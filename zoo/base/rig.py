@@ -211,6 +211,9 @@ def donkey_sim(camera: Camera | None = None) -> Rig:
     return replace(UDACITY, name="donkey_sim", cameras=cameras, steering_deg=16.0)
 
 
+# The outputs of Donkeycar's networks of one image: linear and inferred, and in bins, or linear
+# before version 2.2 (`donkeycar/parts/keras.py`).
+DONKEYCAR_OUTPUTS = (["n_outputs0", "n_outputs1"], ["n_outputs0"], ["angle_out", "throttle_out"])
 # Rigs by the names that `data.rig=` takes.
 RIGS = {"udacity": UDACITY, "donkey_sim": centred(donkey_sim())}
 RIG_KEYS = " or ".join(f"data.rig={name}" for name in RIGS)

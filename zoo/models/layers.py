@@ -12,9 +12,6 @@ from torch import Tensor, library, nn
 from zoo.models.network_facts import NetworkFacts
 
 ACTIVATIONS = {"elu": nn.ELU, "relu": nn.ReLU}
-# The outputs of Donkeycar's networks of one image: linear and inferred, and in bins, or linear
-# before version 2.2 (`donkeycar/parts/keras.py`).
-DONKEYCAR = (["n_outputs0", "n_outputs1"], ["n_outputs0"], ["angle_out", "throttle_out"])
 # Pixel values of 32 of PilotNet's images: the activations of more exceed a processor's caches
 # (docs/performance.md#where-the-time-goes).
 PIECE = 1_270_000

@@ -35,7 +35,7 @@ def test_an_executor_of_another_package_runs_the_drives(
     (drive,) = all_drives(checkpoint, [scenario], executor="mine")
     assert len(drive)
     assert "opened outside" in capsys.readouterr().out
-    with pytest.raises(InputError, match=r"^no_such_module:opened: executor=lost cannot"):
+    with pytest.raises(InputError, match=r"^no_such_module:opened: the executor lost cannot"):
         all_drives(checkpoint, [scenario], executor="lost")
     with pytest.raises(UsageError, match=r"executor=mina: no such executor; did you mean mine\?"):
         all_drives(checkpoint, [scenario], executor="mina")

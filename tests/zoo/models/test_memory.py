@@ -6,13 +6,13 @@ from omegaconf import OmegaConf
 from torch import nn
 
 from tests.zoo.models.test_models_command import build
-from zoo.base.conf_files import choices, conf_folder
+from zoo.base.conf_files import choice_files
 from zoo.base.errors import InputError
 from zoo.models.cnn_gru import GruCell
 from zoo.models.memory import Memory
 
-FOLDER = conf_folder() / "model"
-NAMES = [one for one in choices("model") if "sequence" in OmegaConf.load(FOLDER / f"{one}.yaml")]
+FILES = choice_files("model")
+NAMES = [name for name, path in sorted(FILES.items()) if "sequence" in OmegaConf.load(path)]
 
 
 def windows(network: Memory, count: int = 2, seed: int = 1) -> torch.Tensor:

@@ -18,10 +18,11 @@ from torch import nn
 
 from datamodules.view import View
 from zoo.base.errors import InputError
+from zoo.base.rig import DONKEYCAR_OUTPUTS
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.network_files import read_network
-from zoo.models.layers import DONKEYCAR, Crop, InKerasOrder, Normalize, Unbin
+from zoo.models.layers import Crop, InKerasOrder, Normalize, Unbin
 from zoo.models.memory import Memory
 from zoo.models.network_facts import NetworkFacts, facts_of
 
@@ -103,7 +104,7 @@ def donkeycar_bytes(checkpoint: Checkpoint) -> tuple[bytes, str]:
         config["activation"] = "softmax"
     if kind != "Dense" or config["units"] != sum(units):
         raise InputError(f"{name}: its last layer is not one dense layer of its outputs")
-    names = DONKEYCAR[2] if bins else DONKEYCAR[0]
+    names = DONKEYCAR_OUTPUTS[2] if bins else DONKEYCAR_OUTPUTS[0]
     parts = zip(*(np.split(one, np.cumsum(units)[:-1], axis=-1) for one in weights), strict=True)
     layers += [
         (kind, config | {"name": name, "units": count}, list(part))

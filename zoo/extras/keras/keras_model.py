@@ -12,7 +12,7 @@ import numpy as np
 
 from zoo.base.errors import InputError
 from zoo.base.limits import is_ordinary
-from zoo.models.layers import DONKEYCAR
+from zoo.base.rig import DONKEYCAR_OUTPUTS
 
 GRAPHS = ("Model", "Functional")  # classes of a model whose layers name their inputs
 MOST_LAYERS = 1000
@@ -84,7 +84,7 @@ class KerasModel:
     @property
     def is_donkeycar(self) -> bool:
         """Return whether it is a network of Donkeycar, which sees pixels / 255 of RGB frames."""
-        return list(self.outputs or (self.layers[-1].name,)) in DONKEYCAR
+        return list(self.outputs or (self.layers[-1].name,)) in DONKEYCAR_OUTPUTS
 
 
 def read_architecture(model: object, source: object, as_chain: bool = True) -> KerasLayer:
@@ -185,7 +185,8 @@ def joined_outputs(
     ends = [placed[place] for place in sorted(placed)]
     names = ", ".join(one.name for one in ends)
     activations = [str(one.config.get("activation") or "linear") for one in ends]
-    binned = [one.name for one in ends] == DONKEYCAR[-1] and set(activations) == {"softmax"}
+    is_donkeycar = [end.name for end in ends] == DONKEYCAR_OUTPUTS[-1]
+    binned = is_donkeycar and set(activations) == {"softmax"}
     same = len(set(activations)) == 1 and (binned or "softmax" not in activations)
     dense = all([one.ndim for one in end.arrays] == [2, 1] and end.arrays[1].size for end in ends)
     if not same or not dense:
