@@ -84,18 +84,20 @@ def kept_result(folder: Path, command: str) -> Files:
     own = BOARDS[result.suite] / result.entry
     names = [*NEEDED, *(LEVEL_NEEDED if result.has_levels else ())]
     drives = [
-        one.model_copy(update={"figures": {name: one.figures[name] for name in names}})
-        for one in result.drives
+        drive.model_copy(update={"figures": {name: drive.figures[name] for name in names}})
+        for drive in result.drives
     ]
     # Where a packaged network, or this folder, is on a machine is nobody's business.
     place = f"{Path.cwd()}{os.sep}"
     checkpoints = [
-        one.model_copy(
-            update={"file": packaged_name(Path(one.file)) or one.file.removeprefix(place)}
+        checkpoint.model_copy(
+            update={
+                "file": packaged_name(Path(checkpoint.file)) or checkpoint.file.removeprefix(place)
+            }
         )
-        for one in result.checkpoints
+        for checkpoint in result.checkpoints
     ]
-    lines = ",\n".join(one.model_dump_json() for one in drives)  # a line for each drive
+    lines = ",\n".join(drive.model_dump_json() for drive in drives)  # a line for each drive
     known = set(BenchmarkResult.model_fields)
     kept = result.model_copy(update={"drives": [], "checkpoints": checkpoints})
     text = kept.model_dump_json(include=known)
@@ -124,7 +126,9 @@ def rows_of_board(suite: str = "v1") -> list[Row]:
     ]
     results = [entry.result for _, entry in by_kind]
     # Those of older digests were driven by several versions, as their pages say.
-    codes = {one.code.get("hash"): one.entry for one in results if one.digests == DIGESTS}
+    codes = {
+        result.code.get("hash"): result.entry for result in results if result.digests == DIGESTS
+    }
     if len(codes) > 1:
         raise InputError(
             f"{BOARDS[suite]}: {' and '.join(codes.values())} were driven by different code; drive "

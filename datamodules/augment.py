@@ -231,10 +231,19 @@ class Augment:
         label: SteeringLabel = STEERING,
     ) -> None:
         if colour == "hsv_s":
-            transforms = [one for one in transforms if not getattr(one, "lighting", False)]
+            transforms = [
+                transform for transform in transforms if not getattr(transform, "lighting", False)
+            ]
         self.transforms, self.colour, self.label = transforms, colour, label
-        self.cpu_only = [type(one).__name__ for one in transforms if not isinstance(one, Change)]
-        self._composed = [None if isinstance(one, Change) else _composed(one) for one in transforms]
+        self.cpu_only = [
+            type(transform).__name__
+            for transform in transforms
+            if not isinstance(transform, Change)
+        ]
+        self._composed = [
+            None if isinstance(transform, Change) else _composed(transform)
+            for transform in transforms
+        ]
 
     def __call__(
         self, images: np.ndarray, steering: np.ndarray, seed: int

@@ -35,7 +35,7 @@ class DeviceBatches(Dataset):
         views = batches.views
         room = int(RESIDENT_SHARE * _free_bytes(device)) if room is None else room
         self.resident: Tensor | None = None
-        if sum(one.nbytes for one in views.files) <= room:
+        if sum(file.nbytes for file in views.files) <= room:
             self.resident = _copied(views, device)
             self.starts = np.cumsum([0, *map(len, views.files)])[:-1]
 

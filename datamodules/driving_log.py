@@ -324,7 +324,10 @@ def _parse_numbers(values: list[str], previous_speed: float) -> tuple[float, ...
     if not readings:
         numbers = ",".join(values)
         raise InputError(f"{numbers!r:.200} are not the four numbers {','.join(NUMBERS)}")
-    return min(readings, key=lambda one: (one[1] * one[2] > 0, abs(one[3] - previous_speed)))
+    return min(
+        readings,
+        key=lambda reading: (reading[1] * reading[2] > 0, abs(reading[3] - previous_speed)),
+    )
 
 
 def _number(name: str, text: str) -> float:

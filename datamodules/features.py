@@ -144,7 +144,9 @@ def load_features(plan: FeaturePlan, views: RowViews, console: Console) -> RowVi
         InputError: the cache cannot be written.
     """
     with image_progress(console) as show:
-        loaded = ((one.rows, one.column, _load(one, plan.front, views, show)) for one in plan.files)
+        loaded = (
+            (file.rows, file.column, _load(file, plan.front, views, show)) for file in plan.files
+        )
         return RowViews.placed((len(views.file), 2 * len(CAMERAS)), loaded)
 
 

@@ -193,7 +193,7 @@ class Recording:
         """
         rows = np.unique(np.stack([self._rounded(name) for name in LABELS], 1), axis=0)
         digests = (hashlib.sha256(row.tobytes()).digest() for row in rows)
-        return sorted(int.from_bytes(one[:6], "big") for one in digests)
+        return sorted(int.from_bytes(digest[:6], "big") for digest in digests)
 
     def _rounded(self, name: str) -> np.ndarray:
         """Return a contiguous column of a hash, without negative zeros."""

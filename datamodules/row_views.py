@@ -96,12 +96,12 @@ class RowViews:
     @property
     def shards(self) -> list[ShardViews]:
         """Return the shards; none if the views are decoded already."""
-        return [one for one in self.files if isinstance(one, ShardViews)]
+        return [file for file in self.files if isinstance(file, ShardViews)]
 
     def fetch_ahead(self, files: np.ndarray) -> None:
         """Start to fetch shards, by index in `files`, that the next batches need."""
         for store in {shard.reader for shard in self.shards}:
-            wanted = [self.shards[one] for one in files]
+            wanted = [self.shards[file] for file in files]
             store.fetch_ahead([file_name(one.file) for one in wanted if one.reader is store])
 
     def keep(self, mask: np.ndarray) -> "RowViews":
@@ -197,7 +197,7 @@ def load_row_views(
                 parts.append((rows, camera, loaded.views))
                 faults |= {int(rows[at]): fault for at, fault in loaded.faults.items()}
     views = RowViews.placed((len(recording), len(CAMERAS)), parts)
-    small = parts and sum(one.nbytes for one in views.files) <= RESIDENT_BYTES
+    small = parts and sum(file.nbytes for file in views.files) <= RESIDENT_BYTES
     return views.resident() if small else views, faults
 
 

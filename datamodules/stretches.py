@@ -97,7 +97,7 @@ def long_stretches(recording: Recording, rows: np.ndarray) -> list[np.ndarray]:
     ends = (np.diff(rows) != 1) | find_breaks(recording)[rows[:-1]]
     stretches = np.split(rows, np.flatnonzero(ends) + 1)
     least = STRETCH_S * mean_rate(recording)
-    return [one for one in stretches if len(one) >= least]
+    return [stretch for stretch in stretches if len(stretch) >= least]
 
 
 def mean_rate(recording: Recording) -> float:

@@ -91,7 +91,7 @@ def find_meaning(
     components = list(_components(features))
     roles = {role: found for role in WORDS if (found := _find(components, role))}
     if steering is not None:
-        named = {str(one): one for one in components}
+        named = {str(component): component for component in components}
         if steering not in named:
             raise UsageError(f"steering={steering}: {place} has {_list(named)}; name one of them")
         roles["steering"] = named[steering]
@@ -126,15 +126,21 @@ def _flat(names: object) -> list[str]:
     """Return the names of a feature's numbers: a list, or lists in a dict."""
     if isinstance(names, dict):
         return [one for part in names.values() for one in _flat(part)]
-    return [str(one) for one in names] if isinstance(names, list) else []
+    return [str(name) for name in names] if isinstance(names, list) else []
 
 
 def _find(components: list[Component], role: str) -> Component | None:
     """Return the likeliest component: an own column, then an action's, or a state's for speed."""
     words, first = WORDS[role], "observation" if role == "speed" else "action"
-    own = [one for one in components if one.key in (role, f"{role}_mph") and not one.name]
-    named = [one for one in components if words.search(one.name)]
-    named += [one for one in components if words.search(one.key) and not one.name]
+    own = [
+        component
+        for component in components
+        if component.key in (role, f"{role}_mph") and not component.name
+    ]
+    named = [component for component in components if words.search(component.name)]
+    named += [
+        component for component in components if words.search(component.key) and not component.name
+    ]
     likely = [one for one in named if one.key.startswith(first) or role == "speed"]
     likely.sort(key=lambda one: not one.key.startswith(first))
     return next(iter(own + likely), None)

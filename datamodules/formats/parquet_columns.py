@@ -110,7 +110,7 @@ def _claimed_numbers(file: Any, name: str) -> int:
     """Return how many numbers a column claims to have, a list's numbers included."""
     groups = [file.metadata.row_group(number) for number in range(file.metadata.num_row_groups)]
     chunks = [group.column(number) for group in groups for number in range(group.num_columns)]
-    return sum(one.num_values for one in chunks if one.path_in_schema.split(".")[0] == name)
+    return sum(chunk.num_values for chunk in chunks if chunk.path_in_schema.split(".")[0] == name)
 
 
 def _numbers(column: Any, path: Path, name: str) -> np.ndarray:

@@ -63,7 +63,7 @@ def describe(path: Path) -> str:
 def _folders(path: Path) -> list[Path]:
     """Return the folders in a folder, without hidden ones and those of macOS' archives."""
     names = sorted(path.iterdir()) if path.is_dir() else []
-    return [one for one in names if not one.name.startswith((".", "__")) and one.is_dir()]
+    return [name for name in names if not name.name.startswith((".", "__")) and name.is_dir()]
 
 
 def _folder(path: Path) -> str:

@@ -83,7 +83,10 @@ class Command(Generic[Made]):
             UsageError: a key is unknown, or a value has the wrong type or range.
             InputError: see the function; or its result has a problem.
         """
-        plain = [os.fspath(each) if isinstance(each, os.PathLike) else each for each in arguments]
+        plain = [
+            os.fspath(argument) if isinstance(argument, os.PathLike) else argument
+            for argument in arguments
+        ]
         needed = [name for name in self.arguments if name[0] != "["]
         if len(plain) < len(needed):
             raise UsageError(f"{self.name}: not given: {', '.join(needed[len(plain) :])}")

@@ -185,11 +185,11 @@ def _quote_value(value: str, sweep: bool) -> str:
         inner = value[1:-1]
         return quote(escape_interpolation(inner)) if is_path(inner) else value
     if value[0] == "[" and value[-1] == "]":
-        return f"[{','.join(_quote_value(one, False) for one in _paths_in(value[1:-1]))}]"
+        return f"[{','.join(_quote_value(path, False) for path in _paths_in(value[1:-1]))}]"
     if sweep and re.match(r"\w+\(", value):  # choice(...), glob(...)
         return value
     if sweep and "," in value:
-        return ",".join(_quote_value(one, sweep) for one in _paths_in(value))
+        return ",".join(_quote_value(path, sweep) for path in _paths_in(value))
     return quote(value)
 
 
@@ -207,7 +207,7 @@ def _paths_in(text: str) -> list[str]:
             count, joined = 1, parts[0].strip()
         paths.append(joined)
         parts = parts[count:]
-    return [one for one in paths if one]
+    return [path for path in paths if path]
 
 
 @contextmanager
@@ -262,9 +262,9 @@ def _explained(error: Exception, arguments: Sequence[str]) -> str:
         return f"{key}: belongs to a part that is not chosen; {LISTS_ALL}"
     if key:
         return f"{key}: no such key; {hint(key, valid_keys(), LISTS_ALL)}"
-    for one in arguments:
-        if "=" not in one and not one.startswith(("-", "~")):
-            return f"{one}: expected key=value, such as data.root={one}; {LISTS_ALL}"
+    for argument in arguments:
+        if "=" not in argument and not argument.startswith(("-", "~")):
+            return f"{argument}: expected key=value, such as data.root={argument}; {LISTS_ALL}"
     first = text.strip().splitlines()[0] if text.strip() else type(error).__name__
     return f"{first} (in: {' '.join(arguments)}); {LISTS_ALL}"
 
@@ -314,7 +314,9 @@ def compose_with_choices(
 def config_help(arguments: Sequence[str]) -> str:
     """Return the help, with the config that the arguments' overrides compose."""
     overrides = [
-        one for one in arguments if not one.startswith(("-", "resume=", "trust=", "hydra"))
+        argument
+        for argument in arguments
+        if not argument.startswith(("-", "resume=", "trust=", "hydra"))
     ]
     config, chosen = compose_with_choices(hydra_overrides(overrides))
     groups = [f"{name}: {', '.join(choices(name))}" for name in config_groups()]

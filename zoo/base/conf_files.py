@@ -58,7 +58,9 @@ def choices(group: str) -> list[str]:
 def choice_files(group: str) -> dict[str, Path]:
     """Return the YAML file of each choice of a group, the user's parts included."""
     folders = [*part_folders(), conf_folder()]
-    return {path.stem: path for one in folders for path in sorted((one / group).glob("*.yaml"))}
+    return {
+        path.stem: path for folder in folders for path in sorted((folder / group).glob("*.yaml"))
+    }
 
 
 @functools.cache

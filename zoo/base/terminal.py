@@ -103,7 +103,7 @@ def take_verbosity(arguments: Sequence[str]) -> list[str]:
     for flag in arguments:
         if flag in FLAGS:
             os.environ[VARIABLE] = FLAGS[flag]
-    return [one for one in arguments if one not in FLAGS]
+    return [argument for argument in arguments if argument not in FLAGS]
 
 
 def is_quiet() -> bool:

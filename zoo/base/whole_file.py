@@ -145,7 +145,7 @@ class AppendedFile:
 def remove_parts(folder: Path) -> None:
     """Remove the temporary files that killed processes have left in a folder."""
     try:
-        found = [one for one in folder.iterdir() if PART.fullmatch(one.name)]
+        found = [path for path in folder.iterdir() if PART.fullmatch(path.name)]
         for one in found:
             one.unlink(missing_ok=True)
     except OSError:  # no such folder, or another user's file

@@ -230,7 +230,7 @@ def _load_plain(file: BinaryIO, path: Path) -> object:
         ) from None
     tensors = (one for _, one in leaves(found) if isinstance(one, Tensor))
     # A view counts as a copy.
-    check_unpacked(sum(one.numel() * one.element_size() for one in tensors), size, path)
+    check_unpacked(sum(tensor.numel() * tensor.element_size() for tensor in tensors), size, path)
     return found
 
 

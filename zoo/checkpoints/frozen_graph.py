@@ -150,7 +150,7 @@ class NetworkPolicy(Policy):
         self.network, self.view = checkpoint.network, checkpoint.view
         self.config, self.data = checkpoint.config, checkpoint.data
         self.name = type(self.network).__name__
-        self.parameters = sum(one.numel() for one in self.network.parameters())
+        self.parameters = sum(parameter.numel() for parameter in self.network.parameters())
         facts = facts_of(self.network)
         self.takes_speed, self.outputs = facts.takes_speed, facts.outputs
         self.predicts_spread = facts.predicts_spread

@@ -57,7 +57,7 @@ def onnx_bytes(checkpoint: "Checkpoint", model_card: str = "", graph: bytes = b"
     data = {key: one for key, one in checkpoint.data.items() if key != STARTED_IN}  # is private
     card = make_card(checkpoint.config, view, data) | {
         "network": type(network).__name__,
-        "parameters": sum(one.numel() for one in network.parameters()),
+        "parameters": sum(parameter.numel() for parameter in network.parameters()),
         "predicts_spread": facts.predicts_spread,
     }
     if facts.window:

@@ -271,7 +271,7 @@ def _check_inputs(
         or controls.shape[1:] not in ([*rows, 1 + spread], [*rows, 2 + spread])
     ):
         raise InputError(f"its graph does not take its view, {width} x {height} {view.colour}")
-    returned = {one.name: (one.type, list(one.shape[1:])) for one in states}
+    returned = {state.name: (state.type, list(state.shape[1:])) for state in states}
     wanted = {f"{STATE}{number}": returned.get(f"{NEXT}{number}") for number in range(len(states))}
     if inputs != wanted or (inputs and window is None):
         raise InputError("its graph does not return the state that it takes")

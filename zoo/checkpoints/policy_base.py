@@ -214,6 +214,6 @@ def output_command(outputs: Sequence[float], predicts_spread: bool) -> Command:
     Command(steering=1.0, throttle=None, spread=0.5)
     """
     controls = outputs[:-1] if predicts_spread else outputs
-    steering, *throttle = (min(max(one, -1.0), 1.0) for one in controls)
+    steering, *throttle = (min(max(control, -1.0), 1.0) for control in controls)
     spread = math.exp(min(outputs[-1], 100.0)) if predicts_spread else None
     return Command(steering, throttle[0] if throttle else None, spread)

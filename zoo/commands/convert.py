@@ -59,7 +59,7 @@ def convert(
         raise UsageError(f"to={to}: no format that can be written; {hint(to, writers)}")
     name, old = find_format(place, read.format)
     if to == name:
-        *others, last = (f"to={other}" for other in writers if other != name)
+        *others, last = (f"to={writer}" for writer in writers if writer != name)
         raise UsageError(
             f"to={to}: {source} is a {old.title} already; name another format: "
             f"{', '.join(others)} or {last}"

@@ -254,11 +254,11 @@ def view_line(policy: "Policy") -> str:
     from zoo.checkpoints.engine import engine_text  # imports torch
 
     seen = []
-    for one in policy.members:
-        height, width, _ = one.view.shape
-        seen.append(f"{width} x {height} {one.view.colour}")
+    for member in policy.members:
+        height, width, _ = member.view.shape
+        seen.append(f"{width} x {height} {member.view.colour}")
     what = f"{policy.name} of {policy.parameters:,} parameters"
-    took = dict.fromkeys(engine_text(one.engine) for one in policy.members)
+    took = dict.fromkeys(engine_text(member.engine) for member in policy.members)
     return "; ".join([f"{what}, sees {' and '.join(dict.fromkeys(seen))}", *filter(None, took)])
 
 

@@ -49,7 +49,7 @@ class FinishedRuns(Result):
         """Return a row for each run with all figures."""
         columns = Table.of_figures(self.figures).columns
         caption = "Errors of the steering, and those of always zero and of the mean."
-        return Table([replace(one, short=one.name in SHORT) for one in columns], caption)
+        return Table([replace(column, short=column.name in SHORT) for column in columns], caption)
 
 
 @command(outputs=True)
@@ -88,7 +88,7 @@ def read_finished(folders: Sequence[str | Path]) -> FinishedRuns:
     Raises:
         InputError: a folder has no figures of a finished run, or they are damaged.
     """
-    runs, figures = [Run(Path(one)) for one in folders], []
+    runs, figures = [Run(Path(folder)) for folder in folders], []
     for run in runs:
         try:
             figures.append(run_figures(run))

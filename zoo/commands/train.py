@@ -34,7 +34,7 @@ def train_or_sweep(arguments: list[str]) -> None:
         from zoo.training.start_sweep import sweep
 
         with one_line_errors(arguments):
-            sweep([name_latest(one) for one in arguments])
+            sweep([name_latest(argument) for argument in arguments])
     else:
         train(arguments)
 
@@ -50,10 +50,10 @@ def train(arguments: list[str], several: bool = True) -> Path:
     from zoo.base.compose import refuse_repeated
 
     refuse_repeated(arguments)
-    arguments = [name_latest(one) for one in arguments]
-    resumed = [one for one in arguments if is_resume(one)]
+    arguments = [name_latest(argument) for argument in arguments]
+    resumed = [argument for argument in arguments if is_resume(argument)]
     if resumed:
-        overrides = [one for one in arguments if one not in resumed]
+        overrides = [argument for argument in arguments if argument not in resumed]
         from zoo.training.resume import resume
 
         folder = find_run(resumed[0].removeprefix("resume="))
@@ -136,10 +136,10 @@ def each_seed(arguments: list[str]) -> list[str]:
     Raises:
         UsageError: the number is wrong, or seed= or resume= is given, too.
     """
-    given = [one for one in arguments if one.startswith("seeds=")]
+    given = [argument for argument in arguments if argument.startswith("seeds=")]
     if not given:
         return arguments
-    others = [one for one in arguments if one not in given]
+    others = [argument for argument in arguments if argument not in given]
     count = given[0].removeprefix("seeds=")
     if len(given) > 1 or count not in map(str, range(1, MOST_SEEDS + 1)):
         raise UsageError(f"{given[-1]}: must be one whole number in 1..{MOST_SEEDS}")
@@ -150,7 +150,7 @@ def each_seed(arguments: list[str]) -> list[str]:
 
 def is_sweep(arguments: list[str]) -> bool:
     """Return whether the arguments start a sweep."""
-    return any(one in ("-m", "--multirun", "hydra.mode=MULTIRUN") for one in arguments)
+    return any(argument in ("-m", "--multirun", "hydra.mode=MULTIRUN") for argument in arguments)
 
 
 if __name__ == "__main__":

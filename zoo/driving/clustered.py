@@ -171,7 +171,7 @@ def _strata(
     drives: dict[str, list[int]] = {}
     for number, place in enumerate(places):
         drives.setdefault(kinds[place] if is_fine else "", []).append(number)
-    return [(own, [places[number] for number in own]) for own in drives.values()]
+    return [(drive, [places[number] for number in drive]) for drive in drives.values()]
 
 
 def _numbers(places: Sequence[str]) -> list[int]:

@@ -60,7 +60,7 @@ class WorstMoments:
                 return
             self.moments.pop()
         elif len(self.moments) >= self.count:
-            least = min(self.moments, key=lambda one: badness(one[1]))
+            least = min(self.moments, key=lambda moment: badness(moment[1]))
             if badness(least[1]) >= badness(row):
                 return
             self.moments.remove(least)

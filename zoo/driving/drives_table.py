@@ -42,13 +42,17 @@ def mean_and_spread(drives: list[dict]) -> dict[str, Spread | int | None]:
     {'drives': 2, 'autonomy': (0.75, 0.3535533905932738), 'lap_s': (90.0, None)}
     """
     found: dict[str, Spread | int | None] = {"drives": len(drives)}
-    if "interventions" in drives[0] and any(one.get("autonomy", 1) is not None for one in drives):
-        lost = [one["interventions"] for one in drives]
+    if "interventions" in drives[0] and any(
+        drive.get("autonomy", 1) is not None for drive in drives
+    ):
+        lost = [drive["interventions"] for drive in drives]
         found["drives_without_intervention"] = sum(not one for one in lost)
     for key in drives[0]:
         if key not in METRICS:
             continue
-        values = [one[key] for one in drives if one[key] is not None and math.isfinite(one[key])]
+        values = [
+            drive[key] for drive in drives if drive[key] is not None and math.isfinite(drive[key])
+        ]
         mean, deviation = mean_and_deviation(values) if values else (math.nan, None)
         found[key] = (mean, deviation if len(values) == len(drives) else None) if values else None
     for key, one in METRICS.items():
@@ -63,7 +67,7 @@ def nan_line(drives: list[dict]) -> str | None:
     >>> nan_line([{"track": "lake", "seed": 0, "nan_frames": 7}]).split(":")[0]
     'the network steered NaN in 7 frames (lake-0)'
     """
-    bad = [one for one in drives if one.get("nan_frames")]
+    bad = [drive for drive in drives if drive.get("nan_frames")]
     if not bad:
         return None
     frames = sum(one["nan_frames"] for one in bad)
@@ -123,9 +127,9 @@ def drives_table(tracks: dict[str, dict], table: str = DRIVES) -> Table:
         tracks: figures of each track by its name, as `mean_and_spread` returns them.
         table: DRIVES or REPLAYS.
     """
-    has_deviation = table == DRIVES and any(one.get("drives", 1) > 1 for one in tracks.values())
+    has_deviation = table == DRIVES and any(track.get("drives", 1) > 1 for track in tracks.values())
     rows = table_rows(table)
-    figures = [one for one in figure_columns(tracks, table) if one.name in rows]
+    figures = [column for column in figure_columns(tracks, table) if column.name in rows]
     columns = [Column("track", "driving", list(tracks)), *figures]
     return Table(columns, DEVIATION if has_deviation else "").turned()
 

@@ -122,7 +122,7 @@ def _check_settings(network: type[nn.Module], settings: dict) -> None:
         numbers = value if several and isinstance(value, list | tuple) else [value]
         kinds = (int,) if type(usual) is int else (int, float)
         if len(numbers) != (len(usual) if several else 1) or not all(
-            type(one) in kinds and low <= one < below for one in numbers
+            type(number) in kinds and low <= number < below for number in numbers
         ):
             kind = f"{len(usual)} numbers" if several else "a number"
             kind = "a whole number" if kinds == (int,) else kind

@@ -238,7 +238,7 @@ def levels_table(result: BenchmarkResult) -> Table | None:
             counts.setdefault(drive.group, {}).setdefault(drive.level, []).append(drive.is_clean)
     if not counts:
         return None
-    levels = sorted({level for own in counts.values() for level in own})
+    levels = sorted({level for count in counts.values() for level in count})
     rows = [
         [axis, *(f"{sum(own[one])} of {len(own[one])}" if one in own else "-" for one in levels)]
         for axis, own in counts.items()
@@ -265,7 +265,7 @@ def groups_table(result: BenchmarkResult) -> Table:
 def print_result(result: BenchmarkResult, console: Console) -> None:
     """Print the main figures of each group and of all, the differences, and the digest."""
     shown = groups_table(result).short().narrow()
-    cells = [replace(one, heading=printable(one.heading)) for one in shown.columns]
+    cells = [replace(column, heading=printable(column.heading)) for column in shown.columns]
     title = printable(f"{result.entry}, suite {result.suite}")
     style: dict[str, Any] = {"box": SIMPLE_HEAD, "pad_edge": False}
     titled = style | {"title": Text(title), "caption": CAPTION, "caption_justify": "left"}

@@ -180,7 +180,7 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
     found = read_suite(*find_suite(result.suite, suite))
     check_suite(result, found, path)
     folder = path if path.is_dir() else path.parent
-    drivers = [_driver(one, folder, path) for one in result.checkpoints]
+    drivers = [_driver(checkpoint, folder, path) for checkpoint in result.checkpoints]
     for line in caveats(result):
         console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
     by_road = {drive.key: drive for drive in found.drives}

@@ -94,7 +94,9 @@ class ComparedEntries(Result):
         return lines
 
     def __repr__(self) -> str:
-        return "\n".join([f"ComparedEntries of {self._names}", *(f"  {one}" for one in self.lines)])
+        return "\n".join(
+            [f"ComparedEntries of {self._names}", *(f"  {line}" for line in self.lines)]
+        )
 
     @property
     def _score(self) -> str:
@@ -161,7 +163,9 @@ class ComparedEntries(Result):
         if name in compared[0].a:
             figures[f"{name}_a"] = [one.a[name] for one in compared]
             figures[f"{name}_b"] = [one.b[name] for one in compared]
-        return Column(name, heading, [_estimate(one, form, factor) for one in estimates], figures)
+        return Column(
+            name, heading, [_estimate(estimate, form, factor) for estimate in estimates], figures
+        )
 
     def plot(self) -> Figure:
         """Return the difference in the score of each group with its 95 % interval."""

@@ -46,12 +46,12 @@ class Entry:
     @property
     def training_seeds(self) -> list[int | None]:
         """Return the seed of each training; None where it is unknown."""
-        return [one.training_seed for one in self.result.checkpoints]
+        return [checkpoint.training_seed for checkpoint in self.result.checkpoints]
 
     @property
     def is_trained(self) -> bool:
         """Return whether a training made it; a baseline has no checkpoint file with a hash."""
-        return any(one.sha256 is not None for one in self.result.checkpoints)
+        return any(checkpoint.sha256 is not None for checkpoint in self.result.checkpoints)
 
     @property
     def kind(self) -> str:
@@ -283,7 +283,7 @@ def compare_roads(
         needed = Needed(None, "unknown")
     else:
         tables = (difference, 0 * difference) if paired else (scores_a, scores_b)
-        needed = seeds_needed(*(_by_place(one, places) for one in tables))
+        needed = seeds_needed(*(_by_place(table, places) for table in tables))
     estimate = partial(clustered, places=places, groups=groups)
     return Comparison(
         roads=len(roads),

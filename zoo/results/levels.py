@@ -47,7 +47,9 @@ def level_at(
     for clusters in left_out:
         if (count := len(clusters)) < 2:
             continue
-        found = [_level(share, clean, np.where(one, 0.0, weights), levels) for one in clusters]
+        found = [
+            _level(share, clean, np.where(cluster, 0.0, weights), levels) for cluster in clusters
+        ]
         variance = (count - 1) * float(np.var(found))
         if variance > EQUAL**2:
             parts.append((variance, count - 1.0))
@@ -66,8 +68,8 @@ def _level(share: float, clean: np.ndarray, weights: np.ndarray, levels: Sequenc
     """Return the level of a share on the curve of weighted drives."""
     steps = np.unique(np.asarray(levels))
     columns = np.asarray(levels)[None] == steps[:, None]
-    drives = np.array([weights[:, own].sum() for own in columns])
-    kept = np.array([(clean * weights)[:, own].sum() for own in columns])
+    drives = np.array([weights[:, column].sum() for column in columns])
+    kept = np.array([(clean * weights)[:, column].sum() for column in columns])
     design = np.stack([np.ones(len(steps)), steps - steps.mean()], 1)
     curve = np.zeros(2)
     for _ in range(STEPS):

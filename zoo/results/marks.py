@@ -146,7 +146,10 @@ def write_marks(folder: Path, result: BenchmarkResult, reached: Sequence[Reached
         )
         for group in _missed_groups(reached)
     ]
-    facts = [f"checkpoint {one.file}, SHA-256 {one.sha256 or '-'}" for one in result.checkpoints]
+    facts = [
+        f"checkpoint {checkpoint.file}, SHA-256 {checkpoint.sha256 or '-'}"
+        for checkpoint in result.checkpoints
+    ]
     facts += [f"roads {result.roads}", f"drives {result.digest}", f"code {code_name(result.code)}"]
     check = "drives some of the roads again and compares the digests."
     how = Section("How to check this result", [Code(VERIFY), Text(check), Bullets(facts)])

@@ -239,9 +239,11 @@ def short_figures(figures: Sequence[Figure]) -> set[str]:
     They are the autonomy, on one track also the drives and the error; or the errors of the steering
     of runs without drives.
     """
-    driven = [one.key for one in figures if one.is_autonomy]
+    driven = [figure.key for figure in figures if figure.is_autonomy]
     if len(driven) == 1:
-        driven += [one.key for one in figures if one.key.endswith(("/drives", "/cte_mean_m"))]
+        driven += [
+            figure.key for figure in figures if figure.key.endswith(("/drives", "/cte_mean_m"))
+        ]
     return set(driven or ("val_mse", "test_mse"))
 
 
@@ -273,7 +275,7 @@ def named_columns(entries: Sequence[Entry], under: Path | None) -> list[Column]:
         found.append(Column("drive", "drive", sources))
     recordings = [entry.first.trained_on for entry in entries]
     if len(set(recordings)) > 1:
-        found.append(Column("recording", "recording", [one.name for one in recordings]))
+        found.append(Column("recording", "recording", [recording.name for recording in recordings]))
     return found
 
 
@@ -331,7 +333,7 @@ def ranking_table(
 def _narrow_column(figure: Figure) -> Column:
     """Return a figure's texts with the deviation or the length in a second line."""
     heading = figure.heading.replace(", ", ",\n").replace("without ", "without\n")
-    cells = [two_lines(one).replace(" of ", "\nof ", figure.is_autonomy) for one in figure.texts]
+    cells = [two_lines(text).replace(" of ", "\nof ", figure.is_autonomy) for text in figure.texts]
     return Column(figure.key, heading, cells)
 
 

@@ -121,10 +121,10 @@ class Ranking(Result):
         figures, settings = ranked_figures(self.entries), setting_columns(self.entries)
         short, few = short_figures(figures), 0 < len(settings) <= FEW
         columns = [
-            *(replace(one, short=not few) for one in named_columns(self.entries, self.under)),
-            *(replace(one, short=few) for one in settings),
+            *(replace(column, short=not few) for column in named_columns(self.entries, self.under)),
+            *(replace(setting, short=few) for setting in settings),
             seeds_column(self.entries),
-            *(one.column(one.key in short) for one in figures),
+            *(figure.column(figure.key in short) for figure in figures),
         ]
         return Table(columns, CAPTION.format(self.order))
 
@@ -154,19 +154,22 @@ class Ranking(Result):
         names = [*named_columns(entries, self.under), *shown, seeds_column(entries)]
         cells: list[list[tuple[str, float | None]]]
         cells = [[(cell, None) for cell in column.cells] for column in names]
-        cells += [list(zip(one.texts, one.values, strict=True)) for one in figures]
+        cells += [list(zip(figure.texts, figure.values, strict=True)) for figure in figures]
         axes: list[dict[str, str | bool]]
-        axes = [{"key": one.name, "heading": one.name, "kind": "setting"} for one in settings]
+        axes = [
+            {"key": setting.name, "heading": setting.name, "kind": "setting"}
+            for setting in settings
+        ]
         axes += [
             {
-                "key": one.key,
-                "heading": one.heading,
+                "key": figure.key,
+                "heading": figure.heading,
                 "kind": "figure",
-                "less": one.less,  # draws the axis upside down: up is better on every axis
-                "share": "%" in one.form,
+                "less": figure.less,  # draws the axis upside down: up is better on every axis
+                "share": "%" in figure.form,
             }
-            for one in figures
-            if one.form  # counts have no axis: it could not show of how many drives they are
+            for figure in figures
+            if figure.form  # counts have no axis: it could not show of how many drives they are
         ]
         # A curve of one epoch would be a dot in an empty plane.
         runs = [run for entry in entries for run in entry.runs]
@@ -176,7 +179,7 @@ class Ranking(Result):
             where=f"{self.under.resolve()} \N{MIDDLE DOT} {datetime.now():%Y-%m-%d %H:%M}",
             lead=f"{self.order[0].upper()}{self.order[1:]}.",
             heads=[(one.heading, True) for one in names]
-            + [(one.heading, False) for one in figures],
+            + [(figure.heading, False) for figure in figures],
             rows=list(zip(*cells, strict=True)),
             more=[],
             data={
@@ -197,9 +200,9 @@ class Ranking(Result):
         self, place: int, entry: Entry, settings: Sequence[Column], figures: Sequence[Figure]
     ) -> dict:
         """Return an entry in the form that the page's script reads."""
-        values = {one.name: one.figures[one.name][place] for one in settings}
-        values |= {one.key: one.values[place] for one in figures}
-        own = " ".join(f"{one.name}={one.cells[place]}" for one in settings)
+        values = {setting.name: setting.figures[setting.name][place] for setting in settings}
+        values |= {figure.key: figure.values[place] for figure in figures}
+        own = " ".join(f"{setting.name}={setting.cells[place]}" for setting in settings)
         return {
             "name": f"{run_name(entry, self.under)}: {own or entry.first.name}",
             "values": values,

@@ -156,10 +156,10 @@ def check_distinct(drivers: Sequence[Driver], place: str = "") -> None:
                 f"{place}{one.file}: is a {one.model}, but {drivers[0].file} is a "
                 f"{drivers[0].model}; the checkpoints of an entry differ only in their seed"
             )
-        if one.sha256 in [other.sha256 for other in drivers[:number]]:
+        if one.sha256 in [driver.sha256 for driver in drivers[:number]]:
             raise InputError(f"{place}{one.file}: is named twice; name each training seed once")
 
 
 def digest_of_drives(drives: Sequence[DriveRecord]) -> str:
     """Return 16 hexadecimal digits of the digests of all drives."""
-    return hashlib.sha256("\n".join(one.digest for one in drives).encode()).hexdigest()[:16]
+    return hashlib.sha256("\n".join(drive.digest for drive in drives).encode()).hexdigest()[:16]

@@ -260,11 +260,11 @@ def load_benchmark(folder: Path) -> Scored:
     own = drives_of(result.drives, OVERALL) or result.drives
     drives = [one.figures for one in own]
     figures = {
-        name: sum(float(one[name] or 0) for one in drives) / len(drives)
+        name: sum(float(drive[name] or 0) for drive in drives) / len(drives)
         for name in ("autonomy", "cte_mean_m", "interventions", "driven_s")
     }
     suite = f"{result.suite} {result.roads[:6]}"
-    clean = sum(not one["interventions"] for one in drives)
+    clean = sum(not drive["interventions"] for drive in drives)
     return Scored(
         folder=folder,
         name=result.entry,
@@ -284,7 +284,7 @@ def _reader(folder: Path) -> Callable[[Path], Scored] | None:
 
 def _shown() -> list[str]:
     """Return the names of the figures of a track that are read."""
-    return [*(one.name for one in leaderboard_metrics()), *LENGTHS]
+    return [*(metric.name for metric in leaderboard_metrics()), *LENGTHS]
 
 
 def _of_tracks(tracks: dict[str, dict]) -> dict:
@@ -314,7 +314,7 @@ def _settings(run: Run) -> str:
 def _typed(run: Run) -> dict[str, str]:
     """Return the typed overrides by key."""
     words = ("true", "false", "null")  # which Hydra takes in capitals, too
-    pairs = [one.lstrip("+~").partition("=") for one in run.overrides]
+    pairs = [override.lstrip("+~").partition("=") for override in run.overrides]
     return {
         key: value.lower() if value.lower() in words else value
         for key, _, value in pairs

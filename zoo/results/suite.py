@@ -136,7 +136,7 @@ class Suite:
     @functools.cached_property
     def roads(self) -> str:
         """Return 16 hexadecimal digits of the contents of the drawn roads."""
-        return roads_digest(dict.fromkeys(one.track for one in self.drives))
+        return roads_digest(dict.fromkeys(drive.track for drive in self.drives))
 
 
 def road_of(drive: Any) -> Road:

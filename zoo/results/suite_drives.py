@@ -61,7 +61,7 @@ def drive_suite(
     files = [drivers[jobs[number][0]].file for number in order]
     is_baseline = bool(files) and files[0] in BASELINES
     for place, drive in run_drives(
-        [_driver(one, mean_steering) for one in files],
+        [_driver(file, mean_steering) for file in files],
         [jobs[number][1].scenario for number in order],
         workers=workers,
         what=f"driving {counted(len(order), 'road')}",
@@ -129,7 +129,7 @@ def drive_digest(drive: Drive) -> str:
         drive.cross_track_m,
         drive.intervention,
     )
-    rows = np.stack([np.asarray(one, np.float64) for one in columns], -1)
+    rows = np.stack([np.asarray(column, np.float64) for column in columns], -1)
     rounded = np.round(rows, DECIMALS) + 0.0  # no negative zeros
     return hashlib.sha256(rounded.astype("<f8").tobytes()).hexdigest()[:16]
 
@@ -163,9 +163,9 @@ class FinishedDrives:
         first = {
             "suite": suite.name,
             "roads": suite.roads,
-            "scenarios": [repr(one.scenario) for one in suite.drives],
+            "scenarios": [repr(drive.scenario) for drive in suite.drives],
             "mean_steering": suite.mean_steering,
-            "drivers": [one.sha256 or one.file for one in drivers],
+            "drivers": [driver.sha256 or driver.file for driver in drivers],
             "code": code_fingerprint()["hash"],
         }
         text = read_text(self.path, MOST_JSON_BYTES) if self.path.is_file() else ""
@@ -209,7 +209,7 @@ def find_drivers(names: Sequence[str], suite: Suite) -> list[Driver]:
         InputError: a checkpoint cannot be read, is named twice or has another network than the
             first; or the suite has no mean steering.
     """
-    if baselines := [one for one in names if one in NO_CHECKPOINT]:
+    if baselines := [name for name in names if name in NO_CHECKPOINT]:
         if len(names) > 1:
             raise UsageError(f"{baselines[0]}: a baseline is an entry of its own; name it alone")
         if names[0] == "mean" and suite.mean_steering is None:
@@ -218,7 +218,7 @@ def find_drivers(names: Sequence[str], suite: Suite) -> list[Driver]:
             )
         facts: dict[str, Any] = {"sha256": None, "parameters": 0, "training_seed": None, "data": ""}
         return [Driver(file=names[0], model=names[0], **facts)]
-    drivers = [read_driver(find_checkpoint(one)) for one in names]
+    drivers = [read_driver(find_checkpoint(name)) for name in names]
     check_distinct(drivers)
     return drivers
 

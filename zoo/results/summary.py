@@ -64,7 +64,7 @@ class Summary:
 
 def known_figures(groups: Sequence[Mapping[str, object]]) -> dict[str, Figure]:
     """Return how the figures of groups are shown: `FIGURES`, and what drives with levels have."""
-    more = {key: one for key, one in LEVEL_FIGURES.items() if all(key in own for own in groups)}
+    more = {key: one for key, one in LEVEL_FIGURES.items() if all(key in group for group in groups)}
     return FIGURES | more
 
 
@@ -78,7 +78,11 @@ def summarize_drives(drives: Sequence[DriveRecord]) -> Summary:
 
 def drives_of(drives: Sequence[DriveRecord], group: str) -> list[DriveRecord]:
     """Return the drives of a group; those of all groups but the laps for `OVERALL`."""
-    return [one for one in drives if one.group == group or (group == OVERALL and one.group != LAPS)]
+    return [
+        drive
+        for drive in drives
+        if drive.group == group or (group == OVERALL and drive.group != LAPS)
+    ]
 
 
 def overall(result: BenchmarkResult) -> dict[str, Interval]:
@@ -88,7 +92,7 @@ def overall(result: BenchmarkResult) -> dict[str, Interval]:
 
 def group_names(drives: Sequence[DriveRecord]) -> list[str]:
     """Return the names of the groups in the order of the drives."""
-    return list(dict.fromkeys(one.group for one in drives))
+    return list(dict.fromkeys(drive.group for drive in drives))
 
 
 def group_figures(drives: Sequence[DriveRecord]) -> dict[str, Interval]:
@@ -105,7 +109,7 @@ def group_figures(drives: Sequence[DriveRecord]) -> dict[str, Interval]:
     """
     names = [*("interventions", "driven_m", "driven_s", "autonomy"), "cte_mean_m", "steering_per_s"]
     of = {name: table(drives, name) for name in [*names, *outside_metrics(drives)]}
-    first = [one for one in drives if not one.checkpoint]
+    first = [drive for drive in drives if not drive.checkpoint]
     estimate = partial(clustered, places=places_of(first), groups=[one.group for one in first])
     count, km = of["interventions"].size, np.maximum(of["driven_m"], 0.0) / 1000
     driven_s = of["driven_s"].sum()
@@ -126,13 +130,13 @@ def group_figures(drives: Sequence[DriveRecord]) -> dict[str, Interval]:
         "steering_per_s": estimate(of["steering_per_s"], limits=POSITIVE),
     }
     found |= {name: estimate(of[name]) for name in outside_metrics(drives)}
-    if all(one.level for one in drives):
+    if all(drive.level for drive in drives):
         found |= _level_figures(drives)
     return {name: _interval(one) for name, one in found.items()}
 
 
 def _level_figures(drives: Sequence[DriveRecord]) -> dict[str, Estimate]:
-    first = [one for one in drives if not one.checkpoint]
+    first = [drive for drive in drives if not drive.checkpoint]
     clean, largest = (table(drives, name) for name in ("interventions", "cte_max_m"))
     levels, places = [one.level for one in first], places_of(first)
     found = {
@@ -144,7 +148,7 @@ def _level_figures(drives: Sequence[DriveRecord]) -> dict[str, Estimate]:
 
 def places_of(drives: Sequence[DriveRecord]) -> list[str]:
     """Return the place of each drive: its road, or the roads of its number at other levels."""
-    return [place_of(one.track) for one in drives]
+    return [place_of(drive.track) for drive in drives]
 
 
 def outside_metrics(drives: Sequence[DriveRecord]) -> list[str]:
@@ -153,16 +157,18 @@ def outside_metrics(drives: Sequence[DriveRecord]) -> list[str]:
     return [
         name
         for name in drives[0].figures
-        if name not in known and all(one.figures.get(name) is not None for one in drives)
+        if name not in known and all(drive.figures.get(name) is not None for drive in drives)
     ]
 
 
 def differences(drives: Sequence[DriveRecord]) -> dict[str, dict[str, Interval]]:
     """Return by shifted group the mean difference of each drive to its clean partner."""
-    clean = {(one.checkpoint, one.track): one for one in drives if one.group == LIKE}
+    clean = {(drive.checkpoint, drive.track): drive for drive in drives if drive.group == LIKE}
     found = {}
     for group in group_names(drives):
-        shifted = [one for one in drives if one.group == group and one.settings and not one.level]
+        shifted = [
+            drive for drive in drives if drive.group == group and drive.settings and not drive.level
+        ]
         if not shifted or group == LIKE:
             continue
         partners = [clean[one.checkpoint, one.track] for one in shifted]

@@ -24,7 +24,7 @@ def fitted_table(
         width: width of the terminal in characters.
         first: number of figures that are shown in any case.
     """
-    room = width - 1 - sum(min(_width(one), ENOUGH) + FRAME for one in names)
+    room = width - 1 - sum(min(_width(name), ENOUGH) + FRAME for name in names)
     shown: list[Column] = []
     left_out: list[Column] = []
     for number, figure in enumerate(figures):

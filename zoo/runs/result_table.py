@@ -83,7 +83,7 @@ class Table:
     @property
     def figures(self) -> dict[str, Sequence[Cell]]:
         """Return the unrounded figures of all columns by name."""
-        return {name: values for each in self.columns for name, values in each.by_name.items()}
+        return {name: values for column in self.columns for name, values in column.by_name.items()}
 
     @property
     def headings(self) -> list[str]:

@@ -62,7 +62,7 @@ def _claimed_folder(arguments: list[str], config: DictConfig) -> Iterator[list[s
     folder is left as it was before. Without `hydra.run.dir=`, and in every rank but the first,
     nothing is claimed.
     """
-    named = [one for one in arguments if is_folder_named(one)]
+    named = [argument for argument in arguments if is_folder_named(argument)]
     if not named or not is_first_process(needs_processes(config)):
         check_name(Path())
         yield arguments
@@ -75,7 +75,7 @@ def _claimed_folder(arguments: list[str], config: DictConfig) -> Iterator[list[s
         folder.mkdir(parents=True, exist_ok=True)
         claim_run(folder, _refuse_a_run)
         config.hydra.run.dir = str(folder)  # as it is now: its name may have the time
-        others = [one for one in arguments if one not in named]
+        others = [argument for argument in arguments if argument not in named]
         yield [*others, f"{KEY}{quote(str(folder))}"]
     except OSError:
         if not (folder / ".hydra" / "config.yaml").is_file():

@@ -75,9 +75,9 @@ def split_trust(arguments: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
     >>> split_trust(["seed=2", "trust=my.Loss,trainer.profiler"])
     (['seed=2'], ('my.Loss', 'trainer.profiler'))
     """
-    given = [one for one in arguments if one.startswith(f"{TRUST}=")]
+    given = [argument for argument in arguments if argument.startswith(f"{TRUST}=")]
     names = [name.strip() for one in given for name in one.partition("=")[2].split(",")]
-    return [one for one in arguments if one not in given], tuple(filter(None, names))
+    return [argument for argument in arguments if argument not in given], tuple(filter(None, names))
 
 
 def check_saved_config(
@@ -98,14 +98,15 @@ def check_saved_config(
         InputError: a value is refused (see `find_refusals`), or an interpolation cannot be
             resolved.
     """
-    for one in find_refusals(config, source, trusted, typed):
-        parts = "parts= and its file, or " if one.key.endswith("._target_") else ""
-        remedy = f"if you trust it, add {parts}{TRUST}={one.trust:.200}"
-        if one.key == "model._target_" and not str(one.value).startswith("zoo."):
+    for refusal in find_refusals(config, source, trusted, typed):
+        parts = "parts= and its file, or " if refusal.key.endswith("._target_") else ""
+        remedy = f"if you trust it, add {parts}{TRUST}={refusal.trust:.200}"
+        if refusal.key == "model._target_" and not str(refusal.value).startswith("zoo."):
             # `make_network` takes no network of another module, trusted or not.
-            remedy = unknown_part(one.value)
+            remedy = unknown_part(refusal.value)
         raise InputError(
-            f"{source}: {one.key}={one.value!r:.200} {one.reason}, so nothing was run; {remedy}"
+            f"{source}: {refusal.key}={refusal.value!r:.200} {refusal.reason}, so nothing was "
+            f"run; {remedy}"
         )
 
 

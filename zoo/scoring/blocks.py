@@ -159,8 +159,10 @@ class Images(Block):
 
     def markdown(self) -> str:
         """Return images one below another, or side by side in a table with images as headings."""
-        links = [f"![{plain(Path(one.name).stem)}](<{quote(one.name)}>)" for one in self.images]
-        pairs = list(zip(links, (one.caption for one in self.images), strict=True))
+        links = [
+            f"![{plain(Path(image.name).stem)}](<{quote(image.name)}>)" for image in self.images
+        ]
+        pairs = list(zip(links, (image.caption for image in self.images), strict=True))
         if self.columns == 1:
             return "\n\n".join(f"{link}\n\n{plain(caption)}" for link, caption in pairs)
         cells = [f"{link}<br>{markdown_cell(caption)}" for link, caption in pairs]

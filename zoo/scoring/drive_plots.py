@@ -81,13 +81,13 @@ def figures_by_track(drives: Sequence[Mapping]) -> Figure:
     Args:
         drives: figures of each drive, with `track`.
     """
-    tracks = list(dict.fromkeys(str(one["track"]) for one in drives))
+    tracks = list(dict.fromkeys(str(drive["track"]) for drive in drives))
     figure = NotebookFigure(figsize=(7, 0.9 + 0.45 * len(tracks)), layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
     panels = (("autonomy", 100, "autonomy (%)"), ("cte_mean_m", 1, "mean cross-track error (m)"))
     for axis, (key, factor, label) in zip(axes, panels, strict=True):
         for row, track in enumerate(tracks):
-            values = [factor * one[key] for one in drives if one["track"] == track]
+            values = [factor * drive[key] for drive in drives if drive["track"] == track]
             axis.plot(values, [row] * len(values), "o", color=BLUE, alpha=0.5, mew=0)
             axis.plot(np.mean(values), row, marker="|", ms=16, mew=2, color=ORANGE)
         axis.set(xlabel=label, ylim=(len(tracks) - 0.5, -0.5))

@@ -87,7 +87,8 @@ def infractions(run: ReportedDrives) -> list[Block]:
     if not any(counts.values()):
         return []
     rows = [
-        [words, *(str(one[key]) for one in counts.values())] for key, words in INFRACTIONS.items()
+        [words, *(str(count[key]) for count in counts.values())]
+        for key, words in INFRACTIONS.items()
     ]
     return [Heading("Interventions by cause"), Rows(Table.of(["cause", *counts], rows))]
 
@@ -138,7 +139,7 @@ def _plots(drive: Drive) -> list[Block]:
             # Inverted for a dark page, large errors would have the darkest colours.
             name = f"{drive.folder.name}_{path.name}"  # unique among the drives
             images.append(Image.read(path, caption, name, plot=plot != "track"))
-    return [Images([one]) for one in images]
+    return [Images([image]) for image in images]
 
 
 def _worst(run: ReportedDrives, track: str, drives: list[Drive]) -> list[Block]:

@@ -179,7 +179,7 @@ def training_command(overrides: Sequence[str], changed: Mapping[str, str | None]
     >>> training_command(["experiment=lenet", "quick=true"], {"quick": None, "seed": "2"})
     'drivezoo train experiment=lenet seed=2'
     """
-    typed = [as_typed(one) for one in overrides]
+    typed = [as_typed(override) for override in overrides]
     kept = [one for one in typed if one.partition("=")[0].lstrip("+~") not in changed]
     kept += [f"{key}={value}" for key, value in changed.items() if value is not None]
     return command_line(["drivezoo", "train", *kept])
@@ -305,7 +305,7 @@ def _few_samples(evidence: Evidence, _: Sequence[str]) -> Cause | None:
     if is_small or samples >= ENOUGH_SAMPLES or evidence.at("quick"):
         return None
     more = {"trainer.max_epochs": str(-(-ENOUGH_SAMPLES * epochs // samples))}
-    if not any(one.startswith("callbacks=") for one in evidence.overrides or ()):
+    if not any(override.startswith("callbacks=") for override in evidence.overrides or ()):
         more["callbacks"] = "published"  # without early stopping
     return Cause(
         f"It was trained on {samples:,} samples; a network of its size needs more epochs.", more
@@ -328,8 +328,8 @@ def _unseen(evidence: Evidence, tracks: Sequence[str]) -> Cause | None:
     from zoo.simulator.track_names import recorded_name
 
     passes = evidence.config["data"]["record"]["passes"]
-    recorded = {recorded_name(str(one.get("track"))) for one in passes}
-    unseen = [one for one in tracks if recorded and one not in recorded]
+    recorded = {recorded_name(str(pass_.get("track"))) for pass_ in passes}
+    unseen = [track for track in tracks if recorded and track not in recorded]
     if not unseen:
         return None
     text = f"Its training images do not show the {' and '.join(unseen)};"

@@ -83,7 +83,7 @@ def card_sections(of: Described, points: list[str]) -> list[Section]:
 
 def _network(checkpoint: Checkpoint) -> list[str]:
     network, view = checkpoint.network, checkpoint.view
-    parameters = sum(one.numel() for one in network.parameters())
+    parameters = sum(parameter.numel() for parameter in network.parameters())
     height, width, channels = view.shape
     operations = multiply_adds(network, (channels, height, width))
     return [

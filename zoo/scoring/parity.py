@@ -87,7 +87,10 @@ def take_frames(recording: str | None, checkpoint: Checkpoint, count: int = FRAM
     found, (rows, columns) = found or _rendered_frames(), checkpoint.view.frame
     why = f", since the training's recording {root} is not found; name it, frames=FOLDER"
     return Frames(
-        [cv2.resize(one, (columns, rows), interpolation=cv2.INTER_AREA) for one in found.frames],
+        [
+            cv2.resize(frame, (columns, rows), interpolation=cv2.INTER_AREA)
+            for frame in found.frames
+        ],
         found.speeds_mph,
         f"{found.source}, in {columns} x {rows}{why if root else ''}",
     )
@@ -121,7 +124,7 @@ def compare(policy: CheckpointPolicy, exported: SessionPolicy, frames: Frames) -
                 answers[which].append(_outputs(command))
     finally:
         torch.set_num_threads(threads)
-    expected, found = (np.array(one, dtype=float) for one in answers)
+    expected, found = (np.array(answer, dtype=float) for answer in answers)
     differences = [np.abs(found - expected).max()]
     if isinstance(exported, OnnxPolicy):
         images = np.stack([exported.view(frame) for frame in frames.frames])

@@ -213,8 +213,8 @@ def score_on_tracks(
     # A scenario that occurs twice, such as the usual one in several sweeps, is driven once.
     more = [one for one in dict.fromkeys(more) if one not in scenarios]
     keeps = [
-        KeptDrive(folder / f"{file_name(one.track)}-{one.seed}", film_speed, record)
-        for one in scenarios
+        KeptDrive(folder / f"{file_name(scenario.track)}-{scenario.seed}", film_speed, record)
+        for scenario in scenarios
     ]
     keeps += [KeptDrive()] * len(more)
     driven = [*scenarios, *more]
@@ -228,14 +228,14 @@ def score_on_tracks(
     if line := tied_line(figures):
         print_line(console, line)
     tracks = {}
-    for track in dict.fromkeys(one.track for one in scenarios):
-        own = [one for one in scenarios if one.track == track]
+    for track in dict.fromkeys(scenario.track for scenario in scenarios):
+        own = [scenario for scenario in scenarios if scenario.track == track]
         name = by_scenario[own[0]]["track"]
         tracks[name] = mean_and_spread([by_scenario[one] for one in own])
         if own[0].world == Scenario.world:  # the only world that has an expert
             with working("driving the expert for comparison", console):
                 tracks[name]["expert_steering_per_s"] = expert_steering_per_s(own[0]), None
-    return TrackScores([by_scenario[one] for one in scenarios], tracks, by_scenario)
+    return TrackScores([by_scenario[scenario] for scenario in scenarios], tracks, by_scenario)
 
 
 def driving_line(scenarios: Sequence[Scenario]) -> str:

@@ -227,7 +227,7 @@ def command(run: ReportedRun) -> list[Block]:
             "Run this command in the folder where the run was started. With the same versions, on "
             "a CPU with the same number of threads, it trains the same weights."
         ),
-        Code(training_command([str(one) for one in run.overrides], {})),
+        Code(training_command([str(override) for override in run.overrides], {})),
     ]
 
 

@@ -80,8 +80,8 @@ def judge(
     """
     world = "replay" if replayed else world
     by_track: dict[str, list[Mapping]] = {}
-    for one in drives:
-        by_track.setdefault(str(one["track"]), []).append(one)
+    for drive in drives:
+        by_track.setdefault(str(drive["track"]), []).append(drive)
     if evidence.source is not None and world == "embedded":
         return _without_verdict(by_track, evidence, evidence.source)
     levels = {track: _level(own, world) for track, own in by_track.items()}
@@ -128,7 +128,7 @@ def _typed_tracks(tracks: object) -> dict[str, str]:
 
     typed = tracks.split(",") if isinstance(tracks, str) else tracks
     names = typed if isinstance(typed, Sequence) else ()
-    return {recorded_name(short_name(one)): one for one in names if isinstance(one, str)}
+    return {recorded_name(short_name(name)): name for name in names if isinstance(name, str)}
 
 
 def _headline(
@@ -163,27 +163,27 @@ def _headline(
 
 def _level(drives: Sequence[Mapping], world: str) -> str:
     """Return the level of one track's drives, or of a replay."""
-    if any(one.get("autonomy") is None for one in drives):
+    if any(drive.get("autonomy") is None for drive in drives):
         return UNKNOWN  # nothing was driven
-    if not any(one["interventions"] for one in drives):
+    if not any(drive["interventions"] for drive in drives):
         if world == "replay":
             return DRIVES if _replayed_s(drives) >= WHOLE_S else UNKNOWN
-        return DRIVES if sum(one["laps"] or 0 for one in drives) >= WHOLE_LAP else UNKNOWN
+        return DRIVES if sum(drive["laps"] or 0 for drive in drives) >= WHOLE_LAP else UNKNOWN
     return ALMOST if _autonomy(drives) >= NEARLY else FAILS
 
 
 def _autonomy(drives: Sequence[Mapping]) -> float:
-    return sum(one.get("autonomy") or 0 for one in drives) / len(drives)
+    return sum(drive.get("autonomy") or 0 for drive in drives) / len(drives)
 
 
 def _replayed_s(drives: Sequence[Mapping]) -> float:
     """Return the seconds of drives that are replays, which alone know no laps."""
-    return sum(one.get("driven_s") or 0.0 for one in drives if one.get("laps") is None)
+    return sum(drive.get("driven_s") or 0.0 for drive in drives if drive.get("laps") is None)
 
 
 def _track_line(track: str, level: str, drives: Sequence[Mapping]) -> str:
-    laps, replayed_s = sum(one.get("laps") or 0 for one in drives), _replayed_s(drives)
-    lost = sum(int(one["interventions"]) for one in drives)
+    laps, replayed_s = sum(drive.get("laps") or 0 for drive in drives), _replayed_s(drives)
+    lost = sum(int(drive["interventions"]) for drive in drives)
     autonomy = f"autonomy {_autonomy(drives):.1%}, " if lost else ""
     how_far = f"{replayed_s:.0f} s" if replayed_s else f"{laps:.2f} laps"
     return f"{track}: {WORDS[level]}, {autonomy}interventions: {lost} in {how_far}"
@@ -215,7 +215,7 @@ def _replay_command(evidence: Evidence) -> str:
 def _certainty(by_track: Mapping[str, Sequence[Mapping]], replayed: str | None) -> str:
     drives = [one for own in by_track.values() for one in own]
     if drives and replayed:
-        lost = sum(int(one["interventions"]) for one in drives)
+        lost = sum(int(drive["interventions"]) for drive in drives)
         a_minute = with_interval(poisson_rate(lost, _replayed_s(drives) / 60), "{:.1f}")
         return (
             f"Judged: {replayed}. Interventions a minute: {a_minute} (95 %, if their places do not "
@@ -223,10 +223,10 @@ def _certainty(by_track: Mapping[str, Sequence[Mapping]], replayed: str | None) 
         )
     if not drives:
         return "It was not driven: open-loop figures do not show whether a car stays on the road."
-    if all(one.get("autonomy") is None for one in drives):
+    if all(drive.get("autonomy") is None for drive in drives):
         return "Its autonomy is not measured: no cross-track error, or it did not move."
-    clean = sum(one["interventions"] == 0 for one in drives)
-    starts = len({one.get("seed") for one in drives})
+    clean = sum(drive["interventions"] == 0 for drive in drives)
+    starts = len({drive.get("seed") for drive in drives})
     return (
         f"Drives without an intervention: {clean} of {len(drives)} (tracks: {len(by_track)}, start "
         f"seeds: {starts}, trainings: 1). {ONE_TRACK}"

@@ -71,7 +71,9 @@ class Saliency:
         # A copy, since hooks would slow the driving down, and record it from another thread.
         self.network = copy.deepcopy(policy.network).eval()
         self.stages: list[Stage] = []
-        layers = [one for one in self.network.modules() if isinstance(one, (nn.Conv2d, *MOVES))]
+        layers = [
+            module for module in self.network.modules() if isinstance(module, (nn.Conv2d, *MOVES))
+        ]
         self.has_maps = any(isinstance(one, nn.Conv2d) for one in layers)
         for layer in layers if self.has_maps else ():
             layer.register_forward_hook(self._note)

@@ -246,7 +246,7 @@ class Driver:
         figures = self.tally.figures() | {
             "track": self.track,
             "checkpoint": self.checkpoint,
-            "engines": [dict(one.engine) for one in self.policy.members if one.engine],
+            "engines": [dict(member.engine) for member in self.policy.members if member.engine],
             "began": began.isoformat(timespec="seconds"),
             "clients": self.clients,
             "set_mph": self.set_mph,
@@ -274,7 +274,10 @@ class Driver:
             raise ValueError("this speed= holds no speed; restart with speed=pi")
         if not (math.isfinite(set_mph) and 0 <= set_mph <= 100):
             raise ValueError(f"set_mph={set_mph}: must be in 0..100")
-        for controller in (self._controller, *(one.controller for one in self.sessions.values())):
+        for controller in (
+            self._controller,
+            *(session.controller for session in self.sessions.values()),
+        ):
             controller.set_mph = float(set_mph)
 
     def switch(self, path: Path | str) -> None:
@@ -318,7 +321,7 @@ class Driver:
             fallbacks=tally.fallbacks,
             driven_s=tally.driven_s,
             autonomy=known(tally.autonomy),
-            overridden=any(one.overridden for one in self.sessions.values()),
+            overridden=any(session.overridden for session in self.sessions.values()),
             paused=self.paused,
             set_mph=self.set_mph,
             recording=self.recording,

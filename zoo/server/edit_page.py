@@ -94,7 +94,7 @@ class EditPage(ServedPage):
     def notable(self) -> dict:
         """Return the notable rows by kind, as pairs of row and value; null for infinity."""
         return {
-            kind: [(one.row, one.value if math.isfinite(one.value) else None) for one in rows]
+            kind: [(row.row, row.value if math.isfinite(row.value) else None) for row in rows]
             for kind, rows in self.analysis.notable().items()
         }
 

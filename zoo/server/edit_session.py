@@ -160,7 +160,7 @@ class EditSession:
             "failure": self._failure,
             "written": written
             and {
-                "folders": [str(one) for one in written.folders],
+                "folders": [str(folder) for folder in written.folders],
                 "rows": written.rows,
                 "left_out": written.left_out[:5],
                 "left_out_count": len(written.left_out),

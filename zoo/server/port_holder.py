@@ -16,7 +16,7 @@ def port_holder(port: int) -> str | None:
     """
     for process in psutil.process_iter():
         with suppress(psutil.Error):  # it has ended, or belongs to another user
-            for one in process.net_connections("tcp"):
-                if one.status == psutil.CONN_LISTEN and one.laddr.port == port:
+            for connection in process.net_connections("tcp"):
+                if connection.status == psutil.CONN_LISTEN and connection.laddr.port == port:
                     return f"{' '.join(process.cmdline()).strip():.100} (process {process.pid})"
     return None

@@ -217,13 +217,13 @@ def closing_segments(segments: list[dict], radius: float) -> list[dict]:
 def end_of(segments: list[dict]) -> tuple[complex, float]:
     """Return the end of segments as a complex number of metres, and the heading in radians."""
     place, heading = 0j, 0.0
-    for one in segments:
-        if "straight" in one:
-            place += one["straight"] * cmath.exp(1j * heading)
+    for segment in segments:
+        if "straight" in segment:
+            place += segment["straight"] * cmath.exp(1j * heading)
             continue
-        side, way = ("left", 1) if "left" in one else ("right", -1)
-        turn = way * math.radians(one[side])
-        centre = place + way * one["radius"] * 1j * cmath.exp(1j * heading)
+        side, way = ("left", 1) if "left" in segment else ("right", -1)
+        turn = way * math.radians(segment[side])
+        centre = place + way * segment["radius"] * 1j * cmath.exp(1j * heading)
         place = centre + (place - centre) * cmath.exp(1j * turn)
         heading += turn
     return place, heading

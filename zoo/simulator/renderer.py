@@ -185,7 +185,9 @@ def landscape(track: Track, quality: str) -> Landscape:
     """Return the landscape of a track; for `quality` see `Renderer`."""
     # A process opens a world for each drive: a further one on a track opens in 0.07 s instead of
     # 0.35 s. The key is the contents, because each world of a track has a `Track` of its own.
-    return _landscape(pickle.dumps([getattr(track, one.name) for one in fields(track)]), quality)
+    return _landscape(
+        pickle.dumps([getattr(track, field.name) for field in fields(track)]), quality
+    )
 
 
 @lru_cache(maxsize=2)

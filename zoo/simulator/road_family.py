@@ -188,7 +188,7 @@ def _draw(family: RoadFamily, rng: np.random.Generator, closed: bool) -> dict[st
     segments = _segments(family, rng, closed)
     if segments is None:
         return None
-    length = sum(_length(one) for one in segments)
+    length = sum(_length(segment) for segment in segments)
     width = rng.uniform(*family.width)
     stations = np.sort(rng.uniform(0, 0.98 * length, rng.integers(2, 6))).round(1)
     change = family.widening / 2 * rng.uniform(-1, 1, len(stations))
@@ -234,7 +234,7 @@ def _segments(family: RoadFamily, rng: np.random.Generator, closed: bool) -> lis
     if not closed:
         return segments
     ending = closing_segments(segments, rng.uniform(*family.radius))
-    climb = -sum(one["climb"] for one in segments)
+    climb = -sum(segment["climb"] for segment in segments)
     room = sum(_length(one) for one in ending)
     longest = 1.3 * family.loop[1]
     if not ending or not low <= climb / room <= high or along + room > longest:
@@ -247,13 +247,13 @@ def _segments(family: RoadFamily, rng: np.random.Generator, closed: bool) -> lis
 def _cut(segments: list[dict], wanted: float) -> list[dict]:
     """Return the segments up to a length in metres; a last one under 10 m is left out."""
     kept, along = [], 0.0
-    for one in segments:
-        share = min((wanted - along) / _length(one), 1.0)
-        if share < 1 and share * _length(one) < SHORTEST_M:
+    for segment in segments:
+        share = min((wanted - along) / _length(segment), 1.0)
+        if share < 1 and share * _length(segment) < SHORTEST_M:
             break
-        turned = {key: round(share * one[key], 1) for key in TURNS if key in one}
-        kept.append(one | turned)
-        along += _length(one)
+        turned = {key: round(share * segment[key], 1) for key in TURNS if key in segment}
+        kept.append(segment | turned)
+        along += _length(segment)
     return kept
 
 

@@ -168,7 +168,9 @@ class Track:
     def stretch_at(self, distance: float) -> Stretch | None:
         """Return the stretch that covers a distance, or None outside of stretches."""
         rest = self.wrap(distance)
-        return next((one for one in self.stretches if one.start <= rest < one.end), None)
+        return next(
+            (stretch for stretch in self.stretches if stretch.start <= rest < stretch.end), None
+        )
 
     def verge_at(self, distance: float) -> Verge:
         """Return the verges at a distance; a bridge has walls."""
@@ -238,7 +240,7 @@ class Track:
     def verge_kinds(self) -> np.ndarray:
         """Return the kinds of verge, text [2, N], to the left and the right of the samples."""
         verges = [self.verge_at(float(distance)) for distance in self.distance]
-        return np.array([(one.left, one.right) for one in verges]).T
+        return np.array([(verge.left, verge.right) for verge in verges]).T
 
     @cached_property
     def _samples(self) -> list[Place]:

@@ -173,7 +173,7 @@ def read_centreline(keys: TrackKeys, folder: Path, tightest_m: float = TIGHTEST_
     closed, turned, fine = keys.closed, 0.0, 200
     follow: Callable[[bool], np.ndarray]
     if keys.segments is not None:
-        moves, fine = [one.move for one in keys.segments], 20
+        moves, fine = [segment.move for segment in keys.segments], 20
         ends, turned = segment_points(moves), sum(turn for _, turn, _ in moves)
         follow = partial(follow_segments, moves)
     elif keys.survey is not None:

@@ -201,7 +201,7 @@ class RecordedErrors(Keep):
                 before = number
                 # The side cameras are rendered here: the drive needs only the centre camera.
                 renderer = world.simulated.renderer
-                frames = {one: renderer.frame(pose, one, frame) for one in CAMERAS}
+                frames = {camera: renderer.frame(pose, camera, frame) for camera in CAMERAS}
                 numbers = (steering, *split_pedals(throttle), row.speed_mph)
                 recorder.add(frames, *numbers, row.time_s)
         return recorder.rows

@@ -177,12 +177,12 @@ def _labelled(options: CorrectOptions, out: Path) -> list[tuple]:
     """Return the rows between each takeover's first and last label, with steering."""
     drive, labels = read_drive(options.drive), read_labels(out / LABELS)
     rows = []
-    for one in overrides(drive, options.before_s):
-        known = [row for row in one.rows if drive.frame[row] in labels]
+    for override in overrides(drive, options.before_s):
+        known = [row for row in override.rows if drive.frame[row] in labels]
         if not known:
             continue
         values = [labels[drive.frame[row]] for row in known]
-        for row in one.rows[(one.rows >= known[0]) & (one.rows <= known[-1])]:
+        for row in override.rows[(override.rows >= known[0]) & (override.rows <= known[-1])]:
             steering = float(np.interp(drive.time_s[row], drive.time_s[known], values))
             pedals = split_pedals(drive.throttle[row])
             image = str(drive.folder / drive.frame[row])

@@ -222,8 +222,8 @@ def _drop_shadowed() -> None:
     """
     Plugins.instance()  # registers the installed plugins
     for group in ("launcher", "sweeper"):
-        for own in (conf_folder() / "hydra" / group).glob("*.yaml"):
-            ConfigStore.instance().repo["hydra"][group].pop(own.name, None)
+        for path in (conf_folder() / "hydra" / group).glob("*.yaml"):
+            ConfigStore.instance().repo["hydra"][group].pop(path.name, None)
 
 
 def _run_hydra(arguments: list[str]) -> None:

@@ -51,10 +51,12 @@ def rounded(checkpoint: Checkpoint) -> Checkpoint:
 
     network = copy.deepcopy(checkpoint.network)
     with torch.no_grad():
-        for one in network.parameters():
-            if one.ndim > 1:
-                whole, scale = whole_weights(one.numpy())
-                one.copy_(torch.from_numpy(whole * scale.reshape(-1, *[1] * (one.ndim - 1))))
+        for parameter in network.parameters():
+            if parameter.ndim > 1:
+                whole, scale = whole_weights(parameter.numpy())
+                parameter.copy_(
+                    torch.from_numpy(whole * scale.reshape(-1, *[1] * (parameter.ndim - 1)))
+                )
     return replace(checkpoint, network=network)
 
 
@@ -96,7 +98,7 @@ def c_source(checkpoint: Checkpoint, name: str, weights: str) -> str:
         "        return not_a_number();",
         "    }",
         "    view(rgb, work);",
-        *(f"    {one}" for one in out.calls),
+        *(f"    {call}" for call in out.calls),
         *(f"    throttle = clipped(work[{place}]);" for place in throttle),
         f"    return clipped(work[{steering}]);",
         "}",
@@ -143,7 +145,7 @@ class _Graph:
         self.graph, self.opset = model.graph, model.opset_import
         arrays = onnx.numpy_helper.to_array
         self.constants = {one.name: arrays(one) for one in self.graph.initializer}
-        outputs = [len(one) for one in self.constants.values() if one.ndim > 1]
+        outputs = [len(constant) for constant in self.constants.values() if constant.ndim > 1]
         out.constants["LANES"] = min(MOST_LANES, max(outputs, default=1))
         self.places: dict[str, np.ndarray] = {}
         self.number = 0  # of the operation that is being written
@@ -352,7 +354,7 @@ class _Graph:
         start = self._block(counts[0] * counts[1] * outputs)
         numbers = [channels, *size, *steps, outputs, *counts, *kernel, *strides, *dilations]
         numbers += pads[:2]
-        text = ", ".join(str(int(one)) for one in numbers)
+        text = ", ".join(str(int(number)) for number in numbers)
         window = f"window_{self.number}"
         self.out.need("type window", "under", function)
         self.out.tables.append(f"static const window {window} = {{{text}}};")

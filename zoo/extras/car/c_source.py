@@ -73,7 +73,7 @@ class CSource:
 
     def table(self, name: str, kind: str, values: Iterable[float]) -> str:
         """Add a constant array; return its name."""
-        numbers = [c_number(one) if kind == "float" else str(int(one)) for one in values]
+        numbers = [c_number(value) if kind == "float" else str(int(value)) for value in values]
         lines = (", ".join(numbers[start : start + 8]) for start in range(0, len(numbers), 8))
         body = ",\n    ".join(lines)
         self.tables.append(f"static const {kind} {name}[{len(numbers)}] = {{\n    {body}\n}};")
@@ -87,8 +87,8 @@ class CSource:
             function: functions that other files call.
         """
         parts = read_parts()
-        types = [parts[one] for one in self.parts if one.startswith(TYPES)]
-        others = [parts[one] for one in self.parts if not one.startswith(TYPES)]
+        types = [parts[part] for part in self.parts if part.startswith(TYPES)]
+        others = [parts[part] for part in self.parts if not part.startswith(TYPES)]
         values = [f"    {name} = {value}" for name, value in self.constants.items()]
         enum = "enum {\n" + ",\n".join(values) + "\n};"
         macros = [f"#define {name} {c_number(one)}" for name, one in self.definitions.items()]

@@ -54,11 +54,11 @@ def bounded(checkpoint: Checkpoint, most: float) -> Checkpoint:
     A network of bins gets the best of the bins up to it.
     """
     network = copy.deepcopy(checkpoint.network)
-    bins = [one for one in network.modules() if isinstance(one, Unbin)]
+    bins = [module for module in network.modules() if isinstance(module, Unbin)]
     with torch.no_grad():
         if bins:
             steering, (count, low, step) = bins[0].groups
-            last = [one for one in network.modules() if isinstance(one, nn.Linear)][-1]
+            last = [module for module in network.modules() if isinstance(module, nn.Linear)][-1]
             above = low + step * torch.arange(count) > most + 1e-6
             last.weight[steering[0] :][above] = 0
             last.bias[steering[0] :][above] = NEVER
@@ -98,14 +98,16 @@ def donkeycar_bytes(checkpoint: Checkpoint) -> tuple[bytes, str]:
     layers = [*_view_layers(checkpoint.view), *_network_layers(network)]
     kind, config, weights = layers.pop()
     units = [1] * facts_of(network).outputs
-    bins = [one for one in network.modules() if isinstance(one, Unbin)]
+    bins = [module for module in network.modules() if isinstance(module, Unbin)]
     if bins:
-        units = [one[0] for one in bins[0].groups]
+        units = [group[0] for group in bins[0].groups]
         config["activation"] = "softmax"
     if kind != "Dense" or config["units"] != sum(units):
         raise InputError(f"{name}: its last layer is not one dense layer of its outputs")
     names = DONKEYCAR_OUTPUTS[2] if bins else DONKEYCAR_OUTPUTS[0]
-    parts = zip(*(np.split(one, np.cumsum(units)[:-1], axis=-1) for one in weights), strict=True)
+    parts = zip(
+        *(np.split(weight, np.cumsum(units)[:-1], axis=-1) for weight in weights), strict=True
+    )
     layers += [
         (kind, config | {"name": name, "units": count}, list(part))
         for name, count, part in zip(names, units, parts, strict=False)

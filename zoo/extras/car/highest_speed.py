@@ -83,7 +83,7 @@ class Timing(Result):
         return _median([one - own for one, own in pairs])
 
     def __repr__(self) -> str:
-        return "\n".join([f"Timing of {self.checkpoint}", *(f"  {one}" for one in self.lines)])
+        return "\n".join([f"Timing of {self.checkpoint}", *(f"  {line}" for line in self.lines)])
 
     def show(self) -> None:
         """Print the table, the sentences and what was written."""
@@ -96,13 +96,13 @@ class Timing(Result):
     def result_table(self) -> Table:
         """Return a row for the measured times, and for each improvement."""
         names, times = list(self.speeds), self.times.values()
-        speeds = [_median(one) for one in self.speeds.values()]
+        speeds = [_median(speed) for speed in self.speeds.values()]
         gains = [self.gain(name) for name in names]
-        least = [min(one) for one in self.speeds.values()]
+        least = [min(speed) for speed in self.speeds.values()]
         columns = [
             Column("times", "loop times", names),
-            number_column("rate_hz", "frames/s", [one.rate_hz for one in times], "{:.1f}"),
-            number_column("delay_ms", "delay, ms", [one.delay_ms for one in times], "{:.0f}"),
+            number_column("rate_hz", "frames/s", [time.rate_hz for time in times], "{:.1f}"),
+            number_column("delay_ms", "delay, ms", [time.delay_ms for time in times], "{:.0f}"),
             self._bounded(interval_column("speed_mph", "highest speed, mph", speeds, "{:g}")),
             interval_column("gain_mph", "gain, mph", gains, "{:+g}"),
             self._bounded(number_column("every_road_mph", "every road, mph", least, "{:g}")),
@@ -205,7 +205,7 @@ def find_highest_speeds(
     if line := other_car_line(policy.data, options.family):
         print_line(console, printable(line))
     with command_folder(options.out, "timings") as folder:
-        scenarios = [replace(road, loop=one.loop) for one in times.values() for road in roads]
+        scenarios = [replace(road, loop=time.loop) for time in times.values() for road in roads]
         with (
             opened_pool(options.workers, most=len(scenarios)) as pool,
             progress_bar("search for the highest speed", console) as show,

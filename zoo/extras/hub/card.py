@@ -102,7 +102,9 @@ def _header(shared: SharedFile) -> dict:
     of = shared.of
     header: dict = {"license": shared.license} if shared.license else {}
     header |= {"library_name": "drivezoo", "tags": TAGS, "pipeline_tag": "robotics"}
-    header["metrics"] = [key for key in SHOWN if any(one.get(key) for one in of.tracks.values())]
+    header["metrics"] = [
+        key for key in SHOWN if any(track.get(key) for track in of.tracks.values())
+    ]
     results = [
         {
             "task": {"type": "robotics", "name": "steering"},

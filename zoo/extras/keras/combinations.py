@@ -99,7 +99,7 @@ def likeliest_combination(known: KnownInput) -> Combination:
 
     It is a view of the cropped frame as it is, or else one after a crop of (60, 25).
     """
-    views = ((one.view, one) for one in combinations(known))
+    views = ((combination.view, combination) for combination in combinations(known))
     return min(views, key=lambda pair: (pair[0].size is not None, pair[0].crop != USUAL_CROP))[1]
 
 
@@ -117,7 +117,11 @@ def with_each_resize(found: Combination, known: KnownInput) -> list[Combination]
 def popular_combinations(known: KnownInput) -> list[Combination]:
     """Return `POPULAR` if it fits what is known; else an empty list."""
     resize = known.resize or POPULAR.view.resize
-    return [one for one in combinations(replace(known, resize=resize)) if one == POPULAR]
+    return [
+        combination
+        for combination in combinations(replace(known, resize=resize))
+        if combination == POPULAR
+    ]
 
 
 def _views(known: KnownInput) -> Iterator[View]:

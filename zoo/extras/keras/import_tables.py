@@ -19,15 +19,15 @@ SHOWN = 10  # most rows of the table of trials
 
 def architecture_table(name: str, notes: Sequence[LayerNote], width: int) -> Table:
     """Return the file's layers, and what was understood of each."""
-    total = sum(one.parameters for one in notes)
+    total = sum(note.parameters for note in notes)
     rows = [
         (
-            *(str(one.position), one.name, one.kind),
-            one.understood.removeprefix(one.kind).strip(),
-            " x ".join(map(str, one.shape)),
-            f"{one.parameters:,}",
+            *(str(note.position), note.name, note.kind),
+            note.understood.removeprefix(note.kind).strip(),
+            " x ".join(map(str, note.shape)),
+            f"{note.parameters:,}",
         )
-        for one in notes
+        for note in notes
     ]
     columns = Columns.of(["", "name", "layer", "understood", "output", "parameters"], rows).columns
     title = f"{name}: {len(notes)} layers, {total:,} parameters"
@@ -70,7 +70,7 @@ def line_text(line: tuple[float, float]) -> str:
 
 def trials_table(judged: Judgement, width: int) -> Table:
     """Return the best trials, the chosen one first, the others from the highest score."""
-    others = [one for one in judged.trials.finalists if one is not judged.best]
+    others = [finalist for finalist in judged.trials.finalists if finalist is not judged.best]
     shown = [judged.best, *others][:SHOWN]
     rows = [
         (

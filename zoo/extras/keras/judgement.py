@@ -106,7 +106,9 @@ def search(
         return judged
     near = [judged.best, *judged.tied[:MOST_TIED], *([judged.next] if judged.next else [])]
     chosen = [one.combination for one in near]
-    chosen += [one.combination for one in trials.finalists if one.combination == POPULAR]
+    chosen += [
+        finalist.combination for finalist in trials.finalists if finalist.combination == POPULAR
+    ]
     again = try_all(network, list(dict.fromkeys(chosen)), frames, did)
     show(1.0)
     show_best(again[0])
@@ -126,14 +128,14 @@ def judge(
     """
     chance = chance_correlation(trials)
     first = driven[0].trial if driven else trials.finalists[0]
-    alike = [one for one in trials.finalists if steer_alike(first, one)]
+    alike = [finalist for finalist in trials.finalists if steer_alike(first, finalist)]
     own = first.combination.view
     views = [(one, one.combination.view) for one in alike]
     usual = [one for one, view in views if (view.colour, view.crop) == (own.colour, own.crop)]
     best = min(usual, key=_rarity)
     if before and before.best.combination == best.combination:
         alike += before.alike
-    different = [one for one in trials.finalists if one not in alike]
+    different = [finalist for finalist in trials.finalists if finalist not in alike]
     samples = _resamples(best)
     scores = _scores(best, samples)
     tied = [one for one in different if _low(scores - _scores(one, samples)) <= 0]
@@ -155,7 +157,7 @@ def chance_correlation(trials: Trials) -> float:
     outputs = np.stack([one.cameras[0] for one in trials.coarse])
     rows = len(steering)
     shifts = range(rows // 20, rows - rows // 20 + 1)
-    highest = [np.abs(correlations(outputs, np.roll(steering, one))).max() for one in shifts]
+    highest = [np.abs(correlations(outputs, np.roll(steering, shift))).max() for shift in shifts]
     return float(np.quantile(highest, NULL_SHARE))
 
 

@@ -35,7 +35,7 @@ class WeightsFile:
         self._size, self._claimed, self._count = size, 0, 0
         self.group = _child(file, "model_weights", source) if "model_weights" in file else file
         self.is_legacy = "layer_names" in self.group.attrs or "layer_names0" in self.group.attrs
-        self.is_keras_3 = any(one in file for one in CONTAINERS)
+        self.is_keras_3 = any(container in file for container in CONTAINERS)
 
     def attribute(self, name: str) -> str:
         """Return a text that stands with the weights or with the file; empty without one."""
@@ -65,8 +65,8 @@ class WeightsFile:
         if any(arrays and name not in known for name, arrays in groups.items()):
             return self._in_order(model, groups)
         found = {}
-        for one in model.children:
-            found.update(self._legacy(one, groups))
+        for child in model.children:
+            found.update(self._legacy(child, groups))
         return found
 
     def _legacy(self, layer: KerasLayer, groups: dict) -> dict[int, list[np.ndarray]]:
@@ -74,7 +74,9 @@ class WeightsFile:
         if not layer.children:
             return {} if arrays is None else {id(layer): [array for _, array in arrays]}
         if not arrays:  # Keras 1 writes a nested model's layers beside the others
-            return {k: v for one in layer.children for k, v in self._legacy(one, groups).items()}
+            return {
+                k: v for child in layer.children for k, v in self._legacy(child, groups).items()
+            }
         # Keras 2 and 3 write them in one group: first all that are trained, then the others.
         leaves = list(layer.leaves())
         found: dict[int, list[np.ndarray]] = {id(leaf): [] for leaf in leaves}
@@ -118,7 +120,7 @@ class WeightsFile:
                 yield from self._keras_3(layer, own)
             elif "vars" in own:
                 values = _child(own, "vars", self.source)
-                order = sorted((one for one in values if one.isdigit()), key=int)
+                order = sorted((value for value in values if value.isdigit()), key=int)
                 yield id(layer), [self._array(values, one) for one in order]
 
     def _array(self, group: Any, name: str) -> np.ndarray:

@@ -175,7 +175,7 @@ def _normalization(layer: KerasLayer, label: str) -> Spec:
     constants = [layer.config.get("mean"), layer.config.get("variance")]
     arrays = layer.arrays[:2] if len(layer.arrays) > 1 else constants
     try:
-        mean, variance = (np.asarray(one, np.float64).reshape(-1) for one in arrays)
+        mean, variance = (np.asarray(array, np.float64).reshape(-1) for array in arrays)
         if layer.config.get("invert") or len(mean) != len(variance):
             raise ValueError
     except (TypeError, ValueError, OverflowError):

@@ -227,8 +227,8 @@ def _weights_of(path: Path) -> Path:
     stem = path.stem
     usual = (stem, f"{stem}.weights", f"{stem}_weights", f"{stem}-weights", "model", "weights")
     files = [one for one in sorted(path.parent.glob("*")) if one.suffix.lower() in WHOLE_SUFFIXES]
-    files = [one for one in files if network_kind(one) != KERAS]
-    found = [one for name in usual for one in files if one.stem == name][:1] or files
+    files = [file for file in files if network_kind(file) != KERAS]
+    found = [file for name in usual for file in files if file.stem == name][:1] or files
     if len(found) == 1:
         return found[0]
     raise InputError(

@@ -98,7 +98,7 @@ def describe_lambda(config: dict) -> tuple[str | None, str]:
     code = read_code(data)
     if code is None:
         return None, "code of an unknown version of Python"
-    shown = [f"{one:g}" for one in code.constants if type(one) in (int, float)]
+    shown = [f"{constant:g}" for constant in code.constants if type(constant) in (int, float)]
     shape = config.get("batch_input_shape")
     rows = shape[1] if isinstance(shape, list) and len(shape) == 4 else None
     rows = rows if isinstance(rows, int) else None
@@ -167,7 +167,7 @@ class _Reader:
             self.read(depth + 1)
         if not isinstance(instructions, bytes) or not isinstance(constants, tuple):
             raise ValueError("no code")
-        texts = [one.decode("utf-8", "replace") for one in names if isinstance(one, bytes)]
+        texts = [name.decode("utf-8", "replace") for name in names if isinstance(name, bytes)]
         # 3.11: a byte of flags for each variable; before: names.
         outer = [one for one in free if not isinstance(one, int) or one & 0xC0]
         return Code(instructions, constants, texts, not outer)
@@ -335,7 +335,7 @@ def _called(path: str, values: tuple, named: dict) -> _Value:
     word = "gray" if name == "rgb_to_grayscale" else _known_name(name)
     if rest:
         sides = [one.offset for one in (rest[0] if len(rest) == 1 else rest) if not one.factor]
-        is_size = len(sides) == 2 and all(one == int(one) and 1 < one <= 4096 for one in sides)
+        is_size = len(sides) == 2 and all(side == int(side) and 1 < side <= 4096 for side in sides)
         is_known = name in ("resize", "resize_images", "resize_bilinear") and "image" in modules
         method = "linear" if name == "resize" and "v1" not in modules else "linear_tf1"
         method = "linear_corners" if is_aligned else method
@@ -388,7 +388,7 @@ def specs_of_word(word: str) -> list[dict] | None:
     """
     if "+" in word:
         parts = [specs_of_word(one) for one in word.split("+")]
-        return None if None in parts else [spec for one in parts for spec in one or ()]
+        return None if None in parts else [spec for part in parts for spec in part or ()]
     name, *rest = word.split(":")
     method = rest.pop() if name == "resize" and rest and rest[-1] in RESIZE_METHODS else "linear"
     try:
@@ -397,7 +397,7 @@ def specs_of_word(word: str) -> list[dict] | None:
         return None
     if not all(map(is_ordinary, numbers)):
         return None
-    whole = [int(one) for one in numbers if one.is_integer()]
+    whole = [int(number) for number in numbers if number.is_integer()]
     match name, numbers:
         case "identity" | "linear", []:
             return []

@@ -123,7 +123,7 @@ def _layer(entry: object, source: object, as_chain: bool, depth: int) -> KerasLa
     name = name if isinstance(name, str) else ""
     if not is_model or not isinstance(layers, list):
         return KerasLayer(name, kind, own, constants=_constants(entry.get("inbound_nodes")))
-    children = [_layer(one, source, as_chain, depth + 1) for one in layers]
+    children = [_layer(layer, source, as_chain, depth + 1) for layer in layers]
     if kind in GRAPHS and as_chain:
         children = _chain(children, layers, own, source)
     if shape := own.get("build_input_shape"):  # of a model that was built by its first call
@@ -188,7 +188,9 @@ def joined_outputs(
     is_donkeycar = [end.name for end in ends] == DONKEYCAR_OUTPUTS[-1]
     binned = is_donkeycar and set(activations) == {"softmax"}
     same = len(set(activations)) == 1 and (binned or "softmax" not in activations)
-    dense = all([one.ndim for one in end.arrays] == [2, 1] and end.arrays[1].size for end in ends)
+    dense = all(
+        [array.ndim for array in end.arrays] == [2, 1] and end.arrays[1].size for end in ends
+    )
     if not same or not dense:
         raise InputError(
             f"{source}: its outputs {names:.200} cannot be converted: each needs a kernel, a bias "
@@ -232,4 +234,4 @@ def _constants(nodes: object) -> tuple[float, ...]:
         arguments, more = node.get("args"), node.get("kwargs")
         if isinstance(arguments, list) and arguments and isinstance(arguments[0], dict):
             values = [*arguments[1:], *(more.values() if isinstance(more, dict) else ())]
-    return tuple(float(one) for one in values if is_ordinary(one))
+    return tuple(float(value) for value in values if is_ordinary(value))

@@ -115,7 +115,7 @@ def _resize(config: dict) -> Spec:
 
 # Orders of axes, of Keras 2 and 1.
 ORDERS = {"th": "channels_first", "tf": "channels_last"}
-ORDERS |= {one: one for one in ORDERS.values()}
+ORDERS |= {order: order for order in ORDERS.values()}
 # Layers that change nothing in driving, and need no place in the network.
 IDENTITIES = (
     "InputLayer", "ActivityRegularization", "Masking", "Identity", "RandomContrast", "RandomFlip",

@@ -74,7 +74,7 @@ def check_specs(layers: object) -> list[Mapping]:
 
 def is_channels_first(specs: Sequence[Mapping]) -> bool:
     """Return whether the layers were trained with images [N, C, H, W]."""
-    return any(one.get("data_format") == FIRST for one in specs if one["layer"] != "Flatten")
+    return any(spec.get("data_format") == FIRST for spec in specs if spec["layer"] != "Flatten")
 
 
 def build_layers(
@@ -98,7 +98,7 @@ def build_layers(
         module, shape = BUILDERS[values["layer"]](spec, shape, first)
         spec.check_all_read()
         places = math.prod(shape[1:] if first else shape[:-1])
-        work += places * sum(one.numel() for one in module.parameters())
+        work += places * sum(parameter.numel() for parameter in module.parameters())
         empty = min(shape, default=1) < 1
         if empty or math.prod(shape) > MOST_VALUES or work > MOST_WORK:
             raise ValueError(

@@ -38,7 +38,11 @@ def drive_tied(
         (one.combination.view.colour, one.combination.scale): one for one in judged.tied[::-1]
     }
     finalists = judged.trials.finalists
-    popular = [one for one in finalists if one.combination == POPULAR and one not in judged.alike]
+    popular = [
+        finalist
+        for finalist in finalists
+        if finalist.combination == POPULAR and finalist not in judged.alike
+    ]
     ordered = dict.fromkeys([judged.best, *popular, *groups.values(), *judged.tied])
     chosen = [one for one in ordered if abs(one.correlation) > judged.chance][:MOST_DRIVEN]
     driven = _drive(chosen[:1], write, console)

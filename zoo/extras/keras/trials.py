@@ -39,7 +39,7 @@ SIDE_OFFSETS = np.array([0.0, 0.25, -0.25])
 SPREAD_WEIGHT = 1 / 8  # of the spread and the mean, beside the correlation
 LEAST_LIKENESS = 0.5  # of an output that means steering; published networks reach 0.65 or more
 COARSE_ROWS, COARSE_STEP = 100, 3  # rows after the first stage, and every how many in it
-COARSE_SCALES = [one for one in SCALES if one != (128.0, 1.0)]  # it is near (127.5, 1)
+COARSE_SCALES = [scale for scale in SCALES if scale != (128.0, 1.0)]  # it is near (127.5, 1)
 FINALISTS = 6
 MOST_TIED = 4  # that are tried on all frames
 USUAL_NEIGHBOURS = 6  # crops and scales that are tried in the fourth stage
@@ -238,7 +238,7 @@ def _kept(views: int) -> int:
 def _neighbours(finalists: list[Trial], possible: list[Combination]) -> list[Combination]:
     """Return the combinations near the best finalist that are not tried yet."""
     best = max(finalists, key=_score).combination
-    tried = {one.combination for one in finalists}
+    tried = {finalist.combination for finalist in finalists}
 
     def is_near(one: Combination) -> bool:
         apart = np.abs(np.subtract(one.view.crop, best.view.crop)).max()
@@ -277,7 +277,9 @@ def try_one(
 ) -> Trial:
     """Return the trial of a combination."""
     module = network(combination.view, combination.scale)
-    outputs = np.stack([_steering(module, combination.view, one, did) for one in frames.cameras])
+    outputs = np.stack(
+        [_steering(module, combination.view, camera, did) for camera in frames.cameras]
+    )
     return Trial(combination, outputs, frames.steering)
 
 

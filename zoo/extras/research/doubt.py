@@ -78,18 +78,20 @@ def doubt(
 def members_table(paths: Sequence[Path], policy: "DropoutPolicy | EnsemblePolicy") -> Table:
     """Return a row for each checkpoint: its file, its network, and the view that it sees."""
     members = policy.members
-    names, files = [short_name(one) for one in paths], [str(one) for one in paths]
-    counts = [one.parameters for one in members]
+    names, files = [short_name(path) for path in paths], [str(path) for path in paths]
+    counts = [member.parameters for member in members]
     views = {
-        "width": [one.view.shape[1] for one in members],
-        "height": [one.view.shape[0] for one in members],
-        "colour": [one.view.colour for one in members],
+        "width": [member.view.shape[1] for member in members],
+        "height": [member.view.shape[0] for member in members],
+        "colour": [member.view.colour for member in members],
     }
     sees = [f"{wide} x {high} {colour}" for wide, high, colour in zip(*views.values(), strict=True)]
     columns = [
         Column("checkpoint", "checkpoint", names, {"checkpoint": files}),
-        Column("network", "network", [one.name for one in members]),
-        Column("parameters", "parameters", [f"{one:,}" for one in counts], {"parameters": counts}),
+        Column("network", "network", [member.name for member in members]),
+        Column(
+            "parameters", "parameters", [f"{count:,}" for count in counts], {"parameters": counts}
+        ),
         Column("sees", "sees", sees, views),
     ]
     return Table(columns, f"Networks of {policy.name}")
@@ -97,7 +99,7 @@ def members_table(paths: Sequence[Path], policy: "DropoutPolicy | EnsemblePolicy
 
 def _check_distinct(paths: Sequence[Path]) -> None:
     """Raise InputError for a checkpoint that is named twice."""
-    hashes = [hash_file(one) for one in paths]
+    hashes = [hash_file(path) for path in paths]
     for number, one in enumerate(hashes):
         if one in hashes[:number]:
             raise InputError(

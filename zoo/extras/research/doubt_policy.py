@@ -62,16 +62,16 @@ class EnsemblePolicy(Policy):
 
     def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
         """Return the members' mean command for a frame; its spread is theirs."""
-        return mixture([one(frame, speed_mph) for one in self.members])
+        return mixture([member(frame, speed_mph) for member in self.members])
 
     def reset(self) -> None:
         """Reset the members."""
-        for one in self.members:
-            one.reset()
+        for member in self.members:
+            member.reset()
 
     def session(self) -> "EnsemblePolicy":
         """Return an ensemble for one more car."""
-        return EnsemblePolicy([one.session() for one in self.members])
+        return EnsemblePolicy([member.session() for member in self.members])
 
     def scored(self) -> "EnsemblePolicy":
         """Return an ensemble of members for a drive that is scored."""
@@ -80,18 +80,20 @@ class EnsemblePolicy(Policy):
     @property
     def latency_s(self) -> float | None:
         """Return the seconds from a command to the wheels; None if no member predicts ahead."""
-        return next((one.latency_s for one in self.members if one.latency_s is not None), None)
+        return next(
+            (member.latency_s for member in self.members if member.latency_s is not None), None
+        )
 
     @latency_s.setter
     def latency_s(self, seconds: float | None) -> None:
-        for one in self.members:
-            if one.latency_s is not None:
-                one.latency_s = seconds
+        for member in self.members:
+            if member.latency_s is not None:
+                member.latency_s = seconds
 
     def expect(self, steering: np.ndarray) -> None:
         """Pass on the steering that the wheels will have."""
-        for one in self.members:
-            one.expect(steering)
+        for member in self.members:
+            member.expect(steering)
 
 
 LAYERS = (nn.Dropout, nn.Dropout1d, nn.Dropout2d, nn.Dropout3d)
@@ -176,7 +178,9 @@ class SampledNetwork(nn.Module):
                 "several checkpoints for an ensemble"
             )
         self.samples, self.takes_speed = samples, facts_of(network).takes_speed
-        weights = {id(one): one for one in network.parameters()}  # shared, not copied
+        weights = {
+            id(parameter): parameter for parameter in network.parameters()
+        }  # shared, not copied
         self.network = copy.deepcopy(network, weights)
         if not _fix_masks(self.network, samples, torch.Generator().manual_seed(seed)):
             raise InputError(
@@ -249,8 +253,10 @@ def mixture(commands: Sequence[Command]) -> Command:
     Command(steering=0.25, throttle=None, spread=0.25)
     """
     count = len(commands)
-    steering = sum(one.steering for one in commands) / count
-    squares = ((one.steering - steering) ** 2 + (one.spread or 0.0) ** 2 for one in commands)
-    throttles = [one.throttle for one in commands if one.throttle is not None]
+    steering = sum(command.steering for command in commands) / count
+    squares = (
+        (command.steering - steering) ** 2 + (command.spread or 0.0) ** 2 for command in commands
+    )
+    throttles = [command.throttle for command in commands if command.throttle is not None]
     throttle = sum(throttles) / count if len(throttles) == count else None
     return Command(steering, throttle, math.sqrt(sum(squares) / count))

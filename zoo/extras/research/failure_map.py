@@ -98,7 +98,7 @@ def failure_map(
         ("mildest intervention", stars, star),
     ):
         if places or look is not star:
-            across, up = ([one[name] for one in places] for name in (archive.x, archive.y))
+            across, up = ([place[name] for place in places] for name in (archive.x, archive.y))
             axis.scatter(across, up, label=label, **look)
     for name, side, ticks in ((archive.x, "x", axis.xaxis), (archive.y, "y", axis.yaxis)):
         borders, scale = edges[name], archive.scales[name].scale

@@ -160,7 +160,7 @@ def of_results(entries: Sequence[Entry]) -> Paper:
     figures = [overall(one.result) for one in entries]
     panels = {}
     for key in SHORT:
-        own = dict(zip(names, (one[key] for one in figures), strict=True))
+        own = dict(zip(names, (figure[key] for figure in figures), strict=True))
         panels[FIGURES[key].heading] = own, FIGURES[key].factor
     paper.plots["intervals"] = interval_panels(panels)
     drawn = _levels if entries[0].result.has_levels else _thresholds
@@ -175,11 +175,13 @@ def of_runs(ranking: Ranking) -> Paper:
     entries, paper = ranking.entries, Paper({"table": ranking.result_table()})
     columns = of.setting_columns(entries)
     cells = of.in_one_column(columns).cells if columns else []
-    names = [one.replace("\n", ", ") for one in cells]
+    names = [cell.replace("\n", ", ") for cell in cells]
     if len(set(names)) < len(entries):
         names = [of.run_name(entry, ranking.under) for entry in entries]
     figures = of.ranked_figures(entries)
-    short = [one for one in figures if one.form and one.key in of.short_figures(figures)]
+    short = [
+        figure for figure in figures if figure.form and figure.key in of.short_figures(figures)
+    ]
     panels = {}
     for one in short:
         own = dict(zip(names, map(one.interval, entries), strict=True))
@@ -208,11 +210,11 @@ def of_runs(ranking: Ranking) -> Paper:
 
 
 def _entries_table(entries: Sequence[Entry], names: Sequence[str], ranks: Sequence[str]) -> Table:
-    results = [one.result for one in entries]
+    results = [entry.result for entry in entries]
     counts = {
-        "parameters": [one.result.checkpoints[0].parameters for one in entries],
-        "seeds": [one.seeds for one in entries],
-        "drives": [one.seeds * len(one.roads) for one in entries],
+        "parameters": [entry.result.checkpoints[0].parameters for entry in entries],
+        "seeds": [entry.seeds for entry in entries],
+        "drives": [entry.seeds * len(entry.roads) for entry in entries],
     }
     columns = [
         Column("rank", "rank", ranks),
@@ -221,10 +223,10 @@ def _entries_table(entries: Sequence[Entry], names: Sequence[str], ranks: Sequen
             number_column(name, name, own, "{:,}", short=name != "drives")
             for name, own in counts.items()
         ),
-        *figure_columns([overall(one) for one in results]),
+        *figure_columns([overall(result) for result in results]),
     ]
     for group in dict.fromkeys(road.group for road in entries[0].drives):
-        columns += figure_columns([one.groups[group] for one in results], group)
+        columns += figure_columns([result.groups[group] for result in results], group)
     suite = f"Drives of the suite {results[0].suite}, all roads but the laps. "
     return Table(columns, f"{suite}{RANKS}{INTERVALS}")
 
@@ -258,7 +260,7 @@ def _thresholds(entries: Mapping[str, Entry]) -> Figure:
     thresholds, curves = np.linspace(0, 1, THRESHOLDS, endpoint=False), {}
     for name, entry in entries.items():
         roads, scores = entry.roads, entry.scores(entry.roads)
-        curves[name] = [_share(scores > one, roads) for one in thresholds]
+        curves[name] = [_share(scores > threshold, roads) for threshold in thresholds]
     panels = {"": (100 * thresholds, curves)}
     return share_panels(
         panels, "autonomy \N{GREEK SMALL LETTER TAU} (%)", "drives above \u03c4 (%)"
@@ -275,7 +277,7 @@ def _levels(entries: Mapping[str, Entry]) -> Figure:
     for axis, levels in axes.items():
         numbers = sorted(levels)
         curves = {
-            name: [_share(entry.scores(levels[one]) > 0, levels[one]) for one in numbers]
+            name: [_share(entry.scores(levels[number]) > 0, levels[number]) for number in numbers]
             for name, entry in entries.items()
         }
         panels[axis] = numbers, curves
@@ -322,7 +324,12 @@ def _add_entry(paper: Paper, name: str, place: str, entry: Entry) -> None:
         suite, split = f"{result.suite}.yaml", "test"
         line = f"not in {ARCHIVE}: the file of your suite {result.suite}; publish it, too"
         paper.notes += [line] if line not in paper.notes else []
-    words = ["drivezoo", "benchmark", *(one.file for one in result.checkpoints), f"suite={suite}"]
+    words = [
+        "drivezoo",
+        "benchmark",
+        *(checkpoint.file for checkpoint in result.checkpoints),
+        f"suite={suite}",
+    ]
     words += ["split=dev"] if split == "dev" else []
     commands.append(command_line([*words, f"entry={result.entry}"]))
 
@@ -334,7 +341,7 @@ def _appendix(paper: Paper, command: str, missing: Sequence[str]) -> str:
         [
             name,
             number,
-            ", ".join(sorted({str(one.get(name, "-")) for one in paper.versions})) or "-",
+            ", ".join(sorted({str(version.get(name, "-")) for version in paper.versions})) or "-",
         ]
         for name, number in here.items()
     ]

@@ -72,7 +72,7 @@ class Report:
     @property
     def failed(self) -> list[Driven]:
         """Return the drives that ended with an intervention."""
-        return [one for one in self.drives if one.outcome.failed]
+        return [drive for drive in self.drives if drive.outcome.failed]
 
     @property
     def mildest(self) -> Driven | None:
@@ -167,14 +167,14 @@ def result_of(report: Report) -> dict:
         else None,
         "drives": [
             {
-                "seed": one.candidate.seed,
-                "parameters": one.candidate.parameters,
-                "weather": weather_text(one.candidate.weather),
-                "features": one.candidate.features,
-                "distance_to_usual": round(report.distance(one), 4),
-                **asdict(one.outcome),
+                "seed": drive.candidate.seed,
+                "parameters": drive.candidate.parameters,
+                "weather": weather_text(drive.candidate.weather),
+                "features": drive.candidate.features,
+                "distance_to_usual": round(report.distance(drive), 4),
+                **asdict(drive.outcome),
             }
-            for one in drives
+            for drive in drives
         ],
         "mildest": worst,
     }
@@ -188,7 +188,7 @@ def draw_map(report: Report) -> Figure:
         f"{len(archive.failed)} of {archive.cells**2} cells with an intervention, "
         + counted(len(report.drives), "drive")
     )
-    points = [(one.candidate.features, one.outcome.failed) for one in report.drives]
+    points = [(drive.candidate.features, drive.outcome.failed) for drive in report.drives]
     return failure_map(archive, points, mildest and mildest.candidate.features, title)
 
 
@@ -208,13 +208,13 @@ def _write_mildest(report: Report, mildest: Driven) -> Path:
 def features_table(report: Report) -> Table:
     """Return a row for each feature: its usual value, its quartiles, and the mildest failure's."""
     features, mildest = report.space.features, report.mildest
-    labels = [one.label for one in features.values()]
+    labels = [feature.label for feature in features.values()]
     columns = [
         Column("feature", "feature", labels, {"feature": list(features)}),
         number_column("usual", "family's usual", [report.usual[key] for key in features], "{:.3g}"),
     ]
     for name, failed in (("passed", False), ("failed", True)):
-        chosen = [one.candidate for one in report.drives if one.outcome.failed is failed]
+        chosen = [drive.candidate for drive in report.drives if drive.outcome.failed is failed]
         found = [_quartiles([one.features[key] for one in chosen]) for key in features]
         figures = {f"{name}_{part}": [one[part] for one in found] for part in found[0]}
         form = "{median:.3g} ({q25:.3g} to {q75:.3g})" if chosen else ""

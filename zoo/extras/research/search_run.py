@@ -127,7 +127,7 @@ def usual_features(space: SearchSpace) -> dict[str, float]:
     """Return each feature's median over 25 roads as the family draws them, on a clear day."""
     rng = np.random.default_rng(0)
     roads = [space.draw(rng, {}) for _ in range(USUAL_ROADS)]
-    found = [one.features for one in roads if one is not None]
+    found = [road.features for road in roads if road is not None]
     return {key: float(np.median([one[key] for one in found])) for key in space.features}
 
 
@@ -151,8 +151,8 @@ def sparseness(roads: Sequence[dict[str, float]], space: SearchSpace) -> float |
     """
     if len(roads) < 2:
         return None
-    places = np.array([_position(one, space) for one in roads])
-    farthest = [np.square(places - one).mean(axis=1).max() for one in places]
+    places = np.array([_position(road, space) for road in roads])
+    farthest = [np.square(places - place).mean(axis=1).max() for place in places]
     return float(np.mean(np.sqrt(farthest)))
 
 

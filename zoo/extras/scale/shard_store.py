@@ -146,7 +146,7 @@ class ShardStore(ImageStore):
     def _make_room(self, size: int) -> None:
         for left in self.cache.glob("*/.*.part*"):
             left.unlink(missing_ok=True)  # of a killed process: we hold the lock
-        shards = [(one.stat(), one) for one in self.cache.glob("*/*.bin")]
+        shards = [(path.stat(), path) for path in self.cache.glob("*/*.bin")]
         used = sum(status.st_size for status, _ in shards)
         for status, shard in sorted(shards, key=lambda pair: pair[0].st_mtime_ns):
             if used + size <= self.cache_bytes:
@@ -211,7 +211,7 @@ class ShardStore(ImageStore):
         except (KeyError, TypeError):
             is_known, shards = False, {}
         numbers = itertools.chain(*shards.values())
-        if not (is_known and shards and all(is_ordinary(one, 1, 2**32) for one in numbers)):
+        if not (is_known and shards and all(is_ordinary(number, 1, 2**32) for number in numbers)):
             raise InputError(f"{self.place}/{INDEX}: is no index of shards of images; {REMEDY}")
         return shards
 

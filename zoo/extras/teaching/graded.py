@@ -94,7 +94,7 @@ class Graded(Result):
     written: list[Path] = field(default_factory=list)
 
     def __repr__(self) -> str:
-        counts = Counter(one.status for one in self.grades)
+        counts = Counter(grade.status for grade in self.grades)
         return f"{counted(len(self.grades), 'submission')}: " + ", ".join(
             f"{count} {status}" for status, count in counts.most_common()
         )
@@ -102,7 +102,9 @@ class Graded(Result):
     @property
     def lines(self) -> list[str]:
         """Return what a teacher should look at, a line each."""
-        return [f"{one.submission.name}: {line}" for one in self.grades for line in one.warnings]
+        return [
+            f"{grade.submission.name}: {line}" for grade in self.grades for line in grade.warnings
+        ]
 
     def show(self) -> None:
         """Print what to look at, the counts, and what was written."""
@@ -115,11 +117,13 @@ class Graded(Result):
     def result_table(self) -> Table:
         """Return a row for each student."""
         shown = [
-            Column("student", "student", [one.submission.name for one in self.grades]),
-            Column("submitted", "submitted", [one.submission.submitted for one in self.grades]),
-            Column("result", "result", [one.status for one in self.grades]),
+            Column("student", "student", [grade.submission.name for grade in self.grades]),
+            Column("submitted", "submitted", [grade.submission.submitted for grade in self.grades]),
+            Column("result", "result", [grade.status for grade in self.grades]),
         ]
-        marks = [{(mark.group, mark.figure): mark for mark in one.reached} for one in self.grades]
+        marks = [
+            {(mark.group, mark.figure): mark for mark in grade.reached} for grade in self.grades
+        ]
         for group, figure in dict.fromkeys(key for own in marks for key in own):
             found = [own.get((group, figure)) for own in marks]
             name = f"{group}_{figure}".replace(" ", "_")
@@ -132,7 +136,7 @@ class Graded(Result):
                 for key in ("low", "high")
             }
             shown.append(Column(name, f"{group}: {heading}, {required}", cells, figures))
-        warnings = ["; ".join(one.warnings) for one in self.grades]
+        warnings = ["; ".join(grade.warnings) for grade in self.grades]
         return Table([*shown, Column("to_look_at", "to look at", warnings)])
 
 
@@ -280,7 +284,7 @@ def _write_marks(graded: Graded, suite: Suite) -> list[Path]:
 
 
 def _overview(graded: Graded, suite: Suite) -> list[Section]:
-    roads = len({one.track for one in suite.drives})
+    roads = len({drive.track for drive in suite.drives})
     drives = counted(len(suite.drives), "drive")
     line = f"Suite {suite.name}, {drives} on {counted(roads, 'road')}. {graded!r}."
     table = graded.result_table()

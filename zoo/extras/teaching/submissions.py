@@ -86,7 +86,11 @@ def find_submissions(folder: Path) -> list[Submission]:
     if not by_name:
         raise InputError(f"{folder}: holds no {' or '.join(ENDINGS)} file, and no folder of one")
     submissions = [_submission(name, paths) for name, paths in sorted(by_name.items())]
-    files = [one.file for one in submissions if one.file and is_onnx(one.file)]
+    files = [
+        submission.file
+        for submission in submissions
+        if submission.file and is_onnx(submission.file)
+    ]
     if files and importlib.util.find_spec("onnxruntime") is None:
         raise UsageError(f"{files[0]}: onnxruntime, which runs it, is not installed; {INSTALL}")
     return submissions

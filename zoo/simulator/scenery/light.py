@@ -79,7 +79,7 @@ class Shadows:
         self.nearby = cKDTree(self.points[:, :2])
         middle = cKDTree(track.xyz[:, :2])
         trees = [one for one in standing if one.kind in CROWN]
-        apart = middle.query(np.array([one.foot[:2] for one in trees]).reshape(-1, 2))[0]
+        apart = middle.query(np.array([tree.foot[:2] for tree in trees]).reshape(-1, 2))[0]
         self.trees = [one for one, away in zip(trees, apart, strict=True) if away < REACH_M]
         _, nearest = middle.query(self.points[:, :2])
         self.right = track.rightwards[nearest]
@@ -145,8 +145,8 @@ class Shadows:
 
 def sky_mesh(coarse: bool) -> Mesh:
     """Return a dome around the camera; its colours are not shaded."""
-    elevation = np.array([one[0] for one in COLOURS], float)
-    colours = np.array([one[1] for one in COLOURS], float) / 255
+    elevation = np.array([colour[0] for colour in COLOURS], float)
+    colours = np.array([colour[1] for colour in COLOURS], float) / 255
     steps = np.unique(np.concatenate([elevation, np.arange(-10, 30, 2), np.arange(30, 91, 15)]))
     steps = np.r_[-10, elevation[1:]] if coarse else steps
     around = np.linspace(0, 2 * np.pi, 9 if coarse else 17)

@@ -71,7 +71,7 @@ def grid_mesh(
 def thin(mesh: Mesh, columns: int, rows: np.ndarray, step: int) -> Mesh:
     """Return the mesh of some rows, and of every `step`-th column, of the mesh of a grid."""
     index = np.arange(len(mesh.points)).reshape(-1, columns)[rows][:, every(0, columns - 1, step)]
-    values = (one[index.reshape(-1)] for one in mesh.columns)
+    values = (column[index.reshape(-1)] for column in mesh.columns)
     return Mesh.of_columns(mesh.material, values, grid_triangles(*index.shape))
 
 

@@ -120,7 +120,11 @@ def boulder_meshes(track: Track, ground: Ground, quality: str) -> list[Mesh]:
     rng = np.random.default_rng(track.surroundings.seed + 200)
     xy = scatter(ground, rng, count)
     boulders = [_boulder(rng, foot) for foot in np.c_[xy, ground.height(xy)]]
-    return [thin(one, 9, np.array([0, 2, 3]), 2) for one in boulders] if ground.coarse else boulders
+    return (
+        [thin(boulder, 9, np.array([0, 2, 3]), 2) for boulder in boulders]
+        if ground.coarse
+        else boulders
+    )
 
 
 def scatter(
