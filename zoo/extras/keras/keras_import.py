@@ -185,7 +185,8 @@ def find_input(
     (factor, offset), (before, shift) = judged.best.line, options.steering or (1.0, 0.0)
     usual = vars(ImportOptions(steering=options.steering))
     keys = {key: value for key, value in vars(options).items() if value != usual[key]}
-    again = ["drivezoo", "import", path, *(f"{key}={typed(value)}" for key, value in keys.items())]
+    words = [f"{key}={typed(value)}" for key, value in keys.items()]
+    again = ["drivezoo", "import", path, *words, "overwrite=true"]  # of what is written now
     print_judgement(judged, (factor * before, factor * shift + offset), again, console)
     return judged
 
@@ -206,7 +207,7 @@ def _warn_of_guesses(path: Path, known: KnownInput, found: Combination, console:
     if guessed:
         are = "is a guess" if len(guessed) == 1 else "are guesses"
         text = f"warning: {' and '.join(guessed)} {are}: the file does not tell. Set them if you "
-        command = command_line(["drivezoo", "import", path, "recording=FOLDER"])
+        command = command_line(["drivezoo", "import", path, "recording=FOLDER", "overwrite=true"])
         text += f"know them, or find them out: {command}"
         console.print(text, highlight=False, markup=False, soft_wrap=True)
 

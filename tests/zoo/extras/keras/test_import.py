@@ -209,7 +209,7 @@ def test_the_line_that_is_offered_makes_the_output_steering(lake: Written, tmp_p
             group[name][...] = group[name][...] / 2.4 + term
     keys = [f"recording={lake.folder}", "colour=yuv_old", "crop=[60,25]", "drive=false"]
     for more in ([], ["steering=[-3,1]"]):
-        printed = succeed(import_file(tmp_path, "old.h5", *keys, *more))
+        printed = succeed(import_file(tmp_path, "old.h5", *keys, *more, "overwrite=true"))
         command = re.search(r"drivezoo import (.*)", printed)[1]
         assert "not like steering" in printed
         again = succeed(import_file(tmp_path, *shlex.split(command)))
@@ -219,9 +219,10 @@ def test_the_line_that_is_offered_makes_the_output_steering(lake: Written, tmp_p
         assert set(keys) < set(shlex.split(command))
 
 
-def test_an_import_replaces_its_own_file_only(keras_file: Path, tmp_path: Path) -> None:
+def test_an_import_replaces_a_file_only_with_overwrite(keras_file: Path, tmp_path: Path) -> None:
     assert import_file(tmp_path, str(keras_file)).returncode == 0
-    assert import_file(tmp_path, str(keras_file)).returncode == 0
+    assert "out=old.ckpt: exists" in only_line(import_file(tmp_path, str(keras_file)))
+    assert import_file(tmp_path, str(keras_file), "overwrite=true").returncode == 0
     trained = write_constant(tmp_path / "trained.ckpt", 0.1)
     before = trained.read_bytes()
     result = import_file(tmp_path, str(keras_file), "out=trained.ckpt")
@@ -265,6 +266,6 @@ def test_an_unclear_scale_is_asked_for_by_key(lake: Written, tmp_path: Path) -> 
         assert "set 'scale=[" in only_line(import_file(tmp_path, name))
         assert import_file(tmp_path, name, "scale=[127.5,1]").returncode == 0
         keys = [f"recording={lake.folder}", "colour=yuv_old", "crop=[60,25]", "drive=false"]
-        succeed(import_file(tmp_path, name, *keys, "frames=60"))
+        succeed(import_file(tmp_path, name, *keys, "frames=60", "overwrite=true"))
         checkpoint = load_checkpoint(tmp_path / name.replace(".h5", ".ckpt"))
         assert checkpoint.config["model"]["scale"][1] == 1.0

@@ -111,8 +111,8 @@ def test_another_packages_files_stand_beside_ours(here: Path) -> None:
     write_run(Path("sweep/a"), 0.9)
     code = manual_example("my_paper.py")
     with installed(here / "site", code, "drivezoo.papers", attribute=":write_seeds"):
-        for _ in range(2):
-            shown = leaderboard("sweep", paper="paper")
+        for overwrite in (False, True):
+            shown = leaderboard("sweep", paper="paper", overwrite=overwrite)
             assert Path("paper/seeds.txt") in shown.written
             assert Path("paper/table.tex") in shown.written
 
