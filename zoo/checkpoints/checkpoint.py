@@ -197,6 +197,8 @@ def _load_plain(file: BinaryIO, path: Path) -> object:
         InputError: see `load_plain`.
         OSError: the file cannot be read.
     """
+    if not file.seek(0, io.SEEK_END):
+        raise InputError(f"{path}: is empty (0 bytes); copy it again")
     kind = torch_kind(file)
     if not kind:
         what = describe_network(path) or f"is not a torch file; {_ANOTHER}"
