@@ -186,7 +186,8 @@ def _track_line(track: str, level: str, drives: Sequence[Mapping]) -> str:
     lost = sum(int(drive["interventions"]) for drive in drives)
     autonomy = f"autonomy {_autonomy(drives):.1%}, " if lost else ""
     how_far = f"{replayed_s:.0f} s" if replayed_s else f"{laps:.2f} laps"
-    return f"{track}: {WORDS[level]}, {autonomy}interventions: {lost} in {how_far}"
+    level_words = WORDS[level].removesuffix(",")
+    return f"{track}: {level_words}, {autonomy}interventions: {lost} in {how_far}"
 
 
 def _without_verdict(

@@ -93,6 +93,11 @@ def test_a_clean_lake_does_not_make_up_for_a_jungle_without_autonomy() -> None:
     assert "nearly" not in " ".join([verdict.headline, *verdict.tracks])
 
 
+def test_a_line_of_a_track_has_each_comma_once() -> None:
+    (line,) = judge([drive(1)], evidence()).tracks
+    assert line.startswith("lake: drove, with interventions, autonomy ")
+
+
 def test_a_drive_without_autonomy_was_not_measured() -> None:
     assert judge([drive() | {"autonomy": None}], evidence()).level == "unknown"
 
