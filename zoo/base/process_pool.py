@@ -15,16 +15,22 @@ from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
 from multiprocessing.reduction import ForkingPickler
 from types import ModuleType
-from typing import Any, Protocol, TypeVar
+from typing import Annotated, Any, Protocol, TypeVar
 
 import numpy as np
 
 from zoo.base.child_process import end_after
+from zoo.base.command_keys import EntryChoice
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError, UsageError
 from zoo.base.run_command import held_interrupt
 
 Result = TypeVar("Result")
+PROCESSES, EXECUTORS = (
+    "processes",
+    "drivezoo.executors",
+)  # this module's executor; the others' group
+Executor = Annotated[str, EntryChoice(EXECUTORS, own=(PROCESSES,))]
 LOOK_S = 0.2  # seconds between two updates of the progress
 _reports: Any = None  # queue of job numbers and shares, in a process of a pool
 

@@ -12,11 +12,9 @@ from zoo.base.command_keys import choices_of, typed_keys
 from zoo.base.compose import compose_config, config_groups
 from zoo.base.conf_files import choices
 from zoo.base.console_script import LISTED, commands, load, outside_commands, places
-from zoo.base.entry_points import installed_entries
 from zoo.base.file_text import shell_words
 from zoo.base.parts import KEY
 from zoo.checkpoints.checkpoint_path import LATEST, packaged_names
-from zoo.driving.run_drives import EXECUTORS, PROCESSES
 from zoo.results.baselines import NO_CHECKPOINT
 from zoo.scoring.exported_file import export_names
 from zoo.scoring.published_tests import challenges
@@ -142,8 +140,6 @@ def values_of(key: str, default: str) -> tuple[str, ...]:
     """Return the values of a key that have names, without those that only its command knows."""
     if default in ("true", "false"):
         return ("true", "false")
-    if key == "executor":
-        return (PROCESSES, *(entry.name for entry in installed_entries(EXECUTORS)))
     if key == "challenge":
         return tuple(challenges())
     checkpoints, tracks = (LATEST, *packaged_names()), tuple(sorted([*TRACKS, *track_names()]))

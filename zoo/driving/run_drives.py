@@ -14,7 +14,14 @@ from datamodules.view import FRAME
 from zoo.base.console_progress import progress_bar
 from zoo.base.entry_points import load_named
 from zoo.base.errors import InputError
-from zoo.base.process_pool import Pool, ThisProcess, opened_pool, run_jobs
+from zoo.base.process_pool import (
+    EXECUTORS,
+    PROCESSES,
+    Pool,
+    ThisProcess,
+    opened_pool,
+    run_jobs,
+)
 from zoo.base.rig import UDACITY
 from zoo.checkpoints.policy_base import Policy
 from zoo.driving.drive_loop import drive
@@ -23,8 +30,6 @@ from zoo.driving.open_world import open_world
 from zoo.driving.scenario import Scenario
 from zoo.driving.speed_controller import SpeedController
 from zoo.driving.world import World
-
-PROCESSES, EXECUTORS = "processes", "drivezoo.executors"  # the core's executor; the others' group
 
 
 class PolicyMaker(ABC):

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from zoo.base.process_pool import PROCESSES, Executor
 from zoo.runs.table_files import ResultFiles
 
 
@@ -28,5 +29,5 @@ class BenchmarkOptions(ResultFiles):
     entry: str | None = None
     out: str | None = None
     workers: Annotated[int, Field(ge=0)] = 0
-    executor: str = "processes"
+    executor: Executor = PROCESSES
     drives: Annotated[int, Field(ge=0)] = 5

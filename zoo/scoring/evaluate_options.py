@@ -8,6 +8,7 @@ from pydantic import Field
 from datamodules.read_options import ReadOptions
 from zoo.base.command_keys import Section
 from zoo.base.errors import InputError, UsageError
+from zoo.base.process_pool import PROCESSES, Executor
 from zoo.driving.scenario import Scenario
 from zoo.runs.table_files import ResultFiles, TableFiles
 from zoo.simulator.world_settings import WorldSettings
@@ -54,7 +55,7 @@ class EvaluateOptions(ResultFiles, Scenario):
     data: str | None = None
     out: str | None = None
     workers: Workers = 0
-    executor: str = "processes"
+    executor: Executor = PROCESSES
 
     @property
     def tracks(self) -> list[str]:
