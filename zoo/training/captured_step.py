@@ -57,7 +57,7 @@ class CapturedStep:
         if self.lr != (lr := [group["lr"] for group in self.optimizer.param_groups]):
             self.lr = lr
             for rate, value in zip(self.rates, lr, strict=True):
-                rate.fill_(value)
+                rate.fill_(torch.tensor(value, dtype=torch.float32).item())  # inf beyond
         whole = len(batch["images"]) == self.size
         if self.graph is not None and self.settings != self._settings():
             self.graph = None  # a schedule changed more than the learning rate
@@ -82,6 +82,8 @@ class CapturedStep:
 
     def _capture(self, batch: Batch) -> None:
         """Record a step on tensors of its own; nothing is computed."""
+        if (device := self.rates[0].device.type) != "cuda":
+            raise RuntimeError(f"the weights are on the {device}")  # a capture would be empty
         self.batch = {name: tensor.clone() for name, tensor in batch.items()}
         self.settings, graph = self._settings(), torch.cuda.CUDAGraph()
         with torch.cuda.graph(graph):

@@ -55,6 +55,7 @@ def test_network_processor_and_config_choose(
     overrides, bf16, before, chosen, printed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(precision, "multiplies_bf16", lambda: bf16)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     console = Console(file=StringIO(), width=400)
     assert precision.choose_precision(*network_of(*overrides), console, before) == chosen
     said = console.file.getvalue()
