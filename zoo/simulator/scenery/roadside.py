@@ -18,7 +18,7 @@ SIGN_M, SIGNS_APART_M, CLOSED_M = (1.5, 2.6), 7.0, (1.3, 1.9)
 BEND = 1 / 120  # curvature in 1/m from which signs stand in a bend
 VAULT_M, RIM_M, HILL_M = 5.4, 1.1, (13.9, 9.5)  # heights, the rim's width, the hill's half width
 SQUARE, POINTS = 3.0, 17  # exponent of an arch (2: an ellipse), and its points
-GREY, DARK = (0.42, 0.42, 0.41), (0.17, 0.15, 0.14)  # a portal's rim, and a vault
+GREY, DARK = (0.36, 0.36, 0.355), (0.17, 0.15, 0.14)  # a portal's rim, and a vault
 
 
 def roadside_meshes(track: Track, ground: Ground) -> list[Mesh]:
