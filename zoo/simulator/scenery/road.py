@@ -17,7 +17,7 @@ ACROSS = 9  # points across the carriageway, whose shadows are colours of points
 # row; and by the smallest radius of its bends, where n is less. Verges have half as many rows.
 STRETCH = 32
 RANGES_M = ((0.0, 38.0), (38.0, 80.0), (80.0, np.inf))
-TUNNEL_LIGHT, TUNNEL_DARK_M = 0.22, 9.0  # share of light, reached this far from the portal
+TUNNEL_LIGHT, TUNNEL_DARK_M = 0.34, 9.0  # share of light, reached this far from the portal
 STEPS = ((20.0, (1, 2, 4)), (80.0, (2, 4, 8)), (np.inf, (2, 8, 16)))
 
 
