@@ -325,14 +325,14 @@ def _recording(evidence: Evidence, _: Sequence[str]) -> Cause | None:
 
 
 def _unseen(evidence: Evidence, tracks: Sequence[str]) -> Cause | None:
-    from zoo.simulator.track_names import recorded_name
+    from zoo.simulator.track_names import full_name, recorded_name
 
     passes = evidence.config["data"]["record"]["passes"]
     recorded = {recorded_name(str(pass_.get("track"))) for pass_ in passes}
-    unseen = [track for track in tracks if recorded and track not in recorded]
+    unseen = [full_name(track) for track in tracks if recorded and track not in recorded]
     if not unseen:
         return None
-    text = f"Its training images do not show the {' and '.join(unseen)};"
+    text = f"Its training images do not show {' and '.join(unseen)};"
     if "bend" in _augmentations(evidence):
         return Cause(f"{text} record more roads.")
     return Cause(f"{text} 'augment=[{','.join(BENDS)}]' helps.", augment=BENDS)

@@ -78,6 +78,8 @@ def judge(
         replayed: what was replayed, in words; None if `world` says it. A network of another car
             than Udacity's gets no verdict by the embedded world.
     """
+    from zoo.simulator.track_names import full_name
+
     world = "replay" if replayed else world
     by_track: dict[str, list[Mapping]] = {}
     for drive in drives:
@@ -94,9 +96,13 @@ def judge(
     again = train_again(evidence, causes)
     typed = _typed_tracks(evidence.at("score.track") if tracks is None else tracks)
     worst = typed.get(names[0], names[0]) if names else "lake"
+    known, titles = {}, {name: f"the {name}" for name in names}
+    if world == "embedded":
+        known = known_tracks(evidence)
+        titles = {name: full_name(typed.get(name, name)) for name in names}
     return Verdict(
         level,
-        _headline(level, names, by_track, known_tracks(evidence) if world == "embedded" else {}),
+        _headline(level, names, by_track, known, titles),
         tuple(_track_line(track, levels[track], by_track[track]) for track in names),
         _certainty(by_track, replayed or "replay" if world == "replay" else None),
         tuple(cause.text for cause in causes),
@@ -136,6 +142,7 @@ def _headline(
     names: Sequence[str],
     by_track: Mapping[str, Sequence[Mapping]],
     known: Mapping[str, str],
+    titles: Mapping[str, str],
 ) -> str:
     """Return the level in a sentence: what was driven, and on which tracks it says least.
 
@@ -144,17 +151,18 @@ def _headline(
         names: tracks, the worst first.
         by_track: drives of each track.
         known: what a track was used for before, see `known_tracks`.
+        titles: name of each track in a sentence.
     """
     if level == UNKNOWN:
         return UNKNOWN_HEADLINE
     if level != DRIVES:
-        return f"It {WORDS[level]} the {names[0]}."
+        return f"It {WORDS[level]} {titles[names[0]]}."
     new = len([name for name in names if name not in known])
     if new >= ENOUGH:
         return f"It drives: {new} of {new} roads that it was neither trained nor chosen on."
     laps = sum(one.get("laps") or 0 for own in by_track.values() for one in own)
     tracks = [
-        f"the {name}" + (f", the track that it was {known[name]} on" if name in known else "")
+        titles[name] + (f", the track that it was {known[name]} on" if name in known else "")
         for name in sorted(names, key=lambda name: name in known)
     ]
     count = f"{laps:.3g} of {laps:.3g} laps of " if laps else ""

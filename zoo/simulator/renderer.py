@@ -23,6 +23,7 @@ from zoo.simulator.scenery.light import Shadows, lit_colours, sky_mesh
 from zoo.simulator.scenery.mesh import Mesh, cut, join_materials, outward
 from zoo.simulator.scenery.plants import boulder_meshes, place_standing, standing_mesh
 from zoo.simulator.scenery.road import ALONG_M, road_levels, road_meshes
+from zoo.simulator.scenery.roadside import road_signs, roadside_meshes
 from zoo.simulator.scenery.textures import halvings, make_textures
 from zoo.simulator.track import Track
 from zoo.simulator.udacity_car import FOV_DEG, NEAR_M, camera_matrix
@@ -38,8 +39,8 @@ FAR_M = 1500.0
 CELL_M = 90.0
 FAST_CELL_M, FAST_ALONG_M = 200.0, 4.0  # of quality `fast`: cells; rows of faces below verges
 ORDER = (
-    *("asphalt", "plain", "cobbles", "stripes", "concrete", "ground", "rock", "bare"),
-    *("plants", "sky"),
+    *("asphalt", "worn", "plain", "cobbles", "stripes", "hazard", "concrete"),
+    *("leaves", "ground", "rock", "bare", "plants", "sky"),
 )
 POINTS = core.GeomVertexFormat.getV3c4t2()
 POINT = np.dtype([("point", "<f4", 3), ("colour", "u1", 4), ("uv", "<f4", 2)])
@@ -80,7 +81,7 @@ class Renderer:
         meshes, self.shadows = landscape(track, quality)
         self.fast = quality == "fast"
         self.places: dict[int, core.NodePath] = {}
-        dome, self.sky = self._attach(sky_mesh(self.fast))
+        dome, self.sky = self._attach(sky_mesh(self.fast, track.surroundings.sky))
         self.sky.setTextureOff(1)
         self.pieces = [*(self._attach(mesh)[0] for mesh in meshes), dome]
         self.seed_drawn: int | None = None
@@ -195,10 +196,10 @@ def _landscape(contents: bytes, quality: str) -> Landscape:
     track = Track(*pickle.loads(contents))
     fast = quality == "fast"
     ground = Ground(track, coarse=fast)
-    standing = place_standing(track, ground, quality)
+    standing = [*place_standing(track, ground, quality), *road_signs(track)]
     built = [] if fast else road_meshes(track)
     built += edge_meshes(track, ground, FAST_ALONG_M if fast else ALONG_M)
-    built += bridge_meshes(track, ground)
+    built += [*bridge_meshes(track, ground), *roadside_meshes(track, ground)]
     cell = FAST_CELL_M if fast else CELL_M
     road = [part for mesh in join_materials(built) for part in cut(mesh, cell)]
     road += road_levels(track) if fast else []

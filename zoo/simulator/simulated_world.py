@@ -11,7 +11,7 @@ import numpy as np
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY, Rig
 from zoo.simulator.car import OFF_ROAD, ROAD, Car
-from zoo.simulator.track import Place, Track
+from zoo.simulator.track import SOLID_M, Place, Track
 from zoo.simulator.track_file import read_track
 from zoo.simulator.udacity_car import PHYSICS_STEP_S, WHEEL_TRACK_M
 from zoo.simulator.weather import CLEAR, Weather, random_weather
@@ -20,7 +20,6 @@ from zoo.simulator.world_settings import Quality, WorldSettings
 if TYPE_CHECKING:
     from zoo.simulator.renderer import Renderer
 
-WALL_M = 0.7  # distance from the edge line to a wall or a rock face
 AT_END_M = 1e-3  # more than rounding errors
 ROAD_AHEAD_M = 100.0  # smallest length of open road ahead of a random start
 SCRAPE = 0.9  # factor on the speed for each step of contact with a wall
@@ -225,9 +224,9 @@ class World:
     def _keep_within_walls(self) -> None:
         verge = self.track.verge_at(self.place.distance)
         kind, side = (verge.right, 1) if self.place.cte > 0 else (verge.left, -1)
-        room = self.place.width / 2 + WALL_M - WHEEL_TRACK_M / 2
+        room = self.place.width / 2 + SOLID_M.get(kind, math.inf) - WHEEL_TRACK_M / 2
         # A car against a wall is placed exactly at it; the 0.01 m keep it in contact.
-        self.at_wall = kind in ("wall", "rock") and abs(self.place.cte) > room - 0.01
+        self.at_wall = abs(self.place.cte) > room - 0.01
         over = (abs(self.place.cte) - room) * side
         if not self.at_wall or over * side <= 0:
             return

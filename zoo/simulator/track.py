@@ -9,15 +9,20 @@ import numpy as np
 from pydantic import Field
 
 from zoo.simulator.centreline import STEP_M
-from zoo.simulator.yaml_fields import Keys, Whole, number
+from zoo.simulator.yaml_fields import Flag, Keys, Whole, number
 
 REACH_M = 20.0  # a search near a place covers this distance along the road, both ways
 # Limits that keep the centreline and the ground within memory.
 MOST_LENGTH_M = 100_000
 MOST_CIRCLES = Field(max_length=100)
 
-VergeKind = Literal["paved", "kerb", "stripes", "dirt", "wall", "rock", "drop"]
-GroundKind = Literal["sand", "grass", "forest"]
+LeafyKind = Literal["leaves", "cliff", "barriers", "closed"]
+VergeKind = Literal["paved", "kerb", "stripes", "dirt", "wall", "rock", "drop", LeafyKind]
+GroundKind = Literal["sand", "grass", "forest", "autumn"]
+Paving = Literal["asphalt", "cobbles", "worn"]
+LEAVES_M = 1.3  # width of a band of leaves
+# Distance from the edge line at which verges stop a car; between barriers it does not fit either.
+SOLID_M = {"wall": 0.7, "rock": 0.7, "cliff": LEAVES_M, "barriers": LEAVES_M + 0.1}
 Size = Annotated[float, number(0, 1e4)]
 Radius = Annotated[float, Field(gt=0), number(0, 2_000)]
 Coordinate = Annotated[float, number(-1e9, 1e9)]
@@ -29,6 +34,10 @@ class Verge(Keys):
     `paved`: shoulder, then grass. `kerb`: shoulder and pale kerb. `stripes`: red and white kerb.
     `dirt`: sand up to the asphalt, without an edge line. `wall`: low wall. `rock`: rock face.
     `drop`: steep descent.
+
+    These begin with a band of fallen leaves. `leaves`: forest floor. `cliff`: upright rock face.
+    `barriers`: striped barriers before a descent, with lamps, and signs in bends. `closed`: side
+    road behind three barriers.
     """
 
     left: VergeKind = "paved"
@@ -43,7 +52,8 @@ class Stretch(Verge):
 
     start: Annotated[float, number(0, MOST_LENGTH_M)] = Field(alias="from")
     end: Annotated[float, number(0, MOST_LENGTH_M)] = Field(alias="to")
-    paving: Literal["asphalt", "cobbles"] = "asphalt"
+    paving: Paving = "asphalt"
+    tunnel: Flag = False  # a roof, where no other part of the road is near
 
 
 class Surroundings(Keys):
@@ -64,6 +74,7 @@ class Surroundings(Keys):
     sun_lift_deg: Annotated[float, number(-90, 1e4)] = 0.0  # added to every weather's elevation
     sun: Size = 1.0  # factor on every weather's sun
     brightness: Size = 1.0  # factor on every weather's brightness
+    sky: tuple[Size, Size, Size] = (1.0, 1.0, 1.0)  # factors on the sky's red, green and blue
     kerb_width: Size = 1.8
     kerb_height: Size = 0.4
     stripes_width: Size = 1.6
@@ -122,6 +133,7 @@ class Track:
     centre_line: bool
     stretches: tuple[Stretch, ...]
     verge: Verge
+    paving: Paving  # outside of stretches
     surroundings: Surroundings
     distance: np.ndarray
     xyz: np.ndarray  # float64 [N, 3]

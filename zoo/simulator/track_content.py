@@ -21,7 +21,15 @@ from zoo.simulator.centreline import (
     segment_points,
     survey_points,
 )
-from zoo.simulator.track import MOST_LENGTH_M, Coordinate, Stretch, Surroundings, Track, Verge
+from zoo.simulator.track import (
+    MOST_LENGTH_M,
+    Coordinate,
+    Paving,
+    Stretch,
+    Surroundings,
+    Track,
+    Verge,
+)
 from zoo.simulator.udacity_car import MAX_STEERING_DEG, REAR_AXLE_M, WHEELBASE_M
 from zoo.simulator.yaml_fields import Flag, Keys, number, read_keys
 
@@ -79,6 +87,7 @@ class TrackKeys(Keys):
     shoulder: Annotated[float, number(0, 10)] = 1.4
     centre_line: Flag = False
     verge: Verge = Verge()
+    paving: Paving = "asphalt"
     stretches: tuple[Stretch, ...] = ()
     surroundings: Surroundings = Surroundings()
 
@@ -315,14 +324,16 @@ def make_track(
         if not one.start <= one.end <= centreline["length"]:
             most = f"{one.start:g}..{centreline['length']:g}"
             raise InputError(f"stretches, number {at}: to: {one.end:g}; must be in {most}")
-        sides = {"left", "right"} - one.model_fields_set
-        stretches.append(one.model_copy(update={side: getattr(keys.verge, side) for side in sides}))
+        usual = {**dict(keys.verge), "paving": keys.paving}
+        update = {key: usual[key] for key in usual.keys() - one.model_fields_set}
+        stretches.append(one.model_copy(update=update))
     return Track(
         name=name,
         shoulder=keys.shoulder,
         centre_line=keys.centre_line,
         stretches=tuple(stretches),
         verge=keys.verge,
+        paving=keys.paving,
         surroundings=keys.surroundings,
         **centreline,
     )

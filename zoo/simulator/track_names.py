@@ -62,6 +62,15 @@ def short_name(track: str) -> str:
     return f"{Path(drawn[1]).stem}:{drawn[2]}" if drawn else Path(track).stem
 
 
+def full_name(track: str) -> str:
+    """Return the name of a track for sentences, which never takes one track for another.
+
+    >>> full_name("lake"), full_name("udacity_lake"), full_name("roads/lake.yaml")
+    ('zoo_lake', 'udacity_lake', 'lake')
+    """
+    return ALIASES.get(track, short_name(track))
+
+
 def file_name(track: str) -> str:
     """Return the name of a track for files and folders; Windows allows no colon in them.
 

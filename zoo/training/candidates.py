@@ -18,7 +18,7 @@ from zoo.checkpoints.checkpoint import read_checkpoint_file, trained_epochs
 from zoo.driving.interventions import driving_score
 from zoo.driving.run_drives import all_drives
 from zoo.scoring.track_scores import KeptDrive, RunScore, driving_line
-from zoo.simulator.track_names import short_name
+from zoo.simulator.track_names import full_name
 from zoo.training.closed_loop import DRIVEN
 
 START_SEED = 1000  # the score's seeds count from 0
@@ -74,7 +74,12 @@ def choose_best(
             why += f"; not driven: {error}"
         else:
             best = drives[0]
+            lost = best["interventions"]
+            ties = sum(drive["interventions"] == lost for drive in drives)
             why = f"{best['what']}, and it drives best of {len(drives)} candidates"
+            if ties > 1:
+                why = f"{best['what']}; a tie: {ties} of {len(drives)} candidates have "
+                why += f"{counted(lost, 'intervention')} each, so error and time decided"
             take(checkpoints, best["file"])
     print_line(console, f"best.ckpt is of epoch {best['epoch']}: {why}")
     return {"epoch": best["epoch"], "why": why, "drives": drives}
@@ -168,7 +173,7 @@ def _drive(
     drives = []
     print_line(
         console,
-        f"candidates for best.ckpt, {counted(laps, 'lap')} of the {short_name(track)} each, from "
+        f"candidates for best.ckpt, {counted(laps, 'lap')} of {full_name(track)} each, from "
         "another start than the score:",
     )
     for candidate, figures in zip(candidates, driven, strict=True):

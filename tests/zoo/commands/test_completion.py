@@ -68,7 +68,10 @@ def test_keys_of_a_command_are_completed(script: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "offered"),
     [
-        ("drivezoo evaluate latest track=udacity_", ["udacity_jungle ", "udacity_lake "]),
+        (
+            "drivezoo evaluate latest track=udacity_",
+            ["udacity_jungle ", "udacity_lake ", "udacity_mountain "],
+        ),
         ("drivezoo evaluate latest film=", ["true ", "false "]),
         ("drivezoo benchmark lenet suite=lat", ["latency "]),
         ("drivezoo drive latest speed=con", ["constant "]),

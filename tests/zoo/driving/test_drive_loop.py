@@ -70,7 +70,7 @@ def test_a_drive_on_the_spot_ends_after_five_times_the_time_of_its_speed(speed: 
     assert driven.time_s[-1] == pytest.approx(5 * needed_s, abs=0.2)
 
 
-@pytest.mark.parametrize("track", ["lake", "mountain", "udacity_lake", "research_mountain"])
+@pytest.mark.parametrize("track", ["lake", "mountain", "udacity_lake", "udacity_mountain"])
 def test_the_expert_drives_all_by_itself(track: str) -> None:
     scenario = Scenario(track, speed=20)
     world = open_world(scenario, "none")

@@ -61,13 +61,13 @@ def test_clean_laps_of_the_track_that_chose_the_checkpoint_are_named_as_such() -
     known = evidence({"score": {"track": "zoo_lake,mountain"}}, choice=choice)
     verdict = judge([drive(), drive(0, "mountain")], known)
     assert verdict.headline == (
-        "It drove 2 of 2 laps of the mountain and the lake, the track that it was chosen on."
+        "It drove 2 of 2 laps of zoo_mountain and zoo_lake, the track that it was chosen on."
     )
     record = {"out": "expert", "passes": [{"track": "mountain"}]}
     for root, words in ((None, ", the track that it was trained on"), ("own", "")):
         own = evidence({"data": {"root": root, "record": record}})
         headline = judge([drive(0, "mountain")], own).headline
-        assert headline == f"It drove 1 of 1 laps of the mountain{words}."
+        assert headline == f"It drove 1 of 1 laps of zoo_mountain{words}."
 
 
 @pytest.mark.parametrize(
@@ -75,8 +75,8 @@ def test_clean_laps_of_the_track_that_chose_the_checkpoint_are_named_as_such() -
     [
         (16, 0, "It drives: 16 of 16 roads"),
         (15, 0, "It drove 15 of 15 laps of"),
-        (16, 9, "It does not drive the lakeside:0."),
-        (16, 1, "It drove, with interventions, the lakeside:0."),
+        (16, 9, "It does not drive lakeside:0."),
+        (16, 1, "It drove, with interventions, lakeside:0."),
     ],
 )
 def test_it_drives_only_after_16_of_16_clean_roads(roads: int, lost: int, begin: str) -> None:
@@ -89,7 +89,7 @@ def test_it_drives_only_after_16_of_16_clean_roads(roads: int, lost: int, begin:
 
 def test_a_clean_lake_does_not_make_up_for_a_jungle_without_autonomy() -> None:
     verdict = judge([drive(), drive(90, "jungle")], evidence())
-    assert verdict.headline == "It does not drive the jungle."
+    assert verdict.headline == "It does not drive jungle."
     assert "nearly" not in " ".join([verdict.headline, *verdict.tracks])
 
 
@@ -241,7 +241,7 @@ def test_a_remedy_that_the_training_had_is_not_advised_again() -> None:
 def test_bends_are_not_advised_to_a_network_that_had_them() -> None:
     data = {"record": {"passes": [{"track": "mountain"}]}, "augment": {"bend": {"p": 0.5}}}
     verdict = judge([drive(20)], evidence({"data": data}))
-    assert "do not show the lake; record more roads" in " ".join(verdict.causes)
+    assert "do not show zoo_lake; record more roads" in " ".join(verdict.causes)
     assert not any("bend" in command for _, command in verdict.commands)
 
 
@@ -309,7 +309,7 @@ def test_an_evaluation_ends_with_the_verdict(tmp_path: Path) -> None:
     )
     written = json.loads((tmp_path / "out" / "metrics.json").read_text())["verdict"]
     assert written["level"] == "fails"
-    assert "It does not drive the lake." in printed
+    assert "It does not drive zoo_lake." in printed
     assert f"next: {written['commands'][-1][1]}" in printed.splitlines()
 
 
@@ -327,3 +327,18 @@ def test_a_run_ends_with_the_verdict_and_its_report_begins_with_it(run_folder: P
 def test_a_run_keeps_what_is_odd_about_its_recording(run_folder: Path) -> None:
     findings = json.loads((run_folder / "metrics.json").read_text())["findings"]
     assert "few_rows" in [one["kind"] for one in findings]
+
+
+@pytest.mark.parametrize(
+    ("recorded", "typed", "named"),
+    [
+        ("lake", "lake", "zoo_lake"),
+        ("lake", "zoo_lake", "zoo_lake"),
+        ("udacity_lake", "udacity_lake", "udacity_lake"),
+        ("lake", "roads/lake.yaml", "lake"),
+    ],
+)
+def test_the_headline_names_which_lake_was_driven(recorded: str, typed: str, named: str) -> None:
+    assert (
+        judge([drive(12, recorded)], evidence(), [typed]).headline == f"It does not drive {named}."
+    )

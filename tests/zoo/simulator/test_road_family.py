@@ -253,6 +253,14 @@ def test_the_jungle_passes_over_itself_once():
     assert not any(TRACKS[name].bridge.any() for name in ("udacity_lake", "research_mountain"))
 
 
+def test_the_mountain_is_one_course_with_two_looks():
+    first, second = TRACKS["research_mountain"], read_track("udacity_mountain")
+    np.testing.assert_array_equal(first.xyz, second.xyz)
+    assert (first.width, first.centre_line) == (second.width, True)
+    assert (second.centre_line, second.paving) == (False, "worn")
+    assert any(stretch.tunnel for stretch in second.stretches)
+
+
 @given(ahead=st.floats(-12, 12), side=st.floats(-3, 3), near=st.floats(-8, 8))
 def test_both_levels_of_a_bridge_stay_apart(ahead, side, near):
     for level in (820.0, 1328.0):

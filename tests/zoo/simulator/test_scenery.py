@@ -17,10 +17,11 @@ from zoo.simulator.scenery.ground import Ground
 from zoo.simulator.scenery.light import Shadows, lit_colours
 from zoo.simulator.scenery.mesh import Mesh, cut, grid_triangles, join
 from zoo.simulator.scenery.plants import boulder_meshes, place_standing
-from zoo.simulator.scenery.road import ALONG_M, road_levels, road_meshes
+from zoo.simulator.scenery.road import ALONG_M, daylight, road_levels, road_meshes
+from zoo.simulator.scenery.roadside import PITCH_M, road_signs, roadside_meshes
 from zoo.simulator.scenery.textures import MEANS, halvings, make_textures
-from zoo.simulator.simulated_world import Start, World
-from zoo.simulator.track import Track, VergeKind
+from zoo.simulator.simulated_world import Start, World, open_world
+from zoo.simulator.track import LEAVES_M, Track, VergeKind
 from zoo.simulator.track_content import make_track
 from zoo.simulator.track_file import read_track, track_folder, track_names
 from zoo.simulator.weather import Weather
@@ -48,7 +49,8 @@ def solid_meshes(track: Track, fast: bool) -> list[Mesh]:
     edges = edge_meshes(track, ground, FAST_ALONG_M if fast else ALONG_M)
     built = [*(near or road_meshes(track)), *edges]
     boulders = boulder_meshes(track, ground, "full")
-    return [*ground.meshes(), *boulders, *built, *bridge_meshes(track, ground)]
+    beside = [*bridge_meshes(track, ground), *roadside_meshes(track, ground)]
+    return [*ground.meshes(), *boulders, *built, *beside]
 
 
 def check_nothing_covers_the_road(track: Track, fast: bool = False) -> None:
@@ -58,14 +60,14 @@ def check_nothing_covers_the_road(track: Track, fast: bool = False) -> None:
     assert set(number[np.abs(above) < 0.08]) == set(range(len(places))), "a hole in the road"
     covered = places[number[(above > 0.08) & (above < CLEARANCE_M)]]
     assert not len(covered), f"{len(covered)} places, such as {covered[0]}"
-    bridge = track.xyz[track.bridge, :2]
+    roofed = track.xyz[track.bridge | (daylight(track, track.distance) < 1), :2]
     if (above > CLEARANCE_M).any():
         below = places[number[above > CLEARANCE_M], :2]
-        assert cKDTree(bridge).query(below)[0].max() < track.widths.max() / 2 + 1.5
+        assert cKDTree(roofed).query(below)[0].max() < track.widths.max() / 2 + 1.5
 
 
 @pytest.mark.parametrize("fast", [False, True])
-def test_nothing_covers_the_road_but_bridges(track, fast: bool) -> None:
+def test_nothing_covers_the_road_but_bridges_and_tunnels(track, fast: bool) -> None:
     """Check the carriageway against every triangle of ground, verges, boulders and bridges."""
     check_nothing_covers_the_road(track, fast)
 
@@ -84,7 +86,7 @@ def test_the_ground_stays_below_the_shoulders(track) -> None:
 
 def test_the_road_is_where_the_track_is(track) -> None:
     meshes = road_meshes(track)
-    asphalt = next(mesh for mesh in meshes if mesh.material == "asphalt")
+    asphalt = next(mesh for mesh in meshes if mesh.material == track.paving)
     apart, _ = cKDTree(track.xyz).query(asphalt.points)
     assert apart.max() < track.widths.max() / 2 + track.shoulder + 2
 
@@ -122,6 +124,59 @@ def test_a_rock_face_rises_over_the_length_of_its_taper() -> None:
     rock = next(mesh for mesh in road_meshes(track) if mesh.material == "rock")
     heights = [across(track, rock, distance)[1].max() for distance in (100, 105, 110, 150, 195)]
     assert heights == pytest.approx([0, 2.5, 5, 5, 2.5], abs=0.6)
+
+
+def test_barriers_stand_in_a_row_beyond_the_leaves_and_signs_in_bends_behind_them() -> None:
+    track = loop(verge={"left": "leaves", "right": "barriers"})
+    row = next(mesh for mesh in roadside_meshes(track, Ground(track)) if mesh.material == "hazard")
+    assert len(row.points) == 5 * 4 * int(track.length / PITCH_M)
+    away = np.array([abs(track.locate(*point[:2]).cte) for point in row.points])
+    assert away.min() >= track.width / 2 + LEAVES_M
+    signs = [sign for sign in road_signs(track) if sign.kind == "chevron"]
+    assert signs
+    for sign in signs:
+        place = track.locate(*sign.foot[:2])
+        assert place.curvature > 0, "the road bends to the left, so its right is the outer side"
+        assert place.cte > away.max()
+
+
+def test_a_tunnel_is_dark_inside_and_leaves_room_for_the_car() -> None:
+    stretches = [{"from": 100, "to": 150, "left": "cliff", "right": "cliff", "tunnel": True}]
+    track = loop(stretches=stretches)
+    light = daylight(track, np.array([50.0, 99.0, 102.0, 125.0, 151.0]))
+    assert (light[[0, 1, 4]] == 1).all()
+    assert 1 > light[2] > light[3]
+    vault = roadside_meshes(track, Ground(track))[0]
+    _, height = across(track, vault, 126)
+    assert height.max() > 5
+    check_nothing_covers_the_road(track)
+
+
+def test_a_tunnel_is_left_out_where_parts_of_the_road_are_near_each_other() -> None:
+    stretches = [{"from": 10, "to": 60, "tunnel": True}]
+    track = track_of(SWITCHBACKS, "dirt", stretches=stretches)
+    assert roadside_meshes(track, Ground(track)) == []
+
+
+def test_a_side_road_is_closed_by_three_barriers_with_signs() -> None:
+    track = loop(stretches=[{"from": 20, "to": 30, "right": "closed"}])
+    assert [sign.kind for sign in road_signs(track)] == ["road_closed"] * 3
+    (row,) = roadside_meshes(track, Ground(track))
+    assert len(row.points) == 3 * 5 * 4
+
+
+@pytest.mark.parametrize("quality", ["full", "fast", "simple"])
+def test_the_mountain_of_version_1_has_leaves_on_both_sides_and_no_line(quality: str) -> None:
+    world = open_world("udacity_mountain", "software", quality)
+    for distance in (125.0, 330.0, 620.0, 780.0, 1100.0):
+        world.put_back(Start(distance))
+        frame = world.frame().astype(int)[70:120]
+        red, green, blue = frame.transpose(2, 0, 1)
+        leaf = (red > 60) & (green > 0.5 * red) & (blue < 0.35 * green)
+        for side in (leaf[:12, :160], leaf[:12, 160:]):
+            assert side.any(1).all(), f"no leaves at {distance} m"
+        assert np.ptp(frame[20:, 130:190], axis=2).max() < 30, f"a colour on the road, {distance} m"
+    world.renderer.close()
 
 
 def test_mounds_rise_beside_the_road_and_not_on_it() -> None:

@@ -13,6 +13,8 @@ from zoo.simulator.expert import Expert
 from zoo.simulator.hand_drive import DriveOptions
 from zoo.simulator.record import RecordOptions
 from zoo.simulator.simulated_world import Start, World, open_world
+from zoo.simulator.track import SOLID_M
+from zoo.simulator.udacity_car import WHEEL_TRACK_M
 from zoo.simulator.weather import CLEAR, Weather, random_weather, read_weather
 
 
@@ -98,12 +100,12 @@ def test_off_the_road_is_beyond_the_edge_line_and_slows_the_car():
     assert drive(world, 1)["speed_mph"] < on_road["speed_mph"] - 4
 
 
-@pytest.mark.parametrize("kind", ["wall", "rock"])
+@pytest.mark.parametrize("kind", ["wall", "rock", "cliff", "barriers"])
 def test_walls_keep_the_car_in_and_slow_it(kind):
     world = World(loop(verge={"left": kind, "right": kind}))
     world.put_back(Start(5, heading_deg=20, speed_mph=25))
     info = drive(world, 1.5, throttle=1)
-    assert abs(info["cte"]) <= world.track.width / 2
+    assert abs(info["cte"]) <= world.track.width / 2 + SOLID_M[kind] - WHEEL_TRACK_M / 2 + 0.01
     assert info["speed_mph"] < 20
 
 

@@ -36,7 +36,9 @@ def test_the_better_driver_becomes_best(run: Path, console: Console) -> None:
     assert epoch(run, "monitored") == 1, "the checkpoint with the lowest error is lost"
     assert [one["file"] for one in choice["drives"]] == ["last.ckpt", "best.ckpt"]
     assert choice["drives"][0]["interventions"] < choice["drives"][1]["interventions"]
+    assert "best of 2 candidates" in choice["why"]
     printed = console.file.getvalue()
+    assert "of zoo_lake each" in printed
     for words in ("epoch   1, lowest val/mse", "epoch   5, last epoch", "best.ckpt is of epoch 5"):
         assert words in printed
 
@@ -46,6 +48,15 @@ def test_the_lowest_error_stays_where_it_drives_best(run: Path, console: Console
     write_constant(run / "checkpoints" / "last.ckpt", steering=1.0, epoch=4)
     assert choose_best(SHORT, "val/mse", run, console)["epoch"] == epoch(run) == 1
     assert not (run / "checkpoints" / "monitored.ckpt").exists()
+
+
+def test_candidates_with_as_many_interventions_are_a_tie(run: Path, console: Console) -> None:
+    write_constant(run / "checkpoints" / "best.ckpt", steering=0.001, epoch=0)
+    write_constant(run / "checkpoints" / "last.ckpt", steering=0.0, epoch=4)
+    choice = choose_best(SHORT, "val/mse", run, console)
+    assert choice["drives"][0]["interventions"] == choice["drives"][1]["interventions"]
+    assert "a tie: 2 of 2 candidates" in choice["why"]
+    assert "best of" not in choice["why"]
 
 
 def test_what_drove_best_while_training_is_a_candidate(run: Path, console: Console) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoo.simulator.scenery import road, verges
-from zoo.simulator.scenery.ground import PALE_ROCK, Ground
+from zoo.simulator.scenery.ground import CLIFFS, Ground
 from zoo.simulator.scenery.mesh import Mesh, grid_mesh, join
 from zoo.simulator.track import Track
 
@@ -109,8 +109,7 @@ def _face(ground: Ground, top: np.ndarray, normal: np.ndarray) -> Mesh:
     steps = np.linalg.norm(np.diff(top, axis=0), axis=1)
     along = np.concatenate([[0], np.cumsum(steps)]) / 6.0
     uv = np.stack(np.broadcast_arrays(along[:, None], points[..., 2] / 6.0), -1)
-    colour = verges.ROCK if ground.around.ground == "forest" else PALE_ROCK
-    face = grid_mesh("rock", points, normal[:, None], colour, uv)
+    face = grid_mesh("rock", points, normal[:, None], CLIFFS[ground.around.ground], uv)
     return replace(face, triangles=face.triangles[high[face.triangles // 2].any(1)])
 
 

@@ -25,7 +25,14 @@ CHUNK = 20_000  # places at a time, to bound the memory
 STEEP = 1.6  # of mounds; above 1 their tops are flat
 BLEND_M, MOST_NEAR = 2.0, 96  # samples' distance, and their number, for heights between roads
 PALE_ROCK, WATER = (0.62, 0.59, 0.50), (0.46, 0.56, 0.74)
-PATCHES = {"sand": GRASS, "grass": SAND, "forest": (0.46, 0.44, 0.24)}
+PATCHES = {
+    "sand": GRASS,
+    "grass": SAND,
+    "forest": (0.46, 0.44, 0.24),
+    "autumn": (0.44, 0.29, 0.11),
+}
+CLIFFS = {"sand": PALE_ROCK, "grass": PALE_ROCK, "forest": ROCK, "autumn": (0.20, 0.15, 0.11)}
+GREY, GREY_M = (0.30, 0.30, 0.31), (45.0, 70.0)  # autumn's far ground, from and over these metres
 
 
 class Ground:
@@ -49,8 +56,8 @@ class Ground:
         rng = np.random.default_rng(self.around.seed)
         self.waves = [rng.uniform(-1, 1, (64, 64)) for _ in range(4)]
         self.walled = track.verge_kinds[0] == "wall"
-        self.dropping = self._sides("drop")
-        self.rocky = self._sides("rock")
+        self.dropping = self._sides("drop", "barriers")
+        self.rocky = self._sides("rock", "cliff")
 
     def height(self, xy: np.ndarray) -> np.ndarray:
         """Return heights in metres, float [N], at x and y, float [N, 2]."""
@@ -101,7 +108,8 @@ class Ground:
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
         colours = self._colours(flat, normals[..., 2].reshape(-1)).reshape(*z.shape, 3)
         points = np.concatenate([xy, z[..., None]], -1)
-        ground = grid_mesh("ground", points, normals, colours, xy / 9.0)
+        material = "leaves" if self.around.ground == "autumn" else "ground"
+        ground = grid_mesh(material, points, normals, colours, xy / 9.0)
         lakes = [self._lake(*lake) for lake in self.around.lakes]
         if self.coarse:
             number = np.arange(z.size).reshape(z.shape)
@@ -203,8 +211,12 @@ class Ground:
         ground = self.around.ground
         colours = np.array(SOILS[ground]) * (1 - patch) + np.array(PATCHES[ground]) * patch
         steep = smooth((0.985 - upright) / 0.06)[:, None]
-        rock = ROCK if ground == "forest" else PALE_ROCK
-        return colours * (1 - steep) + np.array(rock) * steep
+        colours = colours * (1 - steep) + np.array(CLIFFS[ground]) * steep
+        if ground == "autumn":
+            first, length = GREY_M
+            far = smooth((self.near_road.query(xy)[0] - first) / length)[:, None]
+            colours = colours * (1 - far) + np.array(GREY) * far
+        return colours
 
     def _hills(self, xy: np.ndarray) -> np.ndarray:
         size = self.around.hill_size
@@ -224,9 +236,9 @@ class Ground:
         at = ((xy - self.low) / size).T
         return 0.5 + 0.5 * map_coordinates(self.waves[number], at, order=3, mode="grid-wrap")
 
-    def _sides(self, kind: str) -> np.ndarray:
+    def _sides(self, *kinds: str) -> np.ndarray:
         """Return float [2, N]: 1 where the left or right verge is of a kind, blended over 8 m."""
-        is_kind = (self.track.verge_kinds == kind).astype(float)
+        is_kind = np.isin(self.track.verge_kinds, kinds).astype(float)
         window = np.ones(17) / 17
         wrapped = np.pad(is_kind, ((0, 0), (8, 8)), mode="wrap" if self.track.closed else "edge")
         return np.stack([np.convolve(row, window, "valid") for row in wrapped])

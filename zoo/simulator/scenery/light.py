@@ -16,6 +16,7 @@ SKY_RGB = np.array([0.50, 0.57, 0.61])
 REACH_M = 45.0  # trees farther from the road cast no shadow on it
 LONGEST_M = 40.0  # longest shadow of a low sun
 CROWN = {"pine": (0.2, 1.0), "tall_pine": (0.45, 1.0), "round_tree": (0.25, 1.0)}
+CROWN |= {"red_tree": (0.25, 1.0), "brown_tree": (0.25, 1.0)}
 ROCK_TOP_M, ROCK_FOOT_M = 4.2, 2.2  # its height, and its distance from the road's edge
 RADIUS_M = 800.0
 # Elevation in degrees, and RGB 0..255 of the original's sky there (rows 0 to 57 of its images).
@@ -84,7 +85,8 @@ class Shadows:
         _, nearest = middle.query(self.points[:, :2])
         self.right = track.rightwards[nearest]
         self.cte = ((self.points - track.xyz[nearest])[:, :2] * self.right).sum(1)
-        self.rock_left, self.rock_right = track.verge_kinds[:, nearest] == "rock"
+        rocky = np.isin(track.verge_kinds, ("rock", "cliff"))
+        self.rock_left, self.rock_right = rocky[:, nearest]
         self.edge = track.widths[nearest] / 2
         deck = track.xyz[track.bridge]
         self.deck = (cKDTree(deck[:, :2]), deck[:, 2]) if len(deck) else None
@@ -143,10 +145,10 @@ class Shadows:
         return (rise > 0.5) & (apart < self.deck_half)
 
 
-def sky_mesh(coarse: bool) -> Mesh:
-    """Return a dome around the camera; its colours are not shaded."""
+def sky_mesh(coarse: bool, tint: tuple[float, float, float]) -> Mesh:
+    """Return a dome around the camera; its colours, times a tint, are not shaded."""
     elevation = np.array([colour[0] for colour in COLOURS], float)
-    colours = np.array([colour[1] for colour in COLOURS], float) / 255
+    colours = np.array([colour[1] for colour in COLOURS], float) / 255 * tint
     steps = np.unique(np.concatenate([elevation, np.arange(-10, 30, 2), np.arange(30, 91, 15)]))
     steps = np.r_[-10, elevation[1:]] if coarse else steps
     around = np.linspace(0, 2 * np.pi, 9 if coarse else 17)

@@ -8,7 +8,7 @@ from zoo.simulator.scenery.edges import surface
 from zoo.simulator.scenery.ground import Ground
 from zoo.simulator.scenery.mesh import Mesh, grid_mesh, grid_triangles, thin
 from zoo.simulator.scenery.road import rightwards
-from zoo.simulator.scenery.textures import PLANTS, TILES
+from zoo.simulator.scenery.textures import PLANTS, SIGNS, TILES
 from zoo.simulator.track import Track
 
 SIZES_M = {  # width and height
@@ -19,17 +19,21 @@ SIZES_M = {  # width and height
     "reeds": (3.0, 2.0),
     "pylon": (9.0, 26.0),
     "tyres": (1.7, 1.0),
+    "red_tree": (6.5, 9.0),
+    "brown_tree": (5.5, 9.5),
 }
+FOREST = ("pine", "tall_pine", "tall_pine", "round_tree")
+AUTUMN = ("red_tree", "red_tree", "brown_tree", "brown_tree", "tall_pine")
 BESIDE_M = 60.0
 FAR_M = 90.0  # distance from the road beyond which objects get bluish
 
 
 @dataclass(frozen=True)
 class Standing:
-    """An upright object, drawn as two crossed images.
+    """An upright object, drawn as two crossed images, or one of a sign.
 
     Attributes:
-        kind: key of `SIZES_M`.
+        kind: key of `SIZES_M`, or a sign.
         foot: position of its foot, float [3].
         width: width in metres.
         height: height in metres.
@@ -57,7 +61,7 @@ def place_standing(track: Track, ground: Ground, quality: str) -> list[Standing]
     low = scatter(ground, rng, bushes, low=9.5, high=45)
     row = _row_of_poles(track, ground, around.poles)
     kinds: list[tuple[str, ...]]
-    kinds = [("pine", "tall_pine", "tall_pine", "round_tree")] * trees
+    kinds = [AUTUMN if around.ground == "autumn" else FOREST] * trees
     kinds += [("bush", "reeds")] * bushes + [("pylon",)] * len(row)
     # Between parts of the road near each other there is no room for tyres.
     stacks = _beside_dirt(track) if ground.room is None else np.empty((0, 2))
@@ -86,7 +90,8 @@ def standing_mesh(standing: list[Standing], ground: Ground) -> Mesh:
         [(one.turn, one.width, one.height, one.tone, PLANTS.index(one.kind)) for one in standing]
     ).T[..., None]
     apart, nearest = (one[:, None] for one in ground.near_road.query(feet[:, :2]))
-    alone = ground.coarse & (tile != PLANTS.index("tyres"))
+    signs = tile >= PLANTS.index(SIGNS[0])
+    alone = ground.coarse & (tile != PLANTS.index("tyres")) & ~signs
     right = ground.track.rightwards[nearest[:, 0]]
     turned = np.where(apart > BESIDE_M, right[:, ::-1] * (-1, 1), right)
     turn = np.where(alone, np.arctan2(turned[:, 1:], turned[:, :1]), turn)
@@ -102,7 +107,7 @@ def standing_mesh(standing: list[Standing], ground: Ground) -> Mesh:
     v = np.array([0.004, 1.0])
     uv = np.stack(np.broadcast_arrays(u[:, None, :, None], v, points[..., 0])[:2], -1)
     colours = np.broadcast_to(colours[:, None, None, None], points.shape)
-    drawn = np.flatnonzero(~alone | [True, False])
+    drawn = np.flatnonzero(~(alone | signs) | [True, False])
     first = 4 * drawn[:, None, None]
     return Mesh(
         "plants",

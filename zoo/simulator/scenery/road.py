@@ -17,6 +17,7 @@ ACROSS = 9  # points across the carriageway, whose shadows are colours of points
 # row; and by the smallest radius of its bends, where n is less. Verges have half as many rows.
 STRETCH = 32
 RANGES_M = ((0.0, 38.0), (38.0, 80.0), (80.0, np.inf))
+TUNNEL_LIGHT, TUNNEL_DARK_M = 0.34, 9.0  # share of light, reached this far from the portal
 STEPS = ((20.0, (1, 2, 4)), (80.0, (2, 4, 8)), (np.inf, (2, 8, 16)))
 
 
@@ -56,7 +57,7 @@ def _runs(track: Track) -> Iterator[tuple[np.ndarray, list[tuple[Mesh, int]]]]:
     for start, end in runs(track):
         along = points_along(start, end)
         half, middle = half_width(track, along), np.zeros(len(along))
-        paving = verges.carriageway(half, is_cobbled(track, along), track.centre_line)
+        paving = verges.carriageway(half, paving_at(track, along), track.centre_line)
         bands = [(band_mesh(track, along, one, 1, middle, ACROSS), ACROSS) for one in paving]
         for number, side in enumerate((-1, 1)):
             most = None if room is None else room_at(track, room[number], along)
@@ -95,8 +96,8 @@ def bands_of_run(track: Track, along: np.ndarray, side: int) -> list[verges.Band
     middle = float(along[0] + along[-1]) / 2
     kind = _kind_at(track, middle, side)
     room = verges.VERGE_END_M - half_width(track, along)
-    cobbled = is_cobbled(track, along)
-    bands = verges.verge_bands(kind, track.shoulder, room, track.surroundings, cobbled)
+    paving = paving_at(track, along)
+    bands = verges.verge_bands(kind, track.shoulder, room, track.surroundings, paving)
     # The outer face of a bridge's wall belongs to its deck.
     return bands[:-1] if track.on_bridge(middle) else bands
 
@@ -104,11 +105,12 @@ def bands_of_run(track: Track, along: np.ndarray, side: int) -> list[verges.Band
 def taper_at(track: Track, along: np.ndarray, side: int) -> np.ndarray:
     """Return the share 0..1 of a verge's height that is drawn, float [N].
 
-    Of a rock face or a drop it rises from 0 where the kind of verge changes.
+    Of a rock face or a drop it rises from 0 where the kind of verge changes. A cliff is uneven.
     """
-    taper = track.surroundings.taper
-    if not taper or _kind_at(track, float(along[0] + along[-1]) / 2, side) not in ("rock", "drop"):
+    taper, kind = track.surroundings.taper, _kind_at(track, float(along[0] + along[-1]) / 2, side)
+    if not taper or kind not in ("rock", "drop", "cliff", "barriers"):
         return np.ones(len(along))
+    rough = 1 - 0.25 * (kind == "cliff") * np.sin(along / 7 + side) * np.sin(along / 2.3)
     kinds = [(start, _kind_at(track, (start + end) / 2, side)) for start, end in runs(track)]
     before = [kinds[-1] if track.closed else (0.0, ""), *kinds[:-1]]
     changes = [
@@ -116,11 +118,11 @@ def taper_at(track: Track, along: np.ndarray, side: int) -> np.ndarray:
     ]
     changes += [] if track.closed else [track.length]
     if not changes:
-        return np.ones(len(along))
+        return rough
     apart = np.abs(along[:, None] - np.array(changes))
     if track.closed:
         apart = np.minimum(apart, track.length - apart)
-    return verges.smooth(apart.min(1) / taper)
+    return verges.smooth(apart.min(1) / taper) * rough
 
 
 def _kind_at(track: Track, distance: float, side: int) -> str:
@@ -129,10 +131,20 @@ def _kind_at(track: Track, distance: float, side: int) -> str:
     return verge.left if side < 0 else verge.right
 
 
-def is_cobbled(track: Track, along: np.ndarray) -> bool:
-    """Return whether a run has cobbles."""
+def paving_at(track: Track, along: np.ndarray) -> str:
+    """Return the paving of a run."""
     stretch = track.stretch_at(float(along[0] + along[-1]) / 2)
-    return stretch is not None and stretch.paving == "cobbles"
+    return stretch.paving if stretch else track.paving
+
+
+def daylight(track: Track, along: np.ndarray) -> np.ndarray:
+    """Return the share of light on the road, float [N]: less within tunnels."""
+    light = np.ones(len(along))
+    for stretch in track.stretches:
+        if stretch.tunnel:
+            inside = np.minimum(along - stretch.start, stretch.end - along)
+            light -= (1 - TUNNEL_LIGHT) * verges.smooth(inside / TUNNEL_DARK_M)
+    return light
 
 
 def room_at(track: Track, room: np.ndarray, along: np.ndarray) -> np.ndarray:
@@ -192,4 +204,5 @@ def band_mesh(
     uv = np.stack(np.broadcast_arrays(along[:, None] / band.repeat, offset / band.repeat), -1)
     if band.material == "stripes":
         uv[..., 1] = 0.5
-    return grid_mesh(band.material, points, normal[:, None], band.colour, uv)
+    colours = daylight(track, along)[:, None, None] * band.colour
+    return grid_mesh(band.material, points, normal[:, None], colours, uv)

@@ -16,11 +16,12 @@ from zoo.simulator.scenery.mesh import Mesh
 SIZE = 256
 # Mean grey, 0..1; a low mean leaves room for grain, a high one for bright light.
 MEANS = {"asphalt": 0.6, "cobbles": 0.7, "rock": 0.75, "ground": 0.8, "concrete": 0.95}
+MEANS |= {"worn": 0.6, "leaves": 0.7}
 # The original's asphalt is lighter at flat angles of view, 122 of 255 at the bonnet and 150 at 9 m.
 # Therefore each halving of the texture is lighter than the last.
 BRIGHTER_PER_HALVING = {"asphalt": 0.10}
 MOST_BRIGHTER = 0.26
-PAVED = ("asphalt", "cobbles", "plain")  # materials that get darker when wet
+PAVED = ("asphalt", "cobbles", "worn", "plain")  # materials that get darker when wet
 
 
 @lru_cache(maxsize=2)
@@ -39,6 +40,9 @@ def make_textures(seed: int) -> dict[str, np.ndarray]:
         "stripes": _stripes(),
         "plain": np.full((8, 8, 3), 255, np.uint8),
         "plants": _plants(rng),
+        "worn": _worn(rng),
+        "leaves": _leaves(rng),
+        "hazard": _hazard(),
     }
     for pixels in textures.values():
         pixels.flags.writeable = False  # worlds share them
@@ -79,7 +83,7 @@ def _noise(rng: np.random.Generator, size: float) -> np.ndarray:
 
 def _to_texture(name: str, values: np.ndarray) -> np.ndarray:
     """Return uint8 RGB of grey or RGB floats, shifted to the material's mean."""
-    values = values + MEANS[name] - values.mean()
+    values = values + MEANS[name] - values.mean((0, 1))
     if values.ndim == 2:
         values = np.repeat(values[..., None], 3, 2)
     return (np.clip(values, 0, 1) * 255).astype(np.uint8)
@@ -126,16 +130,60 @@ def _stripes() -> np.ndarray:
     return (stripes * 255).astype(np.uint8)
 
 
-PLANTS = ("pine", "tall_pine", "round_tree", "bush", "reeds", "pylon", "tyres")
-TILES = 8  # of the atlas, whose width must be a power of two
+def _worn(rng: np.random.Generator) -> np.ndarray:
+    """Return tarmac of 8 m, whose middle is at the border, with four winding tyre marks."""
+    across, along = np.mgrid[0:SIZE, 0:SIZE] / SIZE
+    grey = 0.10 * _noise(rng, 0.6) + 0.03 * _noise(rng, 5) + 0.03 * _noise(rng, 25)
+    for middle in (0.14, 0.34, 0.66, 0.86):
+        wind = 0.015 * np.sin(2 * np.pi * (along + middle)) + middle
+        grey -= 0.16 * np.exp(-(((across - wind) / 0.028) ** 2))
+    return _to_texture("worn", grey)
+
+
+def _leaves(rng: np.random.Generator) -> np.ndarray:
+    """Return fallen leaves of many tones, one upon the other."""
+    leaves = np.full((SIZE, SIZE, 3), 0.5)
+    for _ in range(2600):
+        x, y, turn = (int(number) for number in rng.integers(0, (SIZE, SIZE, 180)))
+        tone = rng.uniform(0.5, 0.9)
+        colour = (tone, tone * rng.uniform(0.82, 1.05), tone * rng.uniform(0.7, 1.1))
+        for corner in ((x, y), (x - SIZE, y), (x, y - SIZE)):  # seamless
+            cv2.ellipse(leaves, corner, (6, 3), turn, 0, 360, colour, -1)
+    return _to_texture("leaves", leaves)
+
+
+def _hazard() -> np.ndarray:
+    """Return a barrier's side: concrete with slanted yellow and black stripes."""
+    y, x = np.mgrid[0:64, 0:128]
+    side = np.full((64, 128, 3), 0.52)
+    striped = (y > 14) & (y < 50)
+    yellow = (x + y) % 32 < 16
+    side[striped & yellow], side[striped & ~yellow] = (0.92, 0.72, 0.05), (0.05, 0.05, 0.05)
+    return (side * 255).astype(np.uint8)
+
+
+SIGNS = ("lamp", "chevron", "road_closed")
+PLANTS = (
+    *("pine", "tall_pine", "round_tree", "bush", "reeds", "pylon", "tyres"),
+    *("red_tree", "brown_tree", *SIGNS),
+)
+TILES = 16  # of the atlas, whose width must be a power of two
+# Height of the crown's lower end, half its width, and colour.
+TREES = {
+    "pine": (96, 19, (128, 130, 72)),
+    "tall_pine": (66, 15, (128, 130, 72)),
+    "round_tree": (92, 25, (128, 130, 72)),
+    "red_tree": (90, 25, (196, 74, 40)),
+    "brown_tree": (88, 22, (158, 104, 56)),
+}
 
 
 def _plants(rng: np.random.Generator) -> np.ndarray:
-    """Return an atlas uint8 [128, 512, 4]: `PLANTS` from left to right, on the lower edge."""
+    """Return an atlas uint8 [128, 1024, 4]: `PLANTS` from left to right, on the lower edge."""
     atlas = np.zeros((128, 64 * TILES, 4), np.uint8)
     for number, name in enumerate(PLANTS):
         tile = atlas[:, 64 * number : 64 * (number + 1)]
-        if name in ("pine", "tall_pine", "round_tree"):
+        if name in TREES:
             _draw_tree(tile, rng, name)
         elif name in ("bush", "reeds"):
             _draw_bush(tile, rng, name)
@@ -145,14 +193,14 @@ def _plants(rng: np.random.Generator) -> np.ndarray:
 
 
 def _draw_tree(tile: np.ndarray, rng: np.random.Generator, kind: str) -> None:
-    lowest, widest = {"pine": (96, 19), "tall_pine": (66, 15), "round_tree": (92, 25)}[kind]
+    lowest, widest, crown = TREES[kind]
     cv2.rectangle(tile, (30, 12), (33, 127), (105, 82, 58, 255), -1)
     for _ in range(90):
         height = rng.uniform(6, lowest)
         reach = widest * np.sin(np.pi * np.clip((height + 8) / (lowest + 22), 0, 1)) ** 0.7
         x, size = 32 + rng.uniform(-1, 1) * reach, rng.uniform(3, 7)
         tone = rng.uniform(0.3, 0.9) * (1.0 if x < 34 else 0.7)
-        colour = (128 * tone, 130 * tone, 72 * tone, 255)
+        colour = (*(part * tone for part in crown), 255)
         cv2.ellipse(
             tile, (int(x), int(height)), (int(size), int(size * 0.7)), 0, 0, 360, colour, -1
         )
@@ -182,6 +230,19 @@ def _draw_object(tile: np.ndarray, kind: str) -> None:
         cv2.line(tile, (35, 0), (49, 127), dark, 1)
         for height in (14, 34):
             cv2.line(tile, (10, height), (54, height), dark, 2)
+    elif kind == "lamp":  # its arm points to the left
+        cv2.line(tile, (32, 6), (32, 127), dark, 3)
+        cv2.line(tile, (32, 6), (8, 3), dark, 2)
+        cv2.rectangle(tile, (2, 2), (14, 6), (226, 222, 200, 255), -1)
+    elif kind in SIGNS:
+        cv2.line(tile, (32, 64), (32, 127), dark, 4)
+        pale = kind == "road_closed"
+        cv2.rectangle(tile, (1, 1), (62, 62), (225, 225, 220, 255) if pale else (8, 8, 8, 255), -1)
+        if pale:
+            cv2.rectangle(tile, (6, 22), (57, 42), (190, 30, 25, 255), -1)
+        else:
+            arrow = np.array([[6, 32], [36, 6], [56, 6], [26, 32], [56, 58], [36, 58]])
+            cv2.fillPoly(tile, [arrow], (240, 190, 20, 255))
     else:
         cv2.rectangle(tile, (2, 70), (61, 127), (52, 48, 44, 255), -1)
         for height in (82, 97, 112):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zoo.simulator.track import Surroundings, Track
+from zoo.simulator.track import LEAVES_M, Surroundings, Track
 
 BANK = 0.9  # slope for the light: the original's bank is cream in the sun, blue-grey in shade
 VERGE_END_M = 14.0  # from the centreline; the ground's mesh continues from there
@@ -21,7 +21,16 @@ COBBLES, CONCRETE = (0.49, 0.43, 0.435), (0.95, 0.92, 0.77)
 SAND, PINK_SAND = (0.55, 0.40, 0.26), (0.68, 0.50, 0.40)
 GRASS, ROCK, WALL = (0.55, 0.49, 0.27), (0.60, 0.55, 0.46), (0.04, 0.035, 0.03)
 FOREST, WHITE = (0.32, 0.35, 0.19), (0.75, 0.75, 0.72)
-SOILS = {"sand": SAND, "grass": GRASS, "forest": FOREST}  # by `ground` of the surroundings
+WORN, LEAVES = (0.20, 0.205, 0.225), (0.80, 0.53, 0.05)
+LITTER, BLACK_ROCK = (0.34, 0.21, 0.12), (0.085, 0.08, 0.085)
+# By `ground` of the surroundings.
+SOILS = {"sand": SAND, "grass": GRASS, "forest": FOREST, "autumn": LITTER}
+# Material, colour and repeat.
+PAVINGS = {
+    "asphalt": ("asphalt", ASPHALT, 4.0),
+    "cobbles": ("cobbles", COBBLES, 2.0),
+    "worn": ("worn", WORN, 8.0),
+}
 STRIDE = 2  # only every second sample is compared with the others
 LOCAL_M = 3.0  # samples nearer than this to each other do not limit each other's verges
 HIGH_M = 10.0  # height of a bridge above which every kind of verge passes below it
@@ -49,15 +58,17 @@ def verge_bands(
     shoulder: float,
     room: float | np.ndarray,
     around: Surroundings,
-    cobbled: bool = False,
+    paving: str = "asphalt",
 ) -> list[Band]:
     """Return the bands outside the road's edge for a kind of verge, up to `room` metres."""
     high = around.kerb_height
-    paving = _paving(cobbled)
+    paved_by = PAVINGS[paving]
     # The bridge's walls are nearly black in the original; walls of a mountain road are stone.
-    wall = ("plain", WALL) if cobbled else ("rock", ROCK, 3.0)
+    wall = ("plain", WALL) if paving == "cobbles" else ("rock", ROCK, 3.0)
     soil = SOILS[around.ground]
-    grass = FOREST if around.ground == "forest" else GRASS
+    grass = soil if around.ground in ("forest", "autumn") else GRASS
+    litter = "leaves" if around.ground == "autumn" else "ground"
+    leaves = Band(0.0, LEAVES_M, 0, 0, "leaves", LEAVES, 2.5)
     line = [
         Band(0.0, 0.10, 0, 0, "plain", YELLOW),
         Band(0.10, 0.42, 0, 0, "plain", GUTTER),
@@ -84,7 +95,7 @@ def verge_bands(
             Band(1.2, room, 0.05, 0.2, "ground", FOREST if soil == FOREST else SAND, 6.0),
         ],
         "wall": [
-            Band(0.0, 0.7, 0, 0, *paving),
+            Band(0.0, 0.7, 0, 0, *paved_by),
             Band(0.7, 0.72, 0, 0.75, *wall),
             Band(0.72, 1.0, 0.75, 0.75, *wall),
             Band(1.0, 1.02, 0.75, -4.0, *wall),
@@ -108,19 +119,33 @@ def verge_bands(
             Band(0.5, paved + 1.4, 0, 0.1, "asphalt", SHOULDER),
             Band(paved + 1.4, room, 0.1, 0.25, "ground", grass, 6.0),
         ],
+        "leaves": [leaves, Band(LEAVES_M, room, 0, 0.2, litter, soil, 5.0)],
+        "cliff": [
+            leaves,
+            Band(LEAVES_M, LEAVES_M + 0.15, 0, 5.0, "rock", BLACK_ROCK, 6.0),
+            Band(LEAVES_M + 0.15, 3.5, 5.0, 6.5, "rock", BLACK_ROCK, 6.0),
+            Band(3.5, room, 6.5, 2.0, "rock", BLACK_ROCK, 6.0),
+        ],
+        "barriers": [
+            leaves,
+            Band(LEAVES_M, 3.2, 0, 0, litter, soil, 5.0),
+            Band(3.2, 5.5, 0, -2.0, litter, soil, 5.0),
+            Band(5.5, room, -2.0, -5.0, litter, soil, 5.0),
+        ],
+        "closed": [leaves, Band(LEAVES_M, room, 0, 0.1, "asphalt", WORN)],
     }
     return bands[kind]
 
 
-def carriageway(half: np.ndarray, cobbled: bool, centre_line: bool) -> list[Band]:
+def carriageway(half: np.ndarray, paving: str, centre_line: bool) -> list[Band]:
     """Return the bands between the road's edges, from left to right."""
-    paving = _paving(cobbled)
+    paved_by = PAVINGS[paving]
     if not centre_line:
-        return [Band(-half, half, 0, 0, *paving)]
+        return [Band(-half, half, 0, 0, *paved_by)]
     return [
-        Band(-half, -0.08, 0, 0, *paving),
+        Band(-half, -0.08, 0, 0, *paved_by),
         Band(-0.08, 0.08, 0, 0, "plain", YELLOW),
-        Band(0.08, half, 0, 0, *paving),
+        Band(0.08, half, 0, 0, *paved_by),
     ]
 
 
@@ -129,11 +154,6 @@ def rise_at(bands: list[Band], away: np.ndarray) -> np.ndarray:
     places = [float(np.max(place)) for band in bands for place in (band.start, band.end)]
     rises = [rise for band in bands for rise in (band.rise_start, band.rise_end)]
     return np.interp(away, places, rises)
-
-
-def _paving(cobbled: bool) -> tuple[str, tuple[float, float, float], float]:
-    """Return the paving's material, colour and repeat."""
-    return ("cobbles", COBBLES, 2.0) if cobbled else ("asphalt", ASPHALT, 4.0)
 
 
 def verge_room(track: Track) -> np.ndarray | None:
