@@ -46,7 +46,7 @@ def duration(rows: Rows, key: str) -> str:
 
 
 def clean_laps(rows: Rows, key: str, label: str = "") -> str:
-    """Return how many laps had no intervention, with Wilson's interval and its label."""
+    """Return how many laps had no intervention, with the exact interval and its label."""
     clean = sum(row[key] != "" and not float(row[key]) for row in rows)
     return count_with_interval(clean, len(rows)).replace("95 %: ", label)
 
