@@ -5,15 +5,19 @@ finished.
 """
 
 import itertools
+import re
 import shlex
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from omegaconf import OmegaConf
 
 from benchmarks.board_rows import Row, board_rows, pretrained_rows
 from benchmarks.study_grid import Entry, Study, kept
 from zoo.base.bounded_files import read_json
+from zoo.checkpoints.policy_base import Command
 from zoo.driving.drive_log import summarize
 from zoo.driving.drive_record import Drive, DriveRow
 from zoo.driving.run_drives import Keep, run_drives
@@ -88,15 +92,27 @@ class LapFigures(Keep):
         return {"stalled_m": round(drive.driven_m)} if self.stalled else summarize(drive)
 
 
-def lap(track: str, control: str, frame_rate: float) -> tuple[Scenario, SpeedController | None]:
-    """Return a drive from a track's first point, and its speed controller."""
+class RuleOfA(SpeedController):
+    """The throttle of write-up A's driver."""
+
+    set_mph = None
+
+    def throttle(self, command: Command, speed_mph: float, now_s: float) -> float:
+        """Return 0.2 above 20 mph, else 0.5."""
+        return 0.2 if speed_mph > 20 else 0.5
+
+
+def lap(
+    control: str, start_seed: int = 0, **settings: Any
+) -> tuple[Scenario, SpeedController | None]:
+    """Return a drive, of a lap if nothing else is set, and its speed controller."""
     kind, text = control.removesuffix(" mph").split()
-    value = float(text)
-    if kind == "throttle":  # it starts at a standstill
-        scenario = Scenario(track, laps=1.0, throttle="network", frame_rate=frame_rate)
-        return scenario, Constant(value)
-    speed = PI(value, kp=0.5) if kind == "proportional" else None
-    return Scenario(track, laps=1.0, speed=value, frame_rate=frame_rate), speed
+    drive = Scenario(seed=start_seed, **{"laps": 1.0, **settings})
+    if kind in ("throttle", "rule"):  # it starts at a standstill
+        speed = Constant(float(text)) if kind == "throttle" else RuleOfA()
+        return replace(drive, throttle="network"), speed
+    speed = PI(float(text), kp=0.5) if kind == "proportional" else None
+    return replace(drive, speed=float(text)), speed
 
 
 def driven(study: Study, entry: Entry, run: Path) -> list[tuple[dict, dict[str, float]]]:
@@ -107,8 +123,8 @@ def driven(study: Study, entry: Entry, run: Path) -> list[tuple[dict, dict[str, 
         if all(entry.labels[key] in names for key, names in drives.get("where", {}).items())
         for values in itertools.product(*drives["axes"].values())
     ]
-    names = ("-".join(map(str, drive.values())).replace(" ", "_") for drive in settings)
-    paths = [run / "drives" / f"{name}.json" for name in names]
+    names = ("-".join(map(str, drive.values())) for drive in settings)
+    paths = [run / "drives" / f"{re.sub('[ :]', '_', name)}.json" for name in names]
     missing = [number for number, path in enumerate(paths) if not path.is_file()]
     laps = [lap(**settings[number]) for number in missing]
     checkpoint = str(run / "checkpoints" / "best.ckpt")
@@ -133,6 +149,13 @@ def claim_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
         }
 
 
+def drive_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
+    """Return a row for each drive of a run, with the metres that it drove."""
+    names = ("autonomy", "interventions", "driven_m", "cte_max_m")
+    for settings, figures in driven(study, entry, run):
+        yield settings | columns(figures, "", names)
+
+
 def first_try_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
     """Return a run's row: its seconds, and its lap."""
     lake = read_metrics_file(run)["drive"]["tracks"]["lake"]
@@ -144,6 +167,7 @@ ROWS: dict[str, Callable[[Study, Entry], list[Row]]] = {
     "results": per_run(result_rows),
     "board": board_rows,
     "claims": per_run(claim_rows),
+    "drives": per_run(drive_rows),
     "pretrained": pretrained_rows,
     "first_try": per_run(first_try_rows),
 }

@@ -46,7 +46,7 @@ def duration(rows: Rows, key: str) -> str:
 
 
 def clean_laps(rows: Rows, key: str, label: str = "") -> str:
-    """Return how many laps had no intervention, with Wilson's interval and its label."""
+    """Return how many laps had no intervention, with the exact interval and its label."""
     clean = sum(row[key] != "" and not float(row[key]) for row in rows)
     return count_with_interval(clean, len(rows)).replace("95 %: ", label)
 
@@ -59,16 +59,56 @@ def mean_with_interval(rows: Rows, key: str) -> str:
     >>> mean_with_interval([{"x": "0.9"}], "x"), mean_with_interval([{"x": ""}], "x")
     ('90.0 %', '-')
     """
-    percents = [100 * share for share in floats(rows, key)]
-    if not percents:
+    return over_seeds([100 * share for share in floats(rows, key)], 100.0, " %")
+
+
+def over_seeds(values: Sequence[float], most: float, unit: str) -> str:
+    """Return a mean over training seeds with its interval, from 0 to `most`; `-` of no values."""
+    if not values:
         return "-"
-    mean, count = float(np.mean(percents)), len(percents)
-    if count < 2:
-        return f"{mean:.1f} %"
-    interval = mean_over_seeds(mean, float(np.std(percents, ddof=1)), count, (0, 100))
+    mean, count = float(np.mean(values)), len(values)
+    deviation = float(np.std(values, ddof=1)) if count > 1 else None
+    interval = mean_over_seeds(mean, deviation, count, (0, most))
     if math.isnan(interval.low):  # all are equal, which says little about a further one
-        return f"{mean:.1f} %"
-    return f"{mean:.1f} % ({interval.low:.1f} to {interval.high:.1f})"
+        return f"{mean:.1f}{unit}"
+    return f"{mean:.1f}{unit} ({interval.low:.1f} to {interval.high:.1f})"
+
+
+def by_training(rows: Rows) -> list[tuple[float, float]]:
+    """Return the interventions and the kilometres of each training."""
+    trainings = [
+        (floats(drives, "interventions"), floats(drives, "driven_m"))
+        for drives in grouped(rows, ["seed"])
+    ]
+    return [(sum(counts), sum(metres) / 1000) for counts, metres in trainings]
+
+
+def interventions_per_km(rows: Rows) -> str:
+    """Return the mean over trainings of their interventions per km, with its interval.
+
+    >>> row = {"seed": "1", "interventions": "2", "driven_m": "500"}
+    >>> interventions_per_km([row, {**row, "interventions": "0"}])
+    '2.0'
+    >>> interventions_per_km([row, {**row, "seed": "2", "interventions": "1"}])
+    '3.0 (0.0 to 15.7)'
+    """
+    return over_seeds([count / km for count, km in by_training(rows)], math.inf, "")
+
+
+def clean_trainings(rows: Rows) -> str:
+    """Return how many trainings drove without an intervention, with the exact interval.
+
+    >>> row = {"seed": "1", "interventions": "1", "driven_m": "500"}
+    >>> clean_trainings([row, {**row, "interventions": "0"}, {**row, "seed": "2"}])
+    '0 of 2 (84 % or less)'
+    """
+    counts = [count for count, _ in by_training(rows)]
+    return count_with_interval(counts.count(0), len(counts)).replace("95 %: ", "")
+
+
+def interventions_of(rows: Rows) -> str:
+    """Return the number of interventions of each training, the trainings in order."""
+    return ", ".join(f"{count:.0f}" for count, _ in by_training(rows))
 
 
 # Cells of the board, whose entries have a row for each group of roads.
@@ -125,10 +165,10 @@ DATA = {"expert": "expert, `udacity_lake`", "real": "real recording"}
 # What the write-ups say of a track; nothing is claimed of the others.
 CLAIMS = {
     ("A", "udacity_lake"): "drives, a little rough in the first sharp turn",
-    ("A", "udacity_jungle"): "drives without a fault, not trained on it",
+    ("A", "udacity_mountain"): "drives without a fault, not trained on it",
     ("B", "udacity_lake"): "drives a lap",
     ("C", "udacity_lake", "throttle 0.2"): "drives",
-    ("C", "udacity_jungle", "throttle 0.3"): "drives, not trained on it",
+    ("C", "udacity_mountain", "throttle 0.3"): "drives, not trained on it",
 }
 
 
@@ -177,9 +217,13 @@ CELLS: dict[str, Callable[..., str]] = {
     "claim_data": lambda rows: DATA[rows[0]["data"]],
     "clean_drives": clean_drives,
     "clean_laps": clean_laps,
+    "clean_trainings": clean_trainings,
     "count": lambda rows: str(len(rows)),
+    "trainings": lambda rows: str(len(by_training(rows))),
     "duration": duration,
     "figures": figures,
+    "interventions_of": interventions_of,
+    "interventions_per_km": interventions_per_km,
     "mean_with_interval": mean_with_interval,
     "number": number,
     "percent": percent,

@@ -59,7 +59,7 @@ class Change:
         raise NotImplementedError
 
     def steer(self, steering: np.ndarray, drawn: np.ndarray) -> np.ndarray:
-        """Return the corrected steering, -1..1 [n, targets], by values [n, K]."""
+        """Return the corrected steering, float [n, targets], by values [n, K]; it is clipped later."""
         return steering
 
 
@@ -205,7 +205,7 @@ class Shift(Change):
 
     def steer(self, steering: np.ndarray, drawn: np.ndarray) -> np.ndarray:
         """Return the steering corrected by the columns of the shift."""
-        return np.clip(steering + drawn[:, :1] * self.steering_per_pixel, -1, 1)
+        return steering + drawn[:, :1] * self.steering_per_pixel
 
 
 class Augment:
@@ -340,11 +340,11 @@ class Augment:
         return rounded.permute(0, 2, 3, 1).reshape(images.shape)
 
     def _corrected(self, change: Change, labels: np.ndarray, drawn: np.ndarray) -> np.ndarray:
-        """Return the labels of changed images, [n, targets]."""
+        """Return the labels of changed images, -1..1 [n, targets]."""
         if self.label.is_steering or change.rig is None:
-            return change.steer(labels, drawn)
-        added = change.steer(np.zeros_like(labels), drawn)
-        return np.clip(labels + self.label.of(added, change.rig), -1, 1)
+            return np.clip(change.steer(labels, drawn), -1, 1)
+        steering = change.rig.steering_of(self.label.curvature(labels, change.rig))
+        return np.clip(self.label.of(change.steer(steering, drawn), change.rig), -1, 1)
 
     def _streams(self, seed: int) -> Iterator[np.random.Generator]:
         """Yield a random stream for each transform.

@@ -108,9 +108,10 @@ class Bend(Change):
             InputError: the rig is unknown.
         """
         if rig is None:
+            name = type(self).__name__.lower()
             raise InputError(
-                "augment: bend depends on the car's camera and wheelbase; name them with "
-                "data.rig=FILE, or leave bend out"
+                f"augment: {name} depends on the car's camera and wheelbase; name them with "
+                f"data.rig=FILE, or leave {name} out"
             )
         self.crop, self.rig = crop, rig
 
@@ -182,7 +183,7 @@ class Bend(Change):
 
     def steer(self, steering: np.ndarray, drawn: np.ndarray) -> np.ndarray:
         """Return the steering with that of the bend."""
-        return np.clip(steering + drawn[:, :1], -1, 1)
+        return steering + drawn[:, :1]
 
 
 class Pose(Bend):
@@ -237,4 +238,4 @@ class Pose(Bend):
         seen_ahead_m = ahead_m * np.cos(turn_rad) + right_m * np.sin(turn_rad)
         seen_right_m = right_m * np.cos(turn_rad) - ahead_m * np.sin(turn_rad)
         curvature = 2 * seen_right_m / (seen_ahead_m**2 + seen_right_m**2)
-        return np.clip(self.rig.steering_of(curvature), -1, 1)
+        return self.rig.steering_of(curvature)

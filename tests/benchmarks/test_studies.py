@@ -32,6 +32,7 @@ CLAIM = {
     "track": "udacity_lake",
     "control": "throttle 0.2",
     "frame_rate": "15.0",
+    "direction": "forward",
     "autonomy": "0.9",
     "interventions": "2.0",
     "cte_mean_m": "0.5",

@@ -260,7 +260,7 @@ def fitted(crop: tuple[int, int] = (0, 0), **keys: float) -> Bend:
 
 
 def aside(bend: Bend, rows: int, curvature: float, begin: float, length: float) -> np.ndarray:
-    return bend.columns_aside(rows, *np.array([[curvature], [begin], [length]]))[0]
+    return bend.columns_aside(rows, tuple(np.array([[[curvature]], [[begin]], [[length]]])))[0]
 
 
 @pytest.mark.parametrize("curvature", [0.02, -0.02])
@@ -283,7 +283,13 @@ def test_a_bend_that_has_begun_steers_by_its_radius_and_a_later_one_not_yet() ->
     curvature, begin = np.array([0.05, -0.05, 0.05, 0.05]), np.array([BEGUN, BEGUN, 2.0, 4.0])
     added = added_steering(curvature, begin, UDACITY)
     assert added == pytest.approx([angle, -angle, angle / 2, 0])
-    assert Bend().steer(np.float32([[0.99]]), np.array([[0.1]])) == 1.0
+
+
+def test_the_label_ends_at_full_lock() -> None:
+    augment = Augment([fitted(curvature=5.0, begun=1.0, p=1.0)], "gray")
+    images, steering = np.zeros((20, 8, 16, 1), np.uint8), np.full(20, 0.9, np.float32)
+    _, changed = augment(images, steering, seed=0)
+    assert np.abs(changed).max() == 1.0
 
 
 def test_near_rows_stay_until_the_bend_begins_and_far_ones_move_most() -> None:

@@ -2,42 +2,39 @@
 
 import math
 from collections.abc import Sequence
-from statistics import NormalDist
 
 # A network does not vary and neither does a track: with other start seeds it fails in the same
 # places (docs/scoring.md), so that an interval over them would count one observation several times.
 ONE_TRACK = "Drives of one track fail in the same places: no interval."
 
 
-def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Return the Wilson score interval of a share, from 0 to 1.
+def share_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Return the exact interval of a share, from 0 to 1.
 
-    Source: Wilson 1927, "Probable inference, the law of succession, and statistical inference".
-    Unlike mean ± deviation, the interval has a width when all trials, or none, succeed.
+    It holds the true share at least as often as `confidence` says, however few the trials.
+    Source: Clopper and Pearson 1934, "The use of confidence or fiducial limits illustrated in the
+    case of the binomial".
 
     Args:
         successes: number of trials that succeeded.
         trials: number of trials; 0 gives (0.0, 1.0).
         confidence: share of such intervals that contain the true share, 0..1.
 
-    >>> low, high = wilson_interval(3, 3)
+    >>> low, high = share_interval(3, 3)
     >>> round(low, 4), high
-    (0.4385, 1.0)
-    >>> [round(bound, 3) for bound in wilson_interval(2, 5)]
-    [0.118, 0.769]
-    >>> wilson_interval(0, 0)
+    (0.2924, 1.0)
+    >>> [round(bound, 3) for bound in share_interval(2, 5)]
+    [0.053, 0.853]
+    >>> share_interval(0, 0)
     (0.0, 1.0)
     """
+    from scipy.special import betaincinv  # slow import
+
     if not 0 <= successes <= trials:
         raise ValueError(f"{successes} of {trials}: must be from 0 to the number of trials")
-    if not trials:
-        return 0.0, 1.0
-    z = NormalDist().inv_cdf(0.5 + confidence / 2)
-    share, scale = successes / trials, 1 + z**2 / trials
-    centre = (share + z**2 / (2 * trials)) / scale
-    half = z / scale * math.sqrt(share * (1 - share) / trials + z**2 / (4 * trials**2))
-    low = 0.0 if successes == 0 else centre - half
-    high = 1.0 if successes == trials else centre + half
+    failures, beyond = trials - successes, (1 - confidence) / 2
+    low = float(betaincinv(successes, failures + 1, beyond)) if successes else 0.0
+    high = float(betaincinv(successes + 1, failures, 1 - beyond)) if failures else 1.0
     return low, high
 
 
@@ -45,18 +42,18 @@ def count_with_interval(successes: int, trials: int) -> str:
     """Return a count with the 95 % interval of its share.
 
     >>> count_with_interval(3, 3)
-    '3 of 3 (95 %: 44 % or more)'
+    '3 of 3 (95 %: 29 % or more)'
     >>> count_with_interval(0, 3)
-    '0 of 3 (95 %: 56 % or less)'
+    '0 of 3 (95 %: 71 % or less)'
     >>> count_with_interval(2, 5)
-    '2 of 5 (95 %: 12 to 77 %)'
+    '2 of 5 (95 %: 5 to 85 %)'
     >>> count_with_interval(0, 0)
     '0 of 0'
     """
     counted = f"{successes} of {trials}"
     if not trials:
         return counted
-    low, high = (f"{100 * bound:.0f}" for bound in wilson_interval(successes, trials))
+    low, high = (f"{100 * bound:.0f}" for bound in share_interval(successes, trials))
     if successes == trials:
         return f"{counted} (95 %: {low} % or more)"
     if successes == 0:

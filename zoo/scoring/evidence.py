@@ -19,7 +19,8 @@ STEERS_BACK = 0.08  # recovery response
 ENOUGH_SAMPLES = 50_000
 SMALL = 1_000  # a network with fewer parameters needs fewer samples
 ROBUST = ("brightness", "shadow", "shift")
-BENDS = ("brightness", "bend")
+UNSEEN = "both_tracks"  # the recipe for roads that were not recorded
+OF_RECORDING = ("data", "data.root", "data.format", "data.columns", "data.steering", "data.rig")
 MOST_CAUSES = 3
 
 
@@ -205,11 +206,13 @@ class Cause:
         text: sentences that name the cause and what changes.
         changes: new values of keys of the training; None removes a key.
         augment: augmentations to train with, besides those that the training had.
+        recipe: experiment to train instead; None for the same one.
     """
 
     text: str
     changes: Mapping[str, str | None] = field(default_factory=dict)
     augment: tuple[str, ...] = ()
+    recipe: str | None = None
 
 
 def known_tracks(evidence: Evidence) -> dict[str, str]:
@@ -258,9 +261,16 @@ def likely_causes(evidence: Evidence, tracks: Sequence[str]) -> list[Cause]:
 def train_again(evidence: Evidence, causes: Sequence[Cause]) -> str | None:
     """Return the command that trained the network, with the changes of all causes.
 
+    Where a cause names another recipe, it is that of the recipe, with the same recording.
+
     Returns:
         The command; None if no cause has a change, or the original command is unknown.
     """
+    recipe = next((cause.recipe for cause in causes if cause.recipe), None)
+    if recipe and evidence.overrides is not None:
+        typed = map(as_typed, evidence.overrides)
+        kept = [word for word in typed if word.partition("=")[0] in OF_RECORDING]
+        return training_command([f"experiment={recipe}", *kept], {})
     changes = {key: value for cause in reversed(causes) for key, value in cause.changes.items()}
     had = _augmentations(evidence)
     names = dict.fromkeys([*had, *(name for cause in causes for name in cause.augment)])
@@ -333,9 +343,9 @@ def _unseen(evidence: Evidence, tracks: Sequence[str]) -> Cause | None:
     if not unseen:
         return None
     text = f"Its training images do not show {' and '.join(unseen)};"
-    if "bend" in _augmentations(evidence):
+    if "pose" in _augmentations(evidence):
         return Cause(f"{text} record more roads.")
-    return Cause(f"{text} 'augment=[{','.join(BENDS)}]' helps.", augment=BENDS)
+    return Cause(f"{text} experiment={UNSEEN} trains for unseen roads.", recipe=UNSEEN)
 
 
 # The likeliest first.

@@ -10,25 +10,31 @@ from scipy import stats
 
 from zoo.driving.bootstrap import Estimate, bootstrap, poisson_rate
 from zoo.driving.clustered import ANY, POSITIVE, SHARE, clustered, holm, p_value
-from zoo.driving.intervals import wilson_interval
+from zoo.driving.intervals import share_interval
 from zoo.runs.plots import interval_plot
 
 
 def test_a_wider_confidence_gives_a_wider_interval() -> None:
-    low, high = wilson_interval(5, 10)
-    wider_low, wider_high = wilson_interval(5, 10, confidence=0.99)
+    low, high = share_interval(5, 10)
+    wider_low, wider_high = share_interval(5, 10, confidence=0.99)
 
     assert wider_low < low < 0.5 < high < wider_high
 
 
+@pytest.mark.parametrize(("successes", "trials"), [(0, 3), (3, 3), (2, 5), (70, 96), (1, 1)])
+def test_the_interval_of_a_share_is_scipys(successes: int, trials: int) -> None:
+    exact = stats.binomtest(successes, trials).proportion_ci(method="exact")
+    assert share_interval(successes, trials) == pytest.approx((exact.low, exact.high))
+
+
 def test_more_trials_give_a_narrower_interval() -> None:
-    assert wilson_interval(30, 30)[0] > wilson_interval(3, 3)[0]
+    assert share_interval(30, 30)[0] > share_interval(3, 3)[0]
 
 
 @pytest.mark.parametrize(("successes", "trials"), [(4, 3), (-1, 3)])
 def test_a_count_outside_its_trials_is_refused(successes: int, trials: int) -> None:
     with pytest.raises(ValueError, match=f"{successes} of {trials}"):
-        wilson_interval(successes, trials)
+        share_interval(successes, trials)
 
 
 RNG = np.random.default_rng(7)

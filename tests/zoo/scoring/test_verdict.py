@@ -203,7 +203,7 @@ def test_start_seeds_of_one_track_have_a_count_and_no_interval() -> None:
         (
             evidence({"data": {"record": {"passes": [{"track": "mountain"}]}}}),
             "lake",
-            "augment=[brightness,bend]",
+            "experiment=both_tracks",
         ),
     ],
 )
@@ -238,11 +238,19 @@ def test_a_remedy_that_the_training_had_is_not_advised_again() -> None:
     assert not any("train again" in purpose for purpose, _ in verdict.commands)
 
 
-def test_bends_are_not_advised_to_a_network_that_had_them() -> None:
-    data = {"record": {"passes": [{"track": "mountain"}]}, "augment": {"bend": {"p": 0.5}}}
+def test_the_recipe_for_unseen_roads_is_trained_on_the_same_recording() -> None:
+    data = {"record": {"passes": [{"track": "mountain"}]}}
+    typed = ("experiment=lenet", "data.root=/my laps", "data.offset=0.3", "optim.lr=0.1")
+    verdict = judge([drive(20)], evidence({"data": data}, typed))
+    command = shlex.split(verdict.commands[0][1])
+    assert command == ["drivezoo", "train", "experiment=both_tracks", "data.root=/my laps"]
+
+
+def test_the_recipe_is_not_advised_to_a_network_that_had_it() -> None:
+    data = {"record": {"passes": [{"track": "mountain"}]}, "augment": {"pose": {"p": 0.7}}}
     verdict = judge([drive(20)], evidence({"data": data}))
     assert "do not show zoo_lake; record more roads" in " ".join(verdict.causes)
-    assert not any("bend" in command for _, command in verdict.commands)
+    assert not any("both_tracks" in command for _, command in verdict.commands)
 
 
 def test_a_track_recorded_under_its_longer_name_is_a_track_it_has_seen() -> None:

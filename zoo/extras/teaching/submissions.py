@@ -14,7 +14,7 @@ from zoo.base.bounded_files import read_text
 from zoo.base.errors import InputError, UsageError, file_errors
 from zoo.base.terminal import counted
 from zoo.checkpoints.onnx_policy import INSTALL, is_onnx
-from zoo.driving.intervals import wilson_interval
+from zoo.driving.intervals import share_interval
 from zoo.extras.teaching.submitted_network import NetworkFacts
 from zoo.results.result import Driver
 
@@ -163,6 +163,6 @@ def _shared_rows(sample: Sequence[int], course: set[int]) -> str:
     if not sample:
         return "how many of its rows are of the course is unknown"
     shared = sum(one in course for one in sample)
-    low, high = wilson_interval(shared, len(sample))
+    low, high = share_interval(shared, len(sample))
     share = 100 * shared / len(sample)
     return f"{share:.0f} % ({100 * low:.0f} to {100 * high:.0f}) of its rows are of the course"
