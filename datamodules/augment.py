@@ -59,7 +59,7 @@ class Change:
         raise NotImplementedError
 
     def steer(self, steering: np.ndarray, drawn: np.ndarray) -> np.ndarray:
-        """Return the corrected steering, float [n, targets], by values [n, K]; it is clipped later."""
+        """Return the corrected steering, not yet clipped, float [n, targets], by values [n, K]."""
         return steering
 
 
