@@ -32,7 +32,7 @@ from zoo.models.network_facts import facts_of, loss_facts_of
 from zoo.runs.allowed_classes import with_present_names
 from zoo.training.batch_step import BatchStep
 from zoo.training.captured_step import CapturedGroup
-from zoo.training.closed_loop import MONITORED, ClosedLoop
+from zoo.training.closed_loop import DROVE, ClosedLoop
 from zoo.training.compiled_loss import compiled_loss
 from zoo.training.group_step import GroupStep
 from zoo.training.host_settings import AUTO, FULL
@@ -234,7 +234,7 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
                 f"{name} monitors {monitor}, but {no_rows} leaves no validation rows; set another "
                 "number, or callbacks.early_stopping=null callbacks.best.monitor=train/loss"
             )
-        if monitor.startswith(MONITORED) and not drives:
+        if monitor.startswith(DROVE) and not drives:
             raise InputError(
                 f"{name} monitors {monitor}, but nothing drives; add callbacks=closed_loop"
             )

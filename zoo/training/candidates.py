@@ -19,7 +19,7 @@ from zoo.driving.interventions import driving_score
 from zoo.driving.run_drives import all_drives
 from zoo.scoring.track_scores import KeptDrive, RunScore, driving_line
 from zoo.simulator.track_names import full_name
-from zoo.training.closed_loop import DRIVEN
+from zoo.training.closed_loop import DRIVEN, DROVE
 
 START_SEED = 1000  # the score's seeds count from 0
 BEST, MONITORED = "best.ckpt", "monitored.ckpt"
@@ -43,7 +43,8 @@ def choose_best(
     Args:
         score: settings of the run's score; each candidate drives `candidate_laps` on the first
             track. With None or 0 laps nothing is driven and the monitored checkpoint is kept.
-        monitor: name of the figure that chose `best.ckpt` during training, such as `val/mse`.
+        monitor: name of the figure that chose `best.ckpt` during training, such as `val/mse`. One
+            of a drive has chosen: no candidate drives.
         folder: run's folder.
         console: console for the choice.
         source: other car of the recording, with which no candidate is driven on a track; None for
@@ -64,6 +65,8 @@ def choose_best(
         why += "; no other candidate"
     elif source is not None:
         why += f"; none was driven: the tracks show another car than its recording ({source})"
+    elif (monitor or "").startswith(DROVE):
+        why += ", by which a drive chose it"
     elif score is None or not score.candidate_laps:
         key = "score=none" if score is None else "score.candidate_laps=0"
         why += f"; no candidate was driven ({key}), and this figure hardly predicts driving"

@@ -16,7 +16,7 @@ from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.base.terminal import counted
 
-MONITORED = "drive/"
+DROVE = "drive/"  # begins the names of the figures
 FRAME_IMAGES = 8  # training images that take as long as a driven frame: PilotNet's, on two cores
 DRIVEN = "driven.ckpt"
 
@@ -84,7 +84,7 @@ class ClosedLoop(Callback):
             return
         for callback in trainer.callbacks:
             monitor = getattr(callback, "monitor", None) or ""
-            if monitor.startswith(MONITORED):
+            if monitor.startswith(DROVE):
                 raise InputError(f"{type(callback).__name__} monitors {monitor}, but {problem}")
         if trainer.is_global_zero:
             line = f"closed loop: not driven: {problem}"
@@ -111,7 +111,7 @@ class ClosedLoop(Callback):
             )
         figures = trainer.strategy.broadcast(figures)
         if figures is not None:
-            logged = {f"{MONITORED}{key}": float(value) for key, value in figures.items()}
+            logged = {f"{DROVE}{key}": float(value) for key, value in figures.items()}
             module.log_dict(logged, on_step=False, on_epoch=True, sync_dist=True)
             if figures["score"] > self.best_score:
                 self.best_score = figures["score"]
