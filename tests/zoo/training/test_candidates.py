@@ -65,6 +65,13 @@ def test_what_drove_best_while_training_is_a_candidate(run: Path, console: Conso
     assert choose_best(SHORT, "val/mse", run, console)["epoch"] == epoch(run) == 3
 
 
+def test_where_a_drive_chose_the_epoch_no_candidate_drives(run: Path, console: Console) -> None:
+    choice = choose_best(SHORT, "drive/score", run, console)
+    assert choice["epoch"] == epoch(run) == 1
+    assert not choice["drives"]
+    assert "best drive/score, by which a drive chose it" in console.file.getvalue()
+
+
 @pytest.mark.parametrize(
     ("score", "key"), [(None, "score=none"), (UNDRIVEN, "score.candidate_laps=0")]
 )
