@@ -36,8 +36,8 @@ class PolicyMaker(ABC):
     """What makes the policy of a drive, in the process and the world in which it drives."""
 
     @abstractmethod
-    def policy(self, world: World, scenario: Scenario) -> Policy:
-        """Return the policy."""
+    def policy(self, world: Any, scenario: Scenario) -> Policy:
+        """Return the policy in a world, of the kind that the scenarios name."""
 
 
 class Keep:
@@ -59,8 +59,11 @@ class Keep:
         """Take the next frame, uint8 [H, W, 3] RGB, and its row; True ends the drive."""
         return None
 
-    def result(self, drive: Drive, policy: Policy, world: World) -> Any:
-        """Return what is kept, after the drive and before the world is closed."""
+    def result(self, drive: Drive, policy: Any, world: Any) -> Any:
+        """Return what is kept, after the drive and before the world is closed.
+
+        The policy and the world are of the kinds that the driver and the scenario name.
+        """
         return drive
 
 
