@@ -55,8 +55,11 @@ class Keep:
     def __exit__(self, *error: object) -> None:
         pass
 
-    def show(self, frame: np.ndarray | None, row: DriveRow) -> bool | None:
-        """Take the next frame, uint8 [H, W, 3] RGB, and its row; True ends the drive."""
+    def show(self, frame: Any, row: DriveRow) -> bool | None:
+        """Take the next frame, uint8 [H, W, 3] RGB, and its row; True ends the drive.
+
+        The frame is None in a world without a renderer.
+        """
         return None
 
     def result(self, drive: Drive, policy: Any, world: Any) -> Any:

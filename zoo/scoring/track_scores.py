@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from pydantic import Field
 from rich.console import Console
 
@@ -85,7 +85,8 @@ class KeptDrive(Keep):
                 road = road_line(world.simulated.track)
             film = DriveFilm(self.folder, world.frame_rate, self.film_speed, world.rig, road)
             self.film = self.held.enter_context(film)
-            most = self.film_last_s and round(self.film_last_s * world.frame_rate)
+            last_s = self.film_last_s
+            most = None if last_s is None else round(last_s * world.frame_rate)
             self.waiting: deque[tuple] = deque(maxlen=most)
 
     def show(self, frame: np.ndarray, row: DriveRow) -> None:
@@ -112,7 +113,7 @@ class KeptDrive(Keep):
     def result(self, drive: Drive, policy: Policy, world: World) -> dict[str, Any]:
         """Write the drive, and return its figures."""
         figures = summarize(drive)
-        if self.recorder is not None:
+        if self.folder is not None and self.recorder is not None:
             write_rig_of(self.folder, world.rig, file_name(drive.track))
         if self.film is not None:
             for shown in self.waiting:
@@ -129,8 +130,8 @@ class KeptDrive(Keep):
                 f"{drive.track}, start seed {drive.seed}: autonomy {share}, "
                 f"{counted(figures['interventions'], 'intervention')}"
             )
-            if isinstance(world, EmbeddedWorld):
-                track = birds_eye(world.simulated.track, drive, title)
+            if isinstance(world, EmbeddedWorld) and drive.xy is not None:
+                track = birds_eye(world.simulated.track, drive.xy, drive, title)
                 save_figure(track, self.folder / TRACK_PLOT)
             save_figure(error_over_distance(drive, title), self.folder / ERROR_PLOT)
         return {
@@ -267,9 +268,11 @@ def run_options(score: DictConfig | None) -> RunScore | None:
     Raises:
         InputError: a key is unknown, or a value is out of range.
     """
-    settings = OmegaConf.to_container(score, resolve=True) if score else {}
-    if not settings:
+    if not score:
         return None
+    from zoo.base.compose import plain_dict
+
+    settings = plain_dict(score)
     with placed_errors("score"):
         check_keys(settings, [key for key in keys_of(RunScore) if key.name not in NOT_OF_RUNS])
         options = RunScore(**constructed(RunScore, settings))
