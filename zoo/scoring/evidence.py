@@ -304,17 +304,17 @@ def _few_samples(evidence: Evidence, _: Sequence[str]) -> Cause | None:
     is_small = evidence.metrics["parameters"] < SMALL
     if is_small or samples >= ENOUGH_SAMPLES or evidence.at("quick"):
         return None
-    more = {"trainer.max_epochs": str(-(-ENOUGH_SAMPLES * epochs // samples))}
+    changes = {"trainer.max_epochs": str(-(-ENOUGH_SAMPLES * epochs // samples))}
     if not any(override.startswith("callbacks=") for override in evidence.overrides or ()):
-        more["callbacks"] = "published"  # without early stopping
+        changes["callbacks"] = "published"  # without early stopping
     return Cause(
-        f"It was trained on {samples:,} samples; a network of its size needs more epochs.", more
+        f"It was trained on {samples:,} samples; a network of its size needs more epochs.", changes
     )
 
 
 def _recording(evidence: Evidence, _: Sequence[str]) -> Cause | None:
     # A finding's advice stands behind its semicolon; the training may have followed it.
-    texts = [one["text"].partition("; ")[0] for one in evidence.metrics["findings"][:2]]
+    texts = [finding["text"].partition("; ")[0] for finding in evidence.metrics["findings"][:2]]
     if not texts:
         return None
     faults = " ".join(f"{text.rstrip('.')}." for text in texts)

@@ -212,7 +212,7 @@ def score_on_tracks(
         InputError: the simulator cannot be opened, or a process was killed.
     """
     # A scenario that occurs twice, such as the usual one in several sweeps, is driven once.
-    more = [one for one in dict.fromkeys(more) if one not in scenarios]
+    more = [scenario for scenario in dict.fromkeys(more) if scenario not in scenarios]
     keeps = [
         KeptDrive(folder / f"{file_name(scenario.track)}-{scenario.seed}", film_speed, record)
         for scenario in scenarios
@@ -230,12 +230,12 @@ def score_on_tracks(
         print_line(console, line)
     tracks = {}
     for track in dict.fromkeys(scenario.track for scenario in scenarios):
-        own = [scenario for scenario in scenarios if scenario.track == track]
-        name = by_scenario[own[0]]["track"]
-        tracks[name] = mean_and_spread([by_scenario[one] for one in own])
-        if own[0].world == Scenario.world:  # the only world that has an expert
+        group = [scenario for scenario in scenarios if scenario.track == track]
+        name = by_scenario[group[0]]["track"]
+        tracks[name] = mean_and_spread([by_scenario[scenario] for scenario in group])
+        if group[0].world == Scenario.world:  # the only world that has an expert
             with working("driving the expert for comparison", console):
-                tracks[name]["expert_steering_per_s"] = expert_steering_per_s(own[0]), None
+                tracks[name]["expert_steering_per_s"] = expert_steering_per_s(group[0]), None
     return TrackScores([by_scenario[scenario] for scenario in scenarios], tracks, by_scenario)
 
 
@@ -306,7 +306,7 @@ def score_run(
         scenarios = [Scenario("held_out", world="replay", margin=options.margin)]
     remove_drives(drives)  # from before the run was resumed
     try:
-        found = score_on_tracks(
+        scores = score_on_tracks(
             str(checkpoint_of(folder) or folder / "checkpoints" / "last.ckpt"),
             scenarios,
             drives,
@@ -319,7 +319,7 @@ def score_run(
         print_line(console, f"not driven: {error}")
         return None
     driven = "" if replayed is None else replayed.words
-    for track, figures in found.tracks.items():
+    for track, figures in scores.tracks.items():
         if replayed is None:
             laps, mph = figures["laps"][0], figures["speed_mph"][0]
             driven = f"drove {laps:.2f} laps of the {track} at {mph:.1f} mph"
@@ -332,7 +332,7 @@ def score_run(
     }
     if replayed is not None:
         how = {"replayed": replayed.words}
-    return how | {"tracks": found.tracks, "drives": found.drives}
+    return how | {"tracks": scores.tracks, "drives": scores.drives}
 
 
 def how_well(figures: dict) -> str:
@@ -340,8 +340,8 @@ def how_well(figures: dict) -> str:
     count = figures["drives"]
     if figures["autonomy"] is None:
         returned = figures.get("episode_return")
-        more = f", return {with_deviation(returned, '{:.1f}', count)}" if returned else ""
-        return f"autonomy not measured{more}"
+        words = f", return {with_deviation(returned, '{:.1f}', count)}" if returned else ""
+        return f"autonomy not measured{words}"
     autonomy = with_deviation(figures["autonomy"], "{:.1%}", count)
     lost = with_deviation(figures["interventions"], "{:.3g}", count)
     kept = f"{figures['drives_without_intervention']} of {count}"

@@ -147,10 +147,10 @@ def with_recording(config: DictConfig, console: Console) -> DictConfig:
             "has; remove it, or set data.record.out to another folder"
         )
     if fingerprint is not None:
-        found = read_recordings(str(folder)).fingerprint()
-        if found != str(fingerprint):
+        digest = read_recordings(str(folder)).fingerprint()
+        if digest != str(fingerprint):
             raise InputError(
-                f"{folder}: the recording's fingerprint is {found}, data.record.fingerprint is "
+                f"{folder}: the recording's fingerprint is {digest}, data.record.fingerprint is "
                 f"{fingerprint}: its rows were changed, or other code recorded them; remove "
                 f"{folder} to record again, or set data.record.fingerprint=null to train on it"
             )
