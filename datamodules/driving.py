@@ -73,6 +73,10 @@ class DrivingData(RunData):
         """Return the number of training samples, of all cameras."""
         return len(self.samples)
 
+    def epoch_samples(self) -> int:
+        """Return the number of samples of an epoch, with those that fill its last batch."""
+        return len(self.sampler()) * self.batch_size
+
     def sampler(self, rank: int = 0, world: int = 1) -> BalancedBatches:
         """Return the sampler of an epoch's batch keys, of one rank.
 

@@ -6,7 +6,7 @@ Here a front is any pure function of an image; this module knows nothing of netw
 import hashlib
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -106,7 +106,7 @@ class FeaturePlan:
 def plan_features(
     recording: Recording,
     views: RowViews,
-    cameras: list[str],
+    cameras: Sequence[str],
     view: View,
     front: Front,
     mirrored: bool,

@@ -1,5 +1,6 @@
 """What a training run needs of a datamodule."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import lightning
@@ -11,6 +12,11 @@ if TYPE_CHECKING:
     import numpy as np
     import torch
     from rich.console import Console
+
+    from datamodules.batches import EvaluationBatches
+    from datamodules.recording import Recording
+    from datamodules.split import Split
+    from datamodules.view import View
 
 
 class RunData(lightning.LightningDataModule):
@@ -30,6 +36,11 @@ class RunData(lightning.LightningDataModule):
 
     NEEDED = ("load", "evaluation_batches", "train_dataloader", "val_dataloader")
     LOADED = ("recording", "split", "view")
+    load: "Callable[[Console], RunData | None]"
+    evaluation_batches: "Callable[[str], EvaluationBatches]"
+    recording: "Recording"
+    split: "Split"
+    view: "View"
     label: Any = STEERING
     windows: Any = Windows()
     batch_size: Any = 1
@@ -41,11 +52,15 @@ class RunData(lightning.LightningDataModule):
 
     def steering_of(self, rows: "np.ndarray") -> "np.ndarray":
         """Return the true steering of rows."""
-        return self.recording.steering[rows]  # type: ignore[attr-defined]
+        return self.recording.steering[rows]
 
     def count_samples(self) -> int:
         """Return the number of training samples."""
-        return len(self.split.train)  # type: ignore[attr-defined]
+        return len(self.split.train)
+
+    def epoch_samples(self) -> int:
+        """Return the number of samples of an epoch, with those that fill its last batch."""
+        return self.count_samples()
 
     def choose_batch_device(
         self, device: "torch.device", console: "Console"

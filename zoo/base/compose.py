@@ -16,6 +16,7 @@ from hydra.errors import (
     MissingConfigException,
     OverrideParseException,
 )
+from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
 from zoo.base.bounded_files import mapped
@@ -153,6 +154,12 @@ def refuse_repeated(arguments: Iterable[str]) -> None:
         if "=" in argument and key in seen and not key.startswith("hydra."):
             raise UsageError(f"{key}: given twice; give it once")
         seen.add(key)
+
+
+def plain_dict(config: DictConfig, resolve: bool = True) -> dict[str, Any]:
+    """Return a config as plain containers, with its interpolations resolved."""
+    container: Any = OmegaConf.to_container(config, resolve=resolve)
+    return dict(container)
 
 
 def escape_interpolation(value: Any) -> Any:
@@ -300,15 +307,12 @@ def compose_with_choices(
 ) -> tuple[dict[str, Any], dict[str, str | None]]:
     """Return the config of `drivezoo train *overrides`, and the chosen name of each group."""
     from hydra import compose, initialize_config_dir
-    from omegaconf import OmegaConf
 
     conf = initialize_config_dir(str(conf_folder().resolve()), version_base="1.3")
     with one_line_errors(overrides), conf:
         composed = compose("config", overrides, return_hydra_config=True)
-        chosen: Any = OmegaConf.to_container(composed.hydra.runtime.choices)
         config = OmegaConf.masked_copy(composed, [str(key) for key in composed if key != "hydra"])
-        container: Any = OmegaConf.to_container(config, resolve=True)
-    return container, chosen
+        return plain_dict(config), plain_dict(composed.hydra.runtime.choices)
 
 
 def config_help(arguments: Sequence[str]) -> str:

@@ -168,8 +168,8 @@ def _describe_contents(contents: Any, path: Path) -> str:
     for key, state in states.items():
         if isinstance(state, dict) and state and all(map(torch.is_tensor, state.values())):
             load = f"torch.load({str(path)!r}, weights_only=True){f'[{key!r}]' if key else ''}"
-            own = "from YOUR_FILE import YOUR_CLASS; net = YOUR_CLASS()"
-            return describe_torch(f"{own}; net.load_state_dict({load})")
+            code = "from YOUR_FILE import YOUR_CLASS; net = YOUR_CLASS()"
+            return describe_torch(f"{code}; net.load_state_dict({load})")
     kinds = f", or of an installed kind of policy ({kind_names()})" if has_card(contents) else ""
     return f"is not a checkpoint of drivezoo{kinds}; name one from a run of drivezoo train"
 
@@ -215,8 +215,8 @@ def _load_plain(file: BinaryIO, path: Path) -> object:
         file.seek(0)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # torch warns of unusual pickles, then refuses them
-            found = torch.load(file, map_location="cpu", weights_only=True)
-        check_text(found, any_path=True)
+            contents = torch.load(file, map_location="cpu", weights_only=True)
+        check_text(contents, any_path=True)
     except pickle.UnpicklingError:
         raise InputError(
             f"{path}: is damaged or contains code, which was not run; name a checkpoint of "
@@ -230,10 +230,10 @@ def _load_plain(file: BinaryIO, path: Path) -> object:
         raise InputError(
             f"{path}: is damaged, or not a torch file ({reason:.200}); copy it again, or {_ANOTHER}"
         ) from None
-    tensors = (one for _, one in leaves(found) if isinstance(one, Tensor))
+    tensors = (value for _, value in leaves(contents) if isinstance(value, Tensor))
     # A view counts as a copy.
     check_unpacked(sum(tensor.numel() * tensor.element_size() for tensor in tensors), size, path)
-    return found
+    return contents
 
 
 def _first_pickles(file: BinaryIO, path: Path, is_zip: bool) -> tuple[bytes, int]:
@@ -242,7 +242,7 @@ def _first_pickles(file: BinaryIO, path: Path, is_zip: bool) -> tuple[bytes, int
         file.seek(0)
         return file.read(MOST_PICKLE_BYTES), 5
     with open_archive(file, path) as archive:
-        name = next(one for one in archive.namelist() if one.endswith("/data.pkl"))
+        name = next(name for name in archive.namelist() if name.endswith("/data.pkl"))
         with archive.open(name) as member:
             return member.read(MOST_PICKLE_BYTES), 1
 
@@ -271,9 +271,9 @@ def build_checkpoint(contents: dict, path: Path) -> Checkpoint:
     changed = check_part(card, path)
     state = checked_state(contents["state_dict"], path)
     state = {
-        name.removeprefix(PREFIX): one for name, one in state.items() if name.startswith(PREFIX)
+        key.removeprefix(PREFIX): tensor for key, tensor in state.items() if key.startswith(PREFIX)
     }
-    most = SPARE_PARAMETERS + sum(one.numel() for one in state.values())
+    most = SPARE_PARAMETERS + sum(tensor.numel() for tensor in state.values())
     try:
         view = View.from_dict(card["view"])
         network = make_network(card["config"]["model"], view, most)
@@ -307,20 +307,20 @@ def checked_state(state: object, path: Path) -> dict[str, Tensor]:
         InputError: the contents are not a state dict.
     """
     if not isinstance(state, dict) or not all(
-        isinstance(name, str) and isinstance(one, Tensor) and not one.is_meta
-        for name, one in state.items()
+        isinstance(name, str) and isinstance(tensor, Tensor) and not tensor.is_meta
+        for name, tensor in state.items()
     ):
         raise InputError(f"{path}: is not a state dict; save the model's state_dict()")
     return state
 
 
 def check_fit(
-    own: dict[str, Tensor], state: dict[str, Tensor], kind: str, path: Path, fix: str
+    needed: dict[str, Tensor], state: dict[str, Tensor], kind: str, path: Path, fix: str
 ) -> None:
     """Check that a file's tensors fit a network and are finite.
 
     Args:
-        own: network's tensors, by name.
+        needed: network's tensors, by name.
         state: file's tensors, by name.
         kind: network's class, for the message.
         path: file, for the message.
@@ -330,24 +330,24 @@ def check_fit(
         InputError: names the first tensor that is missing or unknown, has another shape or dtype,
             or is not finite.
     """
-    for name in [*own, *state]:
-        if reason := _misfit(name, own.get(name), state.get(name), kind, fix):
+    for name in [*needed, *state]:
+        if reason := _misfit(name, needed.get(name), state.get(name), kind, fix):
             raise InputError(f"{path}: {reason}")
 
 
-def _misfit(name: str, own: Tensor | None, found: Tensor | None, kind: str, fix: str) -> str:
+def _misfit(name: str, needed: Tensor | None, saved: Tensor | None, kind: str, fix: str) -> str:
     """Return why a file's tensor does not fit a network's, and the remedy; empty if it does."""
-    if found is None:
+    if saved is None:
         return f"lacks {name}, which {kind} needs; name a file of the same model"
-    if own is None:
+    if needed is None:
         return f"holds {name}, which {kind} lacks; name a file of the same model"
-    if found.shape != own.shape:
-        return f"{name} is {list(found.shape)} in the file, {list(own.shape)} in {kind}; {fix}"
+    if saved.shape != needed.shape:
+        return f"{name} is {list(saved.shape)} in the file, {list(needed.shape)} in {kind}; {fix}"
     # Of 8 bits, torch's floats lack most functions.
-    dtypes = FLOATS if own.is_floating_point() else (own.dtype,)
-    if found.layout != torch.strided or found.dtype not in dtypes:
+    dtypes = FLOATS if needed.is_floating_point() else (needed.dtype,)
+    if saved.layout != torch.strided or saved.dtype not in dtypes:
         return f"{name} does not hold plain floats; save the model's state_dict()"
-    if torch.isfinite(found).all():
+    if torch.isfinite(saved).all():
         return ""
     return (
         f"{name} holds NaN or infinity: the training diverged; train again with a smaller "
@@ -364,10 +364,10 @@ def part_cards(config: dict) -> list[dict[str, str]]:
     """Return module, name and hash of each part whose classes a config names."""
     targets = (str(value) for keys, value in leaves(config) if keys[-1:] == ("_target_",))
     parts = {target: part for target in targets if (part := part_of(target))}
-    found = {target.rpartition(".")[0]: (target, part) for target, part in parts.items()}
+    modules = {target.rpartition(".")[0]: (target, part) for target, part in parts.items()}
     return [
         {"module": module, "name": part.name, "sha256": _hash_of(target, part)}
-        for module, (target, part) in sorted(found.items())
+        for module, (target, part) in sorted(modules.items())
     ]
 
 
@@ -386,16 +386,17 @@ def check_part(card: dict, path: Path) -> str | None:
     """
     target = card["config"]["model"].get("_target_")
     module = str(target).rpartition(".")[0]
-    known = [one for one in card.get("parts") or () if one["module"] == module]
-    if not known:
+    entries = (entry for entry in card.get("parts") or () if entry["module"] == module)
+    entry = next(entries, None)
+    if entry is None:
         return None
     part = part_of(target)
     if part is None:
         raise InputError(
-            f"{path}: its network {target:.200} is from {known[0]['name']:.100}, outside drivezoo; "
+            f"{path}: its network {target:.200} is from {entry['name']:.100}, outside drivezoo; "
             f"{unknown_part(target)}"
         )
-    if known[0]["sha256"] == _hash_of(target, part):
+    if entry["sha256"] == _hash_of(target, part):
         return None
     if multiprocessing.parent_process() is None:  # else the parent has printed it
         line = f"{part.name} has changed since this network was trained; it is used as it is now"
@@ -407,8 +408,8 @@ def _hash_of(target: str, part: Part) -> str:
     """Return sixteen hexadecimal digits of the file that defines a class."""
     file = part.file
     if file is None:
-        found = part_class(target)
-        file = Path(getattr(sys.modules[found.__module__], "__file__", "") if found else "")
+        kind = part_class(target)
+        file = Path(getattr(sys.modules[kind.__module__], "__file__", "") if kind else "")
     try:
         return hash_file(file)[:16]
     except (OSError, InputError):

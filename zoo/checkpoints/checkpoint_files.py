@@ -47,7 +47,7 @@ class CheckpointFiles(TorchCheckpointIO):
         path.parent.mkdir(exist_ok=True)
         write_whole(path, contents.getbuffer())
 
-    def load_checkpoint(self, path: str | Path, *args: Any, **more: Any) -> dict:
+    def load_checkpoint(self, path: str | Path, *args: Any, **options: Any) -> dict:
         """Return a checkpoint, with its callbacks' paths changed to its present folder.
 
         Lightning saves absolute paths, and forgets the best score when they change. It also deletes
@@ -56,7 +56,7 @@ class CheckpointFiles(TorchCheckpointIO):
         Raises:
             InputError: a path in a callback's state leads out of the checkpoint's folder.
         """
-        checkpoint = super().load_checkpoint(path, *args, **more)
+        checkpoint = super().load_checkpoint(path, *args, **options)
         now = str(Path(path).parent)
         for key, state in checkpoint.get("callbacks", {}).items():
             if key in self._patience:
@@ -70,11 +70,11 @@ class CheckpointFiles(TorchCheckpointIO):
 
 def _check_paths(state: dict, path: Path) -> None:
     named = [value for key, value in state.items() if key.endswith("_model_path")]
-    for one in [*named, *(state.get("best_k_models") or ())]:
-        place = PurePath(str(one))
-        if one and (".." in place.parts or not place.is_relative_to(path.parent)):
+    for file in [*named, *(state.get("best_k_models") or ())]:
+        target = PurePath(str(file))
+        if file and (".." in target.parts or not target.is_relative_to(path.parent)):
             raise InputError(
-                f"{path}: a callback's state names {str(one)!r:.200}, outside its folder; start "
+                f"{path}: a callback's state names {str(file)!r:.200}, outside its folder; start "
                 f"a new run with model.weights={path}"
             )
 
@@ -86,7 +86,7 @@ def _moved(value: object, before: str, now: str) -> object:
     {'dirpath': '/b', 'best_k_models': {'/b/best.ckpt': 1}}
     """
     if isinstance(value, dict):
-        return {_moved(key, before, now): _moved(one, before, now) for key, one in value.items()}
+        return {_moved(key, before, now): _moved(item, before, now) for key, item in value.items()}
     if isinstance(value, str) and (value == before or value.startswith(f"{before}/")):
         return now + value[len(before) :]
     return value

@@ -31,8 +31,8 @@ def trained_data(config: Mapping, facts: object) -> dict:
         config: config of the training; another program's may lack `data`.
         facts: facts on the recording, with the folder where the training started.
     """
-    found = config.get("data")
-    data = dict(found) if isinstance(found, Mapping) else {}
+    section = config.get("data")
+    data = dict(section) if isinstance(section, Mapping) else {}
     return data | trained_paths(data, facts.get(STARTED_IN) if isinstance(facts, Mapping) else None)
 
 
@@ -48,11 +48,11 @@ def trained_paths(data: Mapping, begin: object) -> dict:
     from zoo.base.bounded_files import mapped  # imports yaml, which the doctor may lack
 
     def absolute(path: Any) -> Any:
-        place = Path(begin, os.path.expanduser(path)) if isinstance(path, str) else None  # noqa: PTH111
-        return str(place) if place and os.path.lexists(place) else path
+        file = Path(begin, os.path.expanduser(path)) if isinstance(path, str) else None  # noqa: PTH111
+        return str(file) if file and os.path.lexists(file) else path
 
-    found = {key: mapped(absolute, data[key]) for key in PATHS if key in data}
-    return {key: path for key, path in found.items() if path != data[key]}
+    paths = {key: mapped(absolute, data[key]) for key in PATHS if key in data}
+    return {key: path for key, path in paths.items() if path != data[key]}
 
 
 def find_checkpoint(named: str | Path) -> Path:
@@ -80,10 +80,10 @@ def find_checkpoint(named: str | Path) -> Path:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be read ({reason}); name another checkpoint") from None
     if str(named) == LATEST:
-        found = checkpoint_of(latest_run())
-        assert found is not None  # `latest_run` skips runs without one
-        print(error_line(LATEST, found), file=sys.stderr, flush=True)
-        return found
+        latest = checkpoint_of(latest_run())
+        assert latest is not None  # `latest_run` skips runs without one
+        print(error_line(LATEST, latest), file=sys.stderr, flush=True)
+        return latest
     if packaged:
         print(error_line(str(named), f"comes with drivezoo, {packaged}"), file=sys.stderr)
         return packaged
@@ -121,9 +121,9 @@ def find_run(named: str | Path) -> Path:
     path = Path(os.path.expanduser(named))  # noqa: PTH111
     if str(named) != LATEST or path.exists():
         return path
-    found = latest_run()
-    print(error_line(LATEST, found), file=sys.stderr, flush=True)
-    return found
+    latest = latest_run()
+    print(error_line(LATEST, latest), file=sys.stderr, flush=True)
+    return latest
 
 
 def name_latest(argument: str) -> str:
@@ -170,12 +170,12 @@ def latest_run() -> Path:
 
 def runs_below(folder: Path) -> list[Path]:
     """Return the folders of runs that have a checkpoint, by start time, the newest last."""
-    found = []
-    for place, folders, _ in os.walk(folder):
-        if FOLDER in folders and (checkpoint := checkpoint_of(Path(place))):
+    runs = []
+    for run, folders, _ in os.walk(folder):
+        if FOLDER in folders and (checkpoint := checkpoint_of(Path(run))):
             folders.remove(FOLDER)
-            found.append((_started(Path(place), checkpoint), str(place)))
-    return [Path(place) for _, place in sorted(found)]
+            runs.append((_started(Path(run), checkpoint), str(run)))
+    return [Path(run) for _, run in sorted(runs)]
 
 
 def checkpoint_of(run: Path) -> Path | None:
@@ -188,9 +188,9 @@ def _best_or_last(folder: Path) -> Path | None:
 
 
 def _in_folder(folder: Path) -> Path:
-    found = checkpoint_of(folder) or (_best_or_last(folder) if folder.name == FOLDER else None)
-    if found:
-        return found
+    checkpoint = checkpoint_of(folder) or (_best_or_last(folder) if folder.name == FOLDER else None)
+    if checkpoint:
+        return checkpoint
     if runs := runs_below(folder):
         found_runs = f"holds {len(runs)} runs" if len(runs) > 1 else "is not a run"
         raise InputError(f"{folder}: {found_runs}; name a run, such as {runs[0]}")
@@ -228,8 +228,8 @@ def packaged_name(path: Path) -> str | None:
 
     A file or folder of that name in the current folder hides the network.
     """
-    own = path.parent == PACKAGED and packaged_file(path.stem) == path
-    return path.stem if own and not Path(path.stem).exists() else None
+    packaged = path.parent == PACKAGED and packaged_file(path.stem) == path
+    return path.stem if packaged and not Path(path.stem).exists() else None
 
 
 def read_facts(name: str) -> dict[str, Any]:

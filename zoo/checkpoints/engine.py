@@ -53,7 +53,7 @@ def chosen_forward(
     try:
         onnx = _onnx_forward(checkpoint, threads)
         inputs, wanted = trials(checkpoint.network, as_step(checkpoint.network), checkpoint.view)
-        most = largest_difference([onnx(*one) for one in inputs], wanted)
+        most = largest_difference([onnx(*row) for row in inputs], wanted)
         if not most <= TOLERANCE:
             raise InputError(f"its outputs differ by {most:.2g}, more than {TOLERANCE:g}")
     except Exception as error:  # onnxruntime raises any error on a graph that it cannot run
@@ -82,12 +82,12 @@ def _onnx_forward(checkpoint: Checkpoint, threads: int) -> Callable[..., Any]:
     for package in ("onnx", "onnxruntime"):  # before the slow export
         import_module(package)
     session = start_session(graph_bytes(checkpoint, one_frame=True), threads)
-    names = [one.name for one in session.get_inputs()]
+    names = [item.name for item in session.get_inputs()]
 
     def forward(*inputs: Tensor) -> Any:
-        arrays = (one.contiguous().numpy() for one in inputs)
+        arrays = (tensor.contiguous().numpy() for tensor in inputs)
         outs = session.run(None, dict(zip(names, arrays, strict=True)))
-        found = tuple(map(torch.from_numpy, outs))
-        return found if len(found) > 1 else found[0]
+        tensors = tuple(map(torch.from_numpy, outs))
+        return tensors if len(tensors) > 1 else tensors[0]
 
     return forward

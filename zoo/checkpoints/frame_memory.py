@@ -113,11 +113,11 @@ class SessionPolicy(Policy):
         steps = self.latency_s * self._steps_per_s
         if self._recorded_mph:
             steps *= max(speed_mph, 0.0) / self._recorded_mph
-        found = outputs_at(outputs, steps).copy()
+        command = outputs_at(outputs, steps).copy()
         if steps and self.rig:  # of an unknown car, no way follows from its commands
             way_m = max(speed_mph, 0.0) * MPS_PER_MPH * self.latency_s
-            found[0] += returning(outputs[:, 0], self._on_the_way, way_m, steps, self.rig)
-        return found.clip(-1, 1)
+            command[0] += returning(outputs[:, 0], self._on_the_way, way_m, steps, self.rig)
+        return command.clip(-1, 1)
 
 
 def outputs_at(outputs: np.ndarray, steps: float) -> np.ndarray:

@@ -59,7 +59,7 @@ def quick_forward(network: nn.Module, view: View) -> Callable[..., Any]:
             with quiet_tracing(), torch.no_grad():
                 forward = torch.jit.freeze(torch.jit.trace(step, inputs[0], check_trace=False))
         with torch.inference_mode():  # torch optimizes the graph in its first runs
-            same = largest_difference([forward(*one) for one in inputs], wanted) == 0
+            same = largest_difference([forward(*row) for row in inputs], wanted) == 0
     except Exception:  # the network does something that a graph cannot
         same = False
     if same:
@@ -83,11 +83,11 @@ def double_forward(network: nn.Module, view: View) -> Callable[..., Any]:
     forward = quick_forward(doubled, view)
 
     def rounded(*inputs: Tensor) -> Any:
-        given = (tensor.double() if tensor.is_floating_point() else tensor for tensor in inputs)
-        outputs, *state = tensors(found := forward(*given))
+        doubled = (tensor.double() if tensor.is_floating_point() else tensor for tensor in inputs)
+        outputs, *state = tensors(result := forward(*doubled))
         single = outputs.float()
         single = single + 0 * single  # NaN where single precision would have overflowed
-        return single if isinstance(found, Tensor) else (single, *state)
+        return single if isinstance(result, Tensor) else (single, *state)
 
     return rounded
 
@@ -108,8 +108,8 @@ def trials(
     weight = next(network.parameters(), torch.empty(0))
     inputs, wanted = [], []
     for image in images:
-        given = network_inputs(image, speed)
-        inputs.append((given[0], *(speeds.to(weight.dtype) for speeds in given[1:]), *state))
+        row = network_inputs(image, speed)
+        inputs.append((row[0], *(speeds.to(weight.dtype) for speeds in row[1:]), *state))
         wanted.append(tensors(step(*inputs[-1])))
         state = wanted[-1][1:]
     return inputs, wanted
@@ -120,11 +120,11 @@ def tensors(outputs: Tensor | tuple[Tensor, ...]) -> tuple[Tensor, ...]:
     return (outputs,) if isinstance(outputs, Tensor) else outputs
 
 
-def largest_difference(found: Sequence[Any], wanted: Sequence[tuple[Tensor, ...]]) -> float:
+def largest_difference(outputs: Sequence[Any], wanted: Sequence[tuple[Tensor, ...]]) -> float:
     """Return the largest difference of outputs and states, over the frames of `trials`."""
     differences = [
         (ours.float() - theirs.float()).abs().max()
-        for out, expected in zip(found, wanted, strict=True)
+        for out, expected in zip(outputs, wanted, strict=True)
         for ours, theirs in zip(tensors(out), expected, strict=True)
     ]
     return float(torch.stack(differences).max())

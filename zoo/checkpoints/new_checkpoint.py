@@ -27,12 +27,12 @@ def lean_contents(contents: dict) -> dict:
     Args:
         contents: contents of a checkpoint's file, see `read_checkpoint_file`.
     """
-    card = {key: one for key, one in contents["drivezoo"].items() if key != STARTED_IN}
+    card = {key: value for key, value in contents["drivezoo"].items() if key != STARTED_IN}
     config = {key: value for key, value in card["config"].items() if key not in _SECRET}
     state = contents["state_dict"]
     return {
         "drivezoo": {**card, "config": without_folders(config)},
-        "state_dict": {name: one for name, one in state.items() if name.startswith(PREFIX)},
+        "state_dict": {name: tensor for name, tensor in state.items() if name.startswith(PREFIX)},
     }
 
 
@@ -53,4 +53,4 @@ def without_folders(value: Any) -> Any:
     >>> without_folders("data.root=/home/ann/lake")
     'data.root=lake'
     """
-    return mapped(lambda one: _FOLDERS.sub(r"\1", one) if isinstance(one, str) else one, value)
+    return mapped(lambda text: _FOLDERS.sub(r"\1", text) if isinstance(text, str) else text, value)

@@ -54,7 +54,7 @@ def onnx_bytes(checkpoint: "Checkpoint", model_card: str = "", graph: bytes = b"
 
     network, view = checkpoint.network, checkpoint.view
     facts = facts_of(network)
-    data = {key: one for key, one in checkpoint.data.items() if key != STARTED_IN}  # is private
+    data = {key: value for key, value in checkpoint.data.items() if key != STARTED_IN}  # is private
     card = make_card(checkpoint.config, view, data) | {
         "network": type(network).__name__,
         "parameters": sum(parameter.numel() for parameter in network.parameters()),

@@ -66,7 +66,7 @@ class OnnxPolicy(SessionPolicy):
         self.path = Path(path)
         self.onnx = open_session(self.path, threads)
         window = self._read_card()
-        self.takes_speed = SPEED in [one.name for one in self.onnx.get_inputs()]
+        self.takes_speed = SPEED in [item.name for item in self.onnx.get_inputs()]
         self._controls = self.onnx.get_outputs()[0].shape[1:]
         self.outputs = self._controls[-1] - self.predicts_spread
         if window is not None:
@@ -136,7 +136,7 @@ class OnnxPolicy(SessionPolicy):
 
     def _run(self, inputs: dict[str, np.ndarray], *state: np.ndarray) -> list[np.ndarray]:
         """Return the outputs and the new state."""
-        states = {f"{STATE}{number}": one for number, one in enumerate(state)}
+        states = {f"{STATE}{number}": tensor for number, tensor in enumerate(state)}
         outputs = run_network(self.onnx, self.path, inputs | states)
         if outputs[0].shape != (len(inputs[IMAGES]), *self._controls):
             raise InputError(
@@ -148,9 +148,9 @@ class OnnxPolicy(SessionPolicy):
     def _first_state(self, count: int) -> list[np.ndarray]:
         """Return zeros, the state before the first frame, for `count` cars."""
         return [
-            np.zeros((count, *one.shape[1:]), STATE_TYPES[one.type])
-            for one in self.onnx.get_inputs()
-            if one.name.startswith(STATE)
+            np.zeros((count, *item.shape[1:]), STATE_TYPES[item.type])
+            for item in self.onnx.get_inputs()
+            if item.name.startswith(STATE)
         ]
 
 
@@ -172,11 +172,11 @@ def run_once(path: Path) -> None:
     """
     session, rng = open_session(path, 1), np.random.default_rng(0)
     inputs = {}
-    for one in session.get_inputs():
-        shape = [size if isinstance(size, int) else 1 for size in one.shape]
-        if one.type not in STATE_TYPES:
+    for item in session.get_inputs():
+        shape = [size if isinstance(size, int) else 1 for size in item.shape]
+        if item.type not in STATE_TYPES:
             return  # `OnnxPolicy` refuses it before it runs
-        inputs[one.name] = rng.integers(0, 256, shape).astype(STATE_TYPES[one.type])
+        inputs[item.name] = rng.integers(0, 256, shape).astype(STATE_TYPES[item.type])
     run_network(session, path, inputs)
 
 
@@ -260,7 +260,7 @@ def _check_inputs(
     session: "onnxruntime.InferenceSession", view: View, window: Window | None, spread: bool
 ) -> None:
     height, width, channels = view.shape
-    inputs = {one.name: (one.type, list(one.shape[1:])) for one in session.get_inputs()}
+    inputs = {item.name: (item.type, list(item.shape[1:])) for item in session.get_inputs()}
     images = inputs.pop(IMAGES, None)
     speed = inputs.pop(SPEED, None)
     controls, *states = session.get_outputs()

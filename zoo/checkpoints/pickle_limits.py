@@ -68,8 +68,8 @@ def _check_pickle(stream: io.BytesIO) -> None:
             values = kept[argument]
         before = list(step.stack_before)
         if pickletools.markobject in before:
-            while (one := stack.pop()) is not _MARK:
-                values += one
+            while (top := stack.pop()) is not _MARK:
+                values += top
             before = before[: before.index(pickletools.markobject)]
         values += sum(stack.pop() for _ in before)
         if values > MOST["values"]:

@@ -66,9 +66,9 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
     pool = ThreadPoolExecutor(reading_threads(paths, os.cpu_count() or 1))
     try:
         some = [paths[start : start + AT_ONCE] for start in range(0, len(paths), AT_ONCE)]
-        found = chain.from_iterable(pool.map(lambda own: list(map(look_at_image, own)), some))
+        looks = chain.from_iterable(pool.map(lambda part: list(map(look_at_image, part)), some))
         with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-            looked_at = progress.track(found, total=len(paths), description="checking images")
+            looked_at = progress.track(looks, total=len(paths), description="checking images")
             for row, path, size in zip(rows.tolist(), paths, looked_at, strict=True):
                 if isinstance(size, str):
                     bad.append(f"{recording.place(row)}: {path}: {size}")

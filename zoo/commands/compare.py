@@ -39,8 +39,8 @@ def compare(
     from zoo.results.result import result_path
 
     path = Path(out).expanduser()
-    given = [Path(each).expanduser() for each in (a, b)]
-    check_output(path, inputs=[*map(result_path, given)])
+    results = [Path(each).expanduser() for each in (a, b)]
+    check_output(path, inputs=[*map(result_path, results)])
     from zoo.results.comparison import COLUMNS, ComparedEntries  # slow imports: SciPy, Matplotlib
 
     files.check_files(COLUMNS)

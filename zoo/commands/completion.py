@@ -105,16 +105,16 @@ class Words:
 
 def command_words() -> dict[str, Words]:
     """Return the words of each command of `drivezoo`."""
-    known = places() | outside_commands()
+    commands = places() | outside_commands()
     special = {name: Words((), _training_keys()) for name in ("train", "preview")}
     simulator = _value("simulator", "all_commands")()
     special |= {
         "simulator": Words(tuple(simulator), {}),
         "new": Words(tuple(_value("new", "KINDS")), {}),
     }
-    found = {name: special.get(name) or words_of(load(place)) for name, place in known.items()}
-    found |= {f"simulator {name}": words_of(command) for name, command in simulator.items()}
-    return found | {kind: Words((), {}) for kind in LISTED}
+    words = {name: special.get(name) or words_of(load(place)) for name, place in commands.items()}
+    words |= {f"simulator {name}": words_of(command) for name, command in simulator.items()}
+    return words | {kind: Words((), {}) for kind in LISTED}
 
 
 def _value(name: str, variable: str) -> Any:
@@ -150,7 +150,8 @@ def values_of(key: str, default: str) -> tuple[str, ...]:
 
 def _training_keys() -> dict[str, tuple[str, ...]]:
     groups = {name: tuple(choices(name)) for name in config_groups()}
-    groups |= {name: tuple(f"[{one}]" for one in groups[name]) for name in LISTS if name in groups}
+    lists = [name for name in LISTS if name in groups]
+    groups |= {name: tuple(f"[{choice}]" for choice in groups[name]) for name in lists}
     typed = [pair for pair in typed_keys(compose_config([])) if "._" not in pair[0]]
     keys = {key: values_of(key, text) for key, text in typed}
     return {**groups, **keys, "resume": (), "trust": (), KEY: ()}
@@ -161,11 +162,11 @@ def fish_script(words: Mapping[str, Words]) -> str:
     lines = ["# Completion of drivezoo for fish."]
     names = shell_words(words)
     lines.append(f"complete -c drivezoo -n __fish_use_subcommand -f -a {names}")
-    for name, one in words.items():
+    for name, entry in words.items():
         seen = " ".join(f"__fish_seen_subcommand_from {part}; and" for part in name.split())
         condition = shlex.quote(seen.removesuffix("; and"))
-        values = [f"{key}={value}" for key, own in one.keys.items() for value in own]
-        typed = shell_words([*_words_of(one), *values])
+        values = [f"{key}={value}" for key, texts in entry.keys.items() for value in texts]
+        typed = shell_words([*_words_of(entry), *values])
         lines.append(f"complete -c drivezoo -n {condition} -a {typed}")
     return "\n".join(lines) + "\n"
 
@@ -180,17 +181,17 @@ SCRIPTS: dict[str, Callable[[Mapping[str, Words]], str]] = {
 def _word_function(words: Mapping[str, Words]) -> str:
     """Return a shell function that prints the words of a command, or the values of its key."""
     cases = {"": list(words)}
-    for name, one in words.items():
-        cases[name] = _words_of(one)
-        cases |= {f"{name} {key}": list(own) for key, own in one.keys.items() if own}
+    for name, entry in words.items():
+        cases[name] = _words_of(entry)
+        cases |= {f"{name} {key}": list(texts) for key, texts in entry.keys.items() if texts}
     lines = [
-        f"        {shlex.quote(name)}) echo {shell_words(own)} ;;" for name, own in cases.items()
+        f"        {shlex.quote(name)}) echo {shell_words(row)} ;;" for name, row in cases.items()
     ]
     return '_drivezoo_words() {\n    case "$1" in\n' + "\n".join(lines) + "\n    esac\n}\n"
 
 
-def _words_of(one: Words) -> list[str]:
-    return [*one.first, *(f"{key}=" for key in one.keys), *FLAGS]
+def _words_of(entry: Words) -> list[str]:
+    return [*entry.first, *(f"{key}=" for key in entry.keys), *FLAGS]
 
 
 @command

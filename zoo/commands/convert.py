@@ -54,10 +54,10 @@ def convert(
     from zoo.base.console_progress import progress_bar
     from zoo.base.new_folder import free_folder, refuse_existing
 
-    writers, place, to = writable_formats(), Path(source).expanduser(), to or LOG
+    writers, path, to = writable_formats(), Path(source).expanduser(), to or LOG
     if to not in writers:
         raise UsageError(f"to={to}: no format that can be written; {hint(to, writers)}")
-    name, old = find_format(place, read.format)
+    name, old = find_format(path, read.format)
     if to == name:
         *others, last = (f"to={writer}" for writer in writers if writer != name)
         raise UsageError(
@@ -67,12 +67,12 @@ def convert(
     if to == LOG and sources:
         raise UsageError(f"to={to}: takes one recording; convert each, and name all in data.root")
     # Without SOURCE's own name, `.` has none to add the format to.
-    whole = (place.parent if place.is_file() else place).absolute()
+    whole = (path.parent if path.is_file() else path).absolute()
     out = out or free_folder(whole.with_name(f"{whole.name}_{to}"))
     refuse_existing(out.expanduser())
     with progress_bar("converting", Console(stderr=True)) as report:
         if to == LOG:  # a copy of one recording, whose writer notes what reading left out
-            recording, skipped = read_recording(place, read)[1], []
+            recording, skipped = read_recording(path, read)[1], []
         else:
             said = {**asdict(read), "on_bad_image": "skip"}
             recording = read_recordings([source, *sources], **said)

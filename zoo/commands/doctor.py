@@ -89,19 +89,19 @@ def sort_paths(paths: list[str]) -> tuple[str | None, str | None]:
         UsageError: two are of a kind.
         InputError: a run's folder has no checkpoint.
     """
-    found: dict[str, str] = {}
+    chosen: dict[str, str] = {}
     for named in paths:
         path = Path(named).expanduser()
         is_run = path.is_dir() and (path.name == FOLDER or (path / FOLDER).is_dir())
         is_name = not path.exists() and (named == LATEST or packaged_file(named) is not None)
         is_recording = path.is_dir() or path.suffix in ("", ".csv")
         kind = "CKPT" if is_run or is_name or not is_recording else "RECORDING"
-        if kind in found:
+        if kind in chosen:
             raise UsageError(
-                f"{named}: {kind} is given twice, also {found[kind]}; usage: {doctor.usage}"
+                f"{named}: {kind} is given twice, also {chosen[kind]}; usage: {doctor.usage}"
             )
-        found[kind] = str(find_checkpoint(named)) if is_run or is_name else named
-    return found.get("CKPT"), found.get("RECORDING")
+        chosen[kind] = str(find_checkpoint(named)) if is_run or is_name else named
+    return chosen.get("CKPT"), chosen.get("RECORDING")
 
 
 def print_finding(finding: Finding) -> None:

@@ -71,7 +71,9 @@ def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
     from zoo.server.notices import Notices
     from zoo.server.server import DriveServer
 
-    simulator = load_class(SIMULATORS, settings.world, DrivenSimulator) if settings.world else None
+    simulator = None
+    if settings.world:  # a subclass of an abstract class
+        simulator = load_class(SIMULATORS, settings.world, DrivenSimulator)  # type: ignore[type-abstract]
     began, notices, stop = datetime.now(), Notices(), StopOnSignal()
     source = file_name(settings.place or "") if settings.world else None
     writer = BackgroundWriter(settings.record or dated_folder("drives"), notices, source)
@@ -106,7 +108,7 @@ def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
     url = f"http://{local_name(settings.server[0])}:{server.port}"
     ending = settings.laps, settings.put_back
     client: EmbeddedClient | DrivenSimulator = (
-        simulator(driver, settings.place, *ending)
+        simulator(driver, settings.place or "", *ending)
         if simulator
         else EmbeddedClient(settings.sim, url, *ending)
     )

@@ -79,8 +79,8 @@ def edit(
         return
     serve_page(session, ckpt, port)
     if session.unsaved:
-        given = {"ckpt": ckpt, "out": None if session.written else out, **read.given()}
-        keys = [f"{key}={typed(value)}" for key, value in given.items() if value]
+        options = {"ckpt": ckpt, "out": None if session.written else out, **read.given()}
+        keys = [f"{key}={typed(value)}" for key, value in options.items() if value]
         print("the edits are not written; to resume with them:")
         print_next(command_line(["drivezoo", "edit", *all_folders, *session.options(), *keys]))
 

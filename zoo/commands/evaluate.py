@@ -58,7 +58,7 @@ def evaluate_or_replay(arguments: list[str]) -> None:
     Raises:
         UsageError: a key of these is given twice, or lacks the other one.
     """
-    given: dict[str, str] = {}
+    typed: dict[str, str] = {}
     others = []
     for argument in arguments:
         name, _, value = argument.removeprefix("--").removeprefix("evaluate.").partition("=")
@@ -66,24 +66,24 @@ def evaluate_or_replay(arguments: list[str]) -> None:
             name = "replay"
         if name not in ("replay", "challenge", "data") or "=" not in argument:
             others.append(argument.removeprefix("evaluate."))
-        elif name in given:
+        elif name in typed:
             raise UsageError(f"{name}: given twice; give it once")
         else:
-            given[name] = value
-    asked = next((name for name in ELSEWHERE if name in given), None)
+            typed[name] = value
+    asked = next((name for name in ELSEWHERE if name in typed), None)
     if asked is None:
-        if "data" in given and not is_help(arguments):
+        if "data" in typed and not is_help(arguments):
             raise UsageError("data=: is the folder of a test; name the test, challenge=ch2")
         evaluate.main(arguments)
         return
     is_test, key = asked == "challenge", ELSEWHERE[asked]
-    function = challenge_command(given[asked]) if is_test else load("zoo.commands.replay:replay")
+    function = challenge_command(typed[asked]) if is_test else load("zoo.commands.replay:replay")
     if is_help(arguments):
         function.main(["--help"])
         return
-    if key not in given:
+    if key not in typed:
         raise UsageError(f"{asked}=: needs the folder of the test, {key}=FOLDER")
-    function.main([*others[:1], given[key], *others[1:]])
+    function.main([*others[:1], typed[key], *others[1:]])
 
 
 if __name__ == "__main__":

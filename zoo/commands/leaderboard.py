@@ -58,7 +58,7 @@ def leaderboard(
             "checkpoint: drivezoo evaluate CKPT out=FOLDER"
         )
     tables.check_files(inputs=[*folders, *drives])
-    writers = [] if paper is None else paper_writers(paper)
+    writers = [] if paper is None else [(write, paper) for write in paper_writers(paper)]
     title = f"leaderboard of {', '.join(map(str, roots))}: {counted(len(folders), 'run')}"
     title += f", {len(drives)} evaluations, benchmarks or drives" if drives else ""
     under = roots[0] if len(roots) == 1 else Path()
@@ -66,9 +66,9 @@ def leaderboard(
     if paper is None:
         ranking.written.append(ranking.write_page(roots[0] / PAGE, "Leaderboard"))
     ranking.written.extend(tables.write_files(ranking))
-    for write_paper in writers:
-        words = ["drivezoo", "leaderboard", *roots, f"paper={paper}"]
-        written, notes = write_paper(ranking, paper, command_line(words))
+    for write_paper, out in writers:
+        words = ["drivezoo", "leaderboard", *roots, f"paper={out}"]
+        written, notes = write_paper(ranking, out, command_line(words))
         ranking.written.extend(written)
         ranking.notes.extend(notes)
     return ranking

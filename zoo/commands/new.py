@@ -130,8 +130,8 @@ def write_part(kind: str, name: str, folder: Path) -> tuple[list[Path], list[tup
     names = {"name": name, "Class": "".join(word.capitalize() for word in name.split("_"))}
     names["here"] = IN_A_CHECKOUT if is_conf_folder(folder / "conf") else ""
     texts = {
-        folder / _filled(path, names): _filled(_template(one).read_text(encoding="utf-8"), names)
-        for one, path in KINDS[kind].files.items()
+        folder / _filled(path, names): _filled(_template(file).read_text(encoding="utf-8"), names)
+        for file, path in KINDS[kind].files.items()
     }
     for path in texts:
         if os.path.lexists(path):
@@ -146,7 +146,7 @@ def write_part(kind: str, name: str, folder: Path) -> tuple[list[Path], list[tup
                 raise InputError(f"{path}: {error.strerror}; type the command elsewhere") from None
             undo.callback(path.unlink, missing_ok=True)
         undo.pop_all()
-    following = [(_filled(one, names), purpose) for one, purpose in KINDS[kind].following]
+    following = [(_filled(words, names), purpose) for words, purpose in KINDS[kind].following]
     return list(texts), following
 
 

@@ -1,5 +1,7 @@
 """`drivezoo preview`: draw the images that training feeds to a network."""
 
+from typing import Any
+
 from zoo.base.command import command
 from zoo.base.console_progress import loading
 from zoo.base.output_files import OUTPUTS, check_output
@@ -38,7 +40,7 @@ def preview(*overrides: str) -> None:
         from zoo.training.build import check_members, load_data
         from zoo.training.run_config import settle_config
         from zoo.training.training_images import FedBatch, figure_of_fed_batch, figure_of_steering
-    data = load_data(settle_config(config, console), console)
+    data: Any = load_data(settle_config(config, console), console)
     check_members("data", data, DrivingData, ("sampler", "training_batches"))
     figures = figure_of_fed_batch(data, FedBatch().count), figure_of_steering(data)
     for path, figure in zip(written, figures, strict=True):

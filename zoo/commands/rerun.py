@@ -88,7 +88,7 @@ def differences(then: object, now: object, name: str = "") -> tuple[list[Differe
         keys = [key for key in {**then, **now} if key not in TIMED]
         children = [(str(key), then.get(key), now.get(key)) for key in keys]
     elif isinstance(then, list | tuple) and isinstance(now, list | tuple) and len(then) == len(now):
-        children = [(str(place), *pair) for place, pair in enumerate(zip(then, now, strict=True))]
+        children = [(str(index), *pair) for index, pair in enumerate(zip(then, now, strict=True))]
     else:
         return ([] if then == now else [(name, then, now)]), 1
     pairs = [
@@ -102,8 +102,8 @@ def place_of(run: Path) -> Path:
     """Return the folder where a run was started, at which its relative paths begin."""
     from zoo.runs.run_record import Run
 
-    place = Run(run).started_in
-    return place if place is not None and place.is_dir() else Path.cwd()
+    folder = Run(run).started_in
+    return folder if folder is not None and folder.is_dir() else Path.cwd()
 
 
 def _trained_config(run: Path) -> DictConfig:

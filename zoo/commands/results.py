@@ -108,7 +108,7 @@ def run_figures(run: Run) -> dict[str, Cell]:
     if metrics.get("open_loop") is None and metrics.get("tracks"):
         raise InputError(f"{folder}: is an evaluation; rank those with drivezoo leaderboard FOLDER")
     name = run.choices["experiment"] or metrics["model"]
-    found: dict[str, Cell] = {
+    row: dict[str, Cell] = {
         "run": str(folder),
         "experiment": f"{name}, quick" if run.config.get("quick") else name,
         "seed": metrics.get("seed"),
@@ -122,14 +122,14 @@ def run_figures(run: Run) -> dict[str, Cell]:
     }
     if "test" in metrics["open_loop"]:
         for figure in ERRORS:
-            found[f"test_{figure}"] = metrics["open_loop"]["test"][figure]
-            zero, mean = (one[figure] for one in metrics["baselines"]["test"].values())
-            found |= {f"test_{figure}_zero": zero, f"test_{figure}_mean": mean}
-    for track, one in run.tracks.items():
+            row[f"test_{figure}"] = metrics["open_loop"]["test"][figure]
+            zero, mean = (baseline[figure] for baseline in metrics["baselines"]["test"].values())
+            row |= {f"test_{figure}_zero": zero, f"test_{figure}_mean": mean}
+    for track, scores in run.tracks.items():
         for figure in DRIVING:
-            value, deviation = one.get(figure) or (None, None)
-            found |= {f"{track}_{figure}": value, f"{track}_{figure}_std": deviation}
-    return found
+            value, deviation = scores.get(figure) or (None, None)
+            row |= {f"{track}_{figure}": value, f"{track}_{figure}_std": deviation}
+    return row
 
 
 if __name__ == "__main__":

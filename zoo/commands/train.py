@@ -136,15 +136,15 @@ def each_seed(arguments: list[str]) -> list[str]:
     Raises:
         UsageError: the number is wrong, or seed= or resume= is given, too.
     """
-    given = [argument for argument in arguments if argument.startswith("seeds=")]
-    if not given:
+    typed = [argument for argument in arguments if argument.startswith("seeds=")]
+    if not typed:
         return arguments
-    others = [argument for argument in arguments if argument not in given]
-    count = given[0].removeprefix("seeds=")
-    if len(given) > 1 or count not in map(str, range(1, MOST_SEEDS + 1)):
-        raise UsageError(f"{given[-1]}: must be one whole number in 1..{MOST_SEEDS}")
-    if other := [one for one in others if one.startswith(("seed=", "resume="))]:
-        raise UsageError(f"{given[0]}: stands for seed=1,2,...; drop it or {other[0]}")
+    others = [argument for argument in arguments if argument not in typed]
+    count = typed[0].removeprefix("seeds=")
+    if len(typed) > 1 or count not in map(str, range(1, MOST_SEEDS + 1)):
+        raise UsageError(f"{typed[-1]}: must be one whole number in 1..{MOST_SEEDS}")
+    if other := [word for word in others if word.startswith(("seed=", "resume="))]:
+        raise UsageError(f"{typed[0]}: stands for seed=1,2,...; drop it or {other[0]}")
     return ["-m", *others, f"seed={','.join(map(str, range(1, int(count) + 1)))}"]
 
 

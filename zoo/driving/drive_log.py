@@ -21,7 +21,7 @@ from datamodules.driving_log import replace_undecoded
 from zoo.base.bounded_files import check_version, open_text, read_json
 from zoo.base.errors import InputError
 from zoo.base.whole_file import AppendedFile, json_text, write_whole
-from zoo.driving.drive_record import Drive, DriveRow
+from zoo.driving.drive_record import Drive, DriveRow, WrittenDrive
 from zoo.driving.metrics import METRICS, measure
 from zoo.runs.record_fields import Fields, Number, Whole, check_fields, plain
 
@@ -119,7 +119,7 @@ def write_drive(folder: Path, drive: Drive, **more: object) -> None:
     write_summary(folder, {"drive": drive.source, **summarize(drive), **more})
 
 
-def read_drive(folder: Path | str) -> Drive:
+def read_drive(folder: Path | str) -> WrittenDrive:
     """Read the drive in a folder.
 
     Raises:
@@ -148,7 +148,7 @@ def read_drive(folder: Path | str) -> Drive:
             raise InputError(f"{path}, row {line}: {error}; delete the row") from None
     path = folder / SUMMARY_NAME
     summary = read_summary(path) if path.exists() else {}
-    return Drive.of(
+    return WrittenDrive.of(
         read,
         folder=folder,
         summary=summary,

@@ -6,9 +6,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+
+OfRows = TypeVar("OfRows", bound="Drive")
 
 POLICY, PERSON, FALLBACK = "policy", "person", "fallback"
 EMBEDDED, SOCKET, REPLAY = "embedded", "socket", "replay"  # sources of drives
@@ -116,7 +118,7 @@ class Drive:
     distance_m: np.ndarray | None = None
 
     @classmethod
-    def of(cls, rows: Sequence[DriveRow], **known: Any) -> "Drive":
+    def of(cls: type[OfRows], rows: Sequence[DriveRow], **known: Any) -> OfRows:
         """Return a drive of rows; further attributes of `Drive` as keywords.
 
         >>> drive = Drive.of([DriveRow(0.0, speed_mph=9.0), DriveRow(0.1)], track="lake")
@@ -141,3 +143,10 @@ class Drive:
         """Return the drive as a list of rows."""
         columns = (getattr(self, name).tolist() for name in DriveRow.__dataclass_fields__)
         return [DriveRow(*values) for values in zip(*columns, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenDrive(Drive):
+    """A drive that was read from its folder."""
+
+    folder: Path

@@ -36,8 +36,8 @@ class PolicyMaker(ABC):
     """What makes the policy of a drive, in the process and the world in which it drives."""
 
     @abstractmethod
-    def policy(self, world: World, scenario: Scenario) -> Policy:
-        """Return the policy."""
+    def policy(self, world: Any, scenario: Scenario) -> Policy:
+        """Return the policy in a world, of the kind that the scenarios name."""
 
 
 class Keep:
@@ -55,12 +55,18 @@ class Keep:
     def __exit__(self, *error: object) -> None:
         pass
 
-    def show(self, frame: np.ndarray | None, row: DriveRow) -> bool | None:
-        """Take the next frame, uint8 [H, W, 3] RGB, and its row; True ends the drive."""
+    def show(self, frame: Any, row: DriveRow) -> bool | None:
+        """Take the next frame, uint8 [H, W, 3] RGB, and its row; True ends the drive.
+
+        The frame is None in a world without a renderer.
+        """
         return None
 
-    def result(self, drive: Drive, policy: Policy, world: World) -> Any:
-        """Return what is kept, after the drive and before the world is closed."""
+    def result(self, drive: Drive, policy: Any, world: Any) -> Any:
+        """Return what is kept, after the drive and before the world is closed.
+
+        The policy and the world are of the kinds that the driver and the scenario name.
+        """
         return drive
 
 

@@ -38,8 +38,8 @@ class ActionChunk(Stack):
         scale: tuple[float, float] = SCALE,
     ) -> None:
         super().__init__(shape, sequence, stride, ahead)
-        channels, *size = shape
-        stacked = (sequence * channels, *size)
+        channels, rows, columns = shape
+        stacked = (sequence * channels, rows, columns)
         *rates, last = torch.linspace(*dropout, len(CONVOLUTIONS) + 1).tolist()
         self.features = convolutions(stacked[0], activation, rates, width, scale)
         units = max(1, round(100 * width))

@@ -57,8 +57,7 @@ class NormedConv(nn.Module):
         self.norm = nn.BatchNorm2d(outputs, eps=1e-3, momentum=0.1)
         self.activation = nn.Identity() if linear else nn.ReLU6()
         # Keeps the signal's size over the layers, also where statistics are never adapted.
-        kind = "linear" if linear else "relu"
-        nn.init.kaiming_normal_(self.conv.weight, mode="fan_in", nonlinearity=kind)
+        nn.init.kaiming_normal_(self.conv.weight, nonlinearity="linear" if linear else "relu")
 
     def forward(self, features: Tensor) -> Tensor:
         """Return the activation of the normalized convolution."""
@@ -136,7 +135,9 @@ class EfficientNetLite0(Transfer):
         """Return the convolutions' tensors; the classifier's are left out."""
         classifier = ("_conv_head.", "_bn1.", "_fc.")
         return {
-            own_name(name): one for name, one in state.items() if not name.startswith(classifier)
+            own_name(name): tensor
+            for name, tensor in state.items()
+            if not name.startswith(classifier)
         }
 
 
@@ -146,9 +147,9 @@ def own_name(public: str) -> str:
     >>> own_name("_conv_stem.weight"), own_name("_blocks.0._bn1.bias")
     ('features.0.conv.weight', 'features.1.depthwise.norm.bias')
     """
-    found = re.fullmatch(r"_blocks\.(\d+)\.(\w+)\.(\w+)", public)
-    if found:
-        block, part, tensor = found.groups()
+    match = re.fullmatch(r"_blocks\.(\d+)\.(\w+)\.(\w+)", public)
+    if match:
+        block, part, tensor = match.groups()
         return f"features.{int(block) + 1}.{BLOCK_NAMES.get(part, part)}.{tensor}"
     part, _, tensor = public.partition(".")
     return f"features.0.{STEM_NAMES[part]}.{tensor}" if part in STEM_NAMES else public

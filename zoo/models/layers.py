@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from typing import Sequence  # noqa: UP035 torch 2.4 accepts no other
+from typing import Any, Sequence  # noqa: UP035 torch 2.4 accepts no other
 
 import numpy as np
 import torch
@@ -50,6 +50,8 @@ class Normalize(nn.Module):
         ValueError: the scale is not two finite numbers, or its divisor is 0.
     """
 
+    of_network: Tensor
+
     def __init__(self, scale: tuple[float, float] = SCALE) -> None:
         super().__init__()
         self.divisor, self.shift = checked_scale(scale)
@@ -68,8 +70,8 @@ class Normalize(nn.Module):
 def checked_scale(scale: object) -> tuple[float, float]:
     """Return a scale as two floats; raise ValueError if it is none."""
     most = torch.finfo(torch.float32).max
-    pair = scale if isinstance(scale, list | tuple) and len(scale) == 2 else ("", "")
-    if all(type(one) in (int, float) and abs(one) < most for one in pair):
+    pair: Any = scale if isinstance(scale, list | tuple) and len(scale) == 2 else ("", "")
+    if all(type(number) in (int, float) and abs(number) < most for number in pair):
         divisor, shift = map(float, pair)
         if divisor and 255 / abs(divisor) < most:
             return divisor, shift
@@ -83,6 +85,8 @@ class OneFrame(nn.Module):
     """A network that steers by one frame: a subclass sets `features` and `head`."""
 
     facts = NetworkFacts()
+    features: nn.Module
+    head: nn.Module
 
     def forward(self, images: Tensor) -> Tensor:
         """Return the steering [N, 1] for images [N, C, H, W]."""
@@ -161,11 +165,11 @@ def _kept(
     """Return factors: 0 with probability `rate`, else the number that keeps the mean."""
     count, dropped = math.prod(shape), round(rate * 2**16)
     words = -(-count // 4)
-    one, other = (
+    first, second = (
         table[offset : offset + words]
         for table, offset in zip(_tables(words), offsets.tolist(), strict=True)
     )
-    bits = torch.bitwise_xor(one, other).view(torch.int16)[:count]
+    bits = torch.bitwise_xor(first, second).view(torch.int16)[:count]
     kept = torch.empty(count, dtype=dtype)
     torch.ge(bits, dropped - 2**15, out=kept).mul_(1 / (1 - dropped / 2**16))
     if channels_last:
@@ -280,7 +284,7 @@ class Unbin(nn.Module):
         """Return the numbers, [N, groups], for values [N, bins of all groups]."""
         numbers = []
         for group, (bins, low, step) in zip(
-            values.split([one[0] for one in self.groups], dim=1), self.groups, strict=True
+            values.split([bins for bins, *_ in self.groups], dim=1), self.groups, strict=True
         ):
             number = group.argmax(1).to(values.dtype)
             if self.training:

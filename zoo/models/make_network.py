@@ -4,6 +4,7 @@ import inspect
 import math
 import sys
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import torch
 from torch import nn
@@ -32,7 +33,7 @@ RANGES = {
 BORDER_KEYS = (*VIEW_KEYS, "weights", "name", "cache_features")
 
 
-def view_of(model: dict, crop: Sequence[int]) -> View:
+def view_of(model: dict, crop: Any) -> View:
     """Return the view of a model's config; without `resize`, it resizes by area."""
     return View(crop, model["colour"], model["size"], model.get("resize", "area"))
 
@@ -148,11 +149,11 @@ def check_network(network: nn.Module, shape: tuple[int, int, int], part: Part) -
         inputs.append(torch.zeros(FRAMES))
     was_training = network.training
     with part_errors(part), torch.no_grad():
-        found = network.eval()(*inputs)
+        outputs = network.eval()(*inputs)
     network.train(was_training)
     columns = facts.columns
-    if not isinstance(found, torch.Tensor) or tuple(found.shape) != (FRAMES, columns):
-        shown = list(found.shape) if isinstance(found, torch.Tensor) else type(found).__name__
+    if not isinstance(outputs, torch.Tensor) or tuple(outputs.shape) != (FRAMES, columns):
+        shown = list(outputs.shape) if isinstance(outputs, torch.Tensor) else type(outputs).__name__
         raise InputError(
             f"{part.name}: {name}.forward returns {shown} for {FRAMES} images; return "
             f"[{FRAMES}, {columns}], one row for each image, or correct facts = NetworkFacts(...)"

@@ -128,11 +128,11 @@ class Stack(Memory):
         """
         if not state:
             return (self.outputs_of(images),)
-        before, known = state
+        before, filled = state
         newest = images[:, None]
-        before = torch.where(known[:, :, None, None, None] > 0, before, newest)
+        before = torch.where(filled[:, :, None, None, None] > 0, before, newest)
         frames = torch.cat([before, newest], 1)
-        return self(frames), frames[:, 1:], torch.ones_like(known)
+        return self(frames), frames[:, 1:], torch.ones_like(filled)
 
 
 class Recurrent(Memory):
@@ -168,8 +168,8 @@ class Recurrent(Memory):
         features = self.features_of(images.flatten(0, 1)).unflatten(0, images.shape[:2])
         hidden = features.new_zeros(len(images), self.neurons)
         rows = []
-        for one in features.unbind(1):
-            row, hidden = self.next_hidden(one, hidden)
+        for frame in features.unbind(1):
+            row, hidden = self.next_hidden(frame, hidden)
             rows.append(row)
         return torch.stack(rows, 1)
 

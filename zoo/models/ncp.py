@@ -47,18 +47,19 @@ class CfcCell(nn.Linear):
         mask: synapses that exist, [neurons, inputs + neurons].
     """
 
+    mask: Tensor
+
     def __init__(self, mask: Tensor) -> None:
         neurons, inputs = mask.shape
         super().__init__(inputs, 3 * neurons)
         self.register_buffer("mask", mask.repeat(3, 1))
         nn.init.xavier_uniform_(self.weight)
 
-    def forward(self, values: Tensor, hidden: Tensor) -> Tensor:
-        """Return the new state [N, neurons]."""
-        inputs = torch.cat([values, hidden], 1)
-        found = F.linear(inputs, self.weight * self.mask, self.bias)
+    def forward(self, inputs: Tensor) -> Tensor:
+        """Return the new state [N, neurons] for values and state, [N, inputs + neurons]."""
+        states = F.linear(inputs, self.weight * self.mask, self.bias)
         # Not `chunk`, after which an ONNX file does not know the sizes.
-        before, after, rate = found.unflatten(1, (3, hidden.shape[1])).unbind(1)
+        before, after, rate = states.unflatten(1, (3, self.out_features // 3)).unbind(1)
         rate = rate.sigmoid()
         return before.tanh() * (1 - rate) + after.tanh() * rate
 
@@ -92,9 +93,9 @@ class Ncp(Recurrent):
             layers += [nn.Conv2d(channels, out, kernel, step), nn.ReLU()]
             channels = out
         self.features = nn.Sequential(*layers)
-        size = feature_shape(self.features, shape, "Ncp")[1:]
+        _, height, width = feature_shape(self.features, shape, "Ncp")
         count = channels * FEATURES_PER_CHANNEL
-        self.sensors = nn.Conv2d(channels, count, tuple(size), groups=channels)
+        self.sensors = nn.Conv2d(channels, count, (height, width), groups=channels)
         rng = np.random.RandomState(wiring_seed)
         inputs = [count, *LAYERS[:-1]]
         masks = [
@@ -112,7 +113,7 @@ class Ncp(Recurrent):
         """Return the motor neuron's state [N, 1] as the steering, and all neurons' new state."""
         states = []
         values = features
-        for cell, one in zip(self.cells, hidden.split(LAYERS, 1), strict=True):
-            values = cell(values, one)
+        for cell, state in zip(self.cells, hidden.split(LAYERS, 1), strict=True):
+            values = cell(torch.cat([values, state], 1))
             states.append(values)
         return values, torch.cat(states, 1)

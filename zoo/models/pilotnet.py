@@ -76,7 +76,7 @@ class PilotNet(nn.Module):
     def forward(self, images: Tensor, speed: Tensor | None = None) -> Tensor:
         """Return the steering, the throttle with a speed, and the spread's logarithm if any."""
         features = self.features(images).flatten(1)
-        if self.facts.takes_speed:
+        if self.facts.takes_speed and speed is not None:
             # 30 mph is the simulator's top speed, so the input is in 0..1, in the features' range.
             features = torch.cat([features, speed.to(features.dtype)[:, None] / 30.0], dim=1)
         return self.head(features)

@@ -31,10 +31,9 @@ class PilotNetStack(Stack):
         scale: tuple[float, float] = SCALE,
     ) -> None:
         super().__init__(shape, sequence, stride)
-        channels, *size = shape
-        self.pilotnet = PilotNet(
-            (sequence * channels, *size), activation, dropout, width, scale=scale
-        )
+        channels, rows, columns = shape
+        stacked = (sequence * channels, rows, columns)
+        self.pilotnet = PilotNet(stacked, activation, dropout, width, scale=scale)
 
     def outputs_of(self, stacked: Tensor) -> Tensor:
         """Return the steering [N, 1, 1] for stacked frames [N, sequence * C, H, W]."""

@@ -76,7 +76,7 @@ class Transfer(nn.Module):
     def facts(self) -> NetworkFacts:
         """The frozen layers, if any; the backbone is all convolutions."""
         frozen = self.features[: self._frozen_layers]
-        front = nn.Sequential(self.normalize, *frozen) if self._frozen_layers else None
+        front = nn.Sequential(self.normalize, *frozen.children()) if self._frozen_layers else None
         return NetworkFacts(frozen_front=front, backbone=self.features)
 
     def front(self, images: Tensor) -> Tensor:
@@ -88,7 +88,7 @@ class Transfer(nn.Module):
 
     def rest(self, features: Tensor) -> Tensor:
         """Return the steering [N, 1] for the frozen layers' features, of any float dtype."""
-        features = features.to(self.head[-1].weight.dtype)
+        features = features.to(next(self.head.parameters()).dtype)
         for layer in islice(self.features, self._frozen_layers, None):
             features = layer(features)
         if self.reduce is not None:

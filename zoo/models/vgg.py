@@ -15,6 +15,9 @@ BLOCKS = [[64, 64], [128, 128], [256, 256, 256], [512, 512, 512], [512, 512, 512
 class ImageNetNormalize(nn.Module):
     """A layer that gives pixels 0..255 ImageNet's zero mean and unit deviation, as for VGG16."""
 
+    mean: Tensor
+    std: Tensor
+
     def __init__(self) -> None:
         super().__init__()
         mean = torch.tensor([0.485, 0.456, 0.406]).view(3, 1, 1)
@@ -59,7 +62,7 @@ class Vgg16(Transfer):
                 channels = out
             layers += [nn.MaxPool2d(2)]
         for layer in layers:
-            if isinstance(layer, nn.Conv2d):
+            if isinstance(layer, nn.Conv2d) and layer.bias is not None:
                 # With PyTorch's default weights the signal vanishes over thirteen layers.
                 nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")
                 nn.init.zeros_(layer.bias)
@@ -70,4 +73,4 @@ class Vgg16(Transfer):
     @staticmethod
     def public_state(state: dict[str, Tensor]) -> dict[str, Tensor]:
         """Return the convolutions' tensors; the classifier's are left out."""
-        return {name: one for name, one in state.items() if not name.startswith("classifier.")}
+        return {key: tensor for key, tensor in state.items() if not key.startswith("classifier.")}

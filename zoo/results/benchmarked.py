@@ -131,7 +131,7 @@ class Benchmarked(Result):
     def plot(self) -> Figure:
         """Return the score of each group with its 95 % interval; see `BenchmarkResult.score`."""
         score = self.result.score
-        groups = {name: one[score] for name, one in self.result.groups.items()}
+        groups = {name: figures[score] for name, figures in self.result.groups.items()}
         return interval_plot(groups, f"{SCORES[score]} of {self.result.entry} (%)")
 
 
@@ -143,8 +143,8 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
         StoppedError: on Ctrl-C.
     """
     # Report wrong input before processes start.
-    own = (name for name in METRICS if name not in METRICS.own())
-    options.check_files(("group", "drives", *FIGURES, *LEVEL_FIGURES, *own))
+    outside = (name for name in METRICS if name not in METRICS.own())
+    options.check_files(("group", "drives", *FIGURES, *LEVEL_FIGURES, *outside))
     suite = read_suite(options.suite, options.split)
     drivers = find_drivers(names, suite)
     data = {} if drivers[0].file in NO_CHECKPOINT else load_kept(drivers[0].file).data
@@ -240,8 +240,8 @@ def levels_table(result: BenchmarkResult) -> Table | None:
         return None
     levels = sorted({level for count in counts.values() for level in count})
     rows = [
-        [axis, *(f"{sum(own[one])} of {len(own[one])}" if one in own else "-" for one in levels)]
-        for axis, own in counts.items()
+        [axis, *(f"{sum(row[key])} of {len(row[key])}" if key in row else "-" for key in levels)]
+        for axis, row in counts.items()
     ]
     return Table.of(["clean drives", *(f"level {level}" for level in levels)], rows)
 
@@ -295,15 +295,15 @@ def overall_line(result: BenchmarkResult) -> str:
     seeds = len(result.checkpoints)
     trained = any(driver.sha256 for driver in result.checkpoints)
     by = counted(seeds, "training seed") if trained else "without training"
-    own = drives_of(result.drives, OVERALL) or result.drives
-    clean = sum(not one.figures["interventions"] for one in own)
+    drives = drives_of(result.drives, OVERALL) or result.drives
+    clean = sum(not drive.figures["interventions"] for drive in drives)
     rate = with_interval(overall(result)["interventions_per_km"], "{:.2f}")
     if result.has_levels:
         share = with_interval(overall(result)[result.score], "{:.1f}", 100)
-        return f"clean drives, %: {share} ({clean} of {len(own)}); failures per km: {rate}; {by}"
-    roads = len({one.track for one in own})
+        return f"clean drives, %: {share} ({clean} of {len(drives)}); failures per km: {rate}; {by}"
+    roads = len({drive.track for drive in drives})
     return (
-        f"interventions per km: {rate}; drives without one: {clean} of {len(own)}, on {roads} "
+        f"interventions per km: {rate}; drives without one: {clean} of {len(drives)}, on {roads} "
         f"roads; {by}"
     )
 

@@ -51,14 +51,14 @@ def read_result(path: Path) -> BenchmarkResult:
             missing or stands twice; or a figure or digest is not that of the drives.
     """
     path = result_path(Path(path))
-    found = read_json(path)
-    if isinstance(found, dict):
+    content = read_json(path)
+    if isinstance(content, dict):
         remedy = "use the drivezoo that wrote it, or run it again"
-        check_version(found.get("version"), VERSION, path, remedy)
+        check_version(content.get("version"), VERSION, path, remedy)
         for key in ("drives", "checkpoints"):
-            if isinstance(many := found.get(key), list):
+            if isinstance(many := content.get(key), list):
                 check_most(key, len(many), path, "benchmark a smaller suite, or fewer checkpoints")
-    result = check_fields(BenchmarkResult, found, path)
+    result = check_fields(BenchmarkResult, content, path)
     _check_drives(result, path)
     if result.analysis < ANALYSIS:
         figures = vars(summarize_drives(result.drives))
@@ -123,16 +123,16 @@ def _check_drives(result: BenchmarkResult, path: Path) -> None:
     if not result.drives:
         raise InputError(f"{path}: drives: has none; {_AGAIN}")
     for number, drive in enumerate(result.drives):
-        place, count = f"{path}: drives.{number}", len(result.checkpoints)
+        where, count = f"{path}: drives.{number}", len(result.checkpoints)
         if drive.checkpoint >= count:
-            raise InputError(f"{place}.checkpoint: is {drive.checkpoint}, of {count} from 0 on")
+            raise InputError(f"{where}.checkpoint: is {drive.checkpoint}, of {count} from 0 on")
         for name, (low, high) in (NEEDED | (LEVEL_NEEDED if drive.level else {})).items():
             value = drive.figures.get(name)
             if value is None:
-                raise InputError(f"{place}.figures.{name}: is missing; {_AGAIN}")
+                raise InputError(f"{where}.figures.{name}: is missing; {_AGAIN}")
             if not low <= value <= high:
                 bounds = f"must be in {low:g}..{high:g}"
-                raise InputError(f"{place}.figures.{name}: is {value:g}, {bounds}")
+                raise InputError(f"{where}.figures.{name}: is {value:g}, {bounds}")
     roads = roads_of(result)
     clean = {road.track for road in roads if road.group == LIKE}
     for road, drives in roads.items():
@@ -149,11 +149,11 @@ def _check_sums(result: BenchmarkResult, path: Path) -> None:
     """Check that the digest and the figures are those of the result's own drives."""
     if result.digest != digest_of_drives(result.drives):
         raise InputError(f"{path}: digest: is not that of its drives; the file was changed")
-    given = Summary(result.groups, result.differences).flat()
-    for name, own in summarize_drives(result.drives).flat().items():
-        one = given.get(name)
-        if one is None or not all(
-            is_close(getattr(one, key), getattr(own, key)) for key in ("value", "low", "high")
+    stored = Summary(result.groups, result.differences).flat()
+    for name, figure in summarize_drives(result.drives).flat().items():
+        saved = stored.get(name)
+        if saved is None or not all(
+            is_close(getattr(saved, key), getattr(figure, key)) for key in ("value", "low", "high")
         ):
             raise InputError(f"{path}: {name}: is not that of its drives; the file was changed")
 
@@ -177,19 +177,19 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
     result = read_result(path)
     if result.checkpoints[0].file == HUMAN:
         raise InputError(f"{path}: a person drove it: nobody drives twice alike")
-    found = read_suite(*find_suite(result.suite, suite))
-    check_suite(result, found, path)
+    included = read_suite(*find_suite(result.suite, suite))
+    check_suite(result, included, path)
     folder = path if path.is_dir() else path.parent
     drivers = [_driver(checkpoint, folder, path) for checkpoint in result.checkpoints]
     for line in caveats(result):
         console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
-    by_road = {drive.key: drive for drive in found.drives}
+    by_road = {drive.key: drive for drive in included.drives}
     numbers = list(range(len(result.drives)))
     if drives:
         numbers = sorted(random.sample(numbers, min(drives, len(numbers))))
     recorded = [result.drives[number] for number in numbers]
-    jobs = [(one.checkpoint, by_road[road_of(one)]) for one in recorded]
-    driven = drive_suite(drivers, jobs, found.mean_steering, workers, console)
+    jobs = [(drive.checkpoint, by_road[road_of(drive)]) for drive in recorded]
+    driven = drive_suite(drivers, jobs, included.mean_steering, workers, console)
     repeated = f"{len(recorded)} of {counted(len(result.drives), 'drive')} repeated"
     lines = list(filter(None, map(difference_line, recorded, driven)))
     equal = "all digests" if not lines else f"{len(recorded) - len(lines)} digests"
@@ -257,19 +257,20 @@ def _driver(record: Driver, folder: Path, path: Path) -> Driver:
     named = PureWindowsPath(record.file)  # its separators are those of all systems
     digits = (record.sha256 or "")[:16]
     beside = [folder / named.name, folder / f"{digits}{named.suffix}"]
-    file = next((one for one in beside if one.is_file() and hash_file(one) == record.sha256), None)
+    files = (path for path in beside if path.is_file())
+    file = next((path for path in files if hash_file(path) == record.sha256), None)
     file = file or find_checkpoint(record.file)
-    if (found := hash_file(file)) != record.sha256:
+    if (digest := hash_file(file)) != record.sha256:
         raise InputError(
             f"{path}: checkpoints: {file} is another file than the one that drove (SHA-256 "
-            f"{found[:16]} instead of {digits}); put the right one into {folder}, named "
+            f"{digest[:16]} instead of {digits}); put the right one into {folder}, named "
             f"{beside[0].name} or {beside[1].name}"
         )
     driver = read_driver(file)
-    for name, own in driver.model_dump().items():
-        if name not in ("file", "tied") and getattr(record, name) != own:
+    for name, value in driver.model_dump().items():
+        if name not in ("file", "tied") and getattr(record, name) != value:
             raise InputError(
-                f"{path}: checkpoints: {name}: is {getattr(record, name)}, but {file} has {own}; "
+                f"{path}: checkpoints: {name}: is {getattr(record, name)}, but {file} has {value}; "
                 "the file was changed"
             )
     return driver

@@ -75,11 +75,11 @@ class ComparedEntries(Result):
         """Return the verdict over all groups, what limits it, and what is needed to tell."""
         name, overall = list(self.groups.items())[-1]
         where = counted(overall.roads, "road") + f" of group {name}" * (name != OVERALL)
-        first, second = (f"{one[self._score]:.1%}" for one in (overall.a, overall.b))
+        first, second = (f"{scores[self._score]:.1%}" for scores in (overall.a, overall.b))
         what = SCORES[self._score]
         lines = [f"verdict: {overall.verdict} ({what} {first} and {second} on {where})"]
         pair = (self.a, self.b)
-        if single := [one.result.entry for one in pair if one.seeds == 1 and one.is_trained]:
+        if single := [side.result.entry for side in pair if side.seeds == 1 and side.is_trained]:
             lines.append(
                 f"{' and '.join(single)}: one training seed: how trainings differ is unknown, so "
                 "that neither drives better"
@@ -134,15 +134,15 @@ class ComparedEntries(Result):
     def result_table(self) -> Table:
         """Return a row for each group of roads; differences are A minus B."""
         compared = list(self.groups.values())
-        roads, verdicts = [one.roads for one in compared], [one.verdict for one in compared]
+        roads, verdicts = [row.roads for row in compared], [row.verdict for row in compared]
         texts = [
-            f"{one.verdict.replace(' drives', '')}\n{needed_text(one.needed)}" for one in compared
+            f"{row.verdict.replace(' drives', '')}\n{needed_text(row.needed)}" for row in compared
         ]
-        p_values = [one.p for one in compared]
+        p_values = [row.p for row in compared]
         figures: dict[str, Sequence[Cell]] = {
             "verdict": verdicts,
-            "needed": [one.needed.reason for one in compared],
-            "needed_seeds": [one.needed.seeds for one in compared],
+            "needed": [row.needed.reason for row in compared],
+            "needed_seeds": [row.needed.seeds for row in compared],
         }
         columns = [
             Column("group", "group", list(self.groups)),
@@ -157,12 +157,12 @@ class ComparedEntries(Result):
     def _column(self, name: str, heading: str, form: str, factor: float = 1) -> Column:
         """Return a column of estimates, with the figures of A and B where they have such."""
         compared = list(self.groups.values())
-        estimates = [getattr(one, name) for one in compared]
+        estimates = [getattr(row, name) for row in compared]
         name = self._score if name == "difference" else name
         figures = interval_figures(name, estimates)
         if name in compared[0].a:
-            figures[f"{name}_a"] = [one.a[name] for one in compared]
-            figures[f"{name}_b"] = [one.b[name] for one in compared]
+            figures[f"{name}_a"] = [row.a[name] for row in compared]
+            figures[f"{name}_b"] = [row.b[name] for row in compared]
         return Column(
             name, heading, [_estimate(estimate, form, factor) for estimate in estimates], figures
         )
@@ -171,7 +171,7 @@ class ComparedEntries(Result):
         """Return the difference in the score of each group with its 95 % interval."""
         label = f"{SCORES[self._score]}, {self.a.result.entry} minus {self.b.result.entry} (points)"
         return interval_plot(
-            {name: one.difference for name, one in self.groups.items()}, label, 0.0
+            {name: group.difference for name, group in self.groups.items()}, label, 0.0
         )
 
     def write(self, path: Path) -> Path:
@@ -187,7 +187,7 @@ class ComparedEntries(Result):
             "a": {"entry": self.a.result.entry, "training_seeds": self.a.seeds},
             "b": {"entry": self.b.result.entry, "training_seeds": self.b.seeds},
             "paired": self.paired,
-            "groups": {name: asdict(one) for name, one in self.groups.items()},
+            "groups": {name: asdict(group) for name, group in self.groups.items()},
         }
         return write_output(path, json_text(written))
 

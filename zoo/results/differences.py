@@ -70,9 +70,10 @@ class Entry:
 
         See `BenchmarkResult.score`.
         """
+        rows = [self.drives[road] for road in roads]
         if self.result.has_levels:
-            return np.array([[one.is_clean for one in self.drives[road]] for road in roads]).T * 1.0
-        values = [[one.figures["autonomy"] for one in self.drives[road]] for road in roads]
+            return np.array([[drive.is_clean for drive in row] for row in rows]).T * 1.0
+        values = [[drive.figures["autonomy"] for drive in row] for row in rows]
         return np.array(values, np.float64).T
 
 
@@ -86,17 +87,17 @@ def read_entries(*paths: Path) -> list[Entry]:
         InputError: a file cannot be read, a drive is missing, or suite or roads differ.
     """
     entries = [Entry(path, read_result(path)) for path in paths]
-    for one, other in itertools.permutations(entries, 2):
+    for entry, other in itertools.permutations(entries, 2):
         for key in ("suite", "roads"):
-            wanted, found = getattr(one.result, key), getattr(other.result, key)
-            if wanted != found:
+            wanted, value = getattr(entry.result, key), getattr(other.result, key)
+            if wanted != value:
                 raise InputError(
-                    f"{other.path}: {key}: is {found}, but {one.path} has {wanted}; compare "
+                    f"{other.path}: {key}: is {value}, but {entry.path} has {wanted}; compare "
                     "results of one suite, driven by one version of drivezoo"
                 )
-        if missing := one.drives.keys() - other.drives.keys():
+        if missing := entry.drives.keys() - other.drives.keys():
             raise InputError(
-                f"{other.path}: drives: has no {shown(min(missing))}, which {one.path} has; run "
+                f"{other.path}: drives: has no {shown(min(missing))}, which {entry.path} has; run "
                 "the benchmark again"
             )
     return entries
@@ -153,11 +154,11 @@ def shared_seeds(a: Entry, b: Entry) -> list[int]:
         InputError: they have none.
     """
     of_a, of_b = (
-        [seed for seed in dict.fromkeys(one.training_seeds) if seed is not None] for one in (a, b)
+        [seed for seed in dict.fromkeys(side.training_seeds) if seed is not None] for side in (a, b)
     )
     if shared := [seed for seed in of_a if seed in of_b]:
         return shared
-    seeds = [", ".join(map(str, one)) or "none" for one in (of_a, of_b)]
+    seeds = [", ".join(map(str, jobs)) or "none" for jobs in (of_a, of_b)]
     raise InputError(
         f"paired=true: {a.path} has the training seeds {seeds[0]}, {b.path} {seeds[1]}; a pair is "
         "two trainings of one seed"
@@ -190,11 +191,11 @@ def compare_pairs(entries: Sequence[Entry]) -> dict[tuple[int, int], Comparison]
     The p-values, and the verdicts, are corrected for the number of pairs (Holm).
     """
     pairs = list(itertools.combinations(range(len(entries)), 2))
-    found = [[*compare_entries(entries[a], entries[b]).values()][-1] for a, b in pairs]
-    corrected = holm([one.p for one in found])
+    overall = [[*compare_entries(entries[a], entries[b]).values()][-1] for a, b in pairs]
+    corrected = holm([group.p for group in overall])
     return {
-        pair: replace(one, p=p, verdict=one.verdict if p < SIGNIFICANT else CANNOT_TELL)
-        for pair, one, p in zip(pairs, found, corrected, strict=True)
+        pair: replace(group, p=p, verdict=group.verdict if p < SIGNIFICANT else CANNOT_TELL)
+        for pair, group, p in zip(pairs, overall, corrected, strict=True)
     }
 
 
@@ -219,12 +220,12 @@ def in_order(entries: Sequence[Entry]) -> list[Entry]:
 def possible_ranks(pairs: Mapping[tuple[int, int], Comparison], count: int) -> list[str]:
     """Return the ranks that each of some compared entries may have, such as `2 to 4`."""
     above, below = [0] * count, [0] * count
-    for (a, b), one in pairs.items():
-        if one.verdict != CANNOT_TELL:
-            better, worse = (a, b) if one.verdict == A_BETTER else (b, a)
+    for (a, b), group in pairs.items():
+        if group.verdict != CANNOT_TELL:
+            better, worse = (a, b) if group.verdict == A_BETTER else (b, a)
             above[worse] += 1
             below[better] += 1
-    bounds = [(1 + one, count - other) for one, other in zip(above, below, strict=True)]
+    bounds = [(1 + ahead, count - behind) for ahead, behind in zip(above, below, strict=True)]
     return [f"{first} to {last}" if first < last else f"{first}" for first, last in bounds]
 
 
@@ -242,12 +243,12 @@ def _p_value(a: Entry, b: Entry, roads: list[Road], paired: bool) -> float:
 
 def _scores(a: Entry, b: Entry, roads: list[Road], paired: bool) -> list[np.ndarray]:
     """Return the scores of both entries, [training seeds, roads]; of pairs, of shared seeds."""
-    tables = [one.scores(roads) for one in (a, b)]
+    tables = [side.scores(roads) for side in (a, b)]
     if not paired:
         return tables
     shared = shared_seeds(a, b)
-    numbers = [[one.training_seeds.index(seed) for seed in shared] for one in (a, b)]
-    return [table[own] for table, own in zip(tables, numbers, strict=True)]
+    numbers = [[side.training_seeds.index(seed) for seed in shared] for side in (a, b)]
+    return [table[chosen] for table, chosen in zip(tables, numbers, strict=True)]
 
 
 def _difference(scores_a: np.ndarray, scores_b: np.ndarray, paired: bool) -> np.ndarray:
@@ -271,7 +272,7 @@ def compare_roads(
     verdict = CANNOT_TELL
     # Of pairs, only the shared seeds count.
     alone = any(
-        len(scores) == 1 and one.is_trained for one, scores in ((a, scores_a), (b, scores_b))
+        len(scores) == 1 and side.is_trained for side, scores in ((a, scores_a), (b, scores_b))
     )
     if p < SIGNIFICANT and not alone:
         verdict = A_BETTER if difference.mean() > 0 else B_BETTER
@@ -351,8 +352,8 @@ def _least_difference(parts: list[tuple[float, int]]) -> float:
     Args:
         parts: variance and degrees of freedom of each part of the difference's variance.
     """
-    known = [(variance, freedom) for variance, freedom in parts if variance > 0]
-    if not known:
+    varying = [(variance, freedom) for variance, freedom in parts if variance > 0]
+    if not varying:
         return 0.0
-    critical = special.stdtrit(satterthwaite(known), 0.975) + special.ndtri(POWER)
-    return math.sqrt(sum(variance for variance, _ in known)) * float(critical)
+    critical = special.stdtrit(satterthwaite(varying), 0.975) + special.ndtri(POWER)
+    return math.sqrt(sum(variance for variance, _ in varying)) * float(critical)

@@ -47,10 +47,10 @@ def level_at(
     for clusters in left_out:
         if (count := len(clusters)) < 2:
             continue
-        found = [
+        without = [
             _level(share, clean, np.where(cluster, 0.0, weights), levels) for cluster in clusters
         ]
-        variance = (count - 1) * float(np.var(found))
+        variance = (count - 1) * float(np.var(without))
         if variance > EQUAL**2:
             parts.append((variance, count - 1.0))
     if len(names) < FEWEST_ROADS or not parts:

@@ -94,8 +94,8 @@ def reached_marks(result: BenchmarkResult, marks: Mapping[str, Marks]) -> list[R
     """Return what an entry reached for each mark of the same suite."""
     return [
         Reached(group, figure, value, result.groups[group][figure])
-        for group, own in marks.items()
-        for figure, value in own.model_dump(exclude_unset=True).items()
+        for group, limits in marks.items()
+        for figure, value in limits.model_dump(exclude_unset=True).items()
     ]
 
 
@@ -105,8 +105,8 @@ def missed_line(reached: Sequence[Reached]) -> str:
     for mark in reached:
         if not mark.passed:
             figure, required, value = mark.texts
-            more = f" ({DRIVE_MORE})" if mark.status == OPEN else ""
-            missed.append(f"{mark.group}: {figure} is {value}, must be {required}{more}")
+            remedy = f" ({DRIVE_MORE})" if mark.status == OPEN else ""
+            missed.append(f"{mark.group}: {figure} is {value}, must be {required}{remedy}")
     return (
         f"{len(missed)} of {len(reached)} marks not reached: {'; '.join(missed)}" if missed else ""
     )
@@ -114,8 +114,8 @@ def missed_line(reached: Sequence[Reached]) -> str:
 
 def verdict(reached: Sequence[Reached]) -> str:
     """Return passed if all marks are reached, missed if one is missed, open otherwise."""
-    found = {mark.status for mark in reached}
-    return next((one for one in (MISSED, OPEN) if one in found), PASSED)
+    statuses = {mark.status for mark in reached}
+    return next((status for status in (MISSED, OPEN) if status in statuses), PASSED)
 
 
 def marks_table(reached: Sequence[Reached]) -> Table:
@@ -159,13 +159,13 @@ def write_marks(folder: Path, result: BenchmarkResult, reached: Sequence[Reached
     ]
 
 
-def marks_page(result: BenchmarkResult, reached: Sequence[Reached], more: Sequence[Section]) -> str:
+def marks_page(result: BenchmarkResult, reached: Sequence[Reached], rest: Sequence[Section]) -> str:
     """Return the page of an entry's marks for a student, with further sections."""
     kind, title = TITLES[verdict(reached)]
     count = f"{sum(mark.passed for mark in reached)} of {len(reached)} marks reached"
     box = Box(kind, f"{title}: {count}", [f"Suite {result.suite}"], [], [])
     table = Rows(marks_table(reached), left=3)
-    sections = [Section("", [box]), Section("Marks", [table, Text(MEANING)]), *more]
+    sections = [Section("", [box]), Section("Marks", [table, Text(MEANING)]), *rest]
     return to_html(result.entry, sections, footer="")
 
 

@@ -66,11 +66,11 @@ class Entry:
         """
         tracks = [pair for run in self.runs for pair in run.tracks.items()]
         driven = [figures for name, figures in tracks if track in ("", name)]
-        laps = min((one["laps"] for one in driven if "laps" in one), default=LAST)
+        laps = min((row["laps"] for row in driven if "laps" in row), default=LAST)
         if laps < WHOLE_LAP:
             return f"{laps:.2g} laps"
         metres = min(
-            (one.get("driven_m", LAST) for one in driven if "laps" not in one), default=LAST
+            (row.get("driven_m", LAST) for row in driven if "laps" not in row), default=LAST
         )
         return f"{metres:.0f} m" if metres < LAP_M else ""
 
@@ -100,9 +100,9 @@ def _entry(runs: Sequence[Scored], shared: set[str]) -> Entry:
     figures["cte_m"] = _spread([run.mean("cte_mean_m", shared) for run in runs])
     counts = {}
     for track in dict.fromkeys(name for run in runs for name in run.tracks):
-        own = [run.tracks.get(track, {}) for run in runs]
-        for key in dict.fromkeys(key for one in own for key in one):
-            figures[f"{track}/{key}"] = _spread([one.get(key) for one in own])
+        by_run = [run.tracks.get(track, {}) for run in runs]
+        for key in dict.fromkeys(key for drive in by_run for key in drive):
+            figures[f"{track}/{key}"] = _spread([drive.get(key) for drive in by_run])
         if all(track in run.counts for run in runs):
             clean, drives = np.sum([run.counts[track] for run in runs], axis=0).tolist()
             counts[track] = clean, drives
@@ -154,7 +154,7 @@ class Figure:
     def values(self) -> list[float | None]:
         """Return the means; None where there is none."""
         return [
-            found[0] if (found := entry.figures.get(self.key)) else None for entry in self.entries
+            pair[0] if (pair := entry.figures.get(self.key)) else None for entry in self.entries
         ]
 
     @property
@@ -184,8 +184,8 @@ class Figure:
         name = self.key.replace("/", "_")
         figures: dict[str, Sequence[Cell]]
         if self.form:
-            found = [entry.figures.get(self.key) or (None, None) for entry in self.entries]
-            figures = {name: [mean for mean, _ in found], f"{name}_std": [std for _, std in found]}
+            pairs = [entry.figures.get(self.key) or (None, None) for entry in self.entries]
+            figures = {name: [mean for mean, _ in pairs], f"{name}_std": [std for _, std in pairs]}
         else:
             track = self.key.rpartition("/")[0]
             counts = [entry.counts.get(track) or (None, None) for entry in self.entries]
@@ -216,21 +216,21 @@ def ranked_figures(entries: Sequence[Entry]) -> list[Figure]:
         figure(f"drives without intervention, {label}", f"{track}/drives", "")
         for track, label in labels.items()
     ]
-    found = [of_track(first, track) for track in tracks]
+    figures = [of_track(first, track) for track in tracks]
     overall = [figure(first.label, first.name, first.form)]
-    found = [*overall, *drives, *found] if len(tracks) > 1 else [*found, *drives]
+    figures = [*overall, *drives, *figures] if len(tracks) > 1 else [*figures, *drives]
     for track, label in labels.items():
-        found += [of_track(metric, track) for metric in others]
+        figures += [of_track(metric, track) for metric in others]
         laps = figure(f"laps, {label}", f"{track}/laps", "{:.1f}")
         driven = figure(f"driven, {label} (m)", f"{track}/driven_m", "{:,.0f}")
-        unknown = [m for m, known in zip(driven.values, laps.values, strict=True) if known is None]
-        found += [laps, driven] if any(unknown) else [laps]
-    found += [
+        unknown = [m for m, count in zip(driven.values, laps.values, strict=True) if count is None]
+        figures += [laps, driven] if any(unknown) else [laps]
+    figures += [
         figure("val MSE", "val_mse", "{:.4f}", less=True),
         figure("test MSE", "test_mse", "{:.4f}", less=True),
         figure("seconds", "wall_s", "{:,.0f}", less=True),
     ]
-    return [one for one in found if set(one.values) != {None}]
+    return [column for column in figures if set(column.values) != {None}]
 
 
 def short_figures(figures: Sequence[Figure]) -> set[str]:
@@ -262,21 +262,21 @@ def setting_text(value: str | None) -> str:
 
 def named_columns(entries: Sequence[Entry], under: Path | None) -> list[Column]:
     """Return the columns that identify entries: rank, folders, model, source, recording."""
-    found = [
+    named = [
         number_column("rank", "", list(range(1, len(entries) + 1))),
         Column("run", "run", [run_name(entry, under) for entry in entries]),
     ]
     names = [entry.first.name for entry in entries]
     settings = {column.name for column in setting_columns(entries)}
     if len(set(names)) > 1 and not {"model", "experiment"} & settings:
-        found.append(Column("model", "model", names))
+        named.append(Column("model", "model", names))
     sources = [entry.first.source or "-" for entry in entries]
     if set(sources) - {"-", EMBEDDED}:
-        found.append(Column("drive", "drive", sources))
+        named.append(Column("drive", "drive", sources))
     recordings = [entry.first.trained_on for entry in entries]
     if len(set(recordings)) > 1:
-        found.append(Column("recording", "recording", [recording.name for recording in recordings]))
-    return found
+        named.append(Column("recording", "recording", [recording.name for recording in recordings]))
+    return named
 
 
 def setting_columns(entries: Sequence[Entry]) -> list[Column]:
@@ -322,12 +322,13 @@ def ranking_table(
     seeds = {run.seed for entry in entries for run in entry.runs}
     last = [seeds_column(entries)] if len(seeds) > 1 else []
     shown = ranked_figures(entries)
-    figures = [_narrow_column(one) for one in shown]
+    figures = [_narrow_column(figure) for figure in shown]
     table, left_out = fitted_table(title, [*names, *settings, *last], figures, width, ALWAYS_SHOWN)
     if left_out and len(settings) > 1:
         identifying = [*names, in_one_column(settings), *last]
         table, left_out = fitted_table(title, identifying, figures, width, ALWAYS_SHOWN)
-    return table, [one.heading for one in shown if one.key in {column.name for column in left_out}]
+    missing = {column.name for column in left_out}
+    return table, [figure.heading for figure in shown if figure.key in missing]
 
 
 def _narrow_column(figure: Figure) -> Column:

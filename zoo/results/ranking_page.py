@@ -131,14 +131,14 @@ class Ranking(Result):
     def unranked_lines(self) -> list[str]:
         """Return a line for each kind, such as `2 failed: 3 (no space left), 7 (...)`."""
         lines = []
-        for why in dict.fromkeys(one.why for one in self.unranked):
+        for why in dict.fromkeys(run.why for run in self.unranked):
             named = [
-                folder_label(one.folder, self.under) + (f" ({one.reason})" if one.reason else "")
-                for one in self.unranked
-                if one.why == why
+                folder_label(run.folder, self.under) + (f" ({run.reason})" if run.reason else "")
+                for run in self.unranked
+                if run.why == why
             ]
-            more = f" and {len(named) - NAMED} more" if len(named) > NAMED else ""
-            lines.append(printable(f"{len(named)} {why}: {', '.join(named[:NAMED])}{more}"))
+            rest = f" and {len(named) - NAMED} more" if len(named) > NAMED else ""
+            lines.append(printable(f"{len(named)} {why}: {', '.join(named[:NAMED])}{rest}"))
         return lines
 
     def write_page(self, path: Path, title: str) -> Path:
@@ -178,7 +178,7 @@ class Ranking(Result):
             title=title,
             where=f"{self.under.resolve()} \N{MIDDLE DOT} {datetime.now():%Y-%m-%d %H:%M}",
             lead=f"{self.order[0].upper()}{self.order[1:]}.",
-            heads=[(one.heading, True) for one in names]
+            heads=[(column.heading, True) for column in names]
             + [(figure.heading, False) for figure in figures],
             rows=list(zip(*cells, strict=True)),
             more=[],
@@ -231,7 +231,7 @@ def following(entries: Sequence[Entry]) -> list[str]:
     best = entries[0].first
     if best.source == BENCHMARK:
         others = (entry.first for entry in entries[1:])
-        same = next((one for one in others if one.tracks.keys() == best.tracks.keys()), None)
+        same = next((entry for entry in others if entry.tracks.keys() == best.tracks.keys()), None)
         return ["compare", str(best.folder), str(same.folder)] if same else []
     driver = best.name if best.val_mse is None else str(best.folder)
     if best.car:  # no road shows it

@@ -148,16 +148,16 @@ def code_name(code: CodeFacts) -> str:
     return str(code.get("commit") or code.get("hash") or "unknown")
 
 
-def check_distinct(drivers: Sequence[Driver], place: str = "") -> None:
+def check_distinct(drivers: Sequence[Driver], where: str = "") -> None:
     """Raise InputError unless an entry's checkpoints are different ones of one network."""
-    for number, one in enumerate(drivers):
-        if one.model != drivers[0].model:
+    for number, driver in enumerate(drivers):
+        if driver.model != drivers[0].model:
             raise InputError(
-                f"{place}{one.file}: is a {one.model}, but {drivers[0].file} is a "
+                f"{where}{driver.file}: is a {driver.model}, but {drivers[0].file} is a "
                 f"{drivers[0].model}; the checkpoints of an entry differ only in their seed"
             )
-        if one.sha256 in [driver.sha256 for driver in drivers[:number]]:
-            raise InputError(f"{place}{one.file}: is named twice; name each training seed once")
+        if driver.sha256 in [earlier.sha256 for earlier in drivers[:number]]:
+            raise InputError(f"{where}{driver.file}: is named twice; name each training seed once")
 
 
 def digest_of_drives(drives: Sequence[DriveRecord]) -> str:

@@ -77,8 +77,8 @@ class Scored:
 
     def mean(self, key: str, tracks: Collection[str] = ()) -> float | None:
         """Return the mean of a figure over tracks, all if none is named; None if one lacks it."""
-        driven = [one for name, one in self.tracks.items() if not tracks or name in tracks]
-        values = [one[key] for one in driven if key in one]
+        driven = [figures for name, figures in self.tracks.items() if not tracks or name in tracks]
+        values = [figures[key] for figures in driven if key in figures]
         return float(np.mean(values)) if values and len(values) == len(driven) else None
 
 
@@ -175,9 +175,9 @@ def load_run(folder: Path) -> Scored | None:
     if open_loop is None:
         return None
     run = Run(folder)
-    for name, one in run.tracks.items():
+    for name, figures in run.tracks.items():
         for key in ("autonomy", "cte_mean_m"):
-            if key not in one:
+            if key not in figures:
                 raise InputError(f"metrics.json: drive.tracks.{name}.{key}: is missing")
     return Scored(
         folder=folder,
@@ -232,7 +232,7 @@ def load_evaluation(folder: Path) -> Scored:
         InputError: `metrics.json` cannot be read, or is not that of an evaluation.
     """
     metrics = read_metrics_file(folder)
-    tracks = {name: one for name, one in (metrics.get("tracks") or {}).items() if one}
+    tracks = {name: figures for name, figures in (metrics.get("tracks") or {}).items() if figures}
     if not tracks:
         raise InputError(f"{folder / METRICS_NAME}: tracks: is missing; name an evaluation")
     return Scored(
@@ -257,8 +257,8 @@ def load_benchmark(folder: Path) -> Scored:
     from zoo.results.summary import drives_of
 
     result = read_result(folder)
-    own = drives_of(result.drives, OVERALL) or result.drives
-    drives = [one.figures for one in own]
+    records = drives_of(result.drives, OVERALL) or result.drives
+    drives = [record.figures for record in records]
     figures = {
         name: sum(float(drive[name] or 0) for drive in drives) / len(drives)
         for name in ("autonomy", "cte_mean_m", "interventions", "driven_s")
@@ -290,10 +290,10 @@ def _shown() -> list[str]:
 def _of_tracks(tracks: dict[str, dict]) -> dict:
     """Return the fields of `Scored` that follow from the figures of tracks, without deviations."""
     means = {
-        name: {key: float(one[key][0]) for key in _shown() if one.get(key)}
-        for name, one in tracks.items()
+        name: {key: float(figures[key][0]) for key in _shown() if figures.get(key)}
+        for name, figures in tracks.items()
     }
-    pairs = {name: (one.get(CLEAN), one.get("drives")) for name, one in tracks.items()}
+    pairs = {name: (figures.get(CLEAN), figures.get("drives")) for name, figures in tracks.items()}
     return {
         "tracks": means,
         "counts": {name: pair for name, pair in pairs.items() if None not in pair},

@@ -168,10 +168,10 @@ def find_suite(name: str, other: str) -> tuple[str, str]:
     Raises:
         InputError: no suite has that name.
     """
-    for one in dict.fromkeys([other, *suite_names()]):
-        own = _read_file(suite_path(one)).name
-        if name in (own, f"{own}-{DEV}"):
-            return one, DEV if name != own else "test"
+    for file in dict.fromkeys([other, *suite_names()]):
+        included = _read_file(suite_path(file)).name
+        if name in (included, f"{included}-{DEV}"):
+            return file, DEV if name != included else "test"
     raise InputError(
         f"suite: {name} is not included; name its file with suite=PATH, or use the drivezoo that "
         f"drove it (included: {', '.join(suite_names())})"
@@ -199,7 +199,7 @@ def read_suite(name: str, split: str = "test") -> Suite:
     dev, laps = ([_Drive(track=track) for track in tracks] for tracks in (file.dev, file.laps))
     groups = {DEV: dev} if split == DEV else file.groups | {LAPS: laps}
     drives = [
-        _suite_drive(file, path, group, drive) for group, given in groups.items() for drive in given
+        _suite_drive(file, path, group, drive) for group, roads in groups.items() for drive in roads
     ]
     drives += _leveled(file, path, split)
     if not drives:
@@ -216,10 +216,10 @@ def read_suite(name: str, split: str = "test") -> Suite:
     order = [LIKE, *groups, *file.axes]
     ordered = sorted(by_key.values(), key=lambda drive: order.index(drive.group))
     marks = {} if split == DEV or file.marks is None else file.marks
-    known = [*dict.fromkeys(drive.group for drive in ordered), OVERALL]
+    names = [*dict.fromkeys(drive.group for drive in ordered), OVERALL]
     for group in marks:
-        if group not in known:
-            raise InputError(f"{path}: marks.{group}: no such group; {hint(group, known)}")
+        if group not in names:
+            raise InputError(f"{path}: marks.{group}: no such group; {hint(group, names)}")
     name = file.name + (f"-{DEV}" if split == DEV else "")
     return Suite(name, tuple(ordered), file.data, file.mean_steering, marks)
 
@@ -273,10 +273,10 @@ def _leveled(file: _File, path: Path, split: str) -> list[SuiteDrive]:
     drives = []
     for axis, levels in file.axes.items():
         numbers = _numbers(f"{split} {seed} {axis}", count)
-        for level, own in enumerate(levels, 1):
-            settings = own.model_dump(exclude_unset=True, exclude={"family"})
-            given = [_Drive(track=f"{own.family}:{number}", **settings) for number in numbers]
-            drives += [_suite_drive(file, path, axis, one, level) for one in given]
+        for level, change in enumerate(levels, 1):
+            settings = change.model_dump(exclude_unset=True, exclude={"family"})
+            drawn = [_Drive(track=f"{change.family}:{number}", **settings) for number in numbers]
+            drives += [_suite_drive(file, path, axis, drive, level) for drive in drawn]
     return drives
 
 
@@ -297,9 +297,9 @@ def _suite_drive(file: _File, path: Path, group: str, drive: _Drive, level: int 
     settings = drive.model_dump(exclude_unset=True, exclude={"track"})
     with placed_errors(f"{path}: groups.{group}: {drive.track}"):
         weather = read_weather(str(drive.weather)) if drive.weather else CLEAR
-        known = {key: value for key, value in settings.items() if value is not None}
+        chosen = {key: value for key, value in settings.items() if value is not None}
         usual = {"speed": file.speed, "quality": file.quality}
-        scenario = Scenario(drive.track, **usual | known | {"weather": weather})
+        scenario = Scenario(drive.track, **usual | chosen | {"weather": weather})
         scenario.check()
         open_world(scenario, "none").close()
     return SuiteDrive(group, drive.track, settings, scenario, level)

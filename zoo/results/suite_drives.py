@@ -57,10 +57,10 @@ def drive_suite(
     """
     drives = {} if finished is None else dict(finished.drives)
     # Laps take longest: begun last, they would leave the other processes without work.
-    order = sorted(set(range(len(jobs))) - set(drives), key=lambda one: jobs[one][1].group != LAPS)
+    order = sorted(set(range(len(jobs))) - set(drives), key=lambda job: jobs[job][1].group != LAPS)
     files = [drivers[jobs[number][0]].file for number in order]
     is_baseline = bool(files) and files[0] in BASELINES
-    for place, drive in run_drives(
+    for index, drive in run_drives(
         [_driver(file, mean_steering) for file in files],
         [jobs[number][1].scenario for number in order],
         workers=workers,
@@ -68,21 +68,21 @@ def drive_suite(
         console=console,
         # Other renderers draw other frames: the digest would depend on the machine.
         renderer="none" if is_baseline else "software",
-        first_only=any(one.level for _, one in jobs),
+        first_only=any(drive.level for _, drive in jobs),
         executor=executor,
     ):
-        driver, one = jobs[order[place]]
-        drives[order[place]] = DriveRecord(
+        driver, planned = jobs[order[index]]
+        drives[order[index]] = DriveRecord(
             checkpoint=driver,
-            group=one.group,
-            track=one.track,
-            settings=one.settings,
+            group=planned.group,
+            track=planned.track,
+            settings=planned.settings,
             figures=drive_figures(drive),
             digest=drive_digest(drive),
-            level=one.level,
+            level=planned.level,
         )
         if finished is not None:
-            finished.add(order[place], drives[order[place]])
+            finished.add(order[index], drives[order[index]])
     return [drives[number] for number in range(len(jobs))]
 
 
@@ -95,7 +95,7 @@ def drive_again(
     """Repeat drives of a suite until they leave the road; write each and its film to a folder."""
     all_drives(
         [_driver(drivers[number].file, mean_steering) for number, _ in drives.values()],
-        [one.scenario for _, one in drives.values()],
+        [planned.scenario for _, planned in drives.values()],
         [KeptDrive(folder, 1.0, film_last_s=FAILURE_S) for folder in drives],
         what="driving the worst again, for a film",
         console=console,
@@ -172,11 +172,11 @@ class FinishedDrives:
         # The text after the last line break is a drive that was written in part.
         lines = text.split("\n")[:-1] or [json.dumps(first)]
         for number, line in enumerate(lines, 1):
-            place = f"{self.path}: row {number}; delete this file and start again"
+            where = f"{self.path}: row {number}; delete this file and start again"
             try:
                 content = parse_json(line)
             except ValueError as error:
-                raise InputError(f"{place}: {error}") from None
+                raise InputError(f"{where}: {error}") from None
             if number == 1:
                 content = content if isinstance(content, dict) else {}
                 if other := [key for key, value in first.items() if content.get(key) != value]:
@@ -185,7 +185,7 @@ class FinishedDrives:
                         "another folder with out=, or delete this file"
                     )
             else:
-                row = check_fields(_Finished, content, place)
+                row = check_fields(_Finished, content, where)
                 self.drives[row.job] = row.drive
         with file_errors(self.path, "{}; its drives are kept"):
             write_whole(self.path, "\n".join([*lines, ""]))

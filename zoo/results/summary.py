@@ -55,17 +55,17 @@ class Summary:
     def flat(self) -> dict[str, Interval]:
         """Return the figures by their dotted names, such as `groups.like.autonomy`."""
         return {
-            f"{kind}.{group}.{name}": one
+            f"{kind}.{group}.{name}": figure
             for kind, groups in vars(self).items()
             for group, figures in groups.items()
-            for name, one in figures.items()
+            for name, figure in figures.items()
         }
 
 
 def known_figures(groups: Sequence[Mapping[str, object]]) -> dict[str, Figure]:
     """Return how the figures of groups are shown: `FIGURES`, and what drives with levels have."""
-    more = {key: one for key, one in LEVEL_FIGURES.items() if all(key in group for group in groups)}
-    return FIGURES | more
+    levels = [key for key in LEVEL_FIGURES if all(key in group for group in groups)]
+    return FIGURES | {key: LEVEL_FIGURES[key] for key in levels}
 
 
 def summarize_drives(drives: Sequence[DriveRecord]) -> Summary:
@@ -110,7 +110,7 @@ def group_figures(drives: Sequence[DriveRecord]) -> dict[str, Interval]:
     names = [*("interventions", "driven_m", "driven_s", "autonomy"), "cte_mean_m", "steering_per_s"]
     of = {name: table(drives, name) for name in [*names, *outside_metrics(drives)]}
     first = [drive for drive in drives if not drive.checkpoint]
-    estimate = partial(clustered, places=places_of(first), groups=[one.group for one in first])
+    estimate = partial(clustered, places=places_of(first), groups=[drive.group for drive in first])
     count, km = of["interventions"].size, np.maximum(of["driven_m"], 0.0) / 1000
     driven_s = of["driven_s"].sum()
     lost = min(1.0, INTERVENTION_S * count / driven_s) if driven_s else 1.0
@@ -119,31 +119,31 @@ def group_figures(drives: Sequence[DriveRecord]) -> dict[str, Interval]:
     )
     failed = estimate((of["interventions"] > 0) * 1.0, limits=SHARE, one_failure=1.0)
     shortfall = estimate(1 - of["autonomy"], limits=SHARE, one_failure=lost)
-    found = {
+    estimates = {
         "interventions_per_km": rate,
         "without_intervention": complement(failed),
         "autonomy": complement(shortfall),
         "m_per_intervention": Estimate(
-            *(1000 / one if one else math.nan for one in (rate.value, rate.high, rate.low))
+            *(1000 / per_km if per_km else math.nan for per_km in (rate.value, rate.high, rate.low))
         ),
         "cte_mean_m": estimate(of["cte_mean_m"], limits=POSITIVE),
         "steering_per_s": estimate(of["steering_per_s"], limits=POSITIVE),
     }
-    found |= {name: estimate(of[name]) for name in outside_metrics(drives)}
+    estimates |= {name: estimate(of[name]) for name in outside_metrics(drives)}
     if all(drive.level for drive in drives):
-        found |= _level_figures(drives)
-    return {name: _interval(one) for name, one in found.items()}
+        estimates |= _level_figures(drives)
+    return {name: _interval(value) for name, value in estimates.items()}
 
 
 def _level_figures(drives: Sequence[DriveRecord]) -> dict[str, Estimate]:
     first = [drive for drive in drives if not drive.checkpoint]
     clean, largest = (table(drives, name) for name in ("interventions", "cte_max_m"))
-    levels, places = [one.level for one in first], places_of(first)
-    found = {
+    levels, places = [drive.level for drive in first], places_of(first)
+    figures = {
         name: level_at(share, (clean == 0) * 1.0, levels, places) for name, share in SHARES.items()
     }
     worst = np.sort(largest.ravel())[-math.ceil(largest.size / 10) :]
-    return found | {"worst_tenth_m": Estimate(float(worst.mean()))}
+    return figures | {"worst_tenth_m": Estimate(float(worst.mean()))}
 
 
 def places_of(drives: Sequence[DriveRecord]) -> list[str]:
@@ -153,41 +153,41 @@ def places_of(drives: Sequence[DriveRecord]) -> list[str]:
 
 def outside_metrics(drives: Sequence[DriveRecord]) -> list[str]:
     """Return the metrics that are none of drivezoo's and that every drive has."""
-    known = {*METRICS.own(), "nan_frames"}
+    usual = {*METRICS.own(), "nan_frames"}
     return [
         name
         for name in drives[0].figures
-        if name not in known and all(drive.figures.get(name) is not None for drive in drives)
+        if name not in usual and all(drive.figures.get(name) is not None for drive in drives)
     ]
 
 
 def differences(drives: Sequence[DriveRecord]) -> dict[str, dict[str, Interval]]:
     """Return by shifted group the mean difference of each drive to its clean partner."""
     clean = {(drive.checkpoint, drive.track): drive for drive in drives if drive.group == LIKE}
-    found = {}
+    figures = {}
     for group in group_names(drives):
         shifted = [
             drive for drive in drives if drive.group == group and drive.settings and not drive.level
         ]
         if not shifted or group == LIKE:
             continue
-        partners = [clean[one.checkpoint, one.track] for one in shifted]
-        found[group] = {
+        partners = [clean[drive.checkpoint, drive.track] for drive in shifted]
+        figures[group] = {
             name: _interval(
                 clustered(
                     table(shifted, name) - table(partners, name),
-                    places=[one.track for one in shifted if not one.checkpoint],
+                    places=[drive.track for drive in shifted if not drive.checkpoint],
                     limits=limits,
                 )
             )
             for name, limits in COMPARED.items()
         }
-    return found
+    return figures
 
 
 def table(drives: Sequence[DriveRecord], name: str) -> np.ndarray:
     """Return a figure of drives, float64 [training seeds, drives]."""
-    seeds = 1 + max(one.checkpoint for one in drives)
+    seeds = 1 + max(drive.checkpoint for drive in drives)
     values = [
         [drive.figures[name] for drive in drives if drive.checkpoint == number]
         for number in range(seeds)
@@ -201,5 +201,5 @@ def complement(share: Estimate) -> Estimate:
 
 
 def _interval(estimate: Estimate) -> Interval:
-    known = {key: one if math.isfinite(one) else None for key, one in asdict(estimate).items()}
-    return Interval(**known)
+    numbers = asdict(estimate).items()
+    return Interval(**{key: number if math.isfinite(number) else None for key, number in numbers})

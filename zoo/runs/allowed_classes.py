@@ -104,14 +104,14 @@ def with_present_names(config: Any) -> Any:
     return mapped(lambda value: RENAMED.get(value, value) if type(value) is str else value, config)
 
 
-def is_allowed(place: tuple[str, ...], target: object) -> bool:
+def is_allowed(keys: tuple[str, ...], target: object) -> bool:
     """Return whether a `_target_` below these keys may have this value."""
     for pattern, allowed in ALLOWED.items():
-        if len(pattern) == len(place) and all(
-            one in ("*", name) for one, name in zip(pattern, place, strict=True)
+        if len(pattern) == len(keys) and all(
+            key in ("*", name) for key, name in zip(pattern, keys, strict=True)
         ):
-            own = own_class(target, allowed.own)
-            if own is not None and (not allowed.own_base or _derives(own, allowed.own_base)):
+            kind = own_class(target, allowed.own)
+            if kind is not None and (not allowed.own_base or _derives(kind, allowed.own_base)):
                 return True
             if _is_public(target, allowed):
                 return True
@@ -124,10 +124,10 @@ def public_classes(allowed: Allowed) -> dict[str, type]:
     if not allowed.package:
         return {}
     package = importlib.import_module(allowed.package)
-    found = {name: getattr(package, name) for name in dir(package)}
+    members = {name: getattr(package, name) for name in dir(package)}
     return {
         name: kind
-        for name, kind in found.items()
+        for name, kind in members.items()
         if not name.startswith("_") and name not in allowed.refused and _derives(kind, allowed.base)
     }
 
@@ -148,18 +148,18 @@ def own_class(target: object, modules: Sequence[str]) -> type | None:
     if not isinstance(target, str):
         return None
     module, _, name = target.rpartition(".")
-    packages = tuple(one[:-1] for one in modules if one.endswith(".*"))
+    packages = tuple(full[:-1] for full in modules if full.endswith(".*"))
     if module not in modules and not (packages and module.startswith(packages)):
         return None
     try:
-        found = getattr(importlib.import_module(module), name, None)
+        kind = getattr(importlib.import_module(module), name, None)
     except (ImportError, ValueError):
         return None
     # Refuse torch's `zoo.models.layers.nn.Sequential`: the module must define the class.
-    return found if inspect.isclass(found) and found.__module__ == module else None
+    return kind if inspect.isclass(kind) and kind.__module__ == module else None
 
 
-def _derives(found: object, base: str) -> bool:
+def _derives(kind: object, base: str) -> bool:
     """Return whether a class derives from the class with a full name."""
-    classes = inspect.getmro(found) if inspect.isclass(found) else ()
-    return base in [f"{one.__module__}.{one.__qualname__}" for one in classes]
+    classes = inspect.getmro(kind) if inspect.isclass(kind) else ()
+    return base in [f"{parent.__module__}.{parent.__qualname__}" for parent in classes]

@@ -37,8 +37,9 @@ def fitted_table(
         table.add_column(Text(heading), justify="left" if heading else "right", overflow="fold")
     for column in shown:
         table.add_column(Text(column.heading), justify="right", no_wrap=True)
-    for place, cells in enumerate(zip(*(one.cells for one in [*names, *shown]), strict=True)):
-        table.add_row(*map(Text, cells), style=None if place else "bold")
+    columns = (column.cells for column in [*names, *shown])
+    for number, cells in enumerate(zip(*columns, strict=True)):
+        table.add_row(*map(Text, cells), style=None if number else "bold")
     return table, left_out
 
 

@@ -88,6 +88,6 @@ def read_metrics_file(folder: Path) -> dict:
         InputError: `metrics.json` is missing, cannot be read or has another version.
     """
     path = folder / NAME
-    found = check_fields(Metrics, read_json(path), path)
-    check_version(found.version, VERSION, path)
-    return plain(found)
+    metrics = check_fields(Metrics, read_json(path), path)
+    check_version(metrics.version, VERSION, path)
+    return plain(metrics)

@@ -165,9 +165,9 @@ def interval_panels(panels: Mapping[str, tuple[Mapping[str, Any], float]]) -> Fi
     figure = NotebookFigure(figsize=(width, 0.9 + 0.35 * rows), layout="constrained")
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for axis, (label, (figures, factor)) in zip(axes, panels.items(), strict=True):
-        for row, one in enumerate(figures.values()):
+        for row, point in enumerate(figures.values()):
             # NaN, also of None, is not drawn.
-            low, value, high = factor * np.array([one.low, one.value, one.high], float)
+            low, value, high = factor * np.array([point.low, point.value, point.high], float)
             axis.plot([low, high], [row, row], color=BLUE, lw=1.5)
             axis.plot(value, row, "o", color=BLUE)
         axis.set_yticks(range(len(figures)), map(plot_text, figures))
@@ -195,8 +195,8 @@ def share_panels(
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for axis, (title, (places, curves)) in zip(axes, panels.items(), strict=True):
         styles = itertools.cycle(("-", "--", "-.", ":"))
-        for number, (name, found) in enumerate(curves.items()):
-            bounds = [(one.low, one.value, one.high) for one in found]
+        for number, (name, points) in enumerate(curves.items()):
+            bounds = [(point.low, point.value, point.high) for point in points]
             low, value, high = 100 * np.array(bounds, float).T
             # Side by side, since bars of several curves at one place hide each other.
             beside = np.array(places) + (0.6 * (number + 0.5) / len(curves) - 0.3 if few else 0)

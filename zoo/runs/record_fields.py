@@ -41,7 +41,7 @@ class OnlyFields(Fields):
 
 
 def _texts(value: object) -> object:
-    if not all(isinstance(one, str) for one in (value if isinstance(value, list) else [value])):
+    if not all(isinstance(text, str) for text in (value if isinstance(value, list) else [value])):
         raise ValueError("should be text, or a list of texts")
     return value
 
@@ -66,16 +66,16 @@ class Figures(Fields):
     __pydantic_extra__: dict[str, Pair | None] = Field(init=False)
 
 
-def check_fields(kind: type[Record], found: object, place: Path | str) -> Record:
+def check_fields(kind: type[Record], content: object, place: Path | str) -> Record:
     """Return a record of plain containers; raise InputError that names the first wrong field."""
-    if not isinstance(found, Mapping):
+    if not isinstance(content, Mapping):
         raise InputError(f"{place}: should be keys and values")
     try:
-        return kind.model_validate(found)
+        return kind.model_validate(content)
     except ValidationError as error:
         errors = error.errors(include_url=False, include_input=False)
-    first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
-    names = [str(one) for one in first["loc"]]
+    first = next((fault for fault in errors if fault["type"] == "extra_forbidden"), errors[0])
+    names = [str(key) for key in first["loc"]]
     found_wrong = WORDS.get(first["type"]) or first["msg"].removeprefix("Value error, ")
     raise InputError(f"{place}: {'.'.join(names)}: {found_wrong}")
 

@@ -59,7 +59,7 @@ class Table:
     ) -> "Table":
         """Return a table of texts."""
         cells = ([row[number] for row in rows] for number in range(len(headings)))
-        return cls([Column(*one) for one in zip(headings, headings, cells, strict=True)], caption)
+        return cls([Column(*row) for row in zip(headings, headings, cells, strict=True)], caption)
 
     @classmethod
     def of_figures(cls, rows: Sequence[Mapping[str, Cell]]) -> "Table":
@@ -114,7 +114,7 @@ class Table:
         headings = [column.heading for column in others]
         return Table.of(
             [first.heading, *first.cells],
-            [[heading, *one.cells] for heading, one in zip(headings, others, strict=True)],
+            [[heading, *column.cells] for heading, column in zip(headings, others, strict=True)],
             self.caption,
         )
 
@@ -201,7 +201,8 @@ class Table:
         are_left = (
             self._are_texts() if left is None else [n < left for n in range(len(self.columns))]
         )
-        lines = [map(markdown_cell, self.headings), ["---" if one else "---:" for one in are_left]]
+        rule = ["---" if is_left else "---:" for is_left in are_left]
+        lines = [map(markdown_cell, self.headings), rule]
         for number, row in enumerate(self.cells):
             mark = "**" if number in bold else ""
             lines.append([f"{mark}{markdown_cell(cell)}{mark}" if cell else "" for cell in row])
@@ -227,10 +228,10 @@ class Table:
 def column_names(columns: str, known: Iterable[str]) -> list[str]:
     """Return the names in `a,b`; raise UsageError for one that is no column, or is there twice."""
     names = [name.strip() for name in columns.split(",")]
-    for place, name in enumerate(names):
+    for number, name in enumerate(names):
         if name not in known:
             raise UsageError(f"columns={columns}: there is no column {name}; {hint(name, known)}")
-        if name in names[:place]:
+        if name in names[:number]:
             raise UsageError(f"columns={columns}: names {name} twice")
     return names
 

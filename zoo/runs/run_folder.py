@@ -70,7 +70,7 @@ def _claimed_folder(arguments: list[str], config: DictConfig) -> Iterator[list[s
     folder = Path(config.hydra.run.dir)
     check_name(folder)
     _refuse_a_run(folder)  # before a lock file is created there
-    created = [one for one in (folder, *folder.parents) if not one.exists()]
+    created = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         claim_run(folder, _refuse_a_run)
@@ -99,10 +99,10 @@ def check_name(folder: Path, key: str = KEY) -> None:
 
 
 def _refuse_a_run(folder: Path) -> None:
-    found = next((name for name in TRACES if (folder / name).exists()), None)
-    if found:
+    trace = next((name for name in TRACES if (folder / name).exists()), None)
+    if trace:
         raise InputError(
-            f"{folder}: already holds a run ({found}); resume it with "
+            f"{folder}: already holds a run ({trace}); resume it with "
             f"{command_line([f'resume={folder}'])}, or name another folder: hydra.run.dir=FOLDER"
         )
 
@@ -112,6 +112,6 @@ def _remove(folder: Path, created: list[Path]) -> None:
     for name in ("status.json", "status.lock"):
         with suppress(OSError):
             (folder / name).unlink()
-    for one in created:
+    for path in created:
         with suppress(OSError):
-            one.rmdir()
+            path.rmdir()

@@ -119,9 +119,9 @@ class Run:
             neither = (
                 f"is no run (no {HYDRA}/config.yaml) and no evaluation (no {metrics_file.NAME})"
             )
-            found = neither if folder.exists() else "no such folder"
+            reason = neither if folder.exists() else "no such folder"
             example = runs[0] if runs else "outputs/DATE/TIME"
-            raise InputError(f"{folder}: {found}; name a run's folder, such as {example}")
+            raise InputError(f"{folder}: {reason}; name a run's folder, such as {example}")
         return cls(folder)
 
     @cached_property
@@ -153,10 +153,10 @@ class Run:
     def overrides(self) -> list[str]:
         """Return the arguments of `drivezoo train`; empty without a file."""
         path = self.folder / HYDRA / "overrides.yaml"
-        found = read_yaml(path, any_path=True) if path.exists() else []
-        if not isinstance(found, list) or not all(isinstance(one, str) for one in found):
+        words = read_yaml(path, any_path=True) if path.exists() else []
+        if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
             raise InputError(f"{path}: should be a list of texts")
-        return found
+        return words
 
     @cached_property
     def _runtime(self) -> Runtime:
@@ -204,7 +204,7 @@ class Run:
         # data=lake names no root: the run records into data.record.out.
         root = data.get("root") or (data.get("record") or {}).get("out") or []
         roots = [root] if isinstance(root, str) else root
-        places = (Path(self._runtime.cwd or "") / os.path.expanduser(one) for one in roots)  # noqa: PTH111
+        places = (Path(self._runtime.cwd or "") / os.path.expanduser(name) for name in roots)  # noqa: PTH111
         fingerprint = (self.metrics.get("data") or {}).get("fingerprint")
         return TrainedOn(tuple(map(os.path.normpath, places)), str(fingerprint or ""))
 
@@ -240,12 +240,12 @@ def load_config(folder: Path) -> "DictConfig":
     try:
         config = OmegaConf.create(read_yaml_text(path, any_path=True))
         # Interpolations of Hydra's settings cannot be resolved outside Hydra.
-        found = check_text(OmegaConf.to_container(config, resolve=False), any_path=True)
+        content = check_text(OmegaConf.to_container(config, resolve=False), any_path=True)
     except (OmegaConfBaseException, YAMLError, ValueError, TypeError) as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"{path}: cannot be read as a config ({reason})") from None
-    check_fields(Config, found, path)
-    plain_config: DictConfig = OmegaConf.create(with_present_names(found))
+    check_fields(Config, content, path)
+    plain_config: DictConfig = OmegaConf.create(with_present_names(content))
     return plain_config
 
 

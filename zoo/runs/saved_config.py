@@ -75,9 +75,9 @@ def split_trust(arguments: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
     >>> split_trust(["seed=2", "trust=my.Loss,trainer.profiler"])
     (['seed=2'], ('my.Loss', 'trainer.profiler'))
     """
-    given = [argument for argument in arguments if argument.startswith(f"{TRUST}=")]
-    names = [name.strip() for one in given for name in one.partition("=")[2].split(",")]
-    return [argument for argument in arguments if argument not in given], tuple(filter(None, names))
+    words = [argument for argument in arguments if argument.startswith(f"{TRUST}=")]
+    names = [name.strip() for word in words for name in word.partition("=")[2].split(",")]
+    return [argument for argument in arguments if argument not in words], tuple(filter(None, names))
 
 
 def check_saved_config(
@@ -199,8 +199,8 @@ def _refused(keys: Keys, value: Any, config: Mapping) -> tuple[str | None, str]:
         is_text = isinstance(value, str | bytes | os.PathLike) and keys[-1] not in READ_KEYS
         if is_text and _leads_out(os.fsdecode(value)):
             return "leads out of the run's folder", key
-    place = keys[:-1] if keys[:-1] in MOST else keys  # a list's items have its limit
-    if (most := MOST.get(place)) and _exceeds(value, most):
+    limited = keys[:-1] if keys[:-1] in MOST else keys  # a list's items have its limit
+    if (most := MOST.get(limited)) and _exceeds(value, most):
         return f"is above {most:,}, the limit of a saved config", key
     if section == "trainer":
         if len(keys) > 1 and keys[1] in TRAINER_KEYS and value not in (None, False):
@@ -218,7 +218,7 @@ def _refused(keys: Keys, value: Any, config: Mapping) -> tuple[str | None, str]:
 def _exceeds(value: Any, most: int) -> bool:
     """Return whether a number, or a text that Lightning reads as one, is above a limit.
 
-    >>> [_exceeds(one, 64) for one in (64, 65, "65", 1e300, True, "auto", -1, "0,1", None)]
+    >>> [_exceeds(n, 64) for n in (64, 65, "65", 1e300, True, "auto", -1, "0,1", None)]
     [False, True, True, True, False, False, False, False, False]
     """
     try:
@@ -247,10 +247,10 @@ def _is_shipped(place: Keys, config: Mapping) -> bool:
 def _calls_resolver(text: str) -> bool:
     r"""Return whether a text has an interpolation that is more than another key's name.
 
-    >>> [_calls_resolver(one) for one in ("${trainer.max_epochs}", "${oc.env:HOME}", r"\${a:b}")]
+    >>> [_calls_resolver(text) for text in ("${trainer.max_epochs}", "${oc.env:HOME}", r"\${a:b}")]
     [False, True, False]
     """
-    return any(not _PLAIN.match(text, one.start(1)) for one in _INTERPOLATION.finditer(text))
+    return any(not _PLAIN.match(text, match.start(1)) for match in _INTERPOLATION.finditer(text))
 
 
 def _leads_out(value: str) -> bool:

@@ -51,8 +51,8 @@ def run_status(folder: Path, first: bool = True) -> Iterator[None]:
         yield
         return
     claim_run(folder)
-    for place in (folder, folder / "checkpoints", folder / "report"):
-        remove_parts(place)
+    for path in (folder, folder / "checkpoints", folder / "report"):
+        remove_parts(path)
     over = threading.Event()
     threading.Thread(target=_beat, args=(folder / NAME, over), daemon=True).start()
     status, reason = "finished", {}
@@ -94,10 +94,10 @@ def claim_run(folder: Path, check: Callable[[Path], None] = lambda _: None) -> N
                 "wait until it has finished, stop it, or name another folder: hydra.run.dir=FOLDER"
             )
         check(folder)
-        more = {}
+        fields = {}
         if before.get("status") == "finished":
-            more = {"finished_epochs": read_metrics(folder).get("epochs")}
-        write_status(folder, "running", **more)
+            fields = {"finished_epochs": read_metrics(folder).get("epochs")}
+        write_status(folder, "running", **fields)
 
 
 def read_metrics(folder: Path) -> dict:

@@ -82,8 +82,8 @@ def cameras(run: ReportedRun) -> list[Block]:
     # Not straight ahead, and not the sharpest bend.
     row = rows[np.argsort(np.abs(recording.steering[rows]), kind="stable")[3 * len(rows) // 4]]
     labels = {
-        CAMERAS[samples.camera[place]]: float(samples.steering[place])
-        for place in np.flatnonzero(samples.row == row)
+        CAMERAS[samples.camera[number]]: float(samples.steering[number])
+        for number in np.flatnonzero(samples.row == row)
     }
     images = [
         labelled_frame(
@@ -125,8 +125,8 @@ def flipped(run: ReportedRun) -> list[Block]:
 def recovery(run: ReportedRun) -> list[Block]:
     """Return frames of the most likely recovery."""
     recording = run.recording
-    found, why = find_recovery(recording)
-    rows = found[np.linspace(0, len(found) - 1, SHOWN).round().astype(int)]
+    stretch, why = find_recovery(recording)
+    rows = stretch[np.linspace(0, len(stretch) - 1, SHOWN).round().astype(int)]
     images = []
     for number, row in enumerate(rows, 1):
         steering, frame = float(recording.steering[row]), read_image(recording.images[row, 0])
@@ -170,16 +170,16 @@ def find_recovery(recording: Recording) -> tuple[np.ndarray, str]:
         raise InputError(f"No stretch of the recording lasts {STRETCH_S:g} s without a pause.")
     change = steering_returns(recording, stretches.first, stretches.length)
     after_pause = np.where(stretches.after_pause, change, 0.0)
-    which, found = "that follow a pause in the recording", after_pause
+    which, curve = "that follow a pause in the recording", after_pause
     if after_pause.max() < LEAST_CHANGE:
-        which, found = "of the recording (none follows a pause, so it may be a sharp bend)", change
-    if found.max() < LEAST_CHANGE:
+        which, curve = "of the recording (none follows a pause, so it may be a sharp bend)", change
+    if curve.max() < LEAST_CHANGE:
         raise InputError("The steering hardly changes anywhere in the recording.")
     why = (
         f"Of the stretches of {STRETCH_S:g} s {which}: the steering returns most in this one, by "
-        f"{found.max():.2f}. The log does not contain the cross-track error."
+        f"{curve.max():.2f}. The log does not contain the cross-track error."
     )
-    first = int(stretches.first[found.argmax()])
+    first = int(stretches.first[curve.argmax()])
     return np.arange(first, first + stretches.length), why
 
 

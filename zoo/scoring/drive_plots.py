@@ -19,8 +19,15 @@ def road_line(track: Track) -> np.ndarray:
     return np.vstack([track.xyz, track.xyz[: int(track.closed)]])[:, :2]
 
 
-def birds_eye(track: Track, drive: Drive, title: str) -> Figure:
-    """Draw the car's path on the track, coloured by cross-track error, with interventions."""
+def birds_eye(track: Track, way: np.ndarray, drive: Drive, title: str) -> Figure:
+    """Draw the car's path on the track, coloured by cross-track error, with interventions.
+
+    Args:
+        track: track of the drive.
+        way: path, [N, 2], m.
+        drive: errors and interventions.
+        title: title of the figure.
+    """
     road = road_line(track)
     extent = np.maximum(np.ptp(road, axis=0), 1.0)
     width, height = extent * min(5.2 / extent)  # inches, without colour bar and title
@@ -29,17 +36,15 @@ def birds_eye(track: Track, drive: Drive, title: str) -> Figure:
     )
     axis = figure.subplots()
     axis.plot(road[:, 0], road[:, 1], color=GREY, lw=7, alpha=0.25, solid_capstyle="round")
-    way = drive.xy
     error = np.abs(drive.cross_track_m)
-    lines = LineCollection(
-        np.stack([way[:-1], way[1:]], 1), array=error[1:], cmap="viridis", lw=2.2
-    )
+    steps = list(np.stack([way[:-1], way[1:]], 1))
+    lines = LineCollection(steps, array=error[1:], cmap="viridis", lw=2.2)
     lines.set_clim(0, max(1.0, drive.lane_m / 2))
     axis.add_collection(lines)
     figure.colorbar(lines, ax=axis, label="cross-track error (m)", shrink=0.7, extend="max")
     lost = drive.intervention
     if lost.any():
-        axis.scatter(*way[lost].T, marker="x", s=70, color=ORANGE, lw=2.5, zorder=3)
+        axis.scatter(way[lost, 0], way[lost, 1], marker="x", s=70, color=ORANGE, lw=2.5, zorder=3)
     axis.plot(*way[0], marker="o", color="black", ms=6, zorder=3)
     axis.annotate("start", way[0], xytext=(6, 6), textcoords="offset points")
     axis.set(aspect="equal", xlabel="m", ylabel="m", title=plot_text(title))
@@ -128,7 +133,7 @@ def degradation_curves(
         right.plot(list(by_value), error, color=ORANGE, marker=".", lw=1.2)
         right.set_ylim(0, max(1.0, 1.1 * worst))
         right.set_ylabel("mean cross-track error (m)", color=ORANGE)
-        for each in (axis, right):
-            each.spines["top"].set_visible(False)
+        for panel in (axis, right):
+            panel.spines["top"].set_visible(False)
     figure.suptitle(plot_text(title))
     return figure

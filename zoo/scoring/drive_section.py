@@ -12,7 +12,7 @@ from datamodules.image import read_image
 from zoo.base.errors import InputError
 from zoo.driving.drive_film import APART_S, FILM_NAME, FILM_WIDTH, Overlay, badness, draw_overlay
 from zoo.driving.drive_log import read_drive
-from zoo.driving.drive_record import EMBEDDED, Drive, DriveRow
+from zoo.driving.drive_record import EMBEDDED, Drive, DriveRow, WrittenDrive
 from zoo.driving.drives_table import drives_table
 from zoo.driving.intervals import ONE_TRACK
 from zoo.driving.interventions import INFRACTIONS
@@ -59,7 +59,8 @@ def scores(run: ReportedDrives) -> list[Block]:
 
 def tracks(run: ReportedDrives) -> list[Block]:
     """Return each track's film, plots and worst moments."""
-    blocks: list[Block] = [Missing(f"A drive cannot be read: {one}.") for one in run.damaged_drives]
+    blocks: list[Block] = []
+    blocks += [Missing(f"A drive cannot be read: {line}.") for line in run.damaged_drives]
     if run.tracks and not run.drives and not blocks:
         raise InputError("The run's folder no longer holds the drives.")
     left = FILMS_BYTES
@@ -93,7 +94,7 @@ def infractions(run: ReportedDrives) -> list[Block]:
     return [Heading("Interventions by cause"), Rows(Table.of(["cause", *counts], rows))]
 
 
-def _film(run: ReportedDrives, drive: Drive, budget: int) -> Block:
+def _film(run: ReportedDrives, drive: WrittenDrive, budget: int) -> Block:
     path = drive.folder / FILM_NAME
     if not path.is_file():
         return Missing("The drive was not filmed (score.film; film=true in drivezoo evaluate).")
@@ -117,7 +118,7 @@ def failure(folder: Path, with_path: bool) -> list[Block]:
     return [film, *(_plots(drive)[:1] if with_path else [])]
 
 
-def worst_moment(drive: Drive) -> Image | None:
+def worst_moment(drive: WrittenDrive) -> Image | None:
     """Return the worst moment as the film shows it; None if its frame was not kept."""
     worst = max(_moments(drive), key=badness, default=None)
     if worst is None:
@@ -131,7 +132,7 @@ def worst_moment(drive: Drive) -> Image | None:
     return Image.jpeg(f"{drive.folder.name}_poster.jpg", cv2.resize(pixels, size), caption)
 
 
-def _plots(drive: Drive) -> list[Block]:
+def _plots(drive: WrittenDrive) -> list[Block]:
     images = []
     for plot, caption in PLOTS.items():
         path = drive.folder / f"{plot}.png"
@@ -142,19 +143,19 @@ def _plots(drive: Drive) -> list[Block]:
     return [Images([image]) for image in images]
 
 
-def _worst(run: ReportedDrives, track: str, drives: list[Drive]) -> list[Block]:
+def _worst(run: ReportedDrives, track: str, drives: list[WrittenDrive]) -> list[Block]:
     """Return the worst moments of a track's drives, each with its saliency map if there is one."""
-    found = [(drive, row) for drive in drives for row in _moments(drive)]
-    if not found:
+    moments = [(drive, row) for drive in drives for row in _moments(drive)]
+    if not moments:
         raise InputError("The drive saved no images of its worst moments.")
-    found.sort(key=lambda one: badness(one[1]), reverse=True)
+    moments.sort(key=lambda moment: badness(moment[1]), reverse=True)
     saliency, why = None, "The right half shows in green what the steering depends on."
     try:
         saliency = Saliency(run.policy)
     except InputError as error:
         why = f"Without saliency: {error}."
     images = []
-    for number, (drive, row) in enumerate(found[:SHOWN], 1):
+    for number, (drive, row) in enumerate(moments[:SHOWN], 1):
         frame = read_image(drive.folder / row.frame)
         if saliency is not None:
             frame = np.hstack([frame, overlay(frame, saliency(frame, row.speed_mph))])

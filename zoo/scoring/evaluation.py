@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -63,7 +64,7 @@ class Evaluation(Result):
         return self.metrics["drives"]
 
     def __repr__(self) -> str:
-        lines = [f"  {name}: {how_well(one)}" for name, one in self.tracks.items()]
+        lines = [f"  {name}: {how_well(figures)}" for name, figures in self.tracks.items()]
         return "\n".join([f"Evaluation in {self.folder}: {self.verdict.headline}", *lines])
 
     def show(self) -> None:
@@ -105,9 +106,9 @@ def score_driver(
         InputError: the checkpoint cannot be loaded, the track does not exist, or an option is
             wrong.
     """
-    is_file = isinstance(driver, str)
-    policy = load_policy(driver) if is_file else as_policy(driver)
-    name = driver if is_file else policy.name
+    path = driver if isinstance(driver, str) else None
+    policy = load_policy(driver) if isinstance(driver, str) else as_policy(driver)
+    name = path or policy.name
     # Report wrong input before processes start.
     options = with_track(options, name, policy.data)
     check_world(options)
@@ -119,20 +120,20 @@ def score_driver(
     scenarios = options.scenarios
     usual = scenarios[0]
     swept = sweeps(names, usual)
-    more = [scenario for by_value in swept.values() for scenario in by_value.values()]
+    perturbed = [scenario for by_value in swept.values() for scenario in by_value.values()]
     with command_folder(options.out, "evaluations") as folder:
         scores = score_on_tracks(
-            driver if is_file else policy,
+            path or policy,
             scenarios,
             folder,
             console,
             options.workers,
             options.played_at,
-            more,
+            perturbed,
             options.executor,
             record=options.record,
         )
-        metrics = {"checkpoint": name, "world": options.world}
+        metrics: dict[str, Any] = {"checkpoint": name, "world": options.world}
         metrics |= {} if usual.quality == "full" else {"quality": usual.quality}
         metrics |= {"drives": scores.drives, "tracks": scores.tracks}
         results = {
@@ -146,8 +147,8 @@ def score_driver(
             }
             save_figure(curves(results, usual), folder / "robustness.png")
         evidence = Evidence(None, policy.config)
-        if is_file:
-            evidence = read_evidence(driver, policy.config, policy.data)
+        if path:
+            evidence = read_evidence(path, policy.config, policy.data)
         verdict = judge(scores.drives, evidence, options.tracks, options.world)
         metrics["verdict"] = verdict.plain()
         write_metrics_file(folder, metrics)

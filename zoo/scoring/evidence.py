@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from zoo.base.errors import InputError, UsageError
 from zoo.base.terminal import command_line
@@ -52,18 +52,18 @@ class Evidence:
         """Return its recording as a command in this folder takes it."""
         return trained_data(self.config, self.facts).get("root")
 
-    def at(self, key: str, otherwise: object = None) -> object:
+    def at(self, key: str, otherwise: Any = None) -> Any:
         """Return a value of the config by its dotted key.
 
         >>> Evidence("best.ckpt", {"data": {"offset": 0.2}}).at("data.offset")
         0.2
         """
-        found: object = self.config
+        value: Any = self.config
         for part in key.split("."):
-            if not isinstance(found, Mapping):
+            if not isinstance(value, Mapping):
                 return otherwise
-            found = found.get(part)
-        return otherwise if found is None else found
+            value = value.get(part)
+        return otherwise if value is None else value
 
     def again(self, changed: Mapping[str, str | None]) -> str | None:
         """Return the command that trained the network, with keys changed.
@@ -86,11 +86,11 @@ def read_evidence(checkpoint: Path | str, config: Mapping, data: object = None) 
         data: facts on the recording from the checkpoint.
     """
     folder = Path(checkpoint).parent.parent
-    found = evidence_of_run(folder, config, read_metrics(folder))
+    evidence = evidence_of_run(folder, config, read_metrics(folder))
     is_best = (folder / "checkpoints" / "best.ckpt") == Path(checkpoint)
     name = short_name(folder if is_best else Path(checkpoint))
-    source, facts = source_of(data), data or found.facts
-    return replace(found, checkpoint=name, source=source, has_rig=has_rig(data), facts=facts)
+    source, facts = source_of(data), data or evidence.facts
+    return replace(evidence, checkpoint=name, source=source, has_rig=has_rig(data), facts=facts)
 
 
 def evidence_of_run(folder: Path, config: Mapping, metrics: Mapping) -> Evidence:
@@ -167,9 +167,9 @@ def other_car_line(data: object, place: str, source: str | None = None) -> str |
     """
     if not data or source_of(data) == source:  # without facts, nobody knows
         return None
-    own, there = (one or "Udacity's simulator" for one in (source_of(data), source))
+    home, there = (car or "Udacity's simulator" for car in (source_of(data), source))
     return (
-        f"another car's network drives {place}: its recording is of {own}, and the camera and the "
+        f"another car's network drives {place}: its recording is of {home}, and the camera and the "
         f"car there are of {there}; the figures say nothing about how it drives its own"
     )
 
@@ -181,7 +181,7 @@ def training_command(overrides: Sequence[str], changed: Mapping[str, str | None]
     'drivezoo train experiment=lenet seed=2'
     """
     typed = [as_typed(override) for override in overrides]
-    kept = [one for one in typed if one.partition("=")[0].lstrip("+~") not in changed]
+    kept = [word for word in typed if word.partition("=")[0].lstrip("+~") not in changed]
     kept += [f"{key}={value}" for key, value in changed.items() if value is not None]
     return command_line(["drivezoo", "train", *kept])
 
@@ -222,17 +222,17 @@ def known_tracks(evidence: Evidence) -> dict[str, str]:
     """
     from zoo.simulator.track_names import recorded_name, short_name
 
-    found: dict[str, list[str]] = {}
+    used: dict[str, list[str]] = {}
 
     def note(tracks: Iterable[str], use: str) -> None:
-        for one in tracks:
-            found.setdefault(recorded_name(short_name(str(one))), []).append(use)
+        for track in tracks:
+            used.setdefault(recorded_name(short_name(str(track))), []).append(use)
 
     # Config and metrics may lack these keys, or are another program's and hold anything.
     with suppress(TypeError, ValueError, LookupError, AttributeError):
         record = evidence.at("data.record")
         if evidence.at("data.root") in (None, record["out"]):  # not another recording
-            note([one["track"] for one in record["passes"]], "trained")
+            note([drive["track"] for drive in record["passes"]], "trained")
     with suppress(TypeError, ValueError, LookupError, AttributeError):
         if evidence.metrics["choice"]["drives"]:
             tracks = evidence.at("score.track")
@@ -240,7 +240,7 @@ def known_tracks(evidence: Evidence) -> dict[str, str]:
     with suppress(TypeError, ValueError, LookupError, AttributeError):
         if evidence.at("callbacks.best.monitor").startswith("drive/"):
             note([evidence.at("callbacks.closed_loop.track")], "chosen")
-    return {track: " and ".join(dict.fromkeys(uses)) for track, uses in found.items()}
+    return {track: " and ".join(dict.fromkeys(uses)) for track, uses in used.items()}
 
 
 def likely_causes(evidence: Evidence, tracks: Sequence[str]) -> list[Cause]:
@@ -250,12 +250,12 @@ def likely_causes(evidence: Evidence, tracks: Sequence[str]) -> list[Cause]:
         evidence: config and metrics of the network.
         tracks: names of the tracks that the network does not drive.
     """
-    found: list[Cause] = []
+    causes: list[Cause] = []
     for rule in RULES:
         # Config and metrics lack what a rule reads, or are another program's and hold anything.
         with suppress(TypeError, ValueError, LookupError, AttributeError, ArithmeticError):
-            found += filter(None, [rule(evidence, tracks)])
-    return found[:MOST_CAUSES]
+            causes += filter(None, [rule(evidence, tracks)])
+    return causes[:MOST_CAUSES]
 
 
 def train_again(evidence: Evidence, causes: Sequence[Cause]) -> str | None:
@@ -287,7 +287,7 @@ def _augmentations(evidence: Evidence) -> list[str]:
 
 def _steers_back(evidence: Evidence, _: Sequence[str]) -> Cause | None:
     responses = evidence.metrics["side_response"].values()
-    response = [float(one) for one in responses if one is not None][-1]
+    response = [float(value) for value in responses if value is not None][-1]
     if response >= STEERS_BACK:
         return None
     if evidence.source is not None:  # the limit is in steering of Udacity's car
@@ -314,24 +314,24 @@ def _few_samples(evidence: Evidence, _: Sequence[str]) -> Cause | None:
     is_small = evidence.metrics["parameters"] < SMALL
     if is_small or samples >= ENOUGH_SAMPLES or evidence.at("quick"):
         return None
-    more = {"trainer.max_epochs": str(-(-ENOUGH_SAMPLES * epochs // samples))}
+    changes = {"trainer.max_epochs": str(-(-ENOUGH_SAMPLES * epochs // samples))}
     if not any(override.startswith("callbacks=") for override in evidence.overrides or ()):
-        more["callbacks"] = "published"  # without early stopping
+        changes["callbacks"] = "published"  # without early stopping
     return Cause(
-        f"It was trained on {samples:,} samples; a network of its size needs more epochs.", more
+        f"It was trained on {samples:,} samples; a network of its size needs more epochs.", changes
     )
 
 
 def _recording(evidence: Evidence, _: Sequence[str]) -> Cause | None:
     # A finding's advice stands behind its semicolon; the training may have followed it.
-    texts = [one["text"].partition("; ")[0] for one in evidence.metrics["findings"][:2]]
+    texts = [finding["text"].partition("; ")[0] for finding in evidence.metrics["findings"][:2]]
     if not texts:
         return None
-    found = " ".join(f"{text.rstrip('.')}." for text in texts)
+    faults = " ".join(f"{text.rstrip('.')}." for text in texts)
     if set(ROBUST) <= set(_augmentations(evidence)):
-        return Cause(f"The recording: {found} drivezoo check names what to record.")
+        return Cause(f"The recording: {faults} drivezoo check names what to record.")
     remedy = f"'augment=[{','.join(ROBUST)}]' makes up for some of it."
-    return Cause(f"The recording: {found} {remedy}", augment=ROBUST)
+    return Cause(f"The recording: {faults} {remedy}", augment=ROBUST)
 
 
 def _unseen(evidence: Evidence, tracks: Sequence[str]) -> Cause | None:

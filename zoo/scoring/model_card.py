@@ -39,10 +39,10 @@ class Described:
         return str(self.checkpoint.config["model"].get("name") or "network")
 
     @property
-    def tracks(self) -> dict[str, Mapping]:
+    def tracks(self) -> dict[str, dict]:
         """Return the figures of each track that the run drove."""
         tracks = (self.evidence.metrics.get("drive") or {}).get("tracks") or {}
-        return {name: one for name, one in tracks.items() if one and one.get("autonomy")}
+        return {name: row for name, row in tracks.items() if row and row.get("autonomy")}
 
 
 def describe(path: Path) -> Described:
@@ -134,7 +134,7 @@ def _scores(of: Described) -> list[Block]:
     speed = scored.get("speed_mph")
     where = scored.get("replayed") or "Drives of its run in drivezoo's embedded simulator"
     text = f"{where}, at {speed:g} mph." if speed else f"{where}."
-    return [Text(text), Rows(drives_table(dict(of.tracks)))]
+    return [Text(text), Rows(drives_table(of.tracks))]
 
 
 def _training(of: Described) -> list[Block]:

@@ -23,6 +23,7 @@ from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.frame_memory import SessionPolicy
 from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy_base import Command
+from zoo.models.memory import Memory
 
 FRAMES = 64
 CALIBRATION = 200
@@ -78,21 +79,21 @@ def take_frames(recording: str | None, checkpoint: Checkpoint, count: int = FRAM
     if recording is not None:
         return _frames_of(recording, count, {})
     data = trained_data(checkpoint.config, checkpoint.data)
-    root, found = data.get("root"), None
+    root, frames = data.get("root"), None
     with suppress(InputError, OSError):  # on another machine, or incomplete
         if root:
             return _frames_of(root, count, said_in(data))
     with suppress(InputError, OSError):
-        found = _frames_of(compose_config(["data=lake"])["data"]["record"]["out"], count, {})
-    found, (rows, columns) = found or _rendered_frames(), checkpoint.view.frame
+        frames = _frames_of(compose_config(["data=lake"])["data"]["record"]["out"], count, {})
+    frames, (rows, columns) = frames or _rendered_frames(), checkpoint.view.frame
     why = f", since the training's recording {root} is not found; name it, frames=FOLDER"
     return Frames(
         [
             cv2.resize(frame, (columns, rows), interpolation=cv2.INTER_AREA)
-            for frame in found.frames
+            for frame in frames.frames
         ],
-        found.speeds_mph,
-        f"{found.source}, in {columns} x {rows}{why if root else ''}",
+        frames.speeds_mph,
+        f"{frames.source}, in {columns} x {rows}{why if root else ''}",
     )
 
 
@@ -103,15 +104,17 @@ def compare(policy: CheckpointPolicy, exported: SessionPolicy, frames: Frames) -
     another time at each frame. The network of an ONNX file also runs on all frames as one batch,
     since it accepts any batch size.
     """
-    policies, times_ms, answers = (policy, exported), ([], []), ([], [])
+    policies = (policy, exported)
+    times_ms: tuple[list[float], list[float]] = ([], [])
+    answers: tuple[list[list[float]], list[list[float]]] = ([], [])
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
         for _ in range(WARM_UP):
-            for one in policies:
-                one(frames.frames[0], 0.0)
-        for one in policies:
-            one.reset()
+            for each in policies:
+                each(frames.frames[0], 0.0)
+        for each in policies:
+            each.reset()
         for number, (frame, speed_mph) in enumerate(
             zip(frames.frames, frames.speeds_mph, strict=True)
         ):
@@ -124,16 +127,17 @@ def compare(policy: CheckpointPolicy, exported: SessionPolicy, frames: Frames) -
                 answers[which].append(_outputs(command))
     finally:
         torch.set_num_threads(threads)
-    expected, found = (np.array(answer, dtype=float) for answer in answers)
-    differences = [np.abs(found - expected).max()]
+    expected, outputs = (np.array(answer, dtype=float) for answer in answers)
+    differences = [np.abs(outputs - expected).max()]
     if isinstance(exported, OnnxPolicy):
         images = np.stack([exported.view(frame) for frame in frames.frames])
         batched = exported.predict(images, np.array(frames.speeds_mph))
-        in_batch = expected if policy.memory is None else _first_steps(policy, images)
+        network = policy.network
+        in_batch = _first_steps(network, images) if isinstance(network, Memory) else expected
         differences.append(np.abs(batched - in_batch).max())
     return Parity(
         difference=float(np.max(differences)),
-        mean=float(np.abs(found - expected).mean()),
+        mean=float(np.abs(outputs - expected).mean()),
         checkpoint_ms=statistics.median(times_ms[0]),
         exported_ms=statistics.median(times_ms[1]),
     )
@@ -156,14 +160,13 @@ def own_latency(checkpoint: Checkpoint) -> str:
 
 
 def _outputs(command: Command) -> list[float]:
-    known = (command.steering, command.throttle, command.spread)
-    return [one for one in known if one is not None]
+    numbers = (command.steering, command.throttle, command.spread)
+    return [number for number in numbers if number is not None]
 
 
 @torch.inference_mode()
-def _first_steps(policy: CheckpointPolicy, images: np.ndarray) -> np.ndarray:
+def _first_steps(network: Memory, images: np.ndarray) -> np.ndarray:
     """Return the outputs for images, each the first frame of a drive, [N, 1 + ahead, outputs]."""
-    network = policy.network
     steps, *_ = network.step(
         torch.from_numpy(images).permute(0, 3, 1, 2), *network.first_state(len(images))
     )
@@ -198,5 +201,5 @@ def _rendered_frames() -> Frames:
         start = Start(number * world.track.length / RENDERED, side, 5.0 * side, speed_mph)
         world.reset(number, start)
         frames.append(world.frame())
-    world.renderer.close()
+    world.drawing().close()
     return Frames(frames, speeds_mph, "rendered on the embedded lake")

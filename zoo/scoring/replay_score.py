@@ -63,7 +63,7 @@ class Replay(Result):
     """
 
     folder: Path
-    figures: dict[str, float | None]
+    figures: dict[str, Any]
     notes: list[str]
     checkpoint: str
     problem: str = ""
@@ -128,7 +128,7 @@ def replay_recording(
         keep = ReplayFrames(folder if options.frames else None)
         scenario, what = Scenario(margin=options.margin), "replaying"
         (drive,) = all_drives(policy, [scenario], keep, what=what, console=console, world=world)
-        figures = {key: known(value) for key, value in measure(drive).items()}
+        figures: dict[str, Any] = {key: known(value) for key, value in measure(drive).items()}
         about = {"checkpoint": name, "recording": list(recording.names), "replayed": world.words}
         write_drive(folder, drive, **about)
         write_metrics_file(folder, about | {"margin_m": drive.lane_m, "replay": figures})
@@ -142,10 +142,10 @@ def replay_recording(
         on_track = source is None and source_of(policy.data) is None
         notes = [world.words] * (source is not None) + keyboard_lines(recording, on_track)
         notes += filter(None, [tied_line([{"tied": drive.tied}])])
-        following = ["film", folder] if options.frames else ["evaluate", name]
+        following: list[object] = ["film", folder] if options.frames else ["evaluate", name]
         if not on_track and not options.frames:
-            more = replace(options, frames=True, out=None, table=None, columns=None)
-            following = ["replay", name, recording_folder, *changed(more)]
+            filmed = replace(options, frames=True, out=None, table=None, columns=None)
+            following = ["replay", name, recording_folder, *changed(filmed)]
         result = Replay(folder, figures, notes, name, problem, following)
         result.written.extend(options.write_files(result))
         return result
@@ -191,11 +191,11 @@ def keyboard_lines(recording: Recording, on_track: bool) -> list[str]:
     remedy = "score it on a track: drivezoo evaluate CKPT track=lake"
     remedy = remedy if on_track else "record with a joystick to score it"
     return [
-        f"{one.name}: {one.zero_share:.0%} of the steering is exactly 0, as with a keyboard. Such "
+        f"{row.name}: {row.zero_share:.0%} of the steering is exactly 0, as with a keyboard. Such "
         "a path weaves around the lane's centre, so these figures say little about the network; "
         f"{remedy}"
-        for one in report_recordings(recording)
-        if one.zero_share > KEYBOARD_SHARE
+        for row in report_recordings(recording)
+        if row.zero_share > KEYBOARD_SHARE
     ]
 
 
@@ -207,7 +207,8 @@ class ReplayFrames(Keep):
     """
 
     def __init__(self, folder: Path | None) -> None:
-        self.folder, self.names = folder, []
+        self.folder = folder
+        self.names: list[str] = []
         if folder is not None:
             (folder / FRAMES).mkdir()
 

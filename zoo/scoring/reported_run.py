@@ -1,10 +1,8 @@
 """A run, or an evaluation, as its report reads it."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from datamodules.read_options import said_in
@@ -16,7 +14,7 @@ from zoo.checkpoints.checkpoint_path import short_name, trained_paths
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy, load_policy
 from zoo.checkpoints.policy_base import Policy
 from zoo.driving.drive_log import LOG_NAME, read_drive
-from zoo.driving.drive_record import Drive
+from zoo.driving.drive_record import WrittenDrive
 from zoo.runs.metrics_file import NAME, read_metrics_file
 from zoo.runs.run_record import Run
 from zoo.scoring.blocks import Image
@@ -31,15 +29,13 @@ class ReportedDrives(ABC):
         tracks: figures of each track, see `mean_and_spread`.
         replayed: which drives of a recording were replayed, in words; None for none.
         status: contents of `status.json`; empty without one.
-        title: title of the report.
     """
 
     folder: Path
     metrics: dict
     tracks: dict[str, dict]
     drive_folders: list[Path]
-    title: str
-    status: Mapping[str, Any]
+    status: dict[str, Any]
     replayed: str | None
 
     @property
@@ -48,7 +44,12 @@ class ReportedDrives(ABC):
         """Load what drove; raise InputError if it is missing or damaged."""
 
     @property
-    def drives(self) -> list[Drive]:
+    @abstractmethod
+    def title(self) -> str:
+        """Return the title of the report."""
+
+    @property
+    def drives(self) -> list[WrittenDrive]:
         """Return the scored drives by track and start seed, without damaged ones."""
         return self._read_drives[0]
 
@@ -58,7 +59,7 @@ class ReportedDrives(ABC):
         return self._read_drives[1]
 
     @cached_property
-    def _read_drives(self) -> tuple[list[Drive], list[str]]:
+    def _read_drives(self) -> tuple[list[WrittenDrive], list[str]]:
         drives, damaged = [], []
         for folder in self.drive_folders:
             try:
@@ -81,12 +82,12 @@ class ReportedEvaluation(ReportedDrives):
         InputError: the file is damaged, or holds no drives.
     """
 
-    status: Mapping[str, Any] = MappingProxyType({})
     replayed = None
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.metrics = folder, read_metrics_file(folder)
-        self.tracks = {name: one for name, one in (self.metrics.get("tracks") or {}).items() if one}
+        self.folder, self.metrics, self.status = folder, read_metrics_file(folder), {}
+        tracks = self.metrics.get("tracks") or {}
+        self.tracks = {name: figures for name, figures in tracks.items() if figures}
         self.drive_folders = sorted(path.parent for path in folder.glob(f"*/{LOG_NAME}"))
         if not self.tracks:
             raise InputError(f"{folder / NAME}: holds no drives on tracks; name an evaluation")

@@ -124,12 +124,12 @@ def perturbations_named(text: str | None, throttle: str = "hold") -> list[str]:
 
 def sweeps(names: list[str], usual: Scenario) -> dict[str, dict[float, Scenario]]:
     """Return by perturbation and value, in rising order, the scenarios; the usual one included."""
-    found = {}
+    scenarios = {}
     for name in names:
-        one = PERTURBATIONS[name]
-        values = sorted({*one.values, one.usual(usual)})
-        found[name] = {value: one.apply(usual, value) for value in values}
-    return found
+        change = PERTURBATIONS[name]
+        values = sorted({*change.values, change.usual(usual)})
+        scenarios[name] = {value: change.apply(usual, value) for value in values}
+    return scenarios
 
 
 def sweep_table(results: dict[str, dict[float, dict]], usual: Scenario) -> Table:
@@ -138,9 +138,9 @@ def sweep_table(results: dict[str, dict[float, dict]], usual: Scenario) -> Table
     for _ in range(max(map(len, results.values()))):
         table.add_column(justify="right")
     for name, by_value in results.items():
-        own = PERTURBATIONS[name].usual(usual)
+        normal = PERTURBATIONS[name].usual(usual)
         cells = [
-            f"{value:g}{'*' if value == own else ''}\n"
+            f"{value:g}{'*' if value == normal else ''}\n"
             f"{figures['autonomy']:.0%}\n{figures['cte_mean_m']:.2f}"
             for value, figures in by_value.items()
         ]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from pydantic import Field
 from rich.console import Console
 
@@ -85,7 +85,8 @@ class KeptDrive(Keep):
                 road = road_line(world.simulated.track)
             film = DriveFilm(self.folder, world.frame_rate, self.film_speed, world.rig, road)
             self.film = self.held.enter_context(film)
-            most = self.film_last_s and round(self.film_last_s * world.frame_rate)
+            last_s = self.film_last_s
+            most = None if last_s is None else round(last_s * world.frame_rate)
             self.waiting: deque[tuple] = deque(maxlen=most)
 
     def show(self, frame: np.ndarray, row: DriveRow) -> None:
@@ -112,7 +113,7 @@ class KeptDrive(Keep):
     def result(self, drive: Drive, policy: Policy, world: World) -> dict[str, Any]:
         """Write the drive, and return its figures."""
         figures = summarize(drive)
-        if self.recorder is not None:
+        if self.folder is not None and self.recorder is not None:
             write_rig_of(self.folder, world.rig, file_name(drive.track))
         if self.film is not None:
             for shown in self.waiting:
@@ -129,8 +130,8 @@ class KeptDrive(Keep):
                 f"{drive.track}, start seed {drive.seed}: autonomy {share}, "
                 f"{counted(figures['interventions'], 'intervention')}"
             )
-            if isinstance(world, EmbeddedWorld):
-                track = birds_eye(world.simulated.track, drive, title)
+            if isinstance(world, EmbeddedWorld) and drive.xy is not None:
+                track = birds_eye(world.simulated.track, drive.xy, drive, title)
                 save_figure(track, self.folder / TRACK_PLOT)
             save_figure(error_over_distance(drive, title), self.folder / ERROR_PLOT)
         return {
@@ -211,7 +212,7 @@ def score_on_tracks(
         InputError: the simulator cannot be opened, or a process was killed.
     """
     # A scenario that occurs twice, such as the usual one in several sweeps, is driven once.
-    more = [one for one in dict.fromkeys(more) if one not in scenarios]
+    more = [scenario for scenario in dict.fromkeys(more) if scenario not in scenarios]
     keeps = [
         KeptDrive(folder / f"{file_name(scenario.track)}-{scenario.seed}", film_speed, record)
         for scenario in scenarios
@@ -229,12 +230,12 @@ def score_on_tracks(
         print_line(console, line)
     tracks = {}
     for track in dict.fromkeys(scenario.track for scenario in scenarios):
-        own = [scenario for scenario in scenarios if scenario.track == track]
-        name = by_scenario[own[0]]["track"]
-        tracks[name] = mean_and_spread([by_scenario[one] for one in own])
-        if own[0].world == Scenario.world:  # the only world that has an expert
+        group = [scenario for scenario in scenarios if scenario.track == track]
+        name = by_scenario[group[0]]["track"]
+        tracks[name] = mean_and_spread([by_scenario[scenario] for scenario in group])
+        if group[0].world == Scenario.world:  # the only world that has an expert
             with working("driving the expert for comparison", console):
-                tracks[name]["expert_steering_per_s"] = expert_steering_per_s(own[0]), None
+                tracks[name]["expert_steering_per_s"] = expert_steering_per_s(group[0]), None
     return TrackScores([by_scenario[scenario] for scenario in scenarios], tracks, by_scenario)
 
 
@@ -267,9 +268,11 @@ def run_options(score: DictConfig | None) -> RunScore | None:
     Raises:
         InputError: a key is unknown, or a value is out of range.
     """
-    settings = OmegaConf.to_container(score, resolve=True) if score else {}
-    if not settings:
+    if not score:
         return None
+    from zoo.base.compose import plain_dict
+
+    settings = plain_dict(score)
     with placed_errors("score"):
         check_keys(settings, [key for key in keys_of(RunScore) if key.name not in NOT_OF_RUNS])
         options = RunScore(**constructed(RunScore, settings))
@@ -303,7 +306,7 @@ def score_run(
         scenarios = [Scenario("held_out", world="replay", margin=options.margin)]
     remove_drives(drives)  # from before the run was resumed
     try:
-        found = score_on_tracks(
+        scores = score_on_tracks(
             str(checkpoint_of(folder) or folder / "checkpoints" / "last.ckpt"),
             scenarios,
             drives,
@@ -316,7 +319,7 @@ def score_run(
         print_line(console, f"not driven: {error}")
         return None
     driven = "" if replayed is None else replayed.words
-    for track, figures in found.tracks.items():
+    for track, figures in scores.tracks.items():
         if replayed is None:
             laps, mph = figures["laps"][0], figures["speed_mph"][0]
             driven = f"drove {laps:.2f} laps of the {track} at {mph:.1f} mph"
@@ -329,7 +332,7 @@ def score_run(
     }
     if replayed is not None:
         how = {"replayed": replayed.words}
-    return how | {"tracks": found.tracks, "drives": found.drives}
+    return how | {"tracks": scores.tracks, "drives": scores.drives}
 
 
 def how_well(figures: dict) -> str:
@@ -337,8 +340,8 @@ def how_well(figures: dict) -> str:
     count = figures["drives"]
     if figures["autonomy"] is None:
         returned = figures.get("episode_return")
-        more = f", return {with_deviation(returned, '{:.1f}', count)}" if returned else ""
-        return f"autonomy not measured{more}"
+        words = f", return {with_deviation(returned, '{:.1f}', count)}" if returned else ""
+        return f"autonomy not measured{words}"
     autonomy = with_deviation(figures["autonomy"], "{:.1%}", count)
     lost = with_deviation(figures["interventions"], "{:.3g}", count)
     kept = f"{figures['drives_without_intervention']} of {count}"

@@ -62,9 +62,9 @@ def open_loop(run: ReportedRun) -> list[Block]:
     """Return the open-loop figures with those of two baselines."""
     figures, baselines = run.figures("open_loop"), run.figures("baselines")
     table = metrics_table(run.metrics["model"], figures, baselines)
-    own = frozenset(number for number, (part, *_) in enumerate(table.cells) if part)
+    bold = frozenset(number for number, (part, *_) in enumerate(table.cells) if part)
     worse = worse_than_nothing(run)
-    return [Text(OPEN_LOOP), Rows(table, left=2, bold=own), *([Text(worse)] if worse else [])]
+    return [Text(OPEN_LOOP), Rows(table, left=2, bold=bold), *([Text(worse)] if worse else [])]
 
 
 def scatter(run: ReportedRun) -> list[Block]:
@@ -89,8 +89,8 @@ def metrics_table(name: str, figures: dict, baselines: dict) -> Table:
         baselines: figures by part of the split and predictor.
     """
     rows = []
-    for part, own in figures.items():
-        for predictor, row in {name: own, **baselines[part]}.items():
+    for part, scores in figures.items():
+        for predictor, row in {name: scores, **baselines[part]}.items():
             texts = [f"{row[key]:.4f}" for key in ("mse", "mae", "balanced_mae")]
             shown = part if predictor == name else ""
             rows.append([shown, predictor, *texts, f"{row['bias']:+.4f}"])
@@ -154,10 +154,10 @@ def network_layers(network: nn.Module, shape: tuple[int, int, int]) -> list[Laye
     names = {module: name for name, module in network.named_modules()}
 
     def note(module: nn.Module, _: object, output: torch.Tensor) -> None:
-        own = [p for p in module.parameters() if id(p) not in counted]
-        counted.update(map(id, own))
+        weights = [p for p in module.parameters() if id(p) not in counted]
+        counted.update(map(id, weights))
         kind = f"{type(module).__name__} ({_details(module)})".removesuffix(" ()")
-        size = sum(p.numel() for p in own)
+        size = sum(p.numel() for p in weights)
         layers.append(Layer(names[module], kind, tuple(output.shape[1:]), size))
 
     leaves = [module for module in network.modules() if not list(module.children())]
@@ -216,7 +216,7 @@ def layers_table(run: ReportedRun) -> list[Block]:
 
 def _details(module: nn.Module) -> str:
     """Return PyTorch's text on a layer's settings, without common defaults."""
-    text = re.sub(r"\d+\.\d{4,}", lambda found: f"{float(found[0]):.3g}", module.extra_repr())
+    text = re.sub(r"\d+\.\d{4,}", lambda match: f"{float(match[0]):.3g}", module.extra_repr())
     return text.replace(", inplace=False", "").replace(", bias=True", "")
 
 
@@ -236,8 +236,8 @@ def settings(run: ReportedRun) -> list[Block]:
     chosen = {group: run.choices[group] for group in GROUPS if run.choices.get(group)}
     chosen["data.root"] = run.config["data"].get("root")  # data=lake does not name its folder
     rows = [
-        [group, ", ".join(map(str, one)) if isinstance(one, list) else str(one)]
-        for group, one in chosen.items()
+        [group, ", ".join(map(str, value)) if isinstance(value, list) else str(value)]
+        for group, value in chosen.items()
     ]
     versions = list((run.metrics.get("versions") or {}).items())
     return [
@@ -263,7 +263,7 @@ def limits(run: ReportedRun) -> list[Block]:
             "name another. Other tracks, speeds, weather and delays are not tested; test them with "
             "drivezoo evaluate CKPT track=lake,mountain perturb=all."
         ]
-    points += [str(one["text"]) for one in run.metrics.get("findings") or []]
+    points += [str(finding["text"]) for finding in run.metrics.get("findings") or []]
     if run.config["data"]["split"] == "random":
         points.append("Random split: held-out rows are neighbours of training rows.")
     if worse := worse_than_nothing(run):

@@ -86,7 +86,7 @@ def judge(
         by_track.setdefault(str(drive["track"]), []).append(drive)
     if evidence.source is not None and world == "embedded":
         return _without_verdict(by_track, evidence, evidence.source)
-    levels = {track: _level(own, world) for track, own in by_track.items()}
+    levels = {track: _level(driven, world) for track, driven in by_track.items()}
     names = sorted(
         levels, key=lambda name: (WORST_FIRST.index(levels[name]), _autonomy(by_track[name]))
     )
@@ -160,7 +160,7 @@ def _headline(
     new = len([name for name in names if name not in known])
     if new >= ENOUGH:
         return f"It drives: {new} of {new} roads that it was neither trained nor chosen on."
-    laps = sum(one.get("laps") or 0 for own in by_track.values() for one in own)
+    laps = sum(drive.get("laps") or 0 for driven in by_track.values() for drive in driven)
     tracks = [
         titles[name] + (f", the track that it was {known[name]} on" if name in known else "")
         for name in sorted(names, key=lambda name: name in known)
@@ -202,7 +202,7 @@ def _without_verdict(
     by_track: Mapping[str, Sequence[Mapping]], evidence: Evidence, source: str
 ) -> Verdict:
     """Return the figures of a network of another car, and why they are no verdict on it."""
-    lines = tuple(_track_line(track, UNKNOWN, own) for track, own in by_track.items())
+    lines = tuple(_track_line(track, UNKNOWN, driven) for track, driven in by_track.items())
     reason = evidence.metrics.get("not_replayed")
     certainty = f"{no_verdict(source)}." + (f" Its held-out drives: {reason}." if reason else "")
     command = ("score it on a recording of its own car", _replay_command(evidence))
@@ -222,7 +222,7 @@ def _replay_command(evidence: Evidence) -> str:
 
 
 def _certainty(by_track: Mapping[str, Sequence[Mapping]], replayed: str | None) -> str:
-    drives = [one for own in by_track.values() for one in own]
+    drives = [drive for driven in by_track.values() for drive in driven]
     if drives and replayed:
         lost = sum(int(drive["interventions"]) for drive in drives)
         a_minute = with_interval(poisson_rate(lost, _replayed_s(drives) / 60), "{:.1f}")
@@ -246,11 +246,11 @@ def _commands(
     level: str, evidence: Evidence, again: str | None, track: str, world: str
 ) -> list[tuple[str, str]]:
     """Return pairs of a purpose and a command; the first is the one to try first."""
-    found = [("train again", again)] if again else []
+    steps = [("train again", again)] if again else []
     if evidence.checkpoint is None:
-        return found
+        return steps
     if world == "replay":  # of any car: nothing here drives it on a track
-        return [*found, ("replay a whole recording of its car", _replay_command(evidence))]
+        return [*steps, ("replay a whole recording of its car", _replay_command(evidence))]
     on_track = [evidence.checkpoint, f"track={track}"]
     if world != "embedded":  # the only world that `correct` and `drive` have
         words = ["evaluate", *on_track, f"world={world}", "seeds=3"]
@@ -264,4 +264,4 @@ def _commands(
             ("drive it on other roads", ["benchmark", evidence.checkpoint, "suite=quick"]),
             ("watch it drive", ["drive", evidence.checkpoint, f"sim={track}"]),
         ]
-    return [*found, *((why, command_line(["drivezoo", *words])) for why, words in following)]
+    return [*steps, *((why, command_line(["drivezoo", *words])) for why, words in following)]

@@ -1,7 +1,9 @@
 """Saliency maps by VisualBackProp, Bojarski et al. 2016, arXiv:1611.05418."""
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -74,7 +76,7 @@ class Saliency:
         layers = [
             module for module in self.network.modules() if isinstance(module, (nn.Conv2d, *MOVES))
         ]
-        self.has_maps = any(isinstance(one, nn.Conv2d) for one in layers)
+        self.has_maps = any(isinstance(layer, nn.Conv2d) for layer in layers)
         for layer in layers if self.has_maps else ():
             layer.register_forward_hook(self._note)
 
@@ -97,7 +99,7 @@ class Saliency:
         steering = self._steering(images.requires_grad_(), speed)
         stages, self.stages = self.stages, []
         features = [stage.features for stage in stages]
-        gradients = [None] * len(stages)
+        gradients: Sequence[Tensor | None] = [None] * len(stages)
         if not self.published:
             gradients = torch.autograd.grad(steering, features)
         where, maps = torch.ones(1, 1, *features[-1].shape[2:]), 0
@@ -123,7 +125,8 @@ class Saliency:
         return frame_outputs(self.network, images, speed)[:, 0]
 
     def _note(self, layer: nn.Module, inputs: tuple[Tensor], output: Tensor) -> None:
-        self.stages.append(Stage(layer, tuple(inputs[0].shape[2:]), output))
+        _, _, height, width = inputs[0].shape
+        self.stages.append(Stage(layer, (height, width), output))
 
     def _in_frame(self, where: Tensor, height: int, width: int) -> np.ndarray:
         top, bottom = self.view.rows_cropped(height)
@@ -156,10 +159,8 @@ def enlarge(where: Tensor, layer: nn.Module, size: tuple[int, int], even: bool =
         return F.pad(where, (layer.left, layer.right, layer.top, layer.bottom))
     if isinstance(layer, nn.ZeroPad2d):
         return F.pad(where, [-count for count in layer.padding])
-    kernel, stride, padding, dilation = (
-        (value, value) if isinstance(value, int) else value
-        for value in (layer.kernel_size, layer.stride, layer.padding, getattr(layer, "dilation", 1))
-    )
+    kernel, stride = _pair(layer.kernel_size), _pair(layer.stride)
+    padding, dilation = _pair(layer.padding), _pair(getattr(layer, "dilation", 1))
     ones = torch.ones(1, 1, *kernel)
     spread = F.conv_transpose2d(where, ones, stride=stride, dilation=dilation)
     if even:
@@ -174,6 +175,10 @@ def enlarge(where: Tensor, layer: nn.Module, size: tuple[int, int], even: bool =
     spread = spread[..., skipped[0] :, skipped[1] :][..., : size[0], : size[1]]
     # Pad the pixels at the end that no output sees, where the stride does not fit.
     return F.pad(spread, (0, size[1] - spread.shape[3], 0, size[0] - spread.shape[2]))
+
+
+def _pair(value: Any) -> tuple[int, int]:
+    return (value, value) if isinstance(value, int) else value
 
 
 def overlay(frame: np.ndarray, where: np.ndarray) -> np.ndarray:

@@ -72,11 +72,11 @@ def main_figures(run: ReportedDrives) -> list[tuple[str, str, str]]:
         error = f"{figures['cte_mean_m'][0]:.2f} m"
         most = f"{figures['cte_max_m'][0]:.2f} m"
         second.append((f"Cross-track error, {track}", error, f"on average; maximum: {most}"))
-    found = run.metrics.get("open_loop") or {}
-    if part := next((one for one in ("test", "val") if one in found), None):
+    figures = run.metrics.get("open_loop") or {}
+    if part := next((name for name in ("test", "val") if name in figures), None):
         zero = run.metrics["baselines"][part]["always zero"]
         for label, key, form in (("MSE", "mse", ".4f"), ("balanced MAE", "balanced_mae", ".3f")):
-            value = f"{found[part][key]:{form}}"
+            value = f"{figures[part][key]:{form}}"
             second.append((f"{part.title()} {label}", value, f"always zero: {zero[key]:{form}}"))
     return first + second
 
@@ -120,7 +120,7 @@ def write_report(folder: Path) -> Path:
     folder = Path(folder)
     is_evaluation = (folder / NAME).is_file() and not (folder / HYDRA).is_dir()
     run = ReportedEvaluation(folder) if is_evaluation else ReportedRun.open(folder)
-    place, parts_of = folder / FOLDER, OF_EVALUATION if is_evaluation else SECTIONS
+    report, parts_of = folder / FOLDER, OF_EVALUATION if is_evaluation else SECTIONS
     refuse_links_out(run.folder)
     sections = [
         blocks.Section(name, _blocks(run, parts), name in FOLDED)
@@ -128,13 +128,13 @@ def write_report(folder: Path) -> Path:
     ]
     versions, when = run.metrics.get("versions") or {}, run.status.get("time") or ""
     footer = f"drivezoo {versions.get('drivezoo') or ''} {when[:10]}"
-    with file_errors(place, "cannot be written ({})"):
-        place.mkdir(exist_ok=True)
+    with file_errors(report, "cannot be written ({})"):
+        report.mkdir(exist_ok=True)
         for section in sections:
             for image in blocks.images_of(section.blocks):
-                write_whole(place / image.name, image.data)
-        write_whole(place / MARKDOWN, blocks.to_markdown(run.title, sections))
-        return write_whole(place / PAGE, blocks.to_html(run.title, sections, footer))
+                write_whole(report / image.name, image.data)
+        write_whole(report / MARKDOWN, blocks.to_markdown(run.title, sections))
+        return write_whole(report / PAGE, blocks.to_html(run.title, sections, footer))
 
 
 def _blocks(run: ReportedDrives, parts: Sequence[Part]) -> list[blocks.Block]:

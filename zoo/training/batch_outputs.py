@@ -1,6 +1,7 @@
 """A network's outputs for a batch, and the true outputs to compare them with."""
 
 from collections.abc import Callable
+from typing import Any
 
 from torch import Tensor, nn
 
@@ -19,11 +20,12 @@ def predictor(network: nn.Module, skips_front: bool = False) -> Callable[[Batch]
         skips_front: whether batches hold features of the frozen layers in place of images.
     """
     takes_speed, has_memory = facts_of(network).takes_speed, isinstance(network, Memory)
+    rest: Any = network.rest if skips_front else None
 
     def predict(batch: Batch) -> Tensor:
         images = batch["images"]
         if skips_front:
-            return network.rest(images)
+            return rest(images)
         if takes_speed:
             return network(images, batch["speed"])
         if has_memory and images.ndim == 4:  # windows of one frame

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import lightning
 import torch
@@ -14,15 +15,17 @@ from hydra.errors import InstantiationException
 from hydra.utils import instantiate
 from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.loggers import CSVLogger
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from rich.console import Console
 from torch import nn
 
 from datamodules.data_settings import DataSettings
+from datamodules.driving import DrivingData
 from datamodules.features import load_features
 from datamodules.run_data import RunData
 from datamodules.view import View
 from zoo.base.command_keys import check_keys, keys_of
+from zoo.base.compose import plain_dict
 from zoo.base.errors import InputError, UsageError
 from zoo.base.parts import import_part, part_errors, part_of
 from zoo.base.terminal import print_line
@@ -57,15 +60,14 @@ def load_data(config: DictConfig, console: Console) -> RunData:
     """Return the datamodule of a config, with the recording read."""
     settings = build_data(config)
     loaded = settings.load(console)
-    data = settings if loaded is None else loaded  # a user's datamodule may load itself
+    data: Any = settings if loaded is None else loaded  # a user's datamodule may load itself
     check_members("data", data, RunData, RunData.LOADED)
     return data
 
 
 def build_data(config: DictConfig) -> DataSettings | RunData:
     """Return what `data` names, whose `load` returns the datamodule: nothing is read yet."""
-    model = OmegaConf.to_container(config.model, resolve=True)
-    data = with_present_names(OmegaConf.to_container(config.data, resolve=True))
+    model, data = plain_dict(config.model), with_present_names(plain_dict(config.data))
     settings = {key: v for key, v in data.items() if key not in ("crop", "record")}
     kind = construct("data", {"_target_": data["_target_"]}, _partial_=True).func
     # What the user has not chosen goes only to a datamodule that takes it.
@@ -133,14 +135,14 @@ def build_network(
         weights: checkpoint of a resumed run, used in place of `model.weights`.
     """
     torch.manual_seed(config.seed)
-    network = make_network(OmegaConf.to_container(config.model, resolve=True), view)
+    network = make_network(plain_dict(config.model), view)
     if weights is not None:
         load_weights(network, str(weights))
     elif config.model.weights is not None:
         loaded = load_weights(network, str(config.model.weights))
         print_line(console, f"weights: {loaded}")
     # The images' layout: weights in another layout would be converted at every step.
-    return network.to(memory_format=torch.channels_last)
+    return network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
 
 def build_module(
@@ -206,7 +208,9 @@ def _check_spread(network: nn.Module, loss: nn.Module) -> None:
 
 def build_feed(data: RunData, plan: TrainingPlan, console: Console) -> RunData:
     """Return the data with the plan's feed; compute the features that are not cached."""
-    features = load_features(plan.features, data.views, console) if plan.features else None
+    features = None
+    if plan.features and isinstance(data, DrivingData):
+        features = load_features(plan.features, data.views, console)
     return data.with_feed(plan.batch_device, plan.batches_per_step, features)
 
 
@@ -278,7 +282,7 @@ def silence_libraries() -> None:
     warnings.filterwarnings("ignore", message=".*Detected call of `lr_scheduler.step")
 
 
-def construct(key: str, settings: dict | DictConfig, **more: object) -> object:
+def construct(key: str, settings: dict | DictConfig, **more: object) -> Any:
     """Call `hydra.utils.instantiate`; name the config's key where it fails."""
     os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
     target = settings.get("_target_")

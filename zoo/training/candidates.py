@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import lightning
+from lightning.pytorch.callbacks import ModelCheckpoint
 from rich.console import Console
 
 from zoo.base.errors import InputError
@@ -20,6 +21,7 @@ from zoo.driving.run_drives import all_drives
 from zoo.scoring.track_scores import KeptDrive, RunScore, driving_line
 from zoo.simulator.track_names import full_name
 from zoo.training.closed_loop import DRIVEN, DROVE
+from zoo.training.trainer_parts import is_trial
 
 START_SEED = 1000  # the score's seeds count from 0
 BEST, MONITORED = "best.ckpt", "monitored.ckpt"
@@ -90,23 +92,27 @@ def choose_best(
 
 def monitored_figure(trainer: lightning.Trainer) -> str | None:
     """Return the figure that chose `best.ckpt`; None if that is the last epoch's."""
-    for callback in trainer.checkpoint_callbacks:
-        if Path(callback.filename or "").stem == "best" and callback.best_model_path:
-            return callback.monitor
+    for writer in _writers(trainer):
+        if Path(writer.filename or "").stem == "best" and writer.best_model_path:
+            return writer.monitor
     return None
 
 
 def complete_checkpoints(trainer: lightning.Trainer, folder: Path) -> None:
     """Save the checkpoints that no epoch left: of no training, or one without a validation."""
     checkpoints = folder / "checkpoints"
-    for callback in trainer.checkpoint_callbacks:
-        path, last = checkpoints / f"{callback.filename}.ckpt", checkpoints / "last.ckpt"
-        if path.stem not in ("best", "last") or path.is_file() or trainer.fast_dev_run:
+    for writer in _writers(trainer):
+        path, last = checkpoints / f"{writer.filename}.ckpt", checkpoints / "last.ckpt"
+        if path.stem not in ("best", "last") or path.is_file() or is_trial(trainer):
             continue
         if last.is_file():
             write_whole(path, last.read_bytes())
         else:
             trainer.save_checkpoint(path)
+
+
+def _writers(trainer: lightning.Trainer) -> list[ModelCheckpoint]:
+    return [c for c in trainer.checkpoint_callbacks if isinstance(c, ModelCheckpoint)]
 
 
 def find_candidates(checkpoints: Path, monitor: str | None) -> list[dict]:

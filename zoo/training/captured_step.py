@@ -59,13 +59,14 @@ class CapturedStep:
             for rate, value in zip(self.rates, lr, strict=True):
                 rate.fill_(torch.tensor(value, dtype=torch.float32).item())  # inf beyond
         whole = len(batch["images"]) == self.size
-        if self.graph is not None and self.settings != self._settings():
-            self.graph = None  # a schedule changed more than the learning rate
+        graph = self.graph
+        if graph is not None and self.settings != self._settings():
+            graph = self.graph = None  # a schedule changed more than the learning rate
         try:
             with self._capturable():
-                if whole and self.graph is None and self.plain_steps >= PLAIN_STEPS:
-                    self._capture(batch)
-                elif self.graph is None or not whole:
+                if whole and graph is None and self.plain_steps >= PLAIN_STEPS:
+                    graph = self._capture(batch)
+                elif graph is None or not whole:
                     self.plain_steps += whole
                     return self._beside(batch)
         except InputError:
@@ -77,10 +78,10 @@ class CapturedStep:
             return self.step(batch)
         for name, tensor in batch.items():
             self.batch[name].copy_(tensor)
-        self.graph.replay()
+        graph.replay()
         return self.loss
 
-    def _capture(self, batch: Batch) -> None:
+    def _capture(self, batch: Batch) -> torch.cuda.CUDAGraph:
         """Record a step on tensors of its own; nothing is computed."""
         if (device := self.rates[0].device.type) != "cuda":
             raise RuntimeError(f"the weights are on the {device}")  # a capture would be empty
@@ -89,6 +90,7 @@ class CapturedStep:
         with torch.cuda.graph(graph):
             self.loss = self.step(self.batch)
         self.graph = graph
+        return graph
 
     def _beside(self, batch: Batch) -> Tensor:
         """Take a plain step on another stream, as a capture does: gradients keep their stream."""

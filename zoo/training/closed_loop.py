@@ -5,6 +5,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from lightning import Callback, LightningModule, Trainer
@@ -15,6 +16,12 @@ from datamodules.recording_format import other_car
 from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.base.terminal import counted
+from zoo.simulator.world_settings import Quality
+from zoo.training.run_module import RunModule
+from zoo.training.trainer_parts import callbacks_of, data_of
+
+if TYPE_CHECKING:
+    from zoo.driving.embedded_world import EmbeddedWorld
 
 DROVE = "drive/"  # begins the names of the figures
 FRAME_IMAGES = 8  # training images that take as long as a driven frame: PilotNet's, on two cores
@@ -54,7 +61,7 @@ class ClosedLoop(Callback):
         metres: float = 150.0,
         speed: float = 20.0,
         share: float | None = 0.2,
-        quality: str = "full",
+        quality: Quality = "full",
     ) -> None:
         for name, value, least in (
             ("every_n_epochs", every_n_epochs, 1),
@@ -67,7 +74,7 @@ class ClosedLoop(Callback):
                 raise InputError(f"callbacks.closed_loop.{name}={value}: must be {least} or more")
         self.track, self.every_n_epochs, self.starts = track, every_n_epochs, starts
         self.metres, self.speed, self.share, self.quality = metres, speed, share, quality
-        self.world = None
+        self.world: EmbeddedWorld | None = None
         self.drives, self.spent_s, self.last_s = 0, 0.0, 0.0
         self.frames = self.last_frames = 0  # driven in all, and in the last drive
         self.best_score = float("-inf")
@@ -75,14 +82,17 @@ class ClosedLoop(Callback):
 
     def on_fit_start(self, trainer: Trainer, module: LightningModule) -> None:
         """Open the world; report where that fails."""
-        source = other_car(trainer.datamodule.recording)
+        source = other_car(data_of(trainer).recording)
         problem = source and f"the {self.track} shows another car than the recording ({source})"
         if trainer.is_global_zero and problem is None:
-            problem = self._open()
+            try:
+                self._open()
+            except InputError as error:
+                problem = str(error)
         problem = trainer.strategy.broadcast(problem)
         if problem is None:
             return
-        for callback in trainer.callbacks:
+        for callback in callbacks_of(trainer):
             monitor = getattr(callback, "monitor", None) or ""
             if monitor.startswith(DROVE):
                 raise InputError(f"{type(callback).__name__} monitors {monitor}, but {problem}")
@@ -94,11 +104,11 @@ class ClosedLoop(Callback):
         """Start the clock."""
         self.started = time.perf_counter()
 
-    def on_train_epoch_end(self, trainer: Trainer, module: LightningModule) -> None:
+    def on_train_epoch_end(self, trainer: Trainer, module: Any) -> None:
         """Drive if it is due; log the figures and keep the best weights."""
         figures = None
-        data = trainer.datamodule
-        images = len(data.sampler()) * data.batch_size * (trainer.current_epoch + 1)
+        data = data_of(trainer)
+        images = data.epoch_samples() * (trainer.current_epoch + 1)
         is_due = self._due(trainer.current_epoch, images)
         if trainer.is_global_zero and self.world is not None and is_due:
             figures = self.drive(module.network, data.view, module.card)
@@ -153,14 +163,15 @@ class ClosedLoop(Callback):
         began = time.perf_counter()
         copied, data = copy.deepcopy(network).cpu().float().eval(), card.get("data", {})
         policy = CheckpointPolicy(Checkpoint(copied, view, {}, data))
-        track = self.world.simulated.track
+        world = self.world or self._open()
+        track = world.simulated.track
         # On an open road the last start leaves room for a whole drive.
         spread = track.length if track.closed else max(track.length - self.metres, 0.0)
         scenario = replace(self.scenario, laps=self.metres / track.length)
         scenarios = [
             replace(scenario, start=number * spread / self.starts) for number in range(self.starts)
         ]
-        drives = all_drives(policy, scenarios, world=self.world)
+        drives = all_drives(policy, scenarios, world=world)
         error = np.abs(np.concatenate([drive.cross_track_m for drive in drives]))
         interventions = sum(int(drive.intervention.sum()) for drive in drives)
         driven_s = sum(float(drive.time_s[-1]) for drive in drives)
@@ -186,27 +197,23 @@ class ClosedLoop(Callback):
         work = FRAME_IMAGES * (self.frames + self.last_frames)
         return self.share is None or work <= self.share * images
 
-    def _open(self) -> str | None:
-        """Open the world; return why it cannot be opened, or None."""
-        from zoo.driving.open_world import open_world
+    def _open(self) -> "EmbeddedWorld":
+        from zoo.driving.embedded_world import open_embedded
         from zoo.driving.scenario import Scenario
 
         self.scenario = Scenario(self.track, speed=self.speed, quality=self.quality)
-        try:
-            self.world = open_world(self.scenario)
-        except InputError as error:
-            return str(error)
-        return None
+        self.world = open_embedded(self.scenario)
+        return self.world
 
 
-def best_drive(trainer: Trainer, module: LightningModule, view: View) -> dict | None:
+def best_drive(trainer: Trainer, module: RunModule, view: View) -> dict | None:
     """Drive the weights in `module` with the run's `ClosedLoop`.
 
     Return `closed_loop` of `metrics.json`; None without that callback, or where it could not drive.
     """
     from zoo.simulator.track_names import recorded_name
 
-    for callback in trainer.callbacks:
+    for callback in callbacks_of(trainer):
         if isinstance(callback, ClosedLoop) and callback.world is not None:
             figures = callback.drive(module.network, view, module.card)
             callback.world.close()  # a sweep's next job opens another world

@@ -23,6 +23,7 @@ from zoo.simulator.weather import read_weather
 from zoo.training.correct_options import FIRST_SEED, CorrectOptions
 
 NUDGE_EVERY_S, NUDGE_S = 4.0, 0.5
+Pose = tuple[float, float, float, float, float]  # see `zoo.simulator.simulated_world.World.pose`
 START_RANGE_S = 50 * 365 * 24 * 3600  # recordings start anywhere within 50 years
 
 
@@ -56,7 +57,7 @@ class LabellingPolicy(PolicyWrapper):
         super().__init__(policy)
         self.world, self.beta, self.nudge = world, beta, nudge
         self.expert = instant_expert(world, expert_mph)
-        self.labels: list[tuple[tuple[float, ...], int, tuple[float, float]]] = []
+        self.labels: list[tuple[Pose, int, tuple[float, float]]] = []
         self.seed = seed
 
     def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
@@ -129,14 +130,15 @@ def collect(
     with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as name:
         parts = Path(name)
         scenarios = [
-            replace(one, seed=first + seed, weather=read_weather(options.weather))
-            for one in options.scored
-            if one.seed == 0
+            replace(scenario, seed=first + seed, weather=read_weather(options.weather))
+            for scenario in options.scored
+            if scenario.seed == 0
             for seed in range(options.drives)
         ]
         keeps = []
-        for number, one in enumerate(scenarios):
-            digest = hashlib.sha256(f"{identity} {one.track} {one.seed}".encode()).digest()
+        for number, scenario in enumerate(scenarios):
+            seeded = f"{identity} {scenario.track} {scenario.seed}"
+            digest = hashlib.sha256(seeded.encode()).digest()
             begin_s = int.from_bytes(digest[:8], "big") % START_RANGE_S
             keeps.append(RecordedErrors(parts / f"{number:03d}", options, begin_s))
         labelled = Labelled(checkpoint, options, options.beta**round_number)
@@ -193,14 +195,14 @@ class RecordedErrors(Keep):
         keep = worth_keeping(rows, options.before_s, options.after_s, options.off_m)
         before = -2
         with Recorder(self.folder, relative=True) as recorder:
-            for number in np.flatnonzero(keep):
+            for number in np.flatnonzero(keep).tolist():
                 row, (pose, frame, (steering, throttle)) = rows[number], labels[number]
                 # After an intervention the car is elsewhere.
                 if number != before + 1 or rows[before].intervention:
                     recorder.begin_pass(row.time_s - (0.0 if recorder.rows else self.begin_s))
                 before = number
                 # The side cameras are rendered here: the drive needs only the centre camera.
-                renderer = world.simulated.renderer
+                renderer = world.simulated.drawing()
                 frames = {camera: renderer.frame(pose, camera, frame) for camera in CAMERAS}
                 numbers = (steering, *split_pedals(throttle), row.speed_mph)
                 recorder.add(frames, *numbers, row.time_s)

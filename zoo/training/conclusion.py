@@ -84,7 +84,7 @@ def print_open_loop(open_loop: OpenLoop, name: str, console: Console) -> None:
     """Print the table of a network's open-loop figures."""
     print_metrics(metrics_table(name, open_loop.figures, open_loop.baselines), console)
     zeros = {part: baseline["always zero"]["mae"] for part, baseline in open_loop.baselines.items()}
-    if worse := [part for part, own in open_loop.figures.items() if own["mae"] > zeros[part]]:
+    if worse := [part for part, row in open_loop.figures.items() if row["mae"] > zeros[part]]:
         print_line(
             console,
             f"MAE above that of always zero ({', '.join(worse)} rows): most recorded steering is "
@@ -131,7 +131,7 @@ def write_metrics(
         "seconds_per_epoch": seconds / epochs if seconds else None,
         "seed": card["config"]["seed"],
         "data": {
-            **{key: one for key, one in card["data"].items() if key != "row_hashes"},
+            **{key: value for key, value in card["data"].items() if key != "row_hashes"},
             "split": {part: len(getattr(data.split, part)) for part in PARTS},
         },
         "findings": [vars(oddity) for oddity in find_oddities(data.recording)],

@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import NoneType
 from typing import Annotated, Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from pydantic import Field
 
 from zoo.base.command_keys import choices_of, convert, is_misplaced_bool, kinds_in, typed, wanted
-from zoo.base.compose import LISTS_ALL
+from zoo.base.compose import LISTS_ALL, plain_dict
 from zoo.base.errors import UsageError, hint
 from zoo.models.make_network import BORDER_KEYS
 from zoo.training.build import OWN_KEYS, build_data, check_members, construct, takes
@@ -41,7 +41,7 @@ def check_config(config: DictConfig) -> None:
         InputError: a part cannot be imported.
         UsageError: a value has the wrong type or range, or a constructor does not take a key.
     """
-    plain: Any = OmegaConf.to_container(config, resolve=True)
+    plain = plain_dict(config)
     if plain["trainer"].get("precision") == AUTO:  # not Lightning's, see `choose_precision`
         del plain["trainer"]["precision"]
     for name in SET_BY_RUN.keys() & plain["trainer"].keys():
@@ -58,7 +58,8 @@ def check_config(config: DictConfig) -> None:
         check_arguments(key, function, {k: v for k, v in settings.items() if k not in ours})
     record = plain["data"].get("record")
     if record and plain["data"]["root"] is None:
-        config = OmegaConf.merge(config, {"data": {"root": record["out"]}})
+        config = config.copy()
+        config.data.root = record["out"]
     build_data(config)  # it checks its own values
 
 

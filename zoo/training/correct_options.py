@@ -77,9 +77,9 @@ class CorrectOptions(WorldSettings):
     @property
     def scored(self) -> list[Scenario]:
         """Return the drives before and after each round, by track, then seed, in clear weather."""
-        own = {key: getattr(self, key) for key in ("speed", "laps", "throttle", "margin")}
+        settings = {key: getattr(self, key) for key in ("speed", "laps", "throttle", "margin")}
         return [
-            Scenario(**self.place | own | {"track": track, "seed": seed})
+            Scenario(**self.place | settings | {"track": track, "seed": seed})
             for track in scoring.track_names(self.track)
             for seed in range(self.seeds)
         ]

@@ -98,8 +98,8 @@ class Correction:
     def _correct(self, last: dict) -> bool:
         """Run one round; return False if there was nothing to correct."""
         number, options = last["number"] + 1, self.options
-        place, began = self.folder / f"round-{number}", time.perf_counter()
-        rows = self._collect(last["checkpoint"], number, place / "recording")
+        folder, began = self.folder / f"round-{number}", time.perf_counter()
+        rows = self._collect(last["checkpoint"], number, folder / "recording")
         if not rows:
             self._print(f"round {number}: no driving errors, so nothing to correct")
             return False
@@ -107,9 +107,9 @@ class Correction:
         if not own_split.is_file():
             run_split = self.run_folder / "split.csv"
             write_own_split(self.config, self.checkpoint, run_split, own_split, self.console)
-        corrections = [self.folder / f"round-{one}" / "recording" for one in range(1, number + 1)]
+        corrections = [self.folder / f"round-{done}" / "recording" for done in range(1, number + 1)]
         start = str(Path(last["checkpoint"]).absolute())
-        split = place / "split.csv"
+        split = folder / "split.csv"
         config = training_config(self.config, options, corrections, start, own_split, split)
         self._print(
             f"round {number}: {counted(rows, 'row')} of corrections "
@@ -117,7 +117,7 @@ class Correction:
             f"on them and on {last['corrections']:,} earlier ones, drawn {options.weight:g} times "
             "as often as other rows"
         )
-        checkpoint = train_round(config, place / "run", self.run_folder)
+        checkpoint = train_round(config, folder / "run", self.run_folder)
         self._finish(number, str(checkpoint), last["corrections"] + rows)
         return True
 
@@ -135,11 +135,11 @@ class Correction:
         """Score a round's checkpoint and save the round as finished."""
         drives, options = self.folder / f"round-{number}" / "drives", self.options
         remove_drives(drives)  # left by a stopped correction
-        found = score_on_tracks(checkpoint, options.scored, drives, self.console, options.workers)
+        scores = score_on_tracks(checkpoint, options.scored, drives, self.console, options.workers)
         finished = {"number": number, "checkpoint": checkpoint, "corrections": corrections}
-        self.progress["rounds"].append(finished | {"tracks": found.tracks})
+        self.progress["rounds"].append(finished | {"tracks": scores.tracks})
         save(self.progress, self.folder)
-        for track, figures in found.tracks.items():
+        for track, figures in scores.tracks.items():
             self._print(f"round {number}, {track}: {how_well(figures)}")
 
     def _is_enough(self, last: dict) -> bool:
@@ -213,7 +213,7 @@ def mean(finished: dict, key: str) -> float:
 
 def best_round(rounds: Sequence[dict]) -> dict:
     """Return the round that drives best."""
-    return max(rounds, key=lambda one: (mean(one, "autonomy"), -mean(one, "cte_mean_m")))
+    return max(rounds, key=lambda row: (mean(row, "autonomy"), -mean(row, "cte_mean_m")))
 
 
 def save(progress: dict, folder: Path) -> None:
@@ -235,42 +235,42 @@ def open_progress(
     Raises:
         InputError: the folder holds a correction of another checkpoint or with other options.
     """
-    given = {key: value for key, value in asdict(options).items() if key not in MAY_CHANGE}
-    new = {"identity": hash_file(checkpoint)[:16], "options": given, "overrides": overrides}
+    asked = {key: value for key, value in asdict(options).items() if key not in MAY_CHANGE}
+    new = {"identity": hash_file(checkpoint)[:16], "options": asked, "overrides": overrides}
     if not os.path.lexists(folder / NAME):
         return {**new, "rounds": []}
     try:
-        found = plain(check_fields(Progress, read_json(folder / NAME), folder / NAME))
+        saved = plain(check_fields(Progress, read_json(folder / NAME), folder / NAME))
     except InputError as error:
         raise InputError(f"{error}; the file is damaged, {ANOTHER}") from None
-    if found["identity"] != new["identity"]:
+    if saved["identity"] != new["identity"]:
         raise InputError(f"{folder}: corrects another checkpoint; {ANOTHER}")
-    before = [f"{key}={found['options'].get(key)}" for key in given]
-    other = [word for word, key in zip(before, given, strict=True) if word != f"{key}={given[key]}"]
-    if found["overrides"] != overrides:
-        other.append(" ".join(found["overrides"]) or "no overrides")
+    before = [f"{key}={saved['options'].get(key)}" for key in asked]
+    other = [word for word, key in zip(before, asked, strict=True) if word != f"{key}={asked[key]}"]
+    if saved["overrides"] != overrides:
+        other.append(" ".join(saved["overrides"]) or "no overrides")
     if other:
         raise InputError(f"{folder}: was started with {other[0]}; give the same, or {ANOTHER}")
-    for one in found["rounds"][1:]:
-        if not Path(one["checkpoint"]).is_file():
-            raise InputError(f"{one['checkpoint']}: this checkpoint is missing; {ANOTHER}")
-    return found
+    for row in saved["rounds"][1:]:
+        if not Path(row["checkpoint"]).is_file():
+            raise InputError(f"{row['checkpoint']}: this checkpoint is missing; {ANOTHER}")
+    return saved
 
 
 def rounds_table(rounds: Sequence[dict]) -> PrintedTable:
     """Return a table with a row for each round and track."""
     rows = [
         [
-            str(one["number"]) if one["number"] else "before",
+            str(row["number"]) if row["number"] else "before",
             track,
-            f"{one['corrections']:,}",
+            f"{row['corrections']:,}",
             with_deviation(figures["autonomy"], "{:.1%}"),
             with_deviation(figures["interventions"], "{:.1f}"),
             with_deviation(figures["cte_mean_m"], "{:.2f}"),
             f"{figures['cte_max_m'][0]:.2f}",
         ]
-        for one in rounds
-        for track, figures in one["tracks"].items()
+        for row in rounds
+        for track, figures in row["tracks"].items()
     ]
     head = ["round", "track", "rows", "autonomy", "interventions", "mean error, m", "max, m"]
     caption = "±: sample standard deviation over the start seeds"

@@ -12,10 +12,12 @@ from pathlib import Path
 
 import lightning
 import torch
+from lightning.fabric.strategies.launchers.subprocess_script import _ChildProcessObserver
 
 from zoo.base.errors import InputError, PrunedError, StoppedError
 from zoo.base.terminal import error_line
 from zoo.runs.status import read_status, write_status
+from zoo.training.trainer_parts import callbacks_of
 
 # A process that waits in a collective operation may or may not learn that another one ended.
 LOOK_S, GRACE_S = 0.5, 15.0
@@ -38,7 +40,7 @@ def ending_together(trainer: lightning.Trainer, folder: Path, command: str) -> I
         yield
         return
     watch = Watch(folder, command)
-    trainer.callbacks.append(watch)
+    callbacks_of(trainer).append(watch)
     try:
         yield
     except Exception as error:
@@ -76,7 +78,7 @@ class Watch(lightning.Callback):
         if trainer.is_global_zero:
             self.others = list(getattr(trainer.strategy.launcher, "procs", []))
             for thread in threading.enumerate():
-                if thread.name == "child-process-observer":
+                if isinstance(thread, _ChildProcessObserver):
                     thread._child_processes = []  # Lightning then ignores them
             self._start(self._failed_other)
         elif os.environ.get("LOCAL_RANK", "0") != "0":

@@ -56,22 +56,17 @@ def plan_cached_features(
     setting = config.model.get("cache_features", False)
     if setting not in ("auto", True, False):
         raise InputError(f"{KEY}={setting} is not auto, true or false")
-    frozen = facts_of(network).frozen_front if isinstance(data, DrivingData) else None
-    if setting is False or (setting == "auto" and frozen is None):
+    frozen = facts_of(network).frozen_front
+    if setting is False:
         return None
-    plan, refusal = None, _refusal(config, data, frozen)
-    if refusal is None:
-        plan = plan_features(
-            data.recording,
-            data.views,
-            data.options.cameras,
-            data.view,
-            _front(network.to(device), frozen, data),
-            mirrored=data.options.flip != 0,
-            cache=data.options.cache_folder,
-        )
-        refusal = _too_large(setting, plan, config, data)
-    if refusal is None:
+    if frozen is not None and isinstance(data, DrivingData):
+        network.to(device)
+        plan = _refusal(config, data) or _plan(config, frozen, data)
+    elif setting == "auto":
+        return None
+    else:
+        plan = "no block of the network is frozen; set a lower model.trainable_blocks"
+    if isinstance(plan, FeaturePlan):
         if plan.missing_bytes > (free := plan.free_bytes()):
             raise InputError(
                 f"{KEY}={setting}: caching takes {_size(plan.missing_bytes)}, with {_size(free)} "
@@ -83,15 +78,29 @@ def plan_cached_features(
         print_line(console, f"frozen blocks: caching the features of {size}, {_place(plan)}")
         return plan
     if setting is True:
-        raise InputError(f"{KEY}=true: {refusal}, or {KEY}=false")
-    print_line(console, f"frozen blocks are computed in every epoch: {refusal}")
+        raise InputError(f"{KEY}=true: {plan}, or {KEY}=false")
+    print_line(console, f"frozen blocks are computed in every epoch: {plan}")
     return None
 
 
-def _refusal(config: DictConfig, data: DrivingData, frozen: nn.Module | None) -> str | None:
+def _plan(config: DictConfig, frozen: nn.Module, data: DrivingData) -> FeaturePlan | str:
+    """Return the plan; where `auto` does not cache, why, and what to set."""
+    plan = plan_features(
+        data.recording,
+        data.views,
+        data.options.cameras,
+        data.view,
+        _front(frozen, data),
+        mirrored=data.options.flip != 0,
+        cache=data.options.cache_folder,
+    )
+    if config.model.cache_features is True:
+        return plan
+    return _too_large(plan, config, data) or plan
+
+
+def _refusal(config: DictConfig, data: DrivingData) -> str | None:
     """Return why features cannot be cached, and what to set; None if they can."""
-    if frozen is None:
-        return "no block of the network is frozen; set a lower model.trainable_blocks"
     changes = [name for name, settings in (config.data.augment or {}).items() if settings]
     if changes:
         return f"augment=[{','.join(changes)}] changes every image; set augment=[]"
@@ -105,15 +114,10 @@ def _refusal(config: DictConfig, data: DrivingData, frozen: nn.Module | None) ->
     return None
 
 
-def _too_large(
-    setting: object, plan: FeaturePlan, config: DictConfig, data: DrivingData
-) -> str | None:
+def _too_large(plan: FeaturePlan, config: DictConfig, data: DrivingData) -> str | None:
     """Return why `auto` does not cache, and what to set; None if it does."""
-    if setting is True:
-        return None
-    draws = config.trainer.max_epochs * (
-        len(data.sampler()) * data.batch_size + len(data.split.val)
-    ) + len(data.recording)
+    epoch_images = data.epoch_samples() + len(data.split.val)
+    draws = config.trainer.max_epochs * epoch_images + len(data.recording)
     if draws < plan.images:
         return f"the training reads {draws:,} images of {plan.images:,}; set {KEY}=true"
     if (size := plan.images * plan.front.image_bytes) > AUTO_BYTES:
@@ -125,13 +129,13 @@ def _place(plan: FeaturePlan) -> str:
     return f"in {plan.folder}" if plan.folder else "in memory (data.cache=null)"
 
 
-def _front(network: nn.Module, frozen: nn.Module, data: DrivingData) -> Front:
+def _front(frozen: nn.Module, data: DrivingData) -> Front:
     device = next(frozen.parameters()).device
 
     @torch.inference_mode()
     def compute(batch: np.ndarray) -> np.ndarray:
         images = torch.from_numpy(batch).permute(0, 3, 1, 2).to(device)
-        features = in_pieces(network.front, images).half()
+        features = in_pieces(frozen, images).half()
         if not torch.isfinite(features).all():
             raise InputError(f"features exceed 65,504, the largest half; set {KEY}=false")
         return features.permute(0, 2, 3, 1).contiguous().cpu().numpy()

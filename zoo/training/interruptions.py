@@ -18,6 +18,7 @@ from zoo.checkpoints.checkpoint import check_part, read_checkpoint_file, trained
 from zoo.runs.status import read_status
 from zoo.training.run_module import RunModule
 from zoo.training.steering_module import SteeringModule
+from zoo.training.trainer_parts import callbacks_of
 
 
 @contextmanager
@@ -93,7 +94,7 @@ class ResumePoint:
 
     def end_early(self, trainer: lightning.Trainer) -> None:
         """Let a trainer train no further epoch if early stopping had ended the training."""
-        stopping = [each for each in trainer.callbacks if isinstance(each, EarlyStopping)]
+        stopping = [c for c in callbacks_of(trainer) if isinstance(c, EarlyStopping)]
         patience = [callback.patience for callback in stopping]
         if has_stopped_early(self.contents, max(patience, default=None)):
             trainer.fit_loop.max_epochs = trained_epochs(self.contents)

@@ -3,6 +3,7 @@
 They do not show whether the car stays on the road.
 """
 
+import lightning
 import numpy as np
 import torch
 
@@ -48,11 +49,11 @@ def side_response(left: np.ndarray, right: np.ndarray) -> float | None:
 
 
 @torch.inference_mode()
-def predict_steering(module: torch.nn.Module, batches: EvaluationBatches) -> np.ndarray:
+def predict_steering(module: lightning.LightningModule, batches: EvaluationBatches) -> np.ndarray:
     """Return a `SteeringModule`'s steering of rows, float32 [N], computed on its device."""
     module.eval()
     steering: list[float] = []  # small arrays, kept between batches, would fragment the heap
-    for batch in batches:
-        batch = {name: tensor.to(module.device) for name, tensor in batch.items()}
+    for number in range(len(batches)):
+        batch = {name: tensor.to(module.device) for name, tensor in batches[number].items()}
         steering += module(batch)[:, 0].float().tolist()
     return np.array(steering, np.float32)

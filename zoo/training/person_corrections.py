@@ -51,13 +51,14 @@ def check_person(options: CorrectOptions) -> None:
     """
     if options.recording is not None:
         read_recordings(options.recording)
+    if options.drive is None:
         return
-    found = overrides(read_drive(options.drive), options.before_s)
-    if not found:
+    takeovers = overrides(read_drive(options.drive), options.before_s)
+    if not takeovers:
         raise InputError(
             f"{options.drive}: has no takeover, nothing to correct; name another drive"
         )
-    if not any(len(one.rows) for one in found):
+    if not any(len(takeover.rows) for takeover in takeovers):
         raise InputError(f"{options.drive}: has no images; drive again with record=FOLDER")
 
 
@@ -85,7 +86,9 @@ def corrections_of_a_person(options: CorrectOptions, out: Path, folder: Path) ->
 
     Its images get new names: other recordings of the same simulator can have the same names.
     """
-    rows = _recorded(options.recording) if options.recording else _labelled(options, out)
+    rows = _recorded(options.recording) if options.recording else []
+    if options.drive:
+        rows = _labelled(options.drive, options.before_s, out)
     lines = []
     with whole_folder(folder) as whole:
         (whole / IMAGE_FOLDER).mkdir()
@@ -93,8 +96,8 @@ def corrections_of_a_person(options: CorrectOptions, out: Path, folder: Path) ->
             names = [""] * len(CAMERAS)
             for number, (camera, image) in enumerate(zip(CAMERAS, images, strict=True)):
                 if image:
-                    own = Path(image).name.removeprefix(f"{camera}_")
-                    names[number] = f"{IMAGE_FOLDER}/{camera}_person_{own}"
+                    name = Path(image).name.removeprefix(f"{camera}_")
+                    names[number] = f"{IMAGE_FOLDER}/{camera}_person_{name}"
                     link_or_copy(image, whole / names[number])
             lines.append((names, numbers))
         write_log(whole, lines)
@@ -103,9 +106,9 @@ def corrections_of_a_person(options: CorrectOptions, out: Path, folder: Path) ->
 
 def overrides(drive: Drive, before_s: float) -> list[Override]:
     """Return each takeover of a drive, with the rows with an image up to `before_s` before it."""
-    found, previous = [], 0
-    takeovers = np.flatnonzero(drive.intervention & (drive.driver == PERSON))
-    for number, began in enumerate(takeovers, 1):
+    takeovers, previous = [], 0
+    begins = np.flatnonzero(drive.intervention & (drive.driver == PERSON)).tolist()
+    for number, began in enumerate(begins, 1):
         since_s = drive.time_s[began] - drive.time_s
         mine = (drive.client == drive.client[began]) & (drive.driver == POLICY)
         near = mine & (drive.frame != "") & (since_s >= 0) & (since_s <= before_s)
@@ -113,8 +116,8 @@ def overrides(drive: Drive, before_s: float) -> list[Override]:
         rows, previous = np.flatnonzero(near), began
         # The original simulator sends frames twice.
         _, first = np.unique(drive.frame[rows], return_index=True)
-        found.append(Override(number, drive.time_s[began], rows[np.sort(first)]))
-    return found
+        takeovers.append(Override(number, drive.time_s[began], rows[np.sort(first)]))
+    return takeovers
 
 
 def read_labels(path: Path) -> dict[str, float]:
@@ -144,20 +147,20 @@ def read_labels(path: Path) -> dict[str, float]:
     return labels
 
 
-def _write_labels(drive: Drive, found: list[Override], folder: Path) -> None:
+def _write_labels(drive: Drive, takeovers: list[Override], folder: Path) -> None:
     """Write the labels to fill in, and an image that shows their frames."""
     lines, frames = [], []
-    for one in found:
-        for row in _sparse(drive, one.rows):
-            before_s, sent = one.began_s - drive.time_s[row], drive.steering[row]
-            lines.append([one.number, drive.frame[row], f"{before_s:.2f}", f"{sent:.3f}", ""])
+    for takeover in takeovers:
+        for row in _sparse(drive, takeover.rows):
+            before_s, sent = takeover.began_s - drive.time_s[row], drive.steering[row]
+            lines.append([takeover.number, drive.frame[row], f"{before_s:.2f}", f"{sent:.3f}", ""])
             path = drive.folder / drive.frame[row]
             try:
                 image = read_image(path)
             except (OSError, ValueError) as error:
                 raise InputError(f"{path}: {error}; name another drive") from None
             frame = cv2.resize(image, (WIDTH, WIDTH * len(image) // image.shape[1]))
-            text = f"override {one.number}, {before_s:.1f} s before, sent {sent:+.2f}"
+            text = f"override {takeover.number}, {before_s:.1f} s before, sent {sent:+.2f}"
             frames.append(cv2.putText(frame, text, (4, 12), TEXT, 0.4, (255, 255, 255)))
     sheet = cv2.imencode(Path(LABELS_IMAGE).suffix, np.vstack(frames)[..., ::-1])[1]
     write_whole(folder / LABELS_IMAGE, sheet.tobytes())
@@ -173,22 +176,22 @@ def _sparse(drive: Drive, rows: np.ndarray) -> list[int]:
     return chosen[::-1]
 
 
-def _labelled(options: CorrectOptions, out: Path) -> list[tuple]:
+def _labelled(folder: str, before_s: float, out: Path) -> list[tuple]:
     """Return the rows between each takeover's first and last label, with steering."""
-    drive, labels = read_drive(options.drive), read_labels(out / LABELS)
+    drive, labels = read_drive(folder), read_labels(out / LABELS)
     rows = []
-    for override in overrides(drive, options.before_s):
-        known = [row for row in override.rows if drive.frame[row] in labels]
-        if not known:
+    for override in overrides(drive, before_s):
+        filled = [row for row in override.rows if drive.frame[row] in labels]
+        if not filled:
             continue
-        values = [labels[drive.frame[row]] for row in known]
-        for row in override.rows[(override.rows >= known[0]) & (override.rows <= known[-1])]:
-            steering = float(np.interp(drive.time_s[row], drive.time_s[known], values))
+        values = [labels[drive.frame[row]] for row in filled]
+        for row in override.rows[(override.rows >= filled[0]) & (override.rows <= filled[-1])]:
+            steering = float(np.interp(drive.time_s[row], drive.time_s[filled], values))
             pedals = split_pedals(drive.throttle[row])
             image = str(drive.folder / drive.frame[row])
             rows.append(((image, None, None), (steering, *pedals, drive.speed_mph[row])))
     if not rows:
-        raise InputError(f"{out / LABELS}: names no image of {options.drive}; delete the file")
+        raise InputError(f"{out / LABELS}: names no image of {folder}; delete the file")
     return rows
 
 

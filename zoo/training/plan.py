@@ -25,6 +25,7 @@ from zoo.training.compiled_loss import compiles
 from zoo.training.frozen_layers import plan_cached_features
 from zoo.training.host_settings import multiplies_bf16
 from zoo.training.steering_module import OWN
+from zoo.training.trainer_parts import callbacks_of
 
 GROUP_IMAGES = 8192  # of a group on a GPU: 24 ms of PilotNet on an H100, 320 MB of images
 
@@ -166,7 +167,7 @@ def _may_group(config: DictConfig, trainer: lightning.Trainer) -> bool:
     """Return whether no setting, callback or logger needs Lightning to see every optimizer step."""
     return (
         _saves_by_epoch(config)
-        and all(map(_takes_groups, trainer.callbacks))
+        and all(map(_takes_groups, callbacks_of(trainer)))
         and {type(logger) for logger in trainer.loggers} <= {CSVLogger, TensorBoardLogger}
         and trainer.world_size == 1
         and trainer.accumulate_grad_batches == 1

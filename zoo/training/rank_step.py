@@ -26,7 +26,8 @@ class RankStep(BatchStep):
         if samples:
             loss = self.batch_loss(batch)
         else:
-            loss = sum(0.0 * p.sum() for p in module.network.parameters() if p.requires_grad)
+            trained = (p for p in module.network.parameters() if p.requires_grad)
+            loss = sum((0.0 * p.sum() for p in trained), torch.zeros(()))
         divisor, true = loss_facts_of(module.loss).divisor, module.targets_of(batch)
         share = loss.new_tensor(samples) if divisor is None else divisor(true).to(loss)
         # In double precision, in which a sum of counts is exact.

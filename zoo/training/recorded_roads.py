@@ -33,29 +33,22 @@ def trained_roads(config: Mapping, data: Mapping) -> list[str] | None:
         config: config of the training; a stranger's may hold anything.
         data: facts on its recording. Earlier versions did not write the roads.
     """
-    own = config.get("data")
-    recipe = own.get("record") if isinstance(own, Mapping) else None
-    if (
-        "roads" in data
-        or not isinstance(recipe, Mapping)
-        or own.get("root")
-        not in (
-            None,
-            recipe.get("out"),
-        )
-    ):
+    section = config.get("data")
+    section = section if isinstance(section, Mapping) else {}
+    recipe, root = section.get("record"), section.get("root")
+    if "roads" in data or not isinstance(recipe, Mapping) or root not in (None, recipe.get("out")):
         return data.get("roads")
     return _keys_of(_recipe_tracks(recipe)) or None
 
 
 def _keys_of(tracks: Iterable[str]) -> list[str]:
-    found = set()
+    keys = set()
     for track in tracks:
         try:
-            found.add(road_key(track))
+            keys.add(road_key(track))
         except InputError:  # the family's file is not on this machine
             continue
-    return sorted(found)
+    return sorted(keys)
 
 
 def _tracks_in(path: Path) -> set[str]:
@@ -68,5 +61,5 @@ def _tracks_in(path: Path) -> set[str]:
 
 def _recipe_tracks(recipe: object) -> set[str]:
     passes = recipe.get("passes") if isinstance(recipe, dict) else None
-    known = passes if isinstance(passes, list) else []
-    return {str(one["track"]) for one in known if isinstance(one, dict) and "track" in one}
+    drives = passes if isinstance(passes, list) else []
+    return {str(drive["track"]) for drive in drives if isinstance(drive, dict) and "track" in drive}

@@ -7,10 +7,10 @@ nothing of what its finished epochs were trained with; any other is refused.
 from collections.abc import Iterator
 from pathlib import Path
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from zoo.base.command_keys import typed_keys
-from zoo.base.compose import escape_interpolation
+from zoo.base.compose import escape_interpolation, plain_dict
 from zoo.base.console_progress import loading
 from zoo.base.errors import InputError, UsageError
 from zoo.base.parts import typed_parts
@@ -123,12 +123,12 @@ def _settled(config: DictConfig) -> dict[str, str]:
     """Return the values of a config by dotted key, as users type them, with what `quick` sets."""
     from zoo.training.run_config import with_quick
 
-    return dict(typed_keys(OmegaConf.to_container(with_quick(config), resolve=True)))
+    return dict(typed_keys(plain_dict(with_quick(config))))
 
 
 def lead_from(begin: Path | None, config: DictConfig) -> None:
     """Change the relative paths of a run's recording, which begin in another folder."""
-    paths = trained_paths(OmegaConf.to_container(config.data), begin)
+    paths = trained_paths(plain_dict(config.data, resolve=False), begin)
     config.data.update(escape_interpolation(paths))
 
 

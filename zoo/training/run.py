@@ -11,6 +11,7 @@ from rich.console import Console
 from datamodules.recording_format import other_car
 from datamodules.run_data import RunData
 from datamodules.split import write_split
+from zoo.base.compose import plain_dict
 from zoo.base.console_progress import working
 from zoo.base.errors import InputError, hint
 from zoo.base.process_ranks import is_first_process, needs_processes
@@ -38,6 +39,7 @@ from zoo.training.precision import choose_precision
 from zoo.training.run_config import settle_config, with_file_settings
 from zoo.training.run_loggers import log_config, log_results
 from zoo.training.run_module import RunModule
+from zoo.training.trainer_parts import callbacks_of, profiler_of
 
 
 def run_experiment(
@@ -102,13 +104,13 @@ def _run(
         except InputError as error:
             score, not_replayed = None, str(error)
             print_line(console, f"no score by driving: {error}")
-    card = make_card(OmegaConf.to_container(config, resolve=True), data.view, recorded_facts(data))
+    card = make_card(plain_dict(config), data.view, recorded_facts(data))
     card[STARTED_IN] = str(Path.cwd())
     resumed = interruptions.find_resume_point(folder, card, console) if resume else None
 
     # Lightning's trainer knows the devices and the processes, which the plan depends on.
-    network = build.build_network(config, data.view, console, resumed and resumed.path)
-    kept = resumed and resumed.precision
+    network = build.build_network(config, data.view, console, resumed.path if resumed else None)
+    kept = resumed.precision if resumed else None
     precision = choose_precision(config, network, data.view, console, kept, bf16)
     if precision != config.trainer.get("precision"):
         keep_config, asked = True, asked.copy()  # the folder's config repeats the run anywhere
@@ -143,7 +145,7 @@ def _run(
     if not trainer.is_global_zero:
         return
 
-    if summary := trainer.profiler.summary():  # as a log message, it would not be shown
+    if summary := profiler_of(trainer).summary():  # as a log message, it would not be shown
         print_line(console, summary)
     choice = choose_best(score, monitored_figure(trainer), folder, console, source)
     module.float()  # as in a loaded checkpoint, whatever trainer.precision left
@@ -186,7 +188,7 @@ def _fit(
         pass
     except Exception as error:
         figures = sorted(trainer.callback_metrics)  # known after the first epoch
-        for name in {getattr(callback, "monitor", None) for callback in trainer.callbacks}:
+        for name in {getattr(callback, "monitor", None) for callback in callbacks_of(trainer)}:
             if name and figures and name not in figures and name in str(error):
                 raise InputError(f"monitor={name}: no such figure; {hint(name, figures)}") from None
         if isinstance(error, MisconfigurationException):

@@ -7,6 +7,7 @@ the same windows, applies `quick`, and records `data=lake` once, on first use.
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from filelock import FileLock
 from omegaconf import DictConfig, OmegaConf
@@ -14,7 +15,7 @@ from rich.console import Console
 
 from datamodules.recording_format import read_recordings
 from zoo.base.bounded_files import read_json
-from zoo.base.compose import escape_interpolation
+from zoo.base.compose import escape_interpolation, plain_dict
 from zoo.base.conf_files import choice_files
 from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError, file_errors
@@ -108,7 +109,7 @@ def with_file_settings(config: DictConfig) -> DictConfig:
     kind = network_class(config.model.get("_target_"))
     if not issubclass(kind, FileNetwork):
         return config
-    model = OmegaConf.to_container(config.model, resolve=True)
+    model = plain_dict(config.model)
     settings = kind.file_settings(model, view_of(model, config.data.crop))
     if not settings:
         return config
@@ -129,7 +130,7 @@ def with_recording(config: DictConfig, console: Console) -> DictConfig:
     wanted = config.data.get("record")
     if wanted is None or config.data.root is not None:
         return config
-    recipe = OmegaConf.to_container(wanted, resolve=True)
+    recipe = plain_dict(wanted)
     folder = Path(recipe.pop("out"))
     # Neither is an option of the drives: the fingerprint is of the rows, and any number of
     # processes writes the same files.
@@ -146,10 +147,10 @@ def with_recording(config: DictConfig, console: Console) -> DictConfig:
             "has; remove it, or set data.record.out to another folder"
         )
     if fingerprint is not None:
-        found = read_recordings(str(folder)).fingerprint()
-        if found != str(fingerprint):
+        digest = read_recordings(str(folder)).fingerprint()
+        if digest != str(fingerprint):
             raise InputError(
-                f"{folder}: the recording's fingerprint is {found}, data.record.fingerprint is "
+                f"{folder}: the recording's fingerprint is {digest}, data.record.fingerprint is "
                 f"{fingerprint}: its rows were changed, or other code recorded them; remove "
                 f"{folder} to record again, or set data.record.fingerprint=null to train on it"
             )
@@ -175,7 +176,7 @@ def _record(folder: Path, recipe: dict, jobs: int | None, console: Console) -> N
     )
     try:
         with whole_folder(folder, "data.record.out=") as unfinished:
-            common = {"out": str(unfinished), "relative": True}
+            common: dict[str, Any] = {"out": str(unfinished), "relative": True}
             passes = [RecordOptions(**common, **options) for options in recipe["passes"]]
             # Half a lap takes less time than starting another process is worth.
             long = sum(options.laps for options in passes) >= 1

@@ -77,16 +77,16 @@ def final_scores(metrics: dict) -> Iterator[tuple[str, float]]:
     for part, figures in metrics["open_loop"].items():
         yield from ((f"{FINAL}/{part}/{key}", float(value)) for key, value in figures.items())
     for track, figures in ((metrics["drive"] or {}).get("tracks") or {}).items():
-        place = f"{FINAL}/{track}"
+        prefix = f"{FINAL}/{track}"
         for key, value in figures.items():
             mean, deviation = value if isinstance(value, tuple | list) else (value, None)
             if mean is not None:
-                yield f"{place}/{key}", float(mean)
+                yield f"{prefix}/{key}", float(mean)
             if deviation is not None:
-                yield f"{place}/{key}_std", float(deviation)
+                yield f"{prefix}/{key}_std", float(deviation)
         kept, drives = figures.get("drives_without_intervention"), figures["drives"]
         if kept is not None:
-            yield f"{place}/share_without_intervention", kept / drives
+            yield f"{prefix}/share_without_intervention", kept / drives
 
 
 def _log_result(

@@ -1,6 +1,9 @@
 """What a training run needs of a LightningModule."""
 
+from collections.abc import Sequence
+
 import lightning
+import numpy as np
 from torch import nn
 
 
@@ -20,9 +23,10 @@ class RunModule(lightning.LightningModule):
         validation: predicted and true steering of the last validation, to plot; None for none.
     """
 
-    NEEDED = ("train_epochs", "train_samples", "train_seconds", "validation")
-    NEEDED = (*NEEDED, "mean_loss", "on_save_checkpoint")
-    train_epochs, train_samples, train_seconds, validation = 0, 0, 0.0, None
+    FIGURES = ("train_epochs", "train_samples", "train_seconds", "validation")
+    NEEDED = (*FIGURES, "mean_loss", "on_save_checkpoint")
+    train_epochs, train_samples, train_seconds = 0, 0, 0.0
+    validation: Sequence[np.ndarray] | None = None
 
     def __init__(self, network: nn.Module, card: dict | None = None) -> None:
         super().__init__()

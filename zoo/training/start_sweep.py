@@ -162,10 +162,10 @@ def _composed_folder(arguments: list[str]) -> Path:
     from hydra import compose, initialize_config_dir
 
     _drop_shadowed()
-    own = [word for word in arguments if word.startswith(HYDRA_KEYS)]
+    words = [word for word in arguments if word.startswith(HYDRA_KEYS)]
     with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
         return Path(
-            compose("config", hydra_overrides(own), return_hydra_config=True).hydra.sweep.dir
+            compose("config", hydra_overrides(words), return_hydra_config=True).hydra.sweep.dir
         )
 
 

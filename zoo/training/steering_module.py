@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -18,6 +19,10 @@ from zoo.training.optimizer_groups import optimizer_groups
 from zoo.training.precision import clip_gradients
 from zoo.training.rank_step import RankStep, all_rows
 from zoo.training.run_module import RunModule
+
+if TYPE_CHECKING:
+    from lightning.pytorch.core.optimizer import LightningOptimizer
+    from lightning.pytorch.utilities.types import LRSchedulerConfigType, OptimizerLRScheduler
 
 OWN = "zoo.training.steering_module.SteeringModule"
 CHECK_EVERY = 20  # steps between checks of the loss: each check waits for the device
@@ -126,15 +131,21 @@ class SteeringModule(RunModule):
             self._check_finite()
         return loss
 
-    def optimizer_step(self, epoch: int, number: int, optimizer: object, closure: Callable) -> None:
+    def optimizer_step(
+        self,
+        epoch: int,
+        batch_idx: int,
+        optimizer: "torch.optim.Optimizer | LightningOptimizer",
+        optimizer_closure: Callable[[], Any] | None = None,
+    ) -> None:
         """Take Lightning's step by the loss of `training_step`, which the closure calls."""
         if self._step.by_lightning:
-            super().optimizer_step(epoch, number, optimizer, closure)
-        else:
-            closure()
+            super().optimizer_step(epoch, batch_idx, optimizer, optimizer_closure)
+        elif optimizer_closure is not None:
+            optimizer_closure()
 
     @property
-    def train_samples(self) -> int:
+    def train_samples(self) -> int:  # type: ignore[override]  # counted on the device
         """Return the number of samples that all processes have trained on."""
         return self._samples_before + int(self._step.samples)
 
@@ -157,11 +168,11 @@ class SteeringModule(RunModule):
         """Check that all is finite, and log the mean loss."""
         self._check_finite(weights=True)
         self.train_epochs += 1
-        self.log("train/loss", float(self.mean_loss()), sync_dist=True)
+        self.log("train/loss", self.mean_loss(), sync_dist=True)
 
-    def mean_loss(self) -> Tensor | float:
+    def mean_loss(self) -> float:
         """Return the mean loss of the epoch so far, over all processes' samples."""
-        return self._step.mean_loss()
+        return float(self._step.mean_loss())
 
     def _check_finite(self, weights: bool = False) -> None:
         """Check the loss, and the weights: the last loss was computed before the last step."""
@@ -202,7 +213,7 @@ class SteeringModule(RunModule):
     def on_validation_epoch_end(self) -> None:
         """Log the figures of all validation rows."""
         columns = [np.array(column, np.float32) for column in (self._predicted, self._actual)]
-        self.validation = predicted, true = all_rows(self.trainer, columns)
+        predicted, true = self.validation = all_rows(self.trainer, columns)
         # Processes on other machines may sum in another order; decisions by these figures must be
         # the same everywhere.
         metrics = self.trainer.strategy.broadcast(open_loop_metrics(predicted, true))
@@ -210,24 +221,26 @@ class SteeringModule(RunModule):
             {f"val/{name}": value for name, value in metrics.items()}, rank_zero_only=False
         )
 
-    def configure_optimizers(self) -> dict:
+    def configure_optimizers(self) -> "OptimizerLRScheduler":
         """Return the optimizer and its scheduler, as Lightning expects them."""
         optimizer = self.make_optimizer(self.parameter_groups())
         schedule = self.make_schedule(optimizer)
-        return {"optimizer": optimizer} | ({"lr_scheduler": schedule} if schedule else {})
+        if schedule is None:
+            return {"optimizer": optimizer}
+        return {"optimizer": optimizer, "lr_scheduler": schedule}
 
     def make_optimizer(self, groups: list[dict]) -> torch.optim.Optimizer:
         """Return the optimizer of parameter groups, see `parameter_groups`."""
         return self.optimizer(groups)
 
-    def make_schedule(self, optimizer: torch.optim.Optimizer) -> dict | None:
+    def make_schedule(self, optimizer: torch.optim.Optimizer) -> "LRSchedulerConfigType | None":
         """Return Lightning's `lr_scheduler`; its `interval` is `epoch`, or `step` for batches."""
         if self.schedule is None:
             return None
-        schedule = {"scheduler": self.schedule(optimizer), "interval": "epoch"}
-        if isinstance(schedule["scheduler"], torch.optim.lr_scheduler.ReduceLROnPlateau):
-            schedule["monitor"] = "val/mse"
-        return schedule
+        entry: LRSchedulerConfigType = {"scheduler": self.schedule(optimizer), "interval": "epoch"}
+        if isinstance(entry["scheduler"], torch.optim.lr_scheduler.ReduceLROnPlateau):
+            entry["monitor"] = "val/mse"
+        return entry
 
     def parameter_groups(self) -> list[dict]:
         """Return the parameter groups of the optimizer, see `optimizer_groups`."""

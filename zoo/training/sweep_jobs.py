@@ -259,8 +259,8 @@ def _heading(folder: Path) -> str:
     jobs = read_record(folder.parent).jobs
     if jobs is None:
         return f"job {folder.name}"
-    own = varying(jobs)[tuple(jobs[int(folder.name)])]
-    return f"job {folder.name} (0 to {len(jobs) - 1}): {own}"
+    changes = varying(jobs)[tuple(jobs[int(folder.name)])]
+    return f"job {folder.name} (0 to {len(jobs) - 1}): {changes}"
 
 
 def _set_up_worker(config: DictConfig) -> None:

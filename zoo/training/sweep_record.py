@@ -6,7 +6,7 @@ saved run.
 """
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -92,9 +92,9 @@ def write_record(folder: Path, record: SweepRecord) -> None:
     write_whole(folder / NAME, json.dumps(record.model_dump(), indent=1))
 
 
-def add_to_record(folder: Path, **more: object) -> None:
+def add_to_record(folder: Path, **fields: object) -> None:
     """Change these fields of `sweep.json`."""
-    write_record(folder, read_record(folder).model_copy(update=more))
+    write_record(folder, read_record(folder).model_copy(update=fields))
 
 
 def read_record(folder: Path) -> SweepRecord:
@@ -105,8 +105,8 @@ def read_record(folder: Path) -> SweepRecord:
     """
     path = folder / NAME
     if not path.exists():
-        found = "holds no sweep.json" if folder.is_dir() else "there is no such folder"
-        raise InputError(f"{folder}: is no sweep ({found}); name a folder of {SWEEPS}")
+        reason = "holds no sweep.json" if folder.is_dir() else "there is no such folder"
+        raise InputError(f"{folder}: is no sweep ({reason}); name a folder of {SWEEPS}")
     try:
         record = check_fields(SweepRecord, read_json(path), path)
     except InputError as error:
@@ -130,8 +130,9 @@ def varying(jobs: Sequence[Sequence[str]]) -> dict[tuple[str, ...], str]:
     {('a=1', 'b=1'): 'a=1', ('++a=2', 'b=1'): 'a=2'}
     """
     shared = set.intersection(*(set(job) for job in jobs)) if len(jobs) > 1 else set()
-    own = {tuple(job): [each.lstrip("+") for each in job if each not in shared] for job in jobs}
-    return {job: " ".join(words) for job, words in own.items()}
+    return {
+        tuple(job): " ".join(word.lstrip("+") for word in job if word not in shared) for job in jobs
+    }
 
 
 def is_same(record: SweepRecord, arguments: list[str]) -> bool:
@@ -145,10 +146,10 @@ def what_changed(record: SweepRecord) -> str | None:
         now = log_digest(root)
         if digest is not None and now != digest:
             return f"the recording in {root} {'is missing' if now is None else 'has changed since'}"
-    now = package_versions()
+    installed = package_versions()
     for name, number in record.versions.items():
-        if now.get(name) != number:
-            return f"{name} was {number} and is now {now.get(name)}"
+        if installed.get(name) != number:
+            return f"{name} was {number} and is now {installed.get(name)}"
     return None
 
 
@@ -207,10 +208,10 @@ def check_job(overrides: Sequence[str], config: DictConfig, added: Sequence[str]
     if sweep is None:
         return
     check_overrides([word for word in overrides if word not in added], sweep)
-    own = OmegaConf.masked_copy(config, [key for key in config if key != "hydra"])
+    job = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
     # `check_overrides` has checked the study's address, as `hydra.sweeper.storage`.
     trusted = [*sweep.trusted, *([f"{PRUNING}.storage"] if added else [])]
-    check_saved_config(own, sweep.source, trusted)
+    check_saved_config(job, sweep.source, trusted)
 
 
 def check_overrides(overrides: Sequence[str], sweep: SavedSweep) -> None:
@@ -222,15 +223,15 @@ def check_overrides(overrides: Sequence[str], sweep: SavedSweep) -> None:
     for flag in overrides:
         if flag.startswith("-"):
             _refuse(flag, flag.partition("=")[0], sweep)
-    given = [word for word in overrides if not word.startswith("-")]
-    for override in OverridesParser.create().parse_overrides(hydra_overrides(given, sweep=True)):
+    words = [word for word in overrides if not word.startswith("-")]
+    for override in OverridesParser.create().parse_overrides(hydra_overrides(words, sweep=True)):
         key = override.get_key_element().lstrip("+~")
         if key not in sweep.trusted and not _is_allowed(override, key):
-            _refuse(override.input_line, key, sweep)
+            _refuse(override.input_line or key, key, sweep)
 
 
 def _is_allowed(override: Override, key: str) -> bool:
-    groups = {name: choices(name) for name in config_groups()}
+    groups: dict[str, Collection[str]] = {name: choices(name) for name in config_groups()}
     groups |= {"hydra/launcher": LAUNCHERS, "hydra/sweeper": SWEEPERS}
     if key in groups:
         return override.is_delete() or set(_chosen(override)) <= {*groups[key], "None"}

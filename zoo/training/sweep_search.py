@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import optuna
@@ -45,9 +45,9 @@ def sweep_search(
     folder = Path(config.hydra.sweep.dir)
     parsed = OverridesParser.create(config_loader=context.config_loader).parse_overrides(arguments)
     # If a key is given twice, the last value counts, as everywhere in Hydra.
-    given = {override.get_key_element(): override for override in parsed}
-    space = {key: _distribution(given[key]) for key in given if given[key].is_sweep_override()}
-    fixed = [f"{key}={given[key].get_value_element_as_str()}" for key in given if key not in space]
+    typed = {override.get_key_element(): override for override in parsed}
+    space = {key: _distribution(typed[key]) for key in typed if typed[key].is_sweep_override()}
+    fixed = [f"{key}={typed[key].get_value_element_as_str()}" for key in typed if key not in space]
     if not space:
         raise InputError(
             "no key to search over; give a key several values, or KEY=interval(1e-4,1e-2)"
@@ -66,8 +66,8 @@ def sweep_search(
             search.report(job)
         print_line(console, search.state())
         numbers = search.ask()
-    jobs = map(search.job, search.own_trials())
-    add_to_record(folder, jobs=[list(job.overrides) for job in jobs])
+    trials = search.own_trials()
+    add_to_record(folder, jobs=[list(search.job(number).overrides) for number in trials])
 
 
 class Search:
@@ -88,11 +88,11 @@ class Search:
     ) -> None:
         self.settings, self.fixed, self.space, self.folder = settings, fixed, space, folder
         self.study = _open_study(settings)
-        place = f"{settings.storage}: the study {settings.study}"
+        study = f"{settings.storage}: the study {settings.study}"
         earlier = self.study.user_attrs.get("monitor", settings.monitor)
         if earlier != settings.monitor:
             raise InputError(
-                f"{place} optimizes {earlier}, not {settings.monitor}; set "
+                f"{study} optimizes {earlier}, not {settings.monitor}; set "
                 f"hydra.sweeper.monitor={earlier}, or name another with hydra.sweeper.study=NAME"
             )
         for trial in self.study.get_trials(deepcopy=False):
@@ -101,7 +101,7 @@ class Search:
                     check_distribution_compatibility(trial.distributions[key], space[key])
                 except ValueError:
                     raise InputError(
-                        f"{place} has other values for {key} than this command; name another with "
+                        f"{study} has other values for {key} than this command; name another with "
                         "hydra.sweeper.study=NAME"
                     ) from None
         self.study.set_user_attr("monitor", settings.monitor)
@@ -128,8 +128,8 @@ class Search:
     def job(self, number: int) -> Job:
         """Return a trial as a job: its values and its pruning callback as overrides."""
         values = self.study.get_trials()[number].params
-        own = (f"{key}={value}" for key, value in values.items())
-        overrides = (*self.fixed, *own, *self.pruning(number))
+        drawn = (f"{key}={value}" for key, value in values.items())
+        overrides = (*self.fixed, *drawn, *self.pruning(number))
         return Job(number, overrides, self.folder / str(number))
 
     def pruning(self, number: int) -> list[str]:
@@ -227,11 +227,13 @@ def _distribution(override: Override) -> BaseDistribution:
     try:
         if isinstance(value, IntervalSweep):
             whole = isinstance(value.start, int) and isinstance(value.end, int)
-            kind = IntDistribution if whole else FloatDistribution
+            kind: Callable[..., BaseDistribution] = IntDistribution if whole else FloatDistribution
             return kind(value.start, value.end, log=log)
-        if isinstance(value, RangeSweep) and isinstance(value.step, int):
-            last = value.stop - 1  # Hydra excludes the stop as Python does; Optuna includes it
-            return IntDistribution(value.start, last, step=1 if log else value.step, log=log)
+        if isinstance(value, RangeSweep):
+            first, stop, step = value.start, value.stop, value.step
+            if isinstance(first, int) and isinstance(stop, int) and isinstance(step, int):
+                # Hydra excludes the stop as Python does; Optuna includes it.
+                return IntDistribution(first, stop - 1, step=1 if log else step, log=log)
         return CategoricalDistribution([str(value) for value in override.sweep_string_iterator()])
     except (TypeError, ValueError) as error:
         raise InputError(f"{key}: {error}") from None

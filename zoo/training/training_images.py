@@ -1,9 +1,10 @@
 """Plots of batches and predictions: PNG files in the run's `plots/`, and TensorBoard."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from lightning import Callback, LightningDataModule, LightningModule, Trainer
+from lightning import Callback, LightningModule, Trainer
 from lightning.pytorch.loggers import TensorBoardLogger
 from matplotlib.figure import Figure
 from matplotlib.image import imread
@@ -12,6 +13,7 @@ from datamodules.balance import BatchKey
 from datamodules.driving import DrivingData
 from zoo.base.terminal import counted
 from zoo.runs import plots
+from zoo.training.trainer_parts import data_of
 
 
 class FedBatch(Callback):
@@ -26,8 +28,9 @@ class FedBatch(Callback):
 
     def on_train_start(self, trainer: Trainer, module: LightningModule) -> None:
         """Plot the samples."""
-        if trainer.is_global_zero and isinstance(trainer.datamodule, DrivingData):
-            publish(trainer, "fed_batch", figure_of_fed_batch(trainer.datamodule, self.count))
+        data = data_of(trainer)
+        if trainer.is_global_zero and isinstance(data, DrivingData):
+            publish(trainer, "fed_batch", figure_of_fed_batch(data, self.count))
 
 
 class SteeringHistogram(Callback):
@@ -35,8 +38,9 @@ class SteeringHistogram(Callback):
 
     def on_train_start(self, trainer: Trainer, module: LightningModule) -> None:
         """Plot the steering."""
-        if trainer.is_global_zero and isinstance(trainer.datamodule, DrivingData):
-            publish(trainer, "steering_histogram", figure_of_steering(trainer.datamodule))
+        data = data_of(trainer)
+        if trainer.is_global_zero and isinstance(data, DrivingData):
+            publish(trainer, "steering_histogram", figure_of_steering(data))
 
 
 class PredictedAgainstTrue(Callback):
@@ -49,16 +53,17 @@ class PredictedAgainstTrue(Callback):
     def __init__(self, every_n_epochs: int = 5) -> None:
         self.every_n_epochs = every_n_epochs
 
-    def on_validation_end(self, trainer: Trainer, module: LightningModule) -> None:
+    def on_validation_end(self, trainer: Trainer, module: Any) -> None:
         """Plot the validation rows."""
         epoch = trainer.current_epoch + 1
         if epoch % self.every_n_epochs or not trainer.is_global_zero or module.validation is None:
             return
-        figure = plots.predicted_against_true(*module.validation, f"validation, epoch {epoch}")
+        predicted, true = module.validation
+        figure = plots.predicted_against_true(predicted, true, f"validation, epoch {epoch}")
         publish(trainer, "predicted_against_true_val", figure)
 
 
-def figure_of_fed_batch(data: LightningDataModule, count: int) -> Figure:
+def figure_of_fed_batch(data: DrivingData, count: int) -> Figure:
     """Plot the first `count` network inputs of an epoch, whatever the batch size.
 
     Windows are rows of frames, of `count` frames or a few more.
@@ -86,7 +91,7 @@ def figure_of_fed_batch(data: LightningDataModule, count: int) -> Figure:
     return plots.fed_batch(images, steering, data.view.colour, title)
 
 
-def figure_of_steering(data: LightningDataModule) -> Figure:
+def figure_of_steering(data: DrivingData) -> Figure:
     """Plot the steering of all samples, and of up to 50,000 as drawn and flipped."""
     batches = data.training_batches()
     fed = []

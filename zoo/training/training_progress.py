@@ -1,6 +1,7 @@
 """One progress bar for the whole training, and a line per epoch."""
 
 import time
+from typing import Any
 
 from lightning import Callback, LightningModule, Trainer
 from rich.console import Console
@@ -64,7 +65,7 @@ class TrainingProgress(Callback):
             figures=f"{rate:,.0f} samples/s",
         )
 
-    def on_train_epoch_end(self, trainer: Trainer, module: LightningModule) -> None:
+    def on_train_epoch_end(self, trainer: Trainer, module: Any) -> None:
         """Print the epoch's line."""
         if not trainer.is_global_zero or is_quiet():
             return

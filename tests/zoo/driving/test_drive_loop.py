@@ -162,7 +162,7 @@ def test_every_seed_drives_the_whole_of_an_open_road(way: int, seed: int) -> Non
     assert len(driven.lap_s) == 1
     assert figures["interventions"] == 0
     assert driven.lap_s[0] == pytest.approx(world.track.length / (15 * 0.44704), abs=1.5)
-    assert birds_eye(world.track, driven, "road").axes
+    assert birds_eye(world.track, driven.xy, driven, "road").axes
 
 
 def test_the_lane_is_as_wide_as_the_road_at_the_car() -> None:

@@ -78,7 +78,7 @@ def test_the_birds_eye_view_is_as_wide_and_high_as_its_track(name: str) -> None:
     world = open_embedded(scenario, "none")
     simulated, expert = world.simulated, Expert(world.simulated.track)
     driven = drive_loop.drive(lambda *_: (expert(simulated)[0], None), world, scenario)
-    figure = birds_eye(simulated.track, driven, name)
+    figure = birds_eye(simulated.track, driven.xy, driven, name)
     FigureCanvasAgg(figure).draw()
     bounds = figure.axes[0].get_position()
     assert bounds.height > 0.75

@@ -93,7 +93,7 @@ def test_a_drive_leaves_mode_gradients_and_chance_as_they_were(
     chance, numbers = torch.get_rng_state(), np.random.get_state()[1].copy()  # noqa: NPY002
     threads = torch.get_num_threads()
     callback = ClosedLoop(starts=1, metres=5)
-    assert callback._open() is None
+    callback._open()
 
     figures = [callback.drive(network, data.view, {}) for _ in range(2)]
 
@@ -139,7 +139,7 @@ def test_where_no_renderer_opens_it_says_so_once_and_trains(
     def refuse(*_: object, **__: object) -> None:
         raise InputError("renderer=auto: none opens here")
 
-    monkeypatch.setattr("zoo.driving.open_world.open_world", refuse)
+    monkeypatch.setattr("zoo.driving.embedded_world.open_embedded", refuse)
     tiny = ("model=tiny", "data.crop=[50,0]", "callbacks=closed_loop")
     trainer, _ = fit(recorded, tmp_path / "a", console, *tiny)
     assert trainer.current_epoch == 2
@@ -162,7 +162,7 @@ def test_on_an_open_road_every_drive_has_its_length(tmp_path: Path) -> None:
     path = tmp_path / "road.yaml"
     path.write_text("closed: false\nsegments: [{straight: 200}]\n")
     callback = ClosedLoop(track=str(path), starts=3, metres=60, quality="simple")
-    assert callback._open() is None
+    callback._open()
     begun, step = [], callback.world.simulated.step
 
     def step_and_note(*command: float) -> None:
