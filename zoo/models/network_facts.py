@@ -22,8 +22,7 @@ class NetworkFacts:
             standard deviation.
         window: frames that a `zoo.models.memory.Memory` looks at; None for single frames.
         frozen_front: frozen layers, whose features of an image never change; None without any. Such
-            a network has two more methods: `front` returns the features of images, and `rest` the
-            outputs for features.
+            a network has a method `rest`, which returns the outputs for features.
         backbone: pretrained layers, for which `optim.backbone_lr` is; None without any.
     """
 

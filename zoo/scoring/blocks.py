@@ -249,13 +249,13 @@ class Section:
 
 def images_of(blocks: Sequence[Block]) -> list[Image]:
     """Return all images of blocks, with those inside folds."""
-    found: list[Image] = []
+    images: list[Image] = []
     for block in blocks:
         if isinstance(block, Images):
-            found += block.images
+            images += block.images
         elif isinstance(block, Fold):
-            found += images_of(block.blocks)
-    return found
+            images += images_of(block.blocks)
+    return images
 
 
 def to_markdown(title: str, sections: Sequence[Section]) -> str:

@@ -157,19 +157,19 @@ def next_drive(checkpoint: object, data: object, on_track: Sequence[object]) -> 
     return ["replay", checkpoint, "FOLDER"] if source_of(data) else list(on_track)
 
 
-def other_car_line(data: object, place: str, source: str | None = None) -> str | None:
+def other_car_line(data: object, where: str, source: str | None = None) -> str | None:
     """Return a warning if a network drives a car that is not that of its recording.
 
     Args:
         data: facts on the network's recording from the checkpoint.
-        place: where it drives, in words.
+        where: where it drives, in words.
         source: other car or format of that place; None for Udacity's rig.
     """
     if not data or source_of(data) == source:  # without facts, nobody knows
         return None
     home, there = (car or "Udacity's simulator" for car in (source_of(data), source))
     return (
-        f"another car's network drives {place}: its recording is of {home}, and the camera and the "
+        f"another car's network drives {where}: its recording is of {home}, and the camera and the "
         f"car there are of {there}; the figures say nothing about how it drives its own"
     )
 

@@ -94,14 +94,14 @@ class KeptDrive(Keep):
         if self.folder is not None:
             self.moments(frame, row)
         if self.film is not None:
-            place: tuple = ()
+            position: tuple = ()
             if isinstance(self.world, EmbeddedWorld):
                 simulated = self.world.simulated
-                place = simulated.lap + 1, (simulated.car.x, simulated.car.y)
+                position = simulated.lap + 1, (simulated.car.x, simulated.car.y)
             if self.film_last_s is None:
-                self.film(frame, row, *place)
+                self.film(frame, row, *position)
             else:
-                self.waiting.append((frame.copy(), row, *place))
+                self.waiting.append((frame.copy(), row, *position))
         if self.recorder is not None:
             if self.put_back:
                 self.recorder.begin_pass(row.time_s)

@@ -103,7 +103,7 @@ def write_metrics(
     data: RunData,
     module: RunModule,
     open_loop: OpenLoop,
-    more: dict,
+    fields: dict,
 ) -> tuple[dict, Verdict]:
     """Write `metrics.json`; return it and the verdict that it holds.
 
@@ -113,7 +113,7 @@ def write_metrics(
         data: data that it was trained on.
         module: module with the best checkpoint's weights.
         open_loop: open-loop evaluation.
-        more: further fields of the file.
+        fields: further fields of the file.
     """
     samples, seconds, epochs = module.train_samples, module.train_seconds, module.train_epochs
     trained, best = module.trainer.current_epoch, folder / "checkpoints" / "best.ckpt"
@@ -137,7 +137,7 @@ def write_metrics(
         "findings": [vars(oddity) for oddity in find_oddities(data.recording)],
         "code": code_fingerprint(),
         "versions": package_versions(),
-        **more,
+        **fields,
     }
     drive = metrics["drive"]
     evidence = evidence_of_run(folder, card["config"], metrics)

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import lightning
 import torch
-from lightning.fabric.strategies.launchers.subprocess_script import _ChildProcessObserver
 
 from zoo.base.errors import InputError, PrunedError, StoppedError
 from zoo.base.terminal import error_line
@@ -76,6 +75,10 @@ class Watch(lightning.Callback):
         if self.over.is_set():
             return
         if trainer.is_global_zero:
+            from lightning.fabric.strategies.launchers.subprocess_script import (
+                _ChildProcessObserver,
+            )
+
             self.others = list(getattr(trainer.strategy.launcher, "procs", []))
             for thread in threading.enumerate():
                 if isinstance(thread, _ChildProcessObserver):

@@ -70,14 +70,14 @@ def load_state(network: nn.Module, state: dict[str, Tensor], path: Path) -> str:
     Raises:
         InputError: names the first tensor that does not fit; see `check_fit`.
     """
-    own = network.state_dict()
+    needed = network.state_dict()
     loaded = f"{len(state)} tensors"
     if isinstance(network, Transfer) and not any(name.startswith("head.") for name in state):
-        own = {name: tensor for name, tensor in own.items() if name.startswith("features.")}
+        needed = {name: tensor for name, tensor in needed.items() if name.startswith("features.")}
         state = network.public_state(state)
         loaded = f"{network.published_name}'s convolutions"
     fix = "set model and data.crop to those of the file's training"
-    check_fit(own, state, type(network).__name__, path, fix)
+    check_fit(needed, state, type(network).__name__, path, fix)
     network.load_state_dict(state, strict=False)
     return f"{loaded} from {path}"
 

@@ -34,8 +34,8 @@ def naming_lost_files(folder: Path) -> Iterator[None]:
             remedy = f"{kept(folder)}; free some space, and resume with: {resume_command(folder)}"
         else:
             remedy = f"{folder} was removed, with all that the run had saved; start the run again"
-        place = error.filename or folder
-        raise InputError(f"{place}: {error.strerror or error}; {remedy}") from error
+        file = error.filename or folder
+        raise InputError(f"{file}: {error.strerror or error}; {remedy}") from error
     finally:
         threading.excepthook = before
 

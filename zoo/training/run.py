@@ -154,7 +154,7 @@ def _run(
     open_loop = conclusion.evaluate_rows(module, data, console)
     conclusion.save_plots(open_loop, folder, console)
     conclusion.print_open_loop(open_loop, card["config"]["model"]["name"], console)
-    more = {
+    fields = {
         "closed_loop": best_drive(trainer, module, data.view),
         "drive": score_run(score, folder, console, replayed),
         "not_replayed": not_replayed,
@@ -165,7 +165,7 @@ def _run(
         "precision": plan.precision,
         "wall_s": time.perf_counter() - started,
     }
-    metrics, judged = conclusion.write_metrics(folder, card, data, module, open_loop, more)
+    metrics, judged = conclusion.write_metrics(folder, card, data, module, open_loop, fields)
     conclusion.print_conclusion(folder, metrics, judged if verdict else None, console)
     log_results(trainer, card["config"], metrics, folder, console)
 
