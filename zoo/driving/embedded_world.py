@@ -62,8 +62,7 @@ class EmbeddedWorld(World):
 
     def close(self) -> None:
         """Close the renderer."""
-        if self.simulated.renderer is not None:
-            self.simulated.renderer.close()
+        self.simulated.close()
 
     def facts(self, scenario: Scenario) -> dict[str, Any]:
         """Return the track's name, length and lane, and the seed."""

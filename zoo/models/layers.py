@@ -50,7 +50,7 @@ class Normalize(nn.Module):
         ValueError: the scale is not two finite numbers, or its divisor is 0.
     """
 
-    def __init__(self, scale: tuple[float, float] = SCALE) -> None:
+    def __init__(self, scale: Sequence[float] = SCALE) -> None:
         super().__init__()
         self.divisor, self.shift = checked_scale(scale)
         # The network's numbers, whatever its conversion: bfloat16, single or double precision.

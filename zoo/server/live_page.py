@@ -95,7 +95,7 @@ class LiveSaliency:
         state, policy = self.driver.latest(), self.driver.policy
         if state.frame is None:
             return b""
-        if policy is not self._policy:
+        if self._saliency is None or policy is not self._policy:
             self._saliency, self._policy = Saliency(policy), policy
         shown = overlay(state.frame, self._saliency(state.frame, state.speed_mph))
         return encode_image(shown, quality=QUALITY)

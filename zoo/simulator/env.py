@@ -215,9 +215,7 @@ class DrivingEnv(gymnasium.Env):
 
     def close(self) -> None:
         """Close the renderer; a second call has no effect."""
-        if self.world.renderer is not None:
-            self.world.renderer.close()
-            self.world.renderer = None
+        self.world.close()
 
     def _open(self, track: str) -> None:
         """Open a world with frames, unless it is the present one."""

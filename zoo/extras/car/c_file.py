@@ -207,12 +207,15 @@ class _Graph:
                 f"lacks; {OTHERWISE}"
             )
 
-    def _evaluated(self, node: "onnx.NodeProto", known: dict[str, np.ndarray]) -> np.ndarray:
+    def _evaluated(self, node: "onnx.NodeProto", arrays: dict[str, np.ndarray]) -> np.ndarray:
         from onnx.reference import ReferenceEvaluator
 
-        feed = {one: known[one] for one in node.input if one}
-        one = self.onnx.helper.make_function("", "one", feed, node.output, [node], self.opset)
-        return ReferenceEvaluator(one).run(None, feed, {})[0]
+        feed = {name: arrays[name] for name in node.input if name}
+        function = self.onnx.helper.make_function(
+            "", "one", list(feed), node.output, [node], self.opset
+        )
+        outputs: Any = ReferenceEvaluator(function).run(None, feed, {})
+        return outputs[0]
 
     @staticmethod
     def _is_plain(attributes: dict[str, Any]) -> bool:
@@ -248,8 +251,8 @@ class _Graph:
         done = 0
         while done < len(flat):
             steps = np.diff(flat[done:])
-            same = np.flatnonzero(steps != steps[0]) if len(steps) else []
-            count = int(same[0]) + 1 if len(same) else len(flat) - done
+            changes = np.flatnonzero(steps != steps[:1])
+            count = int(changes[0]) + 1 if len(changes) else len(flat) - done
             step = int(steps[0]) if count > 1 else 1
             target = start + done
             self.out.calls.append(f"copy(work + {flat[done]}, {step}, {count}, work + {target});")
@@ -338,7 +341,7 @@ class _Graph:
         pads = settings.get("pads", [0] * 2 * len(kernel))
         image = places[0] if not is_line else places[0][:, None]
         steps = _steps(image)
-        if steps is None:
+        if not _are_even(image, steps):
             image = self._copied(image)
             steps = _steps(image)
         channels, *size = image.shape
@@ -360,18 +363,21 @@ class _Graph:
         self.out.tables.append(f"static const window {window} = {{{text}}};")
         arguments = [f"&{window}", *tables, f"work + {int(image.min())}", f"work + {start}"]
         self.out.calls.append(f"{function}({', '.join(arguments)});")
-        found = self._channels_last(start, *counts, outputs)
-        self.places[result] = found[:, :, 0] if is_line else found
+        moved = self._channels_last(start, counts[0], counts[1], outputs)
+        self.places[result] = moved[:, :, 0] if is_line else moved
 
 
-def _steps(image: np.ndarray) -> tuple[int, ...] | None:
-    """Return the steps between places [channels, rows, columns] along each axis; None if uneven."""
-    steps = [
+def _steps(image: np.ndarray) -> list[int]:
+    """Return the first steps between places [channels, rows, columns], along each axis."""
+    return [
         int(np.take(image, 1, axis).flat[0] - image.flat[0]) if image.shape[axis] > 1 else 0
         for axis in range(3)
     ]
+
+
+def _are_even(image: np.ndarray, steps: list[int]) -> bool:
     even = image.flat[0] + np.tensordot(steps, np.indices(image.shape), 1)
-    return tuple(steps) if np.array_equal(even, image) and min(steps) >= 0 else None
+    return np.array_equal(even, image) and min(steps) >= 0
 
 
 def _layer(node: "onnx.NodeProto") -> str:

@@ -5,6 +5,7 @@ bilinearly with weights of 11 binary places (modules/imgproc/src/resize.cpp).
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -65,7 +66,7 @@ def write_view(view: View, out: CSource) -> None:
         out.table(f"{axis}_weight", "float" if averages else "int16_t", weights)
 
 
-def _area_taps(size: int, count: int, whole: bool) -> tuple[list[int], list[int], list[float]]:
+def _area_taps(size: int, count: int, whole: bool) -> tuple[list[int], list[int], Sequence[float]]:
     """Return starts, pixels and weights of `count` pixels of `size`, as in OpenCV's table."""
     scale = 1 / (count / size)
     starts, places, weights = [0], [], []

@@ -103,16 +103,19 @@ class Timing(Result):
             Column("times", "loop times", names),
             number_column("rate_hz", "frames/s", [time.rate_hz for time in times], "{:.1f}"),
             number_column("delay_ms", "delay, ms", [time.delay_ms for time in times], "{:.0f}"),
-            self._bounded(interval_column("speed_mph", "highest speed, mph", speeds, "{:g}")),
+            self._bounded(
+                interval_column("speed_mph", "highest speed, mph", speeds, "{:g}"),
+                [speed.value for speed in speeds],
+            ),
             interval_column("gain_mph", "gain, mph", gains, "{:+g}"),
-            self._bounded(number_column("every_road_mph", "every road, mph", least, "{:g}")),
+            self._bounded(number_column("every_road_mph", "every road, mph", least, "{:g}"), least),
         ]
         return Table(columns, f"Highest clean speeds of {self.checkpoint}, median of the roads.")
 
-    def _bounded(self, column: Column) -> Column:
+    def _bounded(self, column: Column, speeds: Sequence[float]) -> Column:
         """Return a column of speeds, of which those that were not tried are bounds in its texts."""
         least = self.options.least
-        pairs = zip(column.cells, column.figures[column.name], strict=True)
+        pairs = zip(column.cells, speeds, strict=True)
         cells = [f"below {least:g}" if mph < least else text for text, mph in pairs]
         return replace(column, cells=cells)
 

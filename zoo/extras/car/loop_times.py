@@ -169,7 +169,8 @@ def _of_profile(path: str, text: str, rate: float, part: str | None) -> LoopTime
         if line.strip().startswith("|")
     ]
     header = next(number for number, row in enumerate(rows) if PROFILE in row)
-    names, parts = rows[header], {}
+    names = rows[header]
+    parts: dict[str, dict[str, float]] = {}
     for row in rows[header + 1 :]:
         place = f"{path}, part {row[0][:40]}"
         if len(row) != len(names):

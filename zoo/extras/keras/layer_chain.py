@@ -41,7 +41,7 @@ class LayerChain(nn.Module):
         specs = check_specs(layers if layers is not None else DEFAULT_LAYERS)
         first = is_channels_first(specs)
         channels, height, width = shape
-        self.scale = SCALE if scale is None else tuple(scale)
+        self.scale: Sequence[float] = SCALE if scale is None else tuple(scale)
         self.normalize = Normalize(self.scale)
         modules, shapes = build_layers(specs, shape if first else (height, width, channels), first)
         self.layers = nn.Sequential(*modules)

@@ -57,7 +57,8 @@ def _window(
 ) -> tuple[Pads, Pair]:
     """Return a window's padding as TensorFlow pads, and the rows and columns of the output."""
     padding = spec.word("padding", PADDINGS, "valid")
-    pads, out = [], []
+    pads: list[int] = []
+    out = []
     for length, side, step, gap in zip(size, kernel, stride, dilation, strict=True):
         side = (side - 1) * gap + 1
         count, before, after = (length - side) // step + 1, 0, 0
@@ -90,12 +91,9 @@ def _convolution(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     pads, out = _window(spec, (rows, columns), kernel, stride, dilation)
     left, right, top, bottom = pads
     even = left == right and top == bottom
-    module: nn.Module = (nn.Conv2d if even else PaddedConv2d)(
-        channels, filters, kernel, stride, (top, left) if even else 0, dilation, groups,
-        bias and not separable,
-    )  # fmt: skip
-    if not even:
-        module.pads = pads
+    edges = (top, left) if even else (0, 0)
+    sizes = channels, filters, kernel, stride, edges, dilation, groups, bias and not separable
+    module: nn.Module = nn.Conv2d(*sizes) if even else PaddedConv2d(pads, *sizes)
     if separable:
         inner, filters = filters, spec.whole("filters")
         module = nn.Sequential(module, nn.Conv2d(inner, filters, 1, bias=bias))

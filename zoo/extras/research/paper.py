@@ -193,15 +193,15 @@ def of_runs(ranking: Ranking) -> Paper:
     )
     for place, (name, entry) in enumerate(zip(names, entries, strict=True), 1):
         commands = paper.commands.setdefault(name, [])
-        for number, one in enumerate(entry.runs, 1):
-            run, own = Run(one.folder), f"{place}-{number}"
-            commands.append(paper.add_run(own, run))
+        for number, scored in enumerate(entry.runs, 1):
+            run, label = Run(scored.folder), f"{place}-{number}"
+            commands.append(paper.add_run(label, run))
             if run.checkpoint_path:
-                inside = f"runs/{own}/{CHECKPOINTS}/{run.checkpoint_path.name}"
+                inside = f"runs/{label}/{CHECKPOINTS}/{run.checkpoint_path.name}"
                 paper.add_file(inside, run.checkpoint_path, MOST_CHECKPOINT_BYTES)
             code = code_name(run.metrics.get("code") or {})
-            data = one.trained_on.name
-            facts = {"run": own, "seed": str(one.seed), "data": data, "code": code}
+            data = scored.trained_on.name
+            facts = {"run": label, "seed": str(scored.seed), "data": data, "code": code}
             paper.rows.append({"entry": name, **facts})
         words = [*(str(one.folder) for one in entry.runs), f"out=marks/{place}"]
         paper.notes.append(command_line(["drivezoo", "benchmark", *words, f"entry=entry_{place}"]))
@@ -261,7 +261,7 @@ def _thresholds(entries: Mapping[str, Entry]) -> Figure:
     for name, entry in entries.items():
         roads, scores = entry.roads, entry.scores(entry.roads)
         curves[name] = [_share(scores > threshold, roads) for threshold in thresholds]
-    panels = {"": (100 * thresholds, curves)}
+    panels = {"": ((100 * thresholds).tolist(), curves)}
     return share_panels(
         panels, "autonomy \N{GREEK SMALL LETTER TAU} (%)", "drives above \u03c4 (%)"
     )
@@ -309,8 +309,8 @@ def _add_entry(paper: Paper, name: str, place: str, entry: Entry) -> None:
         elif digits:
             missing.append(str(path))
             if text := paper.files.get(f"{inside}/{COMMAND}"):
-                words = text.decode(errors="replace").strip()
-                commands.append(f"{words} seed={driver.training_seed}")
+                command = text.decode(errors="replace").strip()
+                commands.append(f"{command} seed={driver.training_seed}")
         facts = {"seed": driver.training_seed, "network": driver.model, "checkpoint": digits}
         facts |= {"data": driver.data, "code": code_name(result.code), "drives": result.digest}
         paper.rows.append({"entry": name} | {key: str(one or "-") for key, one in facts.items()})

@@ -189,7 +189,7 @@ def draw_map(report: Report) -> Figure:
         + counted(len(report.drives), "drive")
     )
     points = [(drive.candidate.features, drive.outcome.failed) for drive in report.drives]
-    return failure_map(archive, points, mildest and mildest.candidate.features, title)
+    return failure_map(archive, points, mildest.candidate.features if mildest else None, title)
 
 
 def _write_mildest(report: Report, mildest: Driven) -> Path:
@@ -219,7 +219,7 @@ def features_table(report: Report) -> Table:
         figures = {f"{name}_{part}": [one[part] for one in found] for part in found[0]}
         form = "{median:.3g} ({q25:.3g} to {q75:.3g})" if chosen else ""
         columns.append(Column(name, name, [form.format(**one) for one in found], figures))
-    worst = [mildest and mildest.candidate.features[key] for key in features]
+    worst = [mildest.candidate.features[key] if mildest else None for key in features]
     columns.append(number_column("mildest", "mildest failure", worst, "{:.3g}"))
     return Table(columns, "Features of the roads: median and, in brackets, quartiles.")
 

@@ -49,7 +49,8 @@ class Outcome:
     def of(cls, drive: Drive, track: Track) -> "Outcome":
         """Return the end of a drive that ended at its first intervention."""
         failed = bool(drive.intervention.any())
-        edge = track.width_at(drive.distance_m) / 2
+        # Known in each embedded world; otherwise NaN.
+        edge = track.width_at(np.asarray(drive.distance_m, float)) / 2
         closeness = float((np.abs(drive.cross_track_m) / edge).max())
         return cls(
             failed,
@@ -293,7 +294,7 @@ class OptunaSampler(Sampler):
         with optional_import(f"sampler={name}: Optuna is not installed; {remedy}"):
             import optuna
         super().__init__(space, seed, archive)
-        self.ranges = {
+        self.ranges: dict[str, optuna.distributions.BaseDistribution] = {
             key: optuna.distributions.FloatDistribution(one.low, one.high, log=one.log)
             for key, one in space.parameters.items()
         }
@@ -301,8 +302,8 @@ class OptunaSampler(Sampler):
         self.driven: list[dict[str, float]] | None = [] if name == "nsga2" else None
         optuna.logging.set_verbosity(optuna.logging.ERROR)
         if name == "nsga2":
-            sampler = optuna.samplers.NSGAIISampler(population_size=BATCH, seed=seed)
-            self.study = optuna.create_study(directions=["maximize"] * 2, sampler=sampler)
+            nsga2 = optuna.samplers.NSGAIISampler(population_size=BATCH, seed=seed)
+            self.study = optuna.create_study(directions=["maximize"] * 2, sampler=nsga2)
             return
         self.proposals = 8
         with warnings.catch_warnings():

@@ -162,8 +162,9 @@ class SearchSpace:
     def _day(self, parameters: dict[str, float]) -> Weather:
         if self.weather is not None:
             return self.weather
-        chosen = DAYS.keys() & parameters.keys()
-        return Weather(**{key: round(max(parameters[key], 0.0), 3) for key in sorted(chosen)})
+        searched = sorted(DAYS.keys() & parameters.keys())
+        day: dict[str, Any] = {key: round(max(parameters[key], 0.0), 3) for key in searched}
+        return Weather(**day)
 
     def _measure(self, track: Track, weather: Weather) -> dict[str, float]:
         lit = lit_by(track.surroundings, weather)

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
-from zoo.base.bounded_files import hash_file, parse_yaml
+from zoo.base.bounded_files import hash_file
 from zoo.base.child_process import end_module, start_module
 from zoo.base.console_progress import progress_bar
 from zoo.base.errors import InputError, UsageError
@@ -153,7 +153,7 @@ def grade_class(
         raise UsageError(f"roads={options.roads}: are drawn; name seed=NUMBER, too")
     options.check_files(inputs=[options.recording] if options.recording else [])
     text = redraw_suite(options.suite, options.seed, options.roads)
-    if "marks" not in parse_yaml(text):
+    if not read_suite(options.suite).marks:
         raise InputError(f"suite={options.suite}: has no marks; add them, see conf/suite")
     recording = read_recordings(options.recording) if options.recording else None
     with command_folder(options.out, "grades", resumed_by=SUITE) as out:
