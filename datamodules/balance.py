@@ -106,8 +106,8 @@ def epoch_batches(
             f"data.straight_threshold={straight_threshold}; set data.straight_cap=null"
         )
     by_window = curved[np.argsort(window[curved], kind="stable")]
-    found, first = np.unique(window[by_window], return_index=True)
-    pools = dict(zip(found.tolist(), np.split(by_window, first[1:]), strict=True))
+    windows, first = np.unique(window[by_window], return_index=True)
+    pools = dict(zip(windows.tolist(), np.split(by_window, first[1:]), strict=True))
     for batch in batches:
         positions = np.flatnonzero(straight[batch])
         excess = len(positions) - int(straight_cap * len(batch))
@@ -124,8 +124,8 @@ def epoch_batches(
 def shard_windows(shard: np.ndarray, window_shards: int, seed: int, epoch: int) -> np.ndarray:
     """Return the window of each sample in an epoch, int64 [samples], by its shard."""
     shards, index = np.unique(shard, return_inverse=True)
-    place = np.random.default_rng([seed, epoch, len(shards)]).permutation(len(shards))
-    return place[index] // window_shards
+    rank = np.random.default_rng([seed, epoch, len(shards)]).permutation(len(shards))
+    return rank[index] // window_shards
 
 
 def _ranks(count: int, batch_size: int, world: int) -> np.ndarray:
@@ -232,6 +232,6 @@ class BalancedBatches:
                 newest = int(np.median(window[key.own]))  # the cap can draw from elsewhere
                 if newest > reached:
                     reached = newest
-                    for one in range(newest, newest + self.windows_ahead + 1):
-                        self.fetch_ahead(np.unique(shard[window == one]))
+                    for ahead in range(newest, newest + self.windows_ahead + 1):
+                        self.fetch_ahead(np.unique(shard[window == ahead]))
             yield key

@@ -102,7 +102,7 @@ class RowViews:
         """Start to fetch shards, by index in `files`, that the next batches need."""
         for store in {shard.reader for shard in self.shards}:
             wanted = [self.shards[file] for file in files]
-            store.fetch_ahead([file_name(one.file) for one in wanted if one.reader is store])
+            store.fetch_ahead([file_name(image.file) for image in wanted if image.reader is store])
 
     def keep(self, mask: np.ndarray) -> "RowViews":
         """Return the views of the rows in `mask`, as `Recording.keep`."""
@@ -208,7 +208,7 @@ def _shard_views(recording: Recording, cameras: list[int], view: View) -> RowVie
     numbers: dict[tuple[str, ImageStore], int] = {}
     for camera in cameras:
         for row, image in enumerate(recording.images[:, camera]):
-            if place := shard_of(image):
-                file[row, camera] = numbers.setdefault(place, len(numbers))
+            if shard := shard_of(image):
+                file[row, camera] = numbers.setdefault(shard, len(numbers))
                 position[row, camera] = image.number
-    return RowViews([ShardViews(*place, view) for place in numbers], file, position)
+    return RowViews([ShardViews(*shard, view) for shard in numbers], file, position)
