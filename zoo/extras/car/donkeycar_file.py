@@ -226,10 +226,10 @@ def _file_bytes(layers: list[Layer], ends: int, shape: tuple[int, ...]) -> bytes
             entry = {"class_name": kind, "name": name, "config": {"name": name} | config}
             entries.append(entry | {"inbound_nodes": [[[before, 0, 0, {}]]]})
             paths = [f"{name}/{end}:0" for end in ("kernel", "bias")][: len(weights)]
-            own = group.create_group(name)
-            own.attrs["weight_names"] = [one.encode() for one in paths]
+            layer = group.create_group(name)
+            layer.attrs["weight_names"] = [path.encode() for path in paths]
             for path, array in zip(paths, weights, strict=True):
-                own.create_dataset(path, data=array.astype(np.float32))
+                layer.create_dataset(path, data=array.astype(np.float32))
         names = [entry["name"] for entry in entries]
         model = {"name": "drivezoo", "layers": entries, "input_layers": [["img_in", 0, 0]]}
         model["output_layers"] = [[name, 0, 0] for name in names[-ends:]]

@@ -57,7 +57,7 @@ class Resize(nn.Module):
     def __init__(self, shape: tuple[int, int], size: tuple[int, int], method: str) -> None:
         super().__init__()
         self.size, self.method = size, method
-        rows, columns = (resize_matrix(*one, method) for one in zip(shape, size, strict=True))
+        rows, columns = (resize_matrix(*sides, method) for sides in zip(shape, size, strict=True))
         self.register_buffer("rows", rows, persistent=False)
         self.register_buffer("columns", columns.T.contiguous(), persistent=False)
 

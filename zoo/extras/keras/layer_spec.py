@@ -57,8 +57,8 @@ class LayerSpec:
 
     def numbers(self, key: str, default: float | None = None) -> list[float]:
         """Return a list of numbers; a single number is a list of one."""
-        found = self._checked(key, default, Numbers | Number, NUMBER)
-        return found if isinstance(found, list) else [found]
+        numbers = self._checked(key, default, Numbers | Number, NUMBER)
+        return numbers if isinstance(numbers, list) else [numbers]
 
     def share(self, key: str) -> float:
         """Return a rate of 0 or more, below 1."""
@@ -71,9 +71,9 @@ class LayerSpec:
         """Return true or false."""
         return self._checked(key, default, StrictBool, "true or false")
 
-    def word(self, key: str, known: Sequence[str], default: str | None = None) -> str:
+    def word(self, key: str, words: Sequence[str], default: str | None = None) -> str:
         """Return one of the known words."""
-        return self._checked(key, default, Literal[tuple(known)], f"one of {', '.join(known)}")
+        return self._checked(key, default, Literal[tuple(words)], f"one of {', '.join(words)}")
 
     def check_all_read(self) -> None:
         """Raise ValueError for a key that the layer does not have."""

@@ -100,10 +100,10 @@ def members_table(paths: Sequence[Path], policy: "DropoutPolicy | EnsemblePolicy
 def _check_distinct(paths: Sequence[Path]) -> None:
     """Raise InputError for a checkpoint that is named twice."""
     hashes = [hash_file(path) for path in paths]
-    for number, one in enumerate(hashes):
-        if one in hashes[:number]:
+    for number, digest in enumerate(hashes):
+        if digest in hashes[:number]:
             raise InputError(
-                f"{paths[number]}: is the same network as {paths[hashes.index(one)]}; name "
+                f"{paths[number]}: is the same network as {paths[hashes.index(digest)]}; name "
                 "checkpoints of different training seeds"
             )
 

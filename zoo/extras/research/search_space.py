@@ -168,13 +168,13 @@ class SearchSpace:
 
     def _measure(self, track: Track, weather: Weather) -> dict[str, float]:
         lit = lit_by(track.surroundings, weather)
-        found = {
+        measured = {
             "bend": 1 / max(float(np.abs(track.curvature).max()), 1e-6),
             "width": float(track.widths.min()),
             "grade": 100 * float(np.abs(track.grade).max()),
         }
-        found |= {name: getattr(lit, key) for name, (key, *_) in DAY_FEATURES.items()}
-        return {key: round(found[key], 4) for key in self.features}
+        measured |= {name: getattr(lit, key) for name, (key, *_) in DAY_FEATURES.items()}
+        return {key: round(measured[key], 4) for key in self.features}
 
 
 def weather_text(weather: Weather) -> str:
@@ -190,5 +190,4 @@ def weather_text(weather: Weather) -> str:
 
 
 def _changed(settings: object, usual: object) -> dict[str, Any]:
-    given = vars(settings).items()
-    return {key: value for key, value in given if value != getattr(usual, key)}
+    return {k: value for k, value in vars(settings).items() if value != getattr(usual, k)}
