@@ -212,9 +212,8 @@ class _Graph:
         from onnx.reference import ReferenceEvaluator
 
         feed = {name: arrays[name] for name in node.input if name}
-        function = self.onnx.helper.make_function(
-            "", "one", list(feed), node.output, [node], self.opset
-        )
+        make = self.onnx.helper.make_function
+        function = make("", "one", list(feed), node.output, [node], self.opset)
         outputs: Any = ReferenceEvaluator(function).run(None, feed, {})
         return outputs[0]
 

@@ -213,9 +213,8 @@ class DonkeyWorld(World):
         speed_mps = self._optional("speed", MOST_MPH * MPS_PER_MPH)
         x, y = self._optional("pos_x"), self._optional("pos_z")
         lap = max(self._crossings - 1, 0)
-        along = (self._optional("activeNode") or 0.0) / max(
-            self._optional("totalNodes") or 0.0, 1.0
-        )
+        nodes = max(self._optional("totalNodes") or 0.0, 1.0)
+        along = (self._optional("activeNode") or 0.0) / nodes
         return State(
             time_s=time_s,
             speed_mph=math.nan if speed_mps is None else speed_mps / MPS_PER_MPH,

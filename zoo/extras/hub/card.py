@@ -102,9 +102,8 @@ def _header(shared: SharedFile) -> dict:
     of = shared.of
     header: dict = {"license": shared.license} if shared.license else {}
     header |= {"library_name": "drivezoo", "tags": TAGS, "pipeline_tag": "robotics"}
-    header["metrics"] = [
-        key for key in SHOWN if any(track.get(key) for track in of.tracks.values())
-    ]
+    tracks = of.tracks.values()
+    header["metrics"] = [key for key in SHOWN if any(track.get(key) for track in tracks)]
     results = [
         {
             "task": {"type": "robotics", "name": "steering"},

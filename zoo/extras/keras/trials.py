@@ -277,10 +277,8 @@ def try_one(
 ) -> Trial:
     """Return the trial of a combination."""
     module = network(combination.view, combination.scale)
-    outputs = np.stack(
-        [_steering(module, combination.view, camera, did) for camera in frames.cameras]
-    )
-    return Trial(combination, outputs, frames.steering)
+    outputs = [_steering(module, combination.view, camera, did) for camera in frames.cameras]
+    return Trial(combination, np.stack(outputs), frames.steering)
 
 
 def _steering(

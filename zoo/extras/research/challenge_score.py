@@ -136,10 +136,8 @@ class Challenge(Result):
         names = sorted(self.rmse, key=lambda name: self.rmse[name]["private"].value)
         columns = [Column("steering", "steering", names)]
         for half in HALVES:
-            values = [self.rmse[name][half] for name in names]
-            columns.append(
-                interval_column(f"{half}_rmse_rad", f"{half}: RMSE, rad", values, "{:.4f}")
-            )
+            rmse, heading = [self.rmse[name][half] for name in names], f"{half}: RMSE, rad"
+            columns.append(interval_column(f"{half}_rmse_rad", heading, rmse, "{:.4f}"))
         return Table(columns, f"Official test of Challenge 2, {self.frames:,} frames")
 
 

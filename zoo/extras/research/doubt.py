@@ -14,7 +14,7 @@ from zoo.base.output_files import checked_file
 from zoo.base.terminal import print_written
 from zoo.base.whole_file import write_output
 from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
-from zoo.runs.result_table import Column, Table
+from zoo.runs.result_table import Column, Table, number_column
 from zoo.runs.table_files import TableFiles
 
 if TYPE_CHECKING:
@@ -89,9 +89,7 @@ def members_table(paths: Sequence[Path], policy: "DropoutPolicy | EnsemblePolicy
     columns = [
         Column("checkpoint", "checkpoint", names, {"checkpoint": files}),
         Column("network", "network", [member.name for member in members]),
-        Column(
-            "parameters", "parameters", [f"{count:,}" for count in counts], {"parameters": counts}
-        ),
+        number_column("parameters", "parameters", counts, "{:,}"),
         Column("sees", "sees", sees, views),
     ]
     return Table(columns, f"Networks of {policy.name}")

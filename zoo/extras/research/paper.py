@@ -179,9 +179,8 @@ def of_runs(ranking: Ranking) -> Paper:
     if len(set(names)) < len(entries):
         names = [of.run_name(entry, ranking.under) for entry in entries]
     figures = of.ranked_figures(entries)
-    short = [
-        figure for figure in figures if figure.form and figure.key in of.short_figures(figures)
-    ]
+    keys = of.short_figures(figures)
+    short = [figure for figure in figures if figure.form and figure.key in keys]
     panels = {}
     for figure in short:
         intervals = dict(zip(names, map(figure.interval, entries), strict=True))
@@ -235,16 +234,13 @@ def _pairs_table(
     names: Sequence[str], pairs: Mapping[tuple[int, int], Comparison], score: str
 ) -> Table:
     rows = list(pairs.values())
+    points, shares = [row.difference for row in rows], [row.a_better for row in rows]
     return Table(
         [
             Column("a", "A", [names[a] for a, _ in pairs]),
             Column("b", "B", [names[b] for _, b in pairs]),
-            interval_column(
-                score, f"{SCORES[score]}, points", [row.difference for row in rows], "{:+.1f}", 100
-            ),
-            interval_column(
-                "a_better", "A better, %", [row.a_better for row in rows], "{:.0f}", 100
-            ),
+            interval_column(score, f"{SCORES[score]}, points", points, "{:+.1f}", 100),
+            interval_column("a_better", "A better, %", shares, "{:.0f}", 100),
             number_column("p", "p", [row.p for row in rows], "{:.3f}"),
             Column("verdict", "verdict", [row.verdict for row in rows]),
         ],

@@ -139,6 +139,7 @@ def result_of(report: Report) -> dict:
     """Return the content of `search.json`."""
     archive, mildest, drives = report.archive, report.mildest, report.drives
     is_done, worst = len(drives) == report.options.budget, None
+    failed = [drive.candidate.features for drive in report.failed]
     if mildest is not None:
         command = ["drivezoo", *report.replay(mildest)]
         worst = {"drive": drives.index(mildest), "command": command}
@@ -162,9 +163,7 @@ def result_of(report: Report) -> dict:
         },
         "failed": len(report.failed),
         # Of all pairs of failures, so that it would take long after each batch.
-        "sparseness": sparseness([road.candidate.features for road in report.failed], report.space)
-        if is_done
-        else None,
+        "sparseness": sparseness(failed, report.space) if is_done else None,
         "drives": [
             {
                 "seed": drive.candidate.seed,

@@ -308,10 +308,8 @@ class OptunaSampler(Sampler):
         self.proposals = 8
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)  # multivariate
-            sampler = optuna.samplers.TPESampler(
-                seed=seed, n_startup_trials=startup, multivariate=True
-            )
-        self.study = optuna.create_study(direction="maximize", sampler=sampler)
+            tpe = optuna.samplers.TPESampler(seed=seed, n_startup_trials=startup, multivariate=True)
+        self.study = optuna.create_study(direction="maximize", sampler=tpe)
 
     def learn(self, closeness: Sequence[float]) -> None:
         """Take the closeness to failure of the proposed roads' drives, and how new they are."""
