@@ -15,8 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from datamodules.driving_log import CAMERAS
-from datamodules.image import StoredImage, read_image
-from datamodules.image_store import ImageStore, shard_of
+from datamodules.image import ImageStore, StoredImage, read_image, shard_of
 from datamodules.recording import Recording, file_name
 from datamodules.samples import camera_numbers
 from datamodules.view import View

@@ -201,9 +201,9 @@ class FastWebSocket(RFC6455WebSocket):
                 return message
             self.send("3")
 
-    def send(self, message: str | bytes, **more: object) -> None:
+    def send(self, message: str | bytes, **options: object) -> None:
         """Send a message and note the time."""
-        super().send(message, **more)
+        super().send(message, **options)
         self.sent_s = time.perf_counter()
 
     def close(self, close_data: tuple[int, str] | None = None) -> None:

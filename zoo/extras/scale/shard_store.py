@@ -20,8 +20,7 @@ from typing import Any
 
 from filelock import FileLock
 
-from datamodules.image import MOST_IMAGE_BYTES
-from datamodules.image_store import ImageStore
+from datamodules.image import MOST_IMAGE_BYTES, ImageStore
 from datamodules.recording import file_name
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, optional_import
