@@ -44,8 +44,8 @@ def run_part(name: str, short: bool, console: Console) -> list[measuring.Row]:
         out, log = Path(folder) / "rows.json", Path(folder) / "log.txt"
         command = [sys.executable, __file__, MEASURE, name, str(out), *["short"] * short]
         with log.open("w") as output:
-            own = child_environment()
-            process = subprocess.Popen(command, env=own, stdout=output, stderr=output)
+            environment = child_environment()
+            process = subprocess.Popen(command, env=environment, stdout=output, stderr=output)
             try:
                 process.wait(LONGEST_S)
             except subprocess.TimeoutExpired:

@@ -81,29 +81,29 @@ def kept_result(folder: Path, command: str) -> Files:
             f"{folder}: trained on rows with the fingerprint {trained_on or 'unknown'}, bench_v1 "
             f"has {wanted}; train on data=bench_v1 alone"
         )
-    own = BOARDS[result.suite] / result.entry
+    board = BOARDS[result.suite] / result.entry
     names = [*NEEDED, *(LEVEL_NEEDED if result.has_levels else ())]
     drives = [
         drive.model_copy(update={"figures": {name: drive.figures[name] for name in names}})
         for drive in result.drives
     ]
     # Where a packaged network, or this folder, is on a machine is nobody's business.
-    place = f"{Path.cwd()}{os.sep}"
+    here = f"{Path.cwd()}{os.sep}"
     checkpoints = [
         checkpoint.model_copy(
             update={
-                "file": packaged_name(Path(checkpoint.file)) or checkpoint.file.removeprefix(place)
+                "file": packaged_name(Path(checkpoint.file)) or checkpoint.file.removeprefix(here)
             }
         )
         for checkpoint in result.checkpoints
     ]
     lines = ",\n".join(drive.model_dump_json() for drive in drives)  # a line for each drive
-    known = set(BenchmarkResult.model_fields)
+    keys = set(BenchmarkResult.model_fields)
     kept = result.model_copy(update={"drives": [], "checkpoints": checkpoints})
-    text = kept.model_dump_json(include=known)
+    text = kept.model_dump_json(include=keys)
     text = text.replace('"drives":[]', f'"drives":[\n{lines}\n]', 1)
-    files: Files = {own / COMMAND: f"{command}\n"} if command else {}
-    return files | {own / NAME: f"{text}\n"}
+    files: Files = {board / COMMAND: f"{command}\n"} if command else {}
+    return files | {board / NAME: f"{text}\n"}
 
 
 def rows_of_board(suite: str = "v1") -> list[Row]:
@@ -134,7 +134,7 @@ def rows_of_board(suite: str = "v1") -> list[Row]:
             f"{BOARDS[suite]}: {' and '.join(codes.values())} were driven by different code; drive "
             "all entries by one commit"
         )
-    by_kind.sort(key=lambda one: one[0] != of.RANKED)
+    by_kind.sort(key=lambda pair: pair[0] != of.RANKED)
     ranked = [entry for kind, entry in by_kind if kind == of.RANKED]
     ranks = of.possible_ranks(of.compare_pairs(ranked), len(ranked))
     return [
@@ -175,11 +175,13 @@ def rows_of_result(result: BenchmarkResult) -> list[Row]:
         "command": command_of(result),
     }
     rows = []
-    names = [*FIGURES, *(one for one in LEVEL_FIGURES if one in result.groups[OVERALL])]
+    names = [*FIGURES, *(figure for figure in LEVEL_FIGURES if figure in result.groups[OVERALL])]
     for group in dict.fromkeys([OVERALL, *result.groups]):
         row = entry | {"group": group, "drives": str(len(drives_of(result.drives, group)))}
-        figures = {name: one.model_dump() for name, one in result.groups[group].items()}
-        less = {key: None if one is None else 1 - one for key, one in figures["autonomy"].items()}
+        figures = {name: figure.model_dump() for name, figure in result.groups[group].items()}
+        less = {
+            key: None if part is None else 1 - part for key, part in figures["autonomy"].items()
+        }
         figures["shortfall"] = less | {"low": less["high"], "high": less["low"]}
         for figure, (end, key) in itertools.product(
             names, (("", "value"), ("_low", "low"), ("_high", "high"))
@@ -200,8 +202,8 @@ def add_submission(folder: Path) -> None:
 
     result = read_result(folder)
     if result.suite not in BOARDS:
-        known = " and ".join(BOARDS)
-        raise InputError(f"{folder}: drove the suite {result.suite}; there are boards for {known}")
+        suites = " and ".join(BOARDS)
+        raise InputError(f"{folder}: drove the suite {result.suite}; there are boards for {suites}")
     for text in (result.entry, result.checkpoints[0].model):
         if not re.fullmatch(r"\w[\w.-]{0,59}", text):  # it stands in Markdown, and names a folder
             raise InputError(f"{folder}: {text[:60]!r}: name it with letters, digits, _, . and -")
@@ -228,13 +230,13 @@ def board_page(rows: Rows, path: Path) -> None:
     lines, scripted = [], []
     for entry in grouped(rows, ["entry"]):
         line: list[tuple[str, float | None]] = []
-        for _, cell, *given in cells:
-            value = of_group(entry, *given)[0] if len(given) > 1 else entry[0].get(given[0])
-            line.append((CELLS[cell](entry, *given), float(value) if value else None))
+        for _, cell, *keys in cells:
+            value = of_group(entry, *keys)[0] if len(keys) > 1 else entry[0].get(keys[0])
+            line.append((CELLS[cell](entry, *keys), float(value) if value else None))
         lines.append(line)
         values = {row["group"]: float(row["interventions_per_km"]) for row in entry}
         scripted.append({"name": entry[0]["entry"], "values": values, "runs": []})
-    more = []
+    tables = []
     for figure in others:
         cell = CELLS["percent" if figure in ("without_intervention", "shortfall") else "number"]
         texts = [
@@ -242,7 +244,7 @@ def board_page(rows: Rows, path: Path) -> None:
             for entry in grouped(rows, ["entry"])
         ]
         title = figure.replace("_", " ").replace("cte mean m", "mean cross-track error, m")
-        more.append((title, Table.of(["entry", *GROUPS], texts)))
+        tables.append((title, Table.of(["entry", *GROUPS], texts)))
     axes = [
         {"key": group, "heading": group, "kind": "figure", "less": True, "share": False}
         for group in GROUPS
@@ -254,7 +256,7 @@ def board_page(rows: Rows, path: Path) -> None:
         "families and new trainings. Click a heading to sort.",
         heads=[(heading, cell == "text") for heading, cell, *_ in cells],
         rows=lines,
-        more=more,
+        more=tables,
         data={"axes": axes, "entries": scripted, "curves": []},
         unranked=[],
     )

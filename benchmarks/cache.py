@@ -38,7 +38,7 @@ def measure(short: bool) -> list[Row]:
     with ProcessPoolExecutor(cores, spawn, cv2.setNumThreads, (1,)) as pool:
         # Starts the processes and their imports.
         list(pool.map(decode, [share[:5] for share in shares]))
-        found = take_turns(
+        speeds = take_turns(
             {
                 "ours/s": ours,
                 "one thread/s": lambda: rows / seconds_of(lambda: decode_in_one_thread(paths)),
@@ -48,10 +48,10 @@ def measure(short: bool) -> list[Row]:
         )
     shutil.rmtree(cache, ignore_errors=True)
     what = "building the view cache, written and synced"
-    one, many = "one thread that decodes", f"{cores} processes that decode"
+    thread, processes = "one thread that decodes", f"{cores} processes that decode"
     return [
-        compared(found, what, f"{one} and resizes", ("ours/s", "one thread/s"), 0.8 * cores),
-        compared(found, what, f"{many} and resize", ("ours/s", "processes/s"), 0.95),
+        compared(speeds, what, f"{thread} and resizes", ("ours/s", "one thread/s"), 0.8 * cores),
+        compared(speeds, what, f"{processes} and resize", ("ours/s", "processes/s"), 0.95),
     ]
 
 

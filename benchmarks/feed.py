@@ -25,8 +25,8 @@ def measure(short: bool) -> list[Row]:
     folder, words = linked_recording(rows), (AUGMENT, f"data.batch_size={BATCH}")
     data = loaded_data(config_for(folder, *words))
     # The blocks of a short recording hold no window: all rows are for training.
-    own = (f"data.sequence={FRAMES}", "data.val_share=0", "data.test_share=0")
-    windows = loaded_data(config_for(folder, *words, *own))
+    keys = (f"data.sequence={FRAMES}", "data.val_share=0", "data.test_share=0")
+    windows = loaded_data(config_for(folder, *words, *keys))
     loader = DataLoader(SampleBySample(data), batch_size=BATCH, shuffle=True)
     keep_freed_memory()  # as a run does
     measures = {
@@ -35,14 +35,14 @@ def measure(short: bool) -> list[Row]:
         "frames in windows/s": rate(batch_sizes(windows), batches),
     }
     take_turns(measures, 1)  # warms up memory pages and thread pools
-    found = take_turns(measures, rounds)
+    speeds = take_turns(measures, rounds)
     ours, theirs, framed = measures
     what = "feeding, 66 x 200, flip, brightness, shift, shadow"
     one_by_one = "decoded, resized, augmented one by one"
     windowed = f"the same, each frame in windows of {FRAMES}"
     return [
-        compared(found, what, one_by_one, (ours, theirs), 10.0),
-        compared(found, windowed, "single frames", (framed, ours), 1 / 3),
+        compared(speeds, what, one_by_one, (ours, theirs), 10.0),
+        compared(speeds, windowed, "single frames", (framed, ours), 1 / 3),
     ]
 
 

@@ -46,13 +46,13 @@ def main(names: list[str], device: str, short: bool) -> int:
     differ = {name: difference(name, device) for name in names}
     linked_recording(ROWS)  # created once, before the processes need it
     with contestants(targets(names, device, short)) as measures:
-        found = take_turns(measures, 1 if short else ROUNDS)
+        speeds = take_turns(measures, 1 if short else ROUNDS)
     rows = []
-    for label in found.keys() - {LIMIT}:
+    for label in speeds.keys() - {LIMIT}:
         name = label.partition(",")[0]
-        used = [flops_of_sample(name) * speed for speed in found[label]]
-        figures = {"samples/s": statistics.median(found[label]), "from the CPU's": differ[name]}
-        rows.append(Row(label, LIMIT, ratios(used, found[LIMIT]), figures=figures))
+        used = [flops_of_sample(name) * speed for speed in speeds[label]]
+        figures = {"samples/s": statistics.median(speeds[label]), "from the CPU's": differ[name]}
+        rows.append(Row(label, LIMIT, ratios(used, speeds[LIMIT]), figures=figures))
     print_rows(sorted(rows, key=lambda row: row.what))
     wrong = [name for name, value in differ.items() if value > TOLERANCE]
     if wrong:
@@ -63,7 +63,7 @@ def main(names: list[str], device: str, short: bool) -> int:
 def targets(names: list[str], device: str, short: bool) -> dict[str, tuple]:
     """Return the measured processes: the matrix product, and each network in several ways."""
     side = 64 if short else SIDE[device]
-    found: dict[str, tuple] = {LIMIT: (run_product, device, side, torch.bfloat16)}
+    processes: dict[str, tuple] = {LIMIT: (run_product, device, side, torch.bfloat16)}
     for name in names:
         batch, (least, most) = (8, (2, 2)) if short else (BATCH, EPOCH)
         batches = int(np.clip(EPOCH_FLOP / flops_of_sample(name) / batch, least, most))
@@ -71,12 +71,12 @@ def targets(names: list[str], device: str, short: bool) -> dict[str, tuple]:
         words += ["callbacks=published", "data.augment_on=device", f"data.batch_size={batch}"]
         words += ["trainer.max_epochs=100000", f"data.samples_per_epoch={batch * batches}"]
         words += [f"trainer.accelerator={'gpu' if device == 'cuda' else 'cpu'}"]
-        found[name] = run_network, words
+        processes[name] = run_network, words
         if not short:
-            found[f"{name}, compiled"] = run_network, [*words, "trainer.compile=true"]
-            found[f"{name}, 32 bits"] = run_network, [*words, "trainer.precision=32-true"]
-            found[f"{name}, no graph"] = run_network, [*words, "trainer.group_batches=false"]
-    return found
+            processes[f"{name}, compiled"] = run_network, [*words, "trainer.compile=true"]
+            processes[f"{name}, 32 bits"] = run_network, [*words, "trainer.precision=32-true"]
+            processes[f"{name}, no graph"] = run_network, [*words, "trainer.group_batches=false"]
+    return processes
 
 
 def run_network(pipe: Connection, words: list[str]) -> None:
@@ -109,7 +109,7 @@ def difference(name: str, device: str) -> float:
 
 
 if __name__ == "__main__":
-    given = sys.argv[1:]
-    wanted = [word for word in given if word != "short" and "=" not in word]
-    place = "cpu" if "device=cpu" in given else "cuda"
-    sys.exit(main(wanted or list(NETWORKS), place, "short" in given))
+    words = sys.argv[1:]
+    wanted = [word for word in words if word != "short" and "=" not in word]
+    device = "cpu" if "device=cpu" in words else "cuda"
+    sys.exit(main(wanted or list(NETWORKS), device, "short" in words))

@@ -40,14 +40,14 @@ def measure(short: bool) -> list[Row]:
         theirs, solution = stack.enter_context(keras_process(python, log, steps))
         bare = {BARE: (run_bare, 0.1 if short else ROUND_S, True)}
         ours = stack.enter_context(contestants(targets | bare, asleep=targets))
-        found = take_turns({**ours, "Keras/s": theirs}, rounds)
+        rates = take_turns({**ours, "Keras/s": theirs}, rounds)
     reference = f"{solution}, its own generator, batch 40"
     what = f"training nvidia, batch {BATCH}, augmented"
     names = {target: what + target.removeprefix("zoo").removesuffix("/s") for target in targets}
     # What the bare loop allows, in the same 32 bits.
-    aim = SHARE * ratios(found[BARE], found["Keras/s"])[1]
+    aim = SHARE * ratios(rates[BARE], rates["Keras/s"])[1]
     return [
-        compared(found, name, reference, (target, "Keras/s"), aim) for target, name in names.items()
+        compared(rates, name, reference, (target, "Keras/s"), aim) for target, name in names.items()
     ]
 
 

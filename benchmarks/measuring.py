@@ -158,11 +158,11 @@ class Row:
 
 def take_turns(measures: dict[str, Callable[[], Found]], rounds: int) -> dict[str, list[Found]]:
     """Call each measure once per round, so that other load affects all of them equally."""
-    found: dict[str, list[Found]] = {name: [] for name in measures}
+    figures: dict[str, list[Found]] = {name: [] for name in measures}
     for _ in range(rounds):
         for name, measure in measures.items():
-            found[name].append(measure())
-    return found
+            figures[name].append(measure())
+    return figures
 
 
 def seconds_of(work: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:
@@ -181,13 +181,13 @@ def ratios(ours: list[float], theirs: list[float]) -> list[float]:
     return np.quantile(np.divide(ours, theirs), [0.25, 0.5, 0.75]).tolist()
 
 
-def medians(found: dict[str, list[float]]) -> dict[str, float]:
+def medians(figures: dict[str, list[float]]) -> dict[str, float]:
     """Return medians for `Row.figures`."""
-    return {name: statistics.median(values) for name, values in found.items()}
+    return {name: statistics.median(values) for name, values in figures.items()}
 
 
 def compared(
-    found: dict[str, list[float]],
+    figures: dict[str, list[float]],
     what: str,
     reference: str,
     names: tuple[str, str],
@@ -195,7 +195,7 @@ def compared(
     at_least: bool = True,
 ) -> Row:
     """Return the row that compares two measures of `take_turns`, by their names."""
-    both = {name: found[name] for name in names}
+    both = {name: figures[name] for name in names}
     return Row(what, reference, ratios(*both.values()), aim, at_least, medians(both))
 
 

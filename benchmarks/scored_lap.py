@@ -33,10 +33,10 @@ def measure(short: bool) -> list[Row]:
     frames: list = []
 
     def scored() -> float:
-        return seconds_of(lambda: found.append(drive(policy, world, scenario)), time.process_time)
+        return seconds_of(lambda: drives.append(drive(policy, world, scenario)), time.process_time)
 
     def rendered(network: bool = False) -> float:
-        last, seconds = found[-1], 0.0
+        last, seconds = drives[-1], 0.0
         frames.clear()
         for distance, row in zip(last.distance_m, last.rows, strict=True):
             simulated.put_back(Start(distance, cte=row.cross_track_m, speed_mph=row.speed_mph))
@@ -50,7 +50,7 @@ def measure(short: bool) -> list[Row]:
     def predicted() -> float:
         return seconds_of(lambda: [policy(frame, 20.0) for frame in frames], time.process_time)
 
-    found: list[Drive] = []
+    drives: list[Drive] = []
     apart = {"rendering s": rendered, "network s": predicted}
     together = {"in turns s": partial(rendered, network=True)}
     turns = take_turns({"scored s": scored, **apart, **together}, rounds)

@@ -25,14 +25,14 @@ def measure(short: bool) -> list[Row]:
     zoo = ["-m", "zoo", f"data.root={folder}", f"data.cache={CACHE}", "trainer.accelerator=cpu"]
     zoo += ["score=none", FIRST_STEP, f"hydra.run.dir={RUN}"]
     start(zoo)  # fills the cache of views
-    found = take_turns(
+    seconds = take_turns(
         {"zoo": lambda: start(zoo), "imports": lambda: run_python(["-c", IMPORTS])},
         1 if short else 2,
     )
     rows = []
     first = "drivezoo train to its first step, views cached"
     for at, (what, unit) in enumerate(((first, "s"), ("the same, processor time", "processor s"))):
-        times = {f"{name} {unit}": [run[at] for run in runs] for name, runs in found.items()}
+        times = {f"{name} {unit}": [run[at] for run in runs] for name, runs in seconds.items()}
         rows.append(compared(times, what, IMPORTS, tuple(times), AIM, False))
     return rows
 

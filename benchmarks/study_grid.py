@@ -117,8 +117,8 @@ class Study:
     def __init__(self, name: str, arguments: list[str]) -> None:
         path = FOLDER / f"{name}.yaml"
         if not path.is_file():
-            known = ", ".join(sorted(path.stem for path in FOLDER.glob("*.yaml")))
-            raise InputError(f"{name}: no such study; available: {known}")
+            studies = ", ".join(sorted(path.stem for path in FOLDER.glob("*.yaml")))
+            raise InputError(f"{name}: no such study; available: {studies}")
         self.name, self.config = name, yaml.safe_load(path.read_text())
         self.options = read_options(_options_type(self.config.get("options", {})), arguments)
         self.values = dict(vars(self.options))
@@ -135,9 +135,9 @@ class Study:
             }
             for chosen in itertools.product(*(values.items() for values in axes.values())):
                 labels = dict(zip(axes, (str(name) for name, _ in chosen), strict=True))
-                words = [word for _, own in chosen for word in _words(own)]
-                given = [filled(word, self.values) for word in words]
-                if None in given:
+                words = [word for _, override in chosen for word in _words(override)]
+                texts = [filled(word, self.values) for word in words]
+                if None in texts:
                     continue
                 fixed = grid.get("labels", {}).items()
                 labels |= {key: str(text).format(**labels) for key, text in fixed}
@@ -145,7 +145,7 @@ class Study:
                 folder = runs / (f"{name}-quick" if self.options.quick and words else name)
                 seeds = min(self.options.seeds, grid.get("seeds", self.options.seeds))
                 corrects = grid.get("corrects")
-                entries.append(Entry(name, labels, tuple(map(str, given)), folder, seeds, corrects))
+                entries.append(Entry(name, labels, tuple(map(str, texts)), folder, seeds, corrects))
         return entries
 
     def chosen(self) -> list[Entry]:
@@ -154,17 +154,17 @@ class Study:
         Raises:
             InputError: it names an entry that does not exist.
         """
-        known = self.entries()
+        grid = self.entries()
         if self.options.only is None:
-            return known
+            return grid
         wanted = self.options.only.split(",")
-        groups = {entry.name: entry.name.partition("-")[0] for entry in known}
+        groups = {entry.name: entry.name.partition("-")[0] for entry in grid}
         if unknown := set(wanted) - {*groups, *groups.values()}:
             raise InputError(
                 f"only={self.options.only}: no entry {min(unknown)}; there are {', '.join(groups)}"
             )
         return [
-            entry for name in wanted for entry in known if name in (entry.name, groups[entry.name])
+            entry for name in wanted for entry in grid if name in (entry.name, groups[entry.name])
         ]
 
     def command(self, entry: Entry, keys: str = "command") -> list[str]:
@@ -189,18 +189,18 @@ class Study:
         if (run / ".hydra" / "config.yaml").is_file():
             words = ["zoo", f"resume={run}"]
         if entry.corrects:
-            given = entry.folder.with_name(entry.corrects) / run.name / CHECKPOINT
-            words = ["zoo.commands.correct", str(given), *entry.words, f"out={run}"]
+            checkpoint = entry.folder.with_name(entry.corrects) / run.name / CHECKPOINT
+            words = ["zoo.commands.correct", str(checkpoint), *entry.words, f"out={run}"]
         run_logged(entry.log(run), words, self.options.threads)
         print(f"{run}: trained", flush=True)
 
 
-def _options_type(own: dict[str, Any]) -> type[StudyOptions]:
+def _options_type(options: dict[str, Any]) -> type[StudyOptions]:
     """Return the dataclass of a study's options."""
     types: dict[str, Any] = {key.name: key.type for key in fields(StudyOptions)}
     keys = [
         (key, types.get(key, _type_of(value)), field(default_factory=lambda value=value: value))
-        for key, value in own.items()
+        for key, value in options.items()
     ]
     return make_dataclass("Options", keys, bases=(StudyOptions,), frozen=True)
 
@@ -209,17 +209,17 @@ def _type_of(value: object) -> Any:
     return str | None if value is None else type(value)
 
 
-def _words(own: str | Sequence | dict[str, str]) -> list[str]:
+def _words(overrides: str | Sequence | dict[str, str]) -> list[str]:
     """Return overrides of the YAML, whose lists may hold lists.
 
     `{study: NAME, entry: NAME}` means the overrides of another study's entry.
     """
-    if isinstance(own, str):
-        return [own]
-    if isinstance(own, dict):
-        entries = Study(own["study"], []).entries()
-        return next(list(entry.words) for entry in entries if entry.name == own["entry"])
-    return [word for part in own for word in _words(part)]
+    if isinstance(overrides, str):
+        return [overrides]
+    if isinstance(overrides, dict):
+        entries = Study(overrides["study"], []).entries()
+        return next(list(entry.words) for entry in entries if entry.name == overrides["entry"])
+    return [word for part in overrides for word in _words(part)]
 
 
 def filled(text: str, values: Mapping[str, object]) -> str | None:
@@ -235,12 +235,12 @@ def filled(text: str, values: Mapping[str, object]) -> str | None:
 
 def recipes() -> dict[str, tuple[str, ...]]:
     """Return the recipes of the results that are not published ones, by their name on the board."""
-    found = {}
+    words = {}
     for entry in Study("results", []).entries():
         if not entry.labels["setting"].startswith("published"):
             model, _, setting = entry.name.partition("-")
-            found[f"{NAMES.get(model, model)}-{setting}"] = entry.words
-    return found
+            words[f"{NAMES.get(model, model)}-{setting}"] = entry.words
+    return words
 
 
 def experiments() -> dict[str, tuple[str, ...]]:

@@ -131,8 +131,8 @@ def driven(study: Study, entry: Entry, run: Path) -> list[tuple[dict, dict[str, 
     scenarios, speeds = [scenario for scenario, _ in laps], [speed for _, speed in laps]
     keeps = [LapFigures() for _ in laps]
     workers = study.options.threads
-    for place, figures in run_drives(checkpoint, scenarios, keeps, workers, speeds=speeds):
-        kept(paths[missing[place]], lambda driven=figures: driven)
+    for number, figures in run_drives(checkpoint, scenarios, keeps, workers, speeds=speeds):
+        kept(paths[missing[number]], lambda driven=figures: driven)
     return list(zip(settings, map(read_json, paths), strict=True))
 
 

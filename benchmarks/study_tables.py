@@ -116,8 +116,8 @@ def interventions_of(rows: Rows) -> str:
 
 def of_group(rows: Rows, group: str, figure: str) -> list[str]:
     """Return a figure of a group of roads, and its lower and upper bound; empty without one."""
-    found = [row for row in rows if row["group"] == group]
-    return [found[0].get(figure + end, "") if found else "" for end in ("", "_low", "_high")]
+    chosen = [row for row in rows if row["group"] == group]
+    return [chosen[0].get(figure + end, "") if chosen else "" for end in ("", "_low", "_high")]
 
 
 def trained(rows: Rows, key: str) -> str:
@@ -154,7 +154,8 @@ def percent(rows: Rows, group: str, figure: str) -> str:
 
 def clean_drives(rows: Rows) -> str:
     """Return how many of an entry's drives but the laps had no intervention, with the interval."""
-    share, low, high = (100 * float(one) for one in of_group(rows, OVERALL, "without_intervention"))
+    figures = of_group(rows, OVERALL, "without_intervention")
+    share, low, high = (100 * float(text) for text in figures)
     drives = int(of_group(rows, OVERALL, "drives")[0])
     return f"{round(share * drives / 100)} of {drives} ({low:.0f} to {high:.0f} %)"
 
@@ -174,8 +175,8 @@ CLAIMS = {
 
 def claim(rows: Rows) -> str:
     """Return what the write-up says of a track and, if it names one, a speed control."""
-    place = rows[0]["recipe"], rows[0]["track"]
-    return CLAIMS.get((*place, rows[0]["control"])) or CLAIMS.get(place, "-")
+    labels = rows[0]["recipe"], rows[0]["track"]
+    return CLAIMS.get((*labels, rows[0]["control"])) or CLAIMS.get(labels, "-")
 
 
 def stalls_or_autonomy(rows: Rows) -> str:

@@ -50,11 +50,11 @@ def measure(short: bool) -> list[Row]:
                 optimizer.step()
         return (time.perf_counter() - began) * epochs / max(1, epochs // BARE)
 
-    found = take_turns({"zoo s": lambda: fit(config, data), "bare loop s": bare}, rounds)
+    times = take_turns({"zoo s": lambda: fit(config, data), "bare loop s": bare}, rounds)
     what = f"tiny, 41 parameters, {epochs} epochs of {SAMPLES:,} samples"
-    seconds = medians({"zoo s": found["zoo s"]})
+    seconds = medians({"zoo s": times["zoo s"]})
     return [
-        compared(found, what, "a bare loop", ("zoo s", "bare loop s"), 2.0, False),
+        compared(times, what, "a bare loop", ("zoo s", "bare loop s"), 2.0, False),
         Row(what, "6 s", [seconds["zoo s"] / 6], 1.0, False, seconds),
     ]
 

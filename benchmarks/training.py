@@ -50,7 +50,7 @@ def measure(short: bool) -> list[Row]:
     }
     material.linked_recording(ROWS)  # created once, before the processes need it
     with contestants(targets, asleep=("zoo/s", HALF)) as measures:
-        found = take_turns(measures, rounds)
+        speeds = take_turns(measures, rounds)
         with busy_core():
             pair = {name: measures[name] for name in ("zoo/s", "bare loop/s")}
             beside = take_turns(pair, min(rounds, 2))
@@ -63,17 +63,17 @@ def measure(short: bool) -> list[Row]:
     busy = "the same, beside a program that takes one core"
     bare_turns = ("zoo/s", "bare loop/s")
     per_sample = flops_of_sample("nvidia")
-    found[FLOPS] = [per_sample * speed for speed in found["bare loop/s"]]
+    speeds[FLOPS] = [per_sample * speed for speed in speeds["bare loop/s"]]
     share = "operations per second of that bare loop"
     rows = [
-        compared(found, what, loader, ("zoo/s", "sample by sample/s"), 3.6),
-        compared(found, whole, f"{memory}, same settings", bare_turns, 0.95),
+        compared(speeds, what, loader, ("zoo/s", "sample by sample/s"), 3.6),
+        compared(speeds, whole, f"{memory}, same settings", bare_turns, 0.95),
         compared(beside, busy, f"{memory}, beside it, too", bare_turns, 0.8),
-        compared(found, bare, defaults, ("bare loop/s", "bare by default/s"), 1.75),
-        compared(found, share, "best matrix product", (FLOPS, LIMIT), 0.6),
+        compared(speeds, bare, defaults, ("bare loop/s", "bare by default/s"), 1.75),
+        compared(speeds, share, "best matrix product", (FLOPS, LIMIT), 0.6),
     ]
-    if HALF in found:
-        rows.insert(1, compared(found, f"{what}, bf16", loader, (HALF, "sample by sample/s"), 3.6))
+    if HALF in speeds:
+        rows.insert(1, compared(speeds, f"{what}, bf16", loader, (HALF, "sample by sample/s"), 3.6))
     return rows
 
 
@@ -154,9 +154,9 @@ def run_samples(pipe: Connection, seconds: float) -> None:
     def run() -> float:
         # Uses up the batches that its workers prepared during other turns.
         rate(step, itertools.islice(feed, 2 * WORKERS), seconds)
-        found = rate(step, feed, seconds)
-        time.sleep(2 * WORKERS * BATCH / found)  # the workers prepare as much, in others' turns
-        return found
+        speed = rate(step, feed, seconds)
+        time.sleep(2 * WORKERS * BATCH / speed)  # the workers prepare as much, in others' turns
+        return speed
 
     answer(pipe, run)
 

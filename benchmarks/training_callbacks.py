@@ -56,8 +56,8 @@ def train_by_turns(pipe: Connection, config: DictConfig, folder: Path) -> None:
 
     made = build.build_trainer
 
-    def with_turns(*arguments: object, **more: object) -> lightning.Trainer:
-        trainer = made(*arguments, **more)
+    def with_turns(*arguments: object, **options: object) -> lightning.Trainer:
+        trainer = made(*arguments, **options)
         trainer.callbacks.insert(0, EpochByEpoch(pipe))
         return trainer
 

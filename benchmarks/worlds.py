@@ -84,6 +84,6 @@ def frames_per_second(
 
 def processor_s() -> float:
     """Return the processor seconds of this process and of those that it started."""
-    own = psutil.Process()
-    times = [process.cpu_times() for process in (own, *own.children(recursive=True))]
-    return sum(one.user + one.system for one in times)
+    process = psutil.Process()
+    times = [child.cpu_times() for child in (process, *process.children(recursive=True))]
+    return sum(cpu.user + cpu.system for cpu in times)

@@ -125,8 +125,8 @@ class Shadow(Change):
     ) -> None:
         from albumentations import RandomShadow
 
-        given = (shadow_roi, num_shadows_limit, shadow_dimension, shadow_intensity_range, p)
-        checked = RandomShadow(*given)
+        settings = (shadow_roi, num_shadows_limit, shadow_dimension, shadow_intensity_range, p)
+        checked = RandomShadow(*settings)
         self.shadow_roi, self.num_shadows_limit = checked.shadow_roi, checked.num_shadows_limit
         self.shadow_dimension, self.p = checked.shadow_dimension, checked.p
         self.shadow_intensity_range = checked.shadow_intensity_range
@@ -285,9 +285,9 @@ class Augment:
                 continue
             first, whole = place
             seeds = rng.integers(2**31, size=whole)[first : first + len(images)]
-            for window, own in zip(images, seeds.tolist(), strict=True):
+            for window, window_seed in zip(images, seeds.tolist(), strict=True):
                 for image in window:
-                    transform.set_random_seed(own)  # the same draws for the whole window
+                    transform.set_random_seed(window_seed)  # the same draws for the whole window
                     image[:] = compose(image=image)["image"].reshape(image.shape)
         if from_rgb_code is not None:
             _convert(images, from_rgb_code)

@@ -1,14 +1,58 @@
-"""Samplers of batches in which at most a set share of samples is nearly straight."""
+"""Batches of training: their keys of `data`, and samplers that limit the nearly straight share."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
-from datamodules.batch_options import BatchOptions
+from datamodules.driving_log import CAMERAS
+from datamodules.read_options import ReadOptions
 from datamodules.samples import Samples
+from zoo.base.command_keys import Untyped
 from zoo.base.errors import InputError
+
+Share = Annotated[float, Field(ge=0, le=1)]
+Least0 = Annotated[float, Field(ge=0)]
+Count = Annotated[int, Field(ge=1)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchOptions(ReadOptions):
+    """How training batches are drawn from samples, and what prepares them.
+
+    Args:
+        weights: [1, 4]: draw the second of two recordings four times as often
+        cameras: cameras whose images are samples
+        flip: mirrored samples: probability; or both: each sample as it is and flipped
+        straight_cap: largest share of nearly straight samples; null: no limit
+        straight_threshold: |steering| below it is nearly straight
+        samples_per_epoch: number of samples drawn for an epoch; null: each sample once
+        batch_size: samples in a batch, total of all ranks
+        augment_on: cpu, device, or auto: on the device if it is not a CPU
+        window_shards: shards whose images are mixed with each other
+        workers: processes that prepare batches
+        seed: random seed of order, draws, flips and augmentation
+    """
+
+    weights: Sequence[Any] | None = None
+    cameras: Sequence[str] = CAMERAS
+    flip: Share | Literal["both"] = 0.5
+    straight_cap: Share | None = 0.5
+    straight_threshold: Least0 = 0.1
+    samples_per_epoch: Count | None = None
+    batch_size: Count = 64
+    augment_on: Literal["auto", "cpu", "device"] = "auto"
+    window_shards: Count = 64
+    workers: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[int, Untyped()] = 1
+
+    @property
+    def cache_folder(self) -> Path | None:
+        """Return the folder of decoded views and features; None to keep them in memory."""
+        return Path(self.cache).expanduser() if self.cache else None
 
 
 @dataclass(frozen=True)
@@ -106,8 +150,8 @@ def epoch_batches(
             f"data.straight_threshold={straight_threshold}; set data.straight_cap=null"
         )
     by_window = curved[np.argsort(window[curved], kind="stable")]
-    found, first = np.unique(window[by_window], return_index=True)
-    pools = dict(zip(found.tolist(), np.split(by_window, first[1:]), strict=True))
+    windows, first = np.unique(window[by_window], return_index=True)
+    pools = dict(zip(windows.tolist(), np.split(by_window, first[1:]), strict=True))
     for batch in batches:
         positions = np.flatnonzero(straight[batch])
         excess = len(positions) - int(straight_cap * len(batch))
@@ -124,8 +168,8 @@ def epoch_batches(
 def shard_windows(shard: np.ndarray, window_shards: int, seed: int, epoch: int) -> np.ndarray:
     """Return the window of each sample in an epoch, int64 [samples], by its shard."""
     shards, index = np.unique(shard, return_inverse=True)
-    place = np.random.default_rng([seed, epoch, len(shards)]).permutation(len(shards))
-    return place[index] // window_shards
+    rank = np.random.default_rng([seed, epoch, len(shards)]).permutation(len(shards))
+    return rank[index] // window_shards
 
 
 def _ranks(count: int, batch_size: int, world: int) -> np.ndarray:
@@ -232,6 +276,6 @@ class BalancedBatches:
                 newest = int(np.median(window[key.own]))  # the cap can draw from elsewhere
                 if newest > reached:
                     reached = newest
-                    for one in range(newest, newest + self.windows_ahead + 1):
-                        self.fetch_ahead(np.unique(shard[window == one]))
+                    for ahead in range(newest, newest + self.windows_ahead + 1):
+                        self.fetch_ahead(np.unique(shard[window == ahead]))
             yield key

@@ -43,12 +43,12 @@ class TrainingBatches(Dataset):
     seed: int
 
     def __getitem__(self, key: BatchKey) -> Batch:
-        samples, own = self.samples, key.own
+        samples, shard = self.samples, key.own
         mirrored, steering, throttle, seed = self.draw(key)
-        images = self.views.take(*samples.frames(own), mirrored)
-        place = (key.share.start, len(key.samples))
-        self.augment.in_place(images, steering, seed, place)
-        return make_batch(images, steering, throttle, samples.speed_mph[own])
+        images = self.views.take(*samples.frames(shard), mirrored)
+        share = (key.share.start, len(key.samples))
+        self.augment.in_place(images, steering, seed, share)
+        return make_batch(images, steering, throttle, samples.speed_mph[shard])
 
     def steering(self, key: BatchKey) -> np.ndarray:
         """Return the newest frames' steering, float32 [n], flipped but not augmented."""

@@ -9,7 +9,7 @@ from pydantic import Field
 from rich.console import Console
 
 from datamodules.augment import Augment, Change
-from datamodules.batch_options import BatchOptions, Least0
+from datamodules.balance import BatchOptions, Least0
 from datamodules.driving import DrivingData
 from datamodules.looking.findings import report_lines
 from datamodules.read_options import said_in

@@ -94,8 +94,8 @@ def from_rgb(images: Tensor, colour: str) -> Tensor:
 def _rgb_of_hsv(images: Tensor) -> Tensor:
     hue, saturation, value = images.unbind(1)
     # Each channel is V within 30 of its own hue, and V less S beyond 60; hues repeat after 180.
-    own = hue.new_tensor([0.0, 60.0, 120.0])[:, None, None]
-    away = ((hue[:, None] - own + 90) % 180 - 90).abs()
+    centres = hue.new_tensor([0.0, 60.0, 120.0])[:, None, None]
+    away = ((hue[:, None] - centres + 90) % 180 - 90).abs()
     share = (away / 30 - 1).clamp(0, 1)
     return value[:, None] * (1 - share * saturation[:, None] / 255)
 
@@ -124,7 +124,7 @@ def _yuv_of_rgb(images: Tensor) -> Tensor:
 def _mixed(images: Tensor, matrix: tuple[tuple[float, ...], ...]) -> Tensor:
     # Sums of products: a GPU would compute a product of matrices in TF32.
     channels = images.unbind(1)
-    rows = [sum(w * one for w, one in zip(row, channels, strict=True)) for row in matrix]
+    rows = [sum(w * channel for w, channel in zip(row, channels, strict=True)) for row in matrix]
     return torch.stack(rows, 1)  # type: ignore[arg-type]  # mypy: an empty sum would be 0
 
 

@@ -41,11 +41,11 @@ class DeviceBatches(Dataset):
 
     def __getitem__(self, key: BatchKey) -> Batch:
         """Return a drawn batch on the CPU, without images: see `finish`."""
-        samples, own = self.batches.samples, key.own
-        views, (rows, cameras) = self.batches.views, samples.frames(own)
+        samples, shard = self.batches.samples, key.own
+        views, (rows, cameras) = self.batches.views, samples.frames(shard)
         mirrored, steering, throttle, seed = self.batches.draw(key)
-        place, shape = (key.share.start, len(key.samples)), views.files[0].shape[1:]
-        drawn, steering = self.batches.augment.draw(shape, steering, seed, place)
+        share, shape = (key.share.start, len(key.samples)), views.files[0].shape[1:]
+        drawn, steering = self.batches.augment.draw(shape, steering, seed, share)
         if self.resident is None:
             source = views.take(rows, cameras)
         else:
@@ -54,7 +54,7 @@ class DeviceBatches(Dataset):
             "source": source,  # images, or their numbers among those on the device
             # As whole numbers: Lightning would round the values to trainer.precision.
             "drawn": np.column_stack([mirrored, drawn]).astype(np.float32).view(np.int32),
-            "speed": samples.speed_mph[own].astype(np.float32),
+            "speed": samples.speed_mph[shard].astype(np.float32),
             "targets": make_targets(steering, throttle),
         }
         return {name: torch.from_numpy(column) for name, column in columns.items()}

@@ -10,8 +10,7 @@ from rich.console import Console
 from torch.utils.data import BatchSampler, DataLoader, Dataset
 
 from datamodules.augment import Augment
-from datamodules.balance import BalancedBatches
-from datamodules.batch_options import BatchOptions
+from datamodules.balance import BalancedBatches, BatchOptions
 from datamodules.batches import EvaluationBatches, TrainingBatches, unchanged
 from datamodules.device_batches import DeviceBatches
 from datamodules.features import FeatureBatches

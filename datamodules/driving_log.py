@@ -206,8 +206,8 @@ def find_delimiter(file: TextIO) -> str:
 
 def printable_path(path: str) -> str:
     """Return a path that can be printed; raise InputError if its file name is not UTF-8."""
-    if found := _NO_TEXT.search(path):
-        name = replace_undecoded(found.group())
+    if match := _NO_TEXT.search(path):
+        name = replace_undecoded(match.group())
         raise InputError(f"the image name {name:.200} is not UTF-8 (save the log as UTF-8)")
     return replace_undecoded(path)
 
@@ -280,12 +280,12 @@ def _column_order(log: Path, rows: list[list[str]], notes: list[str]) -> tuple[l
         # After the only image stands the steering, not an empty path.
         names = [*(CAMERAS[:1] if is_single and any(fields[index + 1 : index + 2]) else CAMERAS)]
         names += NUMBERS
-    more = len(fields) - len(names)
+    surplus = len(fields) - len(names)
     # Decimal commas make a row longer, too.
     alike = [row for row in rows[is_named:] if len(row) == len(rows[is_named])]
-    has_points = any("." in field for row in alike for field in row[-max(more, 0) - 4 :])
-    if more > 0 and names[0] == "center" and (has_points or index == more):
-        names = [""] * min(index, more) + names + [""] * (more - index)
+    has_points = any("." in field for row in alike for field in row[-max(surplus, 0) - 4 :])
+    if surplus > 0 and names[0] == "center" and (has_points or index == surplus):
+        names = [""] * min(index, surplus) + names + [""] * (surplus - index)
         shown = ",".join(name or "-" for name in names)
         notes.append(f"{log.name}: its columns are taken for {shown:.200}")
     return names, is_named

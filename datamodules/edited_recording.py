@@ -72,12 +72,12 @@ def write_edited(
         progress((before + share * rows) / total)
 
     with whole_folder(out) as part:
-        places = [part] if len(parts) == 1 else [part / str(one + 1) for one in range(len(parts))]
-        for place, (rows, mirrored) in zip(places, parts, strict=True):
+        paths = [part] if len(parts) == 1 else [part / str(at + 1) for at in range(len(parts))]
+        for folder, (rows, mirrored) in zip(paths, parts, strict=True):
             count, faults = _write_part(
-                recording, place, rows, mirrored, partial(report, done, len(rows))
+                recording, folder, rows, mirrored, partial(report, done, len(rows))
             )
-            write_car(place, recording)
+            write_car(folder, recording)
             counts.append(count)
             left_out += faults
             done += len(rows)
@@ -92,7 +92,7 @@ def write_edited(
             "edits": edit_options(edits),
         }
         (part / EDITS_NAME).write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
-    folders = tuple(out / place.relative_to(part) for place in places)
+    folders = tuple(out / folder.relative_to(part) for folder in paths)
     return WrittenRecording(folders, tuple(counts), tuple(left_out))
 
 

@@ -99,7 +99,8 @@ class FeaturePlan:
         """Return the free bytes of the cache's disk, or of memory."""
         if self.folder is None:
             return psutil.virtual_memory().available
-        there = next(one for one in (self.folder, *self.folder.absolute().parents) if one.exists())
+        folder = self.folder.absolute()
+        there = next(path for path in (folder, *folder.parents) if path.exists())
         return shutil.disk_usage(there).free
 
 
@@ -150,18 +151,18 @@ def load_features(plan: FeaturePlan, views: RowViews, console: Console) -> RowVi
         return RowViews.placed((len(views.file), 2 * len(CAMERAS)), loaded)
 
 
-def _load(one: FeatureFile, front: Front, views: RowViews, show: ShowDone) -> np.ndarray:
-    camera, turned = one.column % MIRRORED, one.column >= MIRRORED
+def _load(file: FeatureFile, front: Front, views: RowViews, show: ShowDone) -> np.ndarray:
+    camera, turned = file.column % MIRRORED, file.column >= MIRRORED
 
     def fill(keep: Keep) -> dict[int, str]:
-        for start in range(0, len(one.rows), CHUNK):
-            rows = one.rows[start : start + CHUNK]
+        for start in range(0, len(file.rows), CHUNK):
+            rows = file.rows[start : start + CHUNK]
             keep(front.compute(views.take(rows, camera, np.full(len(rows), turned))))
-            show(f"frozen blocks on {one.name}", start + len(rows), len(one.rows))
+            show(f"frozen blocks on {file.name}", start + len(rows), len(file.rows))
         return {}
 
-    shape = (len(one.rows), *front.shape)
-    return load_file(one.target, shape, np.float16, fill, "features' cache").views
+    shape = (len(file.rows), *front.shape)
+    return load_file(file.target, shape, np.float16, fill, "features' cache").views
 
 
 @dataclass(frozen=True)
@@ -175,7 +176,7 @@ class FeatureBatches(Dataset):
     features: RowViews
 
     def __getitem__(self, key: BatchKey) -> Batch:
-        samples, own = self.batches.samples, key.own
+        samples, shard = self.batches.samples, key.own
         mirrored, steering, throttle, _ = self.batches.draw(key)
-        taken = self.features.take(samples.row[own], samples.camera[own] + MIRRORED * mirrored)
-        return make_batch(taken, steering, throttle, samples.speed_mph[own])
+        taken = self.features.take(samples.row[shard], samples.camera[shard] + MIRRORED * mirrored)
+        return make_batch(taken, steering, throttle, samples.speed_mph[shard])

@@ -56,27 +56,27 @@ class ReadOptions:
         Raises:
             UsageError: `each` names no such recording, an unknown key, or an impossible value.
         """
-        given = keys_and_values("each", {} if self.each is None else self.each)
-        if given is None:
+        typed = keys_and_values("each", {} if self.each is None else self.each)
+        if typed is None:
             raise UsageError(f"each={self.each}: must be such as {{2: {{format: table}}}}")
-        own = {str(one): said for one, said in given.items()}
+        keys = {str(number): said for number, said in typed.items()}
         kinds = get_type_hints(ReadOptions, include_extras=True)
-        found = []
+        options = []
         for number in map(str, range(1, roots + 1)):
-            said = own.pop(number, {})
+            said = keys.pop(number, {})
             if not isinstance(said, Mapping) or not set(said) <= set(OWN_KEYS):
                 raise UsageError(f"each: {number}: {said}: expected keys of {', '.join(OWN_KEYS)}")
             values = {
                 key: convert(f"each: {number}: {key}", kinds[key], value)
                 for key, value in said.items()
             }
-            found.append(replace(self, **values))
-        if own:
+            options.append(replace(self, **values))
+        if keys:
             raise UsageError(
-                f"each: {', '.join(own)}: data.root names {counted(roots, 'recording')}; their "
+                f"each: {', '.join(keys)}: data.root names {counted(roots, 'recording')}; their "
                 f"numbers are 1..{roots}"
             )
-        return found
+        return options
 
     def given(self) -> dict[str, Any]:
         """Return the values that differ from the defaults, by key."""

@@ -228,7 +228,7 @@ def keep_valid(recording: Recording, bad: BadRows) -> Recording:
 
 
 def make_recording(
-    folder: Path, numbers: dict[str, np.ndarray], images: Mapping[str, Sequence], **more: Any
+    folder: Path, numbers: dict[str, np.ndarray], images: Mapping[str, Sequence], **others: Any
 ) -> Recording:
     """Return the recording of one folder.
 
@@ -237,7 +237,7 @@ def make_recording(
         numbers: steering, throttle, brake, speed_mph and time_s; of those that are missing, the
             time is unknown, and the others are 0 in each row.
         images: each camera's images, see `Recording.images`.
-        more: other fields of `Recording`.
+        others: other fields of `Recording`.
     """
     rows = len(numbers["steering"])
     stored = np.full((rows, len(CAMERAS)), None, object)
@@ -245,7 +245,7 @@ def make_recording(
         stored[:, CAMERAS.index(camera)] = column
     columns: dict[str, Any] = {name: np.zeros(rows) for name in ("throttle", "brake", "speed_mph")}
     columns |= {"time_s": np.full(rows, np.nan), **numbers}
-    fields = {"recording": np.zeros(rows, np.int64), "line": np.arange(1, rows + 1), **more}
+    fields = {"recording": np.zeros(rows, np.int64), "line": np.arange(1, rows + 1), **others}
     return Recording(names=(str(folder),), images=stored, **columns, **fields)
 
 
@@ -304,5 +304,5 @@ def unnamed_note(folders: Iterable[str], images: np.ndarray, left_out: int) -> l
         with os.scandir(folder) as entries:
             files = (entry for entry in entries if entry.path not in named)
             unnamed += sum(1 for file in files if IMAGE.search(file.name))
-    more = f" and {len(where) - 1} folders" if len(where) > 1 else ""
-    return [f"{unnamed:,} images in {where[0]}{more} have no row"] if unnamed > 0 else []
+    others = f" and {len(where) - 1} folders" if len(where) > 1 else ""
+    return [f"{unnamed:,} images in {where[0]}{others} have no row"] if unnamed > 0 else []

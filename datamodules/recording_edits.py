@@ -48,14 +48,14 @@ class Edits:
         """
         kept, mirrored = self.kept(), _mask(self.mirrored, self.rows)
         borders = [0, *self.splits, self.rows]
-        found = []
+        parts = []
         for first, end in itertools.pairwise(borders):
             rows = first + np.flatnonzero(kept[first:end])
             turned = mirrored[rows]
             order = np.argsort(turned, kind="stable")
             if len(rows):
-                found.append((rows[order], turned[order]))
-        return found
+                parts.append((rows[order], turned[order]))
+        return parts
 
 
 def drop(edits: Edits, stretch: Stretch) -> Edits:
@@ -98,7 +98,7 @@ def split(edits: Edits, row: int) -> Edits:
 def merge(edits: Edits, stretch: Stretch) -> Edits:
     """Join the parts that begin within a stretch with the parts before them."""
     rows = _rows(edits, stretch)
-    kept = tuple(one for one in edits.splits if not rows.start <= one < rows.stop)
+    kept = tuple(row for row in edits.splits if not rows.start <= row < rows.stop)
     return replace(edits, splits=kept)
 
 
@@ -112,17 +112,17 @@ def parse_stretches(key: str, text: str, rows: int) -> tuple[Stretch, ...]:
         UsageError: names the key, what was typed and the remedy.
     """
     mask = np.zeros(rows, bool)
-    for one in text[:MOST_TEXT].split(","):
-        typed = _TYPED.fullmatch(one.strip())
+    for word in map(str.strip, text[:MOST_TEXT].split(",")):
+        typed = _TYPED.fullmatch(word)
         if not typed:
             raise UsageError(
-                f"{key}={one.strip()[:40]}: no stretch of rows; write FIRST-LAST, such as 120-180, "
+                f"{key}={word[:40]}: no stretch of rows; write FIRST-LAST, such as 120-180, "
                 "with commas between several"
             )
         first = int(typed["first"])
         last = int(typed["last"] or (rows if typed["dash"] else first))
         if not 1 <= first <= last <= rows:
-            raise UsageError(f"{key}={one.strip()}: must be rows in 1..{rows}, the smaller first")
+            raise UsageError(f"{key}={word}: must be rows in 1..{rows}, the smaller first")
         mask[first - 1 : last] = True
     return true_runs(mask)
 

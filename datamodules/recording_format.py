@@ -88,7 +88,7 @@ class WritableFormat(Format, Protocol):
 def own_formats() -> dict[str, Format]:
     """Return drivezoo's formats by name: the core's, then those of extras."""
     extras = {entry.name: entry.value for entry in installed_entries(GROUP) if is_extra(entry)}
-    return {name: importlib.import_module(place) for name, place in (OWN | extras).items()}
+    return {name: importlib.import_module(module) for name, module in (OWN | extras).items()}
 
 
 def outside_formats() -> Iterator[tuple[str, Format]]:
@@ -209,8 +209,8 @@ def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
         raise InputError("data.root is an empty list: name the folder of a recording")
     options = ReadOptions(**said).of_each(len(roots))
     parts = [
-        read_recording(Path(root).expanduser(), own)[1]
-        for root, own in zip(roots, options, strict=True)
+        read_recording(Path(root).expanduser(), option)[1]
+        for root, option in zip(roots, options, strict=True)
     ]
     if any(part.places is not None for part in parts) and len(parts) > 1:
         parts = [replace(part, places=_places(part)) for part in parts]
@@ -255,8 +255,8 @@ def write_car(
         source: its format, unless it is a copy, too.
         keeps_size: whether the images have the rig's size, without which it is of another camera.
     """
-    known = read_source(recording.names) or source
-    write_rig_of(folder, recording.rig, known, keeps_size)
+    recorded = read_source(recording.names) or source
+    write_rig_of(folder, recording.rig, recorded, keeps_size)
 
 
 def write_rig_of(folder: Path, rig: Rig | None, source: str, keeps_size: bool = True) -> None:
@@ -278,8 +278,8 @@ def read_source(folders: Iterable[str | Path]) -> str | None:
     for folder in folders:
         path = Path(folder) / SOURCE_NAME
         if path.is_file():
-            found = read_json(path)
-            source = found.get("format") if isinstance(found, dict) else None
+            content = read_json(path)
+            source = content.get("format") if isinstance(content, dict) else None
             if not isinstance(source, str) or not re.fullmatch(r"[\w.-]{1,80}", source):
                 raise InputError(f"{path}: format: must be the name of a format, such as lerobot")
             return source

@@ -15,8 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from datamodules.driving_log import CAMERAS
-from datamodules.image import StoredImage, read_image
-from datamodules.image_store import ImageStore, shard_of
+from datamodules.image import ImageStore, StoredImage, read_image, shard_of
 from datamodules.recording import Recording, file_name
 from datamodules.samples import camera_numbers
 from datamodules.view import View
@@ -102,7 +101,7 @@ class RowViews:
         """Start to fetch shards, by index in `files`, that the next batches need."""
         for store in {shard.reader for shard in self.shards}:
             wanted = [self.shards[file] for file in files]
-            store.fetch_ahead([file_name(one.file) for one in wanted if one.reader is store])
+            store.fetch_ahead([file_name(image.file) for image in wanted if image.reader is store])
 
     def keep(self, mask: np.ndarray) -> "RowViews":
         """Return the views of the rows in `mask`, as `Recording.keep`."""
@@ -208,7 +207,7 @@ def _shard_views(recording: Recording, cameras: list[int], view: View) -> RowVie
     numbers: dict[tuple[str, ImageStore], int] = {}
     for camera in cameras:
         for row, image in enumerate(recording.images[:, camera]):
-            if place := shard_of(image):
-                file[row, camera] = numbers.setdefault(place, len(numbers))
+            if shard := shard_of(image):
+                file[row, camera] = numbers.setdefault(shard, len(numbers))
                 position[row, camera] = image.number
-    return RowViews([ShardViews(*place, view) for place in numbers], file, position)
+    return RowViews([ShardViews(*shard, view) for shard in numbers], file, position)

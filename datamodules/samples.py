@@ -123,14 +123,14 @@ def make_samples(
         seen = rows[in_frames.all(axis=tuple(range(1, in_frames.ndim)))]
         correction = np.full(len(recording), {CENTER: 0.0, LEFT: offset, RIGHT: -offset}[number])
         if number != CENTER and recover_s is not None:
-            for own, rig, right_m in _side_cameras(recording, seen, number, "data.recover_s"):
-                speed_mph = recording.speed_mph[own]
-                correction[own] = recovery_steering(right_m, speed_mph, recover_s, rig)
+            for rig_rows, rig, right_m in _side_cameras(recording, seen, number, "data.recover_s"):
+                speed_mph = recording.speed_mph[rig_rows]
+                correction[rig_rows] = recovery_steering(right_m, speed_mph, recover_s, rig)
         row_correction[:, number] = in_label(recording, correction, label)
         if number != CENTER and windows.ahead:
-            for own, rig, right_m in _side_cameras(recording, seen, number, "data.ahead"):
-                curvature = label.curvature(row_correction[own, number], rig)
-                row_recovery_m[own, number] = recovery_distance(right_m, curvature)
+            for rig_rows, rig, right_m in _side_cameras(recording, seen, number, "data.ahead"):
+                curvature = label.curvature(row_correction[rig_rows, number], rig)
+                row_recovery_m[rig_rows, number] = recovery_distance(right_m, curvature)
         parts.append((seen, np.full(len(seen), number)))
     row, camera = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     if not len(row):

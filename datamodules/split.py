@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.driving_log import BadRows, read_fields
-from datamodules.image_store import shard_of
+from datamodules.image import shard_of
 from datamodules.recording import LOG_NAME, Recording, file_name
 from zoo.base.errors import InputError
 from zoo.base.file_text import csv_cell, csv_text

@@ -27,8 +27,8 @@ def in_label(recording: Recording, steering: np.ndarray, label: SteeringLabel) -
     labels = np.array(steering, float)
     if not label.is_steering:
         for number, rig in enumerate(_rigs(recording)):
-            own = recording.recording == number
-            labels[own] = label.of(labels[own], rig)
+            rows = recording.recording == number
+            labels[rows] = label.of(labels[rows], rig)
     return labels
 
 

@@ -49,7 +49,7 @@ class SteeringUnit:
         return f"{self.unit}, {self.full:g} at full lock{zero}, right {self.right}"
 
 
-def keys_and_values(key: str, given: str | Mapping | None) -> Mapping | None:
+def keys_and_values(key: str, value: str | Mapping | None) -> Mapping | None:
     """Return the keys and values of a mapping or of its text in braces; None for all else.
 
     >>> keys_and_values("steering", "{unit: deg, full: 540}"), keys_and_values("steering", "wheel")
@@ -58,26 +58,26 @@ def keys_and_values(key: str, given: str | Mapping | None) -> Mapping | None:
     Raises:
         UsageError: the text in braces is not YAML.
     """
-    if not isinstance(given, str) or not given.startswith("{"):
-        return given if isinstance(given, Mapping) else None
+    if not isinstance(value, str) or not value.startswith("{"):
+        return value if isinstance(value, Mapping) else None
     from zoo.base.bounded_files import parse_yaml  # slow import: YAML
 
     try:
-        found = parse_yaml(given)
+        content = parse_yaml(value)
     except ValueError as error:
-        raise UsageError(f"{key}={given}: {error}; expected {{NAME: VALUE, NAME: VALUE}}") from None
-    assert isinstance(found, Mapping)
-    return found
+        raise UsageError(f"{key}={value}: {error}; expected {{NAME: VALUE, NAME: VALUE}}") from None
+    assert isinstance(content, Mapping)
+    return content
 
 
-def read_unit(given: Mapping) -> SteeringUnit:
+def read_unit(content: Mapping) -> SteeringUnit:
     """Return a unit from its keys and values.
 
     Raises:
         UsageError: there is no such unit, or a value is impossible.
     """
     try:
-        return TypeAdapter(SteeringUnit).validate_python(dict(given))
+        return TypeAdapter(SteeringUnit).validate_python(dict(content))
     except ValidationError as error:
         first = error.errors()[0]
         name = ".".join(map(str, first["loc"]))

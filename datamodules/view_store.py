@@ -131,12 +131,12 @@ def cache_key(images: Sequence[AnyImage], view: View) -> str:
     seen = view.to_dict() | {"size": view.shape[:2], "frame": None}  # whatever they follow from
     digest = hashlib.sha256(json.dumps([VERSION, seen]).encode())
     file: str | Path | None = None
-    known = b""
+    state = b""
     for image in images:
         path = image.file if isinstance(image, StoredImage) else image
         if path != file:
-            file, known = path, _file_key(path)
-        digest.update(known)
+            file, state = path, _file_key(path)
+        digest.update(state)
         if isinstance(image, StoredImage):
             digest.update(f"{image.number}|".encode())
     return digest.hexdigest()[:24]

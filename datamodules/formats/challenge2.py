@@ -72,11 +72,11 @@ def _training(path: Path, bad: BadRows) -> Rows:
         }
 
     columns = ("timestamp", "frame_id", "filename", "angle", "speed")
-    found = collect(read_csv(path / TRAINING, columns, bad), parse, bad)
+    table = collect(read_csv(path / TRAINING, columns, bad), parse, bad)
     # Other recorders of this layout have one camera, under a name of their own.
-    camera = np.array([name if name in CAMERAS else "center" for name in found.pop("camera", [])])
-    rows = {name: np.array(column, object)[camera == "center"] for name, column in found.items()}
-    times, images = np.array(found.get("time_s", []), float), np.array(found["center"], object)
+    camera = np.array([name if name in CAMERAS else "center" for name in table.pop("camera", [])])
+    rows = {name: np.array(column, object)[camera == "center"] for name, column in table.items()}
+    times, images = np.array(table.get("time_s", []), float), np.array(table["center"], object)
     for side in CAMERAS[1:]:
         of_side = camera == side
         if of_side.any():
@@ -90,6 +90,6 @@ def _nearest(moments: np.ndarray, times: np.ndarray, images: np.ndarray) -> np.n
     after = np.searchsorted(times[order], moments)
     pair = order[np.clip(np.stack([after - 1, after]), 0, len(times) - 1)]
     nearest = pair[np.abs(times[pair] - moments).argmin(0), np.arange(len(moments))]
-    found = images[nearest]
-    found[np.abs(times[nearest] - moments) > SAME_MOMENT_S] = None
-    return found
+    chosen = images[nearest]
+    chosen[np.abs(times[nearest] - moments) > SAME_MOMENT_S] = None
+    return chosen

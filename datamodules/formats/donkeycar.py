@@ -93,13 +93,13 @@ def read(path: Path, options: ReadOptions) -> Recording:
     is_old, count = next(path.glob(CATALOGS), None) is None and not (path / MANIFEST).exists(), 0
     texts = _old_records(path) if is_old else _new_records(path, bad.notes)
     spelled = functools.cache(lambda folder: spellings(list_files(folder)))
-    for count, (place, text, images) in enumerate(texts, 1):
+    for count, (source, text, images) in enumerate(texts, 1):
         check_most("rows", count, path, "divide the tub")
         if text is None:
             deleted += 1
             continue
         try:
-            record = _record(place, text, images)
+            record = _record(source, text, images)
         except InputError as error:
             bad.faults.append(str(error).rpartition("; ")[0])  # `finish` has the remedy
             continue
@@ -110,7 +110,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
         if fault and (other := spelled(images).get(fold(name))):  # its case may differ
             record["image"], fault = other, find_file_fault(other)
         if fault:
-            bad_images.append(f"{place}: {fault}")
+            bad_images.append(f"{source}: {fault}")
         else:
             for name, value in record.items():
                 columns.setdefault(name, []).append(value)
@@ -128,8 +128,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
     if options.unit:
         numbers["steering"] = options.unit.steering(numbers["steering"])
     if np.isnan(numbers["time_s"]).any():
-        sessions = {one: index for index, one in enumerate(dict.fromkeys(columns["session"]))}
-        drive = np.array([sessions[one] for one in columns["session"]])
+        sessions = {name: index for index, name in enumerate(dict.fromkeys(columns["session"]))}
+        drive = np.array([sessions[name] for name in columns["session"]])
         numbers["time_s"] = times_of_drives(drive, np.arange(len(drive)) / LOOP_HZ)
     counts = {
         f"{counted(deleted, 'record')} left out that the tub marks as deleted": deleted,
@@ -151,27 +151,27 @@ def read(path: Path, options: ReadOptions) -> Recording:
     return keep_valid(recording, bad)
 
 
-def _record(place: str, text: str, images: str) -> dict[str, Any] | None:
+def _record(source: str, text: str, images: str) -> dict[str, Any] | None:
     """Return a record's values; None if an autopilot drove."""
-    found = parse(text, place, dict)
-    if found.get(MODE, "user") != "user":
+    entry = parse(text, source, dict)
+    if entry.get(MODE, "user") != "user":
         return None
     angle, throttle, speed, stamp = (
-        next((key for key in keys if key in found), keys[0])
+        next((key for key in keys if key in entry), keys[0])
         for keys in (ANGLES, THROTTLES, SPEEDS_MPS, STAMPS)
     )
-    speed_mph = abs(number(found, speed, place, 0.0)) / MPS_PER_MPH
+    speed_mph = abs(number(entry, speed, source, 0.0)) / MPS_PER_MPH
     return {
-        "place": place,
-        "image": images + plain_name(found.get(IMAGE), place, IMAGE),
-        "steering": number(found, angle, place),
-        "throttle": number(found, EXACT["throttle"], place, number(found, throttle, place, 0.0)),
-        "brake": number(found, EXACT["brake"], place, 0.0),
-        "speed_mph": number(found, EXACT["speed_mph"], place, speed_mph),
-        "time_s": number(found, stamp, place) / 1000 if stamp in found else np.nan,
-        "session": str(found.get("_session_id", "")),
-        "has_speed": speed in found or EXACT["speed_mph"] in found,
-        "is_own": EXACT["speed_mph"] in found,
+        "place": source,
+        "image": images + plain_name(entry.get(IMAGE), source, IMAGE),
+        "steering": number(entry, angle, source),
+        "throttle": number(entry, EXACT["throttle"], source, number(entry, throttle, source, 0.0)),
+        "brake": number(entry, EXACT["brake"], source, 0.0),
+        "speed_mph": number(entry, EXACT["speed_mph"], source, speed_mph),
+        "time_s": number(entry, stamp, source) / 1000 if stamp in entry else np.nan,
+        "session": str(entry.get("_session_id", "")),
+        "has_speed": speed in entry or EXACT["speed_mph"] in entry,
+        "is_own": EXACT["speed_mph"] in entry,
     }
 
 
@@ -182,15 +182,15 @@ def _new_records(folder: Path, notes: list[str]) -> Iterator[tuple[str, str | No
         folder: folder of the tub.
         notes: list to which a line is added on what the manifest and the catalogs do not agree in.
     """
-    path, place = folder / MANIFEST, f"{folder / MANIFEST}, row 5"
+    path, source = folder / MANIFEST, f"{folder / MANIFEST}, row 5"
     there = [catalog.name for catalog in sorted(folder.glob(CATALOGS), key=_natural)]
     if path.exists():
         lines = read_text(path, MOST_JSON_BYTES).splitlines()
-        manifest = parse(lines[4] if len(lines) > 4 else "", place, dict)
-        gone, counted = _deleted(manifest, place), manifest.get("current_index")
-        names = [plain_name(name, place, "a catalog") for name in manifest["paths"]]
+        manifest = parse(lines[4] if len(lines) > 4 else "", source, dict)
+        gone, counted = _deleted(manifest, source), manifest.get("current_index")
+        names = [plain_name(name, source, "a catalog") for name in manifest["paths"]]
         if len(set(names)) < len(names):
-            raise InputError(f"{place}: names a catalog more than once; name each once")
+            raise InputError(f"{source}: names a catalog more than once; name each once")
         others = ", ".join(name for name in there if name not in names)
         notes += [f"{others}: left out, since {MANIFEST} does not name it"] if others else []
     else:
@@ -202,7 +202,7 @@ def _new_records(folder: Path, notes: list[str]) -> Iterator[tuple[str, str | No
         catalog = folder / name
         if not os.path.exists(catalog):  # noqa: PTH110 - False for a name that is too long
             raise InputError(
-                f"{place}: the catalog {name:.80} is missing; copy it there, or delete its name"
+                f"{source}: the catalog {name:.80} is missing; copy it there, or delete its name"
             )
         # Bytes that are not UTF-8 make one record bad, not the catalog.
         with open_text(catalog, MOST_CATALOG_BYTES, errors="surrogateescape") as file:
@@ -217,17 +217,17 @@ def _new_records(folder: Path, notes: list[str]) -> Iterator[tuple[str, str | No
         notes.append(f"{MANIFEST} counts {counted:,} records, and its catalogs hold {index:,}")
 
 
-def _deleted(manifest: dict[str, Any], place: str) -> set[int]:
+def _deleted(manifest: dict[str, Any], source: str) -> set[int]:
     """Return the numbers of deleted records, which programs also write as texts."""
     deleted, paths = manifest.get("deleted_indexes", []), manifest.get("paths")
     if isinstance(deleted, str):
         deleted = [part for part in re.split(r"[\s,\[\]]+", deleted) if part]
     if not isinstance(deleted, list) or not isinstance(paths, list):
-        raise InputError(f"{place}: no lists paths and deleted_indexes; copy the tub again")
+        raise InputError(f"{source}: no lists paths and deleted_indexes; copy the tub again")
     for index in deleted:
         if not re.fullmatch(r"\d{1,9}(\.0)?", str(index)):
             raise InputError(
-                f"{place}: deleted_indexes has {index!r:.40}, no number of a record; correct it"
+                f"{source}: deleted_indexes has {index!r:.40}, no number of a record; correct it"
             )
     return {int(float(index)) for index in deleted}
 
@@ -263,7 +263,7 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
         (part / IMAGES).mkdir()
         kept, left_out = whole_rows(recording, cameras=1)
         drives, time_s = continuous_drives(kept), complete_times(kept)
-        drive = np.repeat(np.arange(len(drives)), [len(one) for one in drives])
+        drive = np.repeat(np.arange(len(drives)), [len(rows_of_drive) for rows_of_drive in drives])
         day = time.strftime("%y-%m-%d", time.gmtime(time_s[0]))
         sessions = [f"{day}_{number}" for number in range(len(drives))]
         lines = []

@@ -43,25 +43,25 @@ Rows = dict[str, list]  # columns by name
 
 
 def collect(
-    found: Iterable[tuple[str, Any]], parse: Callable[[Any], dict[str, Any]], bad: BadRows
+    records: Iterable[tuple[str, Any]], parse: Callable[[Any], dict[str, Any]], bad: BadRows
 ) -> Rows:
     """Return columns of what `parse` returns for each row, and `place`.
 
     Args:
-        found: place and content of each row.
+        records: place and content of each row.
         parse: function from a row's content to its values; it raises ValueError for a bad row.
         bad: collector of bad rows.
     """
     rows: Rows = {"place": [], "steering": [], "center": []}
-    for place, content in found:
+    for source, content in records:
         try:
             values = parse(content)
         except ValueError as error:
-            bad.faults.append(f"{place}: {error}")
+            bad.faults.append(f"{source}: {error}")
             continue
         for name, value in values.items():
             rows.setdefault(name, []).append(value)
-        rows["place"].append(place)
+        rows["place"].append(source)
     return rows
 
 
@@ -149,10 +149,10 @@ def _check_range(
         is_stated: whether the format states the unit, so that a drive may have no straight moment.
         is_said: whether the user states it, so that a drive may be a single bend.
     """
-    known = written[np.isfinite(written)]
-    if not len(known):
+    finite = written[np.isfinite(written)]
+    if not len(finite):
         return
-    steering = unit.steering(known)
+    steering = unit.steering(finite)
     beyond = np.abs(steering) > 1
     if len(np.unique(steering[beyond])) == 1 and steering[~beyond].any():
         steering = steering[~beyond]  # one number that marks rows, which `keep_valid` names
@@ -164,15 +164,15 @@ def _check_range(
     is_centred = abs(middle) <= MOST_ASIDE and (is_stated or low <= 0 <= high)
     if fits and (is_centred or is_said):
         return
-    found = f"not {unit.words()}; name what they are,"
+    fault = f"not {unit.words()}; name what they are,"
     if fits:
-        found = (
+        fault = (
             f"all on one side of {unit.zero:g}, so that nothing shows which number steers straight "
             f"on; for a clip of one bend name 'data.{unit.key()}',"
         )
     raise InputError(
-        f"{folder}: the steering numbers are {known.min():g}..{known.max():g}, mostly about "
-        f"{np.median(known):g}: {found} for a servo "
+        f"{folder}: the steering numbers are {finite.min():g}..{finite.max():g}, mostly about "
+        f"{np.median(finite):g}: {fault} for a servo "
         "'data.steering={unit: servo, zero: 90, full: 45, right: positive}', for a steering wheel "
         f"'data.steering={{{EXAMPLE}}}'"
     )
@@ -206,9 +206,9 @@ def _with_images(recording: Recording, options: ReadOptions) -> Recording:
         return find(image[start:]) if isinstance(image, str) else image
 
     recording.images[:] = np.frompyfunc(existing, 1, 1)(recording.images)
-    found = recording.images[:, 0].astype(bool)
+    has_image = recording.images[:, 0].astype(bool)
     missing = [
-        f"{recording.place(row)}: no centre image" for row in np.flatnonzero(~found).tolist()
+        f"{recording.place(row)}: no centre image" for row in np.flatnonzero(~has_image).tolist()
     ]
     if missing and (options.on_bad_image == "fail" or len(missing) == len(recording)):
         skip = ", or set data.on_bad_image=skip" if len(missing) < len(recording) else ""
@@ -216,7 +216,7 @@ def _with_images(recording: Recording, options: ReadOptions) -> Recording:
             f"{missing[0]} ({len(missing):,} of {len(recording):,} rows lack one); copy the images "
             f"there{skip}"
         )
-    return recording.keep(found, tuple(missing))
+    return recording.keep(has_image, tuple(missing))
 
 
 def read_csv(

@@ -68,9 +68,9 @@ def read(path: Path, options: ReadOptions) -> Recording:
         UsageError: the steering or the camera that the user names does not exist.
     """
     info = _read_info(path)
-    features, place = info["features"], str(path / INFO)
+    features, path_of_info = info["features"], str(path / INFO)
     meaning = find_meaning(
-        features, place, options.steering_name, options.camera, options.speed_unit
+        features, path_of_info, options.steering_name, options.camera, options.speed_unit
     )
     is_old = str(info["codebase_version"]).startswith("v2.")
     first = "episode_000000" if is_old else "file-000"
@@ -78,7 +78,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
     if not files:
         raise InputError(f"{path / DATA}: holds no chunk-000/{first}.parquet; {REMEDY}")
     times = [TIME] if TIME in features else []
-    keys = ["episode_index", "timestamp", *times, *(one.key for one in meaning.roles.values())]
+    keys = ["episode_index", "timestamp", *times, *(part.key for part in meaning.roles.values())]
     tables = [read_table(file, [*dict.fromkeys(keys)]) for file in files]
     lengths = [len(table["timestamp"]) for table in tables]
     check_most("rows", sum(lengths), path, "divide the dataset")
@@ -93,7 +93,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
         return np.concatenate(columns)
 
     episode, timestamp = indices(column("episode_index")), column("timestamp")
-    numbers = {role: column(one.key, one.position) for role, one in meaning.roles.items()}
+    numbers = {role: column(part.key, part.position) for role, part in meaning.roles.items()}
     if options.unit:
         numbers["steering"] = options.unit.steering(numbers["steering"])
     if "speed" in numbers:
@@ -126,15 +126,15 @@ def read(path: Path, options: ReadOptions) -> Recording:
         for row, at_row in enumerate((recording.line - 1).tolist()):
             file, position = rows[at_row]
             if is_video:
-                index, time_s, place = episode[at_row], timestamp[at_row], recording.place(row)
+                index, time_s, source = episode[at_row], timestamp[at_row], recording.place(row)
                 if index not in videos:
                     raise InputError(
-                        f"{place}: episode {index} is not in {path / EPISODES}; {REMEDY}"
+                        f"{source}: episode {index} is not in {path / EPISODES}; {REMEDY}"
                     )
                 file, start = videos[index]
                 frame = (start + time_s) * info["fps"]
                 if not -0.5 <= frame < MOST["rows"]:
-                    raise InputError(f"{place}: timestamp is {time_s:g} s; correct the row")
+                    raise InputError(f"{source}: timestamp is {time_s:g} s; correct the row")
                 position = round(frame)
             recording.images[row, camera] = StoredImage(str(file), position, reader)
     return recording
@@ -157,9 +157,9 @@ def _size_fault(folder: Path, info: dict[str, Any], rows: Counter[int]) -> str:
     path = folder / OLD_EPISODES
     lines = read_text(path, MOST_JSON_BYTES).splitlines() if path.is_file() else []
     for line, text in enumerate(lines, 1):
-        place = f"{path}, row {line}"
-        entry = parse(text, place, dict)
-        stated[int(number(entry, "episode_index", place))] = int(number(entry, "length", place))
+        source = f"{path}, row {line}"
+        entry = parse(text, source, dict)
+        stated[int(number(entry, "episode_index", source))] = int(number(entry, "length", source))
     total, read_rows = info.get("total_frames", rows.total()), f"{rows.total():,} rows"
     differing = [
         f"episode {episode} has {rows[episode]:,} rows of {stated.get(episode, 0):,}"
@@ -187,12 +187,12 @@ def _notes(meaning: Meaning, speed_unit: str) -> list[str]:
 
 def _read_info(folder: Path) -> dict[str, Any]:
     """Return what `info.json` says, with checked `fps` and `features`."""
-    place = folder / INFO
-    info: dict[str, Any] = parse(read_text(place, MOST_JSON_BYTES), str(place), dict)
+    file = folder / INFO
+    info: dict[str, Any] = parse(read_text(file, MOST_JSON_BYTES), str(file), dict)
     version = str(info.get("codebase_version"))
     if not version.startswith(("v2.", "v3.")):
         raise InputError(
-            f"{place}: codebase_version is {version!r:.20}, expected v2.0, v2.1 or {VERSION}; "
+            f"{file}: codebase_version is {version!r:.20}, expected v2.0, v2.1 or {VERSION}; "
             "convert the dataset with LeRobot"
         )
     is_old = version.startswith("v2.")
@@ -200,13 +200,13 @@ def _read_info(folder: Path) -> dict[str, Any]:
     # Other patterns are refused: a pattern of somebody else could lead anywhere.
     for key, pattern in zip(("data_path", "video_path"), patterns, strict=True):
         if info.get(key) not in (pattern, None):
-            raise InputError(f"{place}: {key} is {info[key]!r:.80}, expected {pattern}; correct it")
+            raise InputError(f"{file}: {key} is {info[key]!r:.80}, expected {pattern}; correct it")
     features = info.get("features")
     if not isinstance(features, dict) or not all(isinstance(x, dict) for x in features.values()):
-        raise InputError(f"{place}: features is no object of objects; {REMEDY}")
-    fps = number(info, "fps", str(place))
+        raise InputError(f"{file}: features is no object of objects; {REMEDY}")
+    fps = number(info, "fps", str(file))
     if not 0 < fps <= 1000:
-        raise InputError(f"{place}: fps is {fps:g}, beyond 0..1000; correct it")
+        raise InputError(f"{file}: fps is {fps:g}, beyond 0..1000; correct it")
     return info | {"fps": fps}
 
 
@@ -229,7 +229,7 @@ def _video_starts(folder: Path, key: str) -> dict[int, tuple[Path, float]]:
         columns = [component(table[name], path, name).tolist() for name in table]
         for row, (episode, chunk, file, start) in enumerate(zip(*columns, strict=True), 1):
             whole = all(
-                0 <= one <= MOST_NUMBER and one == int(one) for one in (episode, chunk, file)
+                0 <= part <= MOST_NUMBER and part == int(part) for part in (episode, chunk, file)
             )
             if not whole or not 0 <= start < MOST["rows"]:
                 raise InputError(f"{path}, row {row}: no place of a video; {REMEDY}")

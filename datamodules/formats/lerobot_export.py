@@ -63,8 +63,8 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
     rate = options.fps or min(max(round(mean_rate(recording)), 1), MOST_FPS)
     with whole_folder(out) as part:
         kept, left_out = whole_rows(recording)
-        known = {camera: list(kept.images[:, at]) for at, camera in enumerate(CAMERAS)}
-        cameras = [camera for camera, paths in known.items() if None not in paths]
+        images = {camera: list(kept.images[:, at]) for at, camera in enumerate(CAMERAS)}
+        cameras = [camera for camera, paths in images.items() if None not in paths]
         height, width = kept.frame_size() or (0, 0)
         size = width // 2 * 2, height // 2 * 2  # H.264 in yuv420p needs even numbers
         episodes = continuous_drives(kept, most=MOST_S * rate)
@@ -100,7 +100,7 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
     notes = left_out_note(left_out, "an image is damaged")
     notes += [
         f"{camera} camera left out: {paths.count(None):,} of {len(kept):,} rows have no image of it"
-        for camera, paths in known.items()
+        for camera, paths in images.items()
         if 0 < paths.count(None) < len(kept)
     ]
     if abs((real := mean_rate(kept)) / rate - 1) > 0.001:
@@ -218,14 +218,14 @@ def _stats(
 def _column_stats(values: np.ndarray) -> dict[str, list]:
     """Return a feature's statistics, float [N] or [N, D], as lists of D numbers."""
     table = values.reshape(len(values), -1).astype(float)
-    found = {
+    statistics = {
         "min": table.min(0),
         "max": table.max(0),
         "mean": table.mean(0),
         "std": table.std(0),
         **{name: np.quantile(table, share, axis=0) for name, share in QUANTILES.items()},
     }
-    return {name: one.tolist() for name, one in found.items()} | {"count": [len(table)]}
+    return {name: row.tolist() for name, row in statistics.items()} | {"count": [len(table)]}
 
 
 def _pixel_stats(counts: np.ndarray) -> dict[str, list]:
@@ -233,15 +233,15 @@ def _pixel_stats(counts: np.ndarray) -> dict[str, list]:
     levels = np.arange(256) / 255
     total = counts.sum(1)
     mean = counts @ levels / total
-    found = {
+    statistics = {
         "min": levels[(counts > 0).argmax(1)],
         "max": levels[255 - (counts[:, ::-1] > 0).argmax(1)],
         "mean": mean,
         "std": np.sqrt(np.maximum(counts @ levels**2 / total - mean**2, 0)),
     }
     for name, share in QUANTILES.items():
-        found[name] = levels[(counts.cumsum(1) >= share * total[:, None]).argmax(1)]
-    return {name: one.reshape(3, 1, 1).tolist() for name, one in found.items()}
+        statistics[name] = levels[(counts.cumsum(1) >= share * total[:, None]).argmax(1)]
+    return {name: row.reshape(3, 1, 1).tolist() for name, row in statistics.items()}
 
 
 def _data_table(columns: dict[str, np.ndarray], pyarrow: Any) -> Any:
@@ -255,9 +255,9 @@ def _data_table(columns: dict[str, np.ndarray], pyarrow: Any) -> Any:
 def _task_table(task: str, pyarrow: Any) -> Any:
     """Return the tasks as pandas writes them: the words are the index, which LeRobot reads."""
 
-    def about(name: str | None, kind: str, numpy_kind: str, more: dict | None = None) -> dict:
+    def about(name: str | None, kind: str, numpy_kind: str, metadata: dict | None = None) -> dict:
         named = {"name": name, "field_name": name, "pandas_type": kind}
-        return named | {"numpy_type": numpy_kind, "metadata": more}
+        return named | {"numpy_type": numpy_kind, "metadata": metadata}
 
     pandas = {
         "index_columns": ["task"],

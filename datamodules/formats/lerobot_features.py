@@ -73,13 +73,13 @@ class Meaning:
 
 
 def find_meaning(
-    features: dict, place: str, steering: str | None, camera: str | None, speed_unit: str
+    features: dict, source: str, steering: str | None, camera: str | None, speed_unit: str
 ) -> Meaning:
     """Return what the features mean.
 
     Args:
         features: features of `info.json`, checked to be dicts.
-        place: file, for messages.
+        source: file, for messages.
         steering: component as the user names it, `action:0`; None finds it by its name.
         camera: key of the centre camera; None finds it by its name.
         speed_unit: unit of a speed whose name has none.
@@ -89,15 +89,15 @@ def find_meaning(
         UsageError: what the user names does not exist.
     """
     components = list(_components(features))
-    roles = {role: found for role in WORDS if (found := _find(components, role))}
+    roles = {role: component for role in WORDS if (component := _find(components, role))}
     if steering is not None:
         named = {str(component): component for component in components}
         if steering not in named:
-            raise UsageError(f"steering={steering}: {place} has {_list(named)}; name one of them")
+            raise UsageError(f"steering={steering}: {source} has {_list(named)}; name one of them")
         roles["steering"] = named[steering]
     if "steering" not in roles:
         raise InputError(
-            f"{place}: no feature's name tells that it steers; name it with steering=, one of "
+            f"{source}: no feature's name tells that it steers; name it with steering=, one of "
             f"{_list(map(str, components))}"
         )
     speed = roles.get("speed")
@@ -106,7 +106,7 @@ def find_meaning(
         words = f"{speed.key} {speed.name}"
         units = [unit for unit, pattern in _UNITS.items() if pattern.search(words)]
     mph = MPS_PER[units[0] if units else speed_unit] / MPS_PER_MPH
-    return Meaning(roles, mph, _cameras(features, place, camera), assumed_unit=not units)
+    return Meaning(roles, mph, _cameras(features, source, camera), assumed_unit=not units)
 
 
 def _components(features: dict) -> Iterator[Component]:
@@ -125,14 +125,14 @@ def _components(features: dict) -> Iterator[Component]:
 def _flat(names: object) -> list[str]:
     """Return the names of a feature's numbers: a list, or lists in a dict."""
     if isinstance(names, dict):
-        return [one for part in names.values() for one in _flat(part)]
+        return [name for part in names.values() for name in _flat(part)]
     return [str(name) for name in names] if isinstance(names, list) else []
 
 
 def _find(components: list[Component], role: str) -> Component | None:
     """Return the likeliest component: an own column, then an action's, or a state's for speed."""
     words, first = WORDS[role], "observation" if role == "speed" else "action"
-    own = [
+    exact = [
         component
         for component in components
         if component.key in (role, f"{role}_mph") and not component.name
@@ -141,28 +141,28 @@ def _find(components: list[Component], role: str) -> Component | None:
     named += [
         component for component in components if words.search(component.key) and not component.name
     ]
-    likely = [one for one in named if one.key.startswith(first) or role == "speed"]
-    likely.sort(key=lambda one: not one.key.startswith(first))
-    return next(iter(own + likely), None)
+    likely = [part for part in named if part.key.startswith(first) or role == "speed"]
+    likely.sort(key=lambda part: not part.key.startswith(first))
+    return next(iter(exact + likely), None)
 
 
-def _cameras(features: dict, place: str, camera: str | None) -> tuple[str, str | None, str | None]:
-    keys = [key for key, one in features.items() if one.get("dtype") in ("video", "image")]
+def _cameras(features: dict, source: str, camera: str | None) -> tuple[str, str | None, str | None]:
+    keys = [key for key, feature in features.items() if feature.get("dtype") in ("video", "image")]
     for key in keys:
         if not _KEY.fullmatch(key) or set(key) == {"."}:
             raise InputError(
-                f"{place}: the camera {key!r:.80} is no plain name; rename the feature"
+                f"{source}: the camera {key!r:.80} is no plain name; rename the feature"
             )
     if camera is not None:
         likely = [key for key in keys if key in (camera, CAMERA_PREFIX + camera)]
         if not likely:
-            raise UsageError(f"camera={camera}: {place} has {_list(keys)}; name one of them")
+            raise UsageError(f"camera={camera}: {source} has {_list(keys)}; name one of them")
     else:
         likely = [CAMERA_PREFIX + name for name in CENTRES if CAMERA_PREFIX + name in keys]
         likely += [name for name in CENTRES if name in keys] + keys * (len(keys) == 1)
         if not likely:
             raise InputError(
-                f"{place}: no camera's name tells that it looks ahead; name it with camera=, one "
+                f"{source}: no camera's name tells that it looks ahead; name it with camera=, one "
                 f"of {_list(keys)}"
             )
     centre = likely[0]

@@ -51,18 +51,18 @@ def open_parquet(path: Path, names: Sequence[str]) -> Any:
     pyarrow = load_pyarrow()
     with library_errors(path, DAMAGED, REMEDY):
         try:
-            found = pyarrow.parquet.ParquetFile(open_data(path, MOST_PARQUET_BYTES))
-            columns = found.schema_arrow.names
+            file = pyarrow.parquet.ParquetFile(open_data(path, MOST_PARQUET_BYTES))
+            columns = file.schema_arrow.names
         except UnicodeDecodeError:
             raise InputError(f"{path}: a column's name is not UTF-8; rename the column") from None
-    check_most("rows", found.metadata.num_rows, path, "divide the dataset")
+    check_most("rows", file.metadata.num_rows, path, "divide the dataset")
     check_most("columns", len(columns), path)
     if len(set(columns)) < len(columns):
         twice = next(name for name in columns if columns.count(name) > 1)
         raise InputError(f"{path}: has the column {twice!r:.80} more than once; rename one of them")
     if missing := [name for name in names if name not in columns]:
         raise InputError(f"{path}: no column {missing[0]:.80}; {REMEDY}")
-    return found
+    return file
 
 
 def contents(kind: Any) -> str:
@@ -79,8 +79,8 @@ def contents(kind: Any) -> str:
 
 def check_contents(path: Path, name: str, kind: Any, *expected: str) -> str:
     """Return what a column of a type holds; raise InputError if that is not expected."""
-    if (found := contents(kind)) in expected:
-        return found
+    if (content := contents(kind)) in expected:
+        return content
     raise InputError(
         f"{path}: {name} is {kind!s:.80}, expected {' or '.join(expected)}; write it so, or "
         "name another column"

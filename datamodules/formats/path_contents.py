@@ -68,19 +68,19 @@ def _folders(path: Path) -> list[Path]:
 
 def _folder(path: Path) -> str:
     """Return what a folder holds, and the remedy."""
-    files = [one for one in sorted(path.iterdir())[:LISTED] if one.name[0] != "."]
-    files = [one for one in files if one.is_file()]
+    files = [file for file in sorted(path.iterdir())[:LISTED] if file.name[0] != "."]
+    files = [file for file in files if file.is_file()]
     for file in files:
         near = difflib.get_close_matches(file.name.lower(), NAMES, 1, 0.8)
         if near and file.name not in NAMES:
             return f"is {file.name} its {near[0]}? then rename it"
-    if packed := [one for one in files if one.suffix.lower() in PACKED]:
+    if packed := [file for file in files if file.suffix.lower() in PACKED]:
         return f"its {packed[0].name} {_file(packed[0])}"
-    if tables := [one for one in files if one.suffix.lower() in table.SUFFIXES]:
+    if tables := [file for file in files if file.suffix.lower() in table.SUFFIXES]:
         return _tables(tables)
     if next(path.glob("data/chunk-*"), None):
         return "it is a LeRobotDataset without its meta/info.json; download it again"
-    counts = Counter(one.suffix.lower() or one.name for one in files)
+    counts = Counter(file.suffix.lower() or file.name for file in files)
     held = ", ".join(f"{count:,} {suffix}" for suffix, count in counts.most_common(SUGGESTED))
     return f"it holds {held or 'no files'}; {NEEDED}"
 

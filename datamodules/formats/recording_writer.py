@@ -96,7 +96,7 @@ def write_frame(image: np.ndarray, target: Path, quality: int = 95) -> None:
 def put_image(
     image: AnyImage,
     target: Path,
-    place: str,
+    source: str,
     change: Callable[[np.ndarray], np.ndarray] | None = None,
     quality: int = 95,
 ) -> str:
@@ -106,7 +106,7 @@ def put_image(
         image: image file, which is linked or copied, or an image in a larger file.
         target: new file without its suffix, which follows from the contents; a number before its
             name makes the name a new one, if need be.
-        place: row, for messages.
+        source: row, for messages.
         change: function of the pixels, uint8 [H, W, 3] RGB.
         quality: quality of a JPEG that is encoded, 1..100.
 
@@ -130,15 +130,15 @@ def put_image(
             write_frame(change(pixels) if change else pixels, path, quality)
     except ValueError as error:
         raise InputError(
-            f"{place}: {getattr(image, 'file', image)}: {error}; delete the row"
+            f"{source}: {getattr(image, 'file', image)}: {error}; delete the row"
         ) from None
     return f"{path.parent.name}/{path.name}"
 
 
 def free_name(path: Path) -> Path:
     """Return a file that does not exist; its name ends as the given one, which has the time."""
-    number, found = 1, path
-    while found.exists():
+    number, free = 1, path
+    while free.exists():
         number += 1
-        found = path.with_name(f"{number}_{path.name}")
-    return found
+        free = path.with_name(f"{number}_{path.name}")
+    return free

@@ -61,12 +61,12 @@ def read(path: Path, options: ReadOptions) -> Recording:
         UsageError: the columns are not named.
     """
     table, columns = _find_table(path), options.named_columns
-    known = {**IMAGES, **NUMBERS}
-    if not {"steering"} <= set(columns) <= set(known) or not {"image", "center"} & set(columns):
+    meanings = {**IMAGES, **NUMBERS}
+    if not {"steering"} <= set(columns) <= set(meanings) or not {"image", "center"} & set(columns):
         raise UsageError(
             f"{table}: has the columns {', '.join(find_columns(table)[0]):.200}; name its columns, "
             "'data.columns={image: NAME, steering: NAME}'; others are "
-            f"{', '.join(sorted(set(known) - {'image', 'center', 'steering'}))}"
+            f"{', '.join(sorted(set(meanings) - {'image', 'center', 'steering'}))}"
         )
     folder = Path(options.images) if options.images else table.parent
 
@@ -84,12 +84,12 @@ def read(path: Path, options: ReadOptions) -> Recording:
 
     bad = BadRows(options.on_bad_row)
     if table.suffix.lower() != ".parquet":
-        found: Iterator[tuple[str, Mapping[str, Any]]] = read_csv(
+        records: Iterator[tuple[str, Mapping[str, Any]]] = read_csv(
             table, list(columns.values()), bad
         )
     else:
-        found = _parquet_rows(table, columns)
-    rows = collect(found, parse, bad)
+        records = _parquet_rows(table, columns)
+    rows = collect(records, parse, bad)
     if "speed_mps" in rows:
         rows["speed_mps"] = [MPS_PER[options.speed_unit] * speed for speed in rows["speed_mps"]]
     if "time_s" in rows:

@@ -77,9 +77,9 @@ def read(path: Path, options: ReadOptions) -> Recording:
     left_out = len(CAMERAS) * len(bad_rows.faults)
     notes = [*bad_rows.notes, *unnamed_note(centre, recording.images, left_out)]
     notes += [
-        f"the images of {count:,} rows are read from {place}, where the log's paths lead"
-        for place, count in centre.items()
-        if not folder and not Path(place).is_relative_to(log.parent)
+        f"the images of {count:,} rows are read from {source}, where the log's paths lead"
+        for source, count in centre.items()
+        if not folder and not Path(source).is_relative_to(log.parent)
     ]
     recording = replace(recording, notes=tuple(notes))
     good = np.ones(len(rows), dtype=bool)
@@ -102,8 +102,8 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
         (part / IMAGE_FOLDER).mkdir()
         for row, camera in reported(_reading_order(recording), progress):
             target = part / IMAGE_FOLDER / f"{CAMERAS[camera]}_{stems[row]}"
-            image, place = recording.images[row, camera], recording.place(row)
-            written[row, camera] = put_image(image, target, place, change, options.quality)
+            image, source = recording.images[row, camera], recording.place(row)
+            written[row, camera] = put_image(image, target, source, change, options.quality)
         columns = (recording.steering, recording.throttle, recording.brake, recording.speed_mph)
         write_log(part, zip(written.tolist(), np.stack(columns, 1).tolist(), strict=True))
         write_car(part, recording, recording.format, keeps_size=change is None)
@@ -193,9 +193,9 @@ def image_finder(root: Path, images: Path | None = None) -> Callable[[str], str 
             return None
         within = folders(written[: -len(name)])
         for paths, key in ((files, str), (spelled, fold)):
-            known = (paths(folder).get(key(name)) for folder in within)
-            if found := next(filter(None, known), None):
-                return found
+            candidates = (paths(folder).get(key(name)) for folder in within)
+            if path := next(filter(None, candidates), None):
+                return path
         # A name without a folder may be of an image in any folder, unless two have that name.
         anywhere = [] if images or name != written else inner
         others = [path for folder in anywhere if (path := spelled(folder).get(fold(name)))]
@@ -207,7 +207,7 @@ def image_finder(root: Path, images: Path | None = None) -> Callable[[str], str 
 def times_from_names(names: list[str]) -> np.ndarray:
     """Return seconds since 1970, float64 [N], from `..._2018_07_16_17_11_43_382.jpg`; else NaN."""
     stamps = [
-        "{}-{}-{}T{}:{}:{}.{}".format(*found.groups()) if (found := _TIME.search(name)) else "NaT"
+        "{}-{}-{}T{}:{}:{}.{}".format(*match.groups()) if (match := _TIME.search(name)) else "NaT"
         for name in names
     ]
     try:

@@ -126,7 +126,7 @@ def _two_speeds(recording: Recording) -> Iterator[str]:
     if len(far) < SECOND_SPEED_SHARE * len(speed):
         return
     second = _usual_speed(far)
-    shares = [np.mean(np.abs(speed - one) <= SPEED_WINDOW_MPH / 2) for one in (first, second)]
+    shares = [np.mean(np.abs(speed - peak) <= SPEED_WINDOW_MPH / 2) for peak in (first, second)]
     if shares[1] >= SECOND_SPEED_SHARE and sum(shares) >= SPEEDS_SHARE:
         by_rig = (
             ""
@@ -246,18 +246,18 @@ def report_recordings(recording: Recording) -> list[RecordingReport]:
     ]
 
 
-def _report(one: Recording, name: str) -> RecordingReport:
-    steps = np.diff(one.time_s)
+def _report(recording: Recording, name: str) -> RecordingReport:
+    steps = np.diff(recording.time_s)
     driven = steps[(steps > 0) & (steps <= GAP_S)]
     return RecordingReport(
         name=name,
-        rows=len(one),
-        side_cameras=sum(None not in row for row in one.images[:, 1:].tolist()),
+        rows=len(recording),
+        side_cameras=sum(None not in row for row in recording.images[:, 1:].tolist()),
         seconds=float(driven.sum()) if len(driven) else float("nan"),
         fps=float(1 / np.median(driven)) if len(driven) else float("nan"),
-        gaps=int(find_breaks(one).sum()),
-        zero_share=float((one.steering == 0).mean()) if len(one) else float("nan"),
-        mean_speed_mph=float(one.speed_mph.mean()) if len(one) else float("nan"),
+        gaps=int(find_breaks(recording).sum()),
+        zero_share=float((recording.steering == 0).mean()) if len(recording) else float("nan"),
+        mean_speed_mph=float(recording.speed_mph.mean()) if len(recording) else float("nan"),
     )
 
 

@@ -51,7 +51,7 @@ def measure_leak(
     rng = np.random.default_rng(0)
     rows = np.sort(rng.choice(held_out, min(SAMPLED, len(held_out)), replace=False))
     seconds = _seconds_to_nearest(recording, train, rows)
-    known = seconds[np.isfinite(seconds)]
+    finite = seconds[np.isfinite(seconds)]
     compared = train
     if len(train) > COMPARED:
         # A row's neighbours are its likely copies: they are compared in recordings of any length.
@@ -60,7 +60,7 @@ def measure_leak(
         compared = np.union1d(rng.choice(train, COMPARED, replace=False), near)
     nearest, stranger = _differences(_gray(thumbnail_of, rows), thumbnail_of, compared)
     likeness = float(np.median(nearest) / stranger) if stranger else 0.0
-    return Leak(float(np.median(known)) if len(known) else float("nan"), likeness)
+    return Leak(float(np.median(finite)) if len(finite) else float("nan"), likeness)
 
 
 def random_split_leak(recording: Recording) -> tuple[float, float] | None:
@@ -77,7 +77,7 @@ def random_split_leak(recording: Recording) -> tuple[float, float] | None:
         return None
     errors = {}
     for kind in ("random", "blocks"):
-        found = []
+        errors_of_kind = []
         for seed in range(SEEDS):
             try:
                 split = split_rows(recording, kind, seed=seed)
@@ -88,8 +88,8 @@ def random_split_leak(recording: Recording) -> tuple[float, float] | None:
             other = recording.recording[sides] != recording.recording[split.val]
             nearest = (np.abs(sides - split.val) + len(recording) * other).argmin(axis=0)
             copied = recording.steering[sides[nearest, np.arange(len(split.val))]]
-            found.append(np.abs(copied - recording.steering[split.val]).mean())
-        errors[kind] = float(np.mean(found))
+            errors_of_kind.append(np.abs(copied - recording.steering[split.val]).mean())
+        errors[kind] = float(np.mean(errors_of_kind))
     return (errors["random"], errors["blocks"]) if errors["blocks"] else None
 
 

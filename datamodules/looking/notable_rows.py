@@ -101,9 +101,9 @@ def thumbnail(image: AnyImage) -> np.ndarray:
     return cv2.resize(small, THUMBNAIL, interpolation=cv2.INTER_AREA)
 
 
-def frame_difference(one: np.ndarray, other: np.ndarray) -> float:
+def frame_difference(first: np.ndarray, second: np.ndarray) -> float:
     """Return the mean difference of two thumbnails' pixels, 0..255."""
-    return float(cv2.absdiff(one, other).mean())
+    return float(cv2.absdiff(first, second).mean())
 
 
 def _strongest(
@@ -112,19 +112,19 @@ def _strongest(
     """Return the rows of largest strength, of which no two are within `APART_S`."""
     apart = max(1, round(APART_S * rows_per_second(recording)))
     free = strength >= least
-    found: list[NotableRow] = []
+    notable: list[NotableRow] = []
     for row in np.argsort(-strength, kind="stable"):
-        if len(found) == MOST_ROWS or strength[row] < least:
+        if len(notable) == MOST_ROWS or strength[row] < least:
             break
         if free[row]:
-            found.append(NotableRow(int(row), float(values[row])))
+            notable.append(NotableRow(int(row), float(values[row])))
             free[max(0, row - apart + 1) : row + apart] = False
-    return found
+    return notable
 
 
 def _running_median(values: np.ndarray, around: int) -> np.ndarray:
     """Return the median of the rows around each row; unknown rows count as the median of all."""
-    known = ~np.isnan(values)
-    if not known.any():
+    finite = ~np.isnan(values)
+    if not finite.any():
         return np.zeros(len(values))
-    return median_filter(np.where(known, values, np.median(values[known])), 2 * around + 1)
+    return median_filter(np.where(finite, values, np.median(values[finite])), 2 * around + 1)

@@ -61,8 +61,8 @@ def find_sign_evidence(recording: Recording) -> SignEvidence:
     rows = _pairs(recording)
     turns = np.array([_turn(recording, row) for row in rows])
     steering = recording.steering[rows]
-    known = ~np.isnan(turns)
-    steering, turns = steering[known], turns[known]
+    finite = ~np.isnan(turns)
+    steering, turns = steering[finite], turns[finite]
     if len(turns) < LEAST_PAIRS or not np.ptp(steering) or not np.ptp(turns):
         return SignEvidence(math.nan, 1.0, len(turns))
     first, second = _ranks(steering), _ranks(turns)

@@ -55,13 +55,13 @@ def read_json(path: Path) -> object:
 
 
 def check_version(
-    found: object, known: int, place: object, remedy: str = "use the drivezoo that wrote it"
+    version: object, supported: int, path: object, remedy: str = "use the drivezoo that wrote it"
 ) -> None:
     """Raise InputError if a file's format version, any value, is not the known one."""
-    if type(found) is not int or found != known:
-        shown = " ".join(str(found).split())
+    if type(version) is not int or version != supported:
+        shown = " ".join(str(version).split())
         raise InputError(
-            f"{place}: has format version {shown:.40}, this drivezoo reads {known}; {remedy}"
+            f"{path}: has format version {shown:.40}, this drivezoo reads {supported}; {remedy}"
         )
 
 
@@ -84,9 +84,9 @@ def read_like(path: Path, folder: Path) -> object:
     content = read_yaml(path)
     if not isinstance(content, dict) or "like" not in content:
         return content
-    name, known = content.pop("like"), sorted(one.stem for one in folder.glob("*.yaml"))
-    if name not in known:
-        raise InputError(f"{path}: like: {name!a:.80} is not included; {hint(str(name), known)}")
+    name, names = content.pop("like"), sorted(file.stem for file in folder.glob("*.yaml"))
+    if name not in names:
+        raise InputError(f"{path}: like: {name!a:.80} is not included; {hint(str(name), names)}")
     base = read_yaml(folder / f"{name}.yaml")
     return base | content if isinstance(base, dict) else content
 
@@ -154,28 +154,28 @@ def read_text(path: Path, most_bytes: int) -> str:
         ) from None
 
 
-def check_text(found: object, any_path: bool = False) -> Any:
+def check_text(content: object, any_path: bool = False) -> Any:
     """Return plain containers; raise ValueError for too many values or levels, or unusable text.
 
     A value counts as often as it is reached: lists that share their parts can hold billions.
     """
     unusable = _UNUSABLE_IN_PATHS if any_path else _UNUSABLE
-    level, count = [found], 1
+    level, count = [content], 1
     for _ in range(MOST["levels"] + 1):
         if not level:
-            return found
-        for one in level:
-            if isinstance(one, str) and unusable.search(one):
-                raise ValueError(f"{one[:40]!a} contains a NUL or half a character")
-            if isinstance(one, int) and one.bit_length() > MOST_BITS:
+            return content
+        for value in level:
+            if isinstance(value, str) and unusable.search(value):
+                raise ValueError(f"{value[:40]!a} contains a NUL or half a character")
+            if isinstance(value, int) and value.bit_length() > MOST_BITS:
                 raise ValueError(f"a number of more than {MOST_DIGITS:,} digits")
-        dicts = [one for one in level if isinstance(one, dict)]
-        inner = [one for one in level if isinstance(one, list | tuple)]
+        dicts = [value for value in level if isinstance(value, dict)]
+        inner = [value for value in level if isinstance(value, list | tuple)]
         count += sum(map(len, inner)) + 2 * sum(map(len, dicts))
         if count > MOST["values"]:
             raise ValueError(f"has more than {MOST['values']:,} values")
-        level = [child for one in inner for child in one]
-        level += [child for one in dicts for pair in one.items() for child in pair]
+        level = [child for sequence in inner for child in sequence]
+        level += [child for dictionary in dicts for pair in dictionary.items() for child in pair]
     raise ValueError(f"nested deeper than {MOST['levels']} levels")
 
 
@@ -186,9 +186,9 @@ def mapped(function: Callable[[Any], Any], value: Any) -> Any:
     {'a': ['1', {'b': '2'}]}
     """
     if isinstance(value, Mapping):
-        return {key: mapped(function, one) for key, one in value.items()}
+        return {key: mapped(function, item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [mapped(function, one) for one in value]
+        return [mapped(function, item) for item in value]
     return function(value)
 
 
@@ -241,21 +241,21 @@ def open_regular(path: str | Path, most_bytes: int) -> tuple[int, int]:
     except ValueError as error:  # a NUL in the path
         raise OSError(errno.EINVAL, str(error), ascii(str(path))) from None
     try:
-        found = os.fstat(descriptor)
-        if not stat.S_ISREG(found.st_mode):
-            kind = "is a directory, no" if stat.S_ISDIR(found.st_mode) else "is no"
+        status = os.fstat(descriptor)
+        if not stat.S_ISREG(status.st_mode):
+            kind = "is a directory, no" if stat.S_ISDIR(status.st_mode) else "is no"
             raise OSError(errno.EINVAL, f"{kind} regular file", str(path))
-        if found.st_size > most_bytes:
-            reason = f"has {found.st_size:,} bytes, more than the {most_bytes:,} that are read"
+        if status.st_size > most_bytes:
+            reason = f"has {status.st_size:,} bytes, more than the {most_bytes:,} that are read"
             raise OSError(errno.EFBIG, reason, str(path))
-        if 0 < found.st_size < MOST_POINTER_BYTES:
+        if 0 < status.st_size < MOST_POINTER_BYTES:
             if os.read(descriptor, len(POINTER)) == POINTER:
                 check_kind(POINTER, path)
             os.lseek(descriptor, 0, os.SEEK_SET)
     except BaseException:
         os.close(descriptor)
         raise
-    return descriptor, found.st_size
+    return descriptor, status.st_size
 
 
 def read_regular(path: str | Path, most_bytes: int) -> bytes:
@@ -267,8 +267,8 @@ def read_regular(path: str | Path, most_bytes: int) -> bytes:
     descriptor, size = open_regular(path, most_bytes)
     try:
         data = os.read(descriptor, size)
-        while len(data) < size and (more := os.read(descriptor, size - len(data))):
-            data += more
+        while len(data) < size and (chunk := os.read(descriptor, size - len(data))):
+            data += chunk
         return data
     finally:
         os.close(descriptor)

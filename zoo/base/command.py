@@ -92,14 +92,14 @@ class Command(Generic[Made]):
             raise UsageError(f"{self.name}: not given: {', '.join(needed[len(plain) :])}")
         return self._checked(self._run(plain, self._flat(keywords)))
 
-    def main(self, given: Sequence[str]) -> None:
+    def main(self, words: Sequence[str]) -> None:
         """Run the command with the arguments of a shell."""
-        if is_help(given):
-            print(self.help(given))
+        if is_help(words):
+            print(self.help(words))
             return
-        arguments, options = self.split(given)
-        own, overrides = self._own(options)
-        texts = command_keys.read_texts(own, self.name, {key.name for key in self.keys})
+        arguments, options = self.split(words)
+        options, overrides = self._own(options)
+        texts = command_keys.read_texts(options, self.name, {key.name for key in self.keys})
         result = self._run([*arguments, *overrides], texts)
         if isinstance(result, Shown):
             result.show()
@@ -125,26 +125,26 @@ class Command(Generic[Made]):
 
         `folder, *folders` is `FOLDER...`, of which one is needed.
         """
-        found: dict[str, inspect.Parameter] = {}
+        parameters: dict[str, inspect.Parameter] = {}
         for parameter in inspect.signature(self.function).parameters.values():
             is_several = parameter.kind is parameter.VAR_POSITIONAL
             if parameter.kind is parameter.KEYWORD_ONLY or (self.config and is_several):
                 continue
             name = _placeholder(parameter)
-            if is_several and name == f"[{next(reversed(found), '')}S...]":
-                first, parameter = found.popitem()
+            if is_several and name == f"[{next(reversed(parameters), '')}S...]":
+                first, parameter = parameters.popitem()
                 name = f"{first}..."
-            found[name] = parameter
-        return found
+            parameters[name] = parameter
+        return parameters
 
     @functools.cached_property
     def keys(self) -> list[command_keys.Key]:
         """Return the keys, of choices those below the default one."""
         return self._keys({})
 
-    def _keys(self, given: Mapping[str, Any]) -> list[command_keys.Key]:
+    def _keys(self, values: Mapping[str, Any]) -> list[command_keys.Key]:
         """Return the keys; the given values of choices decide the keys below them."""
-        return command_keys.keys_of(self.function, given=given) + [OVERWRITE] * self.outputs
+        return command_keys.keys_of(self.function, values=values) + [OVERWRITE] * self.outputs
 
     @property
     def usage(self) -> str:
@@ -152,45 +152,45 @@ class Command(Generic[Made]):
         options = ["[key=value ...]"] if self.keys or self.config else []
         return " ".join(["drivezoo", self.name, *self.arguments, *options])
 
-    def help(self, given: Sequence[str] = ()) -> str:
+    def help(self, words: Sequence[str] = ()) -> str:
         """Return the help text: usage, purpose, and a line for each argument and key.
 
         Args:
-            given: arguments of the shell, of which choices decide the keys below them.
+            words: arguments of the shell, of which choices decide the keys below them.
         """
         meanings = command_keys.meanings_of(self.function)
         rows = [
             command_keys.help_row(placeholder, meanings.get(parameter.name, ""))
             for placeholder, parameter in self.arguments.items()
         ]
-        values = dict(argument.split("=", 1) for argument in given if "=" in argument)
+        values = dict(argument.split("=", 1) for argument in words if "=" in argument)
         keys = [key.row for key in self._keys(values)]
         if keys and self.parts:
             keys.append(command_keys.help_row("parts=null", PARTS))
         blocks = [f"usage: {self.usage}", self.doc, "\n".join(rows), "\n".join(keys)]
         return "\n\n".join(filter(None, blocks))
 
-    def split(self, given: Sequence[str]) -> tuple[list[str], list[str]]:
+    def split(self, words: Sequence[str]) -> tuple[list[str], list[str]]:
         """Return the arguments, unparsed, and the options after them.
 
         Raises:
             UsageError: an argument is missing or unknown, or there are too many.
         """
         needed = [name for name in self.arguments if name[0] != "["]
-        if len(given) < len(needed):
+        if len(words) < len(needed):
             raise UsageError(f"usage: {self.usage}; --help lists the options")
-        first, rest = list(given[: len(needed)]), list(given[len(needed) :])
-        known = {key.name for key in self.keys}
+        first, rest = list(words[: len(needed)]), list(words[len(needed) :])
+        keys = {key.name for key in self.keys}
         for argument, name in zip(first, needed, strict=True):
             key = argument.partition("=")[0].removeprefix(f"{self.name}.")
-            if argument.startswith("--") or (_is_option(argument) and key in known):
+            if argument.startswith("--") or (_is_option(argument) and key in keys):
                 raise UsageError(f"{argument}: {name} comes first; usage: {self.usage}")
         options = [argument for argument in rest if _is_option(argument)]
         arguments = first + [argument for argument in rest if argument not in options]
-        surplus = [] if known or self.config else options
+        surplus = [] if keys or self.config else options
         if not any("..." in name for name in self.arguments):
             surplus = surplus + arguments[len(self.arguments) :]
-        if surplus and (known or not self.config):
+        if surplus and (keys or not self.config):
             what = f"{'further ' * bool(self.arguments)}arguments"
             what = "options" if _is_option(surplus[0]) else what
             raise UsageError(f"{surplus[0]}: {self.name} takes no {what}; usage: {self.usage}")
@@ -218,16 +218,16 @@ class Command(Generic[Made]):
                     f"usage: {self.usage}"
                 )
         keys = self._keys(values)
-        known = {key.name for key in keys}
+        names = {key.name for key in keys}
         # What a recording means has the same keys in all commands, here without `data.`, too.
         values = {
-            f"data.{name}" if name not in known and f"data.{name}" in known else name: value
+            f"data.{name}" if name not in names and f"data.{name}" in names else name: value
             for name, value in values.items()
         }
         command_keys.check_keys(values, keys, f"drivezoo {self.name} --help lists all")
         keywords = command_keys.constructed(self.function, values)
-        given = values.get(OVERWRITE.name, False) if self.outputs else False
-        with overwriting(command_keys.convert(OVERWRITE.name, bool, given)):
+        overwrite = values.get(OVERWRITE.name, False) if self.outputs else False
+        with overwriting(command_keys.convert(OVERWRITE.name, bool, overwrite)):
             return self.function(*arguments, **keywords)
 
     def _flat(self, keywords: Mapping[str, Any]) -> dict[str, Any]:

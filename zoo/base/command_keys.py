@@ -164,9 +164,9 @@ def typed(value: object) -> str:
 
 def changed(options: object) -> list[str]:
     """Return the options that differ from the defaults of their class, as users type them."""
-    given, usual = vars(options).items(), type(options)()
+    values, usual = vars(options).items(), type(options)()
     words = []
-    for key, value in given:
+    for key, value in values:
         if is_dataclass(value):
             words += [f"{key}.{word}" for word in changed(value)]
         elif value != getattr(usual, key):
@@ -240,7 +240,7 @@ def wanted(kind: Any) -> str:
     if mark := _entry_choice(kind):
         return mark.words
     plain, *marks = get_args(kind) if get_origin(kind) is Annotated else [kind]
-    examples = [one for mark in marks for one in getattr(mark, "examples", None) or ()]
+    examples = [example for mark in marks for example in getattr(mark, "examples", None) or ()]
     if examples:
         return f"as in {', '.join(map(typed, examples))}"
     return f"{_NAMED.get(get_origin(plain) or plain, 'text')} {bounds(kind)}".strip()
@@ -280,14 +280,14 @@ def convert(name: str, kind: Any, value: Any) -> Any:
 
     if isinstance(value, str) and value in NULLS:
         value = None
-    given = value
+    original = value
     parts = [getattr(part, "__origin__", part) for part in (*get_args(kind), kind)]
     plain = {get_origin(part) or part for part in parts}
     if is_misplaced_bool(kind, value):
-        raise UsageError(f"{name}={typed(given)}: must be {wanted(kind)}")
+        raise UsageError(f"{name}={typed(original)}: must be {wanted(kind)}")
     mark = _entry_choice(kind)
     if mark and value is not None and value not in mark.own and value not in mark.names:
-        raise UsageError(f"{name}={typed(given)}: must be {wanted(kind)}")
+        raise UsageError(f"{name}={typed(original)}: must be {wanted(kind)}")
     if isinstance(value, str) and plain & {list, tuple}:
         from zoo.base.bounded_files import parse_yaml  # slow import: YAML
 
@@ -304,7 +304,7 @@ def convert(name: str, kind: Any, value: Any) -> Any:
     except ValidationError as error:
         is_number = error.errors()[0]["type"] == "finite_number"
         what = "a finite number" if is_number else wanted(kind)
-        raise UsageError(f"{name}={typed(given)}: must be {what}") from None
+        raise UsageError(f"{name}={typed(original)}: must be {what}") from None
 
 
 def _entry_choice(kind: Any) -> EntryChoice | None:
@@ -356,24 +356,24 @@ def meanings_of(function: Callable[..., Any]) -> dict[str, str]:
     """Return the meaning of each argument, from the docstrings of a function or of classes."""
     inner = function.func if isinstance(function, functools.partial) else function
     owners = reversed(inner.__mro__[:-1]) if inspect.isclass(inner) else [inner]
-    found: dict[str, str] = {}
+    meanings: dict[str, str] = {}
     for owner in owners:
         text = inspect.cleandoc(owner.__doc__ or "")
         for title in ("\nArgs:\n", "\nAttributes:\n"):
             section = SECTION.split(text.partition(title)[2])[0]
             for names, meaning in _ENTRY.findall(section):
                 words = " ".join(meaning.split()).removesuffix(".")
-                found |= {name.strip(" *"): words for name in names.split(",")}
-    return found
+                meanings |= {name.strip(" *"): words for name in names.split(",")}
+    return meanings
 
 
-def keys_of(function: Callable[..., Any], prefix: str = "", given: Any = None) -> list[Key]:
+def keys_of(function: Callable[..., Any], prefix: str = "", values: Any = None) -> list[Key]:
     """Return the keys of a command's function, or of a class that shares keys.
 
     Args:
         function: function, or a class whose arguments are all keys.
         prefix: text before each name, such as `steering.`.
-        given: values by key, of which those of choices decide the keys below them.
+        values: values by key, of which those of choices decide the keys below them.
     """
     meanings = meanings_of(function)
     keys = []
@@ -383,13 +383,13 @@ def keys_of(function: Callable[..., Any], prefix: str = "", given: Any = None) -
         if mark is None:
             keys.append(Key(name, kind, parameter.default, meanings.get(parameter.name, "")))
         elif isinstance(mark, Choice):
-            chosen = mark.resolved(name, given or {})[name]
+            chosen = mark.resolved(name, values or {})[name]
             meaning = meanings.get(parameter.name, "")
             meaning += f"; one of {', '.join(mark.functions)}"
             keys.append(Key(name, kind, mark.default, meaning))
             keys += keys_of(mark.functions[chosen], f"{name}.")
         else:
-            keys += keys_of(inner, f"{name}." if isinstance(mark, Section) else prefix, given)
+            keys += keys_of(inner, f"{name}." if isinstance(mark, Section) else prefix, values)
     return keys
 
 
@@ -426,12 +426,12 @@ def _made(make: Callable[..., Made], values: Mapping[str, Any], prefix: str) -> 
         raise UsageError(str(error)) from None
 
 
-def check_keys(given: Iterable[str], keys: Iterable[Key], remedy: str = "") -> None:
+def check_keys(names: Iterable[str], keys: Iterable[Key], remedy: str = "") -> None:
     """Raise UsageError for a key that does not exist."""
-    known = [key.name for key in keys]
-    for name in given:
-        if name not in known:
-            raise UsageError(f"{name}: no such key; {hint(name, known, remedy)}")
+    allowed = [key.name for key in keys]
+    for name in names:
+        if name not in allowed:
+            raise UsageError(f"{name}: no such key; {hint(name, allowed, remedy)}")
 
 
 def check_values(options: object) -> None:
@@ -447,7 +447,7 @@ def _bounded_keys(kind: type) -> list[Key]:
 
 
 def read_texts(
-    arguments: Iterable[str], command: str = "", known: Collection[str] = ()
+    arguments: Iterable[str], command: str = "", keys: Collection[str] = ()
 ) -> dict[str, str]:
     """Return the texts of `key=value` arguments by key; `--film` means `film=true`.
 
@@ -456,17 +456,17 @@ def read_texts(
     Raises:
         UsageError: a key is repeated or has no value.
     """
-    given: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for argument in arguments:
         key, equals, text = argument.partition("=")
         if not equals and not argument.startswith("--"):
             raise UsageError(f"{argument}: no value given; write {argument}=VALUE")
         key = key.lstrip("-").replace("-", "_").removeprefix(f"{command}.")
-        key = key if key in known or key[5:] not in known else key.removeprefix("data.")
-        if key in given:
+        key = key if key in keys or key[5:] not in keys else key.removeprefix("data.")
+        if key in texts:
             raise UsageError(f"{key}: given twice; give it once")
-        given[key] = text if equals else "true"
-    return given
+        texts[key] = text if equals else "true"
+    return texts
 
 
 def read_options(kind: Callable[..., Made], arguments: Sequence[str] = ()) -> Made:
@@ -475,9 +475,9 @@ def read_options(kind: Callable[..., Made], arguments: Sequence[str] = ()) -> Ma
     Raises:
         UsageError: a key is unknown, repeated or missing, or a value has the wrong type or range.
     """
-    given = read_texts(arguments)
-    check_keys(given, keys_of(kind, given=given))
-    return kind(**constructed(kind, given))
+    texts = read_texts(arguments)
+    check_keys(texts, keys_of(kind, values=texts))
+    return kind(**constructed(kind, texts))
 
 
 def _keyed(function: Callable[..., Any]) -> Iterator[tuple[inspect.Parameter, Any]]:

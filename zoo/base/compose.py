@@ -169,7 +169,7 @@ def escape_interpolation(value: Any) -> Any:
     ['a\\${b}', 1]
     """
     return mapped(
-        lambda one: re.sub(r"(\\*)\$\{", r"\1\1\\${", one) if isinstance(one, str) else one, value
+        lambda raw: re.sub(r"(\\*)\$\{", r"\1\1\\${", raw) if isinstance(raw, str) else raw, value
     )
 
 
@@ -252,17 +252,17 @@ def _explained(error: Exception, arguments: Sequence[str]) -> str:
         )
     if isinstance(error, MissingConfigException) and error.missing_cfg_file:
         group, _, choice = str(error.missing_cfg_file).rpartition("/")
-        own = Path("conf", group, f"{choice}.yaml")
-        if group and own.is_file():  # the folder of a user's part, which the user has not named
-            return f"{group}={choice}: no such choice; for {own} add parts=FILE.py"
+        file = Path("conf", group, f"{choice}.yaml")
+        if group and file.is_file():  # the folder of a user's part, which the user has not named
+            return f"{group}={choice}: no such choice; for {file} add parts=FILE.py"
         if group:
             return f"{group}={choice}: no such choice; {hint(choice, choices(group), LISTS_ALL)}"
-    found = _NO_OVERRIDE.search(text)
-    if isinstance(error, ConfigCompositionException) and not found:
-        found = _NO_KEY.search(f"{text} {error.__cause__}")
+    match = _NO_OVERRIDE.search(text)
+    if isinstance(error, ConfigCompositionException) and not match:
+        match = _NO_KEY.search(f"{text} {error.__cause__}")
     key = None
-    if found:
-        key = next(value for value in found.groupdict().values() if value)
+    if match:
+        key = next(value for value in match.groupdict().values() if value)
     elif isinstance(error, ConfigAttributeError | ConfigKeyError):
         key = error.full_key
     if key and key in valid_keys():

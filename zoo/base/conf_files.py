@@ -88,15 +88,15 @@ def comments_of(text: str, prefix: str = "") -> dict[str, str]:
     parents: list[tuple[int, str]] = []
     name = ""
     for line in text.splitlines():
-        found = _LINE.match(line)
-        if found is None:
+        match = _LINE.match(line)
+        if match is None:
             if name and line.strip().startswith("#"):  # the comment continues
                 comments[name] = f"{comments[name]} {line.strip(' #')}".strip()
             continue
-        indent, key = len(found["indent"]), found["key"]
+        indent, key = len(match["indent"]), match["key"]
         parents = [(above, parent) for above, parent in parents if above < indent]
         name = prefix + "".join(f"{parent}." for _, parent in parents) + key
-        comments[name] = found["comment"] or ""
-        if not found["value"].strip():
+        comments[name] = match["comment"] or ""
+        if not match["value"].strip():
             parents.append((indent, key))
     return {name: comment for name, comment in comments.items() if comment}

@@ -67,13 +67,13 @@ def main() -> int:
     if name in LISTED:
         name, rest = "list", [name, *rest]
     name, rest = as_typed_below(name, rest)
-    if place := place_of(name):
-        run_module(place.partition(":")[0], rest)
+    if target := place_of(name):
+        run_module(target.partition(":")[0], rest)
         return 0
     outside = {} if name in HELP else outside_commands()
     if name in outside:
-        return run_command(f"drivezoo {name}", lambda given: load(outside[name]).main(given), rest)
-    return run_command("drivezoo", lambda given: _help_or_hint(given, outside), [name, *rest])
+        return run_command(f"drivezoo {name}", lambda words: load(outside[name]).main(words), rest)
+    return run_command("drivezoo", lambda words: _help_or_hint(words, outside), [name, *rest])
 
 
 def _help_or_hint(arguments: list[str], outside: Iterable[str]) -> None:
@@ -109,21 +109,21 @@ def as_typed_below(name: str, rest: list[str]) -> tuple[str, list[str]]:
 
 def commands() -> dict[str, str]:
     """Return the module that `python -m` runs for each command, by the command's name."""
-    return {name: place.partition(":")[0] for name, place in places().items()}
+    return {name: target.partition(":")[0] for name, target in places().items()}
 
 
 def places() -> dict[str, str]:
     """Return the place of each command of drivezoo, by the command's name, in order of the help."""
     names = [name for group in (*GROUPS.values(), ALIASES) for name in group]
-    return {name: place for name in names if (place := place_of(name))}
+    return {name: target for name in names if (target := place_of(name))}
 
 
 def place_of(name: str) -> str | None:
     """Return the place of a command: a file of `zoo/commands`, or the entry point of an extra."""
     if name not in {*ALIASES, *(name for group in GROUPS.values() for name in group)}:
         return None
-    place = f"zoo.commands.{name}:{FUNCTIONS.get(name, name)}"
-    return place if file_of(place).is_file() else extra_commands().get(name)
+    target = f"zoo.commands.{name}:{FUNCTIONS.get(name, name)}"
+    return target if file_of(target).is_file() else extra_commands().get(name)
 
 
 @functools.cache
@@ -137,9 +137,9 @@ def extra_commands() -> dict[str, str]:
 
 def outside_commands() -> dict[str, str]:
     """Return the place of each command of other installed packages, by the command's name."""
-    known = {*commands(), *LISTED, *extra_commands()}
+    internal = {*commands(), *LISTED, *extra_commands()}
     entries = named_entries(ENTRY_POINTS)
-    names = [name for name in entries if name not in known and "." not in name]
+    names = [name for name in entries if name not in internal and "." not in name]
     return {name: entries[name].value for name in names}
 
 
@@ -154,7 +154,7 @@ def commands_below(name: str) -> dict[str, "Command[Any]"]:
     return {entry.name.removeprefix(start): load(entry.value) for entry in below}
 
 
-def load(place: str) -> "Command[Any]":
+def load(entry: str) -> "Command[Any]":
     """Return the command at `module:function`.
 
     Raises:
@@ -162,32 +162,32 @@ def load(place: str) -> "Command[Any]":
     """
     from zoo.base.command import Command
 
-    module, _, name = place.partition(":")
+    module, _, name = entry.partition(":")
     try:
-        found = getattr(importlib.import_module(module), name)
+        command = getattr(importlib.import_module(module), name)
     except Exception as error:
-        raise InputError(f"{place}: {type(error).__name__}: {error}; correct the package") from None
-    if not isinstance(found, Command):
-        raise InputError(f"{place}: is no command; decorate the function with zoo.base.command")
-    return found
+        raise InputError(f"{entry}: {type(error).__name__}: {error}; correct the package") from None
+    if not isinstance(command, Command):
+        raise InputError(f"{entry}: is no command; decorate the function with zoo.base.command")
+    return command
 
 
 def help_text() -> str:
     """Return the usage, and each command's purpose from its docstring, by group."""
-    known, lines = places(), ["usage: drivezoo COMMAND [argument] [key=value ...]"]
+    targets, lines = places(), ["usage: drivezoo COMMAND [argument] [key=value ...]"]
     for title, group in GROUPS.items():
-        rows = [f"  {name:<12}{_purpose(known[name])}" for name in group if name in known]
+        rows = [f"  {name:<12}{_purpose(targets[name])}" for name in group if name in targets]
         lines += ["", title, *rows]
     if outside := outside_commands():
         lines += ["", "installed packages"]
-        lines += [f"  {name:<12}{_outside_purpose(place)}" for name, place in outside.items()]
+        lines += [f"  {name:<12}{_outside_purpose(target)}" for name, target in outside.items()]
     return "\n".join([*lines, "", *CLOSING])
 
 
-def _purpose(place: str) -> str:
+def _purpose(target: str) -> str:
     """Return the first line of a function's docstring, without importing its module."""
-    name = place.partition(":")[2]
-    return _shortened(written_docstring(file_of(place), name).partition("\n\n")[0])
+    name = target.partition(":")[2]
+    return _shortened(written_docstring(file_of(target), name).partition("\n\n")[0])
 
 
 def written_docstring(path: Path, name: str) -> str:
@@ -197,9 +197,9 @@ def written_docstring(path: Path, name: str) -> str:
     return next((ast.get_docstring(node) or "" for node in documented if node.name == name), "")
 
 
-def _outside_purpose(place: str) -> str:
+def _outside_purpose(target: str) -> str:
     try:
-        return printable(_shortened(load(place).purpose))
+        return printable(_shortened(load(target).purpose))
     except InputError as error:
         return printable(str(error))
 

@@ -106,6 +106,6 @@ def is_extra(entry: EntryPoint) -> bool:
     return entry.value.startswith(EXTRAS)
 
 
-def file_of(place: str) -> Path:
+def file_of(target: str) -> Path:
     """Return the file of drivezoo's module at `module` or `module:name`."""
-    return ROOT.joinpath(*place.partition(":")[0].split(".")).with_suffix(".py")
+    return ROOT.joinpath(*target.partition(":")[0].split(".")).with_suffix(".py")

@@ -87,12 +87,12 @@ def library_errors(file: object, fault: str, remedy: str) -> Iterator[None]:
 
 
 @contextmanager
-def placed_errors(place: object) -> Iterator[None]:
+def placed_errors(source: object) -> Iterator[None]:
     """Raise an InputError within the block again with its place in front."""
     try:
         yield
     except InputError as error:
-        raise InputError(f"{place}: {error}") from None
+        raise InputError(f"{source}: {error}") from None
 
 
 @contextmanager
@@ -104,7 +104,7 @@ def optional_import(line: str) -> Iterator[None]:
         raise InputError(line) from None
 
 
-def hint(word: str, known: Iterable[str], remedy: str = "") -> str:
+def hint(word: str, choices: Iterable[str], remedy: str = "") -> str:
     """Return the known names nearest to a typo; without any, all names or the remedy.
 
     A name of the same letters is the nearest. The last part of a dotted name is compared, too:
@@ -115,7 +115,7 @@ def hint(word: str, known: Iterable[str], remedy: str = "") -> str:
     >>> hint("modle", ["module", "model"])
     'did you mean model or module?'
     """
-    names = list(known)
+    names = list(choices)
     by_tail = {name.rpartition(".")[2]: name for name in reversed(names)}
     near = [name for name in names if name != word and sorted(name) == sorted(word)][:1]
     near = near or difflib.get_close_matches(word, names, n=1, cutoff=0.6)

@@ -107,7 +107,7 @@ def html_text(value: Any) -> Any:
     """
     if not isinstance(value, str) or isinstance(value, Markup) or value.isprintable():
         return value
-    return "".join(one if one in "\n\t\N{NO-BREAK SPACE}" else printable(one) for one in value)
+    return "".join(char if char in "\n\t\N{NO-BREAK SPACE}" else printable(char) for char in value)
 
 
 def plot_text(text: str) -> str:
@@ -123,7 +123,7 @@ def csv_cell(value: Any) -> Any:
     """
     if not isinstance(value, str) or _NUMBER.fullmatch(value):
         return value
-    shown = (one if one.isprintable() else "\N{REPLACEMENT CHARACTER}" for one in value)
+    shown = (char if char.isprintable() else "\N{REPLACEMENT CHARACTER}" for char in value)
     return _FORMULA.sub(r"\1'", "".join(shown))
 
 

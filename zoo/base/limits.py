@@ -70,13 +70,13 @@ def parse_number(value: object, most: float = MOST_REPORTED) -> float | None:
     return float(value) if is_ordinary(value, most=most) else None
 
 
-def check_most(what: str, count: int, place: object, remedy: str = "name another file") -> None:
+def check_most(what: str, count: int, source: object, remedy: str = "name another file") -> None:
     """Check a count that a file claims.
 
     Args:
         what: key of `MOST`.
         count: number that the file claims or holds.
-        place: file, and the key or row in it, for the message.
+        source: file, and the key or row in it, for the message.
         remedy: what the user can do about it.
 
     Raises:
@@ -84,17 +84,17 @@ def check_most(what: str, count: int, place: object, remedy: str = "name another
     """
     if count > MOST[what]:
         raise InputError(
-            f"{place}: has {count:,} {what}, more than the {MOST[what]:,} that are read; {remedy}"
+            f"{source}: has {count:,} {what}, more than the {MOST[what]:,} that are read; {remedy}"
         )
 
 
-def check_unpacked(unpacked: int, size: int, place: object) -> None:
+def check_unpacked(unpacked: int, size: int, source: object) -> None:
     """Check the bytes that a compressed file claims to hold.
 
     Args:
         unpacked: bytes after decompression that the file claims.
         size: bytes of the file.
-        place: file, and the part of it, for the message.
+        source: file, and the part of it, for the message.
 
     Raises:
         InputError: the file claims far more bytes than it can usually hold.
@@ -102,27 +102,27 @@ def check_unpacked(unpacked: int, size: int, place: object) -> None:
     most = FREE_BYTES + MOST_RATIO * size
     if unpacked > most:
         raise InputError(
-            f"{place}: claims {unpacked:,} bytes after decompression, more than the {most:,} that "
+            f"{source}: claims {unpacked:,} bytes after decompression, more than the {most:,} that "
             f"are read of a file of {size:,} bytes; copy it again, or name another file"
         )
 
 
-def open_archive(file: BinaryIO, place: object) -> zipfile.ZipFile:
+def open_archive(file: BinaryIO, source: object) -> zipfile.ZipFile:
     """Open an archive whose members unpack to an ordinary number of bytes.
 
     Args:
         file: opened file.
-        place: file's name, for messages.
+        source: file's name, for messages.
 
     Raises:
         InputError: the archive has too many members, or they claim too many bytes.
         zipfile.BadZipFile: the file is truncated or damaged.
     """
     size = file.seek(0, io.SEEK_END)
-    check_most("bytes of an index", _directory_bytes(file, size), place)
+    check_most("bytes of an index", _directory_bytes(file, size), source)
     archive = zipfile.ZipFile(file)
-    check_most("members", len(archive.infolist()), place)
-    check_unpacked(sum(one.file_size for one in archive.infolist()), size, place)
+    check_most("members", len(archive.infolist()), source)
+    check_unpacked(sum(member.file_size for member in archive.infolist()), size, source)
     return archive
 
 

@@ -29,11 +29,11 @@ def run_module(module: str, arguments: list[str]) -> None:
 
 def _leave_out_current_folder() -> None:
     """Keep the current folder off the path of this process and of the processes that it starts."""
-    sys.path[:] = [one for one in sys.path if one]
+    sys.path[:] = [folder for folder in sys.path if folder]
     if ROOT not in sys.path:  # a checkout that is not installed
         sys.path.insert(0, ROOT)
-        given = filter(None, [os.environ.get("PYTHONPATH")])
-        os.environ["PYTHONPATH"] = os.pathsep.join([ROOT, *given])
+        folders = filter(None, [os.environ.get("PYTHONPATH")])
+        os.environ["PYTHONPATH"] = os.pathsep.join([ROOT, *folders])
     os.environ["PYTHONSAFEPATH"] = "1"
     if sys.version_info < (3, 11):  # which does not know this variable
         clean_spawned_processes()

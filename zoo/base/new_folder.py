@@ -49,8 +49,8 @@ def command_folder(
     with file_errors(folder, f"cannot be written to ({{}}); name another folder with {key}"):
         is_filled = folder.exists() and bool(_names(folder))
     if is_filled and not (resumed_by and (folder / resumed_by).is_file()):
-        more = f" and has no {resumed_by}" if resumed_by else ""
-        raise InputError(f"{folder}: is not empty{more}; name another folder with {key}")
+        lack = f" and has no {resumed_by}" if resumed_by else ""
+        raise InputError(f"{folder}: is not empty{lack}; name another folder with {key}")
     with written_folder(folder, key):
         yield folder
 
@@ -64,7 +64,7 @@ def written_folder(folder: Path, key: str = "out=") -> Iterator[None]:
     """
     with ExitStack() as stack:
         with file_errors(folder, f"cannot be written to ({{}}); name another folder with {key}"):
-            created = [one for one in (folder, *folder.parents) if not one.exists()]
+            created = [parent for parent in (folder, *folder.parents) if not parent.exists()]
             folder.mkdir(parents=True, exist_ok=True)
             stack.callback(_remove_empty, folder, created)
             stack.enter_context(hold_folder(folder, key))
@@ -139,11 +139,11 @@ def whole_folder(out: Path, key: str = "out=") -> Iterator[Path]:
 
 def free_folder(folder: Path) -> Path:
     """Return a folder that does not exist: this one, or its name with `_2`, `_3`, ..."""
-    number, found = 1, folder
-    while os.path.lexists(found):
+    number, free = 1, folder
+    while os.path.lexists(free):
         number += 1
-        found = folder.with_name(f"{folder.name}_{number}")
-    return found
+        free = folder.with_name(f"{folder.name}_{number}")
+    return free
 
 
 def refuse_existing(out: Path, key: str = "out=") -> None:

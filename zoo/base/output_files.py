@@ -85,10 +85,10 @@ def check_output(path: Path, key: str = "out", inputs: Sequence[str | Path] = ()
         )
 
 
-def _is_within(path: Path, given: Path) -> bool:
+def _is_within(path: Path, folder: Path) -> bool:
     """Return whether an existing path is an input, or a file in a folder that is one."""
     try:
-        return path.samefile(given) or Path(os.path.realpath(given)) in path.resolve().parents
+        return path.samefile(folder) or Path(os.path.realpath(folder)) in path.resolve().parents
     except (OSError, ValueError, RuntimeError):  # such as a loop of links
         return False
 

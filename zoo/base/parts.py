@@ -79,8 +79,8 @@ def take_parts(arguments: Sequence[str]) -> list[str]:
         InputError: a named part does not exist.
     """
     typed = [argument for argument in arguments if argument.startswith(f"{KEY}=")]
-    given = [name for one in typed for name in one.partition("=")[2].strip("[]").split(",")]
-    names = [name.strip() for name in given if name.strip()]
+    texts = [name for word in typed for name in word.partition("=")[2].strip("[]").split(",")]
+    names = [name.strip() for name in texts if name.strip()]
     if typed and not names:
         raise UsageError(f"{typed[0]}: names no part; write {KEY}=FILE.py")
     name_parts(names)
@@ -189,10 +189,10 @@ def import_part(part: Part, module: str) -> object:
     if part.file is not None:
         loaded = getattr(sys.modules.get(module), "__file__", None)
         spec = None if loaded else importlib.util.find_spec(module)
-        place = loaded or (spec and spec.origin) or "built in"
-        if Path(place).resolve() != part.file:
+        source = loaded or (spec and spec.origin) or "built in"
+        if Path(source).resolve() != part.file:
             raise InputError(
-                f"{part.file}: Python has another module {module} ({place}); rename the file"
+                f"{part.file}: Python has another module {module} ({source}); rename the file"
             )
     with part_errors(part):
         return importlib.import_module(module)
@@ -234,9 +234,9 @@ def _lines_in(part: Part, error: BaseException) -> list[int | None]:
 
 
 def _in_one_line(error: BaseException, part: Part, lines: list[int | None]) -> InputError:
-    place = f"{part.name}: line {lines[-1]}" if lines else part.name
+    source = f"{part.name}: line {lines[-1]}" if lines else part.name
     reason = " ".join(str(error).split())
-    return InputError(f"{place}: {type(error).__name__}: {reason:.300}; correct it")
+    return InputError(f"{source}: {type(error).__name__}: {reason:.300}; correct it")
 
 
 def unknown_part(target: object) -> str:
@@ -250,33 +250,33 @@ def unknown_part(target: object) -> str:
     return f"if you have {name:.100} and trust it, add {KEY}={name:.100}"
 
 
-def _absolute(name: str, place: str) -> str:
+def _absolute(name: str, source: str) -> str:
     """Return a file or folder as an absolute path, and a module's name unchanged."""
     path = os.path.expanduser(name)  # noqa: PTH111 Path's raises for an unknown user
     if os.path.isdir(path):  # noqa: PTH112 Path's raises for a name that is too long
         if not _modules_in(Path(path)):
-            raise InputError(f"{place}: holds no .py file; name a file, or another folder")
+            raise InputError(f"{source}: holds no .py file; name a file, or another folder")
         return str(Path(path).resolve())
     if os.path.isfile(path):  # noqa: PTH113
         file = Path(path).resolve()
         if file.suffix != ".py" or not file.stem.isidentifier():
-            raise InputError(f"{place}: is no Python module; rename it, such as my_net.py")
+            raise InputError(f"{source}: is no Python module; rename it, such as my_net.py")
         return str(file)
     is_module = all(word.isidentifier() for word in name.split(".")) and not name.endswith(".py")
     if not is_module or importlib.util.find_spec(name.partition(".")[0]) is None:
-        raise InputError(f"{place}: no such file or module; name a .py file, or its folder")
+        raise InputError(f"{source}: no such file or module; name a .py file, or its folder")
     return name
 
 
 @functools.lru_cache
 def _parts_of(named: str, here: Path) -> tuple[Part, ...]:
     parts: list[Part] = []
-    for given in filter(None, named.split(os.pathsep)):
-        name = _absolute(given, f"{VARIABLE}: {given}")
+    for text in filter(None, named.split(os.pathsep)):
+        name = _absolute(text, f"{VARIABLE}: {text}")
         is_path = Path(name).is_absolute()
-        if is_path and not Path(os.path.expanduser(given)).is_absolute():  # noqa: PTH111
+        if is_path and not Path(os.path.expanduser(text)).is_absolute():  # noqa: PTH111
             # Another folder, such as a downloaded one, may have a file of that name.
-            raise InputError(f"{VARIABLE}: {given}: is not a whole path; write {name}")
+            raise InputError(f"{VARIABLE}: {text}: is not a whole path; write {name}")
         if not is_path:
             parts.append(Part(name, conf=_conf_in(_package_folder(name))))
             continue

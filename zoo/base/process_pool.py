@@ -220,20 +220,20 @@ def run_jobs(
     """
     weights = np.ones(len(jobs)) if sizes is None else np.asarray(sizes, np.float64)
     weights, shares = weights / weights.sum(), np.zeros(len(jobs))
-    places = {pool.submit(function, *job): place for place, job in enumerate(jobs)}
+    places = {pool.submit(function, *job): index for index, job in enumerate(jobs)}
 
     def show_shares() -> None:
-        for number, place in places.items():
-            shares[place] = pool.shares.get(number, 0.0)
+        for number, index in places.items():
+            shares[index] = pool.shares.get(number, 0.0)
         show(float(weights @ shares))
 
     if isinstance(pool, ThisProcess):
         pool.show = show_shares
     while places:
         for number, result in pool.finished(LOOK_S):
-            place = places.pop(number)
-            yield place, result
-            shares[place] = 1.0
+            index = places.pop(number)
+            yield index, result
+            shares[index] = 1.0
         show_shares()
 
 

@@ -34,8 +34,8 @@ def read_apart(read: Callable[..., Result], path: Path, *arguments: Any) -> Resu
         pool.submit(_read, read, path, arguments, most_bytes)
         try:
             while time.monotonic() < last_s:
-                for _, found in pool.finished(LOOK_S):
-                    return found
+                for _, result in pool.finished(LOOK_S):
+                    return result
                 if pool.used_bytes() > most_bytes:  # where the system sets no limit
                     raise MemoryError
         except MemoryError:

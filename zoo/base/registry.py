@@ -47,8 +47,8 @@ class Registry(Mapping[str, Entry]):
 
     def __iter__(self) -> Iterator[str]:
         self._import_parts()
-        own = self.own()
-        return iter([*own, *(name for name in self._entries if name not in own)])
+        entries = self.own()
+        return iter([*entries, *(name for name in self._entries if name not in entries)])
 
     def __len__(self) -> int:
         self._import_parts()

@@ -77,14 +77,14 @@ def read_rig(path: Path) -> Rig:
     return make_rig(read_yaml(path), path)
 
 
-def make_rig(found: Any, path: object) -> Rig:
+def make_rig(content: Any, path: object) -> Rig:
     """Return the rig of a file's contents; see `read_rig`."""
     try:
-        fields = RigFields.model_validate(found)
+        fields = RigFields.model_validate(content)
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(map(str, first["loc"])) or "the file"
-        raise InputError(f"{path}: {place}: {first['msg'].lower()}; correct it") from None
+        key = ".".join(map(str, first["loc"])) or "the file"
+        raise InputError(f"{path}: {key}: {first['msg'].lower()}; correct it") from None
     width, height = fields.camera.size
     camera = Camera(**{**fields.camera.model_dump(), "size": (width, height)})
     rig = single_camera_rig(

@@ -42,9 +42,9 @@ def run_command(name: str, command: Callable[[list[str]], object], arguments: li
             raise_interrupts()
             os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"
             guard_rich()
-            given = take_parts(take_verbosity(arguments))
-            if set(given).isdisjoint(VERSION):
-                command(given)
+            words = take_parts(take_verbosity(arguments))
+            if set(words).isdisjoint(VERSION):
+                command(words)
             else:
                 print(version_line())
     except KeyboardInterrupt:

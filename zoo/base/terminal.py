@@ -27,7 +27,7 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(
-        one if one.isprintable() else one.encode("unicode_escape").decode() for one in text
+        char if char.isprintable() else char.encode("unicode_escape").decode() for char in text
     )
 
 
@@ -134,7 +134,7 @@ def print_written(
     """
     for path in written:
         _print(f"wrote: {path}", console)
-    words = [str(one) for one in following]
+    words = [str(word) for word in following]
     if words:
         print_next(command_line(["drivezoo", *words]), console=console)
 

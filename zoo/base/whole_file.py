@@ -145,9 +145,9 @@ class AppendedFile:
 def remove_parts(folder: Path) -> None:
     """Remove the temporary files that killed processes have left in a folder."""
     try:
-        found = [path for path in folder.iterdir() if PART.fullmatch(path.name)]
-        for one in found:
-            one.unlink(missing_ok=True)
+        parts = [path for path in folder.iterdir() if PART.fullmatch(path.name)]
+        for part in parts:
+            part.unlink(missing_ok=True)
     except OSError:  # no such folder, or another user's file
         return
 
@@ -158,14 +158,14 @@ def refuse_links_out(folder: Path) -> None:
     Raises:
         InputError: names the link.
     """
-    own = os.path.realpath(folder)
-    for place, folders, files in os.walk(folder):
+    root = os.path.realpath(folder)
+    for parent, folders, files in os.walk(folder):
         for name in (*folders, *files):
-            path = Path(place, name)
+            path = Path(parent, name)
             if not path.is_symlink():
                 continue
             target = os.path.realpath(path)
-            if target != own and not target.startswith(own + os.sep):
+            if target != root and not target.startswith(root + os.sep):
                 raise InputError(
                     f"{path}: is a link out of {folder} to {target}, which would be overwritten; "
                     "remove the link, or replace it by a copy"

@@ -70,7 +70,7 @@ class Warp:
         if right_m == heading_rad == 0:
             return frame_of("center")
         at, rig = self._place(right_m, heading_rad), self._rig
-        nearest, *others = sorted(cameras, key=lambda one: abs(rig.cameras[one].right_m - at[0]))
+        nearest, *others = sorted(cameras, key=lambda name: abs(rig.cameras[name].right_m - at[0]))
         maps = self.maps(nearest, right_m, heading_rad)
         flat = self._remap(frame_of(nearest), maps)
         missing = np.flatnonzero(self._unseen(nearest, maps) & self._is_ground)
@@ -80,7 +80,7 @@ class Warp:
             maps = self.maps(camera, right_m, heading_rad, missing)
             seen = ~self._unseen(camera, maps)
             if seen.any():
-                here = tuple(one[seen] for one in maps)
+                here = tuple(axis[seen] for axis in maps)
                 flat[missing[seen]] = self._remap(frame_of(camera), here)
                 missing = missing[~seen]
         flat[self._bonnet] = frame_of("center").reshape(-1, 3)[self._bonnet]
@@ -140,7 +140,7 @@ class Warp:
 
     def _unseen(self, camera: str, maps: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """Return the pixels that the camera's bonnet or borders hide, bool [N]."""
-        x, y = (np.rint(one).astype(np.int32) for one in maps)
+        x, y = (np.rint(axis).astype(np.int32) for axis in maps)
         outside = (x < 0) | (x >= self._width) | (y < 0) | (y >= self._height)
         at = np.where(outside, 0, y * self._width + x)
         unseen: np.ndarray = outside | self._hidden[camera][at]
@@ -150,9 +150,9 @@ class Warp:
         """Return the frame's colours at N positions, uint8 [N, 3]."""
         # OpenCV accepts at most 32767 columns.
         wide = self._width if len(maps[0]) % self._width == 0 else 1
-        x, y = (one.reshape(-1, wide) for one in maps)
-        found = cv2.remap(frame, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return found.reshape(-1, 3)
+        x, y = (axis.reshape(-1, wide) for axis in maps)
+        pixels = cv2.remap(frame, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return pixels.reshape(-1, 3)
 
 
 def _place_m(camera: Camera) -> np.ndarray:

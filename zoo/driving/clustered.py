@@ -63,7 +63,7 @@ def clustered(
     if half and smallest == 0 < value < greatest:
         room = 1 - value / greatest  # of the log odds; 1 for the logarithm
         odds, factor = value / room, math.exp(min(half / (value * room), 700.0))
-        low, high = (one / (1 + one / greatest) for one in (odds / factor, odds * factor))
+        low, high = (limit / (1 + limit / greatest) for limit in (odds / factor, odds * factor))
     elif half:
         low, high = max(smallest, value - half), min(greatest, value + half)
     unseen = no_failure(count)  # greatest share of places that none seen is like
@@ -97,14 +97,14 @@ def moments(
     axes = range(parts.ndim)
     sums = [parts.sum(axis=tuple(other for other in axes if other != axis)) for axis in axes]
     *by_seed, by_drive = sums
-    found = [_variance(one) for one in by_seed]
-    found += [
-        _variance(np.bincount(_numbers(own), by_drive[chosen]))
-        for chosen, own in _strata(places, groups)
+    variances = [_variance(seed_sums) for seed_sums in by_seed]
+    variances += [
+        _variance(np.bincount(_numbers(roads), by_drive[chosen]))
+        for chosen, roads in _strata(places, groups)
     ]
-    known = [(variance, freedom) for variance, freedom in found if variance > EQUAL**2]
-    variance = sum(one for one, _ in known)
-    return value, variance, satterthwaite(known) if known else 1.0
+    usable = [(variance, freedom) for variance, freedom in variances if variance > EQUAL**2]
+    variance = sum(part for part, _ in usable)
+    return value, variance, satterthwaite(usable) if usable else 1.0
 
 
 EQUAL = 1e-9  # greatest difference of equal figures, by rounding
@@ -145,9 +145,9 @@ def holm(p_values: Sequence[float]) -> list[float]:
     [0.03, 0.06, 0.06]
     """
     corrected, greatest = [0.0] * len(p_values), 0.0
-    for done, place in enumerate(np.argsort(p_values, kind="stable")):
-        greatest = max(greatest, min(1.0, (len(p_values) - done) * p_values[place]))
-        corrected[place] = greatest
+    for done, index in enumerate(np.argsort(p_values, kind="stable")):
+        greatest = max(greatest, min(1.0, (len(p_values) - done) * p_values[index]))
+        corrected[index] = greatest
     return corrected
 
 
@@ -166,7 +166,7 @@ def _strata(
     driven: dict[str, set[str]] = {}
     for place, group in zip(places, groups or [""] * len(places), strict=True):
         driven.setdefault(place, set()).add(group)
-    kinds = {place: " ".join(sorted(own)) for place, own in driven.items()}
+    kinds = {place: " ".join(sorted(kinds_of_place)) for place, kinds_of_place in driven.items()}
     is_fine = min(Counter(kinds.values()).values()) >= SMALLEST
     drives: dict[str, list[int]] = {}
     for number, place in enumerate(places):

@@ -289,7 +289,7 @@ def _draw_map(
     def place(points: np.ndarray) -> np.ndarray:
         return np.asarray(middle + (points - (low + high) / 2) * scale * (1, -1))
 
-    draw.line([tuple(one) for one in place(road).tolist()], fill=GREY, width=4, joint="curve")
+    draw.line([tuple(point) for point in place(road).tolist()], fill=GREY, width=4, joint="curve")
     if xy is not None:
         x, y = place(np.array(xy)).tolist()
         draw.ellipse((x - 7, y - 7, x + 7, y + 7), fill=AMBER)

@@ -97,17 +97,17 @@ def read_summary(path: Path) -> dict:
 def summarize(drive: Drive) -> dict:
     """Return a drive's track, seed and metrics; and infractions, ..., if there are some."""
     figures = {"track": drive.track, "seed": drive.seed, **measure(drive)}
-    more = {name: getattr(drive, name) for name in ("infractions", "nan_frames", "tied")}
-    return figures | {name: value for name, value in more.items() if value}
+    others = {name: getattr(drive, name) for name in ("infractions", "nan_frames", "tied")}
+    return figures | {name: value for name, value in others.items() if value}
 
 
-def write_drive(folder: Path, drive: Drive, **more: object) -> None:
+def write_drive(folder: Path, drive: Drive, **keys: object) -> None:
     """Write `drive.csv` and `drive.json` of a drive that has ended.
 
     Args:
         folder: folder to write to.
         drive: drive to write.
-        **more: further keys of `drive.json`.
+        **keys: further keys of `drive.json`.
 
     Raises:
         InputError: the folder holds a drive already.
@@ -116,7 +116,7 @@ def write_drive(folder: Path, drive: Drive, **more: object) -> None:
     writer = DriveWriter(folder)
     writer.add(drive.rows)
     writer.close()
-    write_summary(folder, {"drive": drive.source, **summarize(drive), **more})
+    write_summary(folder, {"drive": drive.source, **summarize(drive), **keys})
 
 
 def read_drive(folder: Path | str) -> WrittenDrive:

@@ -118,7 +118,7 @@ class Drive:
     distance_m: np.ndarray | None = None
 
     @classmethod
-    def of(cls: type[OfRows], rows: Sequence[DriveRow], **known: Any) -> OfRows:
+    def of(cls: type[OfRows], rows: Sequence[DriveRow], **facts: Any) -> OfRows:
         """Return a drive of rows; further attributes of `Drive` as keywords.
 
         >>> drive = Drive.of([DriveRow(0.0, speed_mph=9.0), DriveRow(0.1)], track="lake")
@@ -133,7 +133,7 @@ class Drive:
             name: np.array(column, TYPES.get(name, np.float64))
             for name, column in zip(names, columns, strict=True)
         }
-        return cls(**arrays, **known)
+        return cls(**arrays, **facts)
 
     def __len__(self) -> int:
         return len(self.time_s)

@@ -41,12 +41,12 @@ def mean_and_spread(drives: list[dict]) -> dict[str, Spread | int | None]:
     >>> mean_and_spread([{"autonomy": 1.0, "lap_s": None}, {"autonomy": 0.5, "lap_s": 90.0}])
     {'drives': 2, 'autonomy': (0.75, 0.3535533905932738), 'lap_s': (90.0, None)}
     """
-    found: dict[str, Spread | int | None] = {"drives": len(drives)}
+    figures: dict[str, Spread | int | None] = {"drives": len(drives)}
     if "interventions" in drives[0] and any(
         drive.get("autonomy", 1) is not None for drive in drives
     ):
         lost = [drive["interventions"] for drive in drives]
-        found["drives_without_intervention"] = sum(not one for one in lost)
+        figures["drives_without_intervention"] = sum(not count for count in lost)
     for key in drives[0]:
         if key not in METRICS:
             continue
@@ -54,11 +54,11 @@ def mean_and_spread(drives: list[dict]) -> dict[str, Spread | int | None]:
             drive[key] for drive in drives if drive[key] is not None and math.isfinite(drive[key])
         ]
         mean, deviation = mean_and_deviation(values) if values else (math.nan, None)
-        found[key] = (mean, deviation if len(values) == len(drives) else None) if values else None
-    for key, one in METRICS.items():
-        if one.pool and found.get(key):
-            found[key] = one.pool(drives), None
-    return found
+        figures[key] = (mean, deviation if len(values) == len(drives) else None) if values else None
+    for key, metric in METRICS.items():
+        if metric.pool and figures.get(key):
+            figures[key] = metric.pool(drives), None
+    return figures
 
 
 def nan_line(drives: list[dict]) -> str | None:
@@ -70,8 +70,8 @@ def nan_line(drives: list[dict]) -> str | None:
     bad = [drive for drive in drives if drive.get("nan_frames")]
     if not bad:
         return None
-    frames = sum(one["nan_frames"] for one in bad)
-    names = ", ".join(dict.fromkeys(f"{one['track']}-{one['seed']}" for one in bad))
+    frames = sum(drive["nan_frames"] for drive in bad)
+    names = ", ".join(dict.fromkeys(f"{drive['track']}-{drive['seed']}" for drive in bad))
     return (
         f"the network steered NaN in {counted(frames, 'frame')} ({names}): the car was steered "
         "straight on instead, so that these figures are not the network's; train again with a "
@@ -113,7 +113,7 @@ def table_rows(table: str = DRIVES) -> dict[str, tuple[str, str]]:
     Args:
         table: DRIVES, or REPLAYS for the metrics of a replay, without counts of drives.
     """
-    rows = {key: one.row(table) for key, one in METRICS.items() if table in one.tables}
+    rows = {key: metric.row(table) for key, metric in METRICS.items() if table in metric.tables}
     if table == DRIVES:
         first = next(iter(rows))
         rows = {first: rows[first], **COUNTS, **rows}
@@ -136,9 +136,9 @@ def drives_table(tracks: dict[str, dict], table: str = DRIVES) -> Table:
 
 def print_drives(tracks: dict[str, dict], console: Console, table: str = DRIVES) -> None:
     """Print `drives_table`."""
-    found = drives_table(tracks, table)
-    caption = found.caption or None
-    console.print(found.printed(whole=[0], caption=caption, caption_justify="left"))
+    turned = drives_table(tracks, table)
+    caption = turned.caption or None
+    console.print(turned.printed(whole=[0], caption=caption, caption_justify="left"))
 
 
 def figure_columns(tracks: Mapping[str, Mapping], table: str = DRIVES) -> list[Column]:
@@ -149,15 +149,15 @@ def figure_columns(tracks: Mapping[str, Mapping], table: str = DRIVES) -> list[C
         table: table whose rows come first, DRIVES or REPLAYS.
     """
     rows = table_rows(table)
-    rows |= {key: one.row(table) for key, one in METRICS.items() if key not in rows}
+    rows |= {key: metric.row(table) for key, metric in METRICS.items() if key not in rows}
     columns = []
     for key, (label, form) in rows.items():
         if any(key in figures for figures in tracks.values()):
             texts = [_cell(figures, key, form) for figures in tracks.values()]
-            found = [figures.get(key) for figures in tracks.values()]
-            values: dict[str, Sequence[float | int | None]] = {key: found}
+            numbers = [figures.get(key) for figures in tracks.values()]
+            values: dict[str, Sequence[float | int | None]] = {key: numbers}
             if key in METRICS:
-                pairs = [one or (None, None) for one in found]
+                pairs = [pair or (None, None) for pair in numbers]
                 means, deviations = zip(*pairs, strict=True)
                 values = {key: means, f"{key}_std": deviations}
             columns.append(Column(key, label, texts, values, short=key in SHORT))

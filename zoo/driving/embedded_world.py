@@ -62,8 +62,7 @@ class EmbeddedWorld(World):
 
     def close(self) -> None:
         """Close the renderer."""
-        if self.simulated.renderer is not None:
-            self.simulated.renderer.close()
+        self.simulated.close()
 
     def facts(self, scenario: Scenario) -> dict[str, Any]:
         """Return the track's name, length and lane, and the seed."""
@@ -105,10 +104,10 @@ def open_embedded(scenario: Scenario, renderer: str = "auto") -> EmbeddedWorld:
     Raises:
         InputError: there is no such track or renderer, or a value is not allowed.
     """
-    place = scenario.place
+    keys = scenario.place
     if scenario.road is not None:
-        place["track"] = make_track(ROAD, scenario.road)
-    return EmbeddedWorld(simulator_world.open_world(renderer=renderer, loop=scenario.loop, **place))
+        keys["track"] = make_track(ROAD, scenario.road)
+    return EmbeddedWorld(simulator_world.open_world(renderer=renderer, loop=scenario.loop, **keys))
 
 
 def instant_expert(world: simulator_world.World, speed_mph: float = TOP_SPEED_MPH) -> Expert:

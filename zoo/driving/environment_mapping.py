@@ -107,16 +107,16 @@ def find_environment(track: str) -> tuple[Environment, bool]:
     Raises:
         InputError: the file cannot be read, or a key or value is wrong.
     """
-    env, own = track, None
+    env, user_mapping = track, None
     if track.endswith((".yaml", ".yml")):
-        own = _read_file(OwnEnvironment, Path(track))
-        env = own.env
-    known = Environment(env=env)
+        user_mapping = _read_file(OwnEnvironment, Path(track))
+        env = user_mapping.env
+    mapping = Environment(env=env)
     for path in choice_files("environment").values():
         if fnmatchcase(env, (shipped := _read_file(Environment, path)).env):
-            known = shipped.model_copy(update={"env": env})
-    is_mapped = own is not None or known.package is not None
-    return known.model_copy(update=dict(own or {})), is_mapped
+            mapping = shipped.model_copy(update={"env": env})
+    is_mapped = user_mapping is not None or mapping.package is not None
+    return mapping.model_copy(update=dict(user_mapping or {})), is_mapped
 
 
 def _read_file(kind: Any, path: Path) -> Any:
@@ -125,7 +125,7 @@ def _read_file(kind: Any, path: Path) -> Any:
         return read_keys(kind, content)
 
 
-def value_at(place: str, sources: Mapping[str, Any]) -> Any:
+def value_at(path: str, sources: Mapping[str, Any]) -> Any:
     """Return the value at a place; see `OwnEnvironment`. Nothing is called.
 
     Raises:
@@ -134,7 +134,7 @@ def value_at(place: str, sources: Mapping[str, Any]) -> Any:
     >>> value_at("info.hit.0", {"info": {"hit": [True]}})
     True
     """
-    first, *names = place.split(".")
+    first, *names = path.split(".")
     value = sources[first]
     for name in names:
         try:
@@ -145,6 +145,6 @@ def value_at(place: str, sources: Mapping[str, Any]) -> Any:
             else:
                 value = getattr(value, name)
         except (AttributeError, LookupError, TypeError):
-            known = f"; it has {', '.join(map(str, value))}" if isinstance(value, Mapping) else ""
-            raise InputError(f"{place}: the environment gives no {name}{known:.300}") from None
+            keys = f"; it has {', '.join(map(str, value))}" if isinstance(value, Mapping) else ""
+            raise InputError(f"{path}: the environment gives no {name}{keys:.300}") from None
     return value

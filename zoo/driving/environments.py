@@ -72,13 +72,13 @@ class EnvironmentWorld(World):
 
     def frame(self, camera: str = "center") -> np.ndarray:
         """Return the image, uint8 [H, W, 3] RGB."""
-        place = self.known.image if camera == "center" else f"observation.{camera}"
+        source = self.known.image if camera == "center" else f"observation.{camera}"
         image: np.ndarray
-        image = self._call(self.environment.render) if place == "render" else self._value(place)
+        image = self._call(self.environment.render) if source == "render" else self._value(source)
         shape, kind = np.shape(image), getattr(image, "dtype", type(image).__name__)
         if kind != np.uint8 or len(shape) != 3 or shape[2] != 3:
             raise self._fault(
-                f"{place} is {kind} {list(shape)}, but an image is uint8 [H, W, 3]; name another "
+                f"{source} is {kind} {list(shape)}, but an image is uint8 [H, W, 3]; name another "
                 "place with image:, such as render"
             )
         if self.shape not in (None, shape):
@@ -88,11 +88,11 @@ class EnvironmentWorld(World):
 
     def step(self, steering: float, throttle: float) -> State:
         """Take a step; the drive is done when the episode is, but for an intervention."""
-        known, space = self.known, cast("gymnasium.spaces.Box", self.environment.action_space)
+        mapping, space = self.known, cast("gymnasium.spaces.Box", self.environment.action_space)
         action = np.zeros(space.shape, np.float32)
         brake = max(-throttle, 0.0)
-        values = (steering, throttle if known.brake is None else throttle + brake, brake)
-        for control, value in zip(_controls(known).values(), values, strict=True):
+        values = (steering, throttle if mapping.brake is None else throttle + brake, brake)
+        for control, value in zip(_controls(mapping).values(), values, strict=True):
             if control is not None:
                 action[control.component] = control.full * value
         self.steps += 1
@@ -129,28 +129,28 @@ class EnvironmentWorld(World):
     ) -> State:
         self.sources |= {"observation": observation, "info": info}
         self.sources |= {"terminated": terminated, "truncated": truncated}
-        known, speed_mph = self.known, self._number(self.known.speed)
+        mapping, speed_mph = self.known, self._number(self.known.speed)
         time_s = self.steps / self.frame_rate
-        stopped = [self._value(place) for place in known.interventions]
+        stopped = [self._value(source) for source in mapping.interventions]
         is_stopped = any(value != "none" and bool(value) for value in stopped)
-        lap = self._number(known.lap)
+        lap = self._number(mapping.lap)
         return State(
             time_s=time_s,
             speed_mph=math.nan if speed_mph is None else speed_mph,
-            throttle=0.0 if known.throttle is None else None,
-            cross_track_m=self._number(known.cross_track),
-            width_m=self._number(known.width),
-            distance_m=self._number(known.distance),
+            throttle=0.0 if mapping.throttle is None else None,
+            cross_track_m=self._number(mapping.cross_track),
+            width_m=self._number(mapping.width),
+            distance_m=self._number(mapping.distance),
             lap=None if lap is None else int(lap),
             contact=is_stopped if stopped else None,
-            share=min(time_s / known.seconds, 1.0),
+            share=min(time_s / mapping.seconds, 1.0),
             episode_return=self.rewards / self.episodes,
-            done=time_s >= known.seconds or ((terminated or truncated) and not is_stopped),
+            done=time_s >= mapping.seconds or ((terminated or truncated) and not is_stopped),
         )
 
-    def _value(self, place: str) -> Any:
+    def _value(self, source: str) -> Any:
         try:
-            return value_at(place, self.sources)
+            return value_at(source, self.sources)
         except InputError as error:
             raise self._fault(str(error)) from None
 
@@ -199,8 +199,8 @@ class EnvironmentWorld(World):
         return InputError(f"track={self.track}: {reason}")
 
 
-def _controls(known: Environment) -> dict[str, Control | None]:
-    return {"steering": known.steering, "throttle": known.throttle, "brake": known.brake}
+def _controls(mapping: Environment) -> dict[str, Control | None]:
+    return {"steering": mapping.steering, "throttle": mapping.throttle, "brake": mapping.brake}
 
 
 def _convention(
@@ -231,24 +231,24 @@ def make_environment(scenario: Scenario) -> EnvironmentWorld:
     """
     import gymnasium
 
-    known, is_mapped = find_environment(scenario.track)
-    name, where = known.env, f"track={scenario.track}"
+    mapping, is_mapped = find_environment(scenario.track)
+    name, where = mapping.env, f"track={scenario.track}"
     if ":" in name:  # a scenario can come from a file that somebody else wrote
         module, _, rest = name.partition(":")
         raise InputError(
             f"{where}: names a module to import; name it yourself with parts={module}, and the "
             f"environment without it, world=gymnasium:{rest}"
         )
-    arguments = dict(known.arguments)
-    if known.image == "render":
+    arguments = dict(mapping.arguments)
+    if mapping.image == "render":
         arguments["render_mode"] = "rgb_array"
-    install = f"; pip install '{known.package}'" if known.package else ""
+    install = f"; pip install '{mapping.package}'" if mapping.package else ""
     try:
         if name not in gymnasium.registry:
             for part in registering_parts("drivezoo.worlds")[0]:
                 import_part(part, part.module)
-            if known.module is not None:
-                importlib.import_module(known.module)
+            if mapping.module is not None:
+                importlib.import_module(mapping.module)
         made = gymnasium.make(name, disable_env_checker=True, **arguments)
     except gymnasium.error.UnregisteredEnv:
         near = hint(name, gymnasium.registry, "name the module that registers it with parts=")
@@ -261,7 +261,7 @@ def make_environment(scenario: Scenario) -> EnvironmentWorld:
     except Exception as error:
         reason = " ".join(str(error).split())
         raise InputError(f"{where}: {type(error).__name__}: {reason:.300}{install}") from error
-    return EnvironmentWorld(made, known if is_mapped else None, scenario.frame_rate)
+    return EnvironmentWorld(made, mapping if is_mapped else None, scenario.frame_rate)
 
 
 class EnvironmentPolicy:

@@ -70,17 +70,17 @@ class LatencyMeter:
             return
         self._sent[passed:] = self._sent[: count - passed].copy()
         self._sent[:passed] = self._command
-        known = self._known = min(self._known + passed, count)
+        usable = self._known = min(self._known + passed, count)
         kept = math.exp(-passed * STEP_S / FORGET_S)
         self._errors *= kept
         self._weights *= kept
-        self._errors[:known] += (self._sent[:known] - steering) ** 2
-        self._weights[:known] += 1
+        self._errors[:usable] += (self._sent[:usable] - steering) ** 2
+        self._weights[:usable] += 1
         if abs(now_s - self._judged_s) >= JUDGE_EVERY_S:
             self._judged_s = now_s
             self._judge()
         on_the_way = self._sent[: round((self.policy.latency_s or 0.0) / STEP_S)].copy()
-        on_the_way[known:] = steering  # nothing is known of the commands before: it stays
+        on_the_way[usable:] = steering  # nothing is known of the commands before: it stays
         self.policy.expect(on_the_way[::-1])
 
     def _judge(self) -> None:

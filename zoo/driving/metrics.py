@@ -106,7 +106,7 @@ METRICS: Registry[Metric] = Registry("metric")  # by name, in the order of table
 
 
 def metric(
-    label: str, unit: str, direction: str, source: str, **more: Any
+    label: str, unit: str, direction: str, source: str, **options: Any
 ) -> Callable[[Registered], Registered]:
     """Register the decorated function as a metric; its docstring is the metric's definition.
 
@@ -115,7 +115,7 @@ def metric(
         unit: see `Metric`.
         direction: see `Metric`.
         source: see `Metric`.
-        **more: further attributes of `Metric`.
+        **options: further attributes of `Metric`.
 
     Raises:
         ValueError: another module has a metric of that name, or the function has no docstring.
@@ -125,7 +125,7 @@ def metric(
         name = function.__name__
         if not function.__doc__:
             raise ValueError(f"metric {name}: has no docstring; write its definition there")
-        entry = Metric(name, function, label, unit, direction, source, **more)
+        entry = Metric(name, function, label, unit, direction, source, **options)
         METRICS.add(name, entry, function.__module__)
         return function
 
@@ -286,8 +286,8 @@ def cte_rms_m(drive: Drive) -> float:
 @metric("cross-track error, max", "m", LOWER, OURS, replay_heading="off the recorded path, max, m")
 def cte_max_m(drive: Drive) -> float:
     """Greatest `|e[i]|` of the rows; `e[i]` as in `cte_mean_m`."""
-    known = _known(drive.cross_track_m)
-    return float(np.abs(known).max()) if len(known) else math.nan
+    errors = _known(drive.cross_track_m)
+    return float(np.abs(errors).max()) if len(errors) else math.nan
 
 
 @metric("time beyond 1 m", SHARE, LOWER, OURS, tables=(DRIVES,))
@@ -335,8 +335,8 @@ def expert_steering_per_s(drive: Drive) -> float | None:
     On a track: the expert's, on a lap at the same speed from start seed 0 in clear weather. In a
     replay: that of the recorded driver.
     """
-    known = math.isfinite(drive.expert_steering_per_s)
-    return drive.expert_steering_per_s if known else None
+    is_known = math.isfinite(drive.expert_steering_per_s)
+    return drive.expert_steering_per_s if is_known else None
 
 
 @metric("speed", "mph", NEITHER, OURS, decimals=1, tables=(DRIVES,))
@@ -358,8 +358,8 @@ def latency_ms(drive: Drive) -> float:
     On a socket: from the arrival of the telemetry to the sending of the reply. In the embedded
     world and in a replay: the call of the policy alone. It depends on the machine.
     """
-    known = _known(drive.latency_ms)
-    return float(np.median(known)) if len(known) else math.nan
+    latencies = _known(drive.latency_ms)
+    return float(np.median(latencies)) if len(latencies) else math.nan
 
 
 @metric("spread of the steering, mean", NUMBER, NEITHER, OURS, decimals=3)
@@ -368,8 +368,8 @@ def spread_mean(drive: Drive) -> float | None:
 
     Left out of a drive whose policy predicts none.
     """
-    known = _known(drive.spread)
-    return float(known.mean()) if len(known) else None
+    spreads = _known(drive.spread)
+    return float(spreads.mean()) if len(spreads) else None
 
 
 @metric("expert within 1.96 spreads", SHARE, NEITHER, OURS, bounds="0 to 1; 0.95 is calibrated")
@@ -384,8 +384,8 @@ def spread_coverage(drive: Drive) -> float | None:
     if drive.source == REPLAY:
         return None
     gap = np.abs(drive.expert_steering - drive.steering)
-    known = np.isfinite(gap) & np.isfinite(drive.spread)
-    return _mean(gap[known] <= BAND * drive.spread[known]) if known.any() else None
+    finite = np.isfinite(gap) & np.isfinite(drive.spread)
+    return _mean(gap[finite] <= BAND * drive.spread[finite]) if finite.any() else None
 
 
 @metric("rank correlation, spread and error", NUMBER, HIGHER, OURS, bounds="-1 to 1")
@@ -395,10 +395,10 @@ def spread_rank_cte(drive: Drive) -> float | None:
     Above 0, the policy doubts more where the car is farther from the centreline. Unknown if the
     spread is constant. Left out of a drive without spread.
     """
-    known = np.isfinite(drive.spread) & np.isfinite(drive.cross_track_m)
-    if not known.any():
+    finite = np.isfinite(drive.spread) & np.isfinite(drive.cross_track_m)
+    if not finite.any():
         return None
-    columns = drive.spread[known], np.abs(drive.cross_track_m[known])
+    columns = drive.spread[finite], np.abs(drive.cross_track_m[finite])
     if min(map(np.ptp, columns)) == 0:
         return math.nan
     from scipy.stats import spearmanr  # slow import
@@ -421,8 +421,8 @@ def _driven_steps(drive: Drive, time_s: np.ndarray) -> np.ndarray:
 
 
 def _known(column: np.ndarray) -> np.ndarray:
-    known: np.ndarray = column[np.isfinite(column)]
-    return known
+    finite: np.ndarray = column[np.isfinite(column)]
+    return finite
 
 
 def _mean(values: np.ndarray) -> float:

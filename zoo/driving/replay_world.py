@@ -83,22 +83,22 @@ class VirtualCar:
             metres: distance that the recorded car drives.
             steps: number of integration steps.
         """
-        own, path = self.rig.curvature(steering), self.rig.curvature(recorded_steering)
+        driven, path = self.rig.curvature(steering), self.rig.curvature(recorded_steering)
         part = metres / steps
         for _ in range(steps):
-            right, heading = self._change(self.right_m, self.heading_rad, own, path)
+            right, heading = self._change(self.right_m, self.heading_rad, driven, path)
             middle = (self.right_m + right * part / 2, self.heading_rad + heading * part / 2)
-            right, heading = self._change(*middle, own, path)
+            right, heading = self._change(*middle, driven, path)
             self.right_m += right * part
             self.heading_rad += heading * part
             if self.lost:
                 return
 
     @staticmethod
-    def _change(right: float, heading: float, own: float, path: float) -> tuple[float, float]:
+    def _change(right: float, heading: float, driven: float, path: float) -> tuple[float, float]:
         """Return the change of `right_m` and `heading_rad` per metre of the path."""
         inside = max(1 - path * right, 0.1)
-        return inside * math.tan(heading), own * inside / math.cos(heading) - path
+        return inside * math.tan(heading), driven * inside / math.cos(heading) - path
 
 
 class ReplayWorld(World):
@@ -157,7 +157,7 @@ class ReplayWorld(World):
         """Return the name of the replay among tracks."""
         if self.stretches is None:
             return ", ".join(self.recording.names)
-        folders = ", ".join(Path(one).name or one for one in self.recording.names)
+        folders = ", ".join(Path(folder).name or folder for folder in self.recording.names)
         return f"replay of {folders}"
 
     @property
@@ -197,8 +197,8 @@ class ReplayWorld(World):
             try:
                 return read_image(paths[camera])
             except (OSError, ValueError) as error:
-                place = self.recording.place(self.row)
-                raise InputError(f"{place}: {paths[camera]}: {error}") from None
+                row = self.recording.place(self.row)
+                raise InputError(f"{row}: {paths[camera]}: {error}") from None
 
         cameras = [camera for camera, path in paths.items() if path and camera in self.rig.cameras]
         warp = self._warp(recorded("center").shape[:2])

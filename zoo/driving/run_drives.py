@@ -113,11 +113,11 @@ def run_drives(
         InputError: a world or a policy cannot be opened; or a process was killed, for example
             because memory ran out.
     """
-    own = [drivers] * len(scenarios) if isinstance(drivers, Driver) else list(drivers)
+    each_driver = [drivers] * len(scenarios) if isinstance(drivers, Driver) else list(drivers)
     keeps = [keep or Keep()] * len(scenarios) if not isinstance(keep, Sequence) else list(keep)
-    parts = zip(own, scenarios, keeps, speeds or [None] * len(own), strict=True)
+    parts = zip(each_driver, scenarios, keeps, speeds or [None] * len(each_driver), strict=True)
     jobs = [(*part, renderer, first_only, world) for part in parts]
-    if world is not None or any(isinstance(one, Policy) for one in own):
+    if world is not None or any(isinstance(driver, Policy) for driver in each_driver):
         pool = ThisProcess()  # a policy or a world may not fit through a pipe
     with ExitStack() as stack:
         if pool is None:

@@ -78,8 +78,8 @@ class Scenario(WorldSettings):
 
     def one_drive(self, **changes: Any) -> "Scenario":
         """Return the scenario without the further keys of a subclass, with some values changed."""
-        own = {key.name: getattr(self, key.name) for key in fields(Scenario)}
-        return Scenario(**own | {"weather": read_weather(self.weather)} | changes)
+        values = {key.name: getattr(self, key.name) for key in fields(Scenario)}
+        return Scenario(**values | {"weather": read_weather(self.weather)} | changes)
 
     @property
     def start_mph(self) -> float:

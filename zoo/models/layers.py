@@ -52,7 +52,7 @@ class Normalize(nn.Module):
 
     of_network: Tensor
 
-    def __init__(self, scale: tuple[float, float] = SCALE) -> None:
+    def __init__(self, scale: Sequence[float] = SCALE) -> None:
         super().__init__()
         self.divisor, self.shift = checked_scale(scale)
         # The network's numbers, whatever its conversion: bfloat16, single or double precision.

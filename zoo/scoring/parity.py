@@ -201,5 +201,5 @@ def _rendered_frames() -> Frames:
         start = Start(number * world.track.length / RENDERED, side, 5.0 * side, speed_mph)
         world.reset(number, start)
         frames.append(world.frame())
-    world.drawing().close()
+    world.close()
     return Frames(frames, speeds_mph, "rendered on the embedded lake")

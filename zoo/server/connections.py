@@ -101,8 +101,8 @@ class Connections:
     def make_room(self, host: str) -> bool:
         """Close connections until a new one of `host` fits; return False if all of them drive."""
         while (crowded := self._hosts[host] >= self.most_per_host) or len(self) >= self.most:
-            idle = (one for one in self._open.values() if not one.drives)
-            oldest = next((one for one in idle if not crowded or one.host == host), None)
+            idle = (client for client in self._open.values() if not client.drives)
+            oldest = next((client for client in idle if not crowded or client.host == host), None)
             if oldest is None:
                 self._notices.report("connection refused: too many simulators drive", host)
                 return False
@@ -153,7 +153,7 @@ class Connections:
     def close_overdue(self) -> None:
         """Close the connections that exceed their time limit."""
         now_s = time.monotonic()
-        for connection in [one for one in self._open.values() if one.overdue(now_s)]:
+        for connection in [opened for opened in self._open.values() if opened.overdue(now_s)]:
             kind = "telemetry" if ENVIRON_KEY in (connection.environ or ()) else "whole request"
             self._close(connection, f"connection closed: no {kind} in time")
 
@@ -167,12 +167,12 @@ class Connections:
         while self._held > MOST_HELD and task in self._open:
             eventlet.sleep()  # other connections run, which frees their answered messages
             if self._held > MOST_HELD:
-                largest = max(self._open.values(), key=lambda one: one.held)
+                largest = max(self._open.values(), key=lambda connection: connection.held)
                 self._close(largest, "connection closed: unfinished messages take too much")
                 eventlet.sleep()
 
     def _limit_quiet(self, host: str) -> None:
-        alike = [one for one in self._open.values() if one.host == host and one.quiet_websocket]
+        alike = [link for link in self._open.values() if link.host == host and link.quiet_websocket]
         for oldest in alike[:-MOST_QUIET_WEBSOCKETS]:
             self._close(oldest, "oldest WebSocket without telemetry closed: too many")
 

@@ -119,7 +119,7 @@ class BackgroundWriter:
             items: list[tuple[DriveRow, bytes | None] | None] = [item]
             while not self._queue.empty() and items[-1] is not None and len(items) < WAITING:
                 items.append(self._queue.get())
-            rows = [self._record(*one) for one in items if one is not None]
+            rows = [self._record(*item) for item in items if item is not None]
             try:
                 if self._writer is None:
                     self._open_folder()

@@ -126,10 +126,10 @@ class Driver:
         except TelemetryError as error:
             self.notices.report(error.kind, str(error).removeprefix(f"{error.kind}: "))
         except Exception as error:
-            place = traceback.extract_tb(error.__traceback__)[-1]
+            frame = traceback.extract_tb(error.__traceback__)[-1]
             self.notices.report(
                 "the policy failed",
-                f"{type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})",
+                f"{type(error).__name__}: {error} ({Path(frame.filename).name}:{frame.lineno})",
             )
         return self._fall_back(session, now_s, lost is not None)
 

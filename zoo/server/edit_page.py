@@ -63,29 +63,29 @@ class EditPage(ServedPage):
 
     def about(self) -> dict:
         """Return what does not change: names, sizes, pauses, cameras and the checkpoint."""
-        one = self.recording
+        recording = self.recording
         return {
-            "names": one.names,
-            "rows": len(one),
-            "cameras": [any(path is not None for path in column) for column in one.images.T],
-            "breaks": (np.flatnonzero(find_breaks(one)) + 1).tolist(),
-            "rows_per_second": rows_per_second(one),
-            "times": bool(np.isfinite(one.time_s).any()),
-            "bad_images": len(one.bad_images),
+            "names": recording.names,
+            "rows": len(recording),
+            "cameras": [any(path is not None for path in column) for column in recording.images.T],
+            "breaks": (np.flatnonzero(find_breaks(recording)) + 1).tolist(),
+            "rows_per_second": rows_per_second(recording),
+            "times": bool(np.isfinite(recording.time_s).any()),
+            "bad_images": len(recording.bad_images),
             "checkpoint": self.checkpoint,
         }
 
     def _columns(self) -> bytes:
         """Return steering, speed in mph and seconds since the first row, float32 [3, N]."""
-        one = self.recording
-        columns = (one.steering, one.speed_mph, one.time_s - one.time_s[0])
+        recording = self.recording
+        columns = (recording.steering, recording.speed_mph, recording.time_s - recording.time_s[0])
         return np.stack(columns).astype("<f4").tobytes()
 
     def _predicted(self, query: dict) -> Answer:
         """Return rows and predicted steering after the first `known` ones, float32 [2, M]."""
-        known = _number(query, "known", len(self.recording))
-        found = np.stack([one.astype("<f4") for one in self.analysis.predicted_after(known)])
-        return found.tobytes(), "application/octet-stream"
+        count = _number(query, "known", len(self.recording))
+        columns = np.stack([row.astype("<f4") for row in self.analysis.predicted_after(count)])
+        return columns.tobytes(), "application/octet-stream"
 
     def state(self) -> dict:
         """Return what changes: the edits, the writing and the analysis."""
@@ -100,13 +100,13 @@ class EditPage(ServedPage):
 
     def describe(self, row: int) -> dict:
         """Return a row's place in its log, its centre image's name, and its pedals."""
-        one = self.recording
+        recording = self.recording
         return {
             "row": row,
-            "place": one.place(row),
-            "image": file_name(str(one.images[row, 0])),
-            "throttle": float(one.throttle[row]),
-            "brake": float(one.brake[row]),
+            "place": recording.place(row),
+            "image": file_name(str(recording.images[row, 0])),
+            "throttle": float(recording.throttle[row]),
+            "brake": float(recording.brake[row]),
         }
 
     def _image(self, query: dict) -> Answer:

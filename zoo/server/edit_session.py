@@ -190,9 +190,9 @@ class FrameAnalysis:
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._analyse, daemon=True)
 
-    def predicted_after(self, known: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows that were analysed after the first `known`, int, and their steering."""
-        rows = np.arange(known, self.done)
+    def predicted_after(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows that were analysed after the first `count`, int, and their steering."""
+        rows = np.arange(count, self.done)
         return rows, self.predicted[rows]
 
     def start(self) -> None:
@@ -207,15 +207,15 @@ class FrameAnalysis:
 
     def notable(self) -> dict[str, list[notable_rows.NotableRow]]:
         """Return the notable rows by kind; those of frames and errors among the analysed rows."""
-        found = {
+        rows = {
             "bends": notable_rows.sharpest_bends(self.recording),
             "jumps": notable_rows.steering_jumps(self.recording),
             "frames": notable_rows.odd_frames(self.recording, self._differences),
             "standstills": notable_rows.standstills(self.recording),
         }
         if self.policy is not None:
-            found["errors"] = notable_rows.largest_errors(self.recording, self.predicted)
-        return found
+            rows["errors"] = notable_rows.largest_errors(self.recording, self.predicted)
+        return rows
 
     def _analyse(self) -> None:
         if self.policy is not None:

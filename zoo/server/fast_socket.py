@@ -25,6 +25,7 @@ import sys
 import time
 from collections.abc import Callable
 from types import MethodType
+from typing import Any
 
 import engineio
 import eventlet
@@ -123,6 +124,7 @@ class FastWebSocket(RFC6455WebSocket):
         """A message that keeps only its beginning once it is too long."""
 
         size = 0
+        data: list[bytearray]
 
         def push(self, data: bytes, final: bool = False) -> None:
             """Append a fragment."""
@@ -199,9 +201,9 @@ class FastWebSocket(RFC6455WebSocket):
                 return message
             self.send("3")
 
-    def send(self, message: str | bytes, **more: object) -> None:
+    def send(self, message: str | bytes, **options: object) -> None:
         """Send a message and note the time."""
-        super().send(message, **more)
+        super().send(message, **options)
         self.sent_s = time.perf_counter()
 
     def close(self, close_data: tuple[int, str] | None = None) -> None:
@@ -247,6 +249,8 @@ class FastEngine(engineio.Server):
     thousand short sessions per second would thus leave 25,000 tasks.
     """
 
+    _async: dict[str, Any]
+
     def __init__(self, **options: object) -> None:
         super().__init__(**options)
         self._async = self._async | {"websocket": FastWebSocketWSGI}
@@ -257,7 +261,8 @@ class FastEngine(engineio.Server):
     ) -> object | None:
         """Start a task as engineio does, but put a PING into the table."""
         if isinstance(target, MethodType) and target.__func__ is Socket._send_ping:
-            self._pings[target.__self__.sid] = time.monotonic() + self.ping_interval
+            session: Socket = target.__self__
+            self._pings[session.sid] = time.monotonic() + self.ping_interval
             return None
         return super().start_background_task(target, *arguments, **options)
 

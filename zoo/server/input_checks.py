@@ -40,8 +40,8 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
     yield Finding(OK, "checkpoint", f"{path}: {name}, {policy.parameters:,} parameters")
     height, width, _ = view.shape
     speed = " and the speed" if policy.takes_speed else ""
-    found = f"{width} x {height} {view.colour}{speed}; without {view.crop_text}"
-    yield Finding(OK, "input", found)
+    result = f"{width} x {height} {view.colour}{speed}; without {view.crop_text}"
+    yield Finding(OK, "input", result)
     yield _trained_on(policy, recording)
 
     frame = np.full((*view.frame, 3), 128, np.uint8)
@@ -51,12 +51,12 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
         policy(frame, 9.0)
         times_ms.append(1000 * (time.perf_counter() - began))
     took_ms = statistics.median(times_ms)
-    found = f"{took_ms:.1f} ms per frame, {1000 / took_ms:.0f} frames per second"
+    result = f"{took_ms:.1f} ms per frame, {1000 / took_ms:.0f} frames per second"
     if took_ms > SLOW_MS:
         fix = "drive with more threads (drive.threads=4), or train a smaller model"
-        yield Finding(WARNING, "speed", f"{found}; a simulator sends up to 60", fix)
+        yield Finding(WARNING, "speed", f"{result}; a simulator sends up to 60", fix)
     else:
-        yield Finding(OK, "speed", found)
+        yield Finding(OK, "speed", result)
 
 
 def _trained_on(policy: Policy, recording: str | None) -> Finding:
@@ -68,12 +68,12 @@ def _trained_on(policy: Policy, recording: str | None) -> Finding:
     if fingerprint is None or config.get("trainer", {}).get("max_epochs") == 0:  # from elsewhere
         return Finding(OK, "trained on", "not known")
     root = config.get("data", {}).get("root")
-    found = f"{root}, {data.get('rows', 0):,} rows, fingerprint {fingerprint}"
+    result = f"{root}, {data.get('rows', 0):,} rows, fingerprint {fingerprint}"
     with suppress(InputError):
         if recording is not None:
             same = read_recordings(recording).fingerprint() == fingerprint
-            found += f"; {'' if same else 'not '}the same as this recording"
-    return Finding(OK, "trained on", found)
+            result += f"; {'' if same else 'not '}the same as this recording"
+    return Finding(OK, "trained on", result)
 
 
 def check_recording(folder: str) -> Iterator[Finding]:
@@ -95,9 +95,9 @@ def check_recording(folder: str) -> Iterator[Finding]:
         except (OSError, ValueError) as error:
             bad.append(f"{recording.place(row)}: {recording.images[row, 0]}: {error}")
     if bad:
-        found = f"{len(bad):,} or more bad images: {bad[0]}"
+        result = f"{len(bad):,} or more bad images: {bad[0]}"
         fix = f"list them with {command_line(['drivezoo', 'check', folder])}; train with "
-        yield Finding(WARNING, "images", found, f"{fix}data.on_bad_image=skip")
+        yield Finding(WARNING, "images", result, f"{fix}data.on_bad_image=skip")
     else:
         yield Finding(OK, "images", f"a sample of {len(rows)} can be read")
 
@@ -124,9 +124,9 @@ def check_round_trip(checkpoint: str) -> Iterator[Finding]:
                 yield Finding(FAULT, what, f"the driver did not start, it printed: {last}", fix)
                 return
             times_ms, steer = _drive(url)
-            found = f"{FRAMES} images as the original sends them, each answered"
+            result = f"{FRAMES} images as the original sends them, each answered"
             took = f"{statistics.median(times_ms):.1f} ms"
-            yield Finding(OK, what, f"{found} in {took} (median), steering {steer:+.3f}")
+            yield Finding(OK, what, f"{result} in {took} (median), steering {steer:+.3f}")
         except (OSError, ValueError, TimeoutError) as error:
             yield Finding(FAULT, what, f"the driver does not answer: {error}", fix)
         finally:
@@ -177,8 +177,8 @@ def _wait_for_url(process: subprocess.Popen) -> tuple[str | None, str]:
     try:
         for line in process.stdout or ():
             last = line.strip() or last
-            if found := re.search(r"listening on (http://\S+?)[;\s]", line):
-                return found[1], last
+            if match := re.search(r"listening on (http://\S+?)[;\s]", line):
+                return match[1], last
     finally:
         timer.cancel()
     return None, last

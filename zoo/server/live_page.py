@@ -95,7 +95,7 @@ class LiveSaliency:
         state, policy = self.driver.latest(), self.driver.policy
         if state.frame is None:
             return b""
-        if policy is not self._policy:
+        if self._saliency is None or policy is not self._policy:
             self._saliency, self._policy = Saliency(policy), policy
         shown = overlay(state.frame, self._saliency(state.frame, state.speed_mph))
         return encode_image(shown, quality=QUALITY)
@@ -169,8 +169,8 @@ class LivePage(ServedPage):
         return _image(image)
 
     def _command(self, environ: dict) -> Answer:
-        given = parse_qs(environ.get("QUERY_STRING", "")).get("token", [""])[0]
-        if self.token and not hmac.compare_digest(given.encode(), self.token.encode()):
+        token = parse_qs(environ.get("QUERY_STRING", "")).get("token", [""])[0]
+        if self.token and not hmac.compare_digest(token.encode(), self.token.encode()):
             line = (
                 "token: wrong or missing; open the address with ?token= that drivezoo drive printed"
             )
@@ -208,13 +208,13 @@ class LivePage(ServedPage):
 
 def list_checkpoints(folder: Path) -> list[str]:
     """Return the paths of runs' checkpoints and of ONNX files below a folder, the newest first."""
-    found = []
+    dated = []
     for path in (*folder.glob("**/checkpoints/*.ckpt"), *folder.glob("**/*.onnx")):
         try:
-            found.append((path.stat().st_mtime, str(path)))
+            dated.append((path.stat().st_mtime, str(path)))
         except OSError:  # a training has just replaced it
             continue
-    return [path for _, path in sorted(found, reverse=True)[:MOST_LISTED]]
+    return [path for _, path in sorted(dated, reverse=True)[:MOST_LISTED]]
 
 
 def _image(image: bytes) -> bytes:

@@ -64,8 +64,8 @@ def careful(
         yield from check()
     except InputError as error:
         text = " ".join(str(error).split())
-        found, _, fix = text.rpartition("; ")
-        yield Finding(FAULT, what, found or text, fix if found else usual_fix)
+        result, _, fix = text.rpartition("; ")
+        yield Finding(FAULT, what, result or text, fix if result else usual_fix)
     except ModuleNotFoundError as error:
         yield Finding(FAULT, what, f"not checked: {error.name} is not installed", INSTALL)
     except Exception as error:  # a damaged library can raise anything
@@ -95,8 +95,8 @@ def check_packages() -> Iterator[Finding]:
         return
     missing = [name for name in map(_name, wanted) if installed_version(name) is None]
     if missing:
-        found = f"not installed: {', '.join(missing)}"
-        yield Finding(FAULT, "packages", found, INSTALL)
+        result = f"not installed: {', '.join(missing)}"
+        yield Finding(FAULT, "packages", result, INSTALL)
     for line in wanted:
         yield from _check_package(line)
     versions = {name: installed_version(name) for name in SHOWN}
@@ -115,15 +115,15 @@ def _check_package(line: str) -> Iterator[Finding]:
     install = f"pip install '{name}{requirement.specifier}'"
     if (name, version) in MALWARE:
         fix = f"pip uninstall {name}; change all passwords stored on this machine; {install}"
-        found = f"{name} {version} carries malware"
-        yield Finding(FAULT, "packages", found, fix)
+        result = f"{name} {version} carries malware"
+        yield Finding(FAULT, "packages", result, fix)
     elif not requirement.specifier.contains(version, prereleases=True):
-        found = f"{name} {version} is installed, {requirement.specifier} is required"
-        yield Finding(FAULT, "packages", found, install)
+        result = f"{name} {version} is installed, {requirement.specifier} is required"
+        yield Finding(FAULT, "packages", result, install)
     for rival in RIVALS.get(name, ()):
         if installed_version(rival):
-            found = f"{rival} is also installed; it overwrites modules of {name}"
-            yield Finding(WARNING, "packages", found, f"pip uninstall {rival} {name}; {install}")
+            result = f"{rival} is also installed; it overwrites modules of {name}"
+            yield Finding(WARNING, "packages", result, f"pip uninstall {rival} {name}; {install}")
 
 
 def read_requirements() -> tuple[list[str], str]:
@@ -167,12 +167,12 @@ def check_device() -> Iterator[Finding]:
 
     threads, cores = torch.get_num_threads(), usable_cores()
     setting = f"OMP_NUM_THREADS is {os.environ.get('OMP_NUM_THREADS') or 'not set'}"
-    found = f"{counted(threads, 'thread')} on {counted(cores, 'core')}, {setting}"
+    result = f"{counted(threads, 'thread')} on {counted(cores, 'core')}, {setting}"
     if threads > cores:
         fix = f"export OMP_NUM_THREADS={cores}: more threads than cores slow each other down"
-        yield Finding(WARNING, "CPU", found, fix)
+        yield Finding(WARNING, "CPU", result, fix)
     else:
-        yield Finding(OK, "CPU", found)
+        yield Finding(OK, "CPU", result)
     with warnings.catch_warnings(record=True) as caught:  # torch warns about an old graphics driver
         warnings.simplefilter("always")
         available = torch.cuda.is_available()
@@ -208,14 +208,14 @@ def check_disk() -> Iterator[Finding]:
     """Check free space and write permission in the folder of runs."""
     folder = OUTPUTS.absolute() if OUTPUTS.is_dir() else Path.cwd()
     free_gb = shutil.disk_usage(folder).free / 1e9
-    found = f"{free_gb:.1f} GB free in {folder}"
+    result = f"{free_gb:.1f} GB free in {folder}"
     fix = "delete files, or write to another disk: hydra.run.dir=FOLDER data.cache=null"
     if not os.access(folder, os.W_OK):
         yield Finding(FAULT, "disk", f"{folder} cannot be written", "change to another folder")
     elif free_gb < LOW_GB:
-        yield Finding(FAULT if free_gb < FULL_GB else WARNING, "disk", found, fix)
+        yield Finding(FAULT if free_gb < FULL_GB else WARNING, "disk", result, fix)
     else:
-        yield Finding(OK, "disk", found)
+        yield Finding(OK, "disk", result)
 
 
 def check_cache() -> Iterator[Finding]:
@@ -225,8 +225,8 @@ def check_cache() -> Iterator[Finding]:
         with suppress(OSError):  # a training removes files meanwhile
             size += path.stat().st_size
     if size:
-        found = f"{size / 1e9:.1f} GB in {CACHE.absolute()}; delete the folder to empty it"
-        yield Finding(OK, "cache", found)
+        result = f"{size / 1e9:.1f} GB in {CACHE.absolute()}; delete the folder to empty it"
+        yield Finding(OK, "cache", result)
 
 
 def check_port(port: int) -> Iterator[Finding]:

@@ -94,7 +94,7 @@ class ServedPage(ABC):
         """Run a posted command, and return the answer to it."""
 
 
-def read_command(environ: dict, known: Collection[str]) -> tuple[str, object]:
+def read_command(environ: dict, choices: Collection[str]) -> tuple[str, object]:
     """Return the name and value of a posted command, an object with one key.
 
     Raises:
@@ -115,8 +115,8 @@ def read_command(environ: dict, known: Collection[str]) -> tuple[str, object]:
         raise RequestError(HTTPStatus.REQUEST_TIMEOUT, "the command did not arrive") from None
     except (ValueError, RecursionError):
         raise RequestError(HTTPStatus.BAD_REQUEST, "the command is no JSON") from None
-    if not isinstance(command, dict) or len(command) != 1 or not set(command) & {*known}:
-        names = ", ".join(known)
+    if not isinstance(command, dict) or len(command) != 1 or not set(command) & {*choices}:
+        names = ", ".join(choices)
         raise RequestError(
             HTTPStatus.BAD_REQUEST, f"the command must be an object with one key of {names}"
         )

@@ -172,12 +172,12 @@ def near_parts(
     if (in_cell**2).sum() > MOST_PAIRS:
         raise ValueError("the road passes itself too often")
     pairs = numbers[cKDTree(xy).query_pairs(widest, output_type="ndarray")].reshape(-1, 2)
-    one, other = pairs.T
-    along = centreline["distance"][other] - centreline["distance"][one]
+    first, second = pairs.T
+    along = centreline["distance"][second] - centreline["distance"][first]
     if closed:
         along = np.minimum(along, centreline["length"] - along)
-    room = half_widths[one] + half_widths[other] + VERGE_M
-    apart = np.linalg.norm(centreline["xyz"][one, :2] - centreline["xyz"][other, :2], axis=1)
+    room = half_widths[first] + half_widths[second] + VERGE_M
+    apart = np.linalg.norm(centreline["xyz"][first, :2] - centreline["xyz"][second, :2], axis=1)
     # Nearer along the road they belong to the same bend.
     is_near = (along >= np.pi * room) & (apart < room)
     return pairs[is_near], room[is_near]
@@ -202,46 +202,46 @@ def closing_segments(segments: list[dict], radius: float) -> list[dict]:
     Returns:
         The shortest such way, without arcs and straights that are too short; empty if none exists.
     """
-    place, heading = end_of(segments)
+    point, heading = end_of(segments)
     turns = product((1, -1), repeat=2)
-    ways = [way for pair in turns if (way := _arc_straight_arc(place, heading, radius, *pair))]
-    found = []
+    ways = [way for pair in turns if (way := _arc_straight_arc(point, heading, radius, *pair))]
+    content = []
     for kind, size in min(ways, key=partial(_total, radius), default=()):
         if kind == "straight" and size >= 1:
-            found.append({kind: size})
+            content.append({kind: size})
         elif kind != "straight" and size >= LEAST_TURN:
-            found.append({kind: math.degrees(size), "radius": radius})
-    return found
+            content.append({kind: math.degrees(size), "radius": radius})
+    return content
 
 
 def end_of(segments: list[dict]) -> tuple[complex, float]:
     """Return the end of segments as a complex number of metres, and the heading in radians."""
-    place, heading = 0j, 0.0
+    point, heading = 0j, 0.0
     for segment in segments:
         if "straight" in segment:
-            place += segment["straight"] * cmath.exp(1j * heading)
+            point += segment["straight"] * cmath.exp(1j * heading)
             continue
         side, way = ("left", 1) if "left" in segment else ("right", -1)
         turn = way * math.radians(segment[side])
-        centre = place + way * segment["radius"] * 1j * cmath.exp(1j * heading)
-        place = centre + (place - centre) * cmath.exp(1j * turn)
+        centre = point + way * segment["radius"] * 1j * cmath.exp(1j * heading)
+        point = centre + (point - centre) * cmath.exp(1j * turn)
         heading += turn
-    return place, heading
+    return point, heading
 
 
 def _arc_straight_arc(
-    place: complex, heading: float, radius: float, first: int, last: int
+    point: complex, heading: float, radius: float, first: int, last: int
 ) -> list[tuple[str, float]]:
     """Return arc, straight and arc from a pose to the origin's, to the east; empty if impossible.
 
     Args:
-        place: start of the way in metres.
+        point: start of the way in metres.
         heading: heading there in radians.
         radius: radius of the arcs in metres.
         first: 1 if the first arc turns left, -1 if right.
         last: the same of the last arc.
     """
-    begin = place + first * radius * 1j * cmath.exp(1j * heading)
+    begin = point + first * radius * 1j * cmath.exp(1j * heading)
     end = last * radius * 1j
     apart = abs(end - begin)
     across = radius * (first - last)  # offset of the straight between the circles' centres

@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack, closing
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
@@ -42,6 +42,7 @@ REPLIES = {
     "manual": '42["manual",{}]',
 }
 Event = tuple[str, object]  # its name and its argument
+Telemetry = tuple[str, dict[str, Any]]
 
 
 class Client:
@@ -204,7 +205,7 @@ class Client:
         self.counts["telemetry"] += 1
         socket.emit(*(("telemetry", None) if self.manual else self.telemetry()))
 
-    def telemetry(self) -> Event:
+    def telemetry(self) -> Telemetry:
         """Return the event of the car's state and frame."""
         car, comma = self.world.car, self.options.decimal_comma
         state = car.steering, car.throttle, car.speed_mph
@@ -297,7 +298,7 @@ def run_client(options: ClientOptions, console: Console) -> Client:
     kind = Client if is_original else load_class(DIALECTS, options.dialect, Client)
     world = options.open()
     client = kind(world, options, console)
-    client.print_once(f"{world.track.name}, drawn by the {world.renderer.name} renderer")
+    client.print_once(f"{world.track.name}, drawn by the {world.drawing().name} renderer")
     with ExitStack() as open_things:
         if options.film:
             path = checked_file(options.film, FILMS, "film")

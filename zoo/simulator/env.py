@@ -170,8 +170,8 @@ class DrivingEnv(gymnasium.Env):
         elif self.world.renderer is None:
             self._open(self.track)
         if unknown := set(options) - START_KEYS:
-            known = ", ".join(sorted(START_KEYS | {"weather"}))
-            raise InputError(f"reset: unknown option {unknown.pop()}; available: {known}")
+            names = ", ".join(sorted(START_KEYS | {"weather"}))
+            raise InputError(f"reset: unknown option {unknown.pop()}; available: {names}")
         start = {}
         if self.random_start:
             start["distance"] = self.world.draw_distance(self.np_random)
@@ -215,9 +215,7 @@ class DrivingEnv(gymnasium.Env):
 
     def close(self) -> None:
         """Close the renderer; a second call has no effect."""
-        if self.world.renderer is not None:
-            self.world.renderer.close()
-            self.world.renderer = None
+        self.world.close()
 
     def _open(self, track: str) -> None:
         """Open a world with frames, unless it is the present one."""

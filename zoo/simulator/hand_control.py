@@ -144,8 +144,8 @@ def read_device(device: core.InputDevice) -> tuple[float, float]:
 
 
 def _axis(device: core.InputDevice, axis: core.InputDevice.Axis) -> float:
-    found = device.findAxis(axis)
-    return found.value if found.known else 0.0
+    state = device.findAxis(axis)
+    return state.value if state.known else 0.0
 
 
 class KeyTaps:

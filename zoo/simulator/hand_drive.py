@@ -261,7 +261,7 @@ def _weather_state(weather: Weather) -> core.RenderState:
     state = core.NodePath("weather")
     if weather.fog:
         fog = core.Fog("fog")
-        fog.setColor(*(float(one) for one in FOG_RGB / 255 * weather.brightness))
+        fog.setColor(*(float(channel) for channel in FOG_RGB / 255 * weather.brightness))
         fog.setExpDensity(weather.fog**2 * 0.06)
         state.setFog(fog)
     state.setColorScale(*[weather.brightness] * 3, 1)

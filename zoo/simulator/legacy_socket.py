@@ -13,6 +13,7 @@ import ssl
 import threading
 import time
 from collections.abc import Sequence
+from typing import Any
 from urllib.parse import urlsplit
 
 import websocket
@@ -36,13 +37,13 @@ class HandshakeSilentError(ConnectionError):
 class _Frames(frame_buffer):
     def recv_length(self) -> None:
         super().recv_length()
-        _check(self.length)
+        _check(self.length or 0)
 
 
 class _Message(continuous_frame):
     def add(self, frame: websocket.ABNF) -> None:
         super().add(frame)
-        _check(len(self.cont_data[1]))
+        _check(len(self.cont_data[1]) if self.cont_data else 0)
 
 
 class BoundedWebSocket(websocket.WebSocket):
@@ -52,7 +53,7 @@ class BoundedWebSocket(websocket.WebSocket):
     that sends byte by byte never reaches it.
     """
 
-    def __init__(self, *arguments: object, **options: object) -> None:
+    def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
         self.frame_buffer = _Frames(self._recv, self.frame_buffer.skip_utf8_validation)
         self.cont_frame = _Message(
@@ -155,14 +156,17 @@ class LegacySocket:
         try:
             # No Origin: the original sends none, and a driver may refuse other sites' pages by it.
             self._web = websocket.create_connection(
-                address, timeout=HANDSHAKE_S, class_=BoundedWebSocket, suppress_origin=True
+                address,
+                timeout=HANDSHAKE_S,
+                # The original leaves Nagle's algorithm on, which waits for the server's late ACK.
+                sockopt=[(socket.IPPROTO_TCP, socket.TCP_NODELAY, 0)],
+                class_=BoundedWebSocket,
+                suppress_origin=True,
             )
         except websocket.WebSocketBadStatusException as error:
             raise ConnectionError(f"HTTP {error.status_code}") from None
         except (websocket.WebSocketException, ssl.SSLError) as error:
             raise ConnectionError(str(error)) from None
-        # The original leaves Nagle's algorithm on, which waits for the server's delayed ACK.
-        self._web.sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 0)
         self._pinged = time.monotonic()
         try:
             self._text("2")

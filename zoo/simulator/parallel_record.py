@@ -145,7 +145,7 @@ def draw(
     """Return the images of rows as JPEG, by camera; runs in a process of the pool."""
     drawn = []
     for row in rows:
-        frames = {key: _lit(one.scene, one.weather).frame(*one.frame) for key, one in row.items()}
+        frames = {key: _lit(job.scene, job.weather).frame(*job.frame) for key, job in row.items()}
         drawn.append({camera: encode(frame) for camera, frame in frames.items()})
         report(len(drawn) / len(rows))
     return drawn

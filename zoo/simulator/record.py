@@ -97,12 +97,12 @@ def print_report(
     renderer: str,
 ) -> None:
     """Print a table of rows, laps, times, cross-track error and steering."""
-    cte = np.abs(np.concatenate([one.cte for one in all_driven]))
-    steering = np.concatenate([one.steering for one in all_driven])
-    seconds = sum(one.seconds for one in all_driven)
-    laps = sum(one.metres / one.length for one in all_driven)
-    lap_s = [f"{one:.1f} s" for driven in all_driven for one in driven.lap_s]
-    frames = sum(one.frames for one in all_driven)
+    cte = np.abs(np.concatenate([driven.cte for driven in all_driven]))
+    steering = np.concatenate([driven.steering for driven in all_driven])
+    seconds = sum(driven.seconds for driven in all_driven)
+    laps = sum(driven.metres / driven.length for driven in all_driven)
+    lap_s = [f"{lap:.1f} s" for driven in all_driven for lap in driven.lap_s]
+    frames = sum(driven.frames for driven in all_driven)
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     table.add_row("rows", f"{recorder.rows:,} ({recorder.rows / frames:.0%} of the frames)")
     table.add_row("images", f"{3 * recorder.rows:,}")
@@ -111,7 +111,7 @@ def print_report(
     table.add_row("took", f"{wall_s:.1f} s, {seconds / wall_s:.1f} times real time")
     table.add_row("drawn by", f"the {renderer} renderer")
     table.add_row("off centre", f"{cte.mean():.2f} m on average, {cte.max():.2f} m at most")
-    if off_road := sum(one.off_road for one in all_driven):
+    if off_road := sum(driven.off_road for driven in all_driven):
         table.add_row(
             "off the road", f"{counted(off_road, 'row')}, from which a network learns to leave it"
         )
@@ -202,15 +202,15 @@ def record_laps(
         InputError: an option is wrong, the folder cannot be written, or the driver failed.
     """
     console = console or Console()
-    given = [passes] if isinstance(passes, RecordOptions) else list(passes)
-    for options in given:
+    all_options = [passes] if isinstance(passes, RecordOptions) else list(passes)
+    for options in all_options:
         options.check()
     runs = [
         replace(options, direction=way)
-        for options in given
+        for options in all_options
         for way in ((1, -1) if options.direction == "both" else (options.direction,))
     ]
-    began, first = time.perf_counter(), given[0]
+    began, first = time.perf_counter(), all_options[0]
     # Opened before the folder is created, so that a wrong option leaves no folder.
     world, driver = _open(runs[0], first.jobs)
     with (
@@ -234,7 +234,7 @@ def record_laps(
             row_s = 1 / options.frame_rate
             all_driven.append(record(world, driver, rows, options.laps, show, row_s))
             world.drawing().close()
-    recipe = {"passes": [{"track": one.track, "laps": one.laps} for one in given]}
+    recipe = {"passes": [{"track": options.track, "laps": options.laps} for options in all_options]}
     with file_errors(path := recorder.folder / RECIPE, "cannot be written ({})"):
         path.unlink(missing_ok=True)  # of a recording that was deleted
         write_new(path, json_text(recipe).encode())

@@ -123,15 +123,15 @@ class Renderer:
     ) -> None:
         """Move a Panda3D camera to the car's camera, and the sky around it."""
         x, y, z, heading, pitch = pose
-        offset, own = self.weather.camera, self.rig.cameras[camera]
-        place = np.array([own.right_m + offset.right_m, own.up_m + offset.up_m, own.ahead_m])
+        offset, mount = self.weather.camera, self.rig.cameras[camera]
+        shift = np.array([mount.right_m + offset.right_m, mount.up_m + offset.up_m, mount.ahead_m])
         car = _car_axes(heading, pitch)
         looks = car @ camera_matrix(
-            own.pitch_down_deg - offset.pitch_deg,
-            own.yaw_right_deg + offset.yaw_deg,
-            own.roll_deg + offset.roll_deg,
+            mount.pitch_down_deg - offset.pitch_deg,
+            mount.yaw_right_deg + offset.yaw_deg,
+            mount.roll_deg + offset.roll_deg,
         )
-        at = (np.array([x, y, z]) + car @ place).tolist()
+        at = (np.array([x, y, z]) + car @ shift).tolist()
         right, up, ahead = looks.T.tolist()
         node.setMat(core.LMatrix4f(*right, 0, *ahead, 0, *up, 0, *at, 1))
         self.sky.setPos(*at)
@@ -170,9 +170,9 @@ class Renderer:
         if mesh.group is None:
             return self.root
         if mesh.group not in self.places:
-            place = core.LODNode("place")
-            place.setCenter(core.Point3(*mesh.points.mean(0)))
-            self.places[mesh.group] = self.root.attachNewNode(place)
+            node = core.LODNode("place")
+            node.setCenter(core.Point3(*mesh.points.mean(0)))
+            self.places[mesh.group] = self.root.attachNewNode(node)
         near, far = mesh.seen_m
         self.places[mesh.group].node().addSwitch(min(far, FAR_M), near)
         return self.places[mesh.group]
@@ -203,7 +203,7 @@ def _landscape(contents: bytes, quality: str) -> Landscape:
     cell = FAST_CELL_M if fast else CELL_M
     road = [part for mesh in join_materials(built) for part in cut(mesh, cell)]
     road += road_levels(track) if fast else []
-    points = [one.points for one in road]
+    points = [mesh.points for mesh in road]
     shadows = None if quality == "simple" else Shadows(track, standing, points)
     around = [*ground.meshes(), *([standing_mesh(standing, ground)] if standing else [])]
     around += join_materials(boulder_meshes(track, ground, quality))
@@ -229,13 +229,13 @@ def open_buffer(
     if renderer not in ("auto", "software", "opengl"):
         raise InputError(f"renderer={renderer}: must be auto, software or opengl")
     core.loadPrcFileData("", SETTINGS)
-    known = core.GraphicsPipeSelection.getGlobalPtr()
+    pipes = core.GraphicsPipeSelection.getGlobalPtr()
     for name in ("software", "opengl") if renderer == "auto" else (renderer,):
         # By its type, because the module's default pipe connects to a display if there is one.
         pipe = (
-            known.makePipe("TinyOffscreenGraphicsPipe", "p3tinydisplay")
+            pipes.makePipe("TinyOffscreenGraphicsPipe", "p3tinydisplay")
             if name == "software"
-            else known.makeModulePipe("p3headlessgl")
+            else pipes.makeModulePipe("p3headlessgl")
         )
         if pipe is not None:
             flags = core.GraphicsPipe.BFRefuseWindow

@@ -70,7 +70,7 @@ TERMINATIONS: dict[str, Termination] = {
 }
 
 
-def named_function(key: str, value: str | Chosen, known: dict[str, Chosen]) -> Chosen:
+def named_function(key: str, value: str | Chosen, functions: dict[str, Chosen]) -> Chosen:
     """Return the function of a name, or the function itself.
 
     Raises:
@@ -78,6 +78,6 @@ def named_function(key: str, value: str | Chosen, known: dict[str, Chosen]) -> C
     """
     if not isinstance(value, str):
         return value
-    if value not in known:
-        raise InputError(f"{key}={value}: {hint(value, list(known))} Or a function")
-    return known[value]
+    if value not in functions:
+        raise InputError(f"{key}={value}: {hint(value, list(functions))} Or a function")
+    return functions[value]

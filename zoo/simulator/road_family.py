@@ -178,7 +178,7 @@ def roads_digest(names: Iterable[str]) -> str:
         if parts
     }
     # Of 6 decimals, because machines differ in the last digits.
-    rounded = mapped(lambda one: round(one, 6) + 0.0 if isinstance(one, float) else one, contents)
+    rounded = mapped(lambda raw: round(raw, 6) + 0.0 if isinstance(raw, float) else raw, contents)
     canonical = json.dumps(rounded, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(canonical.encode()).hexdigest()[:16]
 
@@ -219,28 +219,28 @@ def _segments(family: RoadFamily, rng: np.random.Generator, closed: bool) -> lis
         least, most = map(math.log, family.radius)
         radius = round(math.exp(rng.uniform(least, most)), 1)
         degrees = min(rng.uniform(*family.degrees), math.degrees(LONGEST_M / radius))
-        one = {"left" if left else "right": round(degrees, 1), "radius": radius}
-        turned += one["left"] if left else -one["right"]
-        segments.append(one)
-        along += _length(one)
+        segment = {"left" if left else "right": round(degrees, 1), "radius": radius}
+        turned += segment["left"] if left else -segment["right"]
+        segments.append(segment)
+        along += _length(segment)
         if rng.random() < family.straights:
             segments.append(_straight(family, rng))
             along += _length(segments[-1])
     if not closed:
         segments = _cut(segments, wanted)
     low, high = family.grade
-    for one in segments:
-        one["climb"] = round(rng.uniform(low, high) * _length(one), 2)
+    for segment in segments:
+        segment["climb"] = round(rng.uniform(low, high) * _length(segment), 2)
     if not closed:
         return segments
     ending = closing_segments(segments, rng.uniform(*family.radius))
     climb = -sum(segment["climb"] for segment in segments)
-    room = sum(_length(one) for one in ending)
+    room = sum(_length(segment) for segment in ending)
     longest = 1.3 * family.loop[1]
     if not ending or not low <= climb / room <= high or along + room > longest:
         return None
-    for one in ending:
-        one["climb"] = climb * _length(one) / room
+    for segment in ending:
+        segment["climb"] = climb * _length(segment) / room
     return [*segments, *ending]
 
 
@@ -278,10 +278,10 @@ def _stretches(family: RoadFamily, rng: np.random.Generator, length: float) -> l
     while start < 0.9 * length:
         end = min(start + rng.uniform(*family.stretch), 0.95 * length)
         left, right = rng.choice(kinds, 2, p=weights / weights.sum()).tolist()
-        one = {"from": round(start, 1), "to": round(end, 1), "left": left, "right": right}
+        stretch = {"from": round(start, 1), "to": round(end, 1), "left": left, "right": right}
         if rng.random() < family.cobbles:
-            one |= {"paving": "cobbles", "left": "wall", "right": "wall"}
-        stretches.append(one)
+            stretch |= {"paving": "cobbles", "left": "wall", "right": "wall"}
+        stretches.append(stretch)
         start = end
     return stretches
 

@@ -210,6 +210,12 @@ class World:
             raise InputError("this world has no renderer; open it with renderer=auto")
         return self.renderer
 
+    def close(self) -> None:
+        """Close the renderer, if there is one."""
+        if self.renderer is not None:
+            self.renderer.close()
+            self.renderer = None
+
     def pose(self) -> tuple[float, float, float, float, float]:
         """Return the car's x, y, z in metres, and its heading and upward pitch in radians."""
         ahead = np.cos(self.car.heading - self.place.heading)

@@ -70,12 +70,12 @@ def read_steer(data: object, decimal_comma: bool) -> tuple[float, float]:
     return steering, throttle
 
 
-def read_put_back(data: dict, decimal_comma: bool) -> float | None:
+def read_put_back(data: object, decimal_comma: bool) -> float | None:
     """Return the speed in mph at which a `steer` event puts the car back on the road.
 
     The result is None for an event that does not put it back. The original ignores the key.
     """
-    text = data.get("put_back")
+    text = data.get("put_back") if isinstance(data, dict) else None
     speed_mph = parse_float(text, decimal_comma) if isinstance(text, str) else None
     return None if speed_mph is None else min(max(speed_mph, 0.0), FASTEST_MPH)
 

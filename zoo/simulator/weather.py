@@ -112,15 +112,15 @@ def read_weather(weather: str | Mapping[str, Any] | Weather) -> Weather | str:
         return weather
     if weather == "clear":
         return CLEAR
-    given: object = weather
+    settings: object = weather
     if isinstance(weather, str):
         with suppress(ValueError):
-            given = parse_yaml(weather)
-    if not isinstance(given, Mapping):
+            settings = parse_yaml(weather)
+    if not isinstance(settings, Mapping):
         raise InputError(
             f"weather={weather}: must be clear, random or settings such as {{fog: 0.4}}"
         )
     with placed_errors("weather"):
-        values = dict(command_keys.typed_keys(given))
+        values = dict(command_keys.typed_keys(settings))
         command_keys.check_keys(values, command_keys.keys_of(Weather))
         return Weather(**command_keys.constructed(Weather, values))

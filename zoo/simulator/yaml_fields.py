@@ -58,14 +58,14 @@ def read_keys(kind: type[Made], content: object) -> Made:
         return kind.model_validate(content)
     except ValidationError as error:
         errors = error.errors(include_url=False)
-    first = min(errors, key=lambda one: one["type"] == "missing")
-    place = ""
+    first = min(errors, key=lambda error: error["type"] == "missing")
+    path = ""
     for name in first["loc"]:
-        place += f", number {name + 1}" if isinstance(name, int) else f": {name}"
+        path += f", number {name + 1}" if isinstance(name, int) else f": {name}"
     reason = first["msg"].removeprefix("Value error, ").partition(" after validation")[0]
     reason = re.sub("^(Input|List|Tuple) should", "must", reason)
     if first["type"] == "missing":
         reason = "must be given"
     elif first["type"] not in ("value_error", "too_long") or reason.startswith("must be"):
         reason = f"{first['input']!s:.200}; {reason}"
-    raise InputError(f"{place}: {reason}".removeprefix(": "))
+    raise InputError(f"{path}: {reason}".removeprefix(": "))

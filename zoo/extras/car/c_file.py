@@ -99,7 +99,7 @@ def c_source(checkpoint: Checkpoint, name: str, weights: str) -> str:
         "    }",
         "    view(rgb, work);",
         *(f"    {call}" for call in out.calls),
-        *(f"    throttle = clipped(work[{place}]);" for place in throttle),
+        *(f"    throttle = clipped(work[{number}]);" for number in throttle),
         f"    return clipped(work[{steering}]);",
         "}",
     ]
@@ -144,7 +144,7 @@ class _Graph:
         model = onnx.load_from_string(graph)
         self.graph, self.opset = model.graph, model.opset_import
         arrays = onnx.numpy_helper.to_array
-        self.constants = {one.name: arrays(one) for one in self.graph.initializer}
+        self.constants = {tensor.name: arrays(tensor) for tensor in self.graph.initializer}
         outputs = [len(constant) for constant in self.constants.values() if constant.ndim > 1]
         out.constants["LANES"] = min(MOST_LANES, max(outputs, default=1))
         self.places: dict[str, np.ndarray] = {}
@@ -152,7 +152,7 @@ class _Graph:
         self.last = {
             name: number for number, node in enumerate(self.graph.node) for name in node.input
         }
-        self.last |= {one.name: len(self.graph.node) for one in self.graph.output}
+        self.last |= {tensor.name: len(self.graph.node) for tensor in self.graph.output}
 
     def write(self) -> list[int]:
         """Write all operations; return the places of the network's outputs."""
@@ -160,22 +160,23 @@ class _Graph:
         shape = of["VIEW_HEIGHT"], of["VIEW_WIDTH"], of["CHANNELS"]
         self.places[IMAGES] = self._channels_last(self._block(int(np.prod(shape))), *shape)
         if SPEED in self.last:
-            place = self._block(1)
-            self.places[SPEED] = np.array([place])
-            self.out.calls.append(f"work[{place}] = speed_mph;")
+            start = self._block(1)
+            self.places[SPEED] = np.array([start])
+            self.out.calls.append(f"work[{start}] = speed_mph;")
         else:
             self.out.calls.append("(void)speed_mph;")
         for number, node in enumerate(self.graph.node):
             self.number = number
             self._write(node)
-        return [int(place) for place in self.places[self.graph.output[0].name].ravel()]
+        return [int(index) for index in self.places[self.graph.output[0].name].ravel()]
 
     def _write(self, node: "onnx.NodeProto") -> None:
         operation, result = node.op_type, node.output[0]
-        attributes = {one.name: self.onnx.helper.get_attribute_value(one) for one in node.attribute}
-        inputs = [one for one in node.input if one]
-        moved = [one for one in inputs if one in self.places]
-        constants = [self.constants[one] for one in inputs if one in self.constants]
+        value_of = self.onnx.helper.get_attribute_value
+        attributes = {attribute.name: value_of(attribute) for attribute in node.attribute}
+        inputs = [name for name in node.input if name]
+        moved = [name for name in inputs if name in self.places]
+        constants = [self.constants[name] for name in inputs if name in self.constants]
         if operation == "Shape":
             self.constants[result] = np.array(self.places[inputs[0]].shape)
         elif operation == "Cast" and moved:
@@ -185,10 +186,10 @@ class _Graph:
         elif operation in MOVES and moved == inputs[:1]:
             self.places[result] = self._evaluated(node, self.constants | self.places)
         elif operation == "Concat" and moved == inputs:
-            joined = np.concatenate([self.places[one] for one in inputs], attributes["axis"])
+            joined = np.concatenate([self.places[name] for name in inputs], attributes["axis"])
             self.places[result] = self._copied(joined)
         elif operation in SCALARS and len(moved) == 1 and constants[0].size == 1:
-            sides = ["v" if one in moved else c_number(constants[0].item()) for one in inputs]
+            sides = ["v" if name in moved else c_number(constants[0].item()) for name in inputs]
             self._each(result, moved[0], f" {SCALARS[operation]} ".join(sides))
         elif operation in FUNCTIONS:
             alpha = c_number(attributes.get("alpha", ALPHA.get(operation, 0.0)))
@@ -207,12 +208,14 @@ class _Graph:
                 f"lacks; {OTHERWISE}"
             )
 
-    def _evaluated(self, node: "onnx.NodeProto", known: dict[str, np.ndarray]) -> np.ndarray:
+    def _evaluated(self, node: "onnx.NodeProto", arrays: dict[str, np.ndarray]) -> np.ndarray:
         from onnx.reference import ReferenceEvaluator
 
-        feed = {one: known[one] for one in node.input if one}
-        one = self.onnx.helper.make_function("", "one", feed, node.output, [node], self.opset)
-        return ReferenceEvaluator(one).run(None, feed, {})[0]
+        feed = {name: arrays[name] for name in node.input if name}
+        make = self.onnx.helper.make_function
+        function = make("", "one", list(feed), node.output, [node], self.opset)
+        outputs: Any = ReferenceEvaluator(function).run(None, feed, {})
+        return outputs[0]
 
     @staticmethod
     def _is_plain(attributes: dict[str, Any]) -> bool:
@@ -229,13 +232,13 @@ class _Graph:
     def _block(self, size: int) -> int:
         """Return the first place of as many that no value needs from now on."""
         needed = [
-            (int(one.min()), int(one.max()) + 1)
-            for name, one in self.places.items()
+            (int(places.min()), int(places.max()) + 1)
+            for name, places in self.places.items()
             if self.last.get(name, -1) >= self.number
         ]
         starts = sorted([0, *(end for _, end in needed)])
         start = next(
-            one for one in starts if all(end <= one or one + size <= begin for begin, end in needed)
+            at for at in starts if all(end <= at or at + size <= begin for begin, end in needed)
         )
         self.out.floats = max(self.out.floats, start + size)
         return start
@@ -248,8 +251,8 @@ class _Graph:
         done = 0
         while done < len(flat):
             steps = np.diff(flat[done:])
-            same = np.flatnonzero(steps != steps[0]) if len(steps) else []
-            count = int(same[0]) + 1 if len(same) else len(flat) - done
+            changes = np.flatnonzero(steps != steps[:1])
+            count = int(changes[0]) + 1 if len(changes) else len(flat) - done
             step = int(steps[0]) if count > 1 else 1
             target = start + done
             self.out.calls.append(f"copy(work + {flat[done]}, {step}, {count}, work + {target});")
@@ -261,9 +264,9 @@ class _Graph:
         places = self.places[name]
         low, high = int(places.min()), int(places.max()) + 1
         needed = [
-            one
-            for key, one in self.places.items()
-            if self.last.get(key, -1) > self.number and one.min() < high and one.max() >= low
+            others
+            for key, others in self.places.items()
+            if self.last.get(key, -1) > self.number and others.min() < high and others.max() >= low
         ]
         if needed or high - low != places.size:
             places = self._copied(places)
@@ -338,7 +341,7 @@ class _Graph:
         pads = settings.get("pads", [0] * 2 * len(kernel))
         image = places[0] if not is_line else places[0][:, None]
         steps = _steps(image)
-        if steps is None:
+        if not _are_even(image, steps):
             image = self._copied(image)
             steps = _steps(image)
         channels, *size = image.shape
@@ -360,18 +363,21 @@ class _Graph:
         self.out.tables.append(f"static const window {window} = {{{text}}};")
         arguments = [f"&{window}", *tables, f"work + {int(image.min())}", f"work + {start}"]
         self.out.calls.append(f"{function}({', '.join(arguments)});")
-        found = self._channels_last(start, *counts, outputs)
-        self.places[result] = found[:, :, 0] if is_line else found
+        moved = self._channels_last(start, counts[0], counts[1], outputs)
+        self.places[result] = moved[:, :, 0] if is_line else moved
 
 
-def _steps(image: np.ndarray) -> tuple[int, ...] | None:
-    """Return the steps between places [channels, rows, columns] along each axis; None if uneven."""
-    steps = [
+def _steps(image: np.ndarray) -> list[int]:
+    """Return the first steps between places [channels, rows, columns], along each axis."""
+    return [
         int(np.take(image, 1, axis).flat[0] - image.flat[0]) if image.shape[axis] > 1 else 0
         for axis in range(3)
     ]
+
+
+def _are_even(image: np.ndarray, steps: list[int]) -> bool:
     even = image.flat[0] + np.tensordot(steps, np.indices(image.shape), 1)
-    return tuple(steps) if np.array_equal(even, image) and min(steps) >= 0 else None
+    return np.array_equal(even, image) and min(steps) >= 0
 
 
 def _layer(node: "onnx.NodeProto") -> str:

@@ -43,8 +43,8 @@ def function_name(path: Path) -> str:
 def read_parts() -> dict[str, str]:
     """Return the parts that are the same for every network, by name."""
     text = Path(__file__).with_name("static").joinpath("parts.c").read_text(encoding="utf-8")
-    _, *found = re.split(r"/\* part: (.*) \*/\n", text)
-    return dict(zip(found[::2], (one.strip() for one in found[1::2]), strict=True))
+    _, *pieces = re.split(r"/\* part: (.*) \*/\n", text)
+    return dict(zip(pieces[::2], (text.strip() for text in pieces[1::2]), strict=True))
 
 
 @dataclass
@@ -91,7 +91,7 @@ class CSource:
         others = [parts[part] for part in self.parts if not part.startswith(TYPES)]
         values = [f"    {name} = {value}" for name, value in self.constants.items()]
         enum = "enum {\n" + ",\n".join(values) + "\n};"
-        macros = [f"#define {name} {c_number(one)}" for name, one in self.definitions.items()]
+        macros = [f"#define {name} {c_number(value)}" for name, value in self.definitions.items()]
         memory = f"/* The values between the layers. */\nstatic float work[{self.floats}];"
         sections = [head, enum, *macros, *types, *self.tables, memory, *others, function]
         return "\n\n".join(sections) + "\n"

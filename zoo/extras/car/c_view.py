@@ -5,6 +5,7 @@ bilinearly with weights of 11 binary places (modules/imgproc/src/resize.cpp).
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -65,7 +66,7 @@ def write_view(view: View, out: CSource) -> None:
         out.table(f"{axis}_weight", "float" if averages else "int16_t", weights)
 
 
-def _area_taps(size: int, count: int, whole: bool) -> tuple[list[int], list[int], list[float]]:
+def _area_taps(size: int, count: int, whole: bool) -> tuple[list[int], list[int], Sequence[float]]:
     """Return starts, pixels and weights of `count` pixels of `size`, as in OpenCV's table."""
     scale = 1 / (count / size)
     starts, places, weights = [0], [], []
@@ -77,12 +78,12 @@ def _area_taps(size: int, count: int, whole: bool) -> tuple[list[int], list[int]
         low = min(math.ceil(begin), last)
         if whole:
             low, last, cell = number * round(scale), (number + 1) * round(scale), 1
-        taps = [(place, 1 / cell) for place in range(low, last)]
+        taps = [(pixel, 1 / cell) for pixel in range(low, last)]
         if low - begin > 1e-3 and not whole:
             taps.insert(0, (low - 1, (low - begin) / cell))
         if end - last > 1e-3 and not whole:
             taps.append((last, min(end - last, 1, cell) / cell))
-        places += [place for place, _ in taps]
+        places += [pixel for pixel, _ in taps]
         weights += [weight for _, weight in taps]
         starts.append(len(places))
     return starts, places, weights
@@ -104,6 +105,6 @@ def _linear_taps(size: int, count: int, by_area: bool, is_row: bool) -> tuple[li
             share = share - np.float32(low)
         if not is_row and not 0 <= low < size - 1:
             share = np.float32(0)
-        places += [min(max(place, 0), size - 1) for place in (low, low + 1)]
-        weights += [round(float(one * ONE)) for one in (np.float32(1) - share, share)]
+        places += [min(max(pixel, 0), size - 1) for pixel in (low, low + 1)]
+        weights += [round(float(weight * ONE)) for weight in (np.float32(1) - share, share)]
     return places, weights

@@ -46,9 +46,9 @@ class CompiledPolicy(NetworkPolicy, SessionPolicy):
         with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
             library = Path(folder, "steer.so")
             words = [compiler, *flags, "-shared", "-fPIC", str(path), "-o", str(library)]
-            found = subprocess.run(words, capture_output=True, text=True, timeout=WAIT_S)
-            if found.returncode:
-                reason = next(iter(found.stderr.splitlines()), "without a message")
+            finished = subprocess.run(words, capture_output=True, text=True, timeout=WAIT_S)
+            if finished.returncode:
+                reason = next(iter(finished.stderr.splitlines()), "without a message")
                 raise InputError(f"{path}: {compiler} refuses it ({reason:.200})")
             self._library = ctypes.CDLL(str(library))
         self._steer = self._library[path.stem]

@@ -54,6 +54,7 @@ def bounded(checkpoint: Checkpoint, most: float) -> Checkpoint:
     A network of bins gets the best of the bins up to it.
     """
     network = copy.deepcopy(checkpoint.network)
+    layers: list[nn.Module] = [network]
     bins = [module for module in network.modules() if isinstance(module, Unbin)]
     with torch.no_grad():
         if bins:
@@ -64,15 +65,17 @@ def bounded(checkpoint: Checkpoint, most: float) -> Checkpoint:
             last.bias[steering[0] :][above] = NEVER
             return replace(checkpoint, network=network)
         if facts_of(network).outputs == 1:
-            signs, layers = torch.tensor([[1.0], [0.0]]), [nn.Linear(1, 2)]
+            signs = torch.tensor([[1.0], [0.0]])
         else:  # s = relu(s) - relu(-s), and the throttle = most - relu(most - throttle)
             signs = torch.tensor([[1.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
-            layers = [nn.Linear(2, 3), nn.ReLU(), nn.Linear(3, 2)]
-            layers[0].weight.copy_(signs.T)
-            layers[0].bias.copy_(torch.tensor([0.0, 0.0, most]))
-        layers[-1].weight.copy_(signs)
-        layers[-1].bias.copy_(torch.tensor([0.0, most]))
-    return replace(checkpoint, network=BoundedThrottle(network, *layers).eval())
+            first = nn.Linear(2, 3)
+            first.weight.copy_(signs.T)
+            first.bias.copy_(torch.tensor([0.0, 0.0, most]))
+            layers += [first, nn.ReLU()]
+        last = nn.Linear(signs.shape[1], 2)
+        last.weight.copy_(signs)
+        last.bias.copy_(torch.tensor([0.0, most]))
+    return replace(checkpoint, network=BoundedThrottle(*layers, last).eval())
 
 
 def inferred_throttle(steering: Sequence[float]) -> list[float]:
@@ -211,7 +214,9 @@ def _file_bytes(layers: list[Layer], ends: int, shape: tuple[int, ...]) -> bytes
     import h5py  # optional, checked before
 
     start = {"name": "img_in", "batch_input_shape": [None, *shape], "dtype": "float32"}
-    entries = [{"class_name": "InputLayer", "name": "img_in", "config": start, "inbound_nodes": []}]
+    entries: list[dict[str, Any]] = [
+        {"class_name": "InputLayer", "name": "img_in", "config": start, "inbound_nodes": []}
+    ]
     buffer = io.BytesIO()
     with h5py.File(buffer, "w") as file:
         group = file.create_group("model_weights")
@@ -221,10 +226,10 @@ def _file_bytes(layers: list[Layer], ends: int, shape: tuple[int, ...]) -> bytes
             entry = {"class_name": kind, "name": name, "config": {"name": name} | config}
             entries.append(entry | {"inbound_nodes": [[[before, 0, 0, {}]]]})
             paths = [f"{name}/{end}:0" for end in ("kernel", "bias")][: len(weights)]
-            own = group.create_group(name)
-            own.attrs["weight_names"] = [one.encode() for one in paths]
+            layer = group.create_group(name)
+            layer.attrs["weight_names"] = [path.encode() for path in paths]
             for path, array in zip(paths, weights, strict=True):
-                own.create_dataset(path, data=array.astype(np.float32))
+                layer.create_dataset(path, data=array.astype(np.float32))
         names = [entry["name"] for entry in entries]
         model = {"name": "drivezoo", "layers": entries, "input_layers": [["img_in", 0, 0]]}
         model["output_layers"] = [[name, 0, 0] for name in names[-ends:]]

@@ -80,7 +80,7 @@ class Timing(Result):
     def gain(self, name: str) -> Estimate:
         """Return the median gain of an improvement over the roads, in mph."""
         pairs = zip(self.speeds[name], self.speeds[MEASURED], strict=True)
-        return _median([one - own for one, own in pairs])
+        return _median([mph - measured for mph, measured in pairs])
 
     def __repr__(self) -> str:
         return "\n".join([f"Timing of {self.checkpoint}", *(f"  {line}" for line in self.lines)])
@@ -99,20 +99,21 @@ class Timing(Result):
         speeds = [_median(speed) for speed in self.speeds.values()]
         gains = [self.gain(name) for name in names]
         least = [min(speed) for speed in self.speeds.values()]
+        highest = interval_column("speed_mph", "highest speed, mph", speeds, "{:g}")
         columns = [
             Column("times", "loop times", names),
             number_column("rate_hz", "frames/s", [time.rate_hz for time in times], "{:.1f}"),
             number_column("delay_ms", "delay, ms", [time.delay_ms for time in times], "{:.0f}"),
-            self._bounded(interval_column("speed_mph", "highest speed, mph", speeds, "{:g}")),
+            self._bounded(highest, [speed.value for speed in speeds]),
             interval_column("gain_mph", "gain, mph", gains, "{:+g}"),
-            self._bounded(number_column("every_road_mph", "every road, mph", least, "{:g}")),
+            self._bounded(number_column("every_road_mph", "every road, mph", least, "{:g}"), least),
         ]
         return Table(columns, f"Highest clean speeds of {self.checkpoint}, median of the roads.")
 
-    def _bounded(self, column: Column) -> Column:
+    def _bounded(self, column: Column, speeds: Sequence[float]) -> Column:
         """Return a column of speeds, of which those that were not tried are bounds in its texts."""
         least = self.options.least
-        pairs = zip(column.cells, column.figures[column.name], strict=True)
+        pairs = zip(column.cells, speeds, strict=True)
         cells = [f"below {least:g}" if mph < least else text for text, mph in pairs]
         return replace(column, cells=cells)
 
@@ -163,7 +164,7 @@ class Timing(Result):
             "options": asdict(self.options),
             "times": self.times[MEASURED].name,
             "rows": self.table(),
-            "speeds_mph": {name: list(one) for name, one in self.speeds.items()},
+            "speeds_mph": {name: list(speeds) for name, speeds in self.speeds.items()},
             "lines": self.lines,
         }
 
@@ -174,10 +175,10 @@ class Timing(Result):
 
     def _speed(self, name: str) -> str:
         """Return the median speed with its interval, such as `17 (14 to 20) mph`."""
-        found = _median(self.speeds[name])
-        if found.value < self.options.least:
-            return self._mph(found.value)
-        return f"{with_interval(found, '{:g}')} mph"
+        estimate = _median(self.speeds[name])
+        if estimate.value < self.options.least:
+            return self._mph(estimate.value)
+        return f"{with_interval(estimate, '{:g}')} mph"
 
 
 def _median(values: Sequence[int]) -> Estimate:
@@ -210,10 +211,10 @@ def find_highest_speeds(
             opened_pool(options.workers, most=len(scenarios)) as pool,
             progress_bar("search for the highest speed", console) as show,
         ):
-            found = highest_speeds(
+            speeds = highest_speeds(
                 checkpoint, scenarios, int(options.least), int(options.most), pool, show
             )
-        by_name = np.array(found).reshape(len(times), options.roads).tolist()
+        by_name = np.array(speeds).reshape(len(times), options.roads).tolist()
         result = Timing(
             short_name(Path(checkpoint)), options, times, dict(zip(times, by_name, strict=True))
         )

@@ -70,20 +70,20 @@ class LoopTimes:
         def changed(loop_ms: np.ndarray, latency_ms: np.ndarray) -> LoopTimes:
             return LoopTimes(self.name, np.maximum(loop_ms, SHORTEST_MS), latency_ms, lost)
 
-        found = {
+        improved = {
             "half the delay": changed(loop_ms, latency_ms / 2),
             "twice the frame rate": changed(loop_ms / 2, latency_ms),
             "both": changed(loop_ms / 2, latency_ms / 2),
         }
         if np.ptp(loop_ms) > 0 or np.ptp(latency_ms[~lost]) > 0:
             steady = np.full_like(loop_ms, loop_ms.mean()), np.full_like(loop_ms, self.delay_ms)
-            found["no jitter"] = changed(*steady)
+            improved["no jitter"] = changed(*steady)
         if lost.any():
             # A lost frame takes as long as the last one before it that arrived.
             kept = np.flatnonzero(~lost)
             whole = latency_ms[kept[np.searchsorted(kept, np.arange(len(lost)), "right") - 1]]
-            found["no lost frames"] = LoopTimes(self.name, loop_ms, whole, np.zeros_like(lost))
-        return found
+            improved["no lost frames"] = LoopTimes(self.name, loop_ms, whole, np.zeros_like(lost))
+        return improved
 
 
 def read_loop_times(path: str, rate: float, part: str | None = None) -> LoopTimes:
@@ -133,7 +133,7 @@ def _of_table(path: str, text: str, rate: float) -> LoopTimes:
         raise InputError(f"{path}: is no CSV file ({error}); name a table of times") from None
     names, first = [LATENCY], 1
     if rows and not _is_time(rows[0][0] if rows[0] else ""):
-        names, rows, first = [one.strip() for one in rows[0]], rows[1:], 2
+        names, rows, first = [cell.strip() for cell in rows[0]], rows[1:], 2
         if LATENCY not in names:
             raise InputError(
                 f"{path}: has no column {LATENCY}, only {', '.join(names)[:80]}; name the column "
@@ -169,13 +169,14 @@ def _of_profile(path: str, text: str, rate: float, part: str | None) -> LoopTime
         if line.strip().startswith("|")
     ]
     header = next(number for number, row in enumerate(rows) if PROFILE in row)
-    names, parts = rows[header], {}
+    names = rows[header]
+    parts: dict[str, dict[str, float]] = {}
     for row in rows[header + 1 :]:
-        place = f"{path}, part {row[0][:40]}"
+        label = f"{path}, part {row[0][:40]}"
         if len(row) != len(names):
-            raise InputError(f"{place}: has {len(row)} columns, expected {len(names)}")
+            raise InputError(f"{label}: has {len(row)} columns, expected {len(names)}")
         cells = dict(zip(names[1:], row[1:], strict=True))
-        named = {name: _milliseconds(place, name, cell) for name, cell in cells.items()}
+        named = {name: _milliseconds(label, name, cell) for name, cell in cells.items()}
         if missing := {"avg", *QUANTILES} - set(named):
             raise InputError(f"{path}: its table lacks the column {min(missing)}; copy it whole")
         # Two parts of one class have one name; the loop waits for both.
@@ -191,7 +192,7 @@ def _of_profile(path: str, text: str, rate: float, part: str | None) -> LoopTime
     elif part not in parts:
         raise UsageError(f"part={part}: no such part; {hint(part, parts)}")
     pilot = parts[part]
-    others_ms = sum(one["avg"] for name, one in parts.items() if name != part)
+    others_ms = sum(times["avg"] for name, times in parts.items() if name != part)
     shares = np.random.default_rng(0).permutation((np.arange(DRAWN) + 0.5) / DRAWN)
     points = [pilot[name] for name in QUANTILES]
     drawn = np.interp(shares, list(QUANTILES.values()), np.maximum.accumulate(points))
@@ -223,7 +224,7 @@ def _is_time(cell: str) -> bool:
     return True
 
 
-def _milliseconds(place: str, name: str, cell: str) -> float:
+def _milliseconds(label: str, name: str, cell: str) -> float:
     """Return a time; NaN for a lost frame."""
     cell = cell.strip()
     if cell == LOST and name == LATENCY:
@@ -238,4 +239,4 @@ def _milliseconds(place: str, name: str, cell: str) -> float:
         fix = "delete the row: a program that pauses this long is not driving"
     else:
         fix = f"write milliseconds, or {LOST} for a frame that got lost"
-    raise InputError(f"{place}: {name} is {cell[:40]!r}; {fix}")
+    raise InputError(f"{label}: {name} is {cell[:40]!r}; {fix}")

@@ -10,7 +10,7 @@ from zoo.driving.scenario import Scenario, SpeedMph
 from zoo.runs.table_files import ResultFiles
 from zoo.scoring.evaluate_options import Workers
 from zoo.simulator.weather import read_weather
-from zoo.simulator.world_settings import WorldSettings
+from zoo.simulator.world_settings import Quality, WorldSettings
 
 LEAST_ROADS = 6  # of fewer, no 95 % interval of a median exists
 
@@ -45,7 +45,7 @@ class TimingOptions(ResultFiles):
     least: SpeedMph = 5.0
     most: SpeedMph = 30.0
     weather: str = "clear"
-    quality: str = "full"
+    quality: Quality = "full"
     seed: Annotated[int, Field(ge=0)] = 1
     out: str | None = None
     workers: Workers = 0

@@ -140,10 +140,11 @@ def _converse(
                 menu_s = time.monotonic()
             elif time.monotonic() - menu_s >= MENU_S:
                 raise InputError(f"chose no scene in {MENU_S:.0f} s")
-            if session.world is not None and not session.waits and time.monotonic() >= due_s:
+            world = session.world
+            if world is not None and not session.waits and time.monotonic() >= due_s:
                 # Of a frame that comes late, the delay is not caught up.
-                due_s = max(due_s + session.world.frame_s, time.monotonic())
-                send(session.advance())
+                due_s = max(due_s + world.frame_s, time.monotonic())
+                send(session.advance(world))
 
 
 def rig_line(rig: Rig, tub: str | None) -> str:

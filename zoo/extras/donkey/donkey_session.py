@@ -75,6 +75,7 @@ class DonkeySession:
         self.waits, self.ended, self._frame_s = lockstep, False, 1 / rate
         self.cameras, self.encoding, self.is_grey = {"center": CAMERA}, ".jpg", False
         self.control = (0.0, 0.0, 0.0)
+        self._velocity, self._can_cross = np.zeros(3), True
         if scene is not None:
             self._open(scene)
 
@@ -104,7 +105,7 @@ class DonkeySession:
                 _number(message, "brake", 0, 1, default=0),
             )
             if self.world is not None and self.waits:
-                yield from self.advance()
+                yield from self.advance(self.world)
         elif kind == "get_protocol_version":
             # The Unity program sends no rig, and its clients ignore it.
             yield {"msg_type": "protocol_version", "version": "2", "rig": rig_fields(self.rig)}
@@ -134,19 +135,19 @@ class DonkeySession:
         elif kind in ("cam_config", "cam_config_b"):
             self._set_camera("center" if kind == "cam_config" else "b", message)
         elif kind == "reset_car":
-            self._begin()
+            self._begin(self.world)
         elif kind == "regen_road":
             self._draw_road(message)
         elif kind == "set_position":
-            self._set_position(message)
+            self._set_position(self.world, message)
         elif kind == "node_position":
-            yield self._node(int(_number(message, "index", 0, self._nodes - 1)))
+            last = _nodes(self.world) - 1
+            yield _node(self.world, int(_number(message, "index", 0, last)))
         else:
             self.note(f"{str(kind)!a:.50}: is no message of a Donkeycar client")
 
-    def advance(self) -> Iterator[Message]:
+    def advance(self, world: World) -> Iterator[Message]:
         """Drive one frame, and yield a crossing of the starting line and the telemetry."""
-        world = self.world
         steering, throttle, brake = self.control
         # A brake only stops the car; a throttle below 0 reverses it.
         world.car.reverses = brake == 0
@@ -160,11 +161,11 @@ class DonkeySession:
                 "starting_line_index": 0,
                 "timeStamp": world.time,
             }
-        yield self.telemetry()
+        yield self.telemetry(world)
 
-    def telemetry(self) -> Message:
+    def telemetry(self, world: World) -> Message:
         """Return the message of the car's state and frames."""
-        world, car = self.world, self.world.car
+        car = world.car
         _, _, up, _, climb = world.pose()
         east, north = np.array([math.cos(car.heading), math.sin(car.heading)])
         ahead, left = car.ahead_mps, car.left_mps
@@ -173,7 +174,7 @@ class DonkeySession:
         accel = (velocity - self._velocity) / world.frame_s
         self._velocity = velocity
         hit = "wall" if world.at_wall else "end_of_road" if world.at_end else "none"
-        frames = {name: self._encoded(name) for name in self.cameras}
+        frames = {name: self._encoded(world, name) for name in self.cameras}
         vectors = {
             "pos": (car.x, up, car.y),
             "vel": velocity.tolist(),
@@ -194,8 +195,8 @@ class DonkeySession:
             "yaw": _yaw_deg(car.heading),
             "roll": 0.0,
             "cte": world.cte,
-            "activeNode": int(world.place.distance / NODE_M) % self._nodes,
-            "totalNodes": self._nodes,
+            "activeNode": int(world.place.distance / NODE_M) % _nodes(world),
+            "totalNodes": _nodes(world),
             **{
                 f"{name}_{axis}": number
                 for name, numbers in vectors.items()
@@ -205,13 +206,9 @@ class DonkeySession:
 
     def close(self) -> None:
         """Leave the scene, and free the renderer."""
-        if self.world is not None and self.world.renderer is not None:
-            self.world.renderer.close()
+        if self.world is not None:
+            self.world.close()
         self.world = None
-
-    @property
-    def _nodes(self) -> int:
-        return max(1, int(self.world.track.length / NODE_M))
 
     def _open(self, scene: str) -> None:
         rig = replace(UDACITY, name="donkeycar", cameras=self.cameras)
@@ -219,10 +216,10 @@ class DonkeySession:
         opened = open_world(track_of(scene), self.renderer, frame_rate=rate, rig=rig)
         self.close()
         self.world, self.scene = opened, scene
-        self._begin()
+        self._begin(opened)
 
-    def _begin(self) -> None:
-        self.world.reset(0)
+    def _begin(self, world: World) -> None:
+        world.reset(0)
         self.control, self._velocity, self._can_cross = (0.0, 0.0, 0.0), np.zeros(3), True
 
     def _set_step_mode(self, message: Message) -> None:
@@ -241,27 +238,29 @@ class DonkeySession:
                 raise InputError(f"{message['msg_type']}: {key}={value:g}: must be {low:g} or more")
             return value
 
-        own = self.cameras.get(name, self.cameras["center"])
+        camera = self.cameras.get(name, self.cameras["center"])
         width, height = (int(number(key, *PIXELS)) for key in ("img_w", "img_h"))
         if number("fish_eye_x", -10, 10) or number("fish_eye_y", -10, 10):
             self.note("fish_eye: lenses here have no distortion")
         right, up, ahead = (number(f"offset_{axis}", -50, 50) for axis in "xyz")
         if right or up or ahead:
-            own = replace(own, right_m=right, up_m=up, ahead_m=ahead)
+            camera = replace(camera, right_m=right, up_m=up, ahead_m=ahead)
         down, turn, roll = (number(f"rot_{axis}", -180, 180) for axis in "xyz")
         if down or turn or roll:
-            own = replace(own, pitch_down_deg=down, yaw_right_deg=turn, roll_deg=roll)
-        own = replace(
-            own,
-            size=(width or own.size[0], height or own.size[1]),
-            vertical_fov_deg=number("fov", *FOV_DEG) or own.vertical_fov_deg,
+            camera = replace(camera, pitch_down_deg=down, yaw_right_deg=turn, roll_deg=roll)
+        camera = replace(
+            camera,
+            size=(width or camera.size[0], height or camera.size[1]),
+            vertical_fov_deg=number("fov", *FOV_DEG) or camera.vertical_fov_deg,
         )
-        first = own if name == "center" else self.cameras["center"]
-        if (own.size, own.vertical_fov_deg) != (first.size, first.vertical_fov_deg):
+        first = camera if name == "center" else self.cameras["center"]
+        size, fov_deg = first.size, first.vertical_fov_deg
+        if (camera.size, camera.vertical_fov_deg) != (size, fov_deg):
             self.note("cam_config_b: has the size and the field of view of the first camera")
-        others = {**self.cameras, name: own}
-        same = {"size": first.size, "vertical_fov_deg": first.vertical_fov_deg}
-        self.cameras = {key: replace(camera, **same) for key, camera in others.items()}
+        self.cameras = {
+            key: replace(camera, size=size, vertical_fov_deg=fov_deg)
+            for key, camera in (self.cameras | {name: camera}).items()
+        }
         if name == "center":
             encoding = str(message.get("img_enc", "0"))
             if encoding not in ("0", *ENCODINGS):
@@ -280,26 +279,17 @@ class DonkeySession:
         seed = int(_number(message, "rand_seed", 0, 2**31, default=0))
         self._open(f"{families[style % len(families)]}:{seed}")
 
-    def _set_position(self, message: Message) -> None:
-        world = self.world
+    def _set_position(self, world: World, message: Message) -> None:
         x, y = (_number(message, key, -1e5, 1e5) for key in ("pos_x", "pos_z"))
         turn, whole = (_number(message, key, -1, 1, default=0) for key in ("Qy", "Qw"))
         heading = math.pi / 2 - 2 * math.atan2(turn, whole)
-        place = world.track.locate(x, y)
-        right = float(np.angle(np.exp(1j * (place.heading - heading))))
-        world.put_back(Start(place.distance, place.cte, math.degrees(right)))
+        nearest = world.track.locate(x, y)
+        right = float(np.angle(np.exp(1j * (nearest.heading - heading))))
+        world.put_back(Start(nearest.distance, nearest.cte, math.degrees(right)))
         self._velocity = np.zeros(3)
 
-    def _node(self, index: int) -> Message:
-        track = self.world.track
-        east, north, up = track.at(index * NODE_M).tolist()
-        half = math.radians(_yaw_deg(float(track.heading_at(index * NODE_M)))) / 2
-        place = {"pos_x": east, "pos_y": up, "pos_z": north}
-        turn = {"Qx": 0.0, "Qy": math.sin(half), "Qz": 0.0, "Qw": math.cos(half)}
-        return {"msg_type": "node_position", "index": index, **place, **turn}
-
-    def _encoded(self, camera: str) -> str:
-        frame = self.world.frame(camera)
+    def _encoded(self, world: World, camera: str) -> str:
+        frame = world.frame(camera)
         code = cv2.COLOR_RGB2GRAY if self.is_grey else cv2.COLOR_RGB2BGR
         encoded = cv2.imencode(self.encoding, cv2.cvtColor(frame, code))[1]
         return base64.b64encode(encoded.tobytes()).decode()
@@ -313,6 +303,18 @@ def scene_names() -> list[str]:
 def track_of(scene: str) -> str:
     """Return the name of the track that is driven for a scene."""
     return SCENES.get(scene, f"{scene}:3" if scene in family_names() else scene)
+
+
+def _nodes(world: World) -> int:
+    return max(1, int(world.track.length / NODE_M))
+
+
+def _node(world: World, index: int) -> Message:
+    east, north, up = world.track.at(index * NODE_M).tolist()
+    half = math.radians(_yaw_deg(float(world.track.heading_at(index * NODE_M)))) / 2
+    position = {"pos_x": east, "pos_y": up, "pos_z": north}
+    turn = {"Qx": 0.0, "Qy": math.sin(half), "Qz": 0.0, "Qw": math.cos(half)}
+    return {"msg_type": "node_position", "index": index, **position, **turn}
 
 
 def _yaw_deg(heading: float) -> float:

@@ -71,12 +71,12 @@ class DonkeyWorld(World):
         if parts is None:
             raise InputError(f"{address}: write HOST:PORT/SCENE, such as generated_track")
         self.address = address
-        place = parts["host"] or HOST, int(parts["port"] or PORT)
+        target = parts["host"] or HOST, int(parts["port"] or PORT)
         try:
-            self._socket = sockets.create_connection(place, SILENT_S)
+            self._socket = sockets.create_connection(target, SILENT_S)
         except (OSError, UnicodeError) as error:
             reason = getattr(error, "strerror", None) or "no answer"
-            where = "{}:{}".format(*place)
+            where = "{}:{}".format(*target)
             raise InputError(f"{address}: no simulator at {where} ({reason}); {START}") from None
         self._lines = self._socket.makefile("rb")
         try:
@@ -144,9 +144,9 @@ class DonkeyWorld(World):
             self._wait_for("scene_selection_ready")
         self._send("get_scene_names")
         names = self._wait_for("scene_names").get("scene_names")
-        known = [str(name) for name in names] if isinstance(names, list) else []
-        if scene not in known:
-            raise InputError(f"{self.address}: no such scene; it has {', '.join(known)}")
+        scenes = [str(name) for name in names] if isinstance(names, list) else []
+        if scene not in scenes:
+            raise InputError(f"{self.address}: no such scene; it has {', '.join(scenes)}")
         self._send("load_scene", scene_name=scene)
         self._wait_for("car_loaded")
 
@@ -213,9 +213,8 @@ class DonkeyWorld(World):
         speed_mps = self._optional("speed", MOST_MPH * MPS_PER_MPH)
         x, y = self._optional("pos_x"), self._optional("pos_z")
         lap = max(self._crossings - 1, 0)
-        along = (self._optional("activeNode") or 0.0) / max(
-            self._optional("totalNodes") or 0.0, 1.0
-        )
+        nodes = max(self._optional("totalNodes") or 0.0, 1.0)
+        along = (self._optional("activeNode") or 0.0) / nodes
         return State(
             time_s=time_s,
             speed_mph=math.nan if speed_mps is None else speed_mps / MPS_PER_MPH,

@@ -11,12 +11,12 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from zoo.base.errors import InputError
 from zoo.base.rig import MPS_PER_MPH
 from zoo.base.terminal import counted
-from zoo.simulator.client import Client, Event
+from zoo.simulator.client import Client, Event, Telemetry
 from zoo.simulator.simulated_world import Start
 from zoo.simulator.telemetry import image_text
 from zoo.simulator.track_content import make_track, road_content
@@ -121,7 +121,7 @@ class ForkClient(Client, ABC):
             old.reset(options.seed, Start(options.start), read_weather(options.weather))
         else:
             self.world = options.open(track=track)
-            old.renderer.close()
+            old.close()
         self.command, self._frame = (0.0, 0.0), None
         self.counts["episodes"] += 1
 
@@ -133,7 +133,7 @@ class MaxitwoClient(ForkClient):
     orders = ("track", "reset")
     track_string = "none"
 
-    def telemetry(self) -> Event:
+    def telemetry(self) -> Telemetry:
         """Return the event of the car's state, the road and the frame."""
         name, data = super().telemetry()
         hit = "end_line_collider" if self.world.at_end else "none"
@@ -172,7 +172,7 @@ class GymClient(ForkClient):
     orders = ("pause_sim", "resume_sim", "end_episode", "start_episode")
     track = ""
 
-    def __init__(self, *arguments: object) -> None:
+    def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.metrics = {"collisionCount": 0, "outOfTrackCount": 0}
         self.happened: list[Event] = []
@@ -199,7 +199,7 @@ class GymClient(ForkClient):
         self.happened.clear()
         super().emit(socket)
 
-    def telemetry(self) -> Event:
+    def telemetry(self) -> Telemetry:
         """Return the event of the car's state and the frame; there is no segmentation."""
         car = self.world.car
         numbers = {

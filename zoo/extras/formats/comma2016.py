@@ -59,7 +59,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
         images, first = np.unique(pointer, return_index=True)
         images, first = images[images >= 0], first[images >= 0]
         rows["place"] += [f"{log}, row {row + 1}" for row in first.tolist()]
-        rows["center"] += [StoredImage(str(camera), one, reader) for one in images.tolist()]
+        rows["center"] += [StoredImage(str(camera), row, reader) for row in images.tolist()]
         with _open(camera) as file, library_errors(camera, DAMAGED, REMEDY):
             count = len(_dataset(file, camera, "X", 4))
         unnamed = count - len(images)
@@ -106,17 +106,15 @@ def _dataset(file: Any, path: Path, name: str, dimensions: int) -> Any:
     import h5py
 
     is_here = isinstance(file.get(name, getlink=True), h5py.HardLink)
-    found: Any = file[name] if is_here else None
-    fits = (
-        isinstance(found, h5py.Dataset) and found.ndim == dimensions and found.dtype.kind in "uif"
-    )
-    if not fits or found.external or found.is_virtual:
+    data: Any = file[name] if is_here else None
+    fits = isinstance(data, h5py.Dataset) and data.ndim == dimensions and data.dtype.kind in "uif"
+    if not fits or data.external or data.is_virtual:
         raise InputError(f"{path}: {name} is no array of numbers in the file; {REMEDY}")
     # A few bytes can claim any number of equal values.
     most = MOST_VALUES if dimensions == 1 else MOST["rows"]
-    if len(found) > most or math.prod(found.chunks or ()) * found.dtype.itemsize > MOST_CHUNK:
+    if len(data) > most or math.prod(data.chunks or ()) * data.dtype.itemsize > MOST_CHUNK:
         raise InputError(
-            f"{path}: {name} claims {len(found):,} rows in pieces of {found.chunks}, more than the "
+            f"{path}: {name} claims {len(data):,} rows in pieces of {data.chunks}, more than the "
             f"{most:,} rows and {MOST_CHUNK:,} bytes a piece that are read; divide the recording"
         )
-    return found
+    return data

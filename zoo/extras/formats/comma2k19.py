@@ -70,5 +70,5 @@ def _array(path: Path) -> np.ndarray:
     """Return the numbers in a file of NumPy, float64 [N]."""
     with library_errors(path, "no array of numbers", "download it again"):
         with open_data(path, MOST_BYTES) as file:
-            found = np.load(file, allow_pickle=False)
-        return found.astype(np.float64).reshape(len(found))
+            numbers = np.load(file, allow_pickle=False)
+        return numbers.astype(np.float64).reshape(len(numbers))

@@ -34,8 +34,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
     Raises:
         InputError: the first image is damaged, or the points are beyond its width.
     """
-    found = [(image, _NAME.fullmatch(image.name)) for image in sorted(path.iterdir())]
-    named = [(str(image), int(name[1])) for image, name in found if name]
+    pairs = [(image, _NAME.fullmatch(image.name)) for image in sorted(path.iterdir())]
+    named = [(str(image), int(name[1])) for image, name in pairs if name]
     if not named:
         raise InputError(f"{path}: holds no image named X_Y_UUID.jpg; name another folder")
     first = named[0][0]

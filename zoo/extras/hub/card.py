@@ -94,17 +94,16 @@ def described_hash(text: str) -> str | None:
     Any text is allowed: the card may come from another person.
     """
     lines = text.partition("\n---")[0].splitlines()
-    found = [line.partition(":")[2].strip() for line in lines if line.strip().startswith("sha256:")]
-    return found[0] if len(found) == 1 else None
+    sums = [line.partition(":")[2].strip() for line in lines if line.strip().startswith("sha256:")]
+    return sums[0] if len(sums) == 1 else None
 
 
 def _header(shared: SharedFile) -> dict:
     of = shared.of
     header: dict = {"license": shared.license} if shared.license else {}
     header |= {"library_name": "drivezoo", "tags": TAGS, "pipeline_tag": "robotics"}
-    header["metrics"] = [
-        key for key in SHOWN if any(track.get(key) for track in of.tracks.values())
-    ]
+    tracks = of.tracks.values()
+    header["metrics"] = [key for key in SHOWN if any(track.get(key) for track in tracks)]
     results = [
         {
             "task": {"type": "robotics", "name": "steering"},
@@ -135,9 +134,9 @@ def _file(shared: SharedFile) -> list[str]:
         own_latency(shared.of.checkpoint),
     ]
     points += [
-        f"The network's code is not in the file: {one['name']} (SHA-256 begins with "
-        f"{one['sha256']}), which its author has. Add it with parts=FILE."
-        for one in shared.of.contents["drivezoo"].get("parts") or ()
+        f"The network's code is not in the file: {part['name']} (SHA-256 begins with "
+        f"{part['sha256']}), which its author has. Add it with parts=FILE."
+        for part in shared.of.contents["drivezoo"].get("parts") or ()
     ]
     return points
 

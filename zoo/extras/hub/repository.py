@@ -84,9 +84,9 @@ def fetch(repo: str, file: str | None, out: str | None, console: Console) -> lis
     """
     api = _api()
     with _one_line_errors(repo, api.endpoint):
-        found = api.model_info(repo, files_metadata=True, timeout=WAIT_S).siblings or []
-        sizes = {str(one.rfilename): one.size for one in found[:MOST_FILES]}
-        hashes = {str(one.rfilename): one.lfs.sha256 for one in found[:MOST_FILES] if one.lfs}
+        files = api.model_info(repo, files_metadata=True, timeout=WAIT_S).siblings or []
+        sizes = {str(file.rfilename): file.size for file in files[:MOST_FILES]}
+        hashes = {str(file.rfilename): file.lfs.sha256 for file in files[:MOST_FILES] if file.lfs}
     name = _chosen(repo, file, sizes)
     size = sizes[name]
     if not isinstance(size, int) or not 0 < size <= MOST_BYTES:
@@ -101,7 +101,7 @@ def fetch(repo: str, file: str | None, out: str | None, console: Console) -> lis
         card = (part / CARD).read_bytes() if CARD in sizes else b""
         _check_hash(repo, name, digest, hashes.get(name), card)
         _check(part / name, f"{repo}: {name}")
-    return [folder / one for one in (name, CARD) if one == name or card]
+    return [folder / member for member in (name, CARD) if member == name or card]
 
 
 def _api() -> "HfApi":

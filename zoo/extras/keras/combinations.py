@@ -74,70 +74,66 @@ class KnownInput:
     frame: Pair = FRAME
 
 
-def combinations(known: KnownInput) -> list[Combination]:
+def combinations(facts: KnownInput) -> list[Combination]:
     """Return the combinations that fit what is known, the likeliest first, resized by area.
 
     Raises:
         InputError: no view has the network's input shape.
     """
-    found = [
+    fitting = [
         Combination(view, scale)
-        for scale in ([known.scale] if known.scale else SCALES)
-        for view in _views(known)
+        for scale in ([facts.scale] if facts.scale else SCALES)
+        for view in _views(facts)
     ]
-    if not found:
-        height, width, channels = known.shape
+    if not fitting:
+        height, width, channels = facts.shape
         raise InputError(
-            f"colour={known.colour}: the network's input is {height} x {width} x {channels}; set a "
+            f"colour={facts.colour}: the network's input is {height} x {width} x {channels}; set a "
             f"colour of {counted(channels, 'channel')}"
         )
-    return found
+    return fitting
 
 
-def likeliest_combination(known: KnownInput) -> Combination:
+def likeliest_combination(facts: KnownInput) -> Combination:
     """Return the most usual combination that fits what is known.
 
     It is a view of the cropped frame as it is, or else one after a crop of (60, 25).
     """
-    views = ((combination.view, combination) for combination in combinations(known))
+    views = ((combination.view, combination) for combination in combinations(facts))
     return min(views, key=lambda pair: (pair[0].size is not None, pair[0].crop != USUAL_CROP))[1]
 
 
-def with_each_resize(found: Combination, known: KnownInput) -> list[Combination]:
+def with_each_resize(chosen: Combination, facts: KnownInput) -> list[Combination]:
     """Return a combination with each way of resizing that is possible, its own first."""
-    if known.resize or found.view.size is None:
-        return [found]
-    ways = [way for way in RESIZES if way != found.view.resize]
+    if facts.resize or chosen.view.size is None:
+        return [chosen]
+    ways = [way for way in RESIZES if way != chosen.view.resize]
     # A single channel of an RGB image is resized the same before and after the conversion.
-    if found.view.colour in ("rgb", "bgr"):
+    if chosen.view.colour in ("rgb", "bgr"):
         ways = [way for way in ways if not way.endswith("_first")]
-    return [found, *(replace(found, view=replace(found.view, resize=way)) for way in ways)]
+    return [chosen, *(replace(chosen, view=replace(chosen.view, resize=way)) for way in ways)]
 
 
-def popular_combinations(known: KnownInput) -> list[Combination]:
+def popular_combinations(facts: KnownInput) -> list[Combination]:
     """Return `POPULAR` if it fits what is known; else an empty list."""
-    resize = known.resize or POPULAR.view.resize
-    return [
-        combination
-        for combination in combinations(replace(known, resize=resize))
-        if combination == POPULAR
-    ]
+    resize = facts.resize or POPULAR.view.resize
+    return [POPULAR] if POPULAR in combinations(replace(facts, resize=resize)) else []
 
 
-def _views(known: KnownInput) -> Iterator[View]:
-    for colour in [known.colour] if known.colour else CONVERSIONS:
-        for crop in _crops(known):
-            view = View(crop, colour, None, known.resize or USUAL_RESIZE, known.frame)
-            if view.shape[:2] != known.shape[:2]:
-                view = replace(view, size=known.shape[:2])
-            if view.shape == known.shape:
+def _views(facts: KnownInput) -> Iterator[View]:
+    for colour in [facts.colour] if facts.colour else CONVERSIONS:
+        for crop in _crops(facts):
+            view = View(crop, colour, None, facts.resize or USUAL_RESIZE, facts.frame)
+            if view.shape[:2] != facts.shape[:2]:
+                view = replace(view, size=facts.shape[:2])
+            if view.shape == facts.shape:
                 yield view
 
 
-def _crops(known: KnownInput) -> Sequence[Pair]:
-    if known.crop is not None:
-        return [known.crop]
-    return CROPS[:1] if known.shape[:2] == FRAME else CROPS
+def _crops(facts: KnownInput) -> Sequence[Pair]:
+    if facts.crop is not None:
+        return [facts.crop]
+    return CROPS[:1] if facts.shape[:2] == FRAME else CROPS
 
 
 def _pair(pair: Sequence[float]) -> str:
@@ -200,15 +196,15 @@ def read_trial_frames(
     has_sides = all(path is not None for path in recording.images[rows].flat)
     height, width = recording.frame_size() or FRAME
     frames = np.empty((3 if has_sides else 1, len(rows), height, width, 3), np.uint8)
-    for place, row in enumerate(rows):
+    for number, row in enumerate(rows):
         for camera, images in enumerate(frames):
             path = recording.images[row, camera]
             try:
-                images[place] = cv2.resize(read_image(path), (width, height))
+                images[number] = cv2.resize(read_image(path), (width, height))
             except (OSError, ValueError) as error:
                 raise InputError(
                     f"{recording.place(row)}: {path}: {error}; copy the image again, or name "
                     "another recording"
                 ) from None
-        show((place + 1) / len(rows))
+        show((number + 1) / len(rows))
     return TrialFrames(frames, recording.steering[rows])

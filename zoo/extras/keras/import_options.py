@@ -22,16 +22,9 @@ def _begins(pair: tuple[float, float]) -> tuple[float, float]:
 
 Crop = Annotated[tuple[Pixels, Pixels], Field(examples=[(60, 25)])]
 Size = Annotated[tuple[Pixels, Pixels], Field(examples=[(66, 200)])]
-Line = Annotated[
-    tuple[Number, Number],
-    AfterValidator(_begins),
-    Field(examples=["[2.4,-1.2], the factor first and not 0"]),
-]
-DividedScale = Annotated[
-    tuple[Number, Number],
-    AfterValidator(_begins),
-    Field(examples=["[127.5,1], the divisor first and not 0"]),
-]
+Numbers = Annotated[tuple[Number, Number], AfterValidator(_begins)]
+Line = Annotated[Numbers, Field(examples=["[2.4,-1.2], the factor first and not 0"])]
+DividedScale = Annotated[Numbers, Field(examples=["[127.5,1], the divisor first and not 0"])]
 
 
 @dataclass(frozen=True, kw_only=True)

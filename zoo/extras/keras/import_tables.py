@@ -35,15 +35,12 @@ def architecture_table(name: str, notes: Sequence[LayerNote], width: int) -> Tab
 
 
 def input_table(
-    found: Combination,
-    line: tuple[float, float] | None,
-    sources: dict[str, str],
-    width: int,
+    chosen: Combination, line: tuple[float, float] | None, sources: dict[str, str], width: int
 ) -> Table:
     """Return the parts of the network's input and the line of its output, with their origins."""
-    view = found.view
+    view = chosen.view
     height, width_px, _ = view.shape
-    divisor, less = found.scale
+    divisor, less = chosen.scale
     values = {
         "colour": view.colour,
         "crop": f"{view.crop[0]} rows at the top, {view.crop[1]} at the bottom",
@@ -74,13 +71,13 @@ def trials_table(judged: Judgement, width: int) -> Table:
     shown = [judged.best, *others][:SHOWN]
     rows = [
         (
-            one.combination.view.colour,
-            "{},{}".format(*one.combination.view.crop),
-            one.combination.view.resize if one.combination.view.size else "-",
-            "{:g},{:g}".format(*one.combination.scale),
-            *map(_figure, (one.agreement, one.correlation, one.recovery)),
+            trial.combination.view.colour,
+            "{},{}".format(*trial.combination.view.crop),
+            trial.combination.view.resize if trial.combination.view.size else "-",
+            "{:g},{:g}".format(*trial.combination.scale),
+            *map(_figure, (trial.agreement, trial.correlation, trial.recovery)),
         )
-        for one in shown
+        for trial in shown
     ]
     headings = ["colour", "crop", "resize", "scale", "agreement", "correlation", "recovery"]
     *names, scale, _, _, _ = columns = Columns.of(headings, rows).columns
@@ -121,7 +118,7 @@ def print_judgement(
                 "0..1: set steering=[factor,offset] as its program computes the steering from it, "
                 f"or try the line: {command_line([*again, key])}"
             )
-    if judged.doubts or not all(one.kept for one in judged.driven[:1]):
+    if judged.doubts or not all(drive.kept for drive in judged.driven[:1]):
         lines.append(
             "was it trained to steer by one image, on a track as in this recording? Name a "
             "recording of that track, or set the keys that you know. No key cuts off columns, "
@@ -134,13 +131,13 @@ def print_judgement(
             f"the next input that is worse for certain: {_difference(best, judged.next)}, "
             f"correlation of all cameras lower by {best.score - judged.next.score:.3f}"
         )
-    for one in judged.driven[1:]:
-        lines.append(f"{_drive(one)}: {one.trial.combination.text()}")
+    for drive in judged.driven[1:]:
+        lines.append(f"{_drive(drive)}: {drive.trial.combination.text()}")
     if judged.alike:
-        alike = "; ".join(_difference(best, one) for one in judged.alike)
+        alike = "; ".join(_difference(best, trial) for trial in judged.alike)
         lines.append(f"steers the same, so the difference does not matter: {alike}")
     if judged.tied:
-        tied = "; ".join(_difference(best, one) for one in judged.tied)
+        tied = "; ".join(_difference(best, trial) for trial in judged.tied)
         lines.append(f"too near to tell apart, but steers differently; try by driving: {tied}")
     for text in lines:
         console.print(text, highlight=False, markup=False, soft_wrap=True)
@@ -157,8 +154,8 @@ def _drive(driven: Driven) -> str:
 
 def _difference(best: Trial, other: Trial) -> str:
     """Return the keys in which another combination differs from the best."""
-    own = best.combination.text().split()
-    return " ".join(one for one in other.combination.text().split() if one not in own)
+    keys = best.combination.text().split()
+    return " ".join(key for key in other.combination.text().split() if key not in keys)
 
 
 def _figure(value: float | None) -> str:

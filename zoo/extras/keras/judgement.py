@@ -76,7 +76,7 @@ class Judgement:
 
 def search(
     network: Network,
-    known: KnownInput,
+    facts: KnownInput,
     frames: TrialFrames,
     show: Callable[[float], None] = lambda share: None,
     show_best: Callable[[Trial], None] = lambda trial: None,
@@ -85,7 +85,7 @@ def search(
 
     Args:
         network: see `try_inputs`, as for all of these.
-        known: facts about the input.
+        facts: facts about the input.
         frames: frames to try on.
         show: function called with the finished share of the work, 0..1.
         show_best: function called with the best trial of each stage.
@@ -93,22 +93,21 @@ def search(
     Raises:
         InputError: no combination fits.
     """
-    planned, seen = planned_images(known, frames), [0]
+    planned, seen = planned_images(facts, frames), [0]
 
     def did(images: int) -> None:  # from several threads
         seen.append(images)
         show(min(sum(seen) / planned, 1.0))
 
-    trials = try_inputs(network, known, frames, did, show_best)
+    trials = try_inputs(network, facts, frames, did, show_best)
     judged = judge(trials)
     if not judged.tied or len(judged.best.steering) == len(frames.steering):
         show(1.0)
         return judged
     near = [judged.best, *judged.tied[:MOST_TIED], *([judged.next] if judged.next else [])]
-    chosen = [one.combination for one in near]
-    chosen += [
-        finalist.combination for finalist in trials.finalists if finalist.combination == POPULAR
-    ]
+    chosen = [trial.combination for trial in near]
+    if any(trial.combination == POPULAR for trial in trials.finalists):
+        chosen.append(POPULAR)
     again = try_all(network, list(dict.fromkeys(chosen)), frames, did)
     show(1.0)
     show_best(again[0])
@@ -129,23 +128,23 @@ def judge(
     chance = chance_correlation(trials)
     first = driven[0].trial if driven else trials.finalists[0]
     alike = [finalist for finalist in trials.finalists if steer_alike(first, finalist)]
-    own = first.combination.view
-    views = [(one, one.combination.view) for one in alike]
-    usual = [one for one, view in views if (view.colour, view.crop) == (own.colour, own.crop)]
+    colour, crop = first.combination.view.colour, first.combination.view.crop
+    views = [(trial, trial.combination.view) for trial in alike]
+    usual = [trial for trial, view in views if (view.colour, view.crop) == (colour, crop)]
     best = min(usual, key=_rarity)
     if before and before.best.combination == best.combination:
         alike += before.alike
     different = [finalist for finalist in trials.finalists if finalist not in alike]
     samples = _resamples(best)
     scores = _scores(best, samples)
-    tied = [one for one in different if _low(scores - _scores(one, samples)) <= 0]
+    tied = [trial for trial in different if _low(scores - _scores(trial, samples)) <= 0]
     return Judgement(
         best,
         tuple(_doubts(best, chance, samples)),
         chance,
-        tuple(dict.fromkeys(one for one in alike if one is not best)),
+        tuple(dict.fromkeys(trial for trial in alike if trial is not best)),
         tuple(tied),
-        next((one for one in different if one not in tied), None),
+        next((trial for trial in different if trial not in tied), None),
         trials,
         driven,
     )
@@ -154,7 +153,7 @@ def judge(
 def chance_correlation(trials: Trials) -> float:
     """Return the correlation that all combinations reach by chance in 1 % of the shifts."""
     steering = trials.coarse[0].steering
-    outputs = np.stack([one.cameras[0] for one in trials.coarse])
+    outputs = np.stack([trial.cameras[0] for trial in trials.coarse])
     rows = len(steering)
     shifts = range(rows // 20, rows - rows // 20 + 1)
     highest = [np.abs(correlations(outputs, np.roll(steering, shift))).max() for shift in shifts]
@@ -191,8 +190,8 @@ def _doubts(best: Trial, chance: float, samples: list[np.ndarray]) -> list[str]:
 def _rarity(trial: Trial) -> tuple[int, int]:
     """Return the places of a trial's resize and scale among the usual ones, 0 for the first."""
     resizes, scale = list(RESIZES), trial.combination.scale
-    place = SCALES.index(scale) if scale in SCALES else len(SCALES)
-    return resizes.index(trial.combination.view.resize), place
+    rank = SCALES.index(scale) if scale in SCALES else len(SCALES)
+    return resizes.index(trial.combination.view.resize), rank
 
 
 def steer_alike(first: Trial, other: Trial) -> bool:

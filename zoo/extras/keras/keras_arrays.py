@@ -43,14 +43,12 @@ class WeightsFile:
 
     def named_arrays(self) -> list[tuple[str, list[Named]]]:
         """Return each group of the legacy layout with its arrays, in order."""
-        return [
-            (
-                name,
-                [(weight, self._array(group, weight)) for weight in names(group, "weight_names")],
-            )
-            for name in names(self.group, "layer_names")
-            for group in [_child(self.group, name, self.source)]
-        ]
+        groups = []
+        for name in names(self.group, "layer_names"):
+            group = _child(self.group, name, self.source)
+            arrays = [(array, self._array(group, array)) for array in names(group, "weight_names")]
+            groups.append((name, arrays))
+        return groups
 
     def arrays_of(self, model: KerasLayer) -> dict[int, list[np.ndarray]]:
         """Return the arrays of each plain layer of a model, by the `id` of its config.
@@ -61,13 +59,10 @@ class WeightsFile:
         if not self.is_legacy:
             return dict(self._keras_3(model, self.file))
         groups = dict(self.named_arrays())
-        known = {one.name for layer in model.children for one in (layer, *layer.leaves())}
-        if any(arrays and name not in known for name, arrays in groups.items()):
+        layer_names = {leaf.name for layer in model.children for leaf in (layer, *layer.leaves())}
+        if any(arrays and name not in layer_names for name, arrays in groups.items()):
             return self._in_order(model, groups)
-        found = {}
-        for child in model.children:
-            found.update(self._legacy(child, groups))
-        return found
+        return {k: v for child in model.children for k, v in self._legacy(child, groups).items()}
 
     def _legacy(self, layer: KerasLayer, groups: dict) -> dict[int, list[np.ndarray]]:
         arrays = groups.get(layer.name)
@@ -79,7 +74,7 @@ class WeightsFile:
             }
         # Keras 2 and 3 write them in one group: first all that are trained, then the others.
         leaves = list(layer.leaves())
-        found: dict[int, list[np.ndarray]] = {id(leaf): [] for leaf in leaves}
+        by_leaf: dict[int, list[np.ndarray]] = {id(leaf): [] for leaf in leaves}
         for name, array in arrays:
             owners = [leaf for leaf in leaves if leaf.name in name.split("/")[:-1]]
             if len(owners) != 1:
@@ -87,8 +82,8 @@ class WeightsFile:
                     f"{self.source}: {name} belongs to no layer, or to several layers, of "
                     f"{layer.kind} {layer.name}; give the layers unique names and save it again"
                 )
-            found[id(owners[0])].append(array)
-        return found
+            by_leaf[id(owners[0])].append(array)
+        return by_leaf
 
     def _in_order(self, model: KerasLayer, groups: dict) -> dict[int, list[np.ndarray]]:
         """Return arrays by the order of layers, as Keras loads weights with other layer names."""
@@ -103,7 +98,7 @@ class WeightsFile:
         return {id(leaf): [array for _, array in arrays] for leaf, arrays in pairs}
 
     def _keras_3(self, model: KerasLayer, group: Any) -> Iterator[tuple[int, list[np.ndarray]]]:
-        container = next((one for one in CONTAINERS if one in group), None)
+        container = next((name for name in CONTAINERS if name in group), None)
         if container is None:
             return
         inner = _child(group, container, self.source)
@@ -115,13 +110,13 @@ class WeightsFile:
             key = f"{key}_{number}" if number else key
             if key not in inner:
                 continue
-            own = _child(inner, key, self.source)
+            child = _child(inner, key, self.source)
             if layer.children:
-                yield from self._keras_3(layer, own)
-            elif "vars" in own:
-                values = _child(own, "vars", self.source)
+                yield from self._keras_3(layer, child)
+            elif "vars" in child:
+                values = _child(child, "vars", self.source)
                 order = sorted((value for value in values if value.isdigit()), key=int)
-                yield id(layer), [self._array(values, one) for one in order]
+                yield id(layer), [self._array(values, value) for value in order]
 
     def _array(self, group: Any, name: str) -> np.ndarray:
         """Return a dataset as float32.
@@ -165,8 +160,8 @@ def names(group: Any, attribute: str) -> list[str]:
     """Return the list of names in an attribute; Keras splits a long one into numbered parts."""
     numbered = (f"{attribute}{part}" for part in itertools.count())
     parts = itertools.takewhile(group.attrs.__contains__, numbered)
-    own = [attribute] if attribute in group.attrs else parts
-    return [text(name) for part in own for name in group.attrs[part]]
+    attributes = [attribute] if attribute in group.attrs else parts
+    return [text(name) for part in attributes for name in group.attrs[part]]
 
 
 def text(value: bytes | str) -> str:

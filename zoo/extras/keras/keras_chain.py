@@ -51,9 +51,9 @@ class Chain:
         self.owners: list[int] = []
         self.understood: list[str] = []
         for index, layer in enumerate(model.layers):
-            found, understood = self._layer(layer, f"{model.path}: {self.label(index)}")
-            self.specs += found
-            self.owners += [index] * len(found)
+            specs, understood = self._layer(layer, f"{model.path}: {self.label(index)}")
+            self.specs += specs
+            self.owners += [index] * len(specs)
             self.understood.append(understood)
         if self.scale in (None, DONKEYCAR_SCALE) and self._normalizes_pixels():
             self.scale = (1.0, 0.0)
@@ -83,37 +83,37 @@ class Chain:
         """Return a layer's specs, and a text on it."""
         text = ""
         if layer.kind == "Lambda":
-            found, text = self._lambda(layer, label)
+            specs, text = self._lambda(layer, label)
         elif layer.kind == "Normalization":
-            found = [_normalization(layer, label)]
+            specs = [_normalization(layer, label)]
         else:
-            found = self._translated(layer, label)
+            specs = self._translated(layer, label)
         kept: list[Spec] = []
-        for spec in found:
+        for spec in specs:
             if spec["layer"] != "Rescaling" or not self._takes_scale(spec, kept, label):
                 kept.append(spec)
-        if len(kept) < len(found):
+        if len(kept) < len(specs):
             text = ", ".join([*([_described(kept)] if kept else []), self._scale_text()])
-        found = kept
-        is_same = bool(found) and found[0].get("padding") == "same"
-        if is_same and found[0]["layer"] == "Conv2D" and self.model.backend == "theano":
-            found[0]["padding"] = "same_theano"
-        return found, text or _described(found)
+        specs = kept
+        is_same = bool(specs) and specs[0].get("padding") == "same"
+        if is_same and specs[0]["layer"] == "Conv2D" and self.model.backend == "theano":
+            specs[0]["padding"] = "same_theano"
+        return specs, text or _described(specs)
 
     def _translated(self, layer: KerasLayer, label: str) -> list[Spec]:
         operator = layer.config.get("function") if layer.kind == "TFOpLambda" else layer.kind
         try:
-            found = operator_specs(str(operator), layer.constants)
-            if found is None:
-                found = specs_of(layer.kind, layer.config, self.model.version)
+            specs = operator_specs(str(operator), layer.constants)
+            if specs is None:
+                specs = specs_of(layer.kind, layer.config, self.model.version)
         except UnknownValueError as error:
             raise InputError(f"{label}: {error}, which cannot be converted") from None
-        if found is None:
+        if specs is None:
             what = "is an unknown layer; replace it in Keras, and save the model again"
             if layer.kind in RECURRENT:
                 what = "needs several frames in a row; only networks of one image are converted"
             raise InputError(f"{label}: {what}")
-        return found
+        return specs
 
     def _lambda(self, layer: KerasLayer, label: str) -> tuple[list[Spec], str]:
         word, holds = describe_lambda(layer.config)
@@ -129,13 +129,13 @@ class Chain:
                 "run); set 'scale=[divisor,subtracted]' if it computes pixel / divisor - "
                 f"subtracted, or 'lambdas=[WORD]' with one of {WORDS}"
             )
-        found = specs_of_word(word)
-        if found is None:
+        specs = specs_of_word(word)
+        if specs is None:
             raise InputError(f"{label}: lambdas={word!s:.60}: is none of {WORDS}; correct it")
-        return found, word
+        return specs, word
 
     def _is_at_input(self, before: Sequence[Spec]) -> bool:
-        return all(one["layer"] in BEFORE_SCALE for one in [*self.specs, *before])
+        return all(spec["layer"] in BEFORE_SCALE for spec in [*self.specs, *before])
 
     def _scale_text(self) -> str:
         divisor, less = self.scale or (1.0, 0.0)
@@ -153,7 +153,7 @@ class Chain:
             InputError: a number in it is not finite, or not of ordinary size.
         """
         factor, offset = spec.get("scale"), spec.get("offset", 0.0)
-        plain = all(type(one) in (int, float) for one in (factor, offset))
+        plain = all(type(number) in (int, float) for number in (factor, offset))
         if not plain or not factor or not self._is_at_input(before):
             return False
         divisor, less = self.scale if self.scale and self._scaled else (1.0, 0.0)

@@ -71,8 +71,8 @@ def read_keras(
     if kind == PACKED:
         return _read_packed(path, as_chain)
     if is_json:
-        found = Path(weights) if weights is not None else _weights_of(path)
-        return replace(_read_h5(found, path, as_chain), path=path)
+        file = Path(weights) if weights is not None else _weights_of(path)
+        return replace(_read_h5(file, path, as_chain), path=path)
     if kind == KERAS or (not kind and path.suffix.lower() == ".keras"):
         return _read_zip(path, as_chain)
     return _read_h5(path, None, as_chain)
@@ -153,19 +153,15 @@ def _read_zip(path: Path, as_chain: bool) -> KerasModel:
         with open_archive(raw, path) as archive:
             config = _checked_model(_member(archive, CONFIG, path).decode(), path)
             if METADATA in archive.namelist():
-                found = parse_json(_member(archive, METADATA, path).decode())
-                config |= found if isinstance(found, dict) else {}
+                metadata = parse_json(_member(archive, METADATA, path).decode())
+                config |= metadata if isinstance(metadata, dict) else {}
             weights = _member(archive, WEIGHTS, path)
         with hdf5(io.BytesIO(weights), "r") as file:
             return _model(path, config, WeightsFile(file, path, len(weights)), as_chain)
 
 
 def _model(
-    path: Path,
-    config: dict | None,
-    weights: WeightsFile,
-    as_chain: bool,
-    json: Path | None = None,
+    path: Path, config: dict | None, weights: WeightsFile, as_chain: bool, json: Path | None = None
 ) -> KerasModel:
     facts = config or {}
     outputs: dict[str, int] = {}
@@ -179,7 +175,7 @@ def _model(
         layers, outputs = joined_outputs(layers, json or path)
     elif weights.is_legacy:
         groups = weights.named_arrays()
-        layers = [KerasLayer(name, "", {}, [one for _, one in group]) for name, group in groups]
+        layers = [KerasLayer(name, "", {}, [array for _, array in group]) for name, group in groups]
     else:
         raise InputError(
             f"{path}: holds weights without the architecture; name model.json, or save the "
@@ -202,13 +198,13 @@ def _json_model(path: Path) -> dict:
 def _checked_model(contents: str, path: Path) -> dict:
     if len(contents) > MOST_JSON_BYTES:
         raise InputError(f"{path}: its architecture has {len(contents):,} characters; too many")
-    found = parse_json(contents)
-    if isinstance(found, str):  # json.dump(model.to_json(), file), a frequent mistake
-        found = parse_json(found)
-    check_text(_without_code(found))
-    if not isinstance(found, dict):
+    model = parse_json(contents)
+    if isinstance(model, str):  # json.dump(model.to_json(), file), a frequent mistake
+        model = parse_json(model)
+    check_text(_without_code(model))
+    if not isinstance(model, dict):
         raise ValueError("its architecture is not a model")
-    return found
+    return model
 
 
 def _without_code(node: object, depth: int = 0) -> object:
@@ -219,20 +215,20 @@ def _without_code(node: object, depth: int = 0) -> object:
         return {
             k: None if k == "function" else _without_code(v, depth + 1) for k, v in node.items()
         }
-    return [_without_code(one, depth + 1) for one in node] if isinstance(node, list) else node
+    return [_without_code(child, depth + 1) for child in node] if isinstance(node, list) else node
 
 
 def _weights_of(path: Path) -> Path:
     """Return the weights file in the folder of a `.json` file."""
     stem = path.stem
     usual = (stem, f"{stem}.weights", f"{stem}_weights", f"{stem}-weights", "model", "weights")
-    files = [one for one in sorted(path.parent.glob("*")) if one.suffix.lower() in WHOLE_SUFFIXES]
+    files = [h5 for h5 in sorted(path.parent.glob("*")) if h5.suffix.lower() in WHOLE_SUFFIXES]
     files = [file for file in files if network_kind(file) != KERAS]
-    found = [file for name in usual for file in files if file.stem == name][:1] or files
-    if len(found) == 1:
-        return found[0]
+    paths = [file for name in usual for file in files if file.stem == name][:1] or files
+    if len(paths) == 1:
+        return paths[0]
     raise InputError(
-        f"{path}: its weights are in a .h5 file, and there are {len(found)} in its folder; set "
+        f"{path}: its weights are in a .h5 file, and there are {len(paths)} in its folder; set "
         f"weights=FILE.h5, or name it {stem}.h5"
     )
 
@@ -240,7 +236,7 @@ def _weights_of(path: Path) -> Path:
 def _json_of(path: Path) -> Path | None:
     stems = (path.stem, path.stem.removesuffix(".weights"), path.stem.removesuffix("_weights"))
     names = (*(f"{stem}.json" for stem in stems), "model.json")
-    return next((one for name in names if (one := path.with_name(name)).is_file()), None)
+    return next((file for name in names if (file := path.with_name(name)).is_file()), None)
 
 
 def _member(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:

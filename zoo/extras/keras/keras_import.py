@@ -60,19 +60,19 @@ def import_network(file: str, options: ImportOptions, console: Console) -> Path:
     out = checked_file(out, (SUFFIX,), inputs=inputs, into_folder=True)
     model = read_keras_apart(path, Path(options.weights).expanduser() if options.weights else None)
     recording = read_recordings(options.recording) if options.recording else None
-    converted, known = _known(model, options, searches=recording is not None)
+    converted, facts = _known(model, options, searches=recording is not None)
     console.print(architecture_table(path.name, converted.notes, console.width))
     if recording is None:
-        found, rest = likeliest_combination(known), GUESS
+        chosen, rest = likeliest_combination(facts), GUESS
     else:
-        judged = find_input(path, converted, known, recording, options, console)
-        found, rest = judged.best.combination, SEARCH
-    sources = _sources(known, options, rest)
-    console.print(input_table(found, options.steering, sources, console.width))
+        judged = find_input(path, converted, facts, recording, options, console)
+        chosen, rest = judged.best.combination, SEARCH
+    sources = _sources(facts, options, rest)
+    console.print(input_table(chosen, options.steering, sources, console.width))
     if recording is None:
-        _warn_of_guesses(path, known, found, console)
+        _warn_of_guesses(path, facts, chosen, console)
     source = "donkeycar" if model.is_donkeycar else None
-    data = _write(out, path, converted, found, recording, source)
+    data = _write(out, path, converted, chosen, recording, source)
     following = next_drive(out, data, ["evaluate", out, "track=udacity_lake"])
     print_written([out], following, console)
     return out
@@ -103,15 +103,15 @@ def _known(
     """Convert the model, and return what its file and the user's keys tell of its input."""
     scale = options.scale
     throttle, line = options.throttle_range, options.steering
-    given = (options.lambdas, options.outputs, options.size, throttle, line)
+    settings = (options.lambdas, options.outputs, options.size, throttle, line)
     try:
-        converted = convert(model, scale, *given)
+        converted = convert(model, scale, *settings)
         scale = converted.scale
     except InputError:
         if not searches or scale or options.lambdas:
             raise
         # An unclear Lambda may be the scale, which is then searched.
-        converted = convert(model, SCALES[0], *given)
+        converted = convert(model, SCALES[0], *settings)
     height, width, _ = converted.input_shape
     if options.size not in (None, (height, width)):
         raise InputError(
@@ -123,25 +123,25 @@ def _known(
             f"{model.path}: does not tell how its pixels are scaled; set 'scale=[127.5,1]' for "
             "x / 127.5 - 1, [255,0.5], [255,0] or [1,0], or recording=FOLDER to find it out"
         )
-    known = KnownInput(
+    facts = KnownInput(
         shape=converted.input_shape,
         colour=options.colour,
         crop=options.crop,
         resize=options.resize,
         scale=scale,
     )
-    return converted, _as_donkeycar(known) if model.is_donkeycar else known
+    return converted, _as_donkeycar(facts) if model.is_donkeycar else facts
 
 
-def _as_donkeycar(known: KnownInput) -> KnownInput:
+def _as_donkeycar(facts: KnownInput) -> KnownInput:
     """Return the input of a network of Donkeycar: the frame as it is, whose sides are 4 to 3."""
-    rows, columns, channels = known.shape
+    rows, columns, channels = facts.shape
     frame = (3 * columns // 4, columns)
     return replace(
-        known,
-        colour=known.colour or ("rgb" if channels == 3 else "gray"),
-        crop=known.crop or ((0, 0) if rows == frame[0] else None),
-        resize=known.resize or USUAL_RESIZE,
+        facts,
+        colour=facts.colour or ("rgb" if channels == 3 else "gray"),
+        crop=facts.crop or ((0, 0) if rows == frame[0] else None),
+        resize=facts.resize or USUAL_RESIZE,
         frame=frame,
     )
 
@@ -149,7 +149,7 @@ def _as_donkeycar(known: KnownInput) -> KnownInput:
 def find_input(
     path: Path,
     converted: ConvertedKeras,
-    known: KnownInput,
+    facts: KnownInput,
     recording: Recording,
     options: ImportOptions,
     console: Console,
@@ -159,7 +159,7 @@ def find_input(
     Args:
         path: network's file, for the checkpoints that drive.
         converted: converted network.
-        known: facts about its input.
+        facts: facts about its input.
         recording: recording to try on.
         options: number of frames, and whether to drive.
         console: console that shows progress and results.
@@ -178,7 +178,7 @@ def find_input(
     with progress_bar("reading images", console) as show:
         frames = read_trial_frames(recording, options.frames, show)
     with progress_bar("trying colours and crops", console) as show:
-        judged = search(network_maker(converted), known, frames, show, show_best)
+        judged = search(network_maker(converted), facts, frames, show, show_best)
     if options.drive and other_car(recording) is None:
         judged = drive_tied(judged, write, console)
     console.print(trials_table(judged, console.width))
@@ -191,18 +191,18 @@ def find_input(
     return judged
 
 
-def _sources(known: KnownInput, options: ImportOptions, rest: str) -> dict[str, str]:
+def _sources(facts: KnownInput, options: ImportOptions, rest: str) -> dict[str, str]:
     """Return where each part of the input came from."""
     keys = ("colour", "crop", "resize", "scale")
-    found = {key: FILE if getattr(known, key) else rest for key in keys}
-    found |= {"size": FILE, "steering": KEY}
-    return {key: KEY if getattr(options, key) else source for key, source in found.items()}
+    sources = {key: FILE if getattr(facts, key) else rest for key in keys}
+    sources |= {"size": FILE, "steering": KEY}
+    return {key: KEY if getattr(options, key) else source for key, source in sources.items()}
 
 
-def _warn_of_guesses(path: Path, known: KnownInput, found: Combination, console: Console) -> None:
-    keys = ["colour"] if known.shape[:2] == FRAME else ["colour", "crop"]  # or the whole frame
+def _warn_of_guesses(path: Path, facts: KnownInput, guess: Combination, console: Console) -> None:
+    keys = ["colour"] if facts.shape[:2] == FRAME else ["colour", "crop"]  # or the whole frame
     guessed = [
-        f"{key}={typed(getattr(found.view, key))}" for key in keys if getattr(known, key) is None
+        f"{key}={typed(getattr(guess.view, key))}" for key in keys if getattr(facts, key) is None
     ]
     if guessed:
         are = "is a guess" if len(guessed) == 1 else "are guesses"
@@ -212,16 +212,16 @@ def _warn_of_guesses(path: Path, known: KnownInput, found: Combination, console:
         console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
-def _model_settings(converted: ConvertedKeras, found: Combination) -> dict:
+def _model_settings(converted: ConvertedKeras, chosen: Combination) -> dict:
     """Return the section `model` of a config."""
-    view = found.view.to_dict()
+    view = chosen.view.to_dict()
     return {
         "name": "keras",
         **{key: view[key] for key in ("colour", "size", "resize")},
         "weights": None,
         "_target_": "zoo.extras.keras.sequential.Sequential",
         "layers": converted.layers,
-        "scale": list(found.scale),
+        "scale": list(chosen.scale),
     }
 
 
@@ -229,7 +229,7 @@ def _write(
     out: Path,
     path: Path,
     converted: ConvertedKeras,
-    found: Combination,
+    chosen: Combination,
     recording: Recording | None,
     source: str | None = None,
 ) -> dict:
@@ -238,9 +238,9 @@ def _write(
     `source` names the network's car, where no recording does.
     """
     config = compose_config(["data=recording", "trainer.max_epochs=0"])
-    config["model"] = _model_settings(converted, found) | {"weights": str(path)}
+    config["model"] = _model_settings(converted, chosen) | {"weights": str(path)}
     config["data"] |= {
-        "crop": list(found.view.crop),
+        "crop": list(chosen.view.crop),
         "root": recording.names[0] if recording else None,
     }
     data = {
@@ -249,8 +249,8 @@ def _write(
     }
     if source := other_car(recording) if recording else source:
         data["source"] = source
-    state = {f"{PREFIX}{name}": one for name, one in converted.state.items()}
-    card = make_card(config, found.view, data)
+    state = {f"{PREFIX}{name}": tensor for name, tensor in converted.state.items()}
+    card = make_card(config, chosen.view, data)
     contents = {"drivezoo": card, "state_dict": state, IMPORTED: path.name}
     write_output(out, checkpoint_bytes(contents))
     return data

@@ -110,11 +110,11 @@ def read_code(data: bytes) -> Code | None:
     for whole, last in LAYOUTS if len(data) <= MOST_BYTES else ():
         try:
             reader = _Reader(data, whole, last)
-            found = reader.read(0)
+            code = reader.read(0)
         except (ValueError, IndexError, TypeError, struct.error):
             continue
-        if isinstance(found, Code) and reader.at == len(data):
-            return found
+        if isinstance(code, Code) and reader.at == len(data):
+            return code
     return None
 
 
@@ -133,13 +133,13 @@ class _Reader:
         if depth > MOST_LEVELS or self.count > MOST_OBJECTS:
             raise ValueError("too many objects")
         (mark,) = self._take(1)
-        place = len(self.shared)
+        index = len(self.shared)
         if mark & 0x80:
             self.shared.append(None)
-        found = self._value(chr(mark & 0x7F), depth)
+        value = self._value(chr(mark & 0x7F), depth)
         if mark & 0x80:
-            self.shared[place] = found
-        return found
+            self.shared[index] = value
+        return value
 
     def _value(self, kind: str, depth: int) -> Any:
         if kind in SINGLE:
@@ -169,15 +169,15 @@ class _Reader:
             raise ValueError("no code")
         texts = [name.decode("utf-8", "replace") for name in names if isinstance(name, bytes)]
         # 3.11: a byte of flags for each variable; before: names.
-        outer = [one for one in free if not isinstance(one, int) or one & 0xC0]
+        outer = [flags for flags in free if not isinstance(flags, int) or flags & 0xC0]
         return Code(instructions, constants, texts, not outer)
 
     def _take(self, count: int) -> bytes:
-        found = self.data[self.at : self.at + count]
-        if count < 0 or len(found) != count:
+        piece = self.data[self.at : self.at + count]
+        if count < 0 or len(piece) != count:
             raise ValueError("truncated")
         self.at += count
-        return found
+        return piece
 
     def _long(self) -> int:
         return struct.unpack("<i", self._take(4))[0]
@@ -285,18 +285,18 @@ def _steps(code: Code, wide: bool, letters: dict[int, str], rows: int | None) ->
 
 def _taken(stack: list[Any], count: int) -> tuple:
     """Remove the last values of a stack, and return them."""
-    place = len(stack) - count
-    if place < 0:
+    start = len(stack) - count
+    if start < 0:
         raise ValueError("too few values")
-    taken = tuple(stack[place:])
-    del stack[place:]
+    taken = tuple(stack[start:])
+    del stack[start:]
     return taken
 
 
 def _constant(constant: object, is_inner: bool = False) -> Any:
     """Return a constant: numbers as `_Value`, None and texts (bytes) as they are."""
     if isinstance(constant, tuple) and not is_inner:  # deeper ones may share 2^40 parts
-        return tuple(_constant(one, True) for one in constant)
+        return tuple(_constant(part, True) for part in constant)
     if constant is None or isinstance(constant, bytes | bool):
         return constant
     if not is_ordinary(constant):
@@ -334,7 +334,7 @@ def _called(path: str, values: tuple, named: dict) -> _Value:
         raise ValueError("unknown call")
     word = "gray" if name == "rgb_to_grayscale" else _known_name(name)
     if rest:
-        sides = [one.offset for one in (rest[0] if len(rest) == 1 else rest) if not one.factor]
+        sides = [side.offset for side in (rest[0] if len(rest) == 1 else rest) if not side.factor]
         is_size = len(sides) == 2 and all(side == int(side) and 1 < side <= 4096 for side in sides)
         is_known = name in ("resize", "resize_images", "resize_bilinear") and "image" in modules
         method = "linear" if name == "resize" and "v1" not in modules else "linear_tf1"
@@ -351,7 +351,7 @@ def _called(path: str, values: tuple, named: dict) -> _Value:
 def _cropped(value: _Value, index: tuple, rows: int | None) -> _Value:
     """Return an image without some rows at its top and bottom, and with all columns."""
     images, kept, *others = [
-        [bound and int(bound.offset) for bound in (one.start, one.stop, one.step)] for one in index
+        [bound and int(bound.offset) for bound in (cut.start, cut.stop, cut.step)] for cut in index
     ]
     top, stop = kept[0] or 0, kept[1] or 0
     if stop > 0:
@@ -387,12 +387,12 @@ def specs_of_word(word: str) -> list[dict] | None:
     [{'layer': 'Cropping2D', 'cropping': [[60, 25], [0, 0]]}]
     """
     if "+" in word:
-        parts = [specs_of_word(one) for one in word.split("+")]
+        parts = [specs_of_word(part) for part in word.split("+")]
         return None if None in parts else [spec for part in parts for spec in part or ()]
     name, *rest = word.split(":")
     method = rest.pop() if name == "resize" and rest and rest[-1] in RESIZE_METHODS else "linear"
     try:
-        numbers = [float(one) for one in rest]
+        numbers = [float(text) for text in rest]
     except ValueError:
         return None
     if not all(map(is_ordinary, numbers)):

@@ -102,11 +102,11 @@ def convert(
     except ValueError as error:
         raise InputError(f"{model.path}: {error}") from None
     for owner in sorted(set(owners)):
-        own = [modules[index] for index, one in enumerate(owners) if one == owner]
+        parts = [modules[index] for index, other in enumerate(owners) if other == owner]
         layer = model.layers[owner]
         layer = replace(layer, arrays=[]) if layer.kind == "Normalization" else layer
         try:
-            copy_arrays(layer, torch.nn.Sequential(*own), model, first)
+            copy_arrays(layer, torch.nn.Sequential(*parts), model, first)
         except MisfitError as error:
             fix = "the file is damaged or of another model: save the model again"
             if error.follows_input:
@@ -153,8 +153,8 @@ def _notes(
 ) -> list[LayerNote]:
     notes = []
     for index, (layer, understood) in enumerate(zip(model.layers, chain.understood, strict=True)):
-        own = [one for one, owner in zip(shapes, chain.owners, strict=True) if owner == index]
-        shape = own[-1] if own else shape
+        sizes = [size for size, owner in zip(shapes, chain.owners, strict=True) if owner == index]
+        shape = sizes[-1] if sizes else shape
         count = sum(array.size for array in layer.arrays)
         notes.append(LayerNote(index + 1, layer.name, layer.kind, understood, shape, count))
     return notes
@@ -197,7 +197,7 @@ def _input_shape(
 
 
 def _kernel_channels(model: KerasModel) -> int | None:
-    layer = next((one for one in model.layers if one.arrays), None)
+    layer = next((layer for layer in model.layers if layer.arrays), None)
     if layer is None or not plain_kind(layer.kind).endswith("Conv2D") or layer.arrays[0].ndim != 4:
         return None
     return int(layer.arrays[0].shape[2])
@@ -229,15 +229,15 @@ def _output_specs(
             "returns the steering"
         )
     names = list(outputs or (("steering", "throttle") if model.is_donkeycar else ()))
-    known = ("steering", "throttle", "ignored")
+    roles = ("steering", "throttle", "ignored")
     if len(names) != count or names.count("steering") != 1 or names.count("throttle") > 1:
         raise InputError(
             f"{model.path}: has {count} outputs; name each with 'outputs=["
-            f"{','.join((*known[:2], *['ignored'] * count)[:count])}]', steering once"
+            f"{','.join((*roles[:2], *['ignored'] * count)[:count])}]', steering once"
         )
-    if set(names) - set(known):
-        raise InputError(f"{model.path}: outputs={names!s:.100}: known are {', '.join(known)}")
-    columns = [names.index(one) for one in known[:2] if one in names]
+    if set(names) - set(roles):
+        raise InputError(f"{model.path}: outputs={names!s:.100}: known are {', '.join(roles)}")
+    columns = [names.index(role) for role in roles[:2] if role in names]
     if columns == list(range(count)):
         return flat
     return [*flat, {"layer": "Select", "columns": columns}]

@@ -98,15 +98,15 @@ def read_architecture(model: object, source: object, as_chain: bool = True) -> K
     Raises:
         InputError: it is no sequential chain of layers; names the layer that is not.
     """
-    found = _layer(model, source, as_chain, depth=0)
-    if not found.children:
+    root = _layer(model, source, as_chain, depth=0)
+    if not root.children:
         raise InputError(
-            f"{source}: its architecture is {found.kind or 'empty'!s:.60}, not a Sequential or "
+            f"{source}: its architecture is {root.kind or 'empty'!s:.60}, not a Sequential or "
             "functional model; save the model with model.save('model.h5')"
         )
-    if sum(1 for _ in found.leaves()) > MOST_LAYERS:
+    if sum(1 for _ in root.leaves()) > MOST_LAYERS:
         raise InputError(f"{source}: has more than {MOST_LAYERS} layers; name another file")
-    return found
+    return root
 
 
 def _layer(entry: object, source: object, as_chain: bool, depth: int) -> KerasLayer:
@@ -118,18 +118,18 @@ def _layer(entry: object, source: object, as_chain: bool, depth: int) -> KerasLa
     if not isinstance(kind, str) or no_layers or depth > 16:
         what = f"{kind} without layers" if no_layers else "without classes of layers"
         raise InputError(f"{source}: its architecture is damaged ({what}); copy or save it again")
-    own = config if isinstance(config, dict) else {}
-    name = own.get("name", entry.get("name", ""))
+    settings = config if isinstance(config, dict) else {}
+    name = settings.get("name", entry.get("name", ""))
     name = name if isinstance(name, str) else ""
     if not is_model or not isinstance(layers, list):
-        return KerasLayer(name, kind, own, constants=_constants(entry.get("inbound_nodes")))
+        return KerasLayer(name, kind, settings, constants=_constants(entry.get("inbound_nodes")))
     children = [_layer(layer, source, as_chain, depth + 1) for layer in layers]
     if kind in GRAPHS and as_chain:
-        children = _chain(children, layers, own, source)
-    if shape := own.get("build_input_shape"):  # of a model that was built by its first call
+        children = _chain(children, layers, settings, source)
+    if shape := settings.get("build_input_shape"):  # of a model that was built by its first call
         start = {"batch_input_shape": shape} | children[0].config
         children[0] = replace(children[0], config=start)
-    return KerasLayer(name, kind, own, children=tuple(children))
+    return KerasLayer(name, kind, settings, children=tuple(children))
 
 
 def _chain(
@@ -161,7 +161,7 @@ def _chain(
     while (following := after.pop(chain[-1].name if chain else "", None)) is not None:
         chain.append(following)
     if after:
-        names = ", ".join(one.name for one in after.values())
+        names = ", ".join(layer.name for layer in after.values())
         raise InputError(f"{source}: the input does not lead to {names:.200}; {only}")
     if len(ends) != (len(outputs) > 1) * len(outputs) or starts - {chain[-1].name}:
         names = ", ".join(sorted(outputs))
@@ -179,12 +179,12 @@ def joined_outputs(
     Raises:
         InputError: the outputs differ in their activation, or their weights are not dense layers'.
     """
-    placed = {one.output: one for one in layers if one.output is not None}
+    placed = {layer.output: layer for layer in layers if layer.output is not None}
     if not placed:
         return layers, {}
-    ends = [placed[place] for place in sorted(placed)]
-    names = ", ".join(one.name for one in ends)
-    activations = [str(one.config.get("activation") or "linear") for one in ends]
+    ends = [placed[output] for output in sorted(placed)]
+    names = ", ".join(end.name for end in ends)
+    activations = [str(end.config.get("activation") or "linear") for end in ends]
     is_donkeycar = [end.name for end in ends] == DONKEYCAR_OUTPUTS[-1]
     binned = is_donkeycar and set(activations) == {"softmax"}
     same = len(set(activations)) == 1 and (binned or "softmax" not in activations)
@@ -198,9 +198,9 @@ def joined_outputs(
         )
     arrays = [np.concatenate([end.arrays[part] for end in ends], axis=-1) for part in (0, 1)]
     config = {"units": arrays[1].size, "activation": "linear" if binned else activations[0]}
-    one = KerasLayer(names, "Dense", config, arrays)
+    joined = KerasLayer(names, "Dense", config, arrays)
     units = {end.name: end.arrays[1].size for end in ends}
-    return [*(layer for layer in layers if layer.output is None), one], units
+    return [*(layer for layer in layers if layer.output is None), joined], units
 
 
 def _sources(node: object, depth: int = 0) -> list[str]:
@@ -214,12 +214,12 @@ def _sources(node: object, depth: int = 0) -> list[str]:
         inner: list = list(node.values())
     elif isinstance(node, list):
         if len(node) >= 3 and isinstance(node[0], str) and isinstance(node[1], int):
-            more = [_sources(one, depth + 1) for one in node[3:]]
-            return [node[0], *(name for one in more for name in one)]
+            lists = [_sources(entry, depth + 1) for entry in node[3:]]
+            return [node[0], *(name for names in lists for name in names)]
         inner = node
     else:
         return []
-    return [name for one in inner for name in _sources(one, depth + 1)]
+    return [name for child in inner for name in _sources(child, depth + 1)]
 
 
 def _constants(nodes: object) -> tuple[float, ...]:
@@ -231,7 +231,7 @@ def _constants(nodes: object) -> tuple[float, ...]:
     if isinstance(node, list) and len(node) == 4 and isinstance(node[3], dict):  # Keras 2
         values = list(node[3].values())
     elif isinstance(node, dict):
-        arguments, more = node.get("args"), node.get("kwargs")
+        arguments, keywords = node.get("args"), node.get("kwargs")
         if isinstance(arguments, list) and arguments and isinstance(arguments[0], dict):
-            values = [*arguments[1:], *(more.values() if isinstance(more, dict) else ())]
+            values = [*arguments[1:], *(keywords.values() if isinstance(keywords, dict) else ())]
     return tuple(float(value) for value in values if is_ordinary(value))

@@ -5,6 +5,7 @@ Keras' order of axes, usually [N, H, W, C], it changes to that order and back.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import torch
 import torch.nn.functional as F
@@ -30,7 +31,9 @@ class Lambda(nn.Module):
 class PaddedConv2d(nn.Conv2d):
     """A convolution that pads its input by other amounts on opposite sides."""
 
-    pads: Pads = (0, 0, 0, 0)
+    def __init__(self, pads: Pads, *settings: Any) -> None:
+        super().__init__(*settings)
+        self.pads = pads
 
     def forward(self, images: Tensor) -> Tensor:
         """Return the convolution of padded images."""
@@ -48,10 +51,13 @@ class Resize(nn.Module):
             `nearest_tf1` or `area`.
     """
 
+    rows: Tensor
+    columns: Tensor
+
     def __init__(self, shape: tuple[int, int], size: tuple[int, int], method: str) -> None:
         super().__init__()
         self.size, self.method = size, method
-        rows, columns = (resize_matrix(*one, method) for one in zip(shape, size, strict=True))
+        rows, columns = (resize_matrix(*sides, method) for sides in zip(shape, size, strict=True))
         self.register_buffer("rows", rows, persistent=False)
         self.register_buffer("columns", columns.T.contiguous(), persistent=False)
 
@@ -119,6 +125,9 @@ class BatchNorm(nn.Module):
         momentum: share of the saved statistics that each batch keeps, as in Keras.
         center, scale: whether its offset and its factor are trained.
     """
+
+    running_mean: Tensor
+    running_var: Tensor
 
     def __init__(
         self, features: int, epsilon: float, momentum: float, center: bool, scale: bool

@@ -95,9 +95,9 @@ def _edges(value: Any) -> Any:
     if isinstance(value, dict):
         names = ("top_pad", "bottom_pad"), ("left_pad", "right_pad")
         return [[value.get(name, 0) for name in pair] for pair in names]
-    if isinstance(value, list) and all(type(one) is int for one in value):
+    if isinstance(value, list) and all(type(side) is int for side in value):
         if len(value) == 2:
-            return [[one, one] for one in value]
+            return [[side, side] for side in value]
         if len(value) == 4:
             return [value[:2], value[2:]]
     return value
@@ -152,12 +152,12 @@ def specs_of(kind: str, config: dict, version: int) -> list[Spec] | None:
         spec = _resize(config)
     if ORDERS.get(str(config.get("data_format", config.get("dim_ordering")))) == "channels_first":
         spec["data_format"] = "channels_first"
-    more = []
+    after = []
     if kind in WITH_ACTIVATION:
-        more = activation_specs(config.get("activation"), version)
-        if len(more) == 1 and more[0]["layer"] == "Activation":
-            spec["activation"], more = more[0]["activation"], []
-    return [{key: value for key, value in spec.items() if value is not None}, *more]
+        after = activation_specs(config.get("activation"), version)
+        if len(after) == 1 and after[0]["layer"] == "Activation":
+            spec["activation"], after = after[0]["activation"], []
+    return [{key: value for key, value in spec.items() if value is not None}, *after]
 
 
 def operator_specs(name: str, constants: tuple[float, ...]) -> list[Spec] | None:

@@ -45,9 +45,9 @@ def copy_arrays(layer: KerasLayer, module: nn.Module, model: KerasModel, first: 
     Raises:
         MisfitError: see `_arranged`.
     """
-    places = [place for part in module.modules() for place in _tensors(part)]
-    found = _arranged(layer.arrays, places, layer.kind, model, first)
-    _copy([tensor for _, tensor in places], found)
+    places = [pair for part in module.modules() for pair in _tensors(part)]
+    arranged = _arranged(layer.arrays, places, layer.kind, model, first)
+    _copy([tensor for _, tensor in places], arranged)
 
 
 def _copy(tensors: Sequence[Tensor], arrays: Sequence[np.ndarray]) -> None:
@@ -61,11 +61,11 @@ def _tensors(part: nn.Module) -> list[tuple[str, Tensor]]:
     if isinstance(part, PReLU):
         return [("alpha", part.alpha)]
     if isinstance(part, BatchNorm):
-        found: dict[str, Tensor] = {"gamma": part.weight, "beta": part.bias}
-        found = {name: one for name, one in found.items() if one.requires_grad}
+        tensors: dict[str, Tensor] = {"gamma": part.weight, "beta": part.bias}
+        tensors = {name: tensor for name, tensor in tensors.items() if tensor.requires_grad}
         buffers = dict(part.named_buffers())
-        found |= {"mean": buffers["running_mean"], "variance": buffers["running_var"]}
-        return list(found.items())
+        tensors |= {"mean": buffers["running_mean"], "variance": buffers["running_var"]}
+        return list(tensors.items())
     if not isinstance(part, WithWeights):
         return []
     bias = [] if part.bias is None else [("bias", part.bias)]
@@ -94,65 +94,65 @@ def _arranged(
             "the model again, or name the weights of this architecture"
         )
     arranged = []
-    for (name, place), array in zip(places, arrays, strict=True):
-        found: np.ndarray | None = array
+    for (name, tensor), array in zip(places, arrays, strict=True):
+        values: np.ndarray | None = array
         if name == "alpha" and array.ndim == 3 and not first:
-            found = np.moveaxis(array, -1, 0)
-        elif "kernel" in name and place.ndim == 2:
-            found = array.T if array.ndim == 2 else None
+            values = np.moveaxis(array, -1, 0)
+        elif "kernel" in name and tensor.ndim == 2:
+            values = array.T if array.ndim == 2 else None
         elif "kernel" in name:
-            found = _torch_kernel(name, array, place, kind, model, first)
-        if found is None or found.shape != tuple(place.shape):
-            wanted = _keras_shape(place) if "kernel" in name else tuple(place.shape)
+            values = _torch_kernel(name, array, tensor, kind, model, first)
+        if values is None or values.shape != tuple(tensor.shape):
+            wanted = _keras_shape(tensor) if "kernel" in name else tuple(tensor.shape)
             raise MisfitError(
                 f"its {name} is {by(array.shape)} in the file, {by(wanted)} for its input",
-                name == "alpha" or (name == "kernel" and place.ndim == 2),
+                name == "alpha" or (name == "kernel" and tensor.ndim == 2),
             )
-        if not np.isfinite(found).all():
+        if not np.isfinite(values).all():
             raise MisfitError("its weights hold NaN or infinity; the training diverged")
-        arranged.append(found)
+        arranged.append(values)
     return arranged
 
 
 def _torch_kernel(
-    name: str, array: np.ndarray, place: Tensor, kind: str, model: KerasModel, first: bool
+    name: str, array: np.ndarray, tensor: Tensor, kind: str, model: KerasModel, first: bool
 ) -> np.ndarray | None:
     """Return the kernel of a convolution; None if its number of axes is wrong."""
     if name == "row kernel":
-        array = _one_row(array, place)
+        array = _one_row(array, tensor)
     if array.ndim != 4:
         return None
     is_separable = kind.startswith(("Separable", "Depthwise"))
     if name == "depthwise kernel" and is_separable:
-        found = array.transpose(2, 3, 0, 1)  # (h, w, channels, multiplier)
-        return found.reshape(-1, 1, *found.shape[2:])
-    is_old = _is_out_in_first(array, place, model.version == 1 and first)
+        kernel = array.transpose(2, 3, 0, 1)  # (h, w, channels, multiplier)
+        return kernel.reshape(-1, 1, *kernel.shape[2:])
+    is_old = _is_out_in_first(array, tensor, model.version == 1 and first)
     kernel = array if is_old else array.transpose(3, 2, 0, 1)  # (h, w, in, out)
     # Theano convolves; all other backends correlate.
     flips = model.backend == "theano" and not is_separable
     return kernel[:, :, ::-1, ::-1] if flips else kernel
 
 
-def _one_row(array: np.ndarray, place: Tensor) -> np.ndarray:
+def _one_row(array: np.ndarray, tensor: Tensor) -> np.ndarray:
     """Return the kernel of a 1-D convolution as (1, steps, in, out)."""
     if array.ndim != 4:
         return array[None]
-    out, inputs, _, steps = place.shape
+    out, inputs, _, steps = tensor.shape
     if array.shape == (out, inputs, steps, 1):  # Keras 1.0
         return array.transpose(3, 2, 1, 0)
     return array.transpose(1, 0, 2, 3) if array.shape[1] == 1 else array  # Keras 1.2
 
 
-def _is_out_in_first(array: np.ndarray, place: Tensor, expected: bool) -> bool:
+def _is_out_in_first(array: np.ndarray, tensor: Tensor, expected: bool) -> bool:
     """Return whether a kernel has torch's axes, as in Keras 1 with the channels first.
 
     Args:
         array: kernel in the file.
-        place: weights of a convolution.
+        tensor: weights of a convolution.
         expected: what to return if all sizes are equal, and the shape does not tell the order.
     """
-    shape = tuple(place.shape)
-    return array.shape == shape and (expected or shape != _keras_shape(place))
+    shape = tuple(tensor.shape)
+    return array.shape == shape and (expected or shape != _keras_shape(tensor))
 
 
 def _keras_shape(tensor: Tensor) -> tuple[int, ...]:
@@ -178,55 +178,55 @@ def load_keras_weights(network: nn.Module, path: Path) -> str:
     model = read_keras_apart(path, None, False)
     groups = _groups(model)
     kind = type(network).__name__
-    places = [m for m in network.modules() if isinstance(m, WithWeights)]
-    if len(groups) != len(places):
+    modules = [m for m in network.modules() if isinstance(m, WithWeights)]
+    if len(groups) != len(modules):
         names = ", ".join(layer.name for layer, _ in groups)
         raise InputError(
             f"{path}: has {len(groups)} layers with weights ({names!s:.500}), {kind} has "
-            f"{len(places)}; set the model of the file's training, or model=keras for any"
+            f"{len(modules)}; set the model of the file's training, or model=keras for any"
         )
     first = _channels_first(model)
     if first is None:
         first = any(
-            _is_out_in_first(arrays[0], place.weight, False)
-            for (_, arrays), place in zip(groups, places, strict=True)
-            if isinstance(place, nn.Conv2d)
+            _is_out_in_first(arrays[0], module.weight, False)
+            for (_, arrays), module in zip(groups, modules, strict=True)
+            if isinstance(module, nn.Conv2d)
         )
     flattens_last = any(
         layer.kind == "Flatten" and layer.config.get("data_format") == "channels_first"
         for layer in model.layers
     )
     tensors: list[Tensor] = []
-    found: list[np.ndarray] = []
+    values: list[np.ndarray] = []
     channels = None  # of the last convolution; None after the first dense layer
-    for number, ((layer, arrays), place) in enumerate(zip(groups, places, strict=True), start=1):
-        own = _tensors(place)
+    for number, ((layer, arrays), module) in enumerate(zip(groups, modules, strict=True), start=1):
+        named = _tensors(module)
         try:
-            arranged = _arranged(arrays, own, layer.kind, model, first)
+            arranged = _arranged(arrays, named, layer.kind, model, first)
         except MisfitError as error:
-            follows_view = isinstance(place, nn.Conv1d) or (error.follows_input and channels)
+            follows_view = isinstance(module, nn.Conv1d) or (error.follows_input and channels)
             fix = "set model.width, or the model of the file's training"
             if follows_view:
                 fix = "set model.size and data.crop to the file's input"
             elif number == 1:
                 fix = "set model.colour, or the model of the file's training"
             raise InputError(
-                f"{path}: layer {number} of {len(places)}, {layer.name}, does not fit {kind}: "
+                f"{path}: layer {number} of {len(modules)}, {layer.name}, does not fit {kind}: "
                 f"{error}; {fix}{_input(model)}"
             ) from None
-        if not isinstance(place, nn.Linear):
-            channels = place.out_channels
+        if not isinstance(module, nn.Linear):
+            channels = module.out_channels
         elif channels is not None:
             if not first or flattens_last:
                 arranged[0] = _channels_first_inputs(arranged[0], channels)
             channels = None
-        tensors += [tensor for _, tensor in own]
-        found += arranged
-    _copy(tensors, found)
+        tensors += [tensor for _, tensor in named]
+        values += arranged
+    _copy(tensors, values)
     # Keras before 1.2 did not save the backend. Kernels of Theano, its default, must be flipped.
     doubt = "; no backend in the file, read as TensorFlow's, not Theano's"
     doubt = doubt if first and not model.backend else ""
-    return f"{len(places)} layers from {path} (Keras {model.version}{doubt}){_input(model)}"
+    return f"{len(modules)} layers from {path} (Keras {model.version}{doubt}){_input(model)}"
 
 
 def _groups(model: KerasModel) -> list[tuple[KerasLayer, list[np.ndarray]]]:

@@ -41,7 +41,7 @@ class LayerChain(nn.Module):
         specs = check_specs(layers if layers is not None else DEFAULT_LAYERS)
         first = is_channels_first(specs)
         channels, height, width = shape
-        self.scale = SCALE if scale is None else tuple(scale)
+        self.scale: Sequence[float] = SCALE if scale is None else tuple(scale)
         self.normalize = Normalize(self.scale)
         modules, shapes = build_layers(specs, shape if first else (height, width, channels), first)
         self.layers = nn.Sequential(*modules)
@@ -62,12 +62,12 @@ def check_specs(layers: object) -> list[Mapping]:
     """Return the specs, checked to be a list of mappings that name known layers."""
     if not isinstance(layers, list | tuple) or not 0 < len(layers) <= MOST_LAYERS:
         raise ValueError(f"model.layers is not a list of 1 to {MOST_LAYERS} layers")
-    for number, one in enumerate(layers, start=1):
-        name = one.get("layer") if isinstance(one, Mapping) else None
+    for number, entry in enumerate(layers, start=1):
+        name = entry.get("layer") if isinstance(entry, Mapping) else None
         if not isinstance(name, str) or name not in BUILDERS:
-            known = ", ".join(BUILDERS)
+            names = ", ".join(BUILDERS)
             raise ValueError(
-                f"model.layers: layer {number} is {name!r:.40}, no known layer; known are {known}"
+                f"model.layers: layer {number} is {name!r:.40}, no known layer; known are {names}"
             )
     return list(layers)
 

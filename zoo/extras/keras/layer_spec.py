@@ -3,13 +3,15 @@
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, StrictBool, TypeAdapter, ValidationError
+from pydantic import Field, StrictBool, TypeAdapter, ValidationError, conlist
 
 MOST_TEXT = 40  # characters of a value in a message
 MOST_NUMBER, MOST_SIDE = 1e6, 4096
 NUMBER = f"a number in {-MOST_NUMBER:g}..{MOST_NUMBER:g}"
 Number = Annotated[float, Field(strict=True, ge=-MOST_NUMBER, le=MOST_NUMBER)]
 Numbers = Annotated[list[Number], Field(max_length=4096)]
+Side = Annotated[int, Field(strict=True, ge=1, le=MOST_SIDE)]
+Edge = Annotated[int, Field(strict=True, ge=0, le=MOST_SIDE)]
 Shape = tuple[int, ...]
 Pair = tuple[int, int]
 
@@ -36,18 +38,16 @@ class LayerSpec:
         self, key: str, default: list[int] | None = None, least: int = 1, most: int = 65_536
     ) -> list[int]:
         """Return a list of up to 8 whole numbers."""
-        kind = Annotated[list[_whole(least, most)], Field(max_length=8)]
+        kind = conlist(_whole(least, most), max_length=8)
         return self._checked(key, default, kind, f"a list of up to 8 numbers in {least}..{most}")
 
     def pair(self, key: str, default: Pair | None = None) -> Pair:
         """Return two whole numbers, of rows and columns."""
-        side = _whole(1, MOST_SIDE)
-        return self._checked(key, default, tuple[side, side], "a list of two whole numbers")
+        return self._checked(key, default, tuple[Side, Side], "a list of two whole numbers")
 
     def edges(self, key: str) -> tuple[int, int, int, int]:
         """Return whole numbers of `[[top, bottom], [left, right]]`."""
-        edge = _whole(0, MOST_SIDE)
-        kind = tuple[tuple[edge, edge], tuple[edge, edge]]
+        kind = tuple[tuple[Edge, Edge], tuple[Edge, Edge]]
         vertical, horizontal = self._checked(key, None, kind, "[[top, bottom], [left, right]]")
         return *vertical, *horizontal
 
@@ -57,8 +57,8 @@ class LayerSpec:
 
     def numbers(self, key: str, default: float | None = None) -> list[float]:
         """Return a list of numbers; a single number is a list of one."""
-        found = self._checked(key, default, Numbers | Number, NUMBER)
-        return found if isinstance(found, list) else [found]
+        numbers = self._checked(key, default, Numbers | Number, NUMBER)
+        return numbers if isinstance(numbers, list) else [numbers]
 
     def share(self, key: str) -> float:
         """Return a rate of 0 or more, below 1."""
@@ -71,9 +71,9 @@ class LayerSpec:
         """Return true or false."""
         return self._checked(key, default, StrictBool, "true or false")
 
-    def word(self, key: str, known: Sequence[str], default: str | None = None) -> str:
+    def word(self, key: str, words: Sequence[str], default: str | None = None) -> str:
         """Return one of the known words."""
-        return self._checked(key, default, Literal[tuple(known)], f"one of {', '.join(known)}")
+        return self._checked(key, default, Literal[tuple(words)], f"one of {', '.join(words)}")
 
     def check_all_read(self) -> None:
         """Raise ValueError for a key that the layer does not have."""

@@ -95,9 +95,9 @@ def _file_kind(file: BinaryIO, name: str) -> str:
         names = archive_names(file, begin)
         has_network = any(name.lower().endswith(WHOLE_SUFFIXES) for name in names)
         return KERAS if TOPS & set(names) else PACKED if has_network else "archive"
-    found = next((kind for kind, form in BEGINS.items() if re.match(form, begin, re.DOTALL)), "")
+    kind = next((kind for kind, form in BEGINS.items() if re.match(form, begin, re.DOTALL)), "")
     file.seek(-min(len(TABLE_END), len(begin)), io.SEEK_END)
-    return "tensors" if file.read() == TABLE_END else found or _kind_of_name(name)
+    return "tensors" if file.read() == TABLE_END else kind or _kind_of_name(name)
 
 
 def describe_kind(path: Path, kind: str) -> str:

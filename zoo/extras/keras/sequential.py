@@ -66,14 +66,14 @@ def _of_keras(path: Path, view: View, scale: list | None) -> tuple[list, list]:
 def _of_checkpoint(path: Path, view: View, scale: list | None) -> tuple[list, list]:
     card = read_checkpoint_file(path)["drivezoo"]
     check_card(card, path)
-    model, own = card["config"]["model"], View.from_dict(card["view"])
+    model, stored = card["config"]["model"], View.from_dict(card["view"])
     if not isinstance(model.get("layers"), list):
         raise InputError(
             f"{path}: is a checkpoint of {model.get('name')!s:.60}, without model.layers; set "
             "model to its name"
         )
-    if replace(own, frame=view.frame) != view:  # the recording has not been read yet
-        keys = [f"data.crop={typed(own.crop)}", f"model.colour={own.colour}"]
-        keys += [f"model.size={typed(own.size)}", f"model.resize={own.resize}"]
+    if replace(stored, frame=view.frame) != view:  # the recording has not been read yet
+        keys = [f"data.crop={typed(stored.crop)}", f"model.colour={stored.colour}"]
+        keys += [f"model.size={typed(stored.size)}", f"model.resize={stored.resize}"]
         raise InputError(f"{path}: was trained on another view; set {command_line(keys)}")
     return model["layers"], scale or model.get("scale") or [127.5, 1.0]

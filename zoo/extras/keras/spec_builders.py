@@ -36,9 +36,9 @@ def _image_of(spec: LayerSpec, shape: Shape, first: bool) -> tuple[int, int, int
     if len(shape) != 3:
         raise ValueError(f"{spec.label}: needs images, not values of shape {by(shape)}")
     order = "channels_first" if first else "channels_last"
-    own = spec.values.get("data_format", order)
-    if own != order:
-        raise ValueError(f"{spec.label}: has data_format={own!r:.40}, unlike the other layers")
+    saved = spec.values.get("data_format", order)
+    if saved != order:
+        raise ValueError(f"{spec.label}: has data_format={saved!r:.40}, unlike the other layers")
     return (shape[1], shape[2], shape[0]) if first else (shape[0], shape[1], shape[2])
 
 
@@ -57,7 +57,8 @@ def _window(
 ) -> tuple[Pads, Pair]:
     """Return a window's padding as TensorFlow pads, and the rows and columns of the output."""
     padding = spec.word("padding", PADDINGS, "valid")
-    pads, out = [], []
+    pads: list[int] = []
+    out = []
     for length, side, step, gap in zip(size, kernel, stride, dilation, strict=True):
         side = (side - 1) * gap + 1
         count, before, after = (length - side) // step + 1, 0, 0
@@ -90,12 +91,9 @@ def _convolution(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     pads, out = _window(spec, (rows, columns), kernel, stride, dilation)
     left, right, top, bottom = pads
     even = left == right and top == bottom
-    module: nn.Module = (nn.Conv2d if even else PaddedConv2d)(
-        channels, filters, kernel, stride, (top, left) if even else 0, dilation, groups,
-        bias and not separable,
-    )  # fmt: skip
-    if not even:
-        module.pads = pads
+    edges = (top, left) if even else (0, 0)
+    sizes = channels, filters, kernel, stride, edges, dilation, groups, bias and not separable
+    module: nn.Module = nn.Conv2d(*sizes) if even else PaddedConv2d(pads, *sizes)
     if separable:
         inner, filters = filters, spec.whole("filters")
         module = nn.Sequential(module, nn.Conv2d(inner, filters, 1, bias=bias))
@@ -137,18 +135,18 @@ def _dense(spec: LayerSpec, shape: Shape, first: bool) -> Built:
 
 
 def _flatten(spec: LayerSpec, shape: Shape, first: bool) -> Built:
-    own = spec.values.get("data_format", "channels_last")
+    order = spec.values.get("data_format", "channels_last")
     # With channels first, Keras 2.2 and later put the channels last here.
-    last = not first or own == "channels_first"
+    last = not first or order == "channels_first"
     module = nn.Flatten(1)
     return InKerasOrder(module) if len(shape) == 3 and last else module, (math.prod(shape),)
 
 
 def _reshape(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     target = spec.wholes("target_shape", least=-1, most=2**26)
-    count, known = math.prod(shape), math.prod(one for one in target if one != -1)
-    if target.count(-1) == 1 and known > 0 and count % known == 0:
-        target = [count // known if one == -1 else one for one in target]
+    count, product = math.prod(shape), math.prod(side for side in target if side != -1)
+    if target.count(-1) == 1 and product > 0 and count % product == 0:
+        target = [count // product if side == -1 else side for side in target]
     if math.prod(target) != count or min(target, default=0) < 1 or len(target) > 3:
         raise spec.wrong("target_shape", f"does not hold the {count:,} values of {by(shape)}")
     module = nn.Sequential(nn.Flatten(), nn.Unflatten(1, tuple(target)))

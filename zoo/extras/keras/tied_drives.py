@@ -35,21 +35,17 @@ def drive_tied(
         InputError: a process was killed.
     """
     groups = {
-        (one.combination.view.colour, one.combination.scale): one for one in judged.tied[::-1]
+        (tied.combination.view.colour, tied.combination.scale): tied for tied in judged.tied[::-1]
     }
-    finalists = judged.trials.finalists
-    popular = [
-        finalist
-        for finalist in finalists
-        if finalist.combination == POPULAR and finalist not in judged.alike
-    ]
+    others = [trial for trial in judged.trials.finalists if trial not in judged.alike]
+    popular = [trial for trial in others if trial.combination == POPULAR]
     ordered = dict.fromkeys([judged.best, *popular, *groups.values(), *judged.tied])
-    chosen = [one for one in ordered if abs(one.correlation) > judged.chance][:MOST_DRIVEN]
+    chosen = [trial for trial in ordered if abs(trial.correlation) > judged.chance][:MOST_DRIVEN]
     driven = _drive(chosen[:1], write, console)
     # Of outputs that mean something else, no drive tells which input is right.
-    if judged.best.means_steering and not all(one.kept for one in driven):
+    if judged.best.means_steering and not all(drive.kept for drive in driven):
         driven += _drive(chosen[1:], write, console)
-    driven.sort(key=lambda one: (not one.kept, -round(one.driven_m, -1), round(one.cte_mean_m, 1)))
+    driven.sort(key=lambda lap: (not lap.kept, -round(lap.driven_m, -1), round(lap.cte_mean_m, 1)))
     return judge(judged.trials, tuple(driven), judged)
 
 
@@ -66,6 +62,6 @@ def _drive(
         shown = {"what": what, "console": console}
         drives = all_drives(names, scenarios, workers=0, first_only=True, **shown)
     return [
-        Driven(trial, one.driven_m, not interventions(one), cte_mean_m(one))
-        for trial, one in zip(trials, drives, strict=True)
+        Driven(trial, drive.driven_m, not interventions(drive), cte_mean_m(drive))
+        for trial, drive in zip(trials, drives, strict=True)
     ]

@@ -151,8 +151,8 @@ def concordance(outputs: np.ndarray, steering: np.ndarray) -> float:
     with np.errstate(all="ignore"):
         covariance = np.mean((outputs - outputs.mean()) * (steering - steering.mean()))
         spread = outputs.var() + steering.var() + (outputs.mean() - steering.mean()) ** 2
-        found = 2 * covariance / spread
-    return float(found) if np.isfinite(found) else 0.0
+        value = 2 * covariance / spread
+    return float(value) if np.isfinite(value) else 0.0
 
 
 def correlations(outputs: np.ndarray, steering: np.ndarray) -> np.ndarray:
@@ -168,21 +168,21 @@ def correlations(outputs: np.ndarray, steering: np.ndarray) -> np.ndarray:
     return np.nan_to_num(product, nan=0.0, posinf=0.0, neginf=0.0)
 
 
-def planned_images(known: KnownInput, frames: TrialFrames) -> int:
+def planned_images(facts: KnownInput, frames: TrialFrames) -> int:
     """Return the number of images that the stages take at most, but for further neighbours."""
-    possible = combinations(known)
+    possible = combinations(facts)
     some, cameras = len(_some(frames).steering), len(frames.cameras)
-    views = {one.view for one in possible}
+    views = {choice.view for choice in possible}
     colours = {view.colour for view in views}
     fine = FINALISTS + len(colours) + USUAL_NEIGHBOURS + len(RESIZES)
-    coarse = len(_coarse(possible, known)) // COARSE_STEP + _kept(len(views))
+    coarse = len(_coarse(possible, facts)) // COARSE_STEP + _kept(len(views))
     again = 0 if some == len(frames.steering) else (MOST_TIED + 3) * len(frames.steering) * cameras
     return some * (coarse + fine * cameras) + again
 
 
 def try_inputs(
     network: Network,
-    known: KnownInput,
+    facts: KnownInput,
     frames: TrialFrames,
     did: Callable[[int], None],
     show_best: Callable[[Trial], None],
@@ -192,7 +192,7 @@ def try_inputs(
     Args:
         network: function of a view and a scale that returns the network for them, in evaluation
             mode, on the CPU.
-        known: facts about the input.
+        facts: facts about the input.
         frames: frames to try on.
         did: function called with the number of images that a network has seen.
         show_best: function called with the best trial of each stage.
@@ -204,21 +204,21 @@ def try_inputs(
 
     def stage(chosen: Sequence[Combination], frames: TrialFrames) -> list[Trial]:
         """Return the trials, the best first."""
-        found = try_all(network, chosen, frames, did)
-        for best in found[:1]:
+        trials = try_all(network, chosen, frames, did)
+        for best in trials[:1]:
             show_best(best)
-        return found
+        return trials
 
-    possible = combinations(known)
+    possible = combinations(facts)
     best: dict[View, Combination] = {}  # the best scale of each view
-    for one in stage(_coarse(possible, known), some.every(COARSE_STEP).center_only()):
-        best.setdefault(one.combination.view, one.combination)
+    for trial in stage(_coarse(possible, facts), some.every(COARSE_STEP).center_only()):
+        best.setdefault(trial.combination.view, trial.combination)
     coarse = stage(list(best.values())[: _kept(len(best))], some.center_only())
     finalists = stage(_finalists(coarse), some)
-    while more := _neighbours(finalists, possible):
-        finalists += stage(more, some)
-    found = max(finalists, key=_score).combination
-    last = dict.fromkeys([*with_each_resize(found, known)[1:], *popular_combinations(known)])
+    while near := _neighbours(finalists, possible):
+        finalists += stage(near, some)
+    chosen = max(finalists, key=_score).combination
+    last = dict.fromkeys([*with_each_resize(chosen, facts)[1:], *popular_combinations(facts)])
     finalists += stage(list(last), some)
     return Trials(tuple(sorted(finalists, key=_score, reverse=True)), tuple(coarse))
 
@@ -227,8 +227,8 @@ def _some(frames: TrialFrames) -> TrialFrames:
     return frames.every(max(1, len(frames.steering) // COARSE_ROWS))
 
 
-def _coarse(possible: Sequence[Combination], known: KnownInput) -> list[Combination]:
-    return [one for one in possible if known.scale or one.scale in COARSE_SCALES]
+def _coarse(possible: Sequence[Combination], facts: KnownInput) -> list[Combination]:
+    return [choice for choice in possible if facts.scale or choice.scale in COARSE_SCALES]
 
 
 def _kept(views: int) -> int:
@@ -240,12 +240,12 @@ def _neighbours(finalists: list[Trial], possible: list[Combination]) -> list[Com
     best = max(finalists, key=_score).combination
     tried = {finalist.combination for finalist in finalists}
 
-    def is_near(one: Combination) -> bool:
-        apart = np.abs(np.subtract(one.view.crop, best.view.crop)).max()
-        same_scale = one.scale == best.scale
-        return one.view.colour == best.view.colour and apart <= (NEAR_ROWS if same_scale else 0)
+    def is_near(other: Combination) -> bool:
+        apart = np.abs(np.subtract(other.view.crop, best.view.crop)).max()
+        same_scale = other.scale == best.scale
+        return other.view.colour == best.view.colour and apart <= (NEAR_ROWS if same_scale else 0)
 
-    return [one for one in possible if one not in tried and is_near(one)]
+    return [other for other in possible if other not in tried and is_near(other)]
 
 
 def _score(trial: Trial) -> float:
@@ -264,7 +264,7 @@ def try_all(
     """
     threads = min(torch.get_num_threads(), usable_cores())
     with one_thread(), ThreadPoolExecutor(threads) as pool:
-        trials = list(pool.map(lambda one: try_one(network, one, frames, did), chosen))
+        trials = list(pool.map(lambda choice: try_one(network, choice, frames, did), chosen))
     return sorted(trials, key=_score, reverse=True)
 
 
@@ -277,10 +277,8 @@ def try_one(
 ) -> Trial:
     """Return the trial of a combination."""
     module = network(combination.view, combination.scale)
-    outputs = np.stack(
-        [_steering(module, combination.view, camera, did) for camera in frames.cameras]
-    )
-    return Trial(combination, outputs, frames.steering)
+    outputs = [_steering(module, combination.view, camera, did) for camera in frames.cameras]
+    return Trial(combination, np.stack(outputs), frames.steering)
 
 
 def _steering(
@@ -301,6 +299,7 @@ def _finalists(coarse: Sequence[Trial]) -> list[Combination]:
     Args:
         coarse: trials of the first stage, the best first.
     """
-    near = [one for one in coarse if one.score >= HOPELESS * coarse[0].score]
-    colours = {one.combination.view.colour: one for one in reversed(near)}
-    return list(dict.fromkeys(one.combination for one in [*coarse[:FINALISTS], *colours.values()]))
+    near = [trial for trial in coarse if trial.score >= HOPELESS * coarse[0].score]
+    colours = {trial.combination.view.colour: trial for trial in reversed(near)}
+    best = [*coarse[:FINALISTS], *colours.values()]
+    return list(dict.fromkeys(trial.combination for trial in best))

@@ -75,8 +75,8 @@ class OfficialTest:
         """Return the error of angles, radians, float64 [n], of rows on each half."""
         errors, time_s = angles - self.angles[rows], self.recording.time_s
         block = np.floor((time_s[rows] - time_s[0]) / BLOCK_S)
-        own = {half: self.public[rows] == number for half, number in HALVES.items()}
-        return {half: block_rmse(errors[of], block[of]) for half, of in own.items()}
+        masks = {half: self.public[rows] == number for half, number in HALVES.items()}
+        return {half: block_rmse(errors[mask], block[mask]) for half, mask in masks.items()}
 
 
 def read_test(folder: str | Path) -> OfficialTest:
@@ -136,10 +136,8 @@ class Challenge(Result):
         names = sorted(self.rmse, key=lambda name: self.rmse[name]["private"].value)
         columns = [Column("steering", "steering", names)]
         for half in HALVES:
-            found = [self.rmse[name][half] for name in names]
-            columns.append(
-                interval_column(f"{half}_rmse_rad", f"{half}: RMSE, rad", found, "{:.4f}")
-            )
+            rmse, heading = [self.rmse[name][half] for name in names], f"{half}: RMSE, rad"
+            columns.append(interval_column(f"{half}_rmse_rad", heading, rmse, "{:.4f}"))
         return Table(columns, f"Official test of Challenge 2, {self.frames:,} frames")
 
 
@@ -167,20 +165,20 @@ def score_challenge(
     rows = scored_rows(policy, test.recording, options.split)
     car = car_of(policy, test, name)
     teams = {team: angles[rows] for team, angles in team_angles(folder, test.frame_ids)}
-    own = steer_rows(policy, test, rows, car, options.speed, console)
-    steered = {**baselines(test.angles, rows), **teams, name: own}
-    rmse = {one: test.rmse(rows, angles) for one, angles in steered.items()}
+    angles = steer_rows(policy, test, rows, car, options.speed, console)
+    steered = {**baselines(test.angles, rows), **teams, name: angles}
+    rmse = {entry: test.rmse(rows, radians) for entry, radians in steered.items()}
     with command_folder(options.out, "challenges") as out:
         ids = [test.frame_ids[row] for row in rows]
-        submission = csv_text([HEADER, *zip(ids, own.tolist(), strict=True)])
+        submission = csv_text([HEADER, *zip(ids, angles.tolist(), strict=True)])
         write_whole(out / "submission.csv", submission)
         scores = {
-            one: {half: asdict(found) for half, found in by_half.items()}
-            for one, by_half in rmse.items()
+            entry: {half: asdict(estimate) for half, estimate in by_half.items()}
+            for entry, by_half in rmse.items()
         }
         about = {"checkpoint": name, "recording": list(test.recording.names)}
         write_metrics_file(out, about | {"challenge": {"rmse_rad": scores, "frames": len(rows)}})
-        bad = int((~np.isfinite(own)).sum())
+        bad = int((~np.isfinite(angles)).sum())
         problem = f"{name}: steered NaN in {bad:,} frames; train again with a smaller optim.lr"
         notes = list(assumptions(policy, test, len(rows), options))
         result = Challenge(out, rmse, len(rows), notes, name, problem if bad else "")
@@ -209,8 +207,8 @@ def scored_rows(policy: Policy, recording: Recording, split: str | None) -> np.n
         raise InputError(f"{split}: has no test rows of this recording; name another split=")
     said = policy.config.get("data", {})
     if is_trained_on and said.get("split") in KINDS:
-        own = {key: said[key] for key in ("val_share", "test_share", "block_s", "gap_s")}
-        train = split_rows(recording, said["split"], **own, seed=said["split_seed"]).train
+        shares = {key: said[key] for key in ("val_share", "test_share", "block_s", "gap_s")}
+        train = split_rows(recording, said["split"], **shares, seed=said["split_seed"]).train
         if seen := np.isin(rows, train).sum():
             raise UsageError(
                 f"{split}: the network was trained on {seen:,} of its {len(rows):,} test rows; "
@@ -288,9 +286,9 @@ def block_rmse(errors: np.ndarray, block: np.ndarray) -> Estimate:
     >>> block_rmse(np.array([1.0, -1.0, 1.0, 1.0]), np.array([0, 0, 1, 2])).value
     1.0
     """
-    _, place = np.unique(block, return_inverse=True)
+    _, index = np.unique(block, return_inverse=True)
     # A block's sum of squares, scaled so that the mean over blocks is the mean over frames.
-    sums = np.bincount(place, errors**2)
+    sums = np.bincount(index, errors**2)
     squares = bootstrap(sums * (len(sums) / max(len(errors), 1)), limits=(0, math.inf))
     return Estimate(*np.sqrt([squares.value, squares.low, squares.high]).tolist())
 
@@ -320,19 +318,19 @@ def read_column(path: Path, column: str) -> dict[str, float]:
         InputError: the file cannot be read, or has a bad row.
     """
     bad = BadRows()
-    found: dict[str, float] = {}
-    for place, fields in read_csv(path, (HEADER[0], column), bad):
+    numbers: dict[str, float] = {}
+    for label, fields in read_csv(path, (HEADER[0], column), bad):
         try:
-            found[fields[HEADER[0]]] = decimal(fields, column)
-            if column == HEADER[1] and abs(found[fields[HEADER[0]]]) > UNIT.full:
+            numbers[fields[HEADER[0]]] = decimal(fields, column)
+            if column == HEADER[1] and abs(numbers[fields[HEADER[0]]]) > UNIT.full:
                 raise ValueError(
                     f"{column} is {fields[column]}, beyond the wheel's {UNIT.full:g} radians; "
                     "divide degrees by 57.3"
                 )
         except ValueError as error:
-            bad.faults.append(f"{place}: {error}")
-    bad.finish(len(found), "")
-    return found
+            bad.faults.append(f"{label}: {error}")
+    bad.finish(len(numbers), "")
+    return numbers
 
 
 def of_frames(path: Path, numbers: Mapping[str, float], frame_ids: list[str]) -> np.ndarray:
@@ -341,13 +339,13 @@ def of_frames(path: Path, numbers: Mapping[str, float], frame_ids: list[str]) ->
     Raises:
         InputError: a frame has none.
     """
-    missing = [one for one in frame_ids if one not in numbers]
+    missing = [frame for frame in frame_ids if frame not in numbers]
     if missing:
         raise InputError(
             f"{path}: has no row of the frame {missing[0]} ({len(missing):,} of {len(frame_ids):,} "
             "frames lack one); complete it, or move it to another folder"
         )
-    return np.array([numbers[one] for one in frame_ids])
+    return np.array([numbers[frame] for frame in frame_ids])
 
 
 def assumptions(

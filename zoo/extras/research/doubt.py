@@ -14,7 +14,7 @@ from zoo.base.output_files import checked_file
 from zoo.base.terminal import print_written
 from zoo.base.whole_file import write_output
 from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
-from zoo.runs.result_table import Column, Table
+from zoo.runs.result_table import Column, Table, number_column
 from zoo.runs.table_files import TableFiles
 
 if TYPE_CHECKING:
@@ -89,9 +89,7 @@ def members_table(paths: Sequence[Path], policy: "DropoutPolicy | EnsemblePolicy
     columns = [
         Column("checkpoint", "checkpoint", names, {"checkpoint": files}),
         Column("network", "network", [member.name for member in members]),
-        Column(
-            "parameters", "parameters", [f"{count:,}" for count in counts], {"parameters": counts}
-        ),
+        number_column("parameters", "parameters", counts, "{:,}"),
         Column("sees", "sees", sees, views),
     ]
     return Table(columns, f"Networks of {policy.name}")
@@ -100,10 +98,10 @@ def members_table(paths: Sequence[Path], policy: "DropoutPolicy | EnsemblePolicy
 def _check_distinct(paths: Sequence[Path]) -> None:
     """Raise InputError for a checkpoint that is named twice."""
     hashes = [hash_file(path) for path in paths]
-    for number, one in enumerate(hashes):
-        if one in hashes[:number]:
+    for number, digest in enumerate(hashes):
+        if digest in hashes[:number]:
             raise InputError(
-                f"{paths[number]}: is the same network as {paths[hashes.index(one)]}; name "
+                f"{paths[number]}: is the same network as {paths[hashes.index(digest)]}; name "
                 "checkpoints of different training seeds"
             )
 

@@ -100,16 +100,16 @@ def build_doubt(contents: dict, path: Path) -> tuple[list[Checkpoint], DoubtSett
     checkpoints = []
     seen: set[int] = set()
     for number, member in enumerate(members, 1):
-        place = Path(f"{path}: member {number}")
-        checked = checked_contents(member, place)
+        label = Path(f"{path}: member {number}")
+        checked = checked_contents(member, label)
         weights = {
-            tensor.data_ptr() for tensor in checked_state(checked["state_dict"], place).values()
+            tensor.data_ptr() for tensor in checked_state(checked["state_dict"], label).values()
         }
         if weights & seen:
             raise InputError(
-                f"{place}: has the weights of a member before it; write the file again with "
+                f"{label}: has the weights of a member before it; write the file again with "
                 "drivezoo doubt, from checkpoints that differ"
             )
         seen |= weights
-        checkpoints.append(build_checkpoint(checked, place))
+        checkpoints.append(build_checkpoint(checked, label))
     return checkpoints, settings

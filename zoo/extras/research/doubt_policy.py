@@ -45,14 +45,14 @@ class EnsemblePolicy(Policy):
         self._members = tuple(members)
         first = self.members[0]
         self.view = first.view
-        self.data = first.data if all(one.data == first.data for one in self.members) else {}
-        counts = Counter(one.name for one in self.members)
+        self.data = first.data if all(member.data == first.data for member in self.members) else {}
+        counts = Counter(member.name for member in self.members)
         self.name = " and ".join(f"{count} {name}" for name, count in counts.items())
         model = first.config.get("model", {}) | {"name": self.name}
         self.config = {**first.config, "model": model}
-        self.parameters = sum(one.parameters for one in self.members)
-        self.takes_speed = any(one.takes_speed for one in self.members)
-        self.outputs = min(one.outputs for one in self.members)
+        self.parameters = sum(member.parameters for member in self.members)
+        self.takes_speed = any(member.takes_speed for member in self.members)
+        self.outputs = min(member.outputs for member in self.members)
         self.tied = next((member.tied for member in self.members if member.tied), "")
 
     @property
@@ -232,15 +232,15 @@ class FixedDropout(nn.Module):
 
 def _fix_masks(network: nn.Module, samples: int, generator: torch.Generator) -> int:
     """Replace the dropout layers of a network; return their number."""
-    found = [
+    dropouts = [
         (parent, name, layer)
         for parent in network.modules()
         for name, layer in parent.named_children()
         if isinstance(layer, LAYERS) and layer.p > 0
     ]
-    for parent, name, layer in found:
+    for parent, name, layer in dropouts:
         setattr(parent, name, FixedDropout(layer, samples, generator))
-    return len(found)
+    return len(dropouts)
 
 
 def mixture(commands: Sequence[Command]) -> Command:

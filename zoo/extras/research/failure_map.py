@@ -1,8 +1,9 @@
 """The map of a search: cells over two features, which failed, and their plot."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap
@@ -18,6 +19,7 @@ YELLOW = "#f2c500"
 SHARES = ListedColormap(["#d6e4f0", "#fbe3cb", "#f6c38f", "#e79a4b", "#c96a17", "#8f4306"])
 NORM = BoundaryNorm([0, 0.001, 0.2, 0.4, 0.6, 0.8, 1.001], SHARES.N)
 Cell = tuple[int, int]
+Style = dict[str, Any]  # of matplotlib
 
 
 @dataclass
@@ -61,7 +63,7 @@ class Archive:
 
 def failure_map(
     archive: Archive,
-    drives: list[tuple[Mapping[str, float], bool]],
+    drives: Sequence[tuple[Mapping[str, float], bool]],
     mildest: Mapping[str, float] | None,
     title: str,
 ) -> Figure:
@@ -85,30 +87,30 @@ def failure_map(
         low, high = edges[archive.y][row : row + 2]
         middle = np.sqrt(left * right) if is_log else (left + right) / 2
         ink = "white" if failed > driven / 2 else "black"
-        text = {"ha": "center", "va": "center", "fontsize": 7, "zorder": 4, "color": ink}
+        text: Style = {"ha": "center", "va": "center", "fontsize": 7, "zorder": 4, "color": ink}
         axis.text(middle, high - 0.2 * (high - low), f"{failed}/{driven}", **text)
     mesh = axis.pcolormesh(edges[archive.x], edges[archive.y], shares, cmap=SHARES, norm=NORM)
     stars = [] if mildest is None else [mildest]
-    star = {"s": 130, "color": YELLOW, "marker": "*", "ec": "black", "zorder": 5}
-    passed = {"s": 8, "color": BLUE, "marker": "o", "alpha": 0.8, "lw": 1.0, "zorder": 3}
+    star: Style = {"s": 130, "color": YELLOW, "marker": "*", "ec": "black", "zorder": 5}
+    passed: Style = {"s": 8, "color": BLUE, "marker": "o", "alpha": 0.8, "lw": 1.0, "zorder": 3}
     cross = passed | {"s": 14, "color": "black", "marker": "x"}
-    for label, places, look in (
-        ("driven without intervention", [one for one, failed in drives if not failed], passed),
-        ("intervention", [one for one, failed in drives if failed], cross),
+    for label, roads, look in (
+        ("driven without intervention", [road for road, failed in drives if not failed], passed),
+        ("intervention", [road for road, failed in drives if failed], cross),
         ("mildest intervention", stars, star),
     ):
-        if places or look is not star:
-            across, up = ([place[name] for place in places] for name in (archive.x, archive.y))
+        if roads or look is not star:
+            across, up = ([road[name] for road in roads] for name in (archive.x, archive.y))
             axis.scatter(across, up, label=label, **look)
     for name, side, ticks in ((archive.x, "x", axis.xaxis), (archive.y, "y", axis.yaxis)):
         borders, scale = edges[name], archive.scales[name].scale
-        own = [one[name] for one, _ in drives]
-        limits = min([borders[0], *own]), max([borders[-1], *own])
+        values = [road[name] for road, _ in drives]
+        limits = min([borders[0], *values]), max([borders[-1], *values])
         axis.set(**{f"{side}lim": limits, f"{side}label": archive.scales[name].label})
         if scale.log:
             axis.set(**{f"{side}scale": "log"})
         shown = borders[:: max(1, len(borders) // 6)]
-        ticks.set_ticks(shown, [f"{one:.3g}" for one in shown])
+        ticks.set_ticks(shown, [f"{border:.3g}" for border in shown])
         ticks.set_minor_locator(NullLocator())
     axis.set_title(plot_text(title), fontsize="medium")
     axis.spines[["top", "right"]].set_visible(False)

@@ -94,8 +94,8 @@ class Paper:
 
     def add_run(self, name: str, run: Run) -> str:
         """Add the files of a training; return its command."""
-        for one in OF_RUN:
-            self.add_file(f"runs/{name}/{one}", run.folder / one)
+        for file in OF_RUN:
+            self.add_file(f"runs/{name}/{file}", run.folder / file)
         self.repeats[f"runs/{name}"] = "rerun"
         self.versions.append(run.metrics.get("versions") or {})
         return command_line(["drivezoo", "train", *run.overrides])
@@ -135,7 +135,7 @@ def write_paper(ranking: Ranking, out: str | Path, command: str) -> tuple[list[P
             for name, table in paper.tables.items()
             for ending in (".tex", ".csv")
         ]
-        written += [write_plot(one, folder / f"{name}.pdf") for name, one in paper.plots.items()]
+        written += [write_plot(plot, folder / f"{name}.pdf") for name, plot in paper.plots.items()]
         written.append(write_output(folder / APPENDIX, text))
         files = {APPENDIX: text.encode(), **paper.files}
         written.append(write_output(folder / ARCHIVE, _archive(files)))
@@ -145,11 +145,11 @@ def write_paper(ranking: Ranking, out: str | Path, command: str) -> tuple[list[P
 def of_results(entries: Sequence[Entry]) -> Paper:
     """Return the paper of results of the benchmark on the same roads."""
     entries, paper = differences.in_order(entries), Paper()
-    counts = Counter(one.result.entry for one in entries)
+    counts = Counter(entry.result.entry for entry in entries)
     names = [
-        name if counts[name := one.result.entry] == 1 else f"{name} ({one.path})" for one in entries
+        name if counts[name := row.result.entry] == 1 else f"{name} ({row.path})" for row in entries
     ]
-    ranked = [one for one in entries if one.kind == differences.RANKED]
+    ranked = [entry for entry in entries if entry.kind == differences.RANKED]
     pairs = differences.compare_pairs(ranked)
     ranks = differences.possible_ranks(pairs, len(ranked)) + ["-"] * (len(entries) - len(ranked))
     paper.tables["table"] = _entries_table(entries, names, ranks)
@@ -157,16 +157,16 @@ def of_results(entries: Sequence[Entry]) -> Paper:
         paper.tables["pairs"] = _pairs_table(names, pairs, entries[0].result.score)
     else:
         paper.notes.append("no pairs: fewer than two entries of several training seeds")
-    figures = [overall(one.result) for one in entries]
+    figures = [overall(entry.result) for entry in entries]
     panels = {}
     for key in SHORT:
-        own = dict(zip(names, (figure[key] for figure in figures), strict=True))
-        panels[FIGURES[key].heading] = own, FIGURES[key].factor
+        intervals = dict(zip(names, (figure[key] for figure in figures), strict=True))
+        panels[FIGURES[key].heading] = intervals, FIGURES[key].factor
     paper.plots["intervals"] = interval_panels(panels)
     drawn = _levels if entries[0].result.has_levels else _thresholds
     paper.plots["profiles"] = drawn(dict(zip(names, entries, strict=True)))
-    for place, (name, entry) in enumerate(zip(names, entries, strict=True), 1):
-        _add_entry(paper, name, f"{place}_{_plain(entry.result.entry)}", entry)
+    for number, (name, entry) in enumerate(zip(names, entries, strict=True), 1):
+        _add_entry(paper, name, f"{number}_{_plain(entry.result.entry)}", entry)
     return paper
 
 
@@ -179,32 +179,31 @@ def of_runs(ranking: Ranking) -> Paper:
     if len(set(names)) < len(entries):
         names = [of.run_name(entry, ranking.under) for entry in entries]
     figures = of.ranked_figures(entries)
-    short = [
-        figure for figure in figures if figure.form and figure.key in of.short_figures(figures)
-    ]
+    keys = of.short_figures(figures)
+    short = [figure for figure in figures if figure.form and figure.key in keys]
     panels = {}
-    for one in short:
-        own = dict(zip(names, map(one.interval, entries), strict=True))
-        panels[one.heading] = own, 100 if "%" in one.form else 1
+    for figure in short:
+        intervals = dict(zip(names, map(figure.interval, entries), strict=True))
+        panels[figure.heading] = intervals, 100 if "%" in figure.form else 1
     paper.plots["intervals"] = interval_panels(panels)
     paper.notes.append(
         "no pairs and no profiles: trainings are scored on few tracks, which say nothing about "
         "other roads; for these, drive each entry on the roads of a suite:"
     )
-    for place, (name, entry) in enumerate(zip(names, entries, strict=True), 1):
+    for index, (name, entry) in enumerate(zip(names, entries, strict=True), 1):
         commands = paper.commands.setdefault(name, [])
-        for number, one in enumerate(entry.runs, 1):
-            run, own = Run(one.folder), f"{place}-{number}"
-            commands.append(paper.add_run(own, run))
+        for number, scored in enumerate(entry.runs, 1):
+            run, label = Run(scored.folder), f"{index}-{number}"
+            commands.append(paper.add_run(label, run))
             if run.checkpoint_path:
-                inside = f"runs/{own}/{CHECKPOINTS}/{run.checkpoint_path.name}"
+                inside = f"runs/{label}/{CHECKPOINTS}/{run.checkpoint_path.name}"
                 paper.add_file(inside, run.checkpoint_path, MOST_CHECKPOINT_BYTES)
             code = code_name(run.metrics.get("code") or {})
-            data = one.trained_on.name
-            facts = {"run": own, "seed": str(one.seed), "data": data, "code": code}
+            data = scored.trained_on.name
+            facts = {"run": label, "seed": str(scored.seed), "data": data, "code": code}
             paper.rows.append({"entry": name, **facts})
-        words = [*(str(one.folder) for one in entry.runs), f"out=marks/{place}"]
-        paper.notes.append(command_line(["drivezoo", "benchmark", *words, f"entry=entry_{place}"]))
+        words = [*(str(run.folder) for run in entry.runs), f"out=marks/{index}"]
+        paper.notes.append(command_line(["drivezoo", "benchmark", *words, f"entry=entry_{index}"]))
     paper.notes.append("drivezoo leaderboard marks paper=FOLDER")
     return paper
 
@@ -220,8 +219,8 @@ def _entries_table(entries: Sequence[Entry], names: Sequence[str], ranks: Sequen
         Column("rank", "rank", ranks),
         Column("entry", "entry", names),
         *(
-            number_column(name, name, own, "{:,}", short=name != "drives")
-            for name, own in counts.items()
+            number_column(name, name, numbers, "{:,}", short=name != "drives")
+            for name, numbers in counts.items()
         ),
         *figure_columns([overall(result) for result in results]),
     ]
@@ -234,19 +233,16 @@ def _entries_table(entries: Sequence[Entry], names: Sequence[str], ranks: Sequen
 def _pairs_table(
     names: Sequence[str], pairs: Mapping[tuple[int, int], Comparison], score: str
 ) -> Table:
-    found = list(pairs.values())
+    rows = list(pairs.values())
+    points, shares = [row.difference for row in rows], [row.a_better for row in rows]
     return Table(
         [
             Column("a", "A", [names[a] for a, _ in pairs]),
             Column("b", "B", [names[b] for _, b in pairs]),
-            interval_column(
-                score, f"{SCORES[score]}, points", [one.difference for one in found], "{:+.1f}", 100
-            ),
-            interval_column(
-                "a_better", "A better, %", [one.a_better for one in found], "{:.0f}", 100
-            ),
-            number_column("p", "p", [one.p for one in found], "{:.3f}"),
-            Column("verdict", "verdict", [one.verdict for one in found]),
+            interval_column(score, f"{SCORES[score]}, points", points, "{:+.1f}", 100),
+            interval_column("a_better", "A better, %", shares, "{:.0f}", 100),
+            number_column("p", "p", [row.p for row in rows], "{:.3f}"),
+            Column("verdict", "verdict", [row.verdict for row in rows]),
         ],
         PAIRS,
     )
@@ -261,10 +257,8 @@ def _thresholds(entries: Mapping[str, Entry]) -> Figure:
     for name, entry in entries.items():
         roads, scores = entry.roads, entry.scores(entry.roads)
         curves[name] = [_share(scores > threshold, roads) for threshold in thresholds]
-    panels = {"": (100 * thresholds, curves)}
-    return share_panels(
-        panels, "autonomy \N{GREEK SMALL LETTER TAU} (%)", "drives above \u03c4 (%)"
-    )
+    panels = {"": ((100 * thresholds).tolist(), curves)}
+    return share_panels(panels, "autonomy \u03c4 (%)", "drives above \u03c4 (%)")
 
 
 def _levels(entries: Mapping[str, Entry]) -> Figure:
@@ -292,12 +286,12 @@ def _share(kept: np.ndarray, roads: list[Road]) -> Estimate:
     return complement(lost)
 
 
-def _add_entry(paper: Paper, name: str, place: str, entry: Entry) -> None:
+def _add_entry(paper: Paper, name: str, position: str, entry: Entry) -> None:
     """Add the commands, facts and files of a result."""
     result, commands, missing = entry.result, paper.commands.setdefault(name, []), []
-    inside, folder = f"results/{place}", entry.path if entry.path.is_dir() else entry.path.parent
-    for one in (NAME, COMMAND):
-        paper.add_file(f"{inside}/{one}", folder / one)
+    inside, folder = f"results/{position}", entry.path if entry.path.is_dir() else entry.path.parent
+    for file in (NAME, COMMAND):
+        paper.add_file(f"{inside}/{file}", folder / file)
     for number, driver in enumerate(result.checkpoints, 1):
         path, digits = Path(driver.file), (driver.sha256 or "")[:16]
         if digits and path.is_file() and hash_file(path) == driver.sha256:
@@ -305,15 +299,15 @@ def _add_entry(paper: Paper, name: str, place: str, entry: Entry) -> None:
             paper.add_file(f"{inside}/{digits}{path.suffix}", path, MOST_CHECKPOINT_BYTES)
             run = Run(path.parent.parent)
             if (run.folder / OF_RUN[0]).is_file():
-                commands.append(paper.add_run(f"{place}-{number}", run))
+                commands.append(paper.add_run(f"{position}-{number}", run))
         elif digits:
             missing.append(str(path))
             if text := paper.files.get(f"{inside}/{COMMAND}"):
-                words = text.decode(errors="replace").strip()
-                commands.append(f"{words} seed={driver.training_seed}")
+                command = text.decode(errors="replace").strip()
+                commands.append(f"{command} seed={driver.training_seed}")
         facts = {"seed": driver.training_seed, "network": driver.model, "checkpoint": digits}
         facts |= {"data": driver.data, "code": code_name(result.code), "drives": result.digest}
-        paper.rows.append({"entry": name} | {key: str(one or "-") for key, one in facts.items()})
+        paper.rows.append({"entry": name} | {key: str(fact or "-") for key, fact in facts.items()})
     if missing:
         paper.notes.append(f"not in {ARCHIVE}, since no such file is there: {', '.join(missing)}")
     else:
@@ -324,27 +318,18 @@ def _add_entry(paper: Paper, name: str, place: str, entry: Entry) -> None:
         suite, split = f"{result.suite}.yaml", "test"
         line = f"not in {ARCHIVE}: the file of your suite {result.suite}; publish it, too"
         paper.notes += [line] if line not in paper.notes else []
-    words = [
-        "drivezoo",
-        "benchmark",
-        *(checkpoint.file for checkpoint in result.checkpoints),
-        f"suite={suite}",
-    ]
+    checkpoints = [checkpoint.file for checkpoint in result.checkpoints]
+    words = ["drivezoo", "benchmark", *checkpoints, f"suite={suite}"]
     words += ["split=dev"] if split == "dev" else []
     commands.append(command_line([*words, f"entry={result.entry}"]))
 
 
 def _appendix(paper: Paper, command: str, missing: Sequence[str]) -> str:
     """Return the appendix as Markdown: commands, fingerprints, versions and what is missing."""
-    here = package_versions()
-    versions = [
-        [
-            name,
-            number,
-            ", ".join(sorted({str(version.get(name, "-")) for version in paper.versions})) or "-",
-        ]
-        for name, number in here.items()
-    ]
+    versions = []
+    for name, number in package_versions().items():
+        trained = sorted({str(version.get(name, "-")) for version in paper.versions})
+        versions.append([name, number, ", ".join(trained) or "-"])
     lines = ["# How the figures were made", "", markdown_code(command)]
     lines += [f"Written by the code {code_name(code_fingerprint())}."]
     for name, table in paper.tables.items():
@@ -355,11 +340,8 @@ def _appendix(paper: Paper, command: str, missing: Sequence[str]) -> str:
     lines += ["", "## Fingerprints", "", Table.of_figures(paper.rows).markdown(left=99), ""]
     lines += ["## Versions", ""]
     lines += [Table.of(["package", "here", "of the trainings"], versions).markdown(left=3), ""]
-    lines += [
-        "## What is missing",
-        "",
-        markdown_code("\n".join(missing)) if missing else "Nothing.",
-    ]
+    gaps = markdown_code("\n".join(missing)) if missing else "Nothing."
+    lines += ["## What is missing", "", gaps]
     lines += ["", "## Repeat it", "", f"Unpack {ARCHIVE}, and type there:", ""]
     again = [f"drivezoo leaderboard {next(iter(paper.files)).split('/')[0]} paper=again"]
     again += [f"drivezoo {command} {folder}" for folder, command in paper.repeats.items()]

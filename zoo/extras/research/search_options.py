@@ -10,7 +10,7 @@ from zoo.driving.scenario import SpeedMph
 from zoo.runs.table_files import TableFiles
 from zoo.scoring.evaluate_options import Count, Workers
 from zoo.simulator.weather import Weather, read_weather
-from zoo.simulator.world_settings import WorldSettings
+from zoo.simulator.world_settings import Quality, WorldSettings
 
 if TYPE_CHECKING:
     from zoo.extras.research.failure_map import Archive
@@ -55,7 +55,7 @@ class SearchOptions(TableFiles):
     speed: SpeedMph = 15.0
     frame_rate: float = 15.0
     delay_s: float = 0.0
-    quality: str = "full"
+    quality: Quality = "full"
     seed: Annotated[int, Field(ge=0)] = 0
     out: str | None = None
     workers: Workers = 0

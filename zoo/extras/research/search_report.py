@@ -65,9 +65,9 @@ class Report:
     folder: Path
     drives: list[Driven] = field(default_factory=list)
 
-    def distance(self, one: Driven) -> float:
+    def distance(self, driven: Driven) -> float:
         """Return how far a road is from the family's usual one; smaller is milder."""
-        return feature_distance(one.candidate.features, self.usual, self.space)
+        return feature_distance(driven.candidate.features, self.usual, self.space)
 
     @property
     def failed(self) -> list[Driven]:
@@ -79,13 +79,13 @@ class Report:
         """Return the failure that is nearest to the family's usual road; None without one."""
         return min(self.failed, key=self.distance, default=None)
 
-    def replay(self, one: Driven) -> list[str]:
+    def replay(self, driven: Driven) -> list[str]:
         """Return the words after `drivezoo` that drive a road again, as the mildest."""
         track = f"track={self.folder / MILDEST}"
         words = ["evaluate", short_name(Path(self.checkpoint)), track]
-        words.append(f"weather={weather_text(one.candidate.weather)}")
-        own = ("speed", "frame_rate", "delay_s", "quality")
-        return [*words, *(word for word in changed(self.options) if word.partition("=")[0] in own)]
+        words.append(f"weather={weather_text(driven.candidate.weather)}")
+        keys = ("speed", "frame_rate", "delay_s", "quality")
+        return [*words, *(word for word in changed(self.options) if word.partition("=")[0] in keys)]
 
 
 def search_and_report(checkpoint: str, options: SearchOptions, console: Console) -> dict:
@@ -129,7 +129,7 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
             console.print("no road failed: try a larger budget=, another family= or speed=")
         written += options.write_files(table)
         print_written(written, report.replay(mildest) if mildest else [], console)
-        steered_nan = sum(one.outcome.nan_frames > 0 for one in report.drives)
+        steered_nan = sum(drive.outcome.nan_frames > 0 for drive in report.drives)
         if steered_nan:
             raise InputError(f"{checkpoint}: steered NaN in {steered_nan} of {drives} drives")
         return result_of(report)
@@ -139,6 +139,7 @@ def result_of(report: Report) -> dict:
     """Return the content of `search.json`."""
     archive, mildest, drives = report.archive, report.mildest, report.drives
     is_done, worst = len(drives) == report.options.budget, None
+    failed = [drive.candidate.features for drive in report.failed]
     if mildest is not None:
         command = ["drivezoo", *report.replay(mildest)]
         worst = {"drive": drives.index(mildest), "command": command}
@@ -148,8 +149,8 @@ def result_of(report: Report) -> dict:
         "checkpoint": {"file": report.checkpoint, "sha256": report.sha256},
         "options": asdict(report.options),
         "features": {
-            key: {"label": one.label, **asdict(one.scale), "usual": report.usual[key]}
-            for key, one in report.space.features.items()
+            key: {"label": feature.label, **asdict(feature.scale), "usual": report.usual[key]}
+            for key, feature in report.space.features.items()
         },
         "cells": {
             "all": archive.cells**2,
@@ -162,9 +163,7 @@ def result_of(report: Report) -> dict:
         },
         "failed": len(report.failed),
         # Of all pairs of failures, so that it would take long after each batch.
-        "sparseness": sparseness([one.candidate.features for one in report.failed], report.space)
-        if is_done
-        else None,
+        "sparseness": sparseness(failed, report.space) if is_done else None,
         "drives": [
             {
                 "seed": drive.candidate.seed,
@@ -189,7 +188,7 @@ def draw_map(report: Report) -> Figure:
         + counted(len(report.drives), "drive")
     )
     points = [(drive.candidate.features, drive.outcome.failed) for drive in report.drives]
-    return failure_map(archive, points, mildest and mildest.candidate.features, title)
+    return failure_map(archive, points, mildest.candidate.features if mildest else None, title)
 
 
 def _write_mildest(report: Report, mildest: Driven) -> Path:
@@ -215,15 +214,15 @@ def features_table(report: Report) -> Table:
     ]
     for name, failed in (("passed", False), ("failed", True)):
         chosen = [drive.candidate for drive in report.drives if drive.outcome.failed is failed]
-        found = [_quartiles([one.features[key] for one in chosen]) for key in features]
-        figures = {f"{name}_{part}": [one[part] for one in found] for part in found[0]}
+        quartiles = [_quartiles([road.features[key] for road in chosen]) for key in features]
+        figures = {f"{name}_{part}": [cells[part] for cells in quartiles] for part in quartiles[0]}
         form = "{median:.3g} ({q25:.3g} to {q75:.3g})" if chosen else ""
-        columns.append(Column(name, name, [form.format(**one) for one in found], figures))
-    worst = [mildest and mildest.candidate.features[key] for key in features]
+        columns.append(Column(name, name, [form.format(**cells) for cells in quartiles], figures))
+    worst = [mildest.candidate.features[key] if mildest else None for key in features]
     columns.append(number_column("mildest", "mildest failure", worst, "{:.3g}"))
     return Table(columns, "Features of the roads: median and, in brackets, quartiles.")
 
 
 def _quartiles(values: list[float]) -> dict[str, float | None]:
-    found = np.percentile(values, [25, 50, 75]).tolist() if values else [None] * 3
-    return dict(zip(("q25", "median", "q75"), found, strict=True))
+    numbers = np.percentile(values, [25, 50, 75]).tolist() if values else [None] * 3
+    return dict(zip(("q25", "median", "q75"), numbers, strict=True))

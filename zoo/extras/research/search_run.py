@@ -49,7 +49,8 @@ class Outcome:
     def of(cls, drive: Drive, track: Track) -> "Outcome":
         """Return the end of a drive that ended at its first intervention."""
         failed = bool(drive.intervention.any())
-        edge = track.width_at(drive.distance_m) / 2
+        # Known in each embedded world; otherwise NaN.
+        edge = track.width_at(np.asarray(drive.distance_m, float)) / 2
         closeness = float((np.abs(drive.cross_track_m) / edge).max())
         return cls(
             failed,
@@ -78,17 +79,17 @@ def drive_roads(
     """
     scenarios = [
         Scenario(
-            road=one.content,
-            weather=one.weather,
+            road=road.content,
+            weather=road.weather,
             speed=options.speed,
             frame_rate=options.frame_rate,
             delay_s=options.delay_s,
             quality=options.quality,
         )
-        for one in chosen
+        for road in chosen
     ]
     drives = all_drives(checkpoint, scenarios, first_only=True, pool=pool)
-    return [Outcome.of(drive, one.track) for drive, one in zip(drives, chosen, strict=True)]
+    return [Outcome.of(drive, road.track) for drive, road in zip(drives, chosen, strict=True)]
 
 
 def search(
@@ -111,24 +112,24 @@ def search(
         report: function called after each batch with all drives so far.
     """
     sampler = make_sampler(options, space, archive)
-    found: list[Driven] = []
-    while len(found) < options.budget:
-        chosen = sampler.propose(min(BATCH, options.budget - len(found)))
+    driven: list[Driven] = []
+    while len(driven) < options.budget:
+        chosen = sampler.propose(min(BATCH, options.budget - len(driven)))
         outcomes = drive(chosen)
         for candidate, outcome in zip(chosen, outcomes, strict=True):
             archive.add(candidate.features, outcome.failed)
-            found.append(Driven(candidate, outcome))
-        sampler.learn([one.closeness for one in outcomes])
-        report(found)
-    return found
+            driven.append(Driven(candidate, outcome))
+        sampler.learn([outcome.closeness for outcome in outcomes])
+        report(driven)
+    return driven
 
 
 def usual_features(space: SearchSpace) -> dict[str, float]:
     """Return each feature's median over 25 roads as the family draws them, on a clear day."""
     rng = np.random.default_rng(0)
     roads = [space.draw(rng, {}) for _ in range(USUAL_ROADS)]
-    found = [road.features for road in roads if road is not None]
-    return {key: float(np.median([one[key] for one in found])) for key in space.features}
+    features = [road.features for road in roads if road is not None]
+    return {key: float(np.median([values[key] for values in features])) for key in space.features}
 
 
 def feature_distance(
@@ -152,13 +153,13 @@ def sparseness(roads: Sequence[dict[str, float]], space: SearchSpace) -> float |
     if len(roads) < 2:
         return None
     places = np.array([_position(road, space) for road in roads])
-    farthest = [np.square(places - place).mean(axis=1).max() for place in places]
+    farthest = [np.square(places - position).mean(axis=1).max() for position in places]
     return float(np.mean(np.sqrt(farthest)))
 
 
 def _position(features: dict[str, float], space: SearchSpace) -> np.ndarray:
     """Return features as shares of their ranges, float64 [features]."""
-    return np.array([one.scale.share(features[key]) for key, one in space.features.items()])
+    return np.array([feature.scale.share(features[key]) for key, feature in space.features.items()])
 
 
 class Sampler:
@@ -220,11 +221,11 @@ class Sampler:
         )
 
     def _uniform(self) -> dict[str, float]:
-        return {key: one.at(self.rng.random()) for key, one in self.space.parameters.items()}
+        return {key: span.at(self.rng.random()) for key, span in self.space.parameters.items()}
 
     def _family(self) -> dict[str, float]:
-        days = {key: one for key, one in self.space.parameters.items() if key in DAYS}
-        return {key: one.at(self.rng.random()) for key, one in days.items()}
+        days = {key: span for key, span in self.space.parameters.items() if key in DAYS}
+        return {key: span.at(self.rng.random()) for key, span in days.items()}
 
 
 class ArchiveSampler(Sampler):
@@ -242,20 +243,20 @@ class ArchiveSampler(Sampler):
     def __init__(self, space: SearchSpace, seed: int, archive: Archive) -> None:
         super().__init__(space, seed, archive)
         self.sources = [self._family, self._uniform, self._changed]
-        self.found, self.missed = np.ones(3), np.ones(3)  # drives of each source; new cells, others
+        self.hits, self.missed = np.ones(3), np.ones(3)  # drives of each source; new cells, others
         self.failures: list[dict[str, float]] = []
 
     def learn(self, closeness: Sequence[float]) -> None:
         """Keep failures, and count each source's drives that failed in a new cell."""
-        for (source, is_new, candidate), one in zip(self.proposed, closeness, strict=True):
-            failed = one == 1
-            (self.found if failed and is_new else self.missed)[source] += 1
+        for (source, is_new, candidate), nearness in zip(self.proposed, closeness, strict=True):
+            failed = nearness == 1
+            (self.hits if failed and is_new else self.missed)[source] += 1
             if failed:
                 self.failures.append(candidate.parameters)
 
     def _choose(self) -> Draw:
         usable = len(self.sources) if self.failures else len(self.sources) - 1
-        self.source = int(self.rng.beta(self.found[:usable], self.missed[:usable]).argmax())
+        self.source = int(self.rng.beta(self.hits[:usable], self.missed[:usable]).argmax())
         return self.sources[self.source]
 
     def _changed(self) -> dict[str, float]:
@@ -263,7 +264,7 @@ class ArchiveSampler(Sampler):
         ranges = self.space.parameters
         parent = self.failures[self.rng.integers(len(self.failures))]
         steps = {key: self.rng.normal(0, STEP) for key in ranges}
-        return {key: one.at(one.share(parent[key]) + steps[key]) for key, one in ranges.items()}
+        return {key: span.at(span.share(parent[key]) + steps[key]) for key, span in ranges.items()}
 
 
 class OptunaSampler(Sampler):
@@ -293,29 +294,27 @@ class OptunaSampler(Sampler):
         with optional_import(f"sampler={name}: Optuna is not installed; {remedy}"):
             import optuna
         super().__init__(space, seed, archive)
-        self.ranges = {
-            key: optuna.distributions.FloatDistribution(one.low, one.high, log=one.log)
-            for key, one in space.parameters.items()
+        self.ranges: dict[str, optuna.distributions.BaseDistribution] = {
+            key: optuna.distributions.FloatDistribution(span.low, span.high, log=span.log)
+            for key, span in space.parameters.items()
         }
         self.abandoned = optuna.trial.TrialState.FAIL
         self.driven: list[dict[str, float]] | None = [] if name == "nsga2" else None
         optuna.logging.set_verbosity(optuna.logging.ERROR)
         if name == "nsga2":
-            sampler = optuna.samplers.NSGAIISampler(population_size=BATCH, seed=seed)
-            self.study = optuna.create_study(directions=["maximize"] * 2, sampler=sampler)
+            nsga2 = optuna.samplers.NSGAIISampler(population_size=BATCH, seed=seed)
+            self.study = optuna.create_study(directions=["maximize"] * 2, sampler=nsga2)
             return
         self.proposals = 8
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)  # multivariate
-            sampler = optuna.samplers.TPESampler(
-                seed=seed, n_startup_trials=startup, multivariate=True
-            )
-        self.study = optuna.create_study(direction="maximize", sampler=sampler)
+            tpe = optuna.samplers.TPESampler(seed=seed, n_startup_trials=startup, multivariate=True)
+        self.study = optuna.create_study(direction="maximize", sampler=tpe)
 
     def learn(self, closeness: Sequence[float]) -> None:
         """Take the closeness to failure of the proposed roads' drives, and how new they are."""
-        for (trial, _, candidate), one in zip(self.proposed, closeness, strict=True):
-            values = [one]
+        for (trial, _, candidate), nearness in zip(self.proposed, closeness, strict=True):
+            values = [nearness]
             if self.driven is not None:
                 near = (feature_distance(candidate.features, f, self.space) for f in self.driven)
                 values.append(min(near, default=1.0))

@@ -162,18 +162,19 @@ class SearchSpace:
     def _day(self, parameters: dict[str, float]) -> Weather:
         if self.weather is not None:
             return self.weather
-        chosen = DAYS.keys() & parameters.keys()
-        return Weather(**{key: round(max(parameters[key], 0.0), 3) for key in sorted(chosen)})
+        searched = sorted(DAYS.keys() & parameters.keys())
+        day: dict[str, Any] = {key: round(max(parameters[key], 0.0), 3) for key in searched}
+        return Weather(**day)
 
     def _measure(self, track: Track, weather: Weather) -> dict[str, float]:
         lit = lit_by(track.surroundings, weather)
-        found = {
+        measured = {
             "bend": 1 / max(float(np.abs(track.curvature).max()), 1e-6),
             "width": float(track.widths.min()),
             "grade": 100 * float(np.abs(track.grade).max()),
         }
-        found |= {name: getattr(lit, key) for name, (key, *_) in DAY_FEATURES.items()}
-        return {key: round(found[key], 4) for key in self.features}
+        measured |= {name: getattr(lit, key) for name, (key, *_) in DAY_FEATURES.items()}
+        return {key: round(measured[key], 4) for key in self.features}
 
 
 def weather_text(weather: Weather) -> str:
@@ -189,5 +190,4 @@ def weather_text(weather: Weather) -> str:
 
 
 def _changed(settings: object, usual: object) -> dict[str, Any]:
-    given = vars(settings).items()
-    return {key: value for key, value in given if value != getattr(usual, key)}
+    return {k: value for k, value in vars(settings).items() if value != getattr(usual, k)}

@@ -84,13 +84,13 @@ class ClusterPool:
             Exception: a task failed otherwise, or its process died.
         """
         time.sleep(wait_s)
-        found = []
+        finished = []
         for number in [number for number, task in self._running.items() if task.done()]:
             value, error = self._running.pop(number).result()
             if error is not None:
                 raise error
-            found.append((number, value))
-        return found
+            finished.append((number, value))
+        return finished
 
 
 @contextmanager

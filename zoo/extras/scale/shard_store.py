@@ -20,8 +20,7 @@ from typing import Any
 
 from filelock import FileLock
 
-from datamodules.image import MOST_IMAGE_BYTES
-from datamodules.image_store import ImageStore
+from datamodules.image import MOST_IMAGE_BYTES, ImageStore
 from datamodules.recording import file_name
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, optional_import
@@ -61,19 +60,19 @@ class ShardStore(ImageStore):
     remedy = REMEDY
 
     def __init__(self, path: Path, cache: Path | None, cache_bytes: int) -> None:
-        self.place, self.folder, self.cache_bytes = str(path), path, cache_bytes
+        self.source, self.folder, self.cache_bytes = str(path), path, cache_bytes
         self.is_remote = is_address(path)
         index = path / INDEX
         if self.is_remote:
-            self.place = f"s3://{'/'.join(path.parts[1:])}"
+            self.source = f"s3://{'/'.join(path.parts[1:])}"
             if cache is None:
-                raise InputError(f"{self.place}: shards need a cache; set data.cache=FOLDER")
+                raise InputError(f"{self.source}: shards need a cache; set data.cache=FOLDER")
             self.cache = cache / "shards"
             self.cache.mkdir(parents=True, exist_ok=True)
             with self._locked():
                 index = self.cache / INDEX
                 self._download(INDEX, index)
-                key = hashlib.sha256(self.place.encode() + index.read_bytes()).hexdigest()[:16]
+                key = hashlib.sha256(self.source.encode() + index.read_bytes()).hexdigest()[:16]
                 self.folder = self.cache / key
                 self.folder.mkdir(exist_ok=True)
                 index = index.replace(self.folder / INDEX)
@@ -157,7 +156,7 @@ class ShardStore(ImageStore):
 
     def _download(self, name: str, target: Path) -> None:
         """Fetch a file; wait and try again while the server does not answer."""
-        bucket, _, prefix = self.place.removeprefix("s3://").partition("/")
+        bucket, _, prefix = self.source.removeprefix("s3://").partition("/")
         client = _client(os.getpid())
         from boto3.exceptions import Boto3Error
         from botocore.exceptions import BotoCoreError, ClientError, NoCredentialsError
@@ -178,41 +177,41 @@ class ShardStore(ImageStore):
                 ) from None
             if status < 429 or reason == NoCredentialsError.__name__:
                 raise InputError(
-                    f"{self.place}/{name}: {reason}; check the address, AWS_ENDPOINT_URL and your "
+                    f"{self.source}/{name}: {reason}; check the address, AWS_ENDPOINT_URL and your "
                     "credentials (aws configure), or upload the shards again"
                 )
             if wait_s is None:
                 break
-            line = f"{self.place}/{name}: {reason}; trying again in {wait_s} s"
+            line = f"{self.source}/{name}: {reason}; trying again in {wait_s} s"
             print(line, file=sys.stderr, flush=True)
             time.sleep(wait_s)
         raise InputError(
-            f"{self.place}/{name}: no answer in {sum(WAITS_S)} s ({reason}); start the server, or "
+            f"{self.source}/{name}: no answer in {sum(WAITS_S)} s ({reason}); start the server, or "
             "correct AWS_ENDPOINT_URL, and start the command again"
         )
 
     def _check_size(self, name: str, path: Path) -> None:
-        found = path.stat().st_size if path.exists() else 0
-        if name in self.bytes and found != self.bytes[name]:
+        size = path.stat().st_size if path.exists() else 0
+        if name in self.bytes and size != self.bytes[name]:
             raise InputError(
-                f"{self.place}/{name}: has {found:,} bytes, and {self.bytes[name]:,} in {INDEX}; "
+                f"{self.source}/{name}: has {size:,} bytes, and {self.bytes[name]:,} in {INDEX}; "
                 f"{REMEDY}"
             )
 
     def _read_index(self, path: Path) -> dict[str, tuple[int, int]]:
         """Return each shard's number of bytes and of images."""
-        found: Any = read_json(path)
+        index: Any = read_json(path)
         try:
             shards = {
-                one["filename"]: (one["chunk_bytes"], one["chunk_size"]) for one in found["chunks"]
+                row["filename"]: (row["chunk_bytes"], row["chunk_size"]) for row in index["chunks"]
             }
-            is_known = all(found["config"][key] == value for key, value in ITEMS.items())
-            is_known &= all(map(_NAME.fullmatch, shards)) and len(shards) == len(found["chunks"])
+            is_known = all(index["config"][key] == value for key, value in ITEMS.items())
+            is_known &= all(map(_NAME.fullmatch, shards)) and len(shards) == len(index["chunks"])
         except (KeyError, TypeError):
             is_known, shards = False, {}
         numbers = itertools.chain(*shards.values())
         if not (is_known and shards and all(is_ordinary(number, 1, 2**32) for number in numbers)):
-            raise InputError(f"{self.place}/{INDEX}: is no index of shards of images; {REMEDY}")
+            raise InputError(f"{self.source}/{INDEX}: is no index of shards of images; {REMEDY}")
         return shards
 
 

@@ -50,34 +50,34 @@ def read(path: Path, options: ReadOptions) -> Recording:
     columns = read_table(labels, [*TIMED_LABELS, *CAMERAS, RECORDING])
     table = {name: component(column, labels, name) for name, column in columns.items()}
     counts = np.array(list(store.images.values()))
-    files = [f"{store.place}/{name}" for name in store.images]
+    files = [f"{store.source}/{name}" for name in store.images]
     ends = np.cumsum(counts)
     images = {}
     for camera in CAMERAS:
         number = indices(table[camera])
         if number.max(initial=-1) >= ends[-1]:
-            raise InputError(f"{store.place}/{LABELS}: names images that no shard has; {REMEDY}")
+            raise InputError(f"{store.source}/{LABELS}: names images that no shard has; {REMEDY}")
         shard = np.searchsorted(ends, number, side="right")
         at = number - (ends - counts)[shard]
         images[camera] = [
-            StoredImage(files[one], position, store) if known else None
-            for one, position, known in zip(
+            StoredImage(files[index], position, store) if is_known else None
+            for index, position, is_known in zip(
                 shard.tolist(), at.tolist(), (number >= 0).tolist(), strict=True
             )
         ]
-    place = f"{store.place}/{LABELS}"
+    label = f"{store.source}/{LABELS}"
     recording = make_recording(
         path,
         {name: table[name] for name in TIMED_LABELS},
         images,
-        places=np.array([f"{place}, row {row + 1}" for row in range(len(number))], object),
+        places=np.array([f"{label}, row {row + 1}" for row in range(len(number))], object),
         recording=indices(table[RECORDING]),
     )
     if not np.isin(recording.recording, range(len(rigs))).all():
-        raise InputError(f"{place}: has rows of recordings that {RIGS} lacks; {REMEDY}")
+        raise InputError(f"{label}: has rows of recordings that {RIGS} lacks; {REMEDY}")
     rig = rigs[0] if rigs.count(rigs[0]) == len(rigs) else None
-    several = [f"{store.place}#{one + 1}" for one in range(len(rigs))]
-    names = tuple(several) if len(rigs) > 1 else (store.place,)
+    several = [f"{store.source}#{number + 1}" for number in range(len(rigs))]
+    names = tuple(several) if len(rigs) > 1 else (store.source,)
     recording = replace(recording, names=names, rig=rig, rigs=rigs)
     bad, named = BadRows(options.on_bad_row), np.count_nonzero(recording.images.astype(bool))
     if named < ends[-1]:
@@ -133,11 +133,11 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
 
 
 def _read_rigs(store: ShardStore) -> tuple[Rig | None, ...]:
-    found, place = read_json(store.fetch(RIGS)), f"{store.place}/{RIGS}"
-    if not isinstance(found, list) or not 0 < len(found) <= MOST_RECORDINGS:
-        raise InputError(f"{place}: is no list of 1 to {MOST_RECORDINGS:,} rigs; {REMEDY}")
-    known = [UDACITY if one == UDACITY.name else one for one in found]
-    return tuple(one if one in (None, UDACITY) else make_rig(one, place) for one in known)
+    rigs, label = read_json(store.fetch(RIGS)), f"{store.source}/{RIGS}"
+    if not isinstance(rigs, list) or not 0 < len(rigs) <= MOST_RECORDINGS:
+        raise InputError(f"{label}: is no list of 1 to {MOST_RECORDINGS:,} rigs; {REMEDY}")
+    rigs = [UDACITY if rig == UDACITY.name else rig for rig in rigs]
+    return tuple(rig if rig in (None, UDACITY) else make_rig(rig, label) for rig in rigs)
 
 
 def _encoded(stored: Stored, quality: int) -> bytes:

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
-from zoo.base.bounded_files import hash_file, parse_yaml
+from zoo.base.bounded_files import hash_file
 from zoo.base.child_process import end_module, start_module
 from zoo.base.console_progress import progress_bar
 from zoo.base.errors import InputError, UsageError
@@ -124,15 +124,15 @@ class Graded(Result):
         marks = [
             {(mark.group, mark.figure): mark for mark in grade.reached} for grade in self.grades
         ]
-        for group, figure in dict.fromkeys(key for own in marks for key in own):
-            found = [own.get((group, figure)) for own in marks]
+        for group, figure in dict.fromkeys(key for by_key in marks for key in by_key):
+            column = [by_key.get((group, figure)) for by_key in marks]
             name = f"{group}_{figure}".replace(" ", "_")
-            first = next(mark for mark in found if mark)
+            first = next(mark for mark in column if mark)
             heading, required, _ = first.texts
-            cells = [_cell(mark) if mark else "-" for mark in found]
-            figures = {name: [mark.reached if mark else None for mark in found]}
+            cells = [_cell(mark) if mark else "-" for mark in column]
+            figures = {name: [mark.reached if mark else None for mark in column]}
             figures |= {
-                f"{name}_{key}": [getattr(mark.interval, key) if mark else None for mark in found]
+                f"{name}_{key}": [getattr(mark.interval, key) if mark else None for mark in column]
                 for key in ("low", "high")
             }
             shown.append(Column(name, f"{group}: {heading}, {required}", cells, figures))
@@ -153,7 +153,7 @@ def grade_class(
         raise UsageError(f"roads={options.roads}: are drawn; name seed=NUMBER, too")
     options.check_files(inputs=[options.recording] if options.recording else [])
     text = redraw_suite(options.suite, options.seed, options.roads)
-    if "marks" not in parse_yaml(text):
+    if not read_suite(options.suite).marks:
         raise InputError(f"suite={options.suite}: has no marks; add them, see conf/suite")
     recording = read_recordings(options.recording) if options.recording else None
     with command_folder(options.out, "grades", resumed_by=SUITE) as out:
@@ -170,7 +170,7 @@ def grade_class(
         pool = ThreadPoolExecutor(options.jobs)
         with pool, progress_bar("grading", console) as report:
             settings = out, suite, options, recording
-            jobs = {pool.submit(_grade, one, *settings): n for n, one in enumerate(submissions)}
+            jobs = {pool.submit(_grade, entry, *settings): n for n, entry in enumerate(submissions)}
             try:
                 for count, job in enumerate(as_completed(jobs), 1):
                     grades[jobs[job]] = grade = job.result()
@@ -254,11 +254,8 @@ def _drive(folder: Path, submission: Submission, suite: Path, minutes: float) ->
             end_module(process)
     if not (folder / NAME).is_file():
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        raise InputError(
-            lines[-1].rpartition("drivezoo benchmark: ")[2]
-            if lines
-            else f"ended with {process.returncode}"
-        )
+        problem = lines[-1].rpartition("drivezoo benchmark: ")[2] if lines else ""
+        raise InputError(problem or f"ended with {process.returncode}")
 
 
 def _with_copies(graded: Graded, packaged: dict[str, NetworkFacts | None]) -> Graded:
@@ -266,7 +263,7 @@ def _with_copies(graded: Graded, packaged: dict[str, NetworkFacts | None]) -> Gr
     facts = packaged | {grade.submission.name: grade.facts for grade in graded.grades}
     grades = []
     for grade in graded.grades:
-        others = {name: one for name, one in facts.items() if name != grade.submission.name}
+        others = {name: network for name, network in facts.items() if name != grade.submission.name}
         copies = [
             f"is {likeness} network as {name}"
             for name, other in others.items()

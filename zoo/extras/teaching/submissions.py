@@ -62,10 +62,10 @@ class Submission:
     def cards(self) -> list[Path]:
         """Return the Markdown files that belong to the file."""
         assert self.file is not None
-        own = [self.file.with_suffix(".md"), self.file.parent / f"{self.name}.md"]
+        cards = [self.file.with_suffix(".md"), self.file.parent / f"{self.name}.md"]
         if self.file.parent.name == self.name:
-            own = sorted(self.file.parent.glob("*.md"))
-        return [one for one in dict.fromkeys(own) if one.is_file()]
+            cards = sorted(self.file.parent.glob("*.md"))
+        return [card for card in dict.fromkeys(cards) if card.is_file()]
 
 
 def find_submissions(folder: Path) -> list[Submission]:
@@ -86,11 +86,7 @@ def find_submissions(folder: Path) -> list[Submission]:
     if not by_name:
         raise InputError(f"{folder}: holds no {' or '.join(ENDINGS)} file, and no folder of one")
     submissions = [_submission(name, paths) for name, paths in sorted(by_name.items())]
-    files = [
-        submission.file
-        for submission in submissions
-        if submission.file and is_onnx(submission.file)
-    ]
+    files = [entry.file for entry in submissions if entry.file and is_onnx(entry.file)]
     if files and importlib.util.find_spec("onnxruntime") is None:
         raise UsageError(f"{files[0]}: onnxruntime, which runs it, is not installed; {INSTALL}")
     return submissions
@@ -100,7 +96,7 @@ def _submission(name: str, paths: Sequence[Path]) -> Submission:
     """Return the one submission of a name, or what is wrong with it."""
     first = paths[0]
     if len(paths) > 1:
-        names = " and ".join(one.name for one in paths)
+        names = " and ".join(path.name for path in paths)
         return Submission(name, None, f"{name} stands for two submissions, {names}; keep one")
     try:
         inner = sorted(first.rglob("*")) if first.is_dir() else paths
@@ -135,34 +131,34 @@ def warnings_of(
         roads: roads of the marks, by their keys, see `zoo.training.recorded_roads`.
         recording: recording of the course; None for any.
     """
-    found = []
+    warnings = []
     recorded = (facts and facts.roads) or []
-    if known := sorted(track for key, track in roads.items() if key in recorded):
-        found.append(f"trained on {', '.join(known)}, which the marks are driven on")
+    if driven := sorted(track for key, track in roads.items() if key in recorded):
+        warnings.append(f"trained on {', '.join(driven)}, which the marks are driven on")
     if recording is not None and driver.data != (course := recording.fingerprint()):
         trained = driver.data or "an unknown recording"
         share = _shared_rows((facts and facts.row_hashes) or [], set(recording.row_hashes()))
-        found.append(f"trained on {trained}, not on the course's recording ({course}): {share}")
+        warnings.append(f"trained on {trained}, not on the course's recording ({course}): {share}")
     if facts is None or (facts.roads is None and facts.row_hashes is None):
-        found.append("its file tells nothing of its training, neither roads nor rows")
+        warnings.append("its file tells nothing of its training, neither roads nor rows")
     for card in submission.cards:
         try:
             text = read_text(card, MOST_CARD_BYTES)
         except InputError as error:
-            found.append(str(error))
+            warnings.append(str(error))
             continue
         for key, form in STATED.items():
-            stated, own = form.search(text), str(getattr(driver, key))
-            if stated and own and stated[1].replace(",", "") != own:
-                found.append(f"{card.name} states {stated[0]}, the file has {own}")
-    return found
+            stated, value = form.search(text), str(getattr(driver, key))
+            if stated and value and stated[1].replace(",", "") != value:
+                warnings.append(f"{card.name} states {stated[0]}, the file has {value}")
+    return warnings
 
 
 def _shared_rows(sample: Sequence[int], course: set[int]) -> str:
     """Return which share of a training's rows is of the course, with its 95 % interval."""
     if not sample:
         return "how many of its rows are of the course is unknown"
-    shared = sum(one in course for one in sample)
+    shared = sum(row in course for row in sample)
     low, high = share_interval(shared, len(sample))
     share = 100 * shared / len(sample)
     return f"{share:.0f} % ({100 * low:.0f} to {100 * high:.0f}) of its rows are of the course"

@@ -42,7 +42,7 @@ class NetworkFacts(Fields):
     def equals(self, other: "NetworkFacts") -> bool:
         """Return whether the outputs are those of the same network, whatever runs it."""
         pairs = zip(self.outputs, other.outputs, strict=False)
-        same = all(abs(one - two) <= TOLERANCE for one, two in pairs)
+        same = all(abs(first - second) <= TOLERANCE for first, second in pairs)
         return same and len(self.outputs) == len(other.outputs)
 
     def likeness(self, other: "NetworkFacts") -> str:
@@ -82,8 +82,8 @@ def network_facts(file: Path) -> NetworkFacts:
     for _ in range(IMAGES):
         blobs = rng.integers(0, 256, (8, 16, 3), np.uint8)  # of noise, all views are alike
         command = policy(cv2.resize(blobs, policy.view.frame[::-1]), SPEED_MPH)
-        known = (command.steering, command.throttle, command.spread)
-        outputs += [float(one) for one in known if one is not None]
+        values = (command.steering, command.throttle, command.spread)
+        outputs += [float(value) for value in values if value is not None]
     facts = {"row_hashes": policy.data.get("row_hashes"), "outputs": outputs}
     facts["roads"] = trained_roads(policy.config, policy.data)
     return check_fields(NetworkFacts, facts, file)
