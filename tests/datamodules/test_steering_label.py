@@ -94,7 +94,9 @@ def test_a_shifted_image_adds_the_curvature_of_its_steering(two_cars: Recording)
     steering, curvature = changed.values()
     assert steering != 0
     full = curvature_label(two_cars).curvature_per_m
-    np.testing.assert_allclose(curvature * full, UDACITY.curvature(steering), rtol=1e-4)
+    driven = UDACITY.steering_of(labels * full)
+    expected = UDACITY.curvature(driven + steering) - labels * full
+    np.testing.assert_allclose(curvature * full, expected, rtol=1e-4)
 
 
 def test_two_recordings_train_on_curvature_and_name_what_is_a_guess(
