@@ -4,6 +4,9 @@ Writes `docs/images/board.webp` from `docs/benchmark.csv`. RUN is a run's folder
 drives a lap of the embedded lake over the socket, while headless Chromium shows the live page. This
 writes `lap.webp` (the lap as an animation), `live_page.webp`, `report.webp` and `edit_page.webp`
 (the editing page, with a lap of the expert), in some four minutes on two cores.
+
+With `tracks` in place of RUN it writes `udacity_mountain.webp` and `udacity_jungle.webp`: laps of
+the packaged both_tracks at 9 mph, twenty times as fast.
 """
 
 import csv
@@ -66,7 +69,12 @@ def animate(folder: Path, path: Path) -> None:
     with (folder / "drive.csv").open() as file:
         driven_s = float([row["time_s"] for row in csv.DictReader(file)][-1])
     _, film_s = imageio_ffmpeg.count_frames_and_secs(str(film))
-    faster = f"setpts=PTS*{driven_s / film_s / FASTER:.4f}"
+    write_animation(film, driven_s / film_s / FASTER, path)
+
+
+def write_animation(film: Path, slower: float, path: Path) -> None:
+    """Write a film as an animation that takes so many times as long."""
+    faster = f"setpts=PTS*{slower:.4f}"
     frames = imageio_ffmpeg.read_frames(
         str(film), output_params=["-vf", f"{faster},fps={FPS},scale={WIDTH}:{HEIGHT}"]
     )
@@ -103,6 +111,18 @@ def draw_board() -> None:
     (IMAGES / "board.png").unlink()
 
 
+def draw_tracks() -> None:
+    """Draw a lap of the mountain and one of the jungle."""
+    names = ("udacity_mountain", "udacity_jungle")
+    with tempfile.TemporaryDirectory() as scratch:
+        keys = [f"track={','.join(names)}", "speed=9", "film=true", "film_speed=20", "page=false"]
+        command = ["-m", "zoo.commands.evaluate", "both_tracks", *keys, f"out={scratch}/drives"]
+        subprocess.run([sys.executable, *command], check=True)
+        for name in names:
+            film = Path(scratch, "drives", f"{name}-0", "film.mp4")
+            write_animation(film, 1.0, IMAGES / f"{name}.webp")
+
+
 def main(run: Path) -> None:
     """Draw all but the board."""
     report = run / "report" / "index.html"
@@ -130,6 +150,9 @@ def main(run: Path) -> None:
 
 
 if __name__ == "__main__":
+    if sys.argv[1:] == ["tracks"]:
+        draw_tracks()
+        sys.exit()
     draw_board()
     if len(sys.argv) > 1:
         main(Path(sys.argv[1]))
