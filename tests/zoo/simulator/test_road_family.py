@@ -184,7 +184,7 @@ def test_a_road_written_to_a_file_is_the_same_road(tmp_path, family):
 
 
 def test_an_unknown_family_names_the_known_ones():
-    with pytest.raises(InputError, match=r"tundra.*alpine, bends_1.*country, lakeside"):
+    with pytest.raises(InputError, match=r"tundra.*alpine, bends_1.*country, hairpins, lakeside"):
         read_track("tundra:1")
 
 
