@@ -1,6 +1,5 @@
-"""The benchmark's board, its results and page, and the networks that come trained."""
+"""The benchmark's board, its results and page."""
 
-import hashlib
 import itertools
 import os
 import re
@@ -14,11 +13,8 @@ from benchmarks.study_grid import PACKAGED, Entry, Files, Study, run_logged, wri
 from benchmarks.study_tables import CELLS, of_group
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
-from zoo.base.whole_file import json_text, write_whole
-from zoo.checkpoints.checkpoint_path import PACKAGED as PACKAGED_FOLDER
 from zoo.results.result import DIGESTS, LEVEL_NEEDED, NAME, NEEDED, BenchmarkResult
 from zoo.results.suite import OVERALL
-from zoo.runs.metrics_file import read_metrics_file
 
 Row = dict[str, object]
 # By suite: a folder for each entry, as a submission has it.
@@ -261,61 +257,3 @@ def board_page(rows: Rows, path: Path) -> None:
         unranked=[],
     )
     path.write_text(page)
-
-
-def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
-    """Drive the checkpoint of a network, and keep it with its facts, which are its rows.
-
-    Raises:
-        InputError: the drives failed.
-    """
-    from zoo.checkpoints.checkpoint import build_checkpoint, read_checkpoint_file
-    from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents
-    from zoo.results.checked_result import read_result
-
-    for run in entry.finished:
-        metrics, path = read_metrics_file(run), run / "checkpoints" / "best.ckpt"
-        contents = lean_contents(read_checkpoint_file(path))
-        # From `data.record`, a further training records what this one was trained on.
-        contents["drivezoo"]["config"]["data"]["root"] = None
-        checkpoint, data = build_checkpoint(contents, path), checkpoint_bytes(contents)
-        packaged = entry.folder / f"{entry.name}.ckpt"
-        write_whole(packaged, data)
-        sha256, laps = hashlib.sha256(data).hexdigest(), study.config["laps"]
-        folder, workers = entry.folder / sha256[:8], f"workers={study.options.threads}"
-        evaluate = ["zoo.commands.evaluate", str(packaged), "track=lake", f"seeds={laps}"]
-        benchmark = ["zoo.commands.benchmark", str(packaged), "suite=quick", f"entry={entry.name}"]
-        for name, words in (("lake", evaluate), ("quick", benchmark)):
-            if not list((folder / name).glob("*.json")):
-                run_logged(folder / f"{name}.txt", [*words, workers, f"out={folder / name}"], 1)
-        figures = read_metrics_file(folder / "lake")["tracks"]["lake"]
-        result = read_result(folder / "quick")
-        facts = {
-            "network": type(checkpoint.network).__name__,
-            "parameters": metrics["parameters"],
-            "bytes": len(data),
-            "sha256": sha256,
-            "licence": "MIT",
-            "command": shlex.join(["drivezoo", "train", *study.command(entry)]),
-            "data": {k: v for k, v in checkpoint.data.items() if k != "row_hashes"},
-            "code": metrics["code"],
-            "versions": metrics["versions"],
-            "drives": {
-                "lake": {
-                    "command": f"drivezoo evaluate {entry.name} track=lake seeds={laps}",
-                    "drives": figures["drives"],
-                    "kept": figures["drives_without_intervention"],
-                    "autonomy": figures["autonomy"][0],
-                    "cte_mean_m": figures["cte_mean_m"][0],
-                },
-                "unseen": {
-                    "command": f"drivezoo benchmark {entry.name} suite=quick",
-                    "drives": len(result.drives),
-                    "kept": sum(not drive.figures["interventions"] for drive in result.drives),
-                    "digest": result.digest,
-                },
-            },
-        }
-        study.files[PACKAGED_FOLDER / packaged.name] = data
-        study.files[PACKAGED_FOLDER / f"{entry.name}.json"] = json_text(facts)
-    return []

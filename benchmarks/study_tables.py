@@ -220,7 +220,6 @@ CELLS: dict[str, Callable[..., str]] = {
     "clean_laps": clean_laps,
     "clean_trainings": clean_trainings,
     "count": lambda rows: str(len(rows)),
-    "trainings": lambda rows: str(len(by_training(rows))),
     "duration": duration,
     "figures": figures,
     "interventions_of": interventions_of,
@@ -231,6 +230,7 @@ CELLS: dict[str, Callable[..., str]] = {
     "stalls_or_autonomy": stalls_or_autonomy,
     "text": lambda rows, form: form.format(**rows[0]) or "-",
     "trained": trained,
+    "trainings": lambda rows: str(len(by_training(rows))),
     "value": lambda *cell: number(*cell).partition(" (")[0],
 }
 TEXTS: dict[str, Callable[[Rows], str]] = {"commands": commands}
