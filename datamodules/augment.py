@@ -35,7 +35,7 @@ class Change:
         p: probability that a sample is changed, 0..1.
         lighting: whether it changes the light alone, which saturation does not show.
         zeros_change_nothing: whether `change_all` leaves an image whose values are 0 as it is.
-        rig: car of the steering that it adds, for other labels; None if it adds the label itself.
+        rig: car as whose steering it changes other labels; None if it changes the label itself.
     """
 
     p: float

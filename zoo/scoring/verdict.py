@@ -118,7 +118,14 @@ def print_verdict(verdict: Verdict, console: Console) -> None:
     colour = COLOURS[verdict.level]
     title = Text(verdict.headline, style=f"bold {colour}")
     box, width = Text("\n".join(lines)), min(console.width, 100)
-    panel = Panel(box, title=title, title_align="left", border_style=colour, width=width)
+    fits = title.cell_len <= width - 6  # rich cuts a longer title
+    panel = Panel(
+        box if fits else Text("\n\n").join([title, box]),
+        title=title if fits else None,
+        title_align="left",
+        border_style=colour,
+        width=width,
+    )
     console.print(panel, soft_wrap=False)
     for purpose, command in verdict.commands:
         print_next(command, purpose, console)

@@ -350,3 +350,12 @@ def test_the_headline_names_which_lake_was_driven(recorded: str, typed: str, nam
     assert (
         judge([drive(12, recorded)], evidence(), [typed]).headline == f"It does not drive {named}."
     )
+
+
+def test_a_headline_that_is_longer_than_the_box_is_not_cut() -> None:
+    names = ("udacity_lake", "udacity_mountain", "udacity_jungle")
+    verdict = judge([drive(0, name) for name in names], evidence())
+    console = Console(file=io.StringIO(), width=80)
+    print_verdict(verdict, console)
+    printed = " ".join(console.file.getvalue().replace("│", " ").split())
+    assert verdict.headline in printed
