@@ -10,7 +10,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from benchmarks.board_rows import add_submission, board_page, rows_of_board
+from benchmarks.board_rows import add_submission, rows_of_board
 from benchmarks.measuring import merge, print_table, read_csv, write_csv
 from benchmarks.study_grid import Entry, Study, write_files
 from benchmarks.study_tables import packaged, write_tables
@@ -121,10 +121,10 @@ def write_results(study: Study) -> list[Path]:
         InputError: the rows were measured by several versions of the code.
     """
     config = study.config
-    if suite := config.get("board"):  # of the committed results alone
-        write_csv(Path(config["csv"]), rows_of_board(suite))
+    if config["rows"] == "board":  # of the committed results alone
+        write_csv(Path(config["csv"]), rows_of_board())
     rows = read_csv(Path(config["csv"])) if "csv" in config else packaged()
-    is_table = "csv" in config and "board" not in config
+    is_table = "csv" in config and config["rows"] != "board"
     codes = {row[CODE] for row in rows if is_table and row.get(CODE)}  # older rows lack theirs
     if len(codes) > 1:
         raise InputError(
@@ -132,9 +132,6 @@ def write_results(study: Study) -> list[Path]:
             f"({', '.join(sorted(codes))}); measure all entries by one"
         )
     pages = write_tables(config.get("tables", []), rows)
-    if "page" in config:
-        board_page(rows, Path(config["page"]))
-        pages.append(Path(config["page"]))
     if rows and not pages:
         print_table(list(rows[0]), [list(row.values()) for row in rows])
     return [*map(Path, [config["csv"]] if "csv" in config else []), *pages]

@@ -16,18 +16,13 @@ import yaml
 
 from zoo.base.bounded_files import read_json
 from zoo.base.command_keys import read_options
-from zoo.base.compose import conf_folder
 from zoo.base.errors import InputError
 from zoo.base.whole_file import json_text, write_whole
-from zoo.checkpoints.checkpoint_path import packaged_names
-from zoo.results.baselines import BASELINES
 
 FOLDER = Path(__file__).parent / "studies"
 # The last epoch: no drive chooses it, and a score of the training does not change it.
 CHECKPOINT = Path("checkpoints/last.ckpt")
-PACKAGED = "packaged-"  # before the entry's name of a network that comes with drivezoo
 Files = dict[Path, str | bytes]
-NAMES = {"nvidia": "pilotnet", "tiny": "tiny41"}  # networks by the name of their recipe
 
 
 @dataclass(frozen=True)
@@ -129,10 +124,7 @@ class Study:
         runs = Path(filled(self.config["runs"], self.values) or "")
         entries = []
         for grid in self.config["grids"]:
-            axes = {
-                key: SOURCES[values]() if isinstance(values, str) else values
-                for key, values in grid["axes"].items()
-            }
+            axes = grid["axes"]
             for chosen in itertools.product(*(values.items() for values in axes.values())):
                 labels = dict(zip(axes, (str(name) for name, _ in chosen), strict=True))
                 words = [word for _, override in chosen for word in _words(override)]
@@ -231,32 +223,6 @@ def filled(text: str, values: Mapping[str, object]) -> str | None:
     if None in (values[name] for name in re.findall(r"\$(\w+)", text)):
         return None
     return Template(text).substitute(values)
-
-
-def recipes() -> dict[str, tuple[str, ...]]:
-    """Return the recipes of the results that are not published ones, by their name on the board."""
-    words = {}
-    for entry in Study("results", []).entries():
-        if not entry.labels["setting"].startswith("published"):
-            model, _, setting = entry.name.partition("-")
-            words[f"{NAMES.get(model, model)}-{setting}"] = entry.words
-    return words
-
-
-def experiments() -> dict[str, tuple[str, ...]]:
-    """Return the published recipes by name; VGG16's needs the file of its weights."""
-    names = sorted(path.stem for path in (conf_folder() / "experiment").glob("*.yaml"))
-    weights = {"vgg": ("model.weights=$weights",)}
-    return {name: (f"experiment={name}", *weights.get(name, ())) for name in names}
-
-
-# Axes of entries that are listed elsewhere.
-SOURCES: dict[str, Callable[[], dict]] = {
-    "baselines": lambda: dict.fromkeys(BASELINES, ()),
-    "experiments": experiments,
-    "packaged": lambda: {PACKAGED + name: () for name in packaged_names()},
-    "recipes": recipes,
-}
 
 
 def write_files(files: Files) -> None:

@@ -15,17 +15,22 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from benchmarks.board_rows import Row, board_rows
+from benchmarks.board_rows import SUITE, Row, board_rows
 from benchmarks.study_grid import Entry, Study, kept, run_logged
 from zoo.base.bounded_files import read_json
 from zoo.base.whole_file import json_text, write_whole
-from zoo.checkpoints.checkpoint_path import PACKAGED as PACKAGED_FOLDER
+from zoo.checkpoints.checkpoint import build_checkpoint, read_checkpoint_file
+from zoo.checkpoints.checkpoint_path import PACKAGED
+from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents
 from zoo.checkpoints.policy_base import Command
 from zoo.driving.drive_log import summarize
 from zoo.driving.drive_record import Drive, DriveRow
 from zoo.driving.run_drives import Keep, run_drives
 from zoo.driving.scenario import Scenario
 from zoo.driving.speed_controller import PI, Constant, SpeedController
+from zoo.results.checked_result import read_result
+from zoo.results.result import NAME
+from zoo.results.suite import OVERALL
 from zoo.runs.metrics_file import read_metrics_file
 
 STALLED_S = 30.0
@@ -165,10 +170,6 @@ def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
     Raises:
         InputError: the drives failed.
     """
-    from zoo.checkpoints.checkpoint import build_checkpoint, read_checkpoint_file
-    from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents
-    from zoo.results.checked_result import read_result
-
     for run in entry.finished:
         metrics, path = read_metrics_file(run), run / "checkpoints" / "best.ckpt"
         contents = lean_contents(read_checkpoint_file(path))
@@ -212,8 +213,8 @@ def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
                 },
             },
         }
-        study.files[PACKAGED_FOLDER / packaged.name] = data
-        study.files[PACKAGED_FOLDER / f"{entry.name}.json"] = json_text(facts)
+        study.files[PACKAGED / packaged.name] = data
+        study.files[PACKAGED / f"{entry.name}.json"] = json_text(facts)
     return []
 
 
@@ -224,11 +225,23 @@ def first_try_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
     yield seconds | columns(lake, "", ("autonomy", "interventions"))
 
 
+def dev_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
+    """Return the share of clean drives of a run's last epoch on the board's development roads."""
+    folder = run / "dev"
+    if not (folder / NAME).is_file():
+        words = [str(entry.checkpoint(run)), f"suite={SUITE}", "split=dev", f"out={folder}"]
+        words.append(f"workers={study.options.threads}")
+        run_logged(run / "dev.txt", ["zoo.commands.benchmark", *words], 1)
+    figures = read_result(folder).groups[OVERALL]["without_intervention"]
+    yield {"clean": figures.value}
+
+
 ROWS: dict[str, Callable[[Study, Entry], list[Row]]] = {
     "results": per_run(result_rows),
     "board": board_rows,
     "claims": per_run(claim_rows),
     "drives": per_run(drive_rows),
     "pretrained": pretrained_rows,
+    "dev_roads": per_run(dev_rows),
     "first_try": per_run(first_try_rows),
 }

@@ -13,15 +13,22 @@ from benchmarks import board_rows, study, study_data, study_grid, study_rows
 from benchmarks.measuring import merge, read_csv, write_csv
 from benchmarks.study_grid import FOLDER, Entry, Study
 from tests.recordings import Written
-from tests.zoo.results.synthetic_results import ROADS, figures, result, write
+from tests.zoo.results.synthetic_results import result, summed, write
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError
+from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import PACKAGED, packaged_names, read_facts
 from zoo.results.baselines import BASELINES
 from zoo.results.checked_result import read_result
 
 ROOT = Path(__file__).parents[2]
 FINGERPRINT = "d799b34fbcd58066"
+LEVELS = [  # roads of the board
+    (axis, f"bends_{level}:{number}", {})
+    for axis in ("geometry", "dynamics", "visibility", "camera")
+    for level in (1, 2, 3)
+    for number in range(8)
+]
 CLAIM = {
     "recipe": "C",
     "experiment": "tiny41",
@@ -78,8 +85,7 @@ def test_the_committed_pages_are_those_of_the_committed_figures(
 ) -> None:
     for path in (ROOT / "docs").glob("*.csv"):
         shutil.copy(path, "docs")
-    for results in board_rows.BOARDS.values():
-        shutil.copytree(ROOT / results, results)
+    shutil.copytree(ROOT / board_rows.BOARD, board_rows.BOARD)
     study.main([name, "runs=false"])
     written = capsys.readouterr().out.strip().split(", ")
     assert len(written) > 1 or name == "pretrained"
@@ -153,18 +159,19 @@ def test_a_run_of_other_code_is_not_driven(tmp_path: Path) -> None:
 # The grid
 
 
-def test_every_recipe_and_baseline_is_an_entry_of_the_board() -> None:
-    entries = {entry.name: entry.words for entry in Study("board", ["weights=vgg.pth"]).entries()}
-    experiments = {path.stem for path in (ROOT / "conf" / "experiment").glob("*.yaml")}
-    assert {*experiments, *BASELINES} <= set(entries)
-    assert entries["lenet-with_bends"] == ("experiment=lenet", "augment=[brightness,bend]")
-    assert "model.weights=vgg.pth" in entries["vgg"]
-    assert "vgg" not in {entry.name for entry in Study("board", []).entries()}
+def test_an_entry_of_the_board_has_its_seeds_and_is_trained_on_the_closed_track_alone() -> None:
+    entries = {entry.name: entry for entry in Study("board", []).entries()}
+    assert set(BASELINES) <= set(entries)
+    assert {entry.seeds for entry in entries.values() if entry.words} == {5, 10}
+    closed = [entry for entry in entries.values() if entry.words and not entry.corrects]
+    assert all("data=bench_v1" in entry.words for entry in closed)
+    assert entries["linear"].words[-1] == "data.crop=[60,40]"
 
 
-def test_a_recipe_means_its_variants_too() -> None:
-    chosen = Study("board", ["only=pilotnet-with_bends,lenet", "quick=true"]).chosen()
-    assert [entry.name for entry in chosen] == ["pilotnet-with_bends", "lenet", "lenet-with_bends"]
+def test_a_name_means_its_variants_too() -> None:
+    chosen = Study("board", ["only=pilotnet-bends,lenet", "quick=true"]).chosen()
+    names = ["pilotnet-bends", "lenet", "lenet-bends", "lenet-poses"]
+    assert [entry.name for entry in chosen] == names
     assert chosen[1].folder == Path("outputs/board/lenet-quick")
 
 
@@ -176,10 +183,10 @@ def test_a_packaged_network_names_a_commit_that_has_its_code(name: str) -> None:
     assert "trainer.precision=32-true" in facts["command"], "repeats on any processor"
 
 
-def test_a_packaged_network_has_the_boards_recipe() -> None:
-    board = {entry.name: entry.words for entry in Study("board", []).entries()}
+def test_a_packaged_network_has_a_recipe_of_the_results() -> None:
+    results = {entry.name: entry.words for entry in Study("results", []).entries()}
     packaged = {entry.name: entry.words for entry in Study("pretrained", []).entries()}
-    assert packaged["tiny41"] == (*board["tiny41-no_bonnet"], "data=bench_v1")
+    assert packaged["tiny41"] == (*results["tiny-no_bonnet"], "data=bench_v1")
 
 
 def test_an_entry_that_an_expert_corrects_starts_from_anothers_last_epochs(
@@ -196,7 +203,7 @@ def test_an_entry_that_an_expert_corrects_starts_from_anothers_last_epochs(
         study_grid.seconds_file(log).write_text("{}")
 
     monkeypatch.setattr(study_grid, "run_logged", run_logged)
-    opened = Study("board_v2", ["only=pilotnet-dagger", "seeds=2"])
+    opened = Study("board", ["only=pilotnet-dagger", "seeds=2"])
     opened.values["root"] = "bench_v1"
     (entry,) = opened.chosen()
     assert entry.finished == []
@@ -205,7 +212,7 @@ def test_an_entry_that_an_expert_corrects_starts_from_anothers_last_epochs(
     assert entry.finished == entry.runs
     assert entry.checkpoint(entry.runs[1]) == Path("round-3.ckpt")
     assert [words[:2] for words in asked] == [
-        ["zoo.commands.correct", f"outputs/board_v2/pilotnet/{seed}/checkpoints/last.ckpt"]
+        ["zoo.commands.correct", f"outputs/board/pilotnet/{seed}/checkpoints/last.ckpt"]
         for seed in (1, 2)
     ]
     assert asked[0][-1] == f"out={entry.runs[0]}"
@@ -291,37 +298,44 @@ def test_rows_are_kept_as_text_and_newer_ones_replace_older(tmp_path: Path) -> N
     ]
 
 
-def write_entry(folder: Path, autonomy: float = 0.9, seeds: int = 3, **changes: object) -> Path:
-    """Write an entry's folder: a result of known autonomy and the command of its training."""
-    rng, name = np.random.default_rng(1), folder.name
-    found = result(np.clip(figures(rng, autonomy, seeds, 0.01, np.zeros(len(ROADS))), 0, 1), name)
-    for checkpoint in found["checkpoints"]:
+def write_entry(folder: Path, clean: float = 0.9, seeds: int = 3, **changes: object) -> Path:
+    """Write an entry's folder: a result with a share of clean drives, command and checkpoints."""
+    drawn = np.random.default_rng(1).random((seeds, len(LEVELS)))
+    content = result(np.where(drawn < clean, 1.0, 0.5), folder.name, LEVELS)
+    for drive in content["drives"]:
+        drive["level"] = int(drive["track"][6])
+        drive["figures"]["cte_max_m"] = 2.0
+    for checkpoint in content["checkpoints"]:
         checkpoint["data"] = FINGERPRINT
-    write(folder, found | {"suite": "v1"} | changes)
+    write(folder, summed(content | {"suite": "v3"}) | changes)
     (folder / board_rows.COMMAND).write_text("drivezoo train experiment=lenet data=bench_v1\n")
+    for seed in range(seeds):
+        (folder / f"{seed}.ckpt").write_text("weights")
     return folder
 
 
 def add_entry(folder: Path) -> None:
     command = (folder / board_rows.COMMAND).read_text().strip()
-    study_grid.write_files(board_rows.kept_result(folder, command))
+    checkpoints = sorted(folder.glob("*.ckpt"))
+    study_grid.write_files(board_rows.kept_result(folder, command, checkpoints))
 
 
-def test_an_entry_stands_in_all_pages_of_the_board(pages: Path) -> None:
+def test_an_entry_stands_in_all_files_of_the_board(pages: Path) -> None:
     add_entry(write_entry(pages / "mine"))
     study.main(["board", "runs=false"])
     page = Path("docs/benchmark.md").read_text()
-    assert "| 1 | `mine` | 1,000 | 3 | 2." in page
-    assert ">mine</td>" in Path("docs/_static/board.html").read_text()
+    assert re.search(r"\| 1 \| `mine` \| 3 \| \d+ of 288 \(", page)
     row = read_csv(Path("docs/benchmark.csv"))[0]
     assert row["group"] == "all but laps"
-    assert float(row["shortfall_low"]) < 0.1 < float(row["shortfall_high"])
     assert row["command"] == "drivezoo train experiment=lenet data=bench_v1"
+    assert {path.name for path in (board_rows.BOARD / "mine").glob("*")} == {
+        *("result.json", "command.txt", "0.ckpt", "1.ckpt", "2.ckpt")
+    }
 
 
-def test_the_fewest_interventions_stand_first_and_ties_share_a_rank(pages: Path) -> None:
-    for name, autonomy in (("a_worst", 0.4), ("tied", 0.9), ("alike", 0.899)):
-        add_entry(write_entry(pages / name, autonomy))
+def test_the_most_clean_drives_stand_first_and_ties_share_a_rank(pages: Path) -> None:
+    for name, clean in (("a_worst", 0.2), ("tied", 0.9), ("alike", 0.89)):
+        add_entry(write_entry(pages / name, clean))
     rows = board_rows.rows_of_board()
     assert list(dict.fromkeys((row["entry"], row["rank"]) for row in rows)) == [
         ("tied", "1 to 2"),
@@ -330,57 +344,56 @@ def test_the_fewest_interventions_stand_first_and_ties_share_a_rank(pages: Path)
     ]
 
 
-def test_baselines_and_entries_of_one_training_have_no_rank(pages: Path) -> None:
-    add_entry(write_entry(pages / "ranked", 0.5))
+def test_entries_that_no_training_or_an_expert_made_have_no_rank(pages: Path) -> None:
+    for name in ("ranked", "corrected"):
+        add_entry(write_entry(pages / name, 0.5))
     add_entry(write_entry(pages / "alone", 0.9, seeds=1))
+    (board_rows.BOARD / "corrected" / board_rows.COMMAND).write_text("drivezoo correct CKPT\n")
     expert = read_json(write_entry(pages / "expert", 1.0, seeds=1) / "result.json")
     expert["checkpoints"][0]["sha256"] = None
     write(pages / "known", expert)
-    study_grid.write_files(board_rows.kept_result(pages / "known", ""))
+    study_grid.write_files(board_rows.kept_result(pages / "known", "", []))
     rows = board_rows.rows_of_board()
-    assert list(dict.fromkeys((row["entry"], row["kind"], row["rank"]) for row in rows)) == [
-        ("ranked", "ranked", "1"),
-        ("alone", "one training seed", ""),
-        ("expert", "baseline", ""),
-    ]
+    assert {row["entry"]: (row["kind"], row["rank"]) for row in rows} == {
+        "ranked": ("ranked", "1"),
+        "corrected": ("interactive", ""),
+        "alone": ("one training seed", ""),
+        "expert": ("baseline", ""),
+    }
 
 
-def test_an_entry_that_an_expert_corrected_is_not_ranked_on_the_closed_track(pages: Path) -> None:
-    boards = board_rows.BOARDS["v2"]
-    for name in ("lenet", "lenet-bends"):
-        shutil.copytree(ROOT / boards / name, boards / name)
-    (boards / "lenet-bends" / board_rows.COMMAND).write_text("drivezoo correct CKPT rounds=3\n")
-    rows = board_rows.rows_of_board("v2")
-    assert list(dict.fromkeys((row["entry"], row["kind"], row["rank"]) for row in rows)) == [
-        ("lenet", "ranked", "1"),
-        ("lenet-bends", "interactive", ""),
-    ]
+def test_results_of_two_versions_of_the_code_make_no_board(pages: Path) -> None:
+    add_entry(write_entry(pages / "old", code={"hash": "aaaa"}))
+    add_entry(write_entry(pages / "new"))
+    with pytest.raises(InputError, match="new and old were driven by different code"):
+        board_rows.rows_of_board()
 
 
-def test_a_kept_result_has_every_drive_and_its_digest(pages: Path) -> None:
+def test_a_kept_result_has_every_drive_and_its_digest_but_no_folder(pages: Path) -> None:
     folder = write_entry(pages / "mine")
+    content = read_json(folder / "result.json")
+    for driver in content["checkpoints"]:
+        driver["file"] = str(folder / driver["file"])
+    (folder / "result.json").write_text(json.dumps(content))
     add_entry(folder)
-    kept, given = (read_result(one) for one in (board_rows.BOARDS["v1"] / "mine", folder))
+    kept, given = (read_result(path) for path in (board_rows.BOARD / "mine", folder))
     assert kept.digest == given.digest
     assert kept.groups == given.groups
-    assert len(kept.drives) == 3 * len(ROADS)
+    assert len(kept.drives) == 3 * len(LEVELS)
+    assert [driver.file for driver in kept.checkpoints] == ["0.ckpt", "1.ckpt", "2.ckpt"]
 
 
-def test_a_kept_result_names_a_packaged_network_wherever_it_is_installed(pages: Path) -> None:
-    found = read_json(write_entry(pages / "mine", seeds=1) / "result.json")
-    found["checkpoints"][0]["file"] = str(PACKAGED / "lenet.ckpt")
-    write(pages / "known", found)
-    study_grid.write_files(board_rows.kept_result(pages / "known", ""))
-    assert read_result(board_rows.BOARDS["v1"] / "mine").checkpoints[0].file == "lenet"
-
-
-def test_a_kept_result_does_not_say_where_the_folder_is(pages: Path) -> None:
-    found = read_json(write_entry(pages / "mine", seeds=1) / "result.json")
-    found["checkpoints"][0]["file"] = str(pages / "outputs" / "last.ckpt")
-    write(pages / "known", found)
-    study_grid.write_files(board_rows.kept_result(pages / "known", ""))
-    kept = read_result(board_rows.BOARDS["v1"] / "mine").checkpoints[0]
-    assert Path(kept.file) == Path("outputs/last.ckpt")
+def test_what_drives_has_weights_in_16_bits(tmp_path: Path) -> None:
+    entry = Entry("tiny41", {}, ("model=tiny",), tmp_path, 1)
+    run = entry.runs[0]
+    (run / "checkpoints").mkdir(parents=True)
+    shutil.copy(PACKAGED / "tiny41.ckpt", run / study_grid.CHECKPOINT)
+    path = board_rows.driven_checkpoint(entry, run)
+    assert path == tmp_path / "1.ckpt"
+    state = read_checkpoint_file(path)["state_dict"]
+    assert {str(tensor.dtype) for tensor in state.values()} == {"torch.float16"}
+    weights = load_checkpoint(path).network.state_dict().values()
+    assert {str(tensor.dtype) for tensor in weights} == {"torch.float32"}
 
 
 def test_an_entry_trained_on_other_rows_is_refused(pages: Path) -> None:
@@ -401,7 +414,7 @@ def test_a_submission_that_lacks_something_is_refused(
     """A name stands in Markdown; an entry of another suite is no line of the board."""
     with pytest.raises(InputError, match=named):
         study.main(["board", f"add={write_entry(pages / 'entry', **changes)}"])
-    assert not board_rows.BOARDS["v1"].exists()
+    assert not board_rows.BOARD.exists()
 
 
 # The pages

@@ -24,7 +24,7 @@ class BenchmarkOptions(ResultFiles):
         plot: file to draw each group's autonomy in: .pdf, .svg or .png.
     """
 
-    suite: str = "v1"
+    suite: str = "v3"
     split: Literal["test", "dev"] = "test"
     entry: str | None = None
     out: str | None = None

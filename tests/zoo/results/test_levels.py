@@ -32,19 +32,26 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_each_level_of_v2_is_driven_on_the_same_twelve_places() -> None:
-    suite, dev = read_suite("v2"), read_suite("v2", "dev")
-    assert suite.roads == "7a91dc108c9c6d23"  # a change of it is a change of every figure
-    assert {one.scenario.quality for one in suite.drives} == {"fast"}
-    assert (len(suite.drives), len(dev.drives)) == (240, 40)
+@pytest.mark.parametrize(
+    ("name", "roads", "levels", "count"),
+    # A change of the roads is a change of every figure.
+    [("v2", "7a91dc108c9c6d23", 5, 12), ("v3", "1b2c79d07725de54", 3, 20)],
+)
+def test_each_level_is_driven_on_the_same_places(
+    name: str, roads: str, levels: int, count: int
+) -> None:
+    suite, dev = read_suite(name), read_suite(name, "dev")
+    assert suite.roads == roads
+    assert {planned.scenario.quality for planned in suite.drives} == {"fast"}
     places: dict[tuple[str, int], list[str]] = {}
-    for one in suite.drives:
-        places.setdefault((one.group, one.level), []).append(place_of(one.track))
-    assert len(places) == 20
-    for (axis, _), own in places.items():
-        assert own == places[axis, 1]
-        assert len(set(own)) == 12
-    assert not {one.track for one in dev.drives} & {one.track for one in suite.drives}
+    for planned in suite.drives:
+        places.setdefault((planned.group, planned.level), []).append(place_of(planned.track))
+    assert len(places) == 4 * levels
+    for (axis, _), names in places.items():
+        assert names == places[axis, 1]
+        assert len(set(names)) == count
+    tracks, dev_tracks = ({planned.track for planned in part.drives} for part in (suite, dev))
+    assert not tracks & dev_tracks
 
 
 def test_drives_of_levels_end_at_their_first_intervention(suite: Path, tmp_path: Path) -> None:
