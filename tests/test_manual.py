@@ -31,7 +31,7 @@ PAGES = [
     ROOT / "CONTRIBUTING.md",
     *sorted(path for path in DOCS.rglob("*.md") if "_build" not in path.parts),
 ]
-MOST_LINES = 150  # of the README
+MOST_LINES = 120  # of the README
 FENCE = re.compile(
     r"(?:^[ ]*<!-- (?P<mark>runs|needs: [^>]+) -->\n\n?)?"
     r"^(?P<indent>[ ]*)```(?P<language>[\w{}-]*)[^\n]*\n(?P<text>.*?)^(?P=indent)```$",

@@ -7,8 +7,8 @@ an intervention: the car is put back on the path.
 
 The score agrees with driving: on a lap of the lake by the expert, the rank correlation (Spearman)
 of the replay's interventions with those of the same lap driven is 0.94 (95 %: 0.74 to 1.00) over 16
-checkpoints, that of the mean squared error 0.82 (0.45 to 0.97). docs/scoring.md has the commands
-and another world. Limits:
+checkpoints, that of the mean squared error 0.82 (0.45 to 0.97). docs/offline_metrics.md has the
+commands and another world. Limits:
 
 - The recorded path counts as the centre of the lane. If the recorded driver weaves, or drives off
   the centre, a network that keeps to the centre gets a bad score.

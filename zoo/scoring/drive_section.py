@@ -23,8 +23,7 @@ from zoo.scoring.reported_run import ReportedDrives
 from zoo.scoring.visual_backprop import Saliency, overlay
 
 SHOWN, OTHERS = 6, 5  # worst moments of a track, and drives with other start seeds
-FAILURE_S = 5.0  # of the film of a failure
-FAILURE = f"The last {FAILURE_S:g} s before the car left the road, and where it did."
+FAILURE_S = 5.0  # longest film of a failure
 FILMS_BYTES = 10_000_000  # total of films embedded in the page; base64 adds a third
 PLOTS = {
     "track": "The car's path, coloured by cross-track error. Crosses mark interventions.",
@@ -114,7 +113,9 @@ def failure(folder: Path, with_path: bool) -> list[Block]:
     if not (folder / FILM_NAME).is_file():
         return []
     drive = read_drive(folder)
-    film = Film(FILM_NAME, FAILURE, (folder / FILM_NAME).read_bytes(), worst_moment(drive))
+    length_s = min(FAILURE_S, float(drive.time_s[-1]))
+    caption = f"The last {length_s:.2g} s before the car left the road, and where it did."
+    film = Film(FILM_NAME, caption, (folder / FILM_NAME).read_bytes(), worst_moment(drive))
     return [film, *(_plots(drive)[:1] if with_path else [])]
 
 
