@@ -89,7 +89,7 @@ class DriveFilm(Film):
         frame_rate: frames per second of simulated time.
         speed: playing speed as a multiple of the driven speed; 3 writes every third frame.
         rig: see `Overlay`.
-        road: see `Overlay`.
+        road: points of the road for a small map, float [N, 2], m; None draws no map.
 
     Raises:
         InputError: the film cannot be written.
@@ -103,7 +103,8 @@ class DriveFilm(Film):
         rig: Rig | None,
         road: np.ndarray | None = None,
     ) -> None:
-        self.every, self.rig, self.road = max(1, round(speed)), rig, road
+        self.every, self.rig = max(1, round(speed)), rig
+        self.road = None if road is None or len(road) < 2 else RoadMap(road)
         self.number = self.interventions = 0
         super().__init__(folder / FILM_NAME, frame_rate * speed / self.every)
 
@@ -156,7 +157,7 @@ class Overlay:
         recorded: steering of the recorded driver, -1..1, in a replay.
         time_s: time of the drive.
         lap: number of the lap.
-        road: points of the road for a small map, float [N, 2], m.
+        road: small map of the road.
         xy: position of the car on the map, m.
     """
 
@@ -171,16 +172,39 @@ class Overlay:
     recorded: float | None = None
     time_s: float | None = None
     lap: int | None = None
-    road: np.ndarray | None = None
+    road: "RoadMap | None" = None
     xy: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        """Replace numbers that are not finite by None, and a road without a line."""
+        """Replace numbers that are not finite by None."""
         for name, value in vars(self).items():
             if isinstance(value, float | np.floating) and not math.isfinite(value):
                 object.__setattr__(self, name, None)
-        if self.road is not None and len(self.road) < 2:
-            object.__setattr__(self, "road", None)
+
+
+class RoadMap:
+    """A small map, north up, whose line is drawn once: a film shows it in each frame.
+
+    Args:
+        road: points of the road, float [N, 2], m; two or more.
+    """
+
+    def __init__(self, road: np.ndarray) -> None:
+        low, high = road.min(0), road.max(0)
+        self.middle, self.scale = (low + high) / 2, (MAP - 24) / max(float((high - low).max()), 1.0)
+        self.line = Image.new("1", (MAP, MAP))
+        points = [tuple(point) for point in self._place(road).tolist()]
+        ImageDraw.Draw(self.line).line(points, fill=1, width=4, joint="curve")
+
+    def draw(self, image: Image.Image, at: tuple[int, int], xy: tuple | None) -> None:
+        """Draw the road, and a dot for the car, into the square that begins at a pixel."""
+        image.paste(GREY, at, self.line)
+        if xy is not None:
+            x, y = (self._place(np.array(xy)) + at).tolist()
+            ImageDraw.Draw(image).ellipse((x - 7, y - 7, x + 7, y + 7), fill=AMBER)
+
+    def _place(self, points: np.ndarray) -> np.ndarray:
+        return np.asarray(MAP / 2 + (points - self.middle) * self.scale * (1, -1))
 
 
 class Label(NamedTuple):
@@ -216,11 +240,12 @@ def draw_overlay(frame: np.ndarray, state: Overlay) -> np.ndarray:
     if state.road is not None:
         boxes.append((*corner, corner[0] + MAP, corner[1] + MAP))
     drawn = Image.fromarray(image)
-    blending, draw = ImageDraw.Draw(drawn, "RGBA"), ImageDraw.Draw(drawn)
+    blending = ImageDraw.Draw(drawn, "RGBA")
     for box in boxes:
         blending.rounded_rectangle(box, 10, fill=(12, 16, 22, 140))
     if state.road is not None:
-        _draw_map(draw, corner, state.road, state.xy)
+        state.road.draw(drawn, corner, state.xy)
+    draw = ImageDraw.Draw(drawn)
     for label in labels:
         point, font = (label.x, label.y), _font(label.size)
         draw.text(point, label.text, fill=label.colour, font=font, anchor=label.anchor)
@@ -276,23 +301,6 @@ def _text_rows(state: Overlay) -> list[tuple[str, str, Colour]]:
         clock = f"{int(state.time_s // 60)}:{state.time_s % 60:04.1f}"
         rows.append(("TIME" if state.lap is None else f"LAP {state.lap}", clock, WHITE))
     return rows
-
-
-def _draw_map(
-    draw: ImageDraw.ImageDraw, at: tuple[int, int], road: np.ndarray, xy: tuple | None
-) -> None:
-    """Draw the road into a square, north up, and a dot for the car."""
-    low, high = road.min(0), road.max(0)
-    scale = (MAP - 24) / max(float((high - low).max()), 1.0)
-    middle = np.array(at) + MAP / 2
-
-    def place(points: np.ndarray) -> np.ndarray:
-        return np.asarray(middle + (points - (low + high) / 2) * scale * (1, -1))
-
-    draw.line([tuple(point) for point in place(road).tolist()], fill=GREY, width=4, joint="curve")
-    if xy is not None:
-        x, y = place(np.array(xy)).tolist()
-        draw.ellipse((x - 7, y - 7, x + 7, y + 7), fill=AMBER)
 
 
 def _draw_wheel(image: np.ndarray, centre: tuple[int, int], radius: int, angle_deg: float) -> None:
