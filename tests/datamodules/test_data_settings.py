@@ -1,5 +1,7 @@
 """The keys of `data`: a type, a default and a meaning each, which other places repeat checked."""
 
+import re
+import runpy
 from pathlib import Path
 
 import lightning
@@ -100,3 +102,13 @@ def test_a_trainer_of_lightnings_fits_any_module(recorded, tmp_path, console) ->
     trainer.fit(module, datamodule=data)
     assert trainer.callback_metrics["val/mse"] > 0
     assert trainer.global_step == -(-data.count_samples() // 16)
+
+
+def test_the_training_in_the_manual_runs(recorded, here: Path) -> None:
+    page = PAGE.with_name("python.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```python\n(import lightning\n.*?)```", page, re.DOTALL)
+    script = here / "own_training.py"
+    script.write_text(block.replace('"FOLDER"', repr(str(recorded.folder))), encoding="utf-8")
+    names = runpy.run_path(str(script))
+    assert names["data"].count_samples() > 0
+    assert list(here.rglob("*.ckpt"))

@@ -435,17 +435,14 @@ Written by `drivezoo results --metrics > docs/metrics.md` from the functions of
 [zoo/driving/metrics.py](../zoo/driving/metrics.py).
 
 A drive is a sequence of rows, one for each time step *i*. A row holds the time `t[i]` in seconds,
-the cross-track error `e[i]` in metres (the signed distance of the car from the centreline, positive
-is right), the steering `s[i]` from -1 to 1, its spread `d[i]` (a standard deviation, if the policy
-predicts one), the speed `v[i]` in mph, and whether an intervention begins. In the embedded world,
-time is simulated time, and a row is 1/15 s by default (`frame_rate=15`). On a socket, a row is one
-telemetry message.
+the cross-track error `e[i]` in metres (from the centreline, positive is right), the steering
+`s[i]` from -1 to 1, its spread `d[i]` (a standard deviation, if the policy predicts one), the
+speed `v[i]` in mph, and whether an intervention begins. In the embedded world a row is 1/15 s of
+simulated time by default (`frame_rate=15`); on a socket it is one telemetry message.
 
-Every drive has these metrics in its `drive.json`: in the embedded world, on a socket, and in the
-replay of a recording. `metrics.json` has their mean and sample standard deviation (n - 1) over the
-drives of a track. Means over rows leave out the rows without a value, such as those that a person
-drove on a socket. A metric that is unknown, or infinite, is `null` in these files. A *share* is
-shown in percent in tables.
+Every drive has these metrics in its `drive.json`. `metrics.json` has their mean and sample
+standard deviation (n - 1) over the drives of a track. Means over rows leave out rows without a
+value. A metric that is unknown, or infinite, is `null`. A *share* is shown in percent in tables.
 """
 
 
