@@ -1,6 +1,5 @@
 """The datamodule: recordings to batches for training, validation and test."""
 
-import functools
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -14,12 +13,11 @@ from datamodules.balance import BalancedBatches, BatchOptions
 from datamodules.batches import EvaluationBatches, TrainingBatches, unchanged
 from datamodules.device_batches import DeviceBatches
 from datamodules.features import FeatureBatches
-from datamodules.looking.leak import Leak, measure_leak, thumbnail
 from datamodules.recording import Recording
 from datamodules.row_views import RowViews
 from datamodules.run_data import RunData
-from datamodules.samples import CENTER, Samples
-from datamodules.split import PARTS, Split
+from datamodules.samples import Samples
+from datamodules.split import Split
 from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.base.rig import SteeringLabel
@@ -213,18 +211,3 @@ class DrivingData(RunData):
     def _rank(self) -> tuple[int, int]:
         """Return the rank of this process and the number of processes."""
         return (self.trainer.global_rank, self.trainer.world_size) if self.trainer else (0, 1)
-
-    def leaks(self) -> dict[str, Leak]:
-        """Return the train/validation similarity of `val` and `test`; none of shards."""
-        if self.views.shards:  # it would read most of them
-            return {}
-
-        @functools.cache  # both parts are compared with mostly the same training rows
-        def thumbnail_of(row: int) -> np.ndarray:
-            return thumbnail(self.views.take(np.array([row]), CENTER)[0])
-
-        return {
-            part: measure_leak(self.recording, self.split.train, rows, thumbnail_of)
-            for part in PARTS[1:]
-            if len(rows := getattr(self.split, part))
-        }

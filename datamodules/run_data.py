@@ -46,10 +46,6 @@ class RunData(lightning.LightningDataModule):
     batch_size: Any = 1
     split_by: Any = "its datamodule"
 
-    def leaks(self) -> dict[str, Any]:
-        """Return the train/validation similarity by part, as `DrivingData` measures it."""
-        return {}
-
     def steering_of(self, rows: "np.ndarray") -> "np.ndarray":
         """Return the true steering of rows."""
         return self.recording.steering[rows]

@@ -118,7 +118,7 @@ def split_words(
 ) -> str:
     """Return which split was chosen, and why."""
     if kind != "blocks":
-        return f"{kind}, as data.split says"
+        return kind
     rate = rows_per_second(recording)
     length, gap = (rows / rate for rows in block_rows(recording, block_s, gap_s))
     if changes := shard_changes(recording):

@@ -187,7 +187,7 @@ def test_validation_comes_in_large_batches(load, tmp_path):
 def test_no_test_share_no_test_batches(load):
     data = load(test_share=0.0)
     assert len(data.test_dataloader()) == 0
-    assert list(data.leaks()) == ["val"]
+    assert not len(data.split.test)
 
 
 def test_training_and_held_out_rows_never_meet(load):

@@ -5,7 +5,7 @@ import torch
 from rich.console import Console
 from torch import nn
 
-from datamodules.looking.leak import Leak
+from datamodules.looking.leak import seconds_apart
 from datamodules.recording import ROW_SAMPLE
 from datamodules.recording_format import other_car
 from datamodules.run_data import RunData
@@ -14,6 +14,17 @@ from zoo.base.rig import CURVATURE
 from zoo.base.terminal import counted, print_line
 from zoo.models.network_facts import facts_of
 from zoo.training.recorded_roads import recorded_roads
+
+NEAR_S = 1.0  # held-out rows this close to training rows are almost copies
+
+
+def rows_apart(data: RunData) -> dict[str, float]:
+    """Return the seconds from a part's rows to the nearest training row, see `seconds_apart`."""
+    return {
+        part: seconds_apart(data.recording, data.split.train, rows)
+        for part in PARTS[1:]
+        if len(rows := getattr(data.split, part)) and len(data.split.train)
+    }
 
 
 def recorded_facts(data: RunData) -> dict:
@@ -39,25 +50,25 @@ def print_start(
     card: dict,
     network: nn.Module,
     data: RunData,
-    leaks: dict[str, Leak],
+    apart: dict[str, float],
     device: torch.device,
     console: Console,
 ) -> None:
-    """Print the network, the split, and train/validation similarity."""
+    """Print the network and the split, and whether held-out rows are copies of training rows."""
     (height, width, _), frame = data.view.shape, data.view.frame
     model, parameters = card["config"]["model"], sum(p.numel() for p in network.parameters())
     split = ", ".join(f"{len(getattr(data.split, part)):,} {part}" for part in PARTS)
     lines = [
         f"{model['name']}: {parameters:,} parameters, sees {width} x {height} "
         f"{data.view.colour} of frames of {frame[1]} x {frame[0]}, on {device}",
-        f"split by {card['data']['split_by']}: {split} rows; "
+        f"{split} rows ({card['data']['split_by']}); "
         f"{counted(data.count_samples(), 'training sample')}",
     ]
-    for part, leak in leaks.items():
+    if near := {part: seconds for part, seconds in apart.items() if seconds < NEAR_S}:
         lines.append(
-            f"leak: a {part} frame is {leak.seconds:.2f} s from the nearest training frame; it "
-            f"differs from the most similar one {leak.likeness:.0%} as much as from any other "
-            "(medians; near 0 % they are copies, whose errors say little)"
+            f"{' and '.join(near)} rows lie {max(near.values()):.2f} s from training rows: they "
+            "are almost copies, and errors on them look too small; data.split=blocks keeps them "
+            "apart"
         )
     if model["weights"] is None and facts_of(network).frozen_front is not None:
         lines.append(

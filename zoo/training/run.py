@@ -12,7 +12,6 @@ from datamodules.recording_format import other_car
 from datamodules.run_data import RunData
 from datamodules.split import write_split
 from zoo.base.compose import plain_dict
-from zoo.base.console_progress import working
 from zoo.base.errors import InputError, hint
 from zoo.base.process_ranks import is_first_process, needs_processes
 from zoo.base.terminal import print_line
@@ -31,7 +30,7 @@ from zoo.training.candidates import (
     restore_monitored,
 )
 from zoo.training.closed_loop import best_drive
-from zoo.training.data_facts import print_start, recorded_facts
+from zoo.training.data_facts import print_start, recorded_facts, rows_apart
 from zoo.training.distributed import ending_together
 from zoo.training.host_settings import set_up_process
 from zoo.training.plan import make_plan
@@ -93,8 +92,7 @@ def _run(
     config = settle_config(asked, console)
 
     data = build.load_data(config, console)
-    with working("measuring train/validation similarity", console):
-        leaks = data.leaks()
+    apart = rows_apart(data)
     replayed, not_replayed = None, None
     source = other_car(data.recording)
     if source and score is not None:  # the embedded tracks show another camera and another car
@@ -120,7 +118,7 @@ def _run(
     trainer = build.build_trainer(config, folder, has_validation=len(data.split.val) > 0)
     if resumed is not None:
         resumed.end_early(trainer)
-    print_start(card, network, data, leaks, trainer.strategy.root_device, console)
+    print_start(card, network, data, apart, trainer.strategy.root_device, console)
     plan = make_plan(config, data, network, trainer, console)
     print_line(console, plan.line())
     module = build.build_module(config, network, plan, card, console)
@@ -158,7 +156,7 @@ def _run(
         "closed_loop": best_drive(trainer, module, data.view),
         "drive": score_run(score, folder, console, replayed),
         "not_replayed": not_replayed,
-        "leak": {part: vars(leak) for part, leak in leaks.items()},
+        "leak": {part: {"seconds": seconds} for part, seconds in apart.items()},
         "choice": choice,
         "device": str(plan.device),
         "threads": plan.threads,
