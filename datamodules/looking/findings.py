@@ -67,8 +67,7 @@ def _keyboard(recording: Recording) -> Iterator[str]:
         yield (
             f"{share:.0%} of steering is exactly 0 and the other {len(turned):,} rows share "
             f"{counted(values, 'value')}, as from a keyboard: a network learns to drive "
-            "straight and to jerk; keep data.straight_cap=0.5, or steer by mouse or gamepad "
-            "(drivezoo simulator drive)"
+            "straight and to jerk; steer by mouse or gamepad (drivezoo simulator drive)"
         )
 
 
