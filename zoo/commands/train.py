@@ -47,7 +47,10 @@ def train(arguments: list[str], several: bool = True) -> Path:
         several: whether the training may start further processes with the same command.
     """
     limit_spinning()
-    from zoo.base.compose import refuse_repeated
+    with loading("reading the config"):
+        import hydra.core.hydra_config  # noqa: F401 - a slow import of train_once
+
+        from zoo.base.compose import refuse_repeated
 
     refuse_repeated(arguments)
     arguments = [name_latest(argument) for argument in arguments]

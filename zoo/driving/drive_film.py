@@ -3,9 +3,11 @@
 import functools
 import importlib.util
 import math
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -31,6 +33,7 @@ WHITE, GREY, GREEN, RED, AMBER = (
     (255, 92, 80),
     (255, 184, 64),
 )
+MOST_WAITING = 16  # frames that are not yet painted
 MAP = 150  # side in pixels of the small map
 PANEL = 104  # height in pixels of the darkened band for the instruments, over the car's bonnet
 _SUBPIXEL = 4  # fractional bits of OpenCV's coordinates
@@ -106,6 +109,8 @@ class DriveFilm(Film):
         self.every, self.rig = max(1, round(speed)), rig
         self.road = None if road is None or len(road) < 2 else RoadMap(road)
         self.number = self.interventions = 0
+        # The simulator draws the next frames meanwhile, without Python's lock.
+        self.painter, self.painted = ThreadPoolExecutor(1), deque[Future[None]]()
         super().__init__(folder / FILM_NAME, frame_rate * speed / self.every)
 
     def __call__(
@@ -135,6 +140,25 @@ class DriveFilm(Film):
             road=self.road,
             xy=xy,
         )
+        self.painted.append(self.painter.submit(self._paint, frame.copy(), state))
+        if len(self.painted) > MOST_WAITING:
+            self.painted.popleft().result()
+
+    def __exit__(self, *error: Any) -> None:
+        """Complete the film.
+
+        Raises:
+            InputError: the film cannot be written.
+        """
+        self.painter.shutdown(cancel_futures=error[0] is not None)
+        try:
+            if error[0] is None:
+                for painted in self.painted:
+                    painted.result()
+        finally:
+            super().__exit__(*error)
+
+    def _paint(self, frame: np.ndarray, state: "Overlay") -> None:
         image = draw_overlay(frame, state)
         size = FILM_WIDTH, len(image) * FILM_WIDTH // WIDTH
         self.add(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
