@@ -9,7 +9,7 @@ stratum plus that between the seeds of each entry (Owen 2007, "The pigeonhole bo
 form), Student's t with Satterthwaite's degrees of freedom (1946), on the scale of the logarithm
 or, for a share, of the log odds. The bounds include those of no failure at any place (Clopper and
 Pearson 1934), so that a network that never failed is not surer than one that failed once.
-`python benchmarks/measurements.py coverage` measures how often the intervals contain the truth.
+docs/benchmark.md shows how often the intervals contain the truth.
 """
 
 import math
