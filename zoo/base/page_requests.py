@@ -81,7 +81,8 @@ class ServedPage(ABC):
         except RequestError as error:
             status = error.status
             body, kind = json_answer({"error": str(error)})
-        headers = [("Content-Type", kind), ("Content-Length", str(len(body))), *HEADERS]
+        headers = [("Content-Type", kind), ("Content-Length", str(len(body)))]
+        headers += self._headers(environ)
         start_response(f"{status.value} {status.phrase}", headers)
         return [body]
 
@@ -104,6 +105,9 @@ class ServedPage(ABC):
         if path in self._files:
             return self._files[path]
         return self._answers[path](parse_qs(environ.get("QUERY_STRING", "")))
+
+    def _headers(self, environ: dict) -> Sequence[tuple[str, str]]:
+        return HEADERS
 
     def _check_token(self, query: dict) -> None:
         token = query.get("token", [""])[0]

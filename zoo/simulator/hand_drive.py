@@ -3,7 +3,7 @@
 import datetime
 import functools
 import time
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from pathlib import Path
 
 from rich.console import Console
@@ -152,7 +152,6 @@ def drive(
     """
     console = console or Console(soft_wrap=True)
     options.check()
-    world = options.open(frame_rate=1 / PHYSICS_STEP_S)
     folder = Path(options.out)
     if options.out == "auto":
         folder = Path("recordings", f"{datetime.datetime.now():%Y-%m-%d_%H-%M-%S}")
@@ -160,14 +159,16 @@ def drive(
     purpose = " and drive; End, or Ctrl-C here, ends the drive"
     began = time.perf_counter()
     with (
+        closing(options.open(frame_rate=1 / PHYSICS_STEP_S)) as world,
         Recorder(folder, options.header, options.relative) as recorder,
         nullcontext(seat) if seat else served_seat(say, options.port, purpose) as taken,
     ):
         run = Drive(world, taken, recorder, options.frame_rate)
         run.run(options.seconds)
+        renderer = world.drawing().name
     if not recorder.rows:
         console.print("nothing was recorded; press R while driving to record")
         return None
     took = time.perf_counter() - began
-    print_report(console, recorder, [run.driven], took, world.drawing().name)
+    print_report(console, recorder, [run.driven], took, renderer)
     return recorder.folder, run.driven.off_road

@@ -16,7 +16,7 @@ from zoo.base.page_server import PageServer
 from zoo.simulator.hand_control import Hands
 from zoo.simulator.recorder import encode
 
-FOLDER = Path(__file__).with_name("static") / "hand_page"
+HAND_FILES = Path(__file__).with_name("static") / "hand_page"
 WAIT_S = 0.5  # that a request waits for the next frame
 WATCHED_S = 1.5  # after a page's last request the hands are off the wheel
 MOST_PRESSED = 20  # keys that wait to be handled
@@ -98,7 +98,7 @@ class HandPage(ServedPage):
 
     def __init__(self, seat: Seat) -> None:
         self.seat = seat
-        super().__init__(FOLDER, {"/frame": seat.answer})
+        super().__init__(HAND_FILES, {"/frame": seat.answer})
 
     def _command(self, environ: dict) -> Answer:
         self.seat.take(*read_command(environ, COMMANDS))

@@ -27,16 +27,16 @@ export async function post(command) {
   return answer;
 }
 
-/** Draw each latest frame on a canvas, and call `show` with its state, until `ended()`. */
-export async function follow(path, canvas, show, ended = () => false) {
+/** Draw each latest frame on a canvas, and call `show` with its state, until `ended()`; `keys` go into the address. */
+export async function follow(path, canvas, show, ended = () => false, keys = {}) {
   for (let number = 0; !ended(); ) {
-    if (document.hidden) {
+    if (document.hidden || canvas.closest("[hidden]")) {
       await pause(RETRY_MS);
       continue;
     }
     try {
       const query = new URLSearchParams(location.search);
-      query.set("after", number);
+      for (const [key, value] of Object.entries({ ...keys, after: number })) query.set(key, value);
       const response = await fetch(`${path}?${query}`, { cache: "no-store" });
       if (!response.ok) throw new Error((await response.json()).error);
       const body = await response.arrayBuffer();
@@ -101,7 +101,14 @@ export class HandView {
     }
     for (const button of root.querySelectorAll("[data-press]")) button.onclick = () => this.press(button.dataset.press);
     follow("frame", root.querySelector("canvas"), (state, error) => this.show(state, error));
+    this.begin();
+  }
+
+  /** Take the keyboard for another drive. */
+  begin() {
+    this.ended = false;
     this.stage.focus({ preventScroll: true });
+    this.root.scrollIntoView({ block: "start" });
   }
 
   /** Whether keys are for the car: the view is shown, and no field or button takes them. */
