@@ -64,7 +64,8 @@ def existing(folder: str) -> str:
     """
     if not Path(folder).expanduser().is_dir():
         raise InputError(f"{folder}: no such folder")
-    return folder
+    # Else it would be a key.
+    return str(Path(folder).absolute()) if "=" in folder else folder
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -128,11 +128,8 @@ class StudioPage(ServedPage):
             self._start_drive(step)
         elif isinstance(step, WatchStep):
             self._stop("watch")
-            scenario = step.keys()
-            each = zip(step.drivers, words, strict=True)
-            self.watched = [
-                Watched(name, str(find_checkpoint(name)), scenario, line) for name, line in each
-            ]
+            paths = [(name, str(find_checkpoint(name))) for name in step.drivers]
+            self.watched = [Watched(name, path, step.keys()) for name, path in paths]
             start_together(self.watched)
         else:
             earlier = self.children.get(step.step)

@@ -15,7 +15,6 @@ from contextlib import suppress
 from typing import IO, Any
 
 from zoo.base.child_process import end_module, start_module
-from zoo.base.terminal import command_line
 from zoo.simulator.hand_page import LatestFrame
 
 MOST_BYTES = 4_000_000_000  # memory of a process; its files are limited to one hundredth
@@ -30,11 +29,10 @@ class Watched:
         name: network, as the user names it.
         path: file of the network.
         scenario: values of a `Scenario`.
-        words: words of the command that gives the same figures, after `drivezoo`.
     """
 
-    def __init__(self, name: str, path: str, scenario: dict[str, Any], words: list[str]) -> None:
-        self.name, self.line = name, command_line(["drivezoo", *words])
+    def __init__(self, name: str, path: str, scenario: dict[str, Any]) -> None:
+        self.name = name
         self.frame, self.failure, self.ready = LatestFrame(), "", threading.Event()
         self._heard_s, self._patience_s = time.monotonic(), LOADS_S
         self._process = start_module(
@@ -70,8 +68,7 @@ class Watched:
 
     def state(self) -> dict[str, Any]:
         """Return the state as plain containers."""
-        running, failure = self.running, self.failure
-        return {"name": self.name, "line": self.line, "running": running, "failure": failure}
+        return {"name": self.name, "running": self.running, "failure": self.failure}
 
     def _read(self) -> None:
         pipe: Any = self._process.stdout
@@ -118,8 +115,12 @@ def start_together(networks: list[Watched]) -> None:
 
 
 def _block(pipe: IO[bytes]) -> bytes | None:
-    size = int.from_bytes(pipe.read(4), "little")
-    data = pipe.read(size) if size <= MOST_FRAME else b""
+    """Return the next block; None at the end, or if it is too large."""
+    head = pipe.read(4)
+    size = int.from_bytes(head, "little")
+    if len(head) < 4 or size > MOST_FRAME:
+        return None
+    data = pipe.read(size)
     return data if len(data) == size else None
 
 
