@@ -6,6 +6,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from zoo.base.terminal import command_line, printable
 from zoo.runs.status import NAME, read_status
 
 MOST_LINES = 200  # the last ones
+LOG = "log.txt"  # of a sweep's job
 STOPS_S = 60.0  # that a training may take to complete its files
 EPOCH = re.compile(r"epoch +(\d+)/(\d+) +train/loss ([\d.]+)(?:.*?([\d,]+) samples/s)?")
 
@@ -29,7 +31,7 @@ class ChildCommand:
         self.line = command_line(["drivezoo", *words])
         self.lines: deque[str] = deque(maxlen=MOST_LINES)
         self.epochs: list[tuple[float, int, int, str, str]] = []
-        self._began_s = time.monotonic()
+        self._logged: dict[Path, int] = {}  # lines of a log that were read
         # In a session of its own: Ctrl-C in the terminal is the studio's, which then stops it.
         self._process = start_module(
             "zoo.base.console_script",
@@ -48,11 +50,22 @@ class ChildCommand:
     def _read(self) -> None:
         assert self._process.stdout is not None
         for line in self._process.stdout:
-            self.lines.append(printable(line.rstrip()))
-            if match := EPOCH.match(line):
-                done, most, loss, rate = match.groups()
-                self.epochs.append((time.monotonic(), int(done), int(most), loss, rate or ""))
+            self._take(line)
         self._process.wait()
+
+    def _take(self, line: str) -> None:
+        self.lines.append(printable(line.rstrip()))
+        if match := EPOCH.match(line):
+            done, most, loss, rate = match.groups()
+            self.epochs.append((time.monotonic(), int(done), int(most), loss, rate or ""))
+
+    def read_log(self, run: Path) -> None:
+        """Read what is new in the log of a sweep's job, which prints nothing; others have none."""
+        with suppress(OSError):
+            lines = (run / LOG).read_text(encoding="utf-8", errors="replace").splitlines()
+            for line in lines[self._logged.get(run, 0) :]:
+                self._take(line)
+            self._logged[run] = len(lines)
 
     @property
     def running(self) -> bool:

@@ -181,8 +181,8 @@ class StudioPage(ServedPage):
         driving = bool(self._driving and self._driving.is_alive())
         return {
             "drive": self.drive | {"running": driving},
+            "training": self._training(),  # which may read a log
             **{room: child.state() for room, child in list(self.children.items())},
-            "training": self._training(),
             "watch": [network.state() for network in self.watched],
         }
 
@@ -191,6 +191,8 @@ class StudioPage(ServedPage):
         if child is None:
             return {}
         run = child.run_folder(OUTPUTS)
+        if run is not None:
+            child.read_log(run)
         facts = child.training(self.trainings)
         if run is None:
             return facts

@@ -250,6 +250,18 @@ def test_the_time_left_counts_the_epochs_of_all_seeds(monkeypatch: pytest.Monkey
     assert child.training(3) == facts | {"left_s": 96.0}
 
 
+def test_the_log_of_a_sweeps_job_is_read_once(here: Path) -> None:
+    child = ChildCommand(["--version"])
+    child.wait(30)
+    assert (child.status, len(child.lines)) == (0, 1)
+    child.read_log(here)
+    (here / "log.txt").write_text("plan\nepoch   1/3  train/loss 0.0080  val/mse 0.0006\n")
+    for _ in range(2):
+        child.read_log(here)
+        assert [epoch[1:] for epoch in child.epochs] == [(1, 3, "0.0080", "")]
+    assert list(child.lines)[1] == "plan"
+
+
 def test_ctrl_c_ends_it(here: Path) -> None:
     process = subprocess.Popen(
         command("zoo.extras.studio.studio", "port=0"),

@@ -177,6 +177,7 @@ $("#upload").onchange = async () => {
   if (!file) return;
   const query = new URLSearchParams(location.search);
   query.set("name", file.name);
+  text($("#uploading"), `Reading ${file.name}`);
   try {
     const response = await fetch(`upload?${query}`, { method: "POST", headers: { "Content-Type": "application/octet-stream" }, body: file });
     const answer = await response.json();
@@ -188,6 +189,7 @@ $("#upload").onchange = async () => {
     notify(error);
   }
   $("#upload").value = "";
+  text($("#uploading"), "");
 };
 
 // --- what runs ---
@@ -310,7 +312,7 @@ function makeSide(at) {
   panel.innerHTML = `<h2></h2><p class="failure" role="alert"></p><p class="soft state" role="status"></p><canvas width="320" height="160" role="img" aria-label="What the network sees"></canvas>
     <div class="wheel" aria-hidden="true"><i></i></div>
     <dl class="facts"><div><dt>Interventions</dt><dd data-fact="interventions">–</dd></div><div><dt>Autonomy</dt><dd data-fact="autonomy">–</dd></div>
-    <div><dt>From the middle</dt><dd data-fact="cross">–</dd></div><div><dt>Wheel</dt><dd data-fact="steering">–</dd></div>
+    <div><dt>From the middle</dt><dd data-fact="cross">–</dd></div><div><dt>Wheel</dt><dd data-fact="steering">–</dd></div><div hidden><dt>Recorded wheel</dt><dd data-fact="recorded">–</dd></div>
     <div><dt>Speed</dt><dd data-fact="speed">–</dd></div><div><dt>Time</dt><dd data-fact="time">–</dd></div></dl>`;
   $("#sides").append(panel);
   const side = { panel, last: null };
@@ -323,6 +325,8 @@ function makeSide(at) {
     fact("autonomy", frame.autonomy === null ? "–" : `${shown(100 * frame.autonomy, 1)} %`);
     fact("cross", cross === null ? "–" : `${shown(Math.abs(cross), 2)} m ${cross > 0 ? "right" : "left"}`);
     fact("steering", shown(frame.steering, 2));
+    $('[data-fact="recorded"]', panel).parentElement.hidden = frame.expert_steering === null;
+    fact("recorded", shown(frame.expert_steering, 2));
     fact("speed", `${shown(frame.speed_mph, 1)} mph`);
     fact("time", `${shown(frame.time_s, 1)} s`);
     $(".wheel i", panel).style.transform = `scaleX(${frame.steering})`;
