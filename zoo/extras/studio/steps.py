@@ -23,7 +23,6 @@ DAYS = {
 }
 MOST_LISTED = 50
 Count = Annotated[int, Field(ge=1, le=5)]
-Text = Annotated[str, Field(min_length=1, max_length=500)]
 
 
 def newest(paths: Sequence[Path]) -> list[str]:
@@ -62,7 +61,7 @@ def existing(folder: str) -> str:
     Raises:
         InputError: there is no such folder.
     """
-    if not Path(folder).expanduser().is_dir():
+    if not folder or not Path(folder).expanduser().is_dir():
         raise InputError(f"{folder}: no such folder")
     # Else it would be a key.
     return str(Path(folder).absolute()) if "=" in folder else folder
@@ -94,13 +93,15 @@ USUAL = ("clear", "forward")  # values that a command has anyway
 
 @dataclass(frozen=True, kw_only=True)
 class FolderStep:
-    """A look at a recording, or its editor."""
+    """A look at a recording, or its editor; or the ranking of all runs, without a folder."""
 
-    step: Literal["check", "edit"]
-    folder: Text
+    step: Literal["check", "edit", "rank"]
+    folder: str = ""
 
     def commands(self) -> list[list[str]]:
         """Return the words of each command after `drivezoo`."""
+        if self.step == "rank":
+            return [["leaderboard"]]
         free_port = ["port=0"] if self.step == "edit" else []
         return [[self.step, existing(self.folder), *free_port]]
 
@@ -137,7 +138,7 @@ class WatchStep:
     """Drives of one or two networks, on a track or next to a recorded drive."""
 
     step: Literal["watch"]
-    first: Text
+    first: str
     second: str = ""
     track: str = "zoo_lake"
     day: str = "clear"
@@ -147,7 +148,8 @@ class WatchStep:
     def drivers(self) -> list[str]:
         """Return the networks, as a user types them."""
         known = [name for names in networks().values() for name in names]
-        return [chosen("network", name, known) for name in (self.first, self.second) if name]
+        names = [self.first, *filter(None, [self.second])]
+        return [chosen("network", name, known) for name in names]
 
     def keys(self) -> dict[str, str]:
         """Return the keys of the world."""
@@ -166,17 +168,4 @@ class WatchStep:
         return [["evaluate", driver, *words] for driver in self.drivers]
 
 
-@dataclass(frozen=True, kw_only=True)
-class RankStep:
-    """The ranking of all runs."""
-
-    step: Literal["rank"]
-
-    def commands(self) -> list[list[str]]:
-        """Return the words of each command after `drivezoo`."""
-        return [["leaderboard"]]
-
-
-Step = Annotated[
-    DriveStep | FolderStep | TrainStep | WatchStep | RankStep, Field(discriminator="step")
-]
+Step = Annotated[DriveStep | FolderStep | TrainStep | WatchStep, Field(discriminator="step")]

@@ -42,6 +42,7 @@ from zoo.extras.studio.watched_network import Watched, start_together
 from zoo.runs.status import read_metrics, read_status
 from zoo.simulator import hand_drive, hand_page
 from zoo.simulator.command_options import DriveOptions
+from zoo.simulator.hand_control import Hands
 from zoo.simulator.track_names import track_names
 
 MOST_UPLOAD = 200_000_000  # bytes
@@ -154,7 +155,8 @@ class StudioPage(ServedPage):
             raise RequestError(HTTPStatus.CONFLICT, "a drive is open; end it first")
         out = free_folder(RECORDINGS[0] / f"{datetime.datetime.now():%Y-%m-%d_%H-%M-%S}")
         options = DriveOptions(out=str(out), **step.keys())  # type: ignore[arg-type]
-        self.seat.pressed()
+        self.seat.pressed()  # keys of an earlier drive
+        self.seat.take("hands", Hands())
         self.drive = {"line": command_line(["drivezoo", *step.commands()[0], f"out={out}"])}
         self._driving = threading.Thread(target=self._drive, args=(options,), daemon=True)
         self._driving.start()
