@@ -102,10 +102,10 @@ def engine_of(name: str) -> tuple[str, Engine]:
 
 def serve_each(names: list[str], pipe: Connection) -> None:
     """Serve networks with random weights; send the port, then the latency of each, in ms."""
+    from zoo.base.notices import Notices
     from zoo.driving.speed_controller import PI, SteeringFilter
     from zoo.server.drive_writer import BackgroundWriter
     from zoo.server.driver import Driver
-    from zoo.server.notices import Notices
     from zoo.server.server import DriveServer, listen
 
     for name in names:

@@ -10,11 +10,11 @@ import pytest
 
 from tests.contracts.outside_package import installed, manual_example
 from zoo.base.entry_points import load_class, named_entries
+from zoo.base.notices import Notices
 from zoo.driving.speed_controller import Constant, SteeringFilter
 from zoo.server.drive_writer import BackgroundWriter
 from zoo.server.driven_simulator import SIMULATORS, DrivenSimulator
 from zoo.server.driver import Driver
-from zoo.server.notices import Notices
 
 WAIT_S = 20.0
 

@@ -30,7 +30,7 @@ def start_module(module: str, *arguments: str, **options: Any) -> subprocess.Pop
     return subprocess.Popen(module_command(module, *arguments), env=child_environment(), **options)
 
 
-def end_module(process: subprocess.Popen) -> None:
+def end_module(process: subprocess.Popen, grace_s: float = GRACE_S) -> None:
     """End a child process, after some seconds also one that does not react to Ctrl-C."""
     stop = signal.SIGINT  # as after Ctrl-C, so that it completes its files
     if sys.platform == "win32":  # which raises ValueError for SIGINT
@@ -38,7 +38,7 @@ def end_module(process: subprocess.Popen) -> None:
     if process.poll() is None:
         process.send_signal(stop)
     try:
-        process.wait(GRACE_S)
+        process.wait(grace_s)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()

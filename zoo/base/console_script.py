@@ -27,7 +27,7 @@ GROUPS = {
         *("leaderboard", "report", "saliency"),
     ),
     "sharing": ("export", "hub"),
-    "drivezoo itself": ("demo", "list", "new", "doctor", "completion"),
+    "drivezoo itself": ("studio", "demo", "list", "new", "doctor", "completion"),
 }
 # Further names, which belong to a command above: export doubt; evaluate replay=RECORDING;
 # train rerun=RUN; the leaderboard as Markdown; train resume=SWEEP.
@@ -207,3 +207,7 @@ def _outside_purpose(target: str) -> str:
 def _shortened(sentence: str) -> str:
     sentence = " ".join(sentence.split())
     return sentence[:1].lower() + sentence[1:].rstrip(".")
+
+
+if __name__ == "__main__":  # a child process runs any command
+    sys.exit(main())

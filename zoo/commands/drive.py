@@ -65,10 +65,10 @@ def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
     Raises:
         InputError: the port is taken, the checkpoint cannot be loaded, or the simulator failed.
     """
+    from zoo.base.notices import Notices
     from zoo.scoring.evidence import other_car_line
     from zoo.server.drive_writer import BackgroundWriter
     from zoo.server.driver import Driver
-    from zoo.server.notices import Notices
     from zoo.server.server import DriveServer
 
     simulator = None
@@ -197,7 +197,7 @@ class StopOnSignal:
 
 def open_port(host: str, port: int, key: str = "port") -> "GreenSocket":
     """Return a listening socket; raise InputError that names the process that holds the port."""
-    from zoo.server.port_holder import port_holder
+    from zoo.base.port_holder import port_holder
     from zoo.server.server import listen
 
     try:

@@ -88,8 +88,9 @@ def edit(
 def serve_page(session: "EditSession", ckpt: str | None, port: int) -> None:
     """Serve the page until Ctrl-C, then wait until a recording that is being written is whole."""
     from zoo.base.console_progress import loading
+    from zoo.base.page_server import PageServer
     from zoo.checkpoints.checkpoint_path import find_checkpoint
-    from zoo.server.edit_page import EditPage, PageServer
+    from zoo.server.edit_page import EditPage
     from zoo.server.edit_session import FrameAnalysis
 
     path, policy = "", None

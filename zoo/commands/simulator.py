@@ -29,7 +29,7 @@ def record(*, options: RecordOptions) -> Path:
 
 @command(name="simulator drive", parts=False)
 def drive(*, options: DriveOptions) -> Path | None:
-    """Drive in a window, with keyboard, mouse or gamepad; R starts and stops recording.
+    """Drive on a page, with keyboard, mouse or gamepad; R starts and stops recording.
 
     Args:
         options: see `DriveOptions`.
@@ -74,7 +74,7 @@ def all_commands() -> dict[str, Command[Any]]:
 
 
 def simulator(arguments: Sequence[str]) -> None:
-    """Record laps, drive in a window, connect to a driver, or serve a world."""
+    """Record laps, drive on a page, connect to a driver, or serve a world."""
     name, *rest = arguments or ["--help"]
     commands = COMMANDS if name in COMMANDS else all_commands()
     if name in commands:

@@ -3,9 +3,10 @@
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -16,7 +17,11 @@ from zoo.driving.scenario import Scenario
 from zoo.driving.world import World
 from zoo.simulator.expert import Expert
 
+if TYPE_CHECKING:
+    from zoo.simulator.hand_page import Seat
+
 WAIT_S = 0.005  # between two looks at the hands
+_OPEN = ExitStack()
 LATE_S = 0.4  # delay of the late expert's commands, in seconds
 
 
@@ -25,7 +30,7 @@ class Baseline(PolicyMaker):
     """What makes the policy of a baseline.
 
     Args:
-        name: zero, mean, expert, expert_late, or human for a person who steers in a window.
+        name: zero, mean, expert, expert_late, or human for a person who steers on a page.
         mean_steering: steering of the baseline `mean`, -1..1.
     """
 
@@ -33,11 +38,7 @@ class Baseline(PolicyMaker):
     mean_steering: float | None = None
 
     def policy(self, world: World, scenario: Scenario) -> Policy:
-        """Return the policy of the baseline in the embedded world.
-
-        Raises:
-            InputError: no window opens for a person.
-        """
+        """Return the policy of the baseline in the embedded world."""
         if self.name in ("zero", "mean"):
             steering = 0.0 if self.name == "zero" else float(self.mean_steering or 0.0)
             return as_policy(lambda frame, mph: (steering, None))
@@ -56,40 +57,41 @@ class Baseline(PolicyMaker):
 
 
 def by_hand(frame_s: float) -> Callable[[np.ndarray, float], tuple[float, None]]:
-    """Return a person's steering of a drive: keys, mouse or gamepad, in a window.
+    """Return a person's steering of a drive: keys, mouse or gamepad, on a page.
 
     The person sees what a network sees, in real time. Each drive waits for the first key.
 
     Args:
         frame_s: seconds of a frame.
-
-    Raises:
-        InputError: no window opens.
     """
-    from zoo.simulator.hand_control import Gamepads, HandControl, Hands
+    from zoo.simulator.hand_control import HandControl
 
-    viewer, control, gamepads = _viewer(), HandControl(), Gamepads()
+    seat, control = _seat(), HandControl()
     due_s = 0.0
 
     def drive(frame: np.ndarray, mph: float) -> tuple[float, None]:
         nonlocal due_s
-        while True:
-            viewer.show_until_closed(frame)
-            hands = Hands(frozenset(viewer.window.held), viewer.window.pointer, *gamepads.read())
-            if not due_s and (viewer.window.pressed or hands.stick):
+        notice = "" if due_s else "A key starts this road; Esc stops the benchmark"
+        seat.show(frame, speed_mph=mph, steering=control.steering, notice=notice)
+        while not due_s or time.perf_counter() < due_s or not seat.watched:
+            if "escape" in seat.pressed():
+                raise KeyboardInterrupt
+            if not due_s and (seat.hands.held or seat.hands.stick):
                 due_s = time.perf_counter() + frame_s
-            if due_s and time.perf_counter() >= due_s:
-                break
             time.sleep(WAIT_S)
         due_s = max(due_s, time.perf_counter() - frame_s) + frame_s
-        return control.step(frame_s, hands)[0], None
+        return control.step(frame_s, seat.hands)[0], None
 
     return drive
 
 
-@lru_cache(maxsize=1)
-def _viewer() -> Any:
-    """Return one window for all drives: it would lose the keyboard at each new one."""
-    from zoo.simulator.window import Viewer
+def _say(line: str) -> None:
+    print(line, flush=True)
 
-    return Viewer("drivezoo benchmark human: a key starts each road; Esc stops")
+
+@lru_cache(maxsize=1)
+def _seat() -> "Seat":
+    """Return one seat for all drives, whose page is served until the process ends."""
+    from zoo.simulator.hand_page import served_seat
+
+    return _OPEN.enter_context(served_seat(_say, purpose=" and drive"))

@@ -10,8 +10,10 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from zoo.base.file_text import html_text, indented
+from zoo.base.page_requests import STATIC
 
 SHARED = Path(__file__).with_name("static")
+SERVED = "/* Served */"  # the style sheet's part of pages that a command serves begins there
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class Page:
         )
         environment.filters |= {"indented": indented, "base64": _base64}
         environment.tests |= self.tests
-        style = (SHARED / "style.css").read_text(encoding="utf-8")
+        style = (STATIC / "style.css").read_text(encoding="utf-8").partition(SERVED)[0]
         script = (folder / self.script).read_text(encoding="utf-8") if self.script else ""
         scripts = f"script-src {hash_source(script)}; " if script else ""
         policy = (

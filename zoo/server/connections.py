@@ -11,8 +11,8 @@ import eventlet
 from eventlet.greenio import GreenSocket
 from eventlet.greenthread import GreenThread, getcurrent
 
+from zoo.base.notices import Notices
 from zoo.server.fast_socket import COPIES, ENVIRON_KEY, FLOOD_KEY, HOLD_KEY, MAX_MESSAGE
-from zoo.server.notices import Notices
 
 MOST_CONNECTIONS = 1024
 MOST_PER_ADDRESS = 512  # fewer than in total, so that there is room for other addresses

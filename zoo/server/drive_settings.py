@@ -9,10 +9,10 @@ from pydantic import Field
 
 from zoo.base.command_keys import Choice, EntryChoice, Section
 from zoo.base.errors import UsageError, placed_errors
+from zoo.base.origin import is_loopback
 from zoo.driving.scenario import Margin
 from zoo.driving.speed_controller import PI, Constant, Network, SpeedController, SteeringFilter
 from zoo.server.driven_simulator import SIMULATORS
-from zoo.server.origin import is_loopback
 from zoo.simulator.track_names import recorded_name, short_name
 
 PORT = 4567  # to which the original simulator connects

@@ -11,12 +11,12 @@ from pathlib import Path
 from datamodules.recording_format import write_rig_of
 from zoo.base.errors import InputError, file_errors
 from zoo.base.new_folder import written_folder
+from zoo.base.notices import Notices
 from zoo.base.rig import Rig
 from zoo.base.whole_file import AppendedFile, write_new
 from zoo.driving.drive_log import LOG_NAME, DriveWriter, read_drive, write_summary
 from zoo.driving.drive_record import SOCKET, DriveRow
 from zoo.driving.metrics import measure
-from zoo.server.notices import Notices
 from zoo.simulator.recorder import IMAGE_FOLDER, image_name, number_text, split_pedals
 from zoo.simulator.recorder import LOG_NAME as RECORDING_LOG
 

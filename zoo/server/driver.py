@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from zoo.base.errors import InputError
+from zoo.base.notices import Notices
 from zoo.checkpoints.policy_base import Policy, PolicyFunction, as_policy
 from zoo.driving.drive_record import FALLBACK, PERSON, DriveRow
 from zoo.driving.interventions import OFF_ROAD, STANDSTILL, TAKEOVER, WORDS
@@ -20,7 +21,6 @@ from zoo.driving.speed_controller import SpeedController, SteeringFilter, limit_
 from zoo.driving.tally import LONGEST_STEP_S, Tally, summary_lines
 from zoo.runs.result_table import known
 from zoo.server.drive_writer import BackgroundWriter
-from zoo.server.notices import Notices
 from zoo.server.session import Session
 from zoo.server.telemetry_message import (
     PUT_BACK,

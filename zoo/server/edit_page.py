@@ -1,18 +1,11 @@
 """The editing page: the files of `static/`, the recording's columns and images, and commands."""
 
-import contextlib
-import errno
-import io
 import math
-import socket
-import socketserver
-import time
 from collections.abc import Callable
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
-from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
 import numpy as np
 
@@ -21,18 +14,11 @@ from datamodules.recording import file_name
 from datamodules.split import rows_per_second
 from datamodules.stretches import find_breaks
 from zoo.base.errors import InputError
+from zoo.base.page_requests import Answer, RequestError, ServedPage, json_answer, read_command
 from zoo.server.edit_session import EditSession, FrameAnalysis
-from zoo.server.notices import Notices
-from zoo.server.origin import OriginGuard
-from zoo.server.page_requests import Answer, RequestError, ServedPage, json_answer, read_command
-from zoo.server.port_holder import port_holder
 
-HOST = "127.0.0.1"
-PATIENCE_S = 20.0  # for a whole request to arrive
-MOST_REQUEST = 64 << 10  # bytes of a request's head and body
-MOST_REQUESTS = 64  # that are answered at a time; a browser sends six
 STRETCH_EDITS = ("drop", "restore", "trim", "mirror", "merge")
-COMMANDS = (*STRETCH_EDITS, "split", "undo", "redo", "write")
+COMMANDS = dict.fromkeys((*STRETCH_EDITS, "split", "undo", "redo", "write"), Any)
 
 
 class EditPage(ServedPage):
@@ -167,84 +153,3 @@ def _stretch(name: str, value: object) -> tuple[int, int]:
             return first, end
     line = f"{name}: {value!r:.40} is no pair of a first row and the row after the last"
     raise RequestError(HTTPStatus.BAD_REQUEST, line)
-
-
-class PageServer(socketserver.ThreadingMixIn, WSGIServer):
-    """HTTP server on this machine alone, with a thread for each request.
-
-    Args:
-        port: TCP port; 0 for a free one.
-        page: page that answers the requests.
-
-    Raises:
-        InputError: the port is in use; names the process that holds it.
-    """
-
-    daemon_threads = True
-
-    def __init__(self, port: int, page: EditPage) -> None:
-        self._open: dict[socket.socket, None] = {}  # the oldest first
-        try:
-            super().__init__((HOST, port), _Handler)
-        except OSError as error:
-            holder = port_holder(port) if error.errno == errno.EADDRINUSE else None
-            reason = f"held by {holder}" if holder else error.strerror
-            raise InputError(f"port={port}: {reason}; add port=0 for a free one") from None
-        self.set_app(OriginGuard(exposed=False, notices=Notices())(page))
-
-    def server_bind(self) -> None:
-        """Bind the socket, without the name lookup of `http.server`."""
-        socketserver.TCPServer.server_bind(self)
-        self.server_name, self.server_port = HOST, self.server_address[1]
-        self.setup_environ()
-
-    def process_request(self, request: Any, client_address: object) -> None:
-        """Answer a request in a thread; close the oldest when too many are unfinished."""
-        self._open[request] = None
-        if len(self._open) > MOST_REQUESTS:
-            oldest, *_ = list(self._open)  # at once, because threads remove theirs
-            self._open.pop(oldest, None)
-            with contextlib.suppress(OSError):  # it has just ended
-                oldest.shutdown(socket.SHUT_RDWR)
-        super().process_request(request, client_address)
-
-    def shutdown_request(self, request: Any) -> None:
-        """Close a connection after its answer."""
-        self._open.pop(request, None)
-        super().shutdown_request(request)
-
-    def handle_error(self, request: object, client_address: object) -> None:
-        """Ignore a browser that has closed its connection."""
-
-
-class _Request(io.RawIOBase):
-    """The bytes of a request, which must be few and arrive before a deadline."""
-
-    def __init__(self, connection: socket.socket) -> None:
-        self._connection = connection
-        self._ends_s, self._left = time.monotonic() + PATIENCE_S, MOST_REQUEST
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: Any) -> int:
-        left_s = self._ends_s - time.monotonic()
-        if left_s <= 0:
-            raise TimeoutError("the request did not arrive in time")
-        self._connection.settimeout(left_s)
-        size = self._connection.recv_into(buffer)
-        self._left -= size
-        if self._left < 0:
-            raise ConnectionError("the request is too long")
-        return size
-
-
-class _Handler(WSGIRequestHandler):
-    timeout = PATIENCE_S
-
-    def setup(self) -> None:
-        super().setup()
-        self.rfile = io.BufferedReader(_Request(self.connection))
-
-    def log_message(self, text: str, *values: object) -> None:
-        pass  # a line for each image would hide the others

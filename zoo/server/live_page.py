@@ -3,7 +3,6 @@
 Slow calls run in threads of their own, outside the thread that serves the sockets.
 """
 
-import hmac
 import math
 import threading
 import time
@@ -12,19 +11,18 @@ from concurrent.futures import Future
 from http import HTTPStatus
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
-from urllib.parse import parse_qs
 
 import eventlet
 import torch
-from pydantic import Field, StringConstraints, TypeAdapter, ValidationError
+from pydantic import Field, StringConstraints
 
 from datamodules.image import encode_image
 from zoo.base.errors import InputError
+from zoo.base.page_requests import Answer, RequestError, ServedPage, json_answer, read_command
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.runs.result_table import known
 from zoo.scoring.visual_backprop import Saliency, overlay
 from zoo.server.driver import Driver
-from zoo.server.page_requests import Answer, RequestError, ServedPage, json_answer, read_command
 
 POLL_MS = 100
 MOST_POLLS = 50  # per second, of all pages; 300 doubled the 99th percentile of the latency
@@ -110,14 +108,13 @@ class LivePage(ServedPage):
     Args:
         driver: driver to show and command.
         folder: folder below which checkpoints are listed.
-        token: token that the address of a command must contain, `?token=...`; None if only this
-            machine can send commands.
+        token: see `ServedPage`.
     """
 
     def __init__(
         self, driver: Driver, folder: Path = Path("outputs"), token: str | None = None
     ) -> None:
-        self.driver, self.folder, self.token = driver, folder, token
+        self.driver, self.folder = driver, folder
         self.loading = ""  # path of the checkpoint that is being loaded
         self.saliency, self.interval = LiveSaliency(driver), PollInterval()
         self._jpeg, self._encoded_s = b"", -math.inf
@@ -129,7 +126,7 @@ class LivePage(ServedPage):
             "/frame.jpg": lambda query: (self._frame(), "image/jpeg"),
             "/saliency.jpg": lambda query: (self._saliency(), "image/jpeg"),
         }
-        super().__init__(Path(__file__).parent / "static" / "live_page", answers)
+        super().__init__(Path(__file__).parent / "static" / "live_page", answers, token)
 
     def _poll(self) -> Answer:
         self.interval.asked(time.monotonic())
@@ -169,18 +166,7 @@ class LivePage(ServedPage):
         return _image(image)
 
     def _command(self, environ: dict) -> Answer:
-        token = parse_qs(environ.get("QUERY_STRING", "")).get("token", [""])[0]
-        if self.token and not hmac.compare_digest(token.encode(), self.token.encode()):
-            line = (
-                "token: wrong or missing; open the address with ?token= that drivezoo drive printed"
-            )
-            raise RequestError(HTTPStatus.FORBIDDEN, line)
         name, value = read_command(environ, COMMANDS)
-        try:
-            value = TypeAdapter(COMMANDS[name]).validate_python(value, strict=True)
-        except ValidationError as error:
-            line = f"{name}: {value!r:.40}: {error.errors()[0]['msg']}"
-            raise RequestError(HTTPStatus.BAD_REQUEST, line) from None
         if name == "pause":
             self.driver.paused = value
         elif name == "record":

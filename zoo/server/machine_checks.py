@@ -231,7 +231,7 @@ def check_cache() -> Iterator[Finding]:
 
 def check_port(port: int) -> Iterator[Finding]:
     """Check that the driver can listen on a port."""
-    from zoo.server.port_holder import port_holder
+    from zoo.base.port_holder import port_holder
 
     what = f"port {port}"
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:

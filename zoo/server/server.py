@@ -13,11 +13,11 @@ from eventlet import wsgi
 from eventlet.greenio import GreenSocket
 from eventlet.greenthread import GreenThread
 
+from zoo.base.notices import Notices
+from zoo.base.origin import OriginGuard
 from zoo.server.connections import MOST_CONNECTIONS, Connections
 from zoo.server.driver import Driver
 from zoo.server.fast_socket import ENVIRON_KEY
-from zoo.server.notices import Notices
-from zoo.server.origin import OriginGuard
 from zoo.server.socketio_server import MOST_UNSENT, SimulatorServer
 
 BACKLOG = 1024

@@ -305,9 +305,10 @@ def run_client(options: ClientOptions, console: Console) -> Client:
             film = open_things.enter_context(Film(path, options.frame_rate))
             client.on_frame.append(film.add)
         if options.window:
-            from zoo.simulator.window import Viewer
+            from zoo.simulator.hand_page import served_seat
 
-            client.on_frame.append(Viewer(world.track.name).show_until_closed)
+            seat = open_things.enter_context(served_seat(client.print_once))
+            client.on_frame.append(seat.show_until_ended)
         try:
             while not client.finished:
                 client.run()

@@ -87,17 +87,16 @@ class RecordOptions(RecordedWorld):
 
 @dataclass(frozen=True, kw_only=True)
 class DriveOptions(RecordedWorld):
-    """Keys of a drive in a window.
+    """Keys of a drive by hand.
 
     Args:
         out: folder of the recording; auto is recordings/ and the time of its start.
-        width: width of the window in pixels, 320..7680; its height is half of that.
-        renderer: renderer of the recorded images: auto, software or opengl.
+        port: TCP port of the page on this machine; 0: a free one.
         seconds: seconds of driving until the end; 0 for no end.
     """
 
     out: str = "auto"
-    width: Annotated[int, Field(ge=320, le=7680)] = 1280
+    port: Annotated[int, Field(ge=0, le=65535)] = 4571
     seconds: Seconds = 0.0
 
 
@@ -113,7 +112,7 @@ class ClientOptions(DrawnWorld):
         laps: number of laps until the end; 0 for no end but the end of an open road.
         seconds: seconds of simulated time until the end; 0 for no end.
         film: path of the .mp4 to write; null for none.
-        window: whether to show the camera's frames in a window.
+        window: whether to show the camera's frames on a page.
         manual: spans of seconds in which a simulated person holds W, [[5,7],[20,21]].
         truth: whether telemetry also has the simulated time, the cross-track error, half the
             road's width and wall contact; the original sends none of them.

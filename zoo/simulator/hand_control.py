@@ -6,12 +6,13 @@ A person's, or those of a simulated student: the expert's commands, late and imp
 from collections import deque
 from collections.abc import Set
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from zoo.simulator.car import clamp
 from zoo.simulator.expert import Expert
-from zoo.simulator.panda import core
 from zoo.simulator.simulated_world import World
 from zoo.simulator.udacity_car import PHYSICS_STEP_S
 
@@ -27,12 +28,7 @@ TAKES_OVER = 0.05  # a pedal pressed beyond this ends cruising
 LEFT, RIGHT = frozenset({"arrow_left", "a"}), frozenset({"arrow_right", "d"})
 UP, DOWN = frozenset({"arrow_up", "w"}), frozenset({"arrow_down", "s"})
 MOUSE_BUTTON = "mouse1"
-Axis, Kind = core.InputDevice.Axis, core.InputDevice.DeviceClass
-# For each kind of device: the axes of steering, accelerator and brake.
-AXES = {
-    Kind.gamepad: (Axis.left_x, Axis.right_trigger, Axis.left_trigger),
-    Kind.steering_wheel: (Axis.wheel, Axis.accelerator, Axis.brake),
-}
+Part = Annotated[float, Field(ge=-1, le=1)]
 REACTION_S = {"keyboard": 0.15, "mouse": 0.2}  # reaction time before a finger or the hand moves
 PEDAL_AT = 0.3  # the expert's throttle or brake beyond which the pedal key is down
 PRESS_AT, PRESS_SPREAD = 0.15, 0.3  # wanted steering that causes a tap; its relative spread
@@ -42,7 +38,6 @@ HAND_S = 0.12  # time constant of the hand's movement with the mouse
 WOBBLE, WOBBLE_S = 0.015, 0.5  # random steering of the hand: standard deviation, time constant
 MOUSE_DEAD_BAND = 0.012  # smaller changes of the wanted steering do not move the hand
 WINDOW_WIDTH = 1280  # pixels; the mouse moves by whole ones
-TRIGGERS = (core.GamepadButton.rtrigger(), core.GamepadButton.ltrigger())
 
 
 @dataclass(frozen=True)
@@ -56,10 +51,10 @@ class Hands:
         pedals: accelerator minus brake, -1..1.
     """
 
-    held: Set[str] = frozenset()
-    pointer: float = 0.5
-    stick: float = 0.0
-    pedals: float = 0.0
+    held: Annotated[Set[str], Field(max_length=16)] = frozenset()
+    pointer: Annotated[float, Field(ge=-10, le=10)] = 0.5
+    stick: Part = 0.0
+    pedals: Part = 0.0
 
 
 class HandControl:
@@ -113,39 +108,6 @@ class HandControl:
 
 def _towards(value: float, target: float, change: float) -> float:
     return min(value + change, target) if value < target else max(value - change, target)
-
-
-class Gamepads:
-    """All devices that can steer; the one that is moved farthest is used."""
-
-    def __init__(self) -> None:
-        # A missing /dev/input is not an error.
-        core.loadPrcFileData("", "notify-level-device fatal")
-        self.manager = core.InputDeviceManager.getGlobalPtr()
-
-    def read(self) -> tuple[float, float]:
-        """Return stick, -1..1, right positive, and accelerator minus brake, -1..1; 0, 0 if none."""
-        self.manager.update()
-        readings = [(0.0, 0.0)]
-        for kind in AXES:
-            readings += [read_device(device) for device in self.manager.getDevices(kind)]
-        sticks, pedals = zip(*readings, strict=True)
-        return max(sticks, key=abs), max(pedals, key=abs)
-
-
-def read_device(device: core.InputDevice) -> tuple[float, float]:
-    """Return one device's stick, and its accelerator minus its brake."""
-    device.poll()
-    steer, *pedals = (_axis(device, axis) for axis in AXES[device.device_class])
-    # Cheap gamepads have buttons instead of triggers.
-    pressed = [device.findButton(button).pressed for button in TRIGGERS]
-    gas, brake = (max(*pair) for pair in zip(pedals, map(float, pressed), strict=True))
-    return steer, gas - brake
-
-
-def _axis(device: core.InputDevice, axis: core.InputDevice.Axis) -> float:
-    state = device.findAxis(axis)
-    return state.value if state.known else 0.0
 
 
 class KeyTaps:

@@ -238,8 +238,7 @@ def open_buffer(
             else pipes.makeModulePipe("p3headlessgl")
         )
         if pipe is not None:
-            flags = core.GraphicsPipe.BFRefuseWindow
-            engine, buffer = make_output(pipe, "renderer", (width, height), flags)
+            engine, buffer = _make_buffer(pipe, width, height)
             if buffer is not None:
                 return engine, buffer, name
     raise InputError(
@@ -248,22 +247,17 @@ def open_buffer(
     )
 
 
-def make_output(
-    pipe: core.GraphicsPipe,
-    title: str,
-    size: tuple[int, int],
-    flags: int,
-    back_buffers: int = 0,
+def _make_buffer(
+    pipe: core.GraphicsPipe, width: int, height: int
 ) -> tuple[core.GraphicsEngine, core.GraphicsOutput | None]:
-    """Return an engine, and its window or buffer of a size in pixels; None if it does not open."""
+    """Return an engine, and its buffer of a size in pixels; None if it does not open."""
     wanted = core.FrameBufferProperties()
     wanted.setRgbaBits(8, 8, 8, 0)
     wanted.setDepthBits(24)
-    wanted.setBackBuffers(back_buffers)
-    asked = core.WindowProperties.size(*size)
-    asked.setTitle(title)
-    engine = core.GraphicsEngine(pipe)
-    return engine, engine.makeOutput(pipe, title, 0, wanted, asked, flags)
+    wanted.setBackBuffers(0)
+    asked = core.WindowProperties.size(width, height)
+    engine, flags = core.GraphicsEngine(pipe), core.GraphicsPipe.BFRefuseWindow
+    return engine, engine.makeOutput(pipe, "renderer", 0, wanted, asked, flags)
 
 
 def camera_lens() -> core.PerspectiveLens:

@@ -14,7 +14,10 @@ from zoo.commands.simulator import all_commands
 
 GUARD = '\nif __name__ == "__main__":'
 # `zoo` is `zoo.commands.train`; only other commands run the others, as subprocesses.
-PROBES = ("zoo", "zoo.server.renderer_check", "zoo.extras.teaching.submitted_network")
+PROBES = (
+    *("zoo", "zoo.server.renderer_check"),
+    *("zoo.extras.studio.watched_network", "zoo.extras.teaching.submitted_network"),
+)
 TRAIN = "zoo.commands.train"
 SIMULATOR = tuple(all_commands())
 # Texts that each help must contain: options, or files that the command writes; the contract of

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from zoo.base.errors import InputError
+from zoo.base.notices import Notices
 from zoo.driving.drive_log import DriveWriter, read_drive, write_drive, write_summary
 from zoo.driving.drive_record import EMBEDDED, SOCKET, Drive, DriveRow
 from zoo.driving.metrics import METRICS
 from zoo.driving.tally import Tally
 from zoo.server.drive_writer import BackgroundWriter
-from zoo.server.notices import Notices
 
 ROWS = [
     DriveRow(0.0, 1, "policy", "IMG/a,b.jpg", -0.25, 0.5, 9.25, 0.125, False, 1.5, 0.04, -0.2),

@@ -11,13 +11,13 @@ import pytest
 
 from tests.zoo.server.old_client import telemetry
 from tests.zoo.server.serve import picture, red_policy
+from zoo.base.notices import Notices
 from zoo.checkpoints.policy_base import as_policy
 from zoo.driving.drive_log import read_drive
 from zoo.driving.interventions import OFF_ROAD, STANDSTILL, InterventionRule
 from zoo.driving.speed_controller import PI, SpeedController, SteeringFilter
 from zoo.server.drive_writer import BackgroundWriter
 from zoo.server.driver import Driver
-from zoo.server.notices import Notices
 
 GREY = picture((102, 102, 102))
 FRAME_S = 0.1

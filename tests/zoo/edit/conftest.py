@@ -13,8 +13,9 @@ import pytest
 from datamodules.recording_edits import Edits
 from datamodules.recording_format import read_recordings
 from tests.recordings import Written
+from zoo.base.page_server import PageServer
 from zoo.checkpoints.policy_base import as_policy
-from zoo.server.edit_page import EditPage, PageServer
+from zoo.server.edit_page import EditPage
 from zoo.server.edit_session import EditSession, FrameAnalysis
 
 

@@ -12,7 +12,7 @@ from datamodules.recording_format import read_recordings
 from tests.recordings import Written
 from tests.zoo.edit.conftest import ServedPage
 from tests.zoo.server.browser import CHROMIUM, Browser
-from zoo.server.edit_page import MOST_REQUESTS
+from zoo.base.page_server import MOST_REQUESTS
 
 needs_chromium = pytest.mark.skipif(
     CHROMIUM is None, reason="chromium is not installed; apt install chromium"
@@ -189,7 +189,7 @@ def is_closed(connection: socket.socket) -> bool:
 def test_a_command_that_never_arrives_is_refused(
     served: ServedPage, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture
 ) -> None:
-    monkeypatch.setattr("zoo.server.edit_page.PATIENCE_S", 0.2)
+    monkeypatch.setattr("zoo.base.page_server.PATIENCE_S", 0.2)
     with begin(served.port, POST) as connection:
         assert connection.recv(100).split()[1] == b"408"
     assert capfd.readouterr() == ("", "")
@@ -199,7 +199,7 @@ def test_a_request_that_drips_is_closed(
     served: ServedPage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each byte comes in time, and the whole request does not."""
-    monkeypatch.setattr("zoo.server.edit_page.PATIENCE_S", 0.2)
+    monkeypatch.setattr("zoo.base.page_server.PATIENCE_S", 0.2)
     with begin(served.port, b"GET / HTTP/1.1\r\nX: ") as connection:
         drip(connection)  # until the server closes it
 

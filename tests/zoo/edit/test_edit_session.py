@@ -14,8 +14,8 @@ from datamodules.recording_format import read_recordings
 from tests.recordings import Written
 from tests.zoo.command_runs import command, environment, only_line, run, succeed
 from zoo.base.errors import InputError
+from zoo.base.page_server import PageServer
 from zoo.checkpoints.policy_base import Command, Policy
-from zoo.server.edit_page import PageServer
 from zoo.server.edit_session import EditSession, FrameAnalysis
 
 

@@ -1,9 +1,8 @@
 """Suites with axes: levels on the same roads, drives up to the first intervention, and a person."""
 
+import time
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +16,8 @@ from zoo.results.checked_result import read_result
 from zoo.results.comparison import ComparedEntries
 from zoo.results.levels import level_at
 from zoo.results.suite import place_of, read_suite, redraw_suite
-from zoo.simulator import hand_control
+from zoo.simulator.hand_control import Hands
+from zoo.simulator.hand_page import Seat
 
 
 @pytest.fixture(scope="module")
@@ -118,21 +118,19 @@ def test_a_share_that_is_never_crossed_is_beyond_the_levels(outcome: float, leve
     assert level_at(0.5, np.full((2, 20), outcome), levels, places).value == level
 
 
-class Window:
-    """A window in which a key is held."""
-
-    held, pressed, pointer = frozenset({"arrow_left"}), ["arrow_left"], 0.5
-
-
 def test_a_person_steers_in_real_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    shown: list[Any] = []
-    viewer = SimpleNamespace(window=Window, show_until_closed=shown.append)
-    monkeypatch.setattr(baseline, "_viewer", lambda: viewer)
-    monkeypatch.setattr(hand_control, "Gamepads", lambda: SimpleNamespace(read=lambda: (0.0, 0.0)))
+    seat = Seat()
+    monkeypatch.setattr(baseline, "_seat", lambda: seat)
     steer: Callable = baseline.by_hand(0.04)
-    steered = [steer("frame", 15.0)[0] for _ in range(2)]
+    seat.answer({"after": ["1"]})  # a page watches
+    seat.take("hands", Hands({"arrow_left"}))
+    began = time.monotonic()
+    steered = [steer(np.zeros((2, 2, 3), np.uint8), 15.0)[0] for _ in range(2)]
     assert 0 > steered[0] > steered[1]
-    assert len(shown) > 2  # the window answers between two frames
+    assert time.monotonic() - began > 0.07
+    seat.take("press", "escape")
+    with pytest.raises(KeyboardInterrupt):
+        steer(np.zeros((2, 2, 3), np.uint8), 15.0)
 
 
 def test_a_drive_of_a_level_needs_its_largest_error(suite: Path, tmp_path: Path) -> None:

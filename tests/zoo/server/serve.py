@@ -92,12 +92,12 @@ def main(folder: str, option: str | None = None) -> None:
     from engineio.socket import Socket
     from eventlet.greenthread import GreenThread
 
+    from zoo.base.notices import Notices
     from zoo.commands.drive import StopOnSignal
     from zoo.driving.speed_controller import Constant, SteeringFilter
     from zoo.server import connections, socketio_server
     from zoo.server.drive_writer import BackgroundWriter
     from zoo.server.driver import Driver
-    from zoo.server.notices import Notices
     from zoo.server.server import DriveServer, listen
 
     stop, notices = StopOnSignal(), Notices()

@@ -10,12 +10,12 @@ from datamodules.view import View
 from tests.zoo.server.old_client import telemetry
 from tests.zoo.server.serve import picture, red_policy
 from zoo.base.errors import InputError
+from zoo.base.notices import Notices
 from zoo.checkpoints.policy_base import Command, Policy, as_policy
 from zoo.driving.drive_record import FALLBACK
 from zoo.driving.speed_controller import PI, Constant, SpeedController, SteeringFilter
 from zoo.server.drive_writer import BackgroundWriter
 from zoo.server.driver import Driver
-from zoo.server.notices import Notices
 from zoo.server.session import Session
 from zoo.server.telemetry_message import read_telemetry
 

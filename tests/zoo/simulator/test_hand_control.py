@@ -1,19 +1,8 @@
 """From keys, mouse and gamepad to steering and throttle."""
 
-from types import SimpleNamespace
-
 import pytest
 
-from zoo.simulator.hand_control import (
-    AXES,
-    TRIGGERS,
-    Axis,
-    Gamepads,
-    HandControl,
-    Hands,
-    Kind,
-    read_device,
-)
+from zoo.simulator.hand_control import HandControl, Hands
 
 STEP_S = 0.02
 
@@ -108,43 +97,3 @@ def test_cruising_holds_the_throttle_until_braking(brake):
     assert after(5, Hands({"a"}), control).throttle == pytest.approx(0.4)
     assert after(STEP_S, brake, control).throttle < 0
     assert after(1, Hands(), control).throttle == 0
-
-
-def test_without_a_gamepad_nothing_is_read():
-    gamepads = Gamepads()
-    if any(len(gamepads.manager.getDevices(kind)) for kind in AXES):
-        pytest.skip("there is a gamepad here")
-    assert gamepads.read() == (0, 0)
-
-
-class Pad:
-    """A stand-in for a gamepad, which test machines lack."""
-
-    device_class = Kind.gamepad
-
-    def __init__(self, axes: dict, pressed: tuple = ()) -> None:
-        self.axes, self.pressed = axes, pressed
-
-    def poll(self) -> None:
-        pass
-
-    def findAxis(self, axis):  # noqa: N802 (Panda3D's name)
-        return SimpleNamespace(known=axis in self.axes, value=self.axes.get(axis, 0.0))
-
-    def findButton(self, button):  # noqa: N802
-        return SimpleNamespace(pressed=button in self.pressed)
-
-
-@pytest.mark.parametrize(
-    ("pad", "stick_and_pedals"),
-    [
-        (Pad({}), (0, 0)),
-        (Pad({Axis.left_x: -0.5, Axis.right_trigger: 0.8}), (-0.5, 0.8)),
-        (Pad({Axis.left_x: 0.2, Axis.right_trigger: 0.1, Axis.left_trigger: 0.6}), (0.2, -0.5)),
-        (Pad({Axis.left_x: 0.0}, pressed=(TRIGGERS[0],)), (0, 1)),
-        (Pad({Axis.left_x: 0.0}, pressed=(TRIGGERS[1],)), (0, -1)),
-    ],
-    ids=["untouched", "accelerating", "braking", "accelerating by button", "braking by button"],
-)
-def test_a_gamepads_left_stick_steers_and_its_triggers_are_the_pedals(pad, stick_and_pedals):
-    assert read_device(pad) == pytest.approx(stick_and_pedals)

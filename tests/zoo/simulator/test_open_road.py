@@ -1,5 +1,6 @@
 """Open roads: every drive, in both directions, ends at the road's end."""
 
+import json
 import math
 
 import gymnasium
@@ -14,7 +15,9 @@ from zoo.simulator.client import Client
 from zoo.simulator.command_options import ClientOptions
 from zoo.simulator.env import DrivingEnv
 from zoo.simulator.expert import Expert, ExpertSettings
+from zoo.simulator.hand_control import Hands
 from zoo.simulator.hand_drive import Drive
+from zoo.simulator.hand_page import Seat
 from zoo.simulator.record import RecordOptions, record_laps
 from zoo.simulator.recorder import Recorder
 from zoo.simulator.simulated_world import Start, World
@@ -142,31 +145,19 @@ def test_a_client_finishes_at_the_end(laps, console):
     assert client.finished
 
 
-class Keyboard:
-    """A window and screen of a person who holds the up key, and quits on request."""
-
-    def __init__(self):
-        self.held, self.pointer, self.pressed, self.notices = {"arrow_up"}, 0.5, [], []
-        self.window = self
-
-    def show_frame(self, frame):
-        pass
-
-    def show_status(self, status, is_recording, notice):
-        self.notices.append(notice)
-
-    def draw(self, *_):
-        return True
-
-
 def test_a_person_returns_from_the_end_to_the_begin(tmp_path):
     straight = make_track("road", {"segments": [{"straight": 40}], "closed": False})
-    world, keyboard = World(straight, GreyRenderer(), frame_rate=50), Keyboard()
+    world, seat = World(straight, GreyRenderer(), frame_rate=50), Seat()
+
+    def notice() -> str:
+        body = seat.answer({})[0]
+        return json.loads(body[4 : 4 + int.from_bytes(body[:4], "little")])["notice"]
+
+    hands = Hands({"arrow_up"})
     with Recorder(tmp_path / "laps") as recorder:
-        drive = Drive(world, keyboard, recorder, 15)
-        keyboard.pressed = ["r"]
+        drive = Drive(world, seat, recorder, 15)
+        seat.take("press", "r")
         drive._handle_keys()
-        hands = drive._hands()
         while not world.at_end:
             drive._step(hands)
         assert len(drive.driven.lap_s) == 1
@@ -174,12 +165,12 @@ def test_a_person_returns_from_the_end_to_the_begin(tmp_path):
         assert rows > 20
         for _ in range(50):
             drive._step(hands)
-        drive._draw(0.0)
+        drive._show(0.0)
         assert drive.recorder.rows == rows
-        assert "backspace" in keyboard.notices[-1]
-        keyboard.pressed = ["backspace"]
+        assert "put the car back" in notice()
+        seat.take("press", "backspace")
         drive._handle_keys()
         assert world.place.distance == 0
         drive._step(hands)
-        drive._draw(0.0)
-        assert "backspace" not in keyboard.notices[-1]
+        drive._show(0.0)
+        assert notice() == ""

@@ -29,35 +29,32 @@ FOG_RGB = np.array([200, 205, 205], np.float32)
 HORIZON_M = 300.0  # assumed distance of everything above the horizon
 
 
-def bonnet_image(camera: str, scale: int = 1) -> tuple[np.ndarray, np.ndarray]:
+def bonnet_image(camera: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the bonnet in a camera's frame, and its cover.
 
-    The bonnet is RGB float32 [H, W, 3] in 0..255, the cover float32 [H, W, 1] in 0..1, where H and
-    W are `scale` times those of a frame. It is drawn larger and averaged, for smooth edges.
+    The bonnet is RGB float32 [H, W, 3] in 0..255, the cover float32 [H, W, 1] in 0..1. It is drawn
+    larger and averaged, for smooth edges.
     """
-    fine = max(FINE, 2 * scale)
-    size = (FRAME_HEIGHT * fine, FRAME_WIDTH * fine)
+    size = (FRAME_HEIGHT * FINE, FRAME_WIDTH * FINE)
     bonnet, own = np.zeros((*size, 3), np.float32), UDACITY.cameras[camera]
-    for colour, corners in zip(COLOURS[camera], _corners(own, fine), strict=True):
+    for colour, corners in zip(COLOURS[camera], _corners(own, FINE), strict=True):
         cv2.fillPoly(bonnet, [corners], colour)
     if camera in SEAMS:
-        start, end = (tuple(int(fine * v) for v in corner) for corner in SEAMS[camera])
-        cv2.line(bonnet, start, end, RUBBER, fine)
-    small = (scale * FRAME_WIDTH, scale * FRAME_HEIGHT)
+        start, end = (tuple(int(FINE * v) for v in corner) for corner in SEAMS[camera])
+        cv2.line(bonnet, start, end, RUBBER, FINE)
     # The average is of covered pixels only; otherwise edges darken.
-    cover = own_car_cover(own, scale)
-    averages = cv2.resize(bonnet, small, interpolation=cv2.INTER_AREA)
+    cover = own_car_cover(own)
+    averages = cv2.resize(bonnet, (FRAME_WIDTH, FRAME_HEIGHT), interpolation=cv2.INTER_AREA)
     return averages / np.maximum(cover, 1e-6), cover
 
 
-def own_car_cover(camera: Camera, scale: int = 1) -> np.ndarray:
+def own_car_cover(camera: Camera) -> np.ndarray:
     """Return the cover of the car's own parts in a camera's frame; see `bonnet_image`."""
-    fine, (width, height) = max(FINE, 2 * scale), camera.size
-    cover = np.zeros((height * fine, width * fine), np.float32)
-    for corners in _corners(camera, fine):
+    width, height = camera.size
+    cover = np.zeros((height * FINE, width * FINE), np.float32)
+    for corners in _corners(camera, FINE):
         cv2.fillPoly(cover, [corners], 1.0)
-    small = (scale * width, scale * height)
-    return cv2.resize(cover, small, interpolation=cv2.INTER_AREA)[..., None]
+    return cv2.resize(cover, (width, height), interpolation=cv2.INTER_AREA)[..., None]
 
 
 def _corners(camera: Camera, fine: int) -> list[np.ndarray]:

@@ -1,11 +1,16 @@
 """A page that a command serves: its requests and answers, headers, commands, refusals."""
 
+import hmac
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from http import HTTPStatus
+from itertools import chain
 from pathlib import Path
+from typing import Any
 from urllib.parse import parse_qs
+
+from pydantic import TypeAdapter, ValidationError
 
 MOST_COMMAND = 4096  # bytes of a command
 # Content type of the page's files, by their ending.
@@ -14,6 +19,7 @@ KINDS = {
     ".css": "text/css; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
 }
+STATIC = Path(__file__).with_name("static")  # what all pages share
 # Another site can neither embed the page, to make users click its buttons, nor show its images.
 HEADERS = [
     ("Cache-Control", "no-store"),
@@ -48,13 +54,22 @@ class ServedPage(ABC):
     Args:
         folder: folder of the page's files; `index.html` is served as `/`.
         answers: functions of the query, by path.
+        token: token that the address of a command must contain, `?token=...`; None if only this
+            machine can send commands.
+        further: folders of modules that several pages share.
     """
 
-    def __init__(self, folder: Path, answers: Mapping[str, Callable[[dict], Answer]]) -> None:
-        self._answers = answers
+    def __init__(
+        self,
+        folder: Path,
+        answers: Mapping[str, Callable[[dict], Answer]],
+        token: str | None = None,
+        further: Sequence[Path] = (),
+    ) -> None:
+        self._answers, self.token = answers, token
         self._files = {
             f"/{path.name}".replace("/index.html", "/"): (path.read_bytes(), KINDS[path.suffix])
-            for path in folder.iterdir()
+            for path in chain.from_iterable(each.iterdir() for each in (STATIC, *further, folder))
             if path.suffix in KINDS
         }
 
@@ -66,7 +81,8 @@ class ServedPage(ABC):
         except RequestError as error:
             status = error.status
             body, kind = json_answer({"error": str(error)})
-        headers = [("Content-Type", kind), ("Content-Length", str(len(body))), *HEADERS]
+        headers = [("Content-Type", kind), ("Content-Length", str(len(body)))]
+        headers += self._headers(environ)
         start_response(f"{status.value} {status.phrase}", headers)
         return [body]
 
@@ -80,6 +96,7 @@ class ServedPage(ABC):
         if path == "/command":
             if method != "POST":
                 raise RequestError(HTTPStatus.METHOD_NOT_ALLOWED, "/command: send it with POST")
+            self._check_token(parse_qs(environ.get("QUERY_STRING", "")))
             return self._command(environ)
         if path not in self._files and path not in self._answers:
             raise RequestError(HTTPStatus.NOT_FOUND, f"{path[:80]}: not found; the page is at /")
@@ -89,16 +106,30 @@ class ServedPage(ABC):
             return self._files[path]
         return self._answers[path](parse_qs(environ.get("QUERY_STRING", "")))
 
+    def _headers(self, environ: dict) -> Sequence[tuple[str, str]]:
+        return HEADERS
+
+    def _check_token(self, query: dict) -> None:
+        token = query.get("token", [""])[0]
+        if self.token and not hmac.compare_digest(token.encode(), self.token.encode()):
+            line = "token: wrong or missing; open the address with ?token= that drivezoo printed"
+            raise RequestError(HTTPStatus.FORBIDDEN, line)
+
     @abstractmethod
     def _command(self, environ: dict) -> Answer:
         """Run a posted command, and return the answer to it."""
 
 
-def read_command(environ: dict, choices: Collection[str]) -> tuple[str, object]:
+def read_command(environ: dict, kinds: Mapping[str, Any]) -> tuple[str, Any]:
     """Return the name and value of a posted command, an object with one key.
 
+    Args:
+        environ: WSGI environment of the request.
+        kinds: type of each command's value.
+
     Raises:
-        RequestError: the command is no JSON, too long, unknown, or does not arrive in time.
+        RequestError: the command is no JSON, too long, unknown, of another type, or does not
+            arrive in time.
     """
     # A form of another site cannot send JSON. Its script can, but with an Origin, which the
     # guard refuses.
@@ -115,13 +146,17 @@ def read_command(environ: dict, choices: Collection[str]) -> tuple[str, object]:
         raise RequestError(HTTPStatus.REQUEST_TIMEOUT, "the command did not arrive") from None
     except (ValueError, RecursionError):
         raise RequestError(HTTPStatus.BAD_REQUEST, "the command is no JSON") from None
-    if not isinstance(command, dict) or len(command) != 1 or not set(command) & {*choices}:
-        names = ", ".join(choices)
+    if not isinstance(command, dict) or len(command) != 1 or not set(command) & {*kinds}:
+        names = ", ".join(kinds)
         raise RequestError(
             HTTPStatus.BAD_REQUEST, f"the command must be an object with one key of {names}"
         )
     ((name, value),) = command.items()
-    return name, value
+    try:  # as JSON, in which a list is a set, too
+        return name, TypeAdapter(kinds[name]).validate_json(json.dumps(value), strict=True)
+    except ValidationError as error:
+        line = f"{name}: {value!r:.40}: {error.errors()[0]['msg']}"
+        raise RequestError(HTTPStatus.BAD_REQUEST, line) from None
 
 
 def json_answer(value: object) -> Answer:

@@ -4,7 +4,7 @@ import ipaddress
 from collections.abc import Callable, Iterable
 from urllib.parse import urlsplit
 
-from zoo.server.notices import Notices
+from zoo.base.notices import Notices
 
 OWN_SITES = ("same-origin", "none")  # Sec-Fetch-Site of the own page, and of a typed address
 

@@ -1,0 +1,275 @@
+"""`drivezoo studio`: its page, its steps, and what may not reach it."""
+
+import http.client
+import json
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from datamodules.recording_format import read_recordings
+from tests.zoo.command_runs import command, environment, only_line, run_words
+from tests.zoo.simulator.person import Person
+from zoo.base.page_server import PageServer
+from zoo.extras.studio import watched_network
+from zoo.extras.studio.child_command import ChildCommand
+from zoo.extras.studio.steps import UPLOADS
+from zoo.extras.studio.studio_page import KINDS, MOST_UPLOAD, StudioPage
+from zoo.extras.studio.watched_network import Watched, start_together
+
+KEY = "a long enough key"
+
+
+class Served:
+    """A studio that is served in the current folder."""
+
+    def __init__(self, page: StudioPage, port: int) -> None:
+        self.page, self.port = page, port
+
+    def ask(
+        self, method: str, path: str, body: bytes | None = None, **headers: str
+    ) -> tuple[int, bytes, dict]:
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
+        named = {name.replace("_", "-"): value for name, value in headers.items()}
+        connection.request(method, path, body, named)
+        answer = connection.getresponse()
+        return answer.status, answer.read(), dict(answer.headers)
+
+    def post(self, query: str = "", **sent: object) -> tuple[int, dict]:
+        body = json.dumps(sent).encode()
+        answer = self.ask("POST", f"/command{query}", body, Content_Type="application/json")
+        return answer[0], json.loads(answer[1])
+
+    def line(self, **step: object) -> list[str]:
+        status, lines = self.post(line=step)
+        assert status == 200, lines
+        return lines
+
+    def until(self, reached: Callable[[dict], object], seconds: float = 60) -> dict:
+        ends = time.monotonic() + seconds
+        while not reached(state := json.loads(self.ask("GET", "/state.json")[1])):
+            assert time.monotonic() < ends, state
+            time.sleep(0.1)
+        return state
+
+
+def serve(key: str | None = None) -> Iterator[Served]:
+    page = StudioPage(key)
+    with PageServer(0, page, most_request=MOST_UPLOAD) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield Served(page, server.server_port)
+        page.close()
+        server.shutdown()
+
+
+@pytest.fixture
+def studio(here: Path) -> Iterator[Served]:
+    yield from serve()
+
+
+@pytest.fixture
+def locked(here: Path) -> Iterator[Served]:
+    yield from serve(KEY)
+
+
+def test_the_page_comes_from_the_package_and_shares_the_drive(studio: Served) -> None:
+    for path, holds in (("/", b"studio.js"), ("/hand.js", b"HandView"), ("/style.css", b".studio")):
+        status, body, _ = studio.ask("GET", path)
+        assert status == 200
+        assert holds in body
+        assert b"https://" not in body, "it would fetch something from elsewhere"
+
+
+def test_each_step_is_a_command(studio: Served, here: Path) -> None:
+    (here / "my laps").mkdir()
+    assert studio.line(step="drive", track="zoo_lake", day="fog") == [
+        "drivezoo simulator drive track=zoo_lake 'weather={fog: 0.4}' quality=fast"
+    ]
+    assert studio.line(step="check", folder="my laps") == ["drivezoo check 'my laps'"]
+    assert studio.line(step="train", folder="my laps", augment=[], seeds=3, quick=True) == [
+        "drivezoo train experiment=first_try 'data.root=my laps' 'augment=[]' quick=true seeds=3"
+    ]
+    assert studio.line(step="preview", recipe="lenet", augment=["shadow"]) == [
+        "drivezoo preview experiment=lenet 'augment=[shadow]'"
+    ]
+    assert (
+        studio.line(step="watch", first="lenet", second="lenet", track="zoo_mountain")
+        == ["drivezoo evaluate lenet track=zoo_mountain"] * 2
+    )
+    assert studio.line(step="watch", first="lenet", folder="my laps") == [
+        "drivezoo evaluate lenet 'replay=my laps'"
+    ]
+    assert studio.line(step="rank") == ["drivezoo leaderboard"]
+
+
+@pytest.mark.parametrize(
+    ("step", "named"),
+    [
+        ({"step": "check", "folder": "missing"}, "missing: no such folder"),
+        ({"step": "train", "recipe": "../x"}, "recipe=../x"),
+        ({"step": "train", "augment": ["x,model=y"]}, "augment=x,model=y"),
+        ({"step": "train", "seeds": 6}, "seeds"),
+        ({"step": "train", "resume": "/etc"}, "resume=/etc"),
+        ({"step": "watch", "first": "/etc/passwd"}, "network=/etc/passwd"),
+        ({"step": "drive", "track": "/etc/passwd"}, "track=/etc/passwd"),
+        ({"step": "drive", "track": "zoo_lake", "day": "{fog: 2}"}, "day="),
+        ({"step": "hub"}, "line"),
+        ({"step": "check"}, "no such folder"),
+        ({"step": "watch", "first": ""}, "network"),
+    ],
+)
+def test_a_field_is_checked_before_it_is_a_command(studio: Served, step: dict, named: str) -> None:
+    status, answer = studio.post(line=step)
+    assert status == 400
+    assert named in answer["error"]
+
+
+def test_another_site_cannot_use_it(studio: Served) -> None:
+    for headers in ({"Origin": "http://example.org"}, {"Host": "example.org"}):
+        for method, path in (("GET", "/state.json"), ("POST", "/upload?name=a.onnx")):
+            assert studio.ask(method, path, b"x" * (method == "POST"), **headers)[0] == 403
+
+
+def test_all_but_the_files_needs_the_key(locked: Served) -> None:
+    paths = ("/state.json", "/choices.json", "/frame", "/watch", "/preview.png", "/ranking")
+    for query in ("", "?token=wrong"):
+        assert {locked.ask("GET", path + query)[0] for path in paths} == {403}
+        assert locked.post(query, line={"step": "rank"})[0] == 403
+        name = f"{query or '?'}&name=a.onnx"
+        assert locked.ask("POST", f"/upload{name}", b"x")[0] == 403
+    token = f"?token={KEY.replace(' ', '+')}"
+    assert locked.ask("GET", f"/state.json{token}")[0] == 200
+    assert locked.post(token, line={"step": "rank"})[0] == 200
+    assert locked.ask("GET", "/")[0] == 200
+
+
+def test_another_host_needs_a_key(here: Path) -> None:
+    words = command("zoo.extras.studio.studio", "host=0.0.0.0", "key=short")
+    line = only_line(run_words(here, *words))
+    assert line.startswith("drivezoo studio: host=0.0.0.0: other machines")
+    assert "key=" in line
+
+
+@pytest.mark.parametrize("name", ["a.py", "a.pkl", "", "../../a.yaml"])
+def test_only_networks_are_taken(studio: Served, here: Path, name: str) -> None:
+    status, body, _ = studio.ask("POST", f"/upload?name={name}", b"x")
+    assert status == 400
+    assert all(kind in json.loads(body)["error"] for kind in KINDS)
+    assert not UPLOADS.exists()
+
+
+def test_an_upload_lies_in_a_folder_of_its_own(studio: Served, here: Path) -> None:
+    status, body, _ = studio.ask("POST", "/upload?name=../../evil%2F..%2Fnet.onnx", b"x")
+    assert status == 200
+    (path,) = [path for path in here.rglob("*") if path.is_file()]
+    assert path.parent == here / UPLOADS
+    assert json.loads(body)["network"] == str(path.relative_to(here))
+    assert studio.line(step="watch", first=str(path.relative_to(here)))
+    long = {"Content-Length": str(MOST_UPLOAD)}
+    assert studio.ask("POST", "/upload?name=a.ckpt", None, **long)[0] == 413
+
+
+def test_a_broken_keras_file_is_refused_in_the_words_of_import(studio: Served) -> None:
+    status, body, _ = studio.ask("POST", "/upload?name=a.h5", b"no network")
+    assert status == 400
+    assert "drivezoo import" in json.loads(body)["error"]
+    assert not list(UPLOADS.iterdir())
+
+
+def test_a_person_drives_and_records(studio: Served, here: Path) -> None:
+    status, state = studio.post(start={"step": "drive", "track": "zoo_lake"})
+    assert status == 200
+    assert "out=outputs/recordings/" in state["drive"]["line"]
+    person = Person(f"http://127.0.0.1:{studio.port}")
+    person.until(lambda now: "lap" in now)
+    assert studio.post(start={"step": "drive", "track": "zoo_lake"})[0] == 409
+    person.send(press="r")
+    person.hold("arrow_up")
+    person.until(lambda now: now["rows"] > 20)
+    person.send(press="escape")
+    state = studio.until(lambda now: not now["drive"]["running"])
+    assert any(line.startswith("rows") for line in state["drive"]["lines"])
+    folder = state["drive"]["folder"]
+    assert len(read_recordings(folder)) > 20
+    assert json.loads(studio.ask("GET", "/choices.json")[1])["recordings"] == [folder]
+    studio.post(start={"step": "check", "folder": folder})
+    state = studio.until(lambda now: now["check"]["status"] is not None)
+    assert "all images are whole" in state["check"]["lines"]
+
+
+def test_networks_drive_side_by_side_and_a_broken_file_says_so(here: Path) -> None:
+    (here / "broken.ckpt").write_bytes(b"no checkpoint")
+    packaged = Path(watched_network.__file__).parents[2] / "checkpoints/packaged/lenet.ckpt"
+    scenario = {"track": "zoo_lake", "quality": "simple"}
+    networks = [
+        Watched(name, str(path), scenario)
+        for name, path in (("lenet", packaged), ("broken", here / "broken.ckpt"))
+    ]
+    start_together(networks)
+    try:
+        first, second = networks
+        ends = time.monotonic() + 60
+        while b'"time_s": 1.' not in first.frame.answer({})[0]:
+            assert time.monotonic() < ends, first.failure
+        while not second.failure:
+            assert time.monotonic() < ends
+            time.sleep(0.1)
+        assert "broken.ckpt" in second.failure
+        assert "Traceback" not in second.failure
+        assert not first.failure
+    finally:
+        for network in networks:
+            network.stop()
+    assert not any(network.running for network in networks)
+
+
+def test_a_network_that_is_silent_is_ended(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(watched_network, "LOADS_S", 0.0)
+    network = Watched("lenet", "lenet", {})
+    ends = time.monotonic() + 30
+    while network.running:
+        assert time.monotonic() < ends
+        time.sleep(0.05)
+    assert "gives no frame" in network.failure
+
+
+def test_the_time_left_counts_the_epochs_of_all_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
+    child = ChildCommand.__new__(ChildCommand)
+    child.epochs = []
+    assert child.training() == {}
+    child.epochs = [(10.0, 1, 4, "0.5", ""), (20.0, 2, 4, "0.25", "1,250")]
+    monkeypatch.setattr(time, "monotonic", lambda: 24.0)
+    facts = {"epoch": 2, "epochs": 4, "loss": 0.25, "rate": 1250.0}
+    assert child.training() == facts | {"left_s": 16.0}
+    assert child.training(3) == facts | {"left_s": 96.0}
+
+
+def test_the_log_of_a_sweeps_job_is_read_once(here: Path) -> None:
+    child = ChildCommand(["--version"])
+    child.wait(30)
+    assert (child.status, len(child.lines)) == (0, 1)
+    child.read_log(here)
+    (here / "log.txt").write_text("plan\nepoch   1/3  train/loss 0.0080  val/mse 0.0006\n")
+    for _ in range(2):
+        child.read_log(here)
+        assert [epoch[1:] for epoch in child.epochs] == [(1, 3, "0.0080", "")]
+    assert list(child.lines)[1] == "plan"
+
+
+def test_ctrl_c_ends_it(here: Path) -> None:
+    process = subprocess.Popen(
+        command("zoo.extras.studio.studio", "port=0"),
+        cwd=here,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert "http://127.0.0.1:" in process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=30) == ("", "")
+    assert process.returncode == 0

@@ -1,0 +1,1 @@
+"""`drivezoo studio`: one page to drive, record, train and watch."""
