@@ -131,6 +131,12 @@ def test_driving_figures_stand_before_open_loop_figures(driven: Path) -> None:
         assert figure in text
 
 
+def test_the_headline_has_no_whole_path(driven: Path, recorded: Written) -> None:
+    headline = (driven / "report" / "report.md").read_text().partition("\n## ")[0]
+    assert recorded.folder.name in headline
+    assert str(recorded.folder.parent) not in headline
+
+
 def test_the_command_repeats_the_run(driven: Path) -> None:
     text = (driven / "report" / "report.md").read_text()
     (line,) = re.findall(r"^drivezoo train .*$", text, re.MULTILINE)
