@@ -272,6 +272,30 @@ def test_the_quickstart_trains_and_drives(recorded: Written, here: Path) -> None
     assert all(one.startswith(b"\x89PNG") for one in images)
 
 
+def test_the_notebook_for_colab_installs_trains_films_and_keeps(
+    recorded: Written, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mounted, typed, start = [], [], subprocess.run
+    colab = SimpleNamespace(drive=SimpleNamespace(mount=mounted.append))
+    monkeypatch.setitem(sys.modules, "google.colab", colab)
+
+    def install(words: list[str], **keys: object) -> object:
+        if "pip" not in words:
+            return start(words, **keys)
+        return typed.append(words[1:])  # this environment has drivezoo
+
+    monkeypatch.setattr(subprocess, "run", install)
+    source = "/content/drive/MyDrive/drivezoo"
+    tiny = {"RECORDING": str(recorded.folder), "EPOCHS": 0, "LAPS": 0.01, "SEEDS": 1}
+    found = run_notebook("colab.ipynb", SOURCE=source, KEEP=str(here / "kept"), **tiny)
+    assert mounted == ["/content/drive"]
+    assert typed == [["-m", "pip", "install", "--quiet", source]]
+    (film,) = (one for one in found["shown"] if type(one).__name__ == "Film")
+    assert "data:video/mp4;base64," in film._repr_html_()
+    assert (here / "kept" / "run" / "checkpoints" / "best.ckpt").is_file()
+    assert list((here / "kept" / "drives").glob("*/film.mp4"))
+
+
 @pytest.mark.parametrize("path", sorted(NOTEBOOKS.glob("*.ipynb")), ids=lambda path: path.name)
 def test_a_notebook_has_no_outputs(path: Path) -> None:
     for cell in json.loads(path.read_text())["cells"]:

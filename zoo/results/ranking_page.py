@@ -32,7 +32,7 @@ from zoo.results.ranking import (
     short_figures,
 )
 from zoo.results.scored import BENCHMARK, Unranked, read_scored
-from zoo.runs.page import Page
+from zoo.runs.page import Page, last_folders
 from zoo.runs.result_table import Column, Table
 from zoo.runs.table_files import Result
 
@@ -174,9 +174,10 @@ class Ranking(Result):
         # A curve of one epoch would be a dot in an empty plane.
         runs = [run for entry in entries for run in entry.runs]
         curves = {name for run in runs for name, curve in run.curves.items() if len(curve) > 1}
+        where = last_folders(self.under.resolve())
         page = PAGE.render(
             title=title,
-            where=f"{self.under.resolve()} \N{MIDDLE DOT} {datetime.now():%Y-%m-%d %H:%M}",
+            where=f"{where} \N{MIDDLE DOT} {datetime.now():%Y-%m-%d %H:%M}",
             lead=f"{self.order[0].upper()}{self.order[1:]}.",
             heads=[(column.heading, True) for column in names]
             + [(figure.heading, False) for figure in figures],

@@ -4,7 +4,7 @@ import base64
 import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -54,6 +54,21 @@ class Page:
         )
         template = environment.get_template(self.template.name)
         return template.render(title=title, policy=policy, style=style, script=script, **values)
+
+
+def last_folders(path: str | Path) -> str:
+    r"""Return a path for a page that others read: below the current folder, or its last two parts.
+
+    >>> last_folders(Path.cwd() / "outputs" / "run"), last_folders("/home/ada/old/outputs/run")
+    ('outputs/run', 'outputs/run')
+    >>> last_folders("s3://shards/lake"), last_folders(r"C:\Users\ada\run")
+    ('s3://shards/lake', 'ada/run')
+    """
+    here = Path.cwd()
+    if Path(path) != here and Path(path).is_relative_to(here):
+        return Path(path).relative_to(here).as_posix()
+    named = PureWindowsPath(path)  # its separators are those of all systems
+    return "/".join(named.parts[1:][-2:]) if named.anchor else str(path)
 
 
 def hash_source(text: str) -> str:

@@ -16,6 +16,7 @@ from zoo.checkpoints.policy_base import Policy
 from zoo.driving.drive_log import LOG_NAME, read_drive
 from zoo.driving.drive_record import WrittenDrive
 from zoo.runs.metrics_file import NAME, read_metrics_file
+from zoo.runs.page import last_folders
 from zoo.runs.run_record import Run
 from zoo.scoring.blocks import Image
 
@@ -94,10 +95,10 @@ class ReportedEvaluation(ReportedDrives):
 
     @property
     def title(self) -> str:
-        """Return the name of what drove, or its path as a user types it, and the tracks."""
+        """Return the name of what drove, or the last folders of its path, and the tracks."""
         name = str(self.metrics.get("checkpoint") or "a policy")
         shown = short_name(Path(name)) if Path(name).is_file() else name
-        return f"{shown}: {', '.join(self.tracks)}"
+        return f"{last_folders(shown)}: {', '.join(self.tracks)}"
 
     @cached_property
     def policy(self) -> Policy:

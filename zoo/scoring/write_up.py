@@ -8,6 +8,7 @@ from zoo.base.errors import InputError, file_errors
 from zoo.base.whole_file import refuse_links_out, write_whole
 from zoo.driving.drives_table import with_deviation
 from zoo.runs.metrics_file import NAME
+from zoo.runs.page import last_folders
 from zoo.runs.run_record import HYDRA
 from zoo.scoring import blocks, data_section, drive_section, training_section
 from zoo.scoring.evidence import evidence_of_run
@@ -21,7 +22,7 @@ Part = Callable[[Any], list[blocks.Block]]
 def headline(run: ReportedRun) -> list[blocks.Block]:
     """Return the verdict, a summary, and the figures of driving and of the open loop."""
     shown = [] if run.ended_early else [_verdict(run)]
-    trained_on = ", ".join(run.trained_on.roots) or "an unknown recording"
+    trained_on = ", ".join(map(last_folders, run.trained_on.roots)) or "an unknown recording"
     name = run.config["model"]["name"]
     shown.append(blocks.Text(f"{name} steers a car from camera images. Trained on: {trained_on}."))
     if run.ended_early:

@@ -72,8 +72,15 @@ def build_data(config: DictConfig) -> DataSettings | RunData:
     kind = construct("data", {"_target_": data["_target_"]}, _partial_=True).func
     # What the user has not chosen goes only to a datamodule that takes it.
     offered = {key: settings.pop(key) for key in WINDOW if key in settings}
-    if not data.get("augment"):
-        settings.pop("augment", None)
+    # A recipe sets keys of augmentations that augment=[...] may then leave out.
+    chosen = {
+        name: keys
+        for name, keys in (data.get("augment") or {}).items()
+        if not isinstance(keys, dict) or "_target_" in keys
+    }
+    settings |= {"augment": chosen}
+    if not chosen:
+        del settings["augment"]
     crop = data.get("crop", [0, 0])
     offered |= {"view": view_of(model, crop), "crop": crop, "seed": config.seed}
     offered |= {key: model[key] for key in VIEW_KEYS if key in model and key not in settings}

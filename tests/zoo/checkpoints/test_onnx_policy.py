@@ -1,17 +1,22 @@
 """Every command refuses an ONNX file that drivezoo did not write, in one line."""
 
 import json
+import re
+import shutil
 from pathlib import Path
 
 import onnx
 import pytest
 import torch
 
-from tests.zoo.command_runs import only_line, run
+from datamodules.image import read_image
+from tests.recordings import Written
+from tests.zoo.command_runs import ROOT, only_line, run
 from tests.zoo.models.test_models_command import build
 from zoo.base.errors import InputError
 from zoo.checkpoints import onnx_policy
-from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
+from zoo.checkpoints.checkpoint_path import PACKAGED
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.onnx_policy import CARD, OnnxPolicy
@@ -28,6 +33,20 @@ def write_foreign(path: Path, **metadata: str) -> Path:
     onnx.helper.set_model_props(model, metadata)
     onnx.save(model, path)
     return path
+
+
+def test_the_manuals_own_lines_steer_as_the_checkpoint(
+    recorded: Written, here: Path, capsys: pytest.CaptureFixture
+) -> None:
+    page = (ROOT / "docs" / "driving.md").read_text()
+    (code,) = re.findall(r"```python\n(import cv2\nimport onnxruntime\n.*?)```", page, re.DOTALL)
+    checkpoint = load_checkpoint(PACKAGED / "lenet.ckpt")
+    (here / "model.onnx").write_bytes(onnx_bytes(checkpoint))
+    shutil.copy(recorded.image(3), here / "frame.jpg")
+    exec(code, {})
+    steering = float(capsys.readouterr().out.splitlines()[-1])
+    expected = load_policy("lenet")(read_image(here / "frame.jpg"), 15.0).steering
+    assert steering == pytest.approx(expected, abs=1e-4)
 
 
 def test_another_programs_file_is_refused_in_one_line(tmp_path: Path) -> None:

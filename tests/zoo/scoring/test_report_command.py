@@ -122,13 +122,22 @@ def test_driving_figures_stand_before_open_loop_figures(driven: Path) -> None:
     wanted = [
         f"| Autonomy, lake | {drive['autonomy']:.1%} |",
         f"| Cross-track error, lake | {drive['cte_mean_m']:.2f} m |",
-        f"| Test MSE | {metrics['open_loop']['test']['mse']:.4f} |",
     ]
     places = [text.index(one) for one in wanted]
     assert places == sorted(places)
-    assert places[-1] < text.index("## Data")
+    headline, _, open_loop = text.partition("## Open loop")
+    assert places[-1] < headline.index("## Data")
+    mse = f"{metrics['open_loop']['test']['mse']:.4f}"
+    assert mse not in headline.partition("## Driving")[0]
+    assert mse in open_loop
     for figure in (metrics["data"]["fingerprint"], f"{metrics['parameters']:,}"):
         assert figure in text
+
+
+def test_the_headline_has_no_whole_path(driven: Path, recorded: Written) -> None:
+    headline = (driven / "report" / "report.md").read_text().partition("\n## ")[0]
+    assert recorded.folder.name in headline
+    assert str(recorded.folder.parent) not in headline
 
 
 def test_the_command_repeats_the_run(driven: Path) -> None:

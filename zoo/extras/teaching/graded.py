@@ -1,5 +1,6 @@
 """`drivezoo grade`: drives of all submissions, their marks, warnings and pages."""
 
+import secrets
 import subprocess
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -12,7 +13,7 @@ from rich.console import Console
 
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
-from zoo.base.bounded_files import hash_file
+from zoo.base.bounded_files import hash_file, read_text
 from zoo.base.child_process import end_module, start_module
 from zoo.base.console_progress import progress_bar
 from zoo.base.errors import InputError, UsageError
@@ -42,14 +43,15 @@ from zoo.results.marks import (
 )
 from zoo.results.result import NAME, BenchmarkResult, DriveRecord
 from zoo.results.suite import Suite, read_suite, redraw_suite
-from zoo.runs.result_table import Column, Table
+from zoo.runs.record_fields import MOST_WHOLE
+from zoo.runs.result_table import Column, Table, number_column
 from zoo.runs.table_files import Result
 from zoo.scoring.blocks import Block, Bullets, Heading, Rows, Section, Text, to_html
 from zoo.scoring.drive_section import failure
 from zoo.simulator.track_names import DRAWN
 from zoo.training.recorded_roads import road_key
 
-SUITE, DRIVES, PAGES = "suite.yaml", "drives", "students"
+SUITE, SEED, DRIVES, PAGES = "suite.yaml", "seed.txt", "drives", "students"
 KEPT_BACK = "The roads are not named: they stay the teacher's."
 
 
@@ -78,6 +80,13 @@ class Grade:
             return verdict(self.reached)
         return "not driven" if self.warnings else "waiting"
 
+    @property
+    def share(self) -> float | None:
+        """Return the share of its marks that are passed; None where nothing was driven."""
+        if not self.reached:
+            return None
+        return sum(mark.passed for mark in self.reached) / len(self.reached)
+
 
 @dataclass(frozen=True, repr=False)
 class Graded(Result):
@@ -86,11 +95,13 @@ class Graded(Result):
     Attributes:
         folder: folder with `grades.html`.
         grades: what each student reached, by name.
+        most_points: points of a student who passes all marks.
         written: files written, `grades.html` first.
     """
 
     folder: Path
     grades: list[Grade]
+    most_points: float
     written: list[Path] = field(default_factory=list)
 
     def __repr__(self) -> str:
@@ -106,6 +117,12 @@ class Graded(Result):
             f"{grade.submission.name}: {line}" for grade in self.grades for line in grade.warnings
         ]
 
+    @property
+    def points(self) -> list[float | None]:
+        """Return the points of each student; None where nothing was driven."""
+        shares = (grade.share for grade in self.grades)
+        return [None if share is None else round(share * self.most_points, 2) for share in shares]
+
     def show(self) -> None:
         """Print what to look at, the counts, and what was written."""
         console = Console(emoji=False)
@@ -120,7 +137,10 @@ class Graded(Result):
             Column("student", "student", [grade.submission.name for grade in self.grades]),
             Column("submitted", "submitted", [grade.submission.submitted for grade in self.grades]),
             Column("result", "result", [grade.status for grade in self.grades]),
+            number_column("points", f"points of {self.most_points:g}", self.points, "{:g}"),
         ]
+        if any(numbers := [grade.submission.number for grade in self.grades]):
+            shown.insert(1, Column("number", "number", numbers))
         marks = [
             {(mark.group, mark.figure): mark for mark in grade.reached} for grade in self.grades
         ]
@@ -152,12 +172,13 @@ def grade_class(
     if options.roads > 1 and options.seed is None:
         raise UsageError(f"roads={options.roads}: are drawn; name seed=NUMBER, too")
     options.check_files(inputs=[options.recording] if options.recording else [])
-    text = redraw_suite(options.suite, options.seed, options.roads)
     if not read_suite(options.suite).marks:
         raise InputError(f"suite={options.suite}: has no marks; add them, see conf/suite")
     recording = read_recordings(options.recording) if options.recording else None
     with command_folder(options.out, "grades", resumed_by=SUITE) as out:
         path = out / SUITE
+        seed = options.seed if options.seed != "random" else _kept_seed(out, console)
+        text = redraw_suite(options.suite, seed, options.roads)
         if path.is_file() and path.read_text(encoding="utf-8") != text:
             raise InputError(f"{path}: other roads were begun there; name another out=")
         write_whole(path, text)
@@ -175,13 +196,27 @@ def grade_class(
                 for count, job in enumerate(as_completed(jobs), 1):
                     grades[jobs[job]] = grade = job.result()
                     print_line(console, printable(f"{grade.submission.name}: {grade.status}"))
-                    graded = _with_copies(Graded(out, grades), packaged)
+                    graded = _with_copies(Graded(out, grades, options.points), packaged)
                     graded.written.extend(_write_marks(graded, suite))
                     report(count / len(jobs))
             finally:
                 pool.shutdown(wait=False, cancel_futures=True)
         graded.written.extend(options.write_files(graded))
         return graded
+
+
+def _kept_seed(out: Path, console: Console) -> int:
+    """Return the number that draws the roads: the folder's, or a random one, which it keeps."""
+    path = out / SEED
+    if not path.is_file():
+        if (out / SUITE).is_file():
+            raise InputError(f"{out}: was begun without seed=random; name another out=")
+        write_whole(path, f"{secrets.randbelow(MOST_WHOLE)}\n")
+    line = f"{path}: draws the roads; keep it secret, and resume with out={out}"
+    print_line(console, printable(line))
+    if not (text := read_text(path, 100).strip()).isdecimal():
+        raise InputError(f"{path}: holds no number; name another out=")
+    return int(text)
 
 
 def _grade(
@@ -286,7 +321,8 @@ def _overview(graded: Graded, suite: Suite) -> list[Section]:
     line = f"Suite {suite.name}, {drives} on {counted(roads, 'road')}. {graded!r}."
     table = graded.result_table()
     shown = replace(table, columns=table.columns[:-1])  # the last one's texts are long
-    sections = [Section("", [Text(line), Rows(shown, left=3)])]
+    left = [column.name for column in shown.columns].index("points")
+    sections = [Section("", [Text(line), Rows(shown, left=left)])]
     if lines := graded.lines:
         sections.append(Section("To look at", [Bullets(lines)]))
     return sections

@@ -50,6 +50,12 @@ class Submission:
         return f"{plain}-{hashlib.sha256(os.fsencode(self.name)).hexdigest()[:8]}"
 
     @property
+    def number(self) -> str:
+        """Return the student's number that the name begins with, as in `0123_anna`, or nothing."""
+        match = re.match(r"[0-9]+(?![^\W_])", self.name)
+        return match[0] if match else ""
+
+    @property
     def submitted(self) -> str:
         """Return the time of the file's last change, local time."""
         try:

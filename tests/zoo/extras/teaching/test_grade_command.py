@@ -1,5 +1,6 @@
 """`drivezoo grade`: marks of a class on drawn roads, warnings and pages."""
 
+import csv
 import re
 import shutil
 import subprocess
@@ -7,6 +8,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -103,6 +105,15 @@ def test_each_student_has_a_row_and_a_page(marked: graded.Graded) -> None:
     assert rows["ben"]["like_autonomy"] < 0.9 <= rows["ada"]["like_autonomy"]
 
 
+def test_points_are_the_share_of_marks_passed(marked: graded.Graded) -> None:
+    points = {row["student"]: row["points"] for row in marked.table()}
+    assert points == {"ada": 10, "ben": 0, "dora": 10, "eve": None, "finn": None}
+    assert "number" not in marked.table()[0]
+    passed, missed = (SimpleNamespace(passed=value) for value in (True, False))
+    third = graded.Grade(Submission("ann", None), reached=[passed, missed, missed])
+    assert graded.Graded(Path(), [third], most_points=20).points == [6.67]
+
+
 def test_no_page_of_a_student_names_a_drawn_road(marked: graded.Graded, suite: Path) -> None:
     drawn = {one.track for one in read_suite(str(marked.folder / graded.SUITE)).drives}
     assert not drawn & {one.track for one in read_suite(str(suite)).drives}
@@ -120,6 +131,39 @@ def test_it_resumes_without_driving_again(
     again = grade(submitted, suite=str(suite), seed=5, out=marked.folder)
     assert [name[:4] for name in driven] == ["eve-"]
     assert again.grades[0].result == marked.grades[0].result
+
+
+@pytest.mark.usefixtures("as_ada")
+def test_a_random_seed_is_kept_and_resumed(
+    suite: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    write_constant(here / "class" / "0123_ann.ckpt", 0.0)
+    write_constant(here / "class" / "9lives.ckpt", 0.0)
+    first = grade("class", suite=str(suite), seed="random", out="out")
+    assert f"{Path('out', graded.SEED)}: " in capsys.readouterr().out
+    seed, roads = ((here / "out" / name).read_text() for name in (graded.SEED, graded.SUITE))
+    assert roads == redraw_suite(str(suite), int(seed), 1)
+    monkeypatch.setattr(graded, "_drive", None)  # nothing is driven again
+    again = grade("class", suite=str(suite), seed="random", out="out")
+    assert (here / "out" / graded.SUITE).read_text() == roads
+    assert again.table() == first.table()
+    with (here / "out" / "grades.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["student"], row["number"], row["points"]) for row in rows] == [
+        ("0123_ann", "0123", "10.0"),
+        ("9lives", "", "10.0"),
+    ]
+    grade("class", suite=str(suite), seed="random", out="other")
+    assert (here / "other" / graded.SEED).read_text() != seed
+
+
+@pytest.mark.usefixtures("as_ada")
+def test_a_random_seed_refuses_another_ones_folder(suite: Path, here: Path) -> None:
+    write_constant(here / "class" / "ann.ckpt", 0.0)
+    grade("class", suite=str(suite), seed=5, out="out")
+    with pytest.raises(InputError, match="begun without seed=random"):
+        grade("class", suite=str(suite), seed="random", out="out")
+    assert not (here / "out" / graded.SEED).exists()
 
 
 def test_a_submission_has_a_process_and_a_time_of_its_own(submitted: Path, tmp_path: Path) -> None:
