@@ -41,11 +41,11 @@ def zip_bytes(layers: list[Layer], ends: int, shape: tuple[int, ...]) -> bytes:
     outputs = [[entry["name"], 0, 0] for entry in entries[-ends:]]
     model = {"name": "drivezoo", "trainable": True, "layers": entries}
     model |= {"input_layers": [["img_in", 0, 0]], "output_layers": outputs}
-    config = {"module": "keras", "class_name": "Functional", "config": model}
+    config = {"module": "keras.src.models.functional", "class_name": "Functional"}
     contents = io.BytesIO()
     with zipfile.ZipFile(contents, "w") as archive:
         archive.writestr("metadata.json", json.dumps({"keras_version": VERSION}))
-        archive.writestr("config.json", json.dumps(config | {"registered_name": "Functional"}))
+        archive.writestr("config.json", json.dumps(config | {"config": model}))
         archive.writestr("model.weights.h5", weights_file.getvalue())
     return contents.getvalue()
 
