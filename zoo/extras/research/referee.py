@@ -14,7 +14,7 @@ from zoo.base.errors import InputError
 from zoo.base.terminal import counted, print_line, print_written, printable
 from zoo.base.whole_file import json_text, write_output
 from zoo.driving.bootstrap import FEWEST_ROADS, Estimate
-from zoo.driving.clustered import EQUAL, SHARE
+from zoo.driving.clustered import EQUAL, SHARE, SMALLEST
 from zoo.extras.research.rollout_differences import (
     NEW,
     SCOPES,
@@ -22,6 +22,7 @@ from zoo.extras.research.rollout_differences import (
     UNDECIDED,
     Difference,
     compare_policies,
+    is_thin,
     limits_of,
     mean_score,
 )
@@ -184,7 +185,8 @@ class Referee(Result):
 
     def _column(self, heading: str, figures: Sequence[Estimate]) -> Column:
         form, factor = ("{:.1f}", 100) if self._is_share else ("{:.4g}", 1)
-        unit = ", %" if self._is_share else ""
+        percent = ", points" if heading == "difference" else ", %"
+        unit = percent if self._is_share else ""
         return interval_column(heading.split("\n")[0], heading + unit, figures, form, factor)
 
 
@@ -248,7 +250,12 @@ def _untold(policies: Mapping[str, Sequence[Rollout]]) -> list[str]:
     if scenes < FEWEST_ROADS:
         number = counted(scenes, "scene") if scenes else "none is named"
         notes.append(f"scenes: {number}: whether the difference survives new ones is unknown")
-    if unseeded := [name for name, rollouts in policies.items() if not _known(rollouts, "seed")]:
+    if is_thin(*policies.values()):
+        notes.append(
+            f"rollouts: fewer than {SMALLEST} in a scene: the interval on {THESE} is that on {NEW}"
+        )
+    unseeded = [name for name, rollouts in policies.items() if not _known(rollouts, "seed")]
+    if unseeded and not is_thin(*policies.values()):
         notes.append(
             f"seeds: none in {', '.join(unseeded)}: rollouts are not paired, which takes more of "
             "them; same_seeds=true pairs them by number, if all evaluations began with one seed"

@@ -5,6 +5,7 @@ of trainings and units, so that rollouts that are paired and those that are not 
 """
 
 from bisect import bisect_left
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -12,7 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from zoo.driving.bootstrap import FEWEST_ROADS, Estimate
-from zoo.driving.clustered import ANY, EQUAL, SHARE, clustered, holm, moments, p_value
+from zoo.driving.clustered import ANY, EQUAL, SHARE, SMALLEST, clustered, holm, moments, p_value
 from zoo.extras.research.rollouts import Rollout
 from zoo.results.differences import SIGNIFICANT, least_difference
 
@@ -58,8 +59,20 @@ def limits_of(rollouts: Sequence[Rollout]) -> tuple[float, float]:
     return SHARE if all(0 <= row.score <= 1 for row in rollouts) else ANY
 
 
+def is_thin(*policies: Sequence[Rollout]) -> bool:
+    """Return whether three or more scenes have too few rollouts for a variance in each.
+
+    That between scenes then stands for it, which is never smaller in the long run.
+    """
+    counts = [
+        Counter(unit[0] for unit in set(_units(rollouts, THESE))).values() for rollouts in policies
+    ]
+    return any(min(count) < SMALLEST for count in counts) and len(counts[0]) >= FEWEST_ROADS
+
+
 def mean_score(rollouts: Sequence[Rollout], scope: str) -> Estimate:
     """Return a policy's mean score with its 95 % interval over rollouts or scenes."""
+    scope = NEW if is_thin(rollouts) else scope
     units = _units(rollouts, scope)
     order, limits = list(dict.fromkeys(units)), limits_of(rollouts)
     sums, counts = _tables(rollouts, units, order)
@@ -92,6 +105,7 @@ def compare_policies(policies: dict[str, list[Rollout]], paired: bool = False) -
 
 
 def _difference(a: list[Rollout], b: list[Rollout], scope: str, paired: bool) -> Difference:
+    named, scope = scope, NEW if is_thin(a, b) else scope
     values, order, groups = _linear_parts(a, b, scope, paired)
     limits = (-1.0, 1.0) if limits_of([*a, *b]) == SHARE else ANY
     names = list(map(repr, order))
@@ -100,7 +114,7 @@ def _difference(a: list[Rollout], b: list[Rollout], scope: str, paired: bool) ->
     needed = {}
     if p >= SIGNIFICANT and len(order) >= FEWEST_ROADS and abs(figure.value) > EQUAL:
         needed = _needed(a, b, scope, paired)
-    return Difference(a[0].policy, b[0].policy, scope, figure, p, needed)
+    return Difference(a[0].policy, b[0].policy, named, figure, p, needed)
 
 
 def _units(rollouts: Sequence[Rollout], scope: str) -> Units:

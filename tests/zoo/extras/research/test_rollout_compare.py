@@ -106,6 +106,9 @@ def test_bench2drives_routes_are_scenes(tmp_path: Path) -> None:
     assert result.differences[0].figure.value == 1
     assert any("2 scenes left out" in line for line in result.lines)
     assert any("divide by 220" in line for line in result.lines)
+    assert any(line.startswith("rollouts: fewer than 5") for line in result.lines)
+    these, new = result.differences
+    assert these.figure == new.figure
     score = drivezoo.compare(a, b, score="score_composed", out=tmp_path / "score.json")
     assert score.differences[1].figure.value == pytest.approx(0.5)
 

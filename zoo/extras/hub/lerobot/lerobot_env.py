@@ -1,7 +1,7 @@
 """A world of drivezoo as `--env.type=drivezoo` of `lerobot-eval` and `lerobot-train`.
 
-LeRobot imports this module itself: `--env.discover_packages_path=zoo.extras.hub.lerobot`. Observation
-and action have the names and units of a dataset that `drivezoo convert FOLDER to=lerobot` wrote.
+LeRobot imports this module itself, with `--env.discover_packages_path=zoo.extras.hub.lerobot`.
+Observation and action have the names and units of a dataset that `drivezoo convert` wrote.
 """
 
 from dataclasses import dataclass, field
