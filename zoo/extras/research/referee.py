@@ -1,6 +1,5 @@
 """The result of comparing policies by their rollouts: its tables, its lines, and its file."""
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -20,6 +19,7 @@ from zoo.extras.research.rollout_differences import (
     SCOPES,
     THESE,
     UNDECIDED,
+    UNKNOWN,
     Difference,
     compare_policies,
     is_thin,
@@ -113,7 +113,8 @@ class Referee(Result):
     def show(self) -> None:
         """Print the policies, the difference of each pair, and the verdicts."""
         console = Console(emoji=False, soft_wrap=True)
-        tables = self.policy_table(), self.result_table()
+        pairs = self.result_table().chosen(",".join(COLUMNS[:-1]))  # the lines have the last one
+        tables = self.policy_table(), pairs
         for table in tables:
             caption = INTERVALS if table is tables[-1] else None
             shown = table.narrow().printed(
@@ -193,16 +194,16 @@ class Referee(Result):
 def needed_text(row: Difference) -> str:
     """Return what would tell two policies apart; empty if they are, or nothing is known.
 
-    >>> needed_text(Difference("a", "b", NEW, Estimate(0.1), 0.2, {"rollouts": None, "scenes": 24}))
+    >>> needed_text(Difference("a", "b", NEW, Estimate(0.1, 0, 0.2), 1, {"rollouts": None, "scenes": 24}))
     'about 24 scenes; not by more rollouts alone'
     """
-    if row.verdict != UNDECIDED:
-        return ""
-    if math.isnan(row.figure.low):
+    if row.verdict == UNKNOWN:
         what = "scenes" if row.scope == NEW else "rollouts"
         return f"three or more {what}, to estimate how many"
+    if row.verdict != UNDECIDED:
+        return ""
     if abs(row.figure.value) <= EQUAL:
-        return "harder scenes: both have the same score"
+        return "both have the same score"
     enough = [WAYS[way].format(count) for way, count in row.needed.items() if count]
     alone = [way for way, count in row.needed.items() if not count]
     texts = [f"about {' or '.join(enough)}"] if enough else []

@@ -4,6 +4,7 @@ A policy's mean is a ratio of sums. What each rollout adds to it (Taylor lineari
 of trainings and units, so that rollouts that are paired and those that are not take one function.
 """
 
+import math
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -19,7 +20,7 @@ from zoo.results.differences import SIGNIFICANT, least_difference
 
 THESE, NEW = "these scenes", "new scenes"
 SCOPES = (THESE, NEW)
-UNDECIDED = "not told apart"
+UNDECIDED, UNKNOWN = "not told apart", "unknown"
 MOST_TIMES = 100  # as many rollouts, scenes or trainings as there are
 Parts = list[tuple[float, float]]  # variances with their degrees of freedom
 Units = list[tuple[str, ...]]
@@ -48,7 +49,9 @@ class Difference:
 
     @property
     def verdict(self) -> str:
-        """Return which policy is better, or that they are not told apart."""
+        """Return which policy is better, or that it is not told or unknown."""
+        if math.isnan(self.figure.low):
+            return UNKNOWN
         if self.p >= SIGNIFICANT:
             return UNDECIDED
         return f"{self.a if self.figure.value > 0 else self.b} is better"

@@ -123,6 +123,12 @@ def test_the_verdict_may_not_survive_new_scenes() -> None:
     assert new.needed["rollouts"] is None
 
 
+def test_one_scene_says_nothing_of_new_ones() -> None:
+    won = np.random.default_rng(2).random((2, 1, 40)) < np.array([0.9, 0.2])[:, None, None]
+    these, new = compare_policies({"a": rollouts("a", won[0]), "b": rollouts("b", won[1])})
+    assert (these.verdict, new.verdict) == ("a is better", "unknown")
+
+
 def test_pairs_take_fewer_rollouts_where_seeds_matter() -> None:
     rng = np.random.default_rng(0)
     b = rng.random((1, 60)) < 0.5
