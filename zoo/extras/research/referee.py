@@ -194,7 +194,8 @@ class Referee(Result):
 def needed_text(row: Difference) -> str:
     """Return what would tell two policies apart; empty if they are, or nothing is known.
 
-    >>> needed_text(Difference("a", "b", NEW, Estimate(0.1, 0, 0.2), 1, {"rollouts": None, "scenes": 24}))
+    >>> needed = {"rollouts": None, "scenes": 24}
+    >>> needed_text(Difference("a", "b", NEW, Estimate(0.1, 0, 0.2), 1, needed))
     'about 24 scenes; not by more rollouts alone'
     """
     if row.verdict == UNKNOWN:
