@@ -27,6 +27,7 @@ def zip_bytes(layers: list[Layer], ends: int, shape: tuple[int, ...]) -> bytes:
     start = {"name": "img_in", "batch_shape": [None, *shape], "dtype": "float32"}
     entries, weights_file, counts = [_entry("InputLayer", start, [])], io.BytesIO(), Counter[str]()
     with h5py.File(weights_file, "w") as file:
+        file.create_group("vars")  # of the model itself; Keras 3.4 wants it
         for number, (kind, config, weights) in enumerate(layers):
             key = re.sub("([a-z])([A-Z])", r"\1_\2", kind).lower()
             before = entries[min(number, len(layers) - ends)]["name"]
