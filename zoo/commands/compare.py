@@ -28,7 +28,7 @@ def compare(
     Pairs the drives of both on the same roads. Prints which one drives better, with intervals over
     roads and training seeds, and how many training seeds would be needed to tell.
 
-    Rollouts of other programs have further keys: drivezoo compare FILE --help.
+    For rollouts of other programs see below.
 
     Args:
         a: result.json of a benchmark, or its folder.
@@ -61,14 +61,22 @@ def comparison_of(files: Sequence[str | Path]) -> Command[Any]:
     An entry point of `drivezoo.comparisons` names a module with `detect`, which looks at the files,
     and `compare`, the command.
     """
-    modules = map(load_entry, installed_entries("drivezoo.comparisons"))
-    return next((module.compare for module in modules if module.detect(files)), compare)
+    return next((other.compare for other in _others() if other.detect(files)), compare)
 
 
 def compare_files(arguments: list[str]) -> None:
     """Compare two results of the benchmark, or files of other programs."""
-    comparison = comparison_of([argument for argument in arguments if is_path(argument)])
-    comparison.main(["--help"] if is_help(arguments) else arguments)
+    files = [argument for argument in arguments if is_path(argument)]
+    if not is_help(arguments):
+        comparison_of(files).main(arguments)
+        return
+    for number, each in enumerate([compare, *(other.compare for other in _others())]):
+        print("\n" * bool(number), end="")
+        each.main(["--help"])
+
+
+def _others() -> list[Any]:
+    return [*map(load_entry, installed_entries("drivezoo.comparisons"))]
 
 
 if __name__ == "__main__":
