@@ -14,7 +14,7 @@ from lerobot.configs.types import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
 
-import drivezoo  # noqa: F401 - registers the environments
+import zoo.simulator  # noqa: F401 - registers the environments
 
 GYM_ID = "drivezoo/LeRobot-v0"
 MPS = 0.44704  # of a mph
