@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+Side = Annotated[int, Field(ge=1, le=4096)]
 Progress = Callable[[float], None]  # function called with the finished share, 0..1
 
 
@@ -18,15 +19,19 @@ class WriteOptions:
         fps: LeRobot: frames per second to write; null: the recording's mean.
         crf: LeRobot: quality of the videos, of which 1 is the best and the largest.
         task: LeRobot: the task in words.
+        keep: rows to write, 120-180,2600-, from 1; null: all.
+        size: rows and columns of the written images, such as [96,96]; null: as they are.
         fit: keep: images as they are; pad: with black bars, twice as wide as high, as the
             simulator's frames are.
-        quality: quality of JPEGs written from videos or padded.
+        quality: quality of JPEGs written from videos, resized or padded.
         shard_mb: shards: MB of each.
     """
 
     fps: Annotated[int, Field(ge=1, le=1000)] | None = None
     crf: Annotated[int, Field(ge=1, le=51)] = 18
     task: str = "follow the road"
+    keep: str | None = None
+    size: tuple[Side, Side] | None = None
     fit: Literal["keep", "pad"] = "keep"
     quality: Annotated[int, Field(ge=1, le=100)] = 95
     shard_mb: Annotated[float, Field(gt=0, le=4000)] = 128

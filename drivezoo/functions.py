@@ -18,7 +18,7 @@ from zoo.base.parts import name_parts
 from zoo.base.run_command import expected_failure
 from zoo.base.terminal import counted
 from zoo.commands.benchmark import benchmark as benchmark_command
-from zoo.commands.compare import compare as compare_command
+from zoo.commands.compare import comparison_of
 from zoo.commands.drive import drive as drive_command
 from zoo.commands.evaluate import evaluate as evaluate_command
 from zoo.commands.leaderboard import leaderboard as leaderboard_command
@@ -146,7 +146,6 @@ def one_line_errors(function: Callable[Given, Returned]) -> Callable[Given, Retu
 evaluate = one_line_errors(evaluate_command)
 replay = one_line_errors(replay_command)
 benchmark = one_line_errors(benchmark_command)
-compare = one_line_errors(compare_command)
 leaderboard = one_line_errors(leaderboard_command)
 results = one_line_errors(results_command)
 
@@ -167,6 +166,23 @@ def challenge(*arguments: Any, test: str = "ch2", **keys: Any) -> Any:
         InputError: the checkpoint or the test cannot be used; or the network steered NaN.
     """
     return challenge_command(test)(*arguments, **keys)
+
+
+@one_line_errors
+def compare(*files: Any, **keys: Any) -> Any:
+    """Compare results of the benchmark or rollouts of other programs, as `drivezoo compare` does.
+
+    >>> compare("A/eval_info.json", "B/eval_info.json")  # doctest: +SKIP
+
+    Args:
+        *files: two files `result.json`, or files of rollouts.
+        **keys: keys of the command.
+
+    Raises:
+        UsageError: a key or value is wrong.
+        InputError: a file cannot be read or does not fit, or a file cannot be written.
+    """
+    return comparison_of(files)(*files, **keys)
 
 
 @one_line_errors

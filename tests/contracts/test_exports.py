@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -38,6 +39,9 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(params=KINDS, ids=".".join)
 def named(request: pytest.FixtureRequest) -> tuple[str, str]:
+    kind = kind_of(request.param)
+    if missing := [package for package in kind.packages if not find_spec(package)]:
+        pytest.skip(f"needs {' and '.join(missing)}")
     return request.param
 
 

@@ -1,10 +1,13 @@
 """`drivezoo compare`: compare two results of the benchmark."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from zoo.base.command import command
+from zoo.base.command import Command, command, is_help, is_path
+from zoo.base.entry_points import installed_entries, load_entry
 from zoo.base.output_files import check_output
+from zoo.base.run_command import exit_after
 from zoo.runs.table_files import ResultFiles
 
 if TYPE_CHECKING:
@@ -24,6 +27,8 @@ def compare(
 
     Pairs the drives of both on the same roads. Prints which one drives better, with intervals over
     roads and training seeds, and how many training seeds would be needed to tell.
+
+    For rollouts of other programs see below.
 
     Args:
         a: result.json of a benchmark, or its folder.
@@ -50,5 +55,29 @@ def compare(
     return result
 
 
+def comparison_of(files: Sequence[str | Path]) -> Command[Any]:
+    """Return the command that compares some files: that of an installed package which reads them.
+
+    An entry point of `drivezoo.comparisons` names a module with `detect`, which looks at the files,
+    and `compare`, the command.
+    """
+    return next((other.compare for other in _others() if other.detect(files)), compare)
+
+
+def compare_files(arguments: list[str]) -> None:
+    """Compare two results of the benchmark, or files of other programs."""
+    files = [argument for argument in arguments if is_path(argument)]
+    if not is_help(arguments):
+        comparison_of(files).main(arguments)
+        return
+    for number, each in enumerate([compare, *(other.compare for other in _others())]):
+        print("\n" * bool(number), end="")
+        each.main(["--help"])
+
+
+def _others() -> list[Any]:
+    return [*map(load_entry, installed_entries("drivezoo.comparisons"))]
+
+
 if __name__ == "__main__":
-    compare.run()
+    exit_after("drivezoo compare", compare_files)

@@ -28,6 +28,7 @@ def convert(
 
       drivezoo convert FOLDER to=lerobot out=NEW
       drivezoo convert TUB out=NEW
+      drivezoo convert FOLDER to=lerobot 'size=[96,96]' keep=1-900
 
     Args:
         source: folder or file of a recording, or address of shards.
@@ -44,6 +45,7 @@ def convert(
     """
     from rich.console import Console
 
+    from datamodules.chosen_recording import chosen_recording
     from datamodules.looking.findings import skipped_lines
     from datamodules.recording_format import (
         find_format,
@@ -77,10 +79,11 @@ def convert(
             said = {**asdict(read), "on_bad_image": "skip"}
             recording = read_recordings([source, *sources], **said)
             skipped = skipped_lines(recording)
+        recording, chosen = chosen_recording(recording, write)
         result = writers[to].write(recording, out, write, report)
     drives = counted(result.drives, "continuous drive")
     print(f"{old.title} -> {writers[to].title}: {counted(result.rows, 'row')}, {drives}")
-    for note in (*skipped, *result.notes):
+    for note in (*skipped, *chosen, *result.notes):
         print(printable(f"- {note}"))
     print_written([result.folder])
     following = result.following or ("drivezoo", "check", str(result.folder), *typed_parts())

@@ -36,18 +36,18 @@ def export(
 
     Args:
         ckpt: checkpoint: a .ckpt file, a run's folder, or latest.
-        to: onnx; donkeycar: for its manage.py drive --model; c: a C99 file and its header; null:
-            by the ending of out.
-        out: file to write: .onnx, .h5 for Donkeycar, .c, with the name of the C function; null:
-            model.onnx, pilot.h5 or steer.c.
+        to: onnx; for Donkeycar's manage.py drive --model: donkeycar (Keras 2), keras (Keras 3, from
+            Donkeycar 5.4 on), tflite; c: a C99 file and its header; null: by the ending of out.
+        out: file to write: .onnx, .h5, .keras or .tflite for Donkeycar, .c, with the name of the C
+            function; null: model.onnx, pilot.h5 or steer.c.
         weights: int8: c and onnx: a quarter of the size; the steering changes a little, which is
             printed.
         calibration: recording whose frames give the ranges of values of weights=int8 in an ONNX
             file; null: as frames.
         frames: recording whose frames are compared; null: the training's recording, else the
             embedded lake's, else new frames of the embedded lake, in the size of the training's.
-        throttle: donkeycar: largest throttle, and the only one of a network that only steers; null:
-            the network's, or what Donkeycar computes from the steering, 0.56 to 1.
+        throttle: for Donkeycar: largest throttle, and the only one of a network that only steers;
+            null: the network's, or what Donkeycar computes from the steering, 0.56 to 1.
 
     Raises:
         InputError: the checkpoint or recording does not exist, a package is not installed, the

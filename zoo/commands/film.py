@@ -1,6 +1,7 @@
 """`drivezoo film`: film a drive, a recording or a folder of images."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -15,11 +16,12 @@ from datamodules.image import AnyImage, read_image
 from datamodules.recording import LOG_NAME
 from datamodules.recording_format import known_format, read_recordings
 from zoo.base.command import command
-from zoo.base.console_progress import progress_bar
-from zoo.base.errors import InputError
+from zoo.base.console_progress import loading, progress_bar
+from zoo.base.errors import InputError, UsageError
 from zoo.base.output_files import checked_file
 from zoo.base.rig import UDACITY
 from zoo.base.terminal import counted, print_line, print_written
+from zoo.checkpoints.checkpoint_path import find_driver
 from zoo.driving import drive_log
 from zoo.driving.drive_film import MOMENTS, Overlay, draw_overlay
 from zoo.driving.drive_record import EMBEDDED, FALLBACK, PERSON, REPLAY, SOCKET
@@ -28,6 +30,7 @@ from zoo.driving.tally import LONGEST_STEP_S, autonomy
 USUAL_FPS = 15.0  # the simulator's recorder; used if the images have no times
 MOST_FPS = 60.0
 SHOWN_S = 1.0  # in which a film says that there was an intervention
+MOST_PILOTS = 4
 SUFFIXES = (".jpg", ".jpeg", ".png")
 
 
@@ -77,9 +80,13 @@ def real_fps(shots: list[Shot]) -> float:
 
 
 def make_film(
-    folder: str | Path, out: str | Path | None, fps: float | None, console: Console
+    folder: str | Path,
+    out: str | Path | None,
+    fps: float | None,
+    console: Console,
+    ckpt: str | None = None,
 ) -> Path:
-    """Write the film of a folder and return its path; `out` and `fps` are as in `film`.
+    """Write the film of a folder and return its path; the arguments are as in `film`.
 
     Images that cannot be read are left out and counted.
 
@@ -92,6 +99,7 @@ def make_film(
     folder = Path(folder).expanduser()
     out = checked_file(out or f"{folder.absolute()}.mp4", FILMS, "out" if out else "")
     shots = read_shots(folder)
+    draw = None if ckpt is None else _pilots(ckpt, shots)
     rate = real_fps(shots) if fps is None else fps
     faults: list[str] = []
     size: tuple[int, int] | None = None  # of the first frame, in which all are filmed
@@ -104,7 +112,7 @@ def make_film(
                 except (OSError, ValueError) as error:
                     faults.append(f"{shot.path}: {getattr(error, 'strerror', None) or error}")
                 else:
-                    image = draw_overlay(frame, shot.state)
+                    image = draw(frame, shot) if draw else draw_overlay(frame, shot.state)
                     size = size or image.shape[1::-1]
                     film.add(cv2.resize(image, size))
     except InputError as error:
@@ -116,6 +124,34 @@ def make_film(
         print_line(console, f"{counted(len(faults), 'image')} left out: {faults[0]}")
     print_line(console, f"{counted(drawn, 'frame')} at {rate:g} per second, {drawn / rate:.1f} s")
     return out
+
+
+def _pilots(ckpt: str, shots: list[Shot]) -> Callable[[np.ndarray, Shot], np.ndarray]:
+    """Return the function that lets pilots steer on a frame, and draws them into it.
+
+    Raises:
+        InputError: a checkpoint cannot be used, or the frames have no recorded steering.
+        UsageError: there are more than four.
+    """
+    names = ckpt.split(",")
+    if len(names) > MOST_PILOTS:
+        raise UsageError(f"ckpt={ckpt}: names {len(names)}; a film shows {MOST_PILOTS} at most")
+    if any(shot.state.steering is None for shot in shots):
+        raise InputError("ckpt=: these frames have no steering; name the folder of a recording")
+    drivers = list(map(find_driver, names))
+    with loading():
+        from zoo.checkpoints.checkpoint_policy import load_policy
+        from zoo.driving.pilot_film import Pilots
+    policies = list(map(load_policy, drivers))
+    pilots = Pilots(names, shots[0].state.rig, [], [])
+
+    def draw(frame: np.ndarray, shot: Shot) -> np.ndarray:
+        pilots.recorded.append(float(shot.state.steering or 0.0))
+        speed = shot.state.speed_mph or 0.0
+        pilots.steering.append([float(policy(frame, speed).steering) for policy in policies])
+        return pilots.draw(frame)
+
+    return draw
 
 
 def _shots_of_drive(folder: Path) -> list[Shot]:
@@ -195,20 +231,23 @@ def film(
     *,
     out: str | None = None,
     fps: Annotated[float, Field(gt=0, le=1000)] | None = None,
+    ckpt: str | None = None,
 ) -> Path:
     """Film a drive, a recording or a folder of images.
 
     Writes an H.264 .mp4 that plays in a browser. Each frame shows steering, throttle and speed;
     frames of a drive (a folder with drive.csv) also show autonomy and the distance from the
-    centreline.
+    centreline. With ckpt=A,B each checkpoint steers on the frames of a recording: their wheels are
+    drawn beside the recorded one, and how far each is off over time.
 
     Args:
         folder: folder of a drive, a recording or images.
         out: .mp4 file to write; null: FOLDER.mp4, next to the folder.
         fps: frames per second; null plays as fast as it was driven.
+        ckpt: up to four checkpoints, A,B, that steer on the frames of a recording; null for none.
     """
     console = Console(soft_wrap=True)
-    path = make_film(folder, out, fps, console)
+    path = make_film(folder, out, fps, console, ckpt)
     print_written([path], console=console)
     return path
 

@@ -258,7 +258,7 @@ def draw_overlay(frame: np.ndarray, state: Overlay) -> np.ndarray:
         labels.append(Label(name, WIDTH - 274, y, 13, GREY))
         labels.append(Label(value, WIDTH - 34, y, 20, colour, "rm"))
     if state.note:
-        boxes.append((20, 18, 48 + int(_font(18).getlength(state.note)), 54))
+        boxes.append((20, 18, 48 + int(film_font(18).getlength(state.note)), 54))
         labels.append(Label(state.note, 34, 36, 18, WHITE))
     corner = 20, 66 if state.note else 18
     if state.road is not None:
@@ -271,7 +271,7 @@ def draw_overlay(frame: np.ndarray, state: Overlay) -> np.ndarray:
         state.road.draw(drawn, corner, state.xy)
     draw = ImageDraw.Draw(drawn)
     for label in labels:
-        point, font = (label.x, label.y), _font(label.size)
+        point, font = (label.x, label.y), film_font(label.size)
         draw.text(point, label.text, fill=label.colour, font=font, anchor=label.anchor)
     return np.array(drawn)
 
@@ -286,13 +286,13 @@ def _draw_instruments(image: np.ndarray, state: Overlay) -> list[Label]:
     if state.steering is not None:
         wheel, spread = (70, height - 54), state.spread or 0.0
         turn_deg = WHEEL_RATIO * (UNKNOWN_LOCK_DEG if state.rig is None else state.rig.steering_deg)
-        _draw_wheel(image, wheel, 40, state.steering * turn_deg)
+        draw_wheel(image, wheel, 40, state.steering * turn_deg)
         _draw_steering_bar(image, (WIDTH // 2, height - 40), 150, state.steering, spread)
         if state.recorded is not None:
-            _mark_wheel(image, wheel, 47, state.recorded * turn_deg, GREEN)
-        band = _angle(BAND * spread, state.rig).replace("+", " ±")
+            mark_wheel(image, wheel, 47, state.recorded * turn_deg, GREEN)
+        band = angle_text(BAND * spread, state.rig).replace("+", " ±")
         name = f"STEERING{'' if state.spread is None else band}"
-        labels.append(Label(_angle(state.steering, state.rig), 128, height - 57, 26, WHITE))
+        labels.append(Label(angle_text(state.steering, state.rig), 128, height - 57, 26, WHITE))
         labels.append(Label(name, 128, height - 26, 13, GREY))
     if state.speed_mph is not None:
         speed = f"{state.speed_mph:.1f}"
@@ -303,7 +303,7 @@ def _draw_instruments(image: np.ndarray, state: Overlay) -> list[Label]:
     return labels
 
 
-def _angle(steering: float, rig: Rig | None) -> str:
+def angle_text(steering: float, rig: Rig | None) -> str:
     """Return a steering in degrees of the wheels; as it is, for a car of unknown rig."""
     degrees = rig and f"{steering * rig.steering_deg + 0.0:+.1f}°"
     return (degrees or f"{steering + 0.0:+.2f}").replace("-", "\N{MINUS SIGN}")
@@ -313,7 +313,7 @@ def _text_rows(state: Overlay) -> list[tuple[str, str, Colour]]:
     """Return name, value and colour of each row at the top right."""
     rows = []
     if state.steering is not None and state.recorded is not None:
-        rows.append(("RECORDED", _angle(state.recorded, state.rig), GREEN))
+        rows.append(("RECORDED", angle_text(state.recorded, state.rig), GREEN))
     if state.autonomy is not None:
         colour = GREEN if state.autonomy >= 0.995 else AMBER if state.autonomy >= 0.9 else RED
         rows.append(("AUTONOMY", f"{state.autonomy:.1%}", colour))
@@ -327,17 +327,24 @@ def _text_rows(state: Overlay) -> list[tuple[str, str, Colour]]:
     return rows
 
 
-def _draw_wheel(image: np.ndarray, centre: tuple[int, int], radius: int, angle_deg: float) -> None:
+def draw_wheel(
+    image: np.ndarray,
+    centre: tuple[int, int],
+    radius: int,
+    angle_deg: float,
+    colour: Colour = AMBER,
+) -> None:
+    """Draw a steering wheel with a mark at its top, turned clockwise by an angle."""
     cv2.circle(image, centre, radius, WHITE, 6, cv2.LINE_AA)
     angle = np.radians(angle_deg)
     for spoke in (np.pi, 0, np.pi / 2):  # left, right, down
         way = np.array([np.cos(angle + spoke), np.sin(angle + spoke)])
         _line(image, centre + 9 * way, centre + (radius - 2) * way, WHITE, 6)
     cv2.circle(image, centre, 10, WHITE, -1, cv2.LINE_AA)
-    _mark_wheel(image, centre, radius, angle_deg, AMBER)
+    mark_wheel(image, centre, radius, angle_deg, colour)
 
 
-def _mark_wheel(
+def mark_wheel(
     image: np.ndarray, centre: tuple[int, int], radius: int, angle_deg: float, colour: tuple
 ) -> None:
     """Draw a mark that is at the top of a straight wheel, as on a racing wheel."""
@@ -377,7 +384,8 @@ def _line(
 
 
 @functools.lru_cache(16)
-def _font(size: int) -> ImageFont.FreeTypeFont:
+def film_font(size: int) -> ImageFont.FreeTypeFont:
+    """Return the font of all films in a size."""
     # matplotlib's own font makes films look the same on every machine. find_spec avoids importing
     # matplotlib, which takes 0.5 s. The font's digits are equally wide.
     spec = importlib.util.find_spec("matplotlib")

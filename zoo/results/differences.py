@@ -319,11 +319,11 @@ def seeds_needed(a: np.ndarray, b: np.ndarray) -> Needed:
         seen = float((a.mean(axis=0) - b.mean(axis=0)).var(ddof=1))
         of_roads = max(0.0, seen - noise_a / len(a) - noise_b / len(b)) / roads
     no_training = len(a) == len(b) == 1
-    if no_training or difference <= _least_difference([(of_roads, roads - 1)]):
+    if no_training or difference <= least_difference([(of_roads, roads - 1)]):
         return Needed(None, "roads")
     for seeds in range(min(len(a), len(b)) + 1, MOST_SEEDS + 1):
         parts = [(between_a / seeds, seeds - 1), (between_b / seeds, seeds - 1)]
-        if difference > _least_difference([*parts, (of_roads, roads - 1)]):
+        if difference > least_difference([*parts, (of_roads, roads - 1)]):
             return Needed(seeds, "seeds")
     return Needed(None, "many")
 
@@ -346,7 +346,7 @@ def _variances(figures: np.ndarray) -> tuple[float, float]:
     return float(of_seeds.var(ddof=1)), float(noise) / ((seeds - 1) * max(roads - 1, 1))
 
 
-def _least_difference(parts: list[tuple[float, int]]) -> float:
+def least_difference(parts: Sequence[tuple[float, float]]) -> float:
     """Return the true difference that a comparison with these variances decides in 80 % of cases.
 
     Args:

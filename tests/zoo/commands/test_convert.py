@@ -3,11 +3,13 @@
 import sys
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from datamodules.recording_format import read_recordings
 from tests.recordings import Written
-from tests.zoo.command_runs import only_line, run_here
+from tests.zoo.command_runs import only_line, run_here, succeed
 from zoo.base.errors import InputError, UsageError
 from zoo.commands.convert import convert
 
@@ -68,3 +70,26 @@ def test_a_missing_pyarrow_is_one_line(
     with pytest.raises(InputError, match=r"pip install 'drivezoo\[parquet\]'"):
         convert.main([str(recorded.folder), "to=lerobot", f"out={out}"])
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("to", ["lerobot", "donkeycar"])
+def test_rows_and_size_are_chosen(to: str, recorded: Written, tmp_path: Path) -> None:
+    if to == "lerobot":
+        pytest.importorskip("pyarrow")
+    words = ("size=[48,64]", "keep=2-9", f"to={to}", "out=new")
+    printed = succeed(
+        run_here(tmp_path, str(recorded.folder), *words, module="zoo.commands.convert")
+    )
+    assert "8 of" in printed
+    assert "resized to 64 x 48" in printed
+    before, after = (read_recordings(str(path)) for path in (recorded.folder, tmp_path / "new"))
+    assert after.frame_size() == (48, 64)
+    np.testing.assert_array_equal(after.steering, before.steering[1:9])
+    small = cv2.resize(before.image(1), (64, 48), interpolation=cv2.INTER_AREA)
+    assert np.abs(after.image(0).astype(int) - small).mean() < 4
+
+
+def test_rows_that_are_none_are_refused(recorded: Written, tmp_path: Path) -> None:
+    words = (str(recorded.folder), "keep=first", "to=donkeycar", "out=new")
+    assert "keep=first" in only_line(run_here(tmp_path, *words, module="zoo.commands.convert"))
+    assert not (tmp_path / "new").exists()

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import cv2
 import imageio_ffmpeg
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from rich.console import Console
 from tests.datamodules.exchange.test_tub import record, write_tub
 from tests.recordings import Written
 from tests.zoo.command_runs import only_line, run_here, succeed
+from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
 from zoo.commands.film import film as film_command
@@ -22,6 +24,7 @@ from zoo.driving.drive_film import GREEN, RED, Overlay, draw_overlay
 from zoo.driving.drive_log import DriveWriter, write_drive
 from zoo.driving.drive_record import PERSON, REPLAY, Drive, DriveRow
 from zoo.driving.open_world import open_world
+from zoo.driving.pilot_film import COLOURS, STRIP, Pilots
 from zoo.driving.scenario import Scenario
 from zoo.scoring.track_scores import KeptDrive
 
@@ -270,3 +273,42 @@ def test_a_recording_of_any_format_is_filmed(tmp_path: Path) -> None:
 def test_the_steering_of_an_unknown_car_is_no_angle() -> None:
     known, unknown = (draw_overlay(GREY, Overlay(0.4, rig=rig)) for rig in (UDACITY, None))
     assert not np.array_equal(known, unknown)
+
+
+def test_pilots_steer_beside_the_recorded_driver(recorded: Written, tmp_path: Path) -> None:
+    for name, steering in (("a", 0.3), ("b", -0.2)):
+        write_constant(tmp_path / f"{name}.ckpt", steering)
+    words = (str(recorded.folder), "ckpt=a.ckpt,b.ckpt", "out=pilots.mp4")
+    printed = succeed(run_here(tmp_path, *words, module="zoo.commands.film"))
+    assert "wrote: " in printed
+    assert (tmp_path / "pilots.mp4").stat().st_size
+
+
+def test_the_panel_shows_how_far_each_pilot_is_off() -> None:
+    pilots = Pilots(["a", "b"], None, [], [])
+    frame = np.full((160, 320, 3), 90, np.uint8)
+    for _ in range(3):
+        pilots.recorded.append(0.1)
+        pilots.steering.append([0.1, -0.4])
+    image = pilots.draw(frame)
+    assert image.shape == (480 + STRIP, 960, 3)
+    assert np.abs(pilots.differences).mean(axis=0) == pytest.approx([0, 0.5])
+    lines = [np.flatnonzero((image[480:, -16] == colour).all(axis=1)) for colour in COLOURS[:2]]
+    assert lines[0].mean() > lines[1].mean()  # the one that steers left is drawn above
+
+
+@pytest.mark.parametrize("words", ["ckpt=a,b,c,d,e", "ckpt=missing.ckpt"])
+def test_pilots_that_cannot_be_are_refused(words: str, recorded: Written, tmp_path: Path) -> None:
+    result = run_here(
+        tmp_path, str(recorded.folder), words, "out=a.mp4", module="zoo.commands.film"
+    )
+    assert result.returncode in (1, 2)
+    assert not (tmp_path / "a.mp4").exists()
+
+
+def test_images_have_no_steering_to_compare_with(tmp_path: Path) -> None:
+    (tmp_path / "images").mkdir()
+    cv2.imwrite(str(tmp_path / "images" / "a.jpg"), np.zeros((16, 32, 3), np.uint8))
+    write_constant(tmp_path / "a.ckpt", 0.3)
+    result = run_here(tmp_path, "images", "ckpt=a.ckpt", module="zoo.commands.film")
+    assert "no steering" in only_line(result)

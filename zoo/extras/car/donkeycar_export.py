@@ -22,10 +22,11 @@ class DonkeycarFile(ExportedFile):
     """A checkpoint as a Keras 2 file that Donkeycar loads."""
 
     default = "pilot.h5"
-    packages = ("h5py",)
+    packages: tuple[str, ...] = ("h5py",)
     install = "pip install h5py"
     keys = ("throttle",)
     engine = "the file's layers"
+    keras = 2
 
     def __init__(self, checkpoint: "Checkpoint", *options: Any) -> None:
         from zoo.extras.car.donkeycar_file import bounded
@@ -44,9 +45,9 @@ class DonkeycarFile(ExportedFile):
     def _written(self) -> tuple[bytes, str]:
         from zoo.extras.car.donkeycar_file import donkeycar_bytes
 
-        return donkeycar_bytes(self.checkpoint)
+        return donkeycar_bytes(self.checkpoint, self.keras)
 
-    def policy(self, path: Path) -> "SessionPolicy":
+    def policy(self, path: Path) -> "SessionPolicy | None":
         """Return the policy, see `ExportedFile`."""
         from zoo.extras.car.donkeycar_file import donkeycar_policy
 
@@ -79,3 +80,10 @@ class DonkeycarFile(ExportedFile):
             f"in Donkeycar: IMAGE_W = {columns} and IMAGE_H = {rows} in myconfig.py; python "
             f"manage.py drive --model {self.out} --type {self._written[1]}"
         ]
+
+
+class KerasFile(DonkeycarFile):
+    """A checkpoint as a Keras 3 file, which Donkeycar loads from 5.4 on."""
+
+    default = "pilot.keras"
+    keras = 3

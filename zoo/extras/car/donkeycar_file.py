@@ -1,13 +1,14 @@
-"""A checkpoint as a Keras 2 file that Donkeycar's `manage.py drive --model` loads.
+"""A checkpoint as a Keras file that Donkeycar's `manage.py drive --model` loads.
 
-The file has the architecture of a functional model and its weights in the layout of Keras' legacy
-HDF5 format (`saving/legacy/hdf5_format.py`). Crop, colour and size of the view are layers of it.
+A `.keras` file is that of `zoo.extras.car.keras_zip`. A `.h5` file of Keras 2 has the architecture
+of a functional model and its weights in the layout of Keras' legacy HDF5 format
+(`saving/legacy/hdf5_format.py`). Crop, colour and size of the view are layers of both.
 """
 
 import copy
 import io
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,11 +23,11 @@ from zoo.base.rig import DONKEYCAR_OUTPUTS
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.network_files import read_network
+from zoo.extras.car.keras_zip import Layer, resizing_layers, zip_bytes
 from zoo.models.layers import Crop, InKerasOrder, Normalize, Unbin
 from zoo.models.memory import Memory
 from zoo.models.network_facts import NetworkFacts, facts_of
 
-Layer = tuple[str, dict[str, Any], list[np.ndarray]]  # class, config, kernel and bias
 WAYS = {"linear": "bilinear", "area": "area"}
 ACTIVATIONS = {nn.ReLU: "relu", nn.ELU: "elu", nn.Tanh: "tanh", nn.Sigmoid: "sigmoid"}
 NEVER = -1e9  # value of a bin that is never the largest
@@ -84,11 +85,11 @@ def inferred_throttle(steering: Sequence[float]) -> list[float]:
     return (np.exp(-0.5 * share) - 0.05 * share).tolist()
 
 
-def donkeycar_bytes(checkpoint: Checkpoint) -> tuple[bytes, str]:
-    """Return a checkpoint as a `.h5` file of Keras 2, and Donkeycar's type of the model.
+def donkeycar_bytes(checkpoint: Checkpoint, keras: int = 2) -> tuple[bytes, str]:
+    """Return a checkpoint as a `.h5` file of Keras 2 or a `.keras` file of Keras 3, and its type.
 
-    The type is `linear` for steering and throttle, `categorical` for both in bins, and `inferred`
-    for the steering alone, from which Donkeycar computes the throttle.
+    Donkeycar's type of the model is `linear` for steering and throttle, `categorical` for both in
+    bins, and `inferred` for the steering alone, from which Donkeycar computes the throttle.
 
     Raises:
         InputError: the network takes more than an image, or a layer or the view has no counterpart
@@ -98,7 +99,8 @@ def donkeycar_bytes(checkpoint: Checkpoint) -> tuple[bytes, str]:
     name = type(network).__name__
     if isinstance(network, Memory) or facts_of(network).takes_speed:
         raise InputError(f"{name} takes more than an image, which Donkeycar does not pass to it")
-    layers = [*_view_layers(checkpoint.view), *_network_layers(network)]
+    resizing, contents = FORMS[keras]
+    layers = [*_view_layers(checkpoint.view, resizing), *_network_layers(network)]
     kind, config, weights = layers.pop()
     units = [1] * facts_of(network).outputs
     bins = [module for module in network.modules() if isinstance(module, Unbin)]
@@ -116,7 +118,7 @@ def donkeycar_bytes(checkpoint: Checkpoint) -> tuple[bytes, str]:
         for name, count, part in zip(names, units, parts, strict=False)
     ]
     model_type = "categorical" if bins else ("inferred", "linear")[len(units) - 1]
-    return _file_bytes(layers, len(units), (*checkpoint.view.frame, 3)), model_type
+    return contents(layers, len(units), (*checkpoint.view.frame, 3)), model_type
 
 
 def whole_view(view: View) -> View:
@@ -130,7 +132,7 @@ def donkeycar_policy(checkpoint: Checkpoint, path: Path) -> CheckpointPolicy:
     return CheckpointPolicy(replace(checkpoint, network=network, view=view))
 
 
-def _view_layers(view: View) -> list[Layer]:
+def _view_layers(view: View, resizing: Callable[[View], list[Layer]]) -> list[Layer]:
     """Return the layers that compute a view of a frame, without rounding to whole numbers."""
     layers: list[Layer] = []
     if view.colour in COLOURS:
@@ -139,16 +141,20 @@ def _view_layers(view: View) -> list[Layer]:
         layers.append(("Conv2D", config, [matrix.T[None, None], offset]))
     elif view.colour != "rgb":
         raise InputError(f"colour={view.colour}: Keras has no layer for it; train with rgb or yuv")
-    if view.size:
-        config = dict(zip(("height", "width"), view.size, strict=True))
-        way = WAYS.get(view.resize.removesuffix("_first"))
-        if way is None:
-            raise InputError(f"resize={view.resize}: Keras has no layer for it; train with linear")
-        layers.append(("Resizing", config | {"interpolation": way}, []))
-    if view.resize.endswith("_first"):
-        layers.reverse()
+    resized = resizing(view) if view.size else []
     rows = list(view.rows_cropped(view.frame[0]))
-    return [("Cropping2D", {"cropping": [rows, [0, 0]]}, []), *layers]
+    crop: Layer = ("Cropping2D", {"cropping": [rows, [0, 0]]}, [])
+    if view.resize.endswith("_first"):
+        return [crop, *resized, *layers]
+    return [crop, *layers, *resized]
+
+
+def _h5_resizing(view: View) -> list[Layer]:
+    config = dict(zip(("height", "width"), view.size or (), strict=True))
+    way = WAYS.get(view.resize.removesuffix("_first"))
+    if way is None:
+        raise InputError(f"resize={view.resize}: Keras has no layer for it; train with linear")
+    return [("Resizing", config | {"interpolation": way}, [])]
 
 
 def _network_layers(network: nn.Module) -> list[Layer]:
@@ -239,3 +245,7 @@ def _file_bytes(layers: list[Layer], ends: int, shape: tuple[int, ...]) -> bytes
             attributes["keras_version"], attributes["backend"] = b"2.15.0", b"tensorflow"
         file.attrs["model_config"] = json.dumps({"class_name": "Functional", "config": model})
     return buffer.getvalue()
+
+
+# By the version of Keras: how a view is resized, and the writer of a file.
+FORMS = {2: (_h5_resizing, _file_bytes), 3: (resizing_layers, zip_bytes)}

@@ -1,6 +1,8 @@
 """Files for Donkeycar: they steer as their checkpoint, with a bounded throttle."""
 
+import json
 import re
+import zipfile
 from pathlib import Path
 
 import cv2
@@ -117,3 +119,35 @@ def test_a_refused_export_leaves_nothing(tmp_path: Path) -> None:
     line = only_line(run(tmp_path, "constant.ckpt", "out=pilot.h5", module="zoo.commands.export"))
     assert "hsv_s" in line
     assert not list(tmp_path.glob("*pilot.h5*"))
+
+
+@needs_reader
+@pytest.mark.parametrize("resize", ["area", "linear", "linear_first"])
+def test_a_keras_3_file_steers_as_that_of_keras_2(resize: str, tmp_path: Path) -> None:
+    checkpoint = random_checkpoint(View((40, 20), "yuv", (32, 64), resize, FRAME))
+    steering = []
+    for keras, name in ((2, "pilot.h5"), (3, "pilot.keras")):
+        (tmp_path / name).write_bytes(donkeycar_bytes(checkpoint, keras)[0])
+        policy = donkeycar_policy(checkpoint, tmp_path / name)
+        steering.append([policy(frame, 0.0).steering for frame in pictures()])
+    assert np.ptp(steering[0]) > 0
+    np.testing.assert_allclose(steering[1], steering[0], atol=1e-4 * np.ptp(steering[0]))
+
+
+def test_a_keras_3_file_has_keras_three_parts(tmp_path: Path) -> None:
+    checkpoint = random_checkpoint(View((40, 20), "rgb", (32, 64), frame=FRAME))
+    path = tmp_path / "pilot.keras"
+    path.write_bytes(donkeycar_bytes(checkpoint, keras=3)[0])
+    with zipfile.ZipFile(path) as archive:
+        assert archive.namelist() == ["metadata.json", "config.json", "model.weights.h5"]
+        config = json.loads(archive.read("config.json"))
+    layers = config["config"]["layers"]
+    assert {layer["module"] for layer in layers} == {"keras.layers"}
+    (inputs,) = layers[1]["inbound_nodes"][0]["args"]
+    assert inputs["config"]["keras_history"] == ["img_in", 0, 0]
+
+
+def test_a_view_that_grows_is_refused_by_keras_3() -> None:
+    checkpoint = random_checkpoint(View((0, 0), "rgb", (240, 64), "area", FRAME))
+    with pytest.raises(InputError, match=r"model\.resize=linear"):
+        donkeycar_bytes(checkpoint, keras=3)

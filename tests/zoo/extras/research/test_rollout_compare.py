@@ -1,0 +1,189 @@
+"""`drivezoo compare` on rollouts of other programs, and its statistics."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import drivezoo
+from benchmarks.rollout_coverage import rollouts, wilson
+from zoo.base.errors import InputError, UsageError
+from zoo.driving.intervals import share_interval
+from zoo.extras.research.rollout_differences import NEW, THESE, compare_policies, mean_score
+from zoo.extras.research.rollouts import Rollout
+
+
+def lerobot(path: Path, successes: list[list[int]]) -> Path:
+    """Write what lerobot-eval 0.4 to 0.6 writes; a list for each task."""
+    tasks = [
+        {
+            "task_group": "suite",
+            "task_id": number,
+            "metrics": {
+                "sum_rewards": [10.0 * value for value in values],
+                "max_rewards": [float(value) for value in values],
+                "successes": [bool(value) for value in values],
+                "video_paths": [],
+            },
+        }
+        for number, values in enumerate(successes)
+    ]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps({"per_task": tasks, "per_group": {}, "overall": {}}))
+    return path
+
+
+def bench2drive(path: Path, composed: dict[str, float]) -> Path:
+    """Write what Bench2Drive's tools/merge_route_json.py writes; the score of each route."""
+    records = [
+        {
+            "route_id": f"RouteScenario_{route}_rep0",
+            "scenario_name": "ParkingExit_1",
+            "status": "Completed" if score == 100 else "Failed",
+            "infractions": {"red_light": [], "min_speed_infractions": ["slow"]},
+            "scores": {"score_composed": score, "score_route": 100.0, "score_penalty": 1.0},
+        }
+        for route, score in composed.items()
+    ]
+    path.write_text(json.dumps({"_checkpoint": {"records": records}, "driving score": 1.0}))
+    return path
+
+
+def table(path: Path, rows: list[Rollout]) -> Path:
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["method", "task", "seed", "training_seed", "success"])
+        writer.writerows([r.policy, r.scene, r.seed, r.training, r.score] for r in rows)
+    return path
+
+
+@pytest.fixture
+def won() -> np.ndarray:
+    """Return successes [policies, scenes, seeds] of two policies, the first clearly better."""
+    rng = np.random.default_rng(3)
+    return rng.random((2, 10, 10)) < np.array([0.9, 0.4])[:, None, None]
+
+
+def test_policies_of_a_table_are_told_apart(tmp_path: Path, won: np.ndarray) -> None:
+    file = table(tmp_path / "r.csv", [*rollouts("act", won[0]), *rollouts("pi", won[1])])
+    result = drivezoo.compare(file, policy="method", out=tmp_path / "out.json")
+    assert [row.verdict for row in result.differences] == ["act is better"] * 2
+    saved = json.loads((tmp_path / "out.json").read_text())
+    figure = saved["differences"][1]["figure"]
+    assert figure["value"] == pytest.approx(won[0].mean() - won[1].mean())
+    assert figure["low"] < figure["value"] < figure["high"]
+    assert "verdict: act, pi: act is better on these scenes, and on new scenes" in result.lines
+
+
+def test_lerobots_file_tells_no_seeds(tmp_path: Path, won: np.ndarray) -> None:
+    files = [
+        lerobot(tmp_path / name / "eval_info.json", list(won[n])) for n, name in enumerate("ab")
+    ]
+    result = drivezoo.compare(*(file.parent for file in files), out=tmp_path / "out.json")
+    assert any(line.startswith("seeds: none in") for line in result.lines)
+    pairs = drivezoo.compare(*files, same_seeds=True, out=tmp_path / "pairs.json")
+    assert not any(line.startswith("seeds:") for line in pairs.lines)
+    reward = drivezoo.compare(*files, score="sum_reward", out=tmp_path / "reward.json")
+    assert reward.differences[0].figure.value > 1
+    with pytest.raises(UsageError, match="score=reward"):
+        drivezoo.compare(*files, score="reward", out=tmp_path / "none.json")
+
+
+def test_files_of_one_name_are_trainings(tmp_path: Path, won: np.ndarray) -> None:
+    files = [lerobot(tmp_path / f"{n}.json", list(won[n % 2])) for n in range(4)]
+    keys = {"names": "act,pi,act,pi", "out": tmp_path / "out.json"}
+    result = drivezoo.compare(*files, **keys)
+    assert {row.training for row in result.policies["act"]} == {str(files[0]), str(files[2])}
+    assert not any(line.startswith("trainings:") for line in result.lines)
+
+
+def test_bench2drives_routes_are_scenes(tmp_path: Path) -> None:
+    a = bench2drive(tmp_path / "a.json", {str(n): 100.0 for n in range(8)})
+    b = bench2drive(tmp_path / "b.json", {str(n): 50.0 for n in range(1, 9)})
+    result = drivezoo.compare(a, b, out=tmp_path / "out.json")
+    assert result.differences[0].figure.value == 1
+    assert any("2 scenes left out" in line for line in result.lines)
+    assert any("divide by 220" in line for line in result.lines)
+    assert any(line.startswith("rollouts: fewer than 5") for line in result.lines)
+    these, new = result.differences
+    assert these.figure == new.figure
+    score = drivezoo.compare(a, b, score="score_composed", out=tmp_path / "score.json")
+    assert score.differences[1].figure.value == pytest.approx(0.5)
+
+
+def test_the_verdict_may_not_survive_new_scenes() -> None:
+    won = np.zeros((2, 4, 25))
+    won[0, :2], won[1, 3:] = 1, 1  # A wins two scenes, B another
+    these, new = compare_policies({"a": rollouts("a", won[0]), "b": rollouts("b", won[1])})
+    assert (these.scope, these.verdict) == (THESE, "a is better")
+    assert (new.scope, new.verdict) == (NEW, "not told apart")
+    assert new.needed["scenes"] > 4
+    assert new.needed["rollouts"] is None
+
+
+def test_one_scene_says_nothing_of_new_ones() -> None:
+    won = np.random.default_rng(2).random((2, 1, 40)) < np.array([0.9, 0.2])[:, None, None]
+    these, new = compare_policies({"a": rollouts("a", won[0]), "b": rollouts("b", won[1])})
+    assert (these.verdict, new.verdict) == ("a is better", "unknown")
+
+
+def test_pairs_take_fewer_rollouts_where_seeds_matter() -> None:
+    rng = np.random.default_rng(0)
+    b = rng.random((1, 60)) < 0.5
+    a = b | (rng.random((1, 60)) < 0.2)
+    paired, apart = (
+        compare_policies({"a": rollouts("a", a, seeds), "b": rollouts("b", b, seeds)})[0].figure
+        for seeds in (True, False)
+    )
+    assert paired.value == pytest.approx(apart.value)
+    assert paired.high - paired.low < apart.high - apart.low
+
+
+def test_no_failure_has_the_exact_bound() -> None:
+    figure = mean_score(rollouts("a", np.ones((5, 6))), THESE)
+    assert figure.high == 1
+    assert figure.low == pytest.approx(share_interval(30, 30)[0])
+    assert mean_score(rollouts("a", np.ones((5, 6))), NEW).low == pytest.approx(
+        share_interval(5, 5)[0]
+    )
+
+
+def test_several_pairs_are_corrected(won: np.ndarray) -> None:
+    policies = {name: rollouts(name, won[n]) for n, name in enumerate("ab")}
+    alone = compare_policies(policies)[0].p
+    third = compare_policies(policies | {"c": rollouts("c", won[1])})
+    assert third[0].p > alone
+    assert len(third) == 6
+
+
+def test_an_interval_without_scenes_is_as_wide_as_wilsons() -> None:
+    won = np.random.default_rng(1).random((1, 100)) < 0.7
+    figure = mean_score(rollouts("a", won), THESE)
+    low, high = wilson(int(won.sum()), won.size)
+    assert (figure.low, figure.high) == pytest.approx((low, high), abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("policy,success\na,1\n", "one policy alone"),
+        ("policy,success\na,1\nb,maybe\n", "line 3.*is no score"),
+        ("policy,won\na,1\nb,0\n", "score="),
+    ],
+)
+def test_a_table_that_does_not_fit_is_named(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "r.csv").write_text(text)
+    with pytest.raises(InputError, match=message):
+        drivezoo.compare(tmp_path / "r.csv", out=tmp_path / "out.json")
+
+
+def test_a_damaged_file_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "eval_info.json"
+    path.write_text('{"per_task": [{"task_group": "a"}]}')
+    with pytest.raises(InputError, match="not as LeRobot writes it"):
+        drivezoo.compare(path, path, out=tmp_path / "out.json")
+    path.write_text('{"other": 1}')
+    with pytest.raises(InputError, match="known are: Bench2Drive, LeRobot, table"):
+        drivezoo.compare(path, path, out=tmp_path / "out.json")

@@ -1,0 +1,93 @@
+"""A film of several pilots over one recording: their wheels, and how far each is off over time."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from PIL import Image, ImageDraw
+
+from zoo.base.rig import Rig
+from zoo.driving.drive_film import (
+    AMBER,
+    GREEN,
+    GREY,
+    UNKNOWN_LOCK_DEG,
+    WHEEL_RATIO,
+    WHITE,
+    WIDTH,
+    Colour,
+    angle_text,
+    draw_wheel,
+    film_font,
+    mark_wheel,
+)
+
+BLUE, ROSE = (96, 170, 255), (255, 130, 190)
+COLOURS: Sequence[Colour] = (AMBER, BLUE, ROSE, WHITE)  # of the pilots, in their order
+STRIP, SHOWN_FRAMES = 210, 300  # height of the panel below the frame; frames of the graph
+RADIUS, GRAPH_TOP, GRAPH_HALF, EDGE = 34, 98, 48, 76  # of a wheel, and of the graph, pixels
+MOST_NAME = 20  # characters
+FULL = 0.5  # difference at the graph's edge; half of the full steering
+BACKGROUND, LINE = (16, 20, 27), (70, 76, 86)
+
+
+@dataclass(frozen=True)
+class Pilots:
+    """The pilots of a film, and their steering so far.
+
+    Attributes:
+        names: names of the pilots, up to four.
+        rig: car whose wheels' angle is shown; None shows the steering itself.
+        recorded: recorded steering of each frame so far, -1..1.
+        steering: steering of each pilot for each frame so far, -1..1.
+    """
+
+    names: Sequence[str]
+    rig: Rig | None
+    recorded: list[float]
+    steering: list[list[float]]
+
+    @property
+    def differences(self) -> np.ndarray:
+        """Return each pilot's steering minus the recorded one, float64 [frames, pilots]."""
+        return np.asarray(np.array(self.steering) - np.array(self.recorded)[:, None])
+
+    def draw(self, frame: np.ndarray) -> np.ndarray:
+        """Return an enlarged frame with a panel for the last frame, uint8 [H, 960, 3] RGB."""
+        size = WIDTH, WIDTH * len(frame) // frame.shape[1]
+        picture = cv2.resize(frame, size, interpolation=cv2.INTER_CUBIC)
+        panel = np.full((STRIP, WIDTH, 3), BACKGROUND, np.uint8)
+        turn_deg = WHEEL_RATIO * (self.rig.steering_deg if self.rig else UNKNOWN_LOCK_DEG)
+        recorded, values = self.recorded[-1], self.steering[-1]
+        columns = WIDTH // (1 + len(values))
+        means = np.abs(self.differences).mean(axis=0)
+        texts = []
+        for number, value in enumerate([recorded, *values]):
+            colour = COLOURS[number - 1] if number else GREEN
+            name = self.names[number - 1][-MOST_NAME:] if number else "recorded"
+            centre = columns * number + 54, 48
+            draw_wheel(panel, centre, RADIUS, value * turn_deg, colour)
+            if number:
+                mark_wheel(panel, centre, RADIUS + 7, recorded * turn_deg, GREEN)
+                name += f": off by {means[number - 1]:.3f}"
+            texts.append((centre[0] + 52, 38, angle_text(value, self.rig), 24, colour))
+            texts.append((centre[0] + 52, 66, name, 13, GREY))
+        middle = GRAPH_TOP + GRAPH_HALF
+        for height in (-GRAPH_HALF, 0, GRAPH_HALF):
+            cv2.line(panel, (EDGE, middle + height), (WIDTH - 12, middle + height), LINE, 1)
+            side = "left" if height < 0 else "right"
+            share = f"{FULL:g} {side}" if height else "0"
+            texts.append((12, middle + height, share, 13, GREY))
+        shown = self.differences[-SHOWN_FRAMES:]
+        places = np.linspace(EDGE, WIDTH - 12, SHOWN_FRAMES)[-len(shown) :]
+        heights = middle + GRAPH_HALF * np.clip(shown / FULL, -1, 1)
+        for number in range(len(values)):
+            points = np.stack([places, heights[:, number]], axis=1).round().astype(np.int32)
+            cv2.polylines(panel, [points], False, COLOURS[number], 2, cv2.LINE_AA)
+        drawn = Image.fromarray(np.concatenate([picture, panel]))
+        draw = ImageDraw.Draw(drawn)
+        for x, y, text, font, colour in texts:
+            where = (x, size[1] + y)
+            draw.text(where, text, fill=colour, font=film_font(font), anchor="lm")
+        return np.array(drawn)

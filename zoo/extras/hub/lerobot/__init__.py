@@ -1,0 +1,1 @@
+"""A world of drivezoo for the programs of LeRobot."""

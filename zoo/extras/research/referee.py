@@ -1,0 +1,271 @@
+"""The result of comparing policies by their rollouts: its tables, its lines, and its file."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+
+from zoo.base.errors import InputError
+from zoo.base.terminal import counted, print_line, print_written, printable
+from zoo.base.whole_file import json_text, write_output
+from zoo.driving.bootstrap import FEWEST_ROADS, Estimate
+from zoo.driving.clustered import EQUAL, SHARE, SMALLEST
+from zoo.extras.research.rollout_differences import (
+    NEW,
+    SCOPES,
+    THESE,
+    UNDECIDED,
+    UNKNOWN,
+    Difference,
+    compare_policies,
+    is_thin,
+    limits_of,
+    mean_score,
+)
+from zoo.extras.research.rollouts import Rollout, Wanted, read_policies
+from zoo.runs.plots import interval_plot
+from zoo.runs.result_table import Cell, Column, Table, interval_column, number_column
+from zoo.runs.table_files import Result
+
+VERSION = 1  # of the JSON file
+INTERVALS = (
+    "95 % interval, for new rollouts in these scenes or for new scenes like them; with several "
+    "trainings of a policy, for new trainings, too. p: corrected for the number of pairs (Holm)."
+)
+COLUMNS = ("pair", "scope", "difference", "p", "verdict", "needed")
+UNTOLD = ("scene", "training")  # fields that a file may lack
+WAYS = {
+    "rollouts": "{} rollouts in each scene",
+    "scenes": "{} scenes",
+    "trainings": "{} trainings of each",
+}
+
+
+@dataclass(frozen=True, repr=False)
+class Referee(Result):
+    """Policies and the difference of each pair.
+
+    Attributes:
+        policies: rollouts by the name of the policy.
+        differences: differences on these scenes, then those on new ones.
+        notes: what the files do not tell, and what that costs.
+        score: name of the compared score.
+        written: paths of the files written.
+    """
+
+    policies: Mapping[str, list[Rollout]]
+    differences: list[Difference]
+    notes: list[str]
+    score: str
+    written: list[Path] = field(default_factory=list)
+
+    @classmethod
+    def read(
+        cls,
+        paths: Sequence[Path],
+        names: Sequence[str] = (),
+        wanted: Wanted | None = None,
+        same_seeds: bool = False,
+        paired: bool = False,
+    ) -> "Referee":
+        """Compare the policies of some files; see `rollout_compare.compare`.
+
+        Raises:
+            InputError: see `read_policies`, or paired trainings share no seed.
+            UsageError: see `read_policies`.
+        """
+        wanted = wanted or Wanted()
+        policies, notes = read_policies(paths, names, wanted)
+        if same_seeds:
+            policies = {name: _numbered(rollouts) for name, rollouts in policies.items()}
+        policies = _shared(policies, "scene", notes)
+        if paired:
+            policies = _shared(policies, "training", notes)
+        notes += _untold(policies)
+        return cls(policies, compare_policies(policies, paired), notes, wanted.score or "success")
+
+    @property
+    def lines(self) -> list[str]:
+        """Return a verdict for each pair, then what the files do not tell."""
+        half = len(self.differences) // 2
+        lines = []
+        for these, new in zip(self.differences[:half], self.differences[half:], strict=True):
+            survives = these.verdict == new.verdict
+            where = THESE if not survives else f"{THESE}, and on {NEW}"
+            lines.append(f"verdict: {these.a}, {these.b}: {these.verdict} on {where}")
+            if not survives:
+                lines.append(f"on {NEW}: {new.verdict}")
+            lines += [
+                f"to tell on {row.scope}: {text}"
+                for row in (these, new)
+                if (text := needed_text(row))
+            ]
+        return [*lines, *self.notes]
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.policies)
+        return "\n".join([f"Referee of {names}", *(f"  {line}" for line in self.lines)])
+
+    def show(self) -> None:
+        """Print the policies, the difference of each pair, and the verdicts."""
+        console = Console(emoji=False, soft_wrap=True)
+        pairs = self.result_table().chosen(",".join(COLUMNS[:-1]))  # the lines have the last one
+        tables = self.policy_table(), pairs
+        for table in tables:
+            caption = INTERVALS if table is tables[-1] else None
+            shown = table.narrow().printed(
+                left=1, box=SIMPLE_HEAD, show_edge=False, caption=caption, caption_justify="left"
+            )
+            console.print(shown)
+        for line in self.lines:
+            print_line(console, printable(line))
+        print_written(self.written, console=console)
+
+    def policy_table(self) -> Table:
+        """Return a row for each policy: what was counted, and its mean score."""
+        rows = list(self.policies.values())
+        counts: dict[str, list[Cell]] = {
+            "rollouts": [len(rollouts) for rollouts in rows],
+            **{f"{name}s": [len(_known(r, name)) or None for r in rows] for name in UNTOLD},
+        }
+        figures = {scope: [mean_score(rollouts, scope) for rollouts in rows] for scope in SCOPES}
+        return Table(
+            [
+                Column("policy", "policy", list(map(printable, self.policies))),
+                *(number_column(name, name, numbers) for name, numbers in counts.items()),
+                *(
+                    self._column(f"{self.score}\n{scope}", found)
+                    for scope, found in figures.items()
+                ),
+            ]
+        )
+
+    def result_table(self) -> Table:
+        """Return a row for each pair and scope; differences are the first minus the second."""
+        rows = self.differences
+        needed = {f"needed_{way}": [row.needed.get(way) for row in rows] for way in WAYS}
+        return Table(
+            [
+                Column("pair", "pair", [printable(f"{row.a} - {row.b}") for row in rows]),
+                Column("scope", "on", [row.scope for row in rows]),
+                self._column("difference", [row.figure for row in rows]),
+                number_column("p", "p", [row.p for row in rows], "{:.3f}"),
+                Column("verdict", "verdict", [printable(row.verdict) for row in rows]),
+                Column("needed", "to tell", [needed_text(row) for row in rows], needed),
+            ],
+            INTERVALS,
+        )
+
+    def plot(self) -> Figure:
+        """Return the difference of each pair with its 95 % interval."""
+        figures = {f"{row.a} - {row.b}, {row.scope}": row.figure for row in self.differences}
+        return interval_plot(
+            figures, f"difference in {self.score}", 0.0, 100 if self._is_share else 1
+        )
+
+    def write(self, path: Path) -> Path:
+        """Write all figures as JSON; return the path.
+
+        Raises:
+            InputError: see `write_output`.
+        """
+        rows = {name: [asdict(row) for row in rollouts] for name, rollouts in self.policies.items()}
+        written = {"version": VERSION, "score": self.score, "notes": self.notes, "rollouts": rows}
+        written["differences"] = [
+            {**asdict(row), "verdict": row.verdict} for row in self.differences
+        ]
+        return write_output(path, json_text(written))
+
+    @property
+    def _is_share(self) -> bool:
+        return all(limits_of(rollouts) == SHARE for rollouts in self.policies.values())
+
+    def _column(self, heading: str, figures: Sequence[Estimate]) -> Column:
+        form, factor = ("{:.1f}", 100) if self._is_share else ("{:.4g}", 1)
+        percent = ", points" if heading == "difference" else ", %"
+        unit = percent if self._is_share else ""
+        return interval_column(heading.split("\n")[0], heading + unit, figures, form, factor)
+
+
+def needed_text(row: Difference) -> str:
+    """Return what would tell two policies apart; empty if they are, or nothing is known.
+
+    >>> needed = {"rollouts": None, "scenes": 24}
+    >>> needed_text(Difference("a", "b", NEW, Estimate(0.1, 0, 0.2), 1, needed))
+    'about 24 scenes; not by more rollouts alone'
+    """
+    if row.verdict == UNKNOWN:
+        what = "scenes" if row.scope == NEW else "rollouts"
+        return f"three or more {what}, to estimate how many"
+    if row.verdict != UNDECIDED:
+        return ""
+    if abs(row.figure.value) <= EQUAL:
+        return "both have the same score"
+    enough = [WAYS[way].format(count) for way, count in row.needed.items() if count]
+    alone = [way for way, count in row.needed.items() if not count]
+    texts = [f"about {' or '.join(enough)}"] if enough else []
+    return "; ".join(texts + [f"not by more {' or '.join(alone)} alone"] * bool(alone))
+
+
+def _known(rollouts: Sequence[Rollout], name: str) -> set[str]:
+    """Return the values of a field that are known."""
+    return {getattr(row, name) for row in rollouts} - {""}
+
+
+def _numbered(rollouts: Sequence[Rollout]) -> list[Rollout]:
+    """Return rollouts with their number in scene and training where they have no seed."""
+    counts: Counter[tuple[str, str]] = Counter()
+    numbered = []
+    for row in rollouts:
+        key = row.scene, row.training
+        numbered.append(row if row.seed else replace(row, seed=f"number {counts[key]}"))
+        counts[key] += 1
+    return numbered
+
+
+def _shared(
+    policies: dict[str, list[Rollout]], name: str, notes: list[str]
+) -> dict[str, list[Rollout]]:
+    """Return the rollouts whose scene or training all policies have; note those left out."""
+    values = [{getattr(row, name) for row in rollouts} for rollouts in policies.values()]
+    shared = set.intersection(*values) - ({""} if name == "training" else set())
+    if name == "training" and not shared:
+        raise InputError("paired=true: the policies share no training seed; leave it out")
+    if not shared:
+        notes.append("scenes: the policies share none, so they are samples of different scenes")
+        return policies
+    if others := set.union(*values) - shared:
+        notes.append(f"{counted(len(others), name)} left out, which not every policy has")
+    return {
+        policy: [row for row in rollouts if getattr(row, name) in shared]
+        for policy, rollouts in policies.items()
+    }
+
+
+def _untold(policies: Mapping[str, Sequence[Rollout]]) -> list[str]:
+    """Return what the files do not tell, and what that costs."""
+    notes, scenes = [], min(len(_known(rollouts, "scene")) for rollouts in policies.values())
+    if scenes < FEWEST_ROADS:
+        number = counted(scenes, "scene") if scenes else "none is named"
+        notes.append(f"scenes: {number}: whether the difference survives new ones is unknown")
+    if is_thin(*policies.values()):
+        notes.append(
+            f"rollouts: fewer than {SMALLEST} in a scene: the interval on {THESE} is that on {NEW}"
+        )
+    unseeded = [name for name, rollouts in policies.items() if not _known(rollouts, "seed")]
+    if unseeded and not is_thin(*policies.values()):
+        notes.append(
+            f"seeds: none in {', '.join(unseeded)}: rollouts are not paired, which takes more of "
+            "them; same_seeds=true pairs them by number, if all evaluations began with one seed"
+        )
+    single = [name for name, rollouts in policies.items() if len(_known(rollouts, "training")) < 2]
+    if single:
+        notes.append(
+            f"trainings: one, or not named, of {', '.join(single)}: the verdict is about these "
+            "weights; a second training of each may turn it"
+        )
+    return notes

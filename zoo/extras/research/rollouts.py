@@ -1,0 +1,247 @@
+"""Rollouts of policies that other programs wrote: LeRobot, Bench2Drive, and tables.
+
+A kind of file is an object with `detect` and `read`, named by the entry point `drivezoo.rollouts`.
+"""
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+from zoo.base.bounded_files import open_text, read_json
+from zoo.base.entry_points import load_entry, named_entries
+from zoo.base.errors import InputError, UsageError, hint
+from zoo.base.limits import check_most, is_ordinary
+
+MOST_CSV_BYTES = 64_000_000
+EVAL_INFO, MERGED = "eval_info.json", "merged.json"  # as both programs name their files
+SCENES = ("scene", "task", "route", "track", "env")
+TRAININGS = ("training_seed", "train_seed", "training")
+SCORES = ("success", "score")
+LISTS = {"success": "successes", "sum_reward": "sum_rewards", "max_reward": "max_rewards"}
+WORDS = {"true": 1.0, "yes": 1.0, "false": 0.0, "no": 0.0}
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """A rollout of a policy.
+
+    Attributes:
+        policy: name of the policy.
+        score: its score; 0 or 1 for a success.
+        scene: task, route or scene; empty where it is unknown.
+        seed: random seed of the rollout; empty where it is unknown.
+        training: training seed of the policy; empty where it is unknown.
+    """
+
+    policy: str
+    score: float
+    scene: str = ""
+    seed: str = ""
+    training: str = ""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a user says about a file.
+
+    Attributes:
+        score: name of the score; empty for the file's usual one.
+        columns: columns of a table by `policy`, `scene`, `seed` and `training`.
+    """
+
+    score: str = ""
+    columns: dict[str, str] = field(default_factory=dict)
+
+
+class RolloutKind(Protocol):
+    """A kind of file with rollouts."""
+
+    title: str
+
+    def detect(self, content: Any) -> bool:
+        """Return whether a table's rows, or the value of a JSON file, are of this kind."""
+
+    def read(self, content: Any, path: Path, wanted: Wanted) -> tuple[list[Rollout], list[str]]:
+        """Return the rollouts, and what else a reader of the figures needs to know."""
+
+
+class LeRobotKind:
+    """`eval_info.json` of `lerobot-eval`, by task; of versions before 0.4 by episode."""
+
+    title = "LeRobot"
+
+    def detect(self, content: Any) -> bool:
+        """Return whether there are metrics of tasks or of episodes."""
+        return isinstance(content, dict) and bool({"per_task", "per_episode"} & set(content))
+
+    def read(self, content: Any, path: Path, wanted: Wanted) -> tuple[list[Rollout], list[str]]:
+        """Return an episode as a rollout and a task as a scene."""
+        rollouts = []
+        for episode in content.get("per_episode", ()):
+            seed = "" if episode.get("seed") is None else str(episode["seed"])
+            value = _score(episode, wanted.score or "success", path)
+            rollouts.append(Rollout("", _number(value, path), seed=seed))
+        for task in content.get("per_task", ()):
+            scores = {name: task["metrics"][key] for name, key in LISTS.items()}
+            scene = f"{task['task_group']}/{task['task_id']}"
+            values = _score(scores, wanted.score or "success", path)
+            rollouts += [Rollout("", _number(value, path), scene) for value in values]
+        return rollouts, []
+
+
+class Bench2DriveKind:
+    """`merged.json` of Bench2Drive, or the leaderboard's JSON with its records."""
+
+    title = "Bench2Drive"
+    routes = 220  # by which its own figures divide, however many were driven
+
+    def detect(self, content: Any) -> bool:
+        """Return whether there are records of routes."""
+        return isinstance(content, dict) and isinstance(content.get("_checkpoint"), dict)
+
+    def read(self, content: Any, path: Path, wanted: Wanted) -> tuple[list[Rollout], list[str]]:
+        """Return a route as a scene; a repetition of it is a further rollout."""
+        rollouts, name = [], wanted.score or "success"
+        for record in content["_checkpoint"]["records"]:
+            broken = (
+                key
+                for key, events in record["infractions"].items()
+                if events and key != "min_speed_infractions"
+            )
+            done = record["status"] in ("Completed", "Perfect")
+            scores = {key: value / 100 for key, value in record["scores"].items()}
+            # As its tools/merge_route_json.py counts a success.
+            scores["success"] = float(done and not any(broken))
+            scene = record["route_id"].rpartition("_rep")[0] or record["route_id"]
+            rollouts.append(Rollout("", _number(_score(scores, name, path), path), scene))
+        notes = []
+        if len(rollouts) != self.routes:
+            notes.append(
+                f"{path}: has {len(rollouts)} rollouts; its own driving score and success rate "
+                f"divide by {self.routes}, those here by what was driven"
+            )
+        return rollouts, notes
+
+
+class TableKind:
+    """A CSV file with a row for each rollout."""
+
+    title = "table"
+
+    def detect(self, content: Any) -> bool:
+        """Return whether the contents are rows."""
+        return isinstance(content, list) and all(isinstance(row, dict) for row in content)
+
+    def read(self, content: Any, path: Path, wanted: Wanted) -> tuple[list[Rollout], list[str]]:
+        """Return a row as a rollout."""
+        names = [name for name in content[0] if name] if content else []
+        usual = {"policy": ("policy",), "scene": SCENES, "seed": ("seed",), "training": TRAININGS}
+        columns = {}
+        for key, choices in usual.items():
+            typed = wanted.columns.get(key)
+            if typed is not None and typed not in names:
+                raise UsageError(f"{key}={typed}: {path} has no such column; {hint(typed, names)}")
+            columns[key] = typed or next((name for name in choices if name in names), None)
+        score = wanted.score or next((name for name in SCORES if name in names), "")
+        rollouts = []
+        for number, row in enumerate(content, 2):
+            texts = {key: (row[name] or "") if name else "" for key, name in columns.items()}
+            where = f"{path}: line {number}"
+            rollouts.append(Rollout(score=_number(_score(row, score, path), where), **texts))
+        return rollouts, []
+
+
+lerobot, bench2drive, table = LeRobotKind(), Bench2DriveKind(), TableKind()
+
+
+def rollouts_path(path: Path) -> Path:
+    """Return the file of a path, which may be the folder that a program wrote it in."""
+    files = (path / name for name in (EVAL_INFO, MERGED))
+    return next((file for file in files if file.is_file()), path) if path.is_dir() else path
+
+
+def read_file(path: Path, wanted: Wanted) -> tuple[list[Rollout], list[str]]:
+    """Return the rollouts of a file, and notes.
+
+    Raises:
+        InputError: the file cannot be read, is of no known kind, or a value is wrong.
+        UsageError: there is no such column or score.
+    """
+    path = rollouts_path(path)
+    content = read_json(path) if path.suffix.lower() == ".json" else _rows(path)
+    kinds: list[RolloutKind] = [*map(load_entry, named_entries("drivezoo.rollouts").values())]
+    kind = next((kind for kind in kinds if kind.detect(content)), None)
+    if kind is None:
+        titles = ", ".join(sorted(kind.title for kind in kinds))
+        raise InputError(f"{path}: is no file of rollouts; known are: {titles}")
+    try:
+        rollouts, notes = kind.read(content, path, wanted)
+    except (KeyError, TypeError, AttributeError, IndexError) as error:
+        raise InputError(
+            f"{path}: is not as {kind.title} writes it ({type(error).__name__}: {error})"
+        ) from None
+    if not rollouts:
+        raise InputError(f"{path}: has no rollouts; evaluate the policy again")
+    return rollouts, notes
+
+
+def read_policies(
+    paths: Sequence[Path], names: Sequence[str], wanted: Wanted
+) -> tuple[dict[str, list[Rollout]], list[str]]:
+    """Return the rollouts of each policy, in the order of the files, and notes.
+
+    Files of one name are trainings of one policy.
+
+    Raises:
+        InputError: see `read_file`, or there are fewer than two policies.
+        UsageError: see `read_file`, or there is not one name for each file.
+    """
+    if names and len(names) != len(paths):
+        raise UsageError(f"names={','.join(names)}: needs a name for each of {len(paths)} files")
+    policies: dict[str, list[Rollout]] = {}
+    notes: list[str] = []
+    for number, path in enumerate(paths):
+        rollouts, more = read_file(path, wanted)
+        notes += more
+        for row in rollouts:
+            name = names[number] if names else row.policy or str(path)
+            training = row.training or (str(path) if names.count(name) > 1 else "")
+            policies.setdefault(name, []).append(replace(row, policy=name, training=training))
+    if len(policies) < 2:
+        raise InputError(
+            f"{paths[0]}: one policy alone; name a second file, or the column with the policies' "
+            "names: policy=COLUMN"
+        )
+    return policies, notes
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    with open_text(path, MOST_CSV_BYTES) as file:
+        try:
+            rows = list(csv.DictReader(file))
+        except csv.Error as error:
+            raise InputError(f"{path}: is not valid CSV ({error}); save it again") from None
+    check_most("rows", len(rows), path, "compare fewer rollouts")
+    return rows
+
+
+def _score(scores: Any, name: str, path: Path) -> Any:
+    if name not in scores:
+        typed = f"score={name}" if name else "score="
+        raise UsageError(f"{typed}: {path} has no such score; {hint(name, list(scores))}")
+    return scores[name]
+
+
+def _number(value: Any, where: object) -> float:
+    """Return a score as a number; a word such as true counts as 1."""
+    try:
+        number = WORDS.get(str(value).strip().lower())
+        number = float(value) if number is None else number
+    except (TypeError, ValueError):
+        number = math.nan
+    if not is_ordinary(number):
+        raise InputError(f"{where}: {str(value)!a:.40} is no score; write 0, 1 or a number")
+    return number
