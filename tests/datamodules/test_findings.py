@@ -49,12 +49,12 @@ def recoveries(count: int) -> Recording:
     return with_pauses(recording_in_memory(steering), starts)
 
 
-def test_a_keyboard_is_named_with_its_figures_and_a_key():
+def test_a_keyboard_is_named_with_its_figures_and_a_remedy():
     taps = np.repeat(RNG.choice([-0.5, -0.25, 0.25, 0.5], 100), 20) * (np.arange(2_000) % 20 < 6)
     text = texts(recording_in_memory(taps))["keyboard"]
     assert "70%" in text
     assert "600 rows share 4 values" in text
-    assert "data.straight_cap" in text
+    assert "drivezoo simulator drive" in text
 
 
 def test_steering_that_is_always_0_is_no_keyboards():
