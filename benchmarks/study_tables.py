@@ -231,7 +231,6 @@ CELLS: dict[str, Callable[..., str]] = {
     "text": lambda rows, form: form.format(**rows[0]) or "-",
     "trained": trained,
     "trainings": lambda rows: str(len(by_training(rows))),
-    "value": lambda *cell: number(*cell).partition(" (")[0],
 }
 TEXTS: dict[str, Callable[[Rows], str]] = {"commands": commands}
 

@@ -57,6 +57,13 @@ def test_a_recipe_s_key_of_a_callback_that_is_left_out_is_one_line(tmp_path: Pat
         build_trainer(config, tmp_path, has_validation=True)
 
 
+def test_an_augmentation_that_a_recipe_sets_can_be_left_out(tmp_path: Path) -> None:
+    words = ["experiment=both_tracks", "augment=[brightness]", f"data.root={tmp_path}"]
+    config: DictConfig = OmegaConf.create(compose_config(words))
+    assert "pose" in config.data.augment, "the recipe sets its keys"
+    assert set(build_data(config).augment) == {"brightness"}
+
+
 def _construct(group: str, name: str, folder: Path) -> None:
     """Construct those parts of a training that a choice of a group affects."""
     choice = f"{group}=[{name}]" if group == "augment" else f"{group}={name}"

@@ -78,9 +78,9 @@ def build_data(config: DictConfig) -> DataSettings | RunData:
         for name, keys in (data.get("augment") or {}).items()
         if not isinstance(keys, dict) or "_target_" in keys
     }
-    settings |= {"augment": chosen}
-    if not chosen:
-        del settings["augment"]
+    settings.pop("augment", None)
+    if chosen:
+        settings["augment"] = chosen
     crop = data.get("crop", [0, 0])
     offered |= {"view": view_of(model, crop), "crop": crop, "seed": config.seed}
     offered |= {key: model[key] for key in VIEW_KEYS if key in model and key not in settings}

@@ -56,7 +56,7 @@ class Watched:
     def begin(self) -> None:
         """Let the car start."""
         assert self._process.stdin is not None
-        self._patience_s = SILENT_S
+        self._heard_s, self._patience_s = time.monotonic(), SILENT_S
         with suppress(OSError):  # it has ended
             self._process.stdin.write(b"\n")
             self._process.stdin.flush()
@@ -107,7 +107,6 @@ def start_together(networks: list[Watched]) -> None:
     def wait() -> None:
         for network in networks:
             network.ready.wait()
-            network._heard_s = time.monotonic()
         for network in networks:
             network.begin()
 

@@ -6,13 +6,31 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import special
 
 import drivezoo
-from benchmarks.rollout_coverage import rollouts, wilson
 from zoo.base.errors import InputError, UsageError
 from zoo.driving.intervals import share_interval
 from zoo.extras.research.rollout_differences import NEW, THESE, compare_policies, mean_score
 from zoo.extras.research.rollouts import Rollout
+
+NORMAL = float(special.ndtri(0.975))
+
+
+def rollouts(policy: str, won: np.ndarray, seeds: bool = True) -> list[Rollout]:
+    """Return successes [scenes, seeds] as rollouts."""
+    return [
+        Rollout(policy, float(won[scene, seed]), f"scene {scene}", str(seed) if seeds else "")
+        for scene, seed in np.ndindex(*won.shape)
+    ]
+
+
+def wilson(successes: int, trials: int) -> tuple[float, float]:
+    """Return the interval of Wilson 1927, "Probable inference"."""
+    share, square = successes / trials, NORMAL**2 / trials
+    middle = (share + square / 2) / (1 + square)
+    half = np.sqrt(share * (1 - share) / trials + square / trials / 4) * NORMAL / (1 + square)
+    return middle - half, middle + half
 
 
 def lerobot(path: Path, successes: list[list[int]]) -> Path:

@@ -15,9 +15,9 @@ from lerobot.envs.configs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
 
 import zoo.simulator  # noqa: F401 - registers the environments
+from zoo.base.rig import MPS_PER_MPH
 
 GYM_ID = "drivezoo/LeRobot-v0"
-MPS = 0.44704  # of a mph
 RATE = 15  # steps per second
 
 
@@ -54,7 +54,7 @@ class LeRobotWorld(gymnasium.Wrapper):
         return named, reward, terminated, truncated, info | {"is_success": stayed}
 
     def _named(self, observation: Any) -> dict[str, Any]:
-        state = observation["speed"] * np.array([1, MPS], np.float32)
+        state = observation["speed"] * np.array([1, MPS_PER_MPH], np.float32)
         return {"pixels": {"center": observation["image"]}, "agent_pos": state}
 
 

@@ -1,6 +1,7 @@
 // The studio's rooms. Each form is a step; the server checks its fields and returns its command line.
 
-import { HandView, follow, post, shown } from "./hand.js";
+import { post } from "./command.js";
+import { HandView, follow, shown } from "./hand.js";
 
 const POLL_MS = 700;
 const $ = (selector, root = document) => root.querySelector(selector);

@@ -1,5 +1,6 @@
 // Shows a recording and sends edits. The server keeps the edits, so that a reload loses none.
 
+import { post } from "./command.js";
 import { Timeline } from "./timeline.js";
 
 const POLL_MS = 700; // while frames are analysed or a recording is written
@@ -35,21 +36,14 @@ async function get(path) {
 // Commands wait for each other: each says which edits this page shows, and the server refuses it
 // if another page has changed them.
 let sending = Promise.resolve();
-const send = (command) => (sending = sending.then(() => post(command)));
+const send = (command) => (sending = sending.then(() => sendNow(command)));
 
-async function post(command) {
+async function sendNow(command) {
   try {
-    const response = await fetch(`command?shown=${edits.session}.${edits.changes}`, {
-      method: "POST",
-      headers: { "Content-Type": "application/json" },
-      body: JSON.stringify(command),
-    });
-    const answer = await response.json();
-    if (response.status === 409) show(await (await get("state.json")).json());
-    if (!response.ok) throw new Error(answer.error);
-    show(answer);
+    show(await post(command, `?shown=${edits.session}.${edits.changes}`));
     return true;
   } catch (error) {
+    if (error.status === 409) show(await (await get("state.json")).json());
     notify(error instanceof TypeError ? "The page's server does not answer" : error.message);
     return false;
   }

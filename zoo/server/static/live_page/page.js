@@ -1,6 +1,7 @@
-"use strict";
 // Polls the state of the drive. The next state is requested once the last one is shown, so that it
 // is always the latest.
+
+import { post } from "./command.js";
 
 const POLL_MS = 100; // before the first answer; the driver sends a longer interval for many pages
 const SALIENCY_MS = 500;
@@ -32,14 +33,7 @@ async function get(path) {
 
 async function send(command) {
   try {
-    const response = await fetch(`command${location.search}`, {
-      method: "POST",
-      headers: { "Content-Type": "application/json" },
-      body: JSON.stringify(command),
-    });
-    const answer = await response.json();
-    if (!response.ok) throw new Error(answer.error);
-    show(answer);
+    show(await post(command));
     return true;
   } catch (error) {
     notify(error instanceof TypeError ? "The driver does not answer" : error.message, true);

@@ -1,6 +1,8 @@
 // Drives by hand: shows the latest frame, and sends what the hands do. A frame is requested once the
 // last one is shown, so that it is always the latest; hands wait for the last ones to arrive.
 
+import { post } from "./command.js";
+
 const KEYS = {
   ArrowLeft: "arrow_left", ArrowRight: "arrow_right", ArrowUp: "arrow_up", ArrowDown: "arrow_down",
   KeyA: "a", KeyD: "d", KeyW: "w", KeyS: "s",
@@ -14,18 +16,6 @@ const pause = (ms) => new Promise((done) => setTimeout(done, ms));
 export const shown = (value, digits = 0) =>
   value === null || value === undefined ? "–"
   : value.toLocaleString(undefined, { minimumFractionDigits: digits, maximumFractionDigits: digits });
-
-/** Send a command; return the answer. */
-export async function post(command) {
-  const response = await fetch(`command${location.search}`, {
-    method: "POST",
-    headers: { "Content-Type": "application/json" },
-    body: JSON.stringify(command),
-  });
-  const answer = await response.json();
-  if (!response.ok) throw new Error(answer.error);
-  return answer;
-}
 
 /** Draw each latest frame on a canvas, and call `show` with its state, until `ended()`; `keys` go into the address. */
 export async function follow(path, canvas, show, ended = () => false, keys = {}) {
