@@ -130,7 +130,7 @@ def run_bare(pipe: Connection, seconds: float, tuned: bool) -> None:
     ]
     if not tuned:
         images = [image.contiguous() for image in images]
-    step = bare_step(tuned)
+    step = bare_step(pilotnet(tuned), fused=tuned)
     targets = torch.rand(BATCH, 1)
 
     feed = itertools.cycle({"images": image, "targets": targets} for image in images)
@@ -149,7 +149,7 @@ def run_samples(pipe: Connection, seconds: float) -> None:
     # Without it the workers would be started as this process was, and import everything again.
     usual = {"multiprocessing_context": multiprocessing.get_all_start_methods()[0]}
     loader = DataLoader(SampleBySample(data), BATCH, shuffle=True, num_workers=WORKERS, **usual)
-    step, feed = bare_step(tuned=False), endless(loader)
+    step, feed = bare_step(pilotnet(tuned=False), fused=False), endless(loader)
 
     def run() -> float:
         # Uses up the batches that its workers prepared during other turns.
@@ -161,16 +161,22 @@ def run_samples(pipe: Connection, seconds: float) -> None:
     answer(pipe, run)
 
 
-def bare_step(tuned: bool) -> Callable[[torch.Tensor, torch.Tensor], None]:
-    """Return a training step of nvidia with mean squared error and Adam."""
+def pilotnet(tuned: bool) -> torch.nn.Module:
+    """Return the network of nvidia; unless `tuned`, with torch's own dropout."""
     from zoo.models import pilotnet
 
     if not tuned:
         pilotnet.Dropout = torch.nn.Dropout
-    network = pilotnet.PilotNet((3, 66, 200)).train()
-    if tuned:
-        network = network.to(memory_format=torch.channels_last)
-    optimizer = torch.optim.Adam(network.parameters(), fused=tuned)
+    network = pilotnet.PilotNet((3, 66, 200))
+    return network.to(memory_format=torch.channels_last) if tuned else network
+
+
+def bare_step(
+    network: torch.nn.Module, fused: bool
+) -> Callable[[torch.Tensor, torch.Tensor], None]:
+    """Return a training step of a network with mean squared error and Adam."""
+    network.train()
+    optimizer = torch.optim.Adam(network.parameters(), fused=fused)
 
     def step(images: torch.Tensor, targets: torch.Tensor) -> None:
         loss = torch.nn.functional.mse_loss(network(images), targets)
