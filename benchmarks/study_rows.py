@@ -218,13 +218,6 @@ def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
     return []
 
 
-def first_try_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
-    """Return a run's row: its seconds, and its lap."""
-    lake = read_metrics_file(run)["drive"]["tracks"]["lake"]
-    seconds = columns(read_json(run / "log_seconds.json"), "", ("wall_s", "cpu_s"), 0)
-    yield seconds | columns(lake, "", ("autonomy", "interventions"))
-
-
 def dev_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
     """Return the share of clean drives of a run's last epoch on the board's development roads."""
     folder = run / "dev"
@@ -243,5 +236,4 @@ ROWS: dict[str, Callable[[Study, Entry], list[Row]]] = {
     "drives": per_run(drive_rows),
     "pretrained": pretrained_rows,
     "dev_roads": per_run(dev_rows),
-    "first_try": per_run(first_try_rows),
 }

@@ -228,7 +228,7 @@ def trained(run: Path, metrics: dict | None = None) -> None:
 def test_a_finished_run_is_not_repeated_and_a_failed_entry_not_the_last(
     pages: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    asked, failing, table = [], ["lenet-mouse"], Path("outputs/first_try/first_try.csv")
+    asked, failing, table = [], ["short-mouse"], Path("docs/first_try.csv")
     committed = Path("kept/result.json")
 
     def run_logged(log: Path, words: list[str], threads: int) -> None:
@@ -241,22 +241,23 @@ def test_a_finished_run_is_not_repeated_and_a_failed_entry_not_the_last(
 
     def row(opened: Study, entry: Entry) -> list[dict]:
         opened.files[committed] = "{}"
-        figures = {"wall_s": 60, "cpu_s": 99, "autonomy": 0.9, "interventions": 1}
-        return [{**entry.labels, "seed": run.name, **figures} for run in entry.finished]
+        drive = {"track": "lake", "direction": "forward", "quality": "full", "control": "hold"}
+        figures = {"autonomy": 0.9, "interventions": 1, "driven_m": 900, "cte_max_m": 2}
+        return [{**entry.labels, "seed": run.name, **drive, **figures} for run in entry.finished]
 
     monkeypatch.setitem(study_data.PREPARE, "student_laps", lambda _: {})
-    monkeypatch.setitem(study_rows.ROWS, "first_try", row)
+    monkeypatch.setitem(study_rows.ROWS, "drives", row)
     monkeypatch.setattr(study_grid, "run_logged", run_logged)
     words = ["first_try", "seeds=1"]
-    with pytest.raises(InputError, match=r"failed: lenet-mouse; the same command resumes"):
+    with pytest.raises(InputError, match=r"failed: short-mouse; the same command resumes"):
         study.main(words)
-    assert len(asked) == 12
-    assert {"experiment=first_try", "seed=1"} <= set(asked[0])
+    assert len(asked) == 6
+    assert {"experiment=lenet", "seed=1"} <= set(asked[0])
     assert not table.exists()
     failing.clear()
     study.main(words)
-    assert len(asked) == 13
-    assert len(read_csv(table)) == 12
+    assert len(asked) == 7
+    assert len(read_csv(table)) == 6
     assert committed.read_text() == "{}"
 
 
@@ -473,16 +474,18 @@ def test_a_candidate_of_the_first_try_is_trained_and_driven(
     # A developer's files may differ from the commit.
     monkeypatch.setattr(study, "check_code", lambda *_: None)
     monkeypatch.chdir(tmp_path)
-    opened = Study("first_try", [f"real={recorded.folder}", "only=first_try-real", "seeds=1"])
-    small = ("model=tiny", "trainer.max_epochs=1", "data.samples_per_epoch=64", "score.laps=0.01")
+    opened = Study("first_try", [f"real={recorded.folder}", "only=short-real", "seeds=1"])
+    small = ("model=tiny", "trainer.max_epochs=1", "data.samples_per_epoch=64")
+    drive = {"control": "hold 15 mph", "track": "lake", "direction": "forward", "quality": "fast"}
+    axes = {key: [value] for key, value in (drive | {"laps": 0.01}).items()}
+    opened.config["drives"] = [{"axes": axes}]
     (entry,) = opened.chosen()
     split = ("data.block_s=0.5", "data.gap_s=0.1")
     words = (*small, *split, f"data.root={recorded.folder}")
     monkeypatch.setattr(Study, "chosen", lambda _: [Entry(**vars(entry) | {"words": words})])
     monkeypatch.setitem(study_data.PREPARE, "student_laps", lambda _: {})
     study.make_runs(opened)
-    with Path("outputs/first_try/first_try.csv").open(newline="") as file:
+    with Path("docs/first_try.csv").open(newline="") as file:
         (row,) = csv.DictReader(file)
     assert row["recording"] == "real"
-    assert float(row["cpu_s"]) > 0
     assert 0 <= float(row["autonomy"]) <= 1
