@@ -1,6 +1,7 @@
 """The studies of `benchmarks/studies`: their grids, rows and pages."""
 
 import csv
+import itertools
 import json
 import re
 import shutil
@@ -93,6 +94,23 @@ def test_the_committed_pages_are_those_of_the_committed_figures(
         assert path.is_file()
         if path.suffix != ".png":
             assert path.read_text() == (ROOT / path).read_text(), f"{path}: run study.py {name}"
+
+
+def test_pages_name_the_commit_of_a_study_that_is_gone() -> None:
+    gone = []
+    for page in (ROOT / "docs").rglob("*.md"):
+        paragraphs = page.read_text().split("\n\n")
+        for before, text in itertools.pairwise(["", *paragraphs]):
+            for words in re.findall(r"benchmarks/study\.py ([^`\n]*)", text):
+                if "commit" in before + text:
+                    continue
+                name, *arguments = words.split()
+                typed = [word for word in arguments if not word.startswith("add=")]
+                try:
+                    Study(name, typed).chosen()
+                except InputError as error:
+                    gone.append(f"{page.name}: {words}: {error}")
+    assert not gone
 
 
 @pytest.mark.parametrize(
