@@ -21,11 +21,13 @@ from PIL import Image
 
 from tests.zoo.server.browser import Browser
 from zoo.driving.bootstrap import Estimate
+from zoo.extras.research.paper import of_results
+from zoo.results.differences import read_entries
 from zoo.results.suite import OVERALL
 from zoo.runs.plots import interval_panels
 
 ROOT = Path(__file__).parents[1]
-IMAGES = ROOT / "docs" / "images"
+IMAGES, BOARD = ROOT / "docs" / "images", ROOT / "benchmarks" / "board"
 WIDTH, HEIGHT = 400, 200  # of the animation, pixels
 FPS, FASTER = 8, 10  # it plays ten times as fast as driven
 # What a visitor understands of the board's entries and axes.
@@ -34,7 +36,7 @@ NAMES = {
     "expert_late": "expert, 0.4 s late",
     "lenet": "LeNet",
     "lenet-bends": "LeNet, roads bent",
-    "lenet-poses": "LeNet, roads bent, car moved",
+    "lenet-poses": "LeNet, recipe for three tracks",
     "pilotnet": "PilotNet",
     "pilotnet-bends": "PilotNet, roads bent",
     "pilotnet-dagger": "PilotNet, corrected by the expert",
@@ -116,7 +118,7 @@ def write_animation(film: Path, slower: float, path: Path) -> None:
 
 
 def draw_board() -> None:
-    """Draw the share of clean drives of the board's entries by axis, the best entry first."""
+    """Draw clean drives of the board's entries by axis, the best entry first, and by level."""
     with (ROOT / "docs" / "benchmark.csv").open() as file:
         rows = [row for row in csv.DictReader(file) if row["entry"] in NAMES]
     name = "without_intervention"
@@ -132,11 +134,16 @@ def draw_board() -> None:
             if row["group"] == group
         }
         panels[label] = {name: figures[name] for name in order}, 100
-    figure = interval_panels(panels)
-    figure.savefig(IMAGES / "board.png", dpi=110)
-    with Image.open(IMAGES / "board.png") as image:
-        image.convert("RGB").save(IMAGES / "board.webp", quality=85, method=6)
-    (IMAGES / "board.png").unlink()
+    entries = read_entries(
+        *(BOARD / name for name in ("lenet-bends", "lenet", "pilotnet", "linear"))
+    )
+    figures = {"board": interval_panels(panels), "profiles": of_results(entries).plots["profiles"]}
+    for name, figure in figures.items():
+        path = IMAGES / f"{name}.png"
+        figure.savefig(path, dpi=110, bbox_inches="tight")
+        with Image.open(path) as image:
+            image.convert("RGB").save(path.with_suffix(".webp"), quality=85, method=6)
+        path.unlink()
 
 
 def draw_tracks() -> None:
