@@ -141,7 +141,7 @@ function pick(scales) {
 
 function drawCurves(name) {
   const svg = document.getElementById("curves");
-  const width = svg.parentNode.clientWidth - 44, height = 380;
+  const width = Math.max(svg.parentNode.clientWidth - 44, 200), height = 380; // 0 before the first layout
   const [left, right, top, bottom] = [64, 12, 30, 44];
   svg.replaceChildren();
   svg.setAttribute("viewBox", `0 0 ${width} ${height}`);

@@ -194,6 +194,7 @@ export class Timeline {
 
   // Draws a layer, with `paint` only if the key or the size has changed since the last time.
   drawLayer(canvas, pen, key, paint) {
+    if (!canvas.width || !canvas.height) return; // before the first layout
     const whole = `${key} ${canvas.width} ${canvas.height}`;
     const found = this.layers[canvas.id];
     if (found?.[0] !== whole) {
