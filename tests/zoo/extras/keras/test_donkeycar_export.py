@@ -1,6 +1,7 @@
 """Networks of Donkeycar that were imported are exported for Donkeycar: they steer the same."""
 
 import json
+from importlib import import_module
 from pathlib import Path
 
 import h5py
@@ -12,6 +13,7 @@ from tests.recordings import Written
 from tests.zoo.command_runs import run, succeed
 from tests.zoo.extras.keras.test_donkeycar import BINS, LINEAR, SHAPE, donkeycar_layers
 from tests.zoo.extras.keras.test_donkeycar import write as write_donkeycar
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.network_files import read_network
@@ -87,6 +89,37 @@ def test_a_throttle_is_bounded_in_the_file(
     if names == LINEAR[:1]:
         assert kind == "linear"
         np.testing.assert_allclose(found[:, 1], most)
+
+
+@pytest.mark.parametrize(
+    ("names", "units", "kind"),
+    [
+        (LINEAR, (1, 1), "tflite_linear"),
+        (BINS, (15, 20), "tflite_categorical"),
+        (LINEAR[:1], (1,), "tflite_inferred"),
+    ],
+)
+def test_litert_torch_writes_a_file_that_steers_the_same(
+    names: tuple[str, ...], units: tuple[int, ...], kind: str, tmp_path: Path
+) -> None:
+    pytest.importorskip("litert_torch", reason="the converter is optional")
+    checkpoint = imported(tmp_path, names, donkeycar_layers(names, units, "linear"))
+    path = tmp_path / "pilot.tflite"
+    exported = import_module("zoo.extras.car.tflite_export").TfliteFile(checkpoint, path)
+    path.write_bytes(exported.files("")[".tflite"])
+    assert exported.hints()[0].endswith(f"--type {kind}")
+    found, expected = commands_of(exported.policy(path)), commands_of(CheckpointPolicy(checkpoint))
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
+def test_without_a_converter_the_command_names_both(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = import_module("zoo.extras.car.tflite_convert")
+    monkeypatch.setattr(module, "find_spec", lambda name: None)
+    checkpoint = imported(tmp_path, LINEAR, donkeycar_layers(LINEAR, (1, 1), "linear"))
+    with pytest.raises(InputError, match=r"tensorflow, or .*litert-torch.*pilot\.keras"):
+        module.tflite_bytes(checkpoint, tmp_path / "pilot.tflite")
 
 
 def test_the_command_prints_what_to_set_in_donkeycar(recorded: Written, tmp_path: Path) -> None:
