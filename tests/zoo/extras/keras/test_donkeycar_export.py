@@ -118,7 +118,7 @@ def test_without_a_converter_the_command_names_both(
     module = import_module("zoo.extras.car.tflite_convert")
     monkeypatch.setattr(module, "find_spec", lambda name: None)
     checkpoint = imported(tmp_path, LINEAR, donkeycar_layers(LINEAR, (1, 1), "linear"))
-    with pytest.raises(InputError, match=r"tensorflow, or .*litert-torch.*pilot\.keras"):
+    with pytest.raises(InputError, match=r"tensorflow.*\[tflite\].*pilot\.keras"):
         module.tflite_bytes(checkpoint, tmp_path / "pilot.tflite")
 
 
