@@ -1,7 +1,6 @@
 """Convert a checkpoint to a file of LiteRT, by TensorFlow or by litert-torch."""
 
 from importlib import import_module
-from importlib.util import find_spec
 from itertools import accumulate
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -9,16 +8,11 @@ from typing import Any
 
 from torch import Tensor, nn, zeros
 
-from zoo.base.errors import InputError, library_errors
+from zoo.base.errors import library_errors
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.network_files import read_network
 from zoo.extras.car.donkeycar_file import donkeycar_bytes
 from zoo.models.layers import Unbin
-
-MISSING = (
-    "needs TensorFlow or litert-torch: pip install tensorflow h5py, or 'drivezoo[tflite]' "
-    "(Linux on x86-64, macOS on ARM); or write pilot.keras and convert it on another machine"
-)
 
 
 class DonkeycarModule(nn.Module):
@@ -43,15 +37,17 @@ class DonkeycarModule(nn.Module):
         )
 
 
-def tflite_bytes(checkpoint: Checkpoint, out: Path) -> tuple[bytes, str]:
+def tflite_bytes(checkpoint: Checkpoint, out: Path, name: str) -> tuple[bytes, str]:
     """Return a checkpoint as a `.tflite` file, and Donkeycar's type of the model.
 
+    Args:
+        checkpoint: checkpoint to write.
+        out: file that an error names.
+        name: converter, `tensorflow` or `litert_torch`.
+
     Raises:
-        InputError: there is no converter, it fails, or see `donkeycar_bytes`.
+        InputError: the converter fails, or see `donkeycar_bytes`.
     """
-    name = next(filter(find_spec, ("tensorflow", "litert_torch")), None)
-    if name is None:
-        raise InputError(MISSING)
     # litert-converter 0.5.0 refuses the dense layers that resize in a file of Keras 3.
     keras, suffix = (3, ".keras") if name == "tensorflow" else (2, ".h5")
     contents, kind = donkeycar_bytes(checkpoint, keras)

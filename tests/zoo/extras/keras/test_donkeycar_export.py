@@ -13,7 +13,6 @@ from tests.recordings import Written
 from tests.zoo.command_runs import run, succeed
 from tests.zoo.extras.keras.test_donkeycar import BINS, LINEAR, SHAPE, donkeycar_layers
 from tests.zoo.extras.keras.test_donkeycar import write as write_donkeycar
-from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.network_files import read_network
@@ -110,16 +109,6 @@ def test_litert_torch_writes_a_file_that_steers_the_same(
     assert exported.hints()[0].endswith(f"--type {kind}")
     found, expected = commands_of(exported.policy(path)), commands_of(CheckpointPolicy(checkpoint))
     np.testing.assert_allclose(found, expected, atol=1e-5)
-
-
-def test_without_a_converter_the_command_names_both(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    module = import_module("zoo.extras.car.tflite_convert")
-    monkeypatch.setattr(module, "find_spec", lambda name: None)
-    checkpoint = imported(tmp_path, LINEAR, donkeycar_layers(LINEAR, (1, 1), "linear"))
-    with pytest.raises(InputError, match=r"tensorflow.*\[tflite\].*pilot\.keras"):
-        module.tflite_bytes(checkpoint, tmp_path / "pilot.tflite")
 
 
 def test_the_command_prints_what_to_set_in_donkeycar(recorded: Written, tmp_path: Path) -> None:
