@@ -143,12 +143,12 @@ def _pilots(ckpt: str, shots: list[Shot]) -> Callable[[np.ndarray, Shot], np.nda
         from zoo.checkpoints.checkpoint_policy import load_policy
         from zoo.driving.pilot_film import Pilots
     policies = list(map(load_policy, drivers))
-    pilots = Pilots(names, shots[0].state.rig, [], [])
+    pilots = Pilots(names, shots[0].state.rig, [])
 
     def draw(frame: np.ndarray, shot: Shot) -> np.ndarray:
-        pilots.recorded.append(float(shot.state.steering or 0.0))
         speed = shot.state.speed_mph or 0.0
-        pilots.steering.append([float(policy(frame, speed).steering) for policy in policies])
+        steering = [policy(frame, speed).steering for policy in policies]
+        pilots.steering.append([shot.state.steering or 0.0, *steering])
         return pilots.draw(frame)
 
     return draw

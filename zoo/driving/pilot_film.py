@@ -39,19 +39,12 @@ class Pilots:
     Attributes:
         names: names of the pilots, up to four.
         rig: car whose wheels' angle is shown; None shows the steering itself.
-        recorded: recorded steering of each frame so far, -1..1.
-        steering: steering of each pilot for each frame so far, -1..1.
+        steering: recorded steering of each frame so far, then each pilot's, -1..1.
     """
 
     names: Sequence[str]
     rig: Rig | None
-    recorded: list[float]
     steering: list[list[float]]
-
-    @property
-    def differences(self) -> np.ndarray:
-        """Return each pilot's steering minus the recorded one, float64 [frames, pilots]."""
-        return np.asarray(np.array(self.steering) - np.array(self.recorded)[:, None])
 
     def draw(self, frame: np.ndarray) -> np.ndarray:
         """Return an enlarged frame with a panel for the last frame, uint8 [H, 960, 3] RGB."""
@@ -59,17 +52,17 @@ class Pilots:
         picture = cv2.resize(frame, size, interpolation=cv2.INTER_CUBIC)
         panel = np.full((STRIP, WIDTH, 3), BACKGROUND, np.uint8)
         turn_deg = WHEEL_RATIO * (self.rig.steering_deg if self.rig else UNKNOWN_LOCK_DEG)
-        recorded, values = self.recorded[-1], self.steering[-1]
-        columns = WIDTH // (1 + len(values))
-        means = np.abs(self.differences).mean(axis=0)
+        table, values = np.array(self.steering), self.steering[-1]
+        columns, differences = WIDTH // len(values), table[:, 1:] - table[:, :1]
+        means = np.abs(differences).mean(axis=0)
         texts = []
-        for number, value in enumerate([recorded, *values]):
+        for number, value in enumerate(values):
             colour = COLOURS[number - 1] if number else GREEN
             name = self.names[number - 1][-MOST_NAME:] if number else "recorded"
             centre = columns * number + 54, 48
             draw_wheel(panel, centre, RADIUS, value * turn_deg, colour)
             if number:
-                mark_wheel(panel, centre, RADIUS + 7, recorded * turn_deg, GREEN)
+                mark_wheel(panel, centre, RADIUS + 7, values[0] * turn_deg, GREEN)
                 name += f": off by {means[number - 1]:.3f}"
             texts.append((centre[0] + 52, 38, angle_text(value, self.rig), 24, colour))
             texts.append((centre[0] + 52, 66, name, 13, GREY))
@@ -79,12 +72,12 @@ class Pilots:
             side = "left" if height < 0 else "right"
             share = f"{FULL:g} {side}" if height else "0"
             texts.append((12, middle + height, share, 13, GREY))
-        shown = self.differences[-SHOWN_FRAMES:]
+        shown = differences[-SHOWN_FRAMES:]
         places = np.linspace(EDGE, WIDTH - 12, SHOWN_FRAMES)[-len(shown) :]
         heights = middle + GRAPH_HALF * np.clip(shown / FULL, -1, 1)
-        for number in range(len(values)):
-            points = np.stack([places, heights[:, number]], axis=1).round().astype(np.int32)
-            cv2.polylines(panel, [points], False, COLOURS[number], 2, cv2.LINE_AA)
+        for curve, colour in zip(heights.T, COLOURS, strict=False):
+            points = np.stack([places, curve], axis=1).round().astype(np.int32)
+            cv2.polylines(panel, [points], False, colour, 2, cv2.LINE_AA)
         drawn = Image.fromarray(np.concatenate([picture, panel]))
         draw = ImageDraw.Draw(drawn)
         for x, y, text, font, colour in texts:

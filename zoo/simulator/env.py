@@ -81,7 +81,7 @@ class DrivingEnv(gymnasium.Env):
         self,
         track: str = "lake",
         cameras: str = "center",
-        frame_rate: float = 15.0,
+        frame_rate: float = 15,  # LeRobot's videos need a whole number
         delay_s: float = 0.0,
         direction: int | str = "forward",
         weather: str | Mapping[str, Any] | Weather = "clear",

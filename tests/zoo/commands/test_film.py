@@ -24,7 +24,7 @@ from zoo.driving.drive_film import GREEN, RED, Overlay, draw_overlay
 from zoo.driving.drive_log import DriveWriter, write_drive
 from zoo.driving.drive_record import PERSON, REPLAY, Drive, DriveRow
 from zoo.driving.open_world import open_world
-from zoo.driving.pilot_film import COLOURS, STRIP, Pilots
+from zoo.driving.pilot_film import COLOURS, GRAPH_HALF, GRAPH_TOP, STRIP, Pilots
 from zoo.driving.scenario import Scenario
 from zoo.scoring.track_scores import KeptDrive
 
@@ -285,16 +285,13 @@ def test_pilots_steer_beside_the_recorded_driver(recorded: Written, tmp_path: Pa
 
 
 def test_the_panel_shows_how_far_each_pilot_is_off() -> None:
-    pilots = Pilots(["a", "b"], None, [], [])
-    frame = np.full((160, 320, 3), 90, np.uint8)
-    for _ in range(3):
-        pilots.recorded.append(0.1)
-        pilots.steering.append([0.1, -0.4])
-    image = pilots.draw(frame)
+    pilots = Pilots(["a", "b"], None, [[0.1, 0.1, -0.4]] * 3)
+    image = pilots.draw(np.full((160, 320, 3), 90, np.uint8))
     assert image.shape == (480 + STRIP, 960, 3)
-    assert np.abs(pilots.differences).mean(axis=0) == pytest.approx([0, 0.5])
     lines = [np.flatnonzero((image[480:, -16] == colour).all(axis=1)) for colour in COLOURS[:2]]
-    assert lines[0].mean() > lines[1].mean()  # the one that steers left is drawn above
+    middle = GRAPH_TOP + GRAPH_HALF
+    assert lines[0].mean() == pytest.approx(middle, abs=1)
+    assert lines[1].mean() == pytest.approx(middle - GRAPH_HALF, abs=1)  # further left: above
 
 
 @pytest.mark.parametrize("words", ["ckpt=a,b,c,d,e", "ckpt=missing.ckpt"])

@@ -1,7 +1,5 @@
 """The Gymnasium environments, alone and in parallel, drawn by the software renderer."""
 
-import re
-import runpy
 import subprocess
 import sys
 import warnings
@@ -15,10 +13,8 @@ import yaml
 from gymnasium.utils.env_checker import check_env
 
 import zoo.simulator  # noqa: F401 - registers Lake-v0
-from tests.zoo.command_runs import ROOT
 from tests.zoo.simulator.tracks import LOOP
 from zoo.base.errors import InputError
-from zoo.base.rig import MPS_PER_MPH
 from zoo.simulator.env import DrivingEnv
 from zoo.simulator.expert import Expert
 from zoo.simulator.reward import REWARDS, TERMINATIONS
@@ -393,22 +389,3 @@ def test_parallel_environments_equal_sequential_ones():
                 assert value == all_[1][key][index], key
             assert one[2] is None or one[2] == all_[2][index]
     env.close()
-
-
-def test_the_environment_for_lerobot_has_the_units_of_a_converted_dataset(tmp_path: Path) -> None:
-    page = (ROOT / "docs" / "gymnasium.md").read_text()
-    block = re.search(r"```python\n(# env\.py\n.*?)```", page, re.DOTALL)
-    (tmp_path / "env.py").write_text(block[1])
-    names = runpy.run_path(str(tmp_path / "env.py"))
-    envs = names["make_env"](2)
-    observation, _ = envs.reset(seed=[1, 2], options={"lerobot_new_rollout": True})
-    assert observation["pixels"]["center"].shape == (2, 160, 320, 3)
-    assert envs.call("_max_episode_steps") == (450, 450)
-    for _ in range(5):
-        observation, *_, info = envs.step(np.array([[0, 1, 0.2], [0, 0.5, 0.5]], np.float32))
-    mph, mps = observation["agent_pos"].T
-    assert mph[0] > 1
-    assert mph[1] == pytest.approx(0, abs=0.5), "the brake takes the throttle back"
-    assert mps == pytest.approx(mph * MPS_PER_MPH, rel=1e-4)
-    assert not info["is_success"].any()
-    envs.close()

@@ -67,7 +67,7 @@ class DonkeycarFile(ExportedFile):
 
         policy = CheckpointPolicy(self.checkpoint)
         steering, throttle = zip(*(policy(frame, 0.0) for frame in frames.frames), strict=True)
-        if self._written[1] == "inferred":  # Donkeycar computes it
+        if self._written[1].endswith("inferred"):  # Donkeycar computes it
             throttle = tuple(inferred_throttle(steering))
         line = f"Throttle: {min(throttle):.2f} to {max(throttle):.2f} over these frames"
         risk = "; it may be too fast for a car: bound it with throttle=0.2"

@@ -69,22 +69,18 @@ class RolloutKind(Protocol):
 
 
 class LeRobotKind:
-    """`eval_info.json` of `lerobot-eval`, by task; of versions before 0.4 by episode."""
+    """`eval_info.json` of `lerobot-eval` from version 0.4 on."""
 
     title = "LeRobot"
 
     def detect(self, content: Any) -> bool:
-        """Return whether there are metrics of tasks or of episodes."""
-        return isinstance(content, dict) and bool({"per_task", "per_episode"} & set(content))
+        """Return whether there are metrics of tasks."""
+        return isinstance(content, dict) and "per_task" in content
 
     def read(self, content: Any, path: Path, wanted: Wanted) -> tuple[list[Rollout], list[str]]:
         """Return an episode as a rollout and a task as a scene."""
         rollouts = []
-        for episode in content.get("per_episode", ()):
-            seed = "" if episode.get("seed") is None else str(episode["seed"])
-            value = _score(episode, wanted.score or "success", path)
-            rollouts.append(Rollout("", _number(value, path), seed=seed))
-        for task in content.get("per_task", ()):
+        for task in content["per_task"]:
             scores = {name: task["metrics"][key] for name, key in LISTS.items()}
             scene = f"{task['task_group']}/{task['task_id']}"
             values = _score(scores, wanted.score or "success", path)

@@ -1,25 +1,51 @@
 """A world of drivezoo as LeRobot's own commands open it."""
 
+import re
+import runpy
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-pytest.importorskip("lerobot", reason="LeRobot has an environment of its own")
+from zoo.base.rig import MPS_PER_MPH
+
+PAGE = Path(__file__).parents[4] / "docs" / "gymnasium.md"
 
 
 def test_lerobot_opens_a_world_with_the_names_of_a_converted_dataset() -> None:
+    pytest.importorskip("lerobot", reason="LeRobot has an environment of its own")
     from lerobot.configs.parser import load_plugin
     from lerobot.envs.configs import EnvConfig
     from lerobot.envs.factory import make_env
 
     load_plugin("zoo.extras.hub.lerobot")  # --env.discover_packages_path
     kind = EnvConfig.get_choice_class("drivezoo")  # --env.type
-    config = kind(observation_height=48, observation_width=96, seconds=1.0)
+    config = kind(observation_height=48, observation_width=96, seconds=1.0, fps=10)
     world = make_env(config)["drivezoo"][0]
     observation, _ = world.reset(seed=[1])
     assert observation["pixels"]["center"].shape == (1, 48, 96, 3)
     assert observation["agent_pos"].shape == (1, 2)
-    for _ in range(world.call("_max_episode_steps")[0]):
+    assert isinstance(world.metadata["render_fps"], int)  # PyAV writes no video otherwise
+    for _ in range(10):
         _, _, _, truncated, info = world.step(np.array([[0.0, 0.2, 0.0]], np.float32))
     world.close()
     assert truncated.all()
     assert info["final_info"]["is_success"].all()
+
+
+def test_the_environment_for_lerobot_has_the_units_of_a_converted_dataset(tmp_path: Path) -> None:
+    block = re.search(r"```python\n(# env\.py\n.*?)```", PAGE.read_text(), re.DOTALL)
+    (tmp_path / "env.py").write_text(block[1])
+    names = runpy.run_path(str(tmp_path / "env.py"))
+    envs = names["make_env"](2)
+    observation, _ = envs.reset(seed=[1, 2], options={"lerobot_new_rollout": True})
+    assert observation["pixels"]["center"].shape == (2, 160, 320, 3)
+    assert envs.call("_max_episode_steps") == (450, 450)
+    for _ in range(5):
+        observation, *_, info = envs.step(np.array([[0, 1, 0.2], [0, 0.5, 0.5]], np.float32))
+    mph, mps = observation["agent_pos"].T
+    assert mph[0] > 1
+    assert mph[1] == pytest.approx(0, abs=0.5), "the brake takes the throttle back"
+    assert mps == pytest.approx(mph * MPS_PER_MPH, rel=1e-4)
+    assert not info["is_success"].any()
+    envs.close()

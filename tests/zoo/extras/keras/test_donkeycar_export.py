@@ -1,6 +1,7 @@
 """Networks of Donkeycar that were imported are exported for Donkeycar: they steer the same."""
 
 import json
+from importlib import import_module
 from pathlib import Path
 
 import h5py
@@ -87,6 +88,27 @@ def test_a_throttle_is_bounded_in_the_file(
     if names == LINEAR[:1]:
         assert kind == "linear"
         np.testing.assert_allclose(found[:, 1], most)
+
+
+@pytest.mark.parametrize(
+    ("names", "units", "kind"),
+    [
+        (LINEAR, (1, 1), "tflite_linear"),
+        (BINS, (15, 20), "tflite_categorical"),
+        (LINEAR[:1], (1,), "tflite_inferred"),
+    ],
+)
+def test_litert_torch_writes_a_file_that_steers_the_same(
+    names: tuple[str, ...], units: tuple[int, ...], kind: str, tmp_path: Path
+) -> None:
+    pytest.importorskip("litert_torch", reason="the converter is optional")
+    checkpoint = imported(tmp_path, names, donkeycar_layers(names, units, "linear"))
+    path = tmp_path / "pilot.tflite"
+    exported = import_module("zoo.extras.car.tflite_export").TfliteFile(checkpoint, path)
+    path.write_bytes(exported.files("")[".tflite"])
+    assert exported.hints()[0].endswith(f"--type {kind}")
+    found, expected = commands_of(exported.policy(path)), commands_of(CheckpointPolicy(checkpoint))
+    np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
 def test_the_command_prints_what_to_set_in_donkeycar(recorded: Written, tmp_path: Path) -> None:
