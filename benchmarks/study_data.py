@@ -6,6 +6,7 @@ from pathlib import Path
 from omegaconf import OmegaConf
 from rich.console import Console
 
+from benchmarks.carry import record_tracks
 from benchmarks.study_grid import Study, run_logged
 from zoo.base.compose import compose_config
 from zoo.simulator.hand_control import REACTION_S
@@ -39,4 +40,5 @@ def student_laps(study: Study) -> dict[str, str]:
 PREPARE: dict[str, Callable[[Study], dict]] = {
     "bench_v1": lambda study: {"root": recorded(compose_config(["data=bench_v1"]))},
     "student_laps": student_laps,
+    "carracing": record_tracks,
 }

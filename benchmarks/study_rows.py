@@ -16,6 +16,7 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from benchmarks.board_rows import SUITE, Row, board_rows
+from benchmarks.carry import carried_rows
 from benchmarks.study_grid import Entry, Study, kept, run_logged
 from zoo.base.bounded_files import read_json
 from zoo.base.whole_file import json_text, write_whole
@@ -236,4 +237,5 @@ ROWS: dict[str, Callable[[Study, Entry], list[Row]]] = {
     "drives": per_run(drive_rows),
     "pretrained": pretrained_rows,
     "dev_roads": per_run(dev_rows),
+    "carried": per_run(carried_rows),
 }
