@@ -20,7 +20,7 @@ from datamodules.samples import CENTER, LEFT, RIGHT, Samples
 from datamodules.windows import SINGLE_FRAMES, Windows
 
 if TYPE_CHECKING:
-    from datamodules.augment import Augment  # slow import, which only a training needs
+    from datamodules.augmented_batch import Augment  # slow import, which only a training needs
 
 # images: uint8 [N, C, H, W], in memory as [N, H, W, C], the fastest layout for convolutions;
 # speed: mph, float32 [N]; targets: steering and throttle, float32 [N, 2].

@@ -8,7 +8,8 @@ import numpy as np
 from pydantic import Field
 from rich.console import Console
 
-from datamodules.augment import Augment, Change
+from datamodules.augment import Change
+from datamodules.augmented_batch import Augment
 from datamodules.balance import BatchOptions, Least0
 from datamodules.driving import DrivingData
 from datamodules.looking.findings import report_lines

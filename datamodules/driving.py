@@ -8,7 +8,7 @@ import torch
 from rich.console import Console
 from torch.utils.data import BatchSampler, DataLoader, Dataset
 
-from datamodules.augment import Augment
+from datamodules.augmented_batch import Augment
 from datamodules.balance import BalancedBatches, BatchOptions
 from datamodules.batches import EvaluationBatches, TrainingBatches, unchanged
 from datamodules.device_batches import DeviceBatches

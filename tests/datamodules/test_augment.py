@@ -12,7 +12,8 @@ from hydra.utils import instantiate
 from omegaconf import OmegaConf
 from scipy import stats
 
-from datamodules.augment import Augment, Brightness, Change, Shadow, Shift
+from datamodules.augment import Brightness, Change, Shadow, Shift
+from datamodules.augmented_batch import Augment
 from datamodules.bend import Bend, added_steering, depth_of
 from datamodules.image import decode_image
 from datamodules.view import CONVERSIONS, View

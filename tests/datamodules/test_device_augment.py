@@ -11,7 +11,8 @@ import torch
 from rich.console import Console
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from datamodules.augment import Augment, Brightness, Change, Shadow, Shift
+from datamodules.augment import Brightness, Change, Shadow, Shift
+from datamodules.augmented_batch import Augment
 from datamodules.balance import BatchKey
 from datamodules.bend import Bend
 from datamodules.data_settings import DataSettings

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from datamodules.augment import Augment
+from datamodules.augmented_batch import Augment
 from datamodules.bend import Pose
 from zoo.base.rig import UDACITY, SteeringLabel
 from zoo.simulator.simulated_world import Start, open_world
