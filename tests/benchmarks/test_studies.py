@@ -16,6 +16,7 @@ from benchmarks.study_grid import FOLDER, Entry, Study
 from tests.recordings import Written
 from tests.zoo.results.synthetic_results import result, summed, write
 from zoo.base.bounded_files import read_json
+from zoo.base.compose import refuse_repeated
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import PACKAGED, packaged_names, read_facts
@@ -184,6 +185,14 @@ def test_an_entry_of_the_board_has_its_seeds_and_is_trained_on_the_closed_track_
     closed = [entry for entry in entries.values() if entry.words and not entry.corrects]
     assert all("data=bench_v1" in entry.words for entry in closed)
     assert entries["linear"].words[-1] == "data.crop=[60,40]"
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in FOLDER.glob("*.yaml")))
+def test_no_entry_gives_a_key_twice(name: str) -> None:
+    opened = Study(name, [])
+    opened.values["root"] = "recording"
+    for entry in opened.entries():
+        refuse_repeated(opened.command(entry, "train"))
 
 
 def test_a_name_means_its_variants_too() -> None:
