@@ -116,6 +116,16 @@ def is_verbose() -> bool:
     return os.environ.get(VARIABLE) == "verbose"
 
 
+def shown_path(path: str | Path) -> str:
+    """Return a path as a user types it: relative if it lies below the current folder.
+
+    >>> shown_path(Path.cwd() / "outputs" / "run"), shown_path("run"), shown_path("https://a/b")
+    ('outputs/run', 'run', 'https://a/b')
+    """
+    is_below = Path(path).is_absolute() and Path(path).is_relative_to(Path.cwd())
+    return str(Path(path).relative_to(Path.cwd())) if is_below else str(path)
+
+
 def print_written(
     written: Iterable[str | Path],
     following: Iterable[object] = (),
@@ -133,8 +143,8 @@ def print_written(
         console: console to print on; None for standard output.
     """
     for path in written:
-        _print(f"wrote: {path}", console)
-    words = [str(word) for word in following]
+        _print(f"wrote: {shown_path(path)}", console)
+    words = [shown_path(str(word)) for word in following]
     if words:
         print_next(command_line(["drivezoo", *words]), console=console)
 
@@ -142,13 +152,14 @@ def print_written(
 def print_next(command: str, purpose: str = "", console: "Console | None" = None) -> None:
     """Print `next: COMMAND`, which can be pasted into any shell, and the purpose below it.
 
-    In zsh a `#` begins no comment. The user's `parts=...` are added to a command that takes them.
-    With `-q` nothing is printed.
+    In zsh a `#` begins no comment. The user's `parts=...` are added to a command that takes them;
+    an ONNX file holds its network. With `-q` nothing is printed.
     """
     if is_quiet():
         return
-    program, name, *_ = [*command.split(), ""]
-    if program == "drivezoo" and name not in ("check", "simulator"):
+    program, name, first, *_ = [*command.split(), "", ""]
+    takes_parts = name not in ("check", "simulator") and not first.endswith(".onnx")
+    if program == "drivezoo" and takes_parts:
         command = f"{command} {command_line(typed_parts())}".rstrip()
     _print(f"next: {command}", console)
     if purpose:

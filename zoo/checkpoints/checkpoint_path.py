@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from zoo.base.errors import InputError, UsageError
-from zoo.base.terminal import command_line, error_line
+from zoo.base.terminal import command_line, error_line, shown_path
 
 LATEST = "latest"
 OUTPUTS = Path("outputs")  # below the current folder
@@ -149,8 +149,8 @@ def short_name(path: Path) -> str:
     >>> short_name(Path.cwd() / "outputs" / "run"), short_name(Path("/elsewhere/run"))
     ('outputs/run', '/elsewhere/run')
     """
-    path, here = Path(path).absolute(), Path.cwd()
-    return packaged_name(path) or str(path.relative_to(here) if path.is_relative_to(here) else path)
+    path = Path(path).absolute()
+    return packaged_name(path) or shown_path(path)
 
 
 def latest_run() -> Path:

@@ -8,7 +8,7 @@ from zoo.base.command_keys import changed
 from zoo.base.console_progress import loading
 from zoo.base.errors import StoppedError
 from zoo.base.new_folder import command_folder, dated_folder
-from zoo.base.terminal import command_line, print_written
+from zoo.base.terminal import command_line, print_written, shown_path
 from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.training.correct_options import CorrectOptions, check_correct_options
@@ -50,7 +50,7 @@ def correct(ckpt: str, *overrides: str, options: CorrectOptions) -> None:
             correction = Correction(path, options, list(overrides), folder, console)
             rounds = correction.run()
     except (KeyboardInterrupt, StoppedError):
-        words = [*changed(replace(options, out=str(folder))), *overrides]
+        words = [*changed(replace(options, out=shown_path(folder))), *overrides]
         again = ["drivezoo", "correct", path, *words]
         raise StoppedError(
             f"stopped; finished rounds are kept; resume with: {command_line(again)}"

@@ -117,8 +117,7 @@ def print_result(written: "WrittenRecording") -> None:
     if written.left_out:
         first = f"{len(written.left_out)} (the first: {written.left_out[0]})"
         print(printable(f"rows left out because of a bad image: {first}"))
-    folders = [str(folder) for folder in written.folders]
-    print_written(folders, ["check", *folders])
+    print_written(written.folders, ["check", *written.folders])
     sys.stdout.flush()
 
 

@@ -14,6 +14,7 @@ from zoo.base.errors import StoppedError
 from zoo.base.new_folder import command_folder
 from zoo.base.terminal import counted, print_written, printable
 from zoo.base.whole_file import write_whole
+from zoo.checkpoints.checkpoint_path import packaged_name
 from zoo.driving.drives_table import tied_line
 from zoo.driving.metrics import DRIVES, METRICS
 from zoo.driving.run_drives import load_kept
@@ -172,7 +173,7 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
             suite=suite.name,
             roads=suite.roads,
             code=code,
-            entry=options.entry or drivers[0].model.lower(),
+            entry=options.entry or packaged_name(Path(drivers[0].file)) or drivers[0].model.lower(),
             checkpoints=drivers,
             drives=drives,
             **vars(summarize_drives(drives)),

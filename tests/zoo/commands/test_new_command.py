@@ -16,6 +16,7 @@ from tests.zoo.command_runs import ROOT, only_line, run, run_here, succeed
 from tests.zoo.notebooks import FOLDER as NOTEBOOKS
 from tests.zoo.trainings import SMALL
 from zoo.base.conf_files import part_folders
+from zoo.base.terminal import print_next
 from zoo.commands.new import write_part
 
 PACKAGES = ("drivezoo", "zoo", "datamodules", "hydra_plugins")
@@ -134,6 +135,29 @@ def test_the_printed_commands_write_a_recording_and_check_it(
     assert "next: drivezoo check converted" in printed
     checked = written.run("zoo.commands.check", "converted", *check[1:])
     assert "all images are whole" in checked
+
+
+def test_an_export_that_is_there_is_not_advised(tmp_path: Path) -> None:
+    _, following = write_part("donkeycar", "pilot", tmp_path)
+    assert following[0][0] == "drivezoo export latest out=pilot.onnx"
+    (tmp_path / "pilot.py").rename(tmp_path / "pilot.onnx")
+    assert write_part("donkeycar", "pilot", tmp_path)[1] == following[1:]
+
+
+@pytest.mark.parametrize(
+    ("command", "printed"),
+    [
+        ("drivezoo drive latest", "drivezoo drive latest parts=my_net.py"),
+        ("drivezoo drive model.onnx", "drivezoo drive model.onnx"),
+        ("drivezoo check FOLDER", "drivezoo check FOLDER"),
+    ],
+)
+def test_the_next_command_has_the_parts_that_it_needs(
+    command: str, printed: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setattr("sys.orig_argv", ["drivezoo", "export", "latest", "parts=my_net.py"])
+    print_next(command)
+    assert capsys.readouterr().out == f"next: {printed}\n"
 
 
 def test_in_a_checkout_a_part_leaves_the_projects_files_alone(tmp_path: Path) -> None:
