@@ -16,7 +16,7 @@ from zoo.base.entry_points import load_class
 from zoo.base.errors import InputError
 from zoo.base.new_folder import dated_folder
 from zoo.base.terminal import print_written
-from zoo.checkpoints.checkpoint_path import find_checkpoint
+from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
 from zoo.server.drive_settings import DriveSettings, check_settings
 from zoo.server.driven_simulator import SIMULATORS, DrivenSimulator
 from zoo.simulator.track_names import file_name
@@ -119,7 +119,7 @@ def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
                 f"warning: every machine that reaches {url} can connect a simulator and watch; "
                 "the page's buttons need the token in the address below"
             )
-        notices.print(f"{checkpoint}: {view_line(policy)}")
+        notices.print(f"{short_name(Path(checkpoint))}: {view_line(policy)}")
         line = other_car_line(policy.data, settings.sim or "the simulator")
         if line and not settings.world:
             notices.print(line)
