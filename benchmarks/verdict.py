@@ -30,8 +30,9 @@ LAP, SAMPLES, AIM_S, FRAMES = OUT / "lap", 72_000, 25.0, 100  # a lap has some 2
 STAGES = {
     "imports, reading s": "cameras, ",
     "network, plan s": "plan: ",
-    "views, training s": "best.ckpt is of epoch",
-    "choosing, rows, plots s": "recovery response",
+    "views, training s": "epoch   3/3",
+    "candidates s": "best.ckpt is of epoch",
+    "rows, plots s": "recovery response",
     "lap s": "drove ",
 }
 WHOLE, REPORT, BARE = "Enter to verdict s", "report, film s", "bare loop s"

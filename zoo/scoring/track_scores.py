@@ -254,7 +254,8 @@ class RunScore(EvaluateOptions):
     """Options of a run's `score`: those of an evaluation, and of the choice of `best.ckpt`.
 
     Args:
-        candidate_laps: laps driven with each candidate for `best.ckpt`; 0 drives none.
+        candidate_laps: laps driven with each candidate for `best.ckpt`, in `quality=fast` unless
+            `quality` is `simple`; 0 drives none.
         replay_speed: mph in each row in the replay of another car's recording without speed.
     """
 

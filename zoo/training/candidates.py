@@ -6,6 +6,7 @@ score, so that the score is not the best of several attempts.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import lightning
@@ -167,9 +168,15 @@ def restore_monitored(folder: Path) -> None:
 def _drive(
     score: RunScore, checkpoints: Path, candidates: Sequence[dict], console: Console
 ) -> list[dict]:
-    """Drive each candidate once, from the same start; print and return their drives."""
+    """Drive each candidate once, from the same start; print and return their drives.
+
+    The embedded simulator draws less detail far away: `quality=fast`, or the score's `simple`.
+    """
     laps, track = min(score.candidate_laps, score.laps), score.tracks[0]
     scenario = score.one_drive(track=track, seed=START_SEED, laps=laps)
+    if scenario.world == "embedded" and scenario.quality == "full":
+        # In half the time; networks drive as well (docs/simulator.md, Renderers).
+        scenario = replace(scenario, quality="fast")
     scenarios = [scenario] * len(candidates)
     driven = all_drives(
         [str(checkpoints / candidate["file"]) for candidate in candidates],

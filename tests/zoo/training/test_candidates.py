@@ -1,5 +1,6 @@
 """Which checkpoint of a run becomes `best.ckpt`, and what the run prints of it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.driving import run_drives
 from zoo.scoring.track_scores import RunScore, run_options
+from zoo.training import candidates
 from zoo.training.candidates import choose_best, restore_monitored
 
 SHORT = run_options(OmegaConf.create({"laps": 0.05, "candidate_laps": 0.05, "workers": 1}))
@@ -57,6 +59,21 @@ def test_candidates_with_as_many_interventions_are_a_tie(run: Path, console: Con
     assert choice["drives"][0]["interventions"] == choice["drives"][1]["interventions"]
     assert "a tie: 2 of 2 candidates" in choice["why"]
     assert "best of" not in choice["why"]
+
+
+@pytest.mark.parametrize(("quality", "drawn"), [("full", "fast"), ("simple", "simple")])
+def test_candidates_drive_with_less_detail_far_away(
+    quality: str, drawn: str, run: Path, console: Console, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def refuse(_: list, scenarios: list, *__: object) -> None:
+        asked.extend(scenario.quality for scenario in scenarios)
+        raise InputError("asked")
+
+    monkeypatch.setattr(candidates, "all_drives", refuse)
+    choose_best(replace(SHORT, quality=quality), "val/mse", run, console)
+    assert asked == [drawn, drawn]
 
 
 def test_what_drove_best_while_training_is_a_candidate(run: Path, console: Console) -> None:
