@@ -22,7 +22,7 @@ def demo() -> None:
     """Run the whole chain: record, train, score, report, drive, film.
 
     Records laps of the embedded lake, trains PilotNet on them and scores it by driving. Then serves
-    it on the socket, drives a lap and films it. Prints each command before it runs.
+    it on the socket, drives half a lap and films that. Prints each command before it runs.
 
     Raises:
         InputError: a stage failed and printed its error.
@@ -40,21 +40,21 @@ def demo() -> None:
             "quick_samples=3200",  # enough if an expert's laps include recoveries
             "score.quality=fast",  # as the recording has
             "score.speed=20",
-            # Short of a lap and unfilmed, because the lap over the socket is filmed.
+            # Short of a lap and unfilmed, because the drive over the socket is filmed.
             "score.candidate_laps=0.3",
             "score.film=false",
             f"hydra.run.dir={run}",
         ],
-        "drive a lap over the socket": [
+        "drive half a lap over the socket": [
             "drive",
             best,
             "sim=lake",
-            "laps=1",
+            "laps=0.5",
             "port=0",
             f"speed.set_mph={SPEED_MPH}",
             f"record={drive}",
         ],
-        "film it": ["film", str(drive), f"out={run / 'lap.mp4'}", "fps=30"],
+        "film it": ["film", str(drive), f"out={run / 'drive.mp4'}", "fps=30"],
     }
     table, modules = Table("stage", "seconds"), commands()
     for stage, words in stages.items():
@@ -68,7 +68,7 @@ def demo() -> None:
     console.print(table)
     written: list[str | Path] = [
         best,
-        run / "lap.mp4",
+        run / "drive.mp4",
         run / "report" / "index.html",
         run / "metrics.json",
         run / "drives" / "lake-0" / "track.png",
