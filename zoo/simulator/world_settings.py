@@ -23,8 +23,8 @@ class WorldSettings:
         track: name or YAML file of a track.
         direction: forward, or backward (against the order of the track's points).
         weather: clear, random (drawn from the seed), or settings such as {fog: 0.4, wet: 1}.
-        frame_rate: frames per second of simulated time, 0.1..50.
-        delay_s: seconds from a command to the wheels, 0..2.
+        frame_rate: frames per second of simulated time.
+        delay_s: seconds from a command to the wheels.
         quality: full; fast, with less detail far away; or simple, without shadows.
     """
 

@@ -36,8 +36,8 @@ class SearchOptions(TableFiles):
         weather: vary: search days, too; clear, or settings such as {fog: 0.4}: one day.
         length: metres of each road.
         speed: speed to hold, mph.
-        frame_rate: frames per second of simulated time, 0.1..50.
-        delay_s: seconds from a command to the wheels, 0..2.
+        frame_rate: frames per second of simulated time.
+        delay_s: seconds from a command to the wheels.
         quality: full, or fast (about twice as fast, less detail far away), or simple.
         seed: random seed of the search.
         out: output folder; null: named by date and time.
