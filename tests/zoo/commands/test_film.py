@@ -114,7 +114,7 @@ def test_a_name_with_rich_markup_is_printed_unchanged(recorded: Written, tmp_pat
 
     out = succeed(run_here(tmp_path, str(folder), module="zoo.commands.film"))
 
-    assert out.splitlines()[-1] == f"wrote: {folder}.mp4"
+    assert out.splitlines()[-1] == f"wrote: {folder.name}.mp4"
     assert f"{folder / recorded.image(1).name}: " in out
 
 
