@@ -8,7 +8,14 @@ from datamodules.write_options import WriteOptions
 from zoo.base.command import command
 from zoo.base.errors import UsageError, hint
 from zoo.base.parts import typed_parts
-from zoo.base.terminal import command_line, counted, print_next, print_written, printable
+from zoo.base.terminal import (
+    command_line,
+    counted,
+    print_next,
+    print_written,
+    printable,
+    shown_path,
+)
 
 LOG = "udacity"  # format that most programs of the course read
 
@@ -86,7 +93,7 @@ def convert(
     for note in (*skipped, *chosen, *result.notes):
         print(printable(f"- {note}"))
     print_written([result.folder])
-    following = result.following or ("drivezoo", "check", str(result.folder), *typed_parts())
+    following = result.following or ("drivezoo", "check", shown_path(result.folder), *typed_parts())
     print_next(command_line(following), result.purpose)
     return result.folder
 

@@ -30,8 +30,8 @@ def test_a_recording_becomes_a_tub_and_a_tub_a_recording(recorded: Written, tmp_
     ]
     new = tmp_path / "tub_udacity"
     assert back.stdout.splitlines()[-2:] == [
-        f"wrote: {new}",
-        f"next: drivezoo check {new}",
+        "wrote: tub_udacity",
+        "next: drivezoo check tub_udacity",
     ]
     again = read_recordings(str(new))
     assert again.steering.tolist() == recorded.steering.tolist()

@@ -109,11 +109,10 @@ def test_every_row_is_analysed_in_order_by_a_policy_with_memory(recorded: Writte
 def test_without_a_page_it_writes_at_once(recorded: Written, tmp_path: Path) -> None:
     options = ("drop=11-20,101-", "split=51", "out=new", "page=false")
     printed = succeed(run(tmp_path, str(recorded.folder), *options, module="zoo.commands.edit"))
-    folders = [str(tmp_path / "new" / name) for name in ("1", "2")]
-    for folder in folders:
-        assert f"wrote: {folder}" in printed
-    assert f"next: drivezoo check {folders[0]} {folders[1]}" in printed
-    assert len(read_recordings(folders)) == 90
+    for name in ("1", "2"):
+        assert f"wrote: new/{name}\n" in printed
+    assert "next: drivezoo check new/1 new/2\n" in printed
+    assert len(read_recordings([tmp_path / "new" / name for name in ("1", "2")])) == 90
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ def test_the_figures_do_not_depend_on_the_number_of_workers(
     for key, (label, _) in table_rows().items():
         assert (label.strip() in printed) == (key not in OF_OTHERS)
     assert "no whole lap" in printed
-    assert f"wrote: {tmp_path / 'a=1'}" in printed.splitlines()
+    assert "wrote: a=1" in printed.splitlines()
     for drive in ("lake-0", "lake-1"):
         for name in ("drive.csv", "drive.json", "track.png", "error.png"):
             assert (tmp_path / "b" / drive / name).is_file()
@@ -191,7 +191,7 @@ def test_paths_are_printed_as_they_are(checkpoint: str, tmp_path: Path) -> None:
     out = tmp_path / "[brightness]" / "[/red] :car: ï=1"
     options = ("laps=0.01", "quality=simple", f"out={out}")
     printed = succeed(run_here(tmp_path, checkpoint, *options, module="zoo.commands.evaluate"))
-    assert f"wrote: {out}" in printed.splitlines()
+    assert f"wrote: {out.relative_to(tmp_path)}" in printed.splitlines()
     page = out / "report" / "index.html"
     assert "Worst moments on the lake" in page.read_text()
     assert "Without saliency" not in page.read_text()
