@@ -8,20 +8,24 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import kendalltau
 
 from benchmarks.board_rows import Row
+from benchmarks.measuring import Rows, grouped
 from benchmarks.study_grid import Entry, Study
 from zoo.base.bounded_files import read_json
 from zoo.base.whole_file import json_text, write_whole
 from zoo.checkpoints.policy_base import Policy, as_policy
 from zoo.driving.run_drives import PolicyMaker, all_drives
 from zoo.driving.scenario import Scenario
+from zoo.results.differences import read_entries
 from zoo.runs.metrics_file import read_metrics_file
 from zoo.scoring.track_scores import KeptDrive
 
 WORLD, SPEED_MPH = "gymnasium:CarRacing-v3", 20.0
 TRAINING, TEST = range(1000, 1040), range(20)  # seeds of tracks
 LEAST = 500.0  # return of a recorded drive; in others the script has lost the road
+BOARD, DRAWS = Path("benchmarks/board"), 2000
 ROWS = slice(64, 48, -2)  # of an image of 96 x 96, from the car on
 GREY, MIDDLE, FULL = 20, 47.5, 20.0
 
@@ -82,3 +86,62 @@ def carried_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
     error = read_metrics_file(run)["open_loop"]["val"]["balanced_mae"]
     for track, value in zip(TEST, read_json(path), strict=True):
         yield {"track": track, "return": round(value, 2), "balanced_mae": round(error, 5)}
+
+
+def board_scores(entry: str) -> np.ndarray:
+    """Return which drives of the board were clean, float64 [seeds, roads]; empty without any."""
+    if not (BOARD / entry / "result.json").is_file():
+        return np.empty((0, 0))
+    (read,) = read_entries(BOARD / entry)
+    return read.scores(read.roads)
+
+
+def on_board(rows: Rows) -> str:
+    """Return an entry's share of clean drives on the board."""
+    scores = board_scores(rows[0]["entry"])
+    return f"{100 * scores.mean():.1f} %" if scores.size else "-"
+
+
+def agreement(rows: Rows, figure: str) -> str:
+    """Return Kendall's tau of the returns and a figure, over recipes, with its 95 % interval.
+
+    The interval is that of a bootstrap over recipes, tracks and training seeds.
+
+    Args:
+        rows: rows of all recipes.
+        figure: `board`, the share of clean drives; or a column of the rows, the less the better.
+    """
+    pairs = []
+    for trainings in grouped(rows, ["entry"]):
+        of_seeds = grouped(trainings, ["seed"])
+        returns = np.array([[float(row["return"]) for row in seed] for seed in of_seeds])
+        if figure == "board":
+            other = board_scores(trainings[0]["entry"])
+        else:
+            other = -np.array([[float(seed[0][figure])] for seed in of_seeds])
+        if other.size:
+            pairs.append((returns, other))
+    rng = np.random.default_rng(1)
+    drawn = [_tau(pairs, rng) for _ in range(DRAWS)]
+    low, high = np.nanpercentile(drawn, [2.5, 97.5])
+    return f"{_tau(pairs):.2f} ({low:.2f} to {high:.2f})"
+
+
+def _tau(
+    pairs: list[tuple[np.ndarray, np.ndarray]], rng: np.random.Generator | None = None
+) -> float:
+    """Return tau; with `rng` of recipes, seeds, tracks and roads drawn with replacement."""
+
+    def drawn(count: int) -> np.ndarray:
+        return np.arange(count) if rng is None else rng.integers(count, size=count)
+
+    # A recipe that was drawn twice says nothing of an order.
+    recipes, columns = set(drawn(len(pairs)).tolist()), [drawn(one.shape[1]) for one in pairs[0]]
+    means = [
+        [
+            matrix[drawn(len(matrix))][:, column].mean()
+            for matrix, column in zip(pairs[recipe], columns, strict=True)
+        ]
+        for recipe in sorted(recipes)
+    ]
+    return float(kendalltau(*np.array(means).T)[0]) if len(means) > 1 else float("nan")

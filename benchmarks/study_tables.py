@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.carry import agreement, on_board
 from benchmarks.measuring import Rows, grouped, markdown_table, write_between
 from zoo.driving.bootstrap import mean_over_seeds
 from zoo.driving.intervals import count_with_interval
@@ -62,7 +63,7 @@ def mean_with_interval(rows: Rows, key: str) -> str:
     return over_seeds([100 * share for share in floats(rows, key)], 100.0, " %")
 
 
-def over_seeds(values: Sequence[float], most: float, unit: str) -> str:
+def over_seeds(values: Sequence[float], most: float, unit: str, form: str = ".1f") -> str:
     """Return a mean over training seeds with its interval, from 0 to `most`; `-` of no values."""
     if not values:
         return "-"
@@ -70,8 +71,8 @@ def over_seeds(values: Sequence[float], most: float, unit: str) -> str:
     deviation = float(np.std(values, ddof=1)) if count > 1 else None
     interval = mean_over_seeds(mean, deviation, count, (0, most))
     if math.isnan(interval.low):  # all are equal, which says little about a further one
-        return f"{mean:.1f}{unit}"
-    return f"{mean:.1f}{unit} ({interval.low:.1f} to {interval.high:.1f})"
+        return f"{mean:{form}}{unit}"
+    return f"{mean:{form}}{unit} ({interval.low:{form}} to {interval.high:{form}})"
 
 
 def by_training(rows: Rows) -> list[tuple[float, float]]:
@@ -213,7 +214,14 @@ def packaged() -> list[dict]:
     return sorted(rows, key=lambda row: row["parameters"])
 
 
+def mean_of_trainings(rows: Rows, key: str, form: str = ".1f") -> str:
+    """Return the mean over trainings of a column's mean, with its 95 % interval."""
+    values = [float(np.mean(floats(training, key))) for training in grouped(rows, ["seed"])]
+    return over_seeds(values, math.inf, "", form)
+
+
 CELLS: dict[str, Callable[..., str]] = {
+    "agreement": agreement,
     "claim": claim,
     "claim_data": lambda rows: DATA[rows[0]["data"]],
     "clean_drives": clean_drives,
@@ -225,7 +233,9 @@ CELLS: dict[str, Callable[..., str]] = {
     "interventions_of": interventions_of,
     "interventions_per_km": interventions_per_km,
     "mean_with_interval": mean_with_interval,
+    "mean_of_trainings": mean_of_trainings,
     "number": number,
+    "on_board": on_board,
     "percent": percent,
     "stalls_or_autonomy": stalls_or_autonomy,
     "text": lambda rows, form: form.format(**rows[0]) or "-",
