@@ -142,12 +142,14 @@ def _pilots(ckpt: str, shots: list[Shot]) -> Callable[[np.ndarray, Shot], np.nda
     with loading():
         from zoo.checkpoints.checkpoint_policy import load_policy
         from zoo.driving.pilot_film import Pilots
+        from zoo.driving.run_drives import one_thread
     policies = list(map(load_policy, drivers))
     pilots = Pilots(names, shots[0].state.rig, [])
 
     def draw(frame: np.ndarray, shot: Shot) -> np.ndarray:
         speed = shot.state.speed_mph or 0.0
-        steering = [policy(frame, speed).steering for policy in policies]
+        with one_thread():
+            steering = [policy(frame, speed).steering for policy in policies]
         pilots.steering.append([shot.state.steering or 0.0, *steering])
         return pilots.draw(frame)
 

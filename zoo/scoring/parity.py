@@ -23,6 +23,7 @@ from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.frame_memory import SessionPolicy
 from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy_base import Command
+from zoo.driving.run_drives import one_thread
 from zoo.models.memory import Memory
 
 FRAMES = 64
@@ -107,9 +108,7 @@ def compare(policy: CheckpointPolicy, exported: SessionPolicy, frames: Frames) -
     policies = (policy, exported)
     times_ms: tuple[list[float], list[float]] = ([], [])
     answers: tuple[list[list[float]], list[list[float]]] = ([], [])
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
+    with one_thread():
         for _ in range(WARM_UP):
             for each in policies:
                 each(frames.frames[0], 0.0)
@@ -125,8 +124,6 @@ def compare(policy: CheckpointPolicy, exported: SessionPolicy, frames: Frames) -
                 command = policies[which](frame, speed_mph)
                 times_ms[which].append(1000 * (time.perf_counter() - began))
                 answers[which].append(_outputs(command))
-    finally:
-        torch.set_num_threads(threads)
     expected, outputs = (np.array(answer, dtype=float) for answer in answers)
     differences = [np.abs(outputs - expected).max()]
     if isinstance(exported, OnnxPolicy):

@@ -34,6 +34,7 @@ from zoo.checkpoints.checkpoint_path import short_name
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.policy_base import Policy, PolicyFunction, as_policy
 from zoo.driving.bootstrap import Estimate, bootstrap
+from zoo.driving.run_drives import one_thread
 from zoo.extras.research.challenge_options import ChallengeOptions
 from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.result_table import Column, Table, interval_column
@@ -255,7 +256,7 @@ def steer_rows(
     """
     broken = find_breaks(test.recording)
     steering = np.empty(len(rows))
-    with progress_bar(f"steering {len(rows):,} frames", console) as shown:
+    with progress_bar(f"steering {len(rows):,} frames", console) as shown, one_thread():
         for number, row in enumerate(rows.tolist()):
             if number == 0 or rows[number - 1] != row - 1 or broken[row - 1]:
                 policy.reset()
