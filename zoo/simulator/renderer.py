@@ -6,6 +6,7 @@ small ones. Near materials are drawn first, because pixels hidden behind them ar
 """
 
 import pickle
+from contextlib import suppress
 from dataclasses import fields
 from functools import lru_cache
 from itertools import zip_longest
@@ -47,6 +48,9 @@ POINT = np.dtype([("point", "<f4", 3), ("colour", "u1", 4), ("uv", "<f4", 2)])
 
 
 Piece = tuple[Mesh, core.GeomVertexData]  # a mesh and the renderer's copy of its points
+Opened = tuple[core.GraphicsEngine, core.GraphicsOutput, str]  # with the renderer's name
+# Buffers of closed renderers. Panda3D 1.10 frees no buffer, which is 0.4 MB for each drive.
+IDLE: list[Opened] = []
 
 
 class Renderer:
@@ -70,7 +74,8 @@ class Renderer:
         self.track, self.rig = track, rig
         self.first = next(iter(rig.cameras.values()))
         self.size = self.first.size
-        self.engine, self.buffer, self.name = open_buffer(renderer, *self.size)
+        opened = _take_idle(renderer, *self.size) or open_buffer(renderer, *self.size)
+        self.engine, self.buffer, self.name = opened
         self.texture = core.Texture()
         self.buffer.addRenderTexture(self.texture, core.GraphicsOutput.RTMCopyRam)
         self.root = core.NodePath("world")
@@ -137,9 +142,13 @@ class Renderer:
         self.sky.setPos(*at)
 
     def close(self) -> None:
-        """Free the buffer."""
-        self.engine.removeWindow(self.buffer)
+        """Leave the buffer to the next renderer."""
+        if self.root.isEmpty():  # closed already
+            return
         self.root.removeNode()
+        self.buffer.removeAllDisplayRegions()
+        self.buffer.clearRenderTextures()
+        IDLE.append((self.engine, self.buffer, self.name))
 
     def _attach(self, mesh: Mesh) -> tuple[Piece, core.NodePath]:
         data = core.GeomVertexData(mesh.material, POINTS, core.Geom.UHDynamic)
@@ -215,9 +224,19 @@ def _landscape(contents: bytes, quality: str) -> Landscape:
     return parts, shadows
 
 
-def open_buffer(
-    renderer: str, width: int, height: int
-) -> tuple[core.GraphicsEngine, core.GraphicsOutput, str]:
+def _take_idle(renderer: str, width: int, height: int) -> Opened | None:
+    """Return an open buffer of a closed renderer; None without a fitting one."""
+    wanted = width, height, "software" if renderer == "auto" else renderer
+    for opened in list(IDLE):
+        _, buffer, name = opened
+        with suppress(ValueError):  # another thread has taken it
+            if (buffer.getXSize(), buffer.getYSize(), name) == wanted:
+                IDLE.remove(opened)
+                return opened
+    return None
+
+
+def open_buffer(renderer: str, width: int, height: int) -> Opened:
     """Open an offscreen buffer; return engine, buffer and the renderer's name.
 
     `auto` is `software`, whose frames are identical everywhere, or `opengl` where software does not

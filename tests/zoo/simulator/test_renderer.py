@@ -169,7 +169,7 @@ def test_the_camera_sees_the_road_before_it_along_the_lap(
     world = open_world(name, renderer="software", quality=quality)
     for path in world.renderer.root.findAllMatches("**/+GeomNode"):
         path.setTextureOff(1)
-        paved = path.getName() in ("asphalt", "cobbles", "plain")
+        paved = path.getName() in ("asphalt", "worn", "cobbles", "plain")
         path.setColor((1, 0, 0, 1) if paved else (0, 0, 1, 1), 1)
     for number, distance in enumerate(np.arange(0, world.track.length - 8, every_m)):
         world.direction = (1, -1)[number % 2]
@@ -206,6 +206,23 @@ def test_nothing_is_kept_of_earlier_frames_and_worlds() -> None:
         del world
         counts.append(core.RenderState.getNumStates() + core.TransformState.getNumStates())
     assert counts[0] == counts[2]
+
+
+def test_the_next_renderer_takes_a_closed_ones_buffer_and_shares_no_open_one() -> None:
+    first, other = open_world("lake", "software"), open_world("lake", "software")
+    assert first.renderer.buffer != other.renderer.buffer
+    shown = look(first, CLEAR, distance=330)
+    first.renderer.close()
+    first.renderer.close()  # once more hands no buffer out twice
+    again, third = open_world("alpine:17", "software"), open_world("lake", "software")
+    assert again.renderer.buffer == first.renderer.buffer != third.renderer.buffer
+    look(again, Weather(fog=0.2), distance=120)
+    again.renderer.close()
+    later = open_world("lake")
+    assert later.renderer.buffer == first.renderer.buffer
+    assert (look(later, CLEAR, distance=330) == shown).all()
+    for world in (other, third, later):
+        world.renderer.close()
 
 
 # A change of a digest is a change of every score and recording of that quality.
