@@ -147,7 +147,7 @@ def write_part(kind: str, name: str, folder: Path) -> tuple[list[Path], list[tup
             undo.callback(path.unlink, missing_ok=True)
         undo.pop_all()
     following = [(_filled(words, names), purpose) for words, purpose in KINDS[kind].following]
-    if (folder / f"{name}.onnx").exists():
+    if (folder / _filled("$here$name.onnx", names)).exists():
         following = [line for line in following if not line[0].startswith("drivezoo export")]
     return list(texts), following
 
