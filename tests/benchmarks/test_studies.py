@@ -80,7 +80,7 @@ def line_of(page: str, begin: str) -> str:
 
 
 @pytest.mark.parametrize(  # these have no committed figures
-    "name", sorted({path.stem for path in FOLDER.glob("*.yaml")} - {"lengths", "carry"})
+    "name", sorted({path.stem for path in FOLDER.glob("*.yaml")} - {"lengths"})
 )
 def test_the_committed_pages_are_those_of_the_committed_figures(
     name: str, pages: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
