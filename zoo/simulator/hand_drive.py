@@ -3,12 +3,12 @@
 import datetime
 import functools
 import time
-from contextlib import closing, nullcontext
+from contextlib import closing, nullcontext, suppress
 from pathlib import Path
 
 from rich.console import Console
 
-from zoo.base.terminal import print_line
+from zoo.base.terminal import print_line, shown_path
 from zoo.simulator.command_options import DriveOptions
 from zoo.simulator.hand_control import HandControl, Hands
 from zoo.simulator.hand_page import Seat, served_seat
@@ -47,19 +47,20 @@ class Drive:
         """
         begin, owed_s = time.perf_counter(), 0.0
         self._show(0.0)
-        while not seconds or self.world.time < seconds:
-            hands = self.seat.hands
-            while owed_s >= PHYSICS_STEP_S:
-                owed_s -= PHYSICS_STEP_S
-                self._step(hands)
-            if self.seat.watched:
-                self._show(owed_s / PHYSICS_STEP_S)
-            if not self._handle_keys():
-                break
-            time.sleep(max(begin + 1 / SHOWN_PER_S - time.perf_counter(), 0))
-            now = time.perf_counter()
-            owed_s += min(now - begin, LONGEST_S) if self.seat.watched else 0.0
-            begin = now
+        with suppress(KeyboardInterrupt):  # ends the drive, as the page's End does
+            while not seconds or self.world.time < seconds:
+                hands = self.seat.hands
+                while owed_s >= PHYSICS_STEP_S:
+                    owed_s -= PHYSICS_STEP_S
+                    self._step(hands)
+                if self.seat.watched:
+                    self._show(owed_s / PHYSICS_STEP_S)
+                if not self._handle_keys():
+                    break
+                time.sleep(max(begin + 1 / SHOWN_PER_S - time.perf_counter(), 0))
+                now = time.perf_counter()
+                owed_s += min(now - begin, LONGEST_S) if self.seat.watched else 0.0
+                begin = now
         self.driven.seconds, self.driven.metres = self.world.time, abs(self.world.travelled)
 
     def _step(self, hands: Hands) -> None:
@@ -98,7 +99,7 @@ class Drive:
             last_lap_s=self.driven.lap_s[-1] if laps else None,
             recording=self.is_recording,
             rows=self.recorder.rows,
-            folder=str(self.recorder.folder),
+            folder=shown_path(self.recorder.folder),
             cruising=control.cruising,
             notice=notice,
         )
