@@ -62,7 +62,7 @@ def test_a_person_drives_off_to_the_left_and_records_it(tmp_path, begin):
     printed = output(process)
     recording = read_recordings(str(tmp_path / "mine"))
     assert re.search(rf"rows +{len(recording)} ", printed)
-    assert str(tmp_path / "mine" / LOG_NAME) in printed
+    assert f"wrote: mine/{LOG_NAME}\n" in printed
     assert re.search(r"off the road +\d+ rows", printed)
     assert "next: drivezoo edit mine" in printed
     assert recording.steering.min() == -1
