@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from datamodules.augment import Augment, Shift
+from datamodules.augment import Shift
+from datamodules.augmented_batch import Augment
 from datamodules.data_settings import DataSettings
 from datamodules.formats.labels import _with_full_lock
 from datamodules.read_options import ReadOptions

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 import torch
 
-from datamodules.augment import Augment, Brightness, Shadow, Shift
+from datamodules.augment import Brightness, Shadow, Shift
+from datamodules.augmented_batch import Augment
 from datamodules.balance import BatchKey
 from datamodules.bend import Bend
 from datamodules.data_settings import DataSettings

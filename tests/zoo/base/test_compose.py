@@ -43,7 +43,7 @@ def test_every_yaml_opens_with_a_command(path: Path) -> None:
         ("augment=[rain]", "bend, blur, brightness"),
         ("data.offset=[", "close its brackets"),
         ("callbacks=null", "callbacks=null: name a choice; available: "),
-        ("score=true", "score=true: name a choice; available: lake, none"),
+        ("score=true", "score=true: name a choice; available: fast, lake, none"),
         ("optim=1", "optim=1: name a choice; available: adam, sgd"),
         ("model=[lenet,tiny]", "add -m"),
         ("optim.lr=0.1,0.2", "add -m to train with each"),
