@@ -26,10 +26,7 @@ from zoo.base.errors import InputError, UsageError
 from zoo.base.run_command import held_interrupt
 
 Result = TypeVar("Result")
-PROCESSES, EXECUTORS = (
-    "processes",
-    "drivezoo.executors",
-)  # this module's executor; the others' group
+PROCESSES, EXECUTORS = "processes", "drivezoo.executors"  # this module's; the others' group
 Executor = Annotated[str, EntryChoice(EXECUTORS, own=(PROCESSES,))]
 LOOK_S = 0.2  # seconds between two updates of the progress
 _reports: Any = None  # queue of job numbers and shares, in a process of a pool
