@@ -177,7 +177,8 @@ def test_keys_drive_in_a_browser(tmp_path, begin):
         browser.wait_for("document.querySelector('[data-fact=throttle]').textContent === '0.00'")
         browser.click("[data-press=escape]")
         browser.wait_for("document.querySelector('.notice').textContent.includes('ended')")
-        assert not [line for line in browser.errors if "ERR_CONNECTION" not in line]
+        # The server has ended, so that what the page asks for next fails without an answer.
+        assert not [line for line in browser.errors if "net::ERR_" not in line]
     assert "rows " in output(process)
     assert read_recordings(str(tmp_path / "mine")).steering.min() < -0.5
 
