@@ -20,9 +20,8 @@ from zoo.driving.drive_record import BAND, DriveRow
 from zoo.driving.tally import autonomy
 
 FILM_NAME, FRAMES = "film.mp4", "frames"
-FILM_WIDTH = 640  # at 960 a lap takes twice the bytes
 MOMENTS, APART_S = 10, 2.0
-WIDTH = 960  # of a drawn frame
+WIDTH = 640  # of a drawn frame; at 960 a film takes twice the bytes, and three times as long
 WHEEL_RATIO = 6.0  # angle of the drawn steering wheel per angle of the front wheels
 UNKNOWN_LOCK_DEG = 25.0  # drawn of a car of unknown rig
 Colour = tuple[int, int, int]
@@ -34,8 +33,8 @@ WHITE, GREY, GREEN, RED, AMBER = (
     (255, 184, 64),
 )
 MOST_WAITING = 16  # frames that are not yet painted
-MAP = 150  # side in pixels of the small map
-PANEL = 104  # height in pixels of the darkened band for the instruments, over the car's bonnet
+MAP = 100  # side in pixels of the small map
+PANEL = 70  # height in pixels of the darkened band for the instruments, over the car's bonnet
 _SUBPIXEL = 4  # fractional bits of OpenCV's coordinates
 
 
@@ -159,9 +158,7 @@ class DriveFilm(Film):
             super().__exit__(*error)
 
     def _paint(self, frame: np.ndarray, state: "Overlay") -> None:
-        image = draw_overlay(frame, state)
-        size = FILM_WIDTH, len(image) * FILM_WIDTH // WIDTH
-        self.add(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+        self.add(draw_overlay(frame, state))
 
 
 @dataclass(frozen=True)
@@ -215,17 +212,17 @@ class RoadMap:
 
     def __init__(self, road: np.ndarray) -> None:
         low, high = road.min(0), road.max(0)
-        self.middle, self.scale = (low + high) / 2, (MAP - 24) / max(float((high - low).max()), 1.0)
+        self.middle, self.scale = (low + high) / 2, (MAP - 16) / max(float((high - low).max()), 1.0)
         self.line = Image.new("1", (MAP, MAP))
         points = [tuple(point) for point in self._place(road).tolist()]
-        ImageDraw.Draw(self.line).line(points, fill=1, width=4, joint="curve")
+        ImageDraw.Draw(self.line).line(points, fill=1, width=3, joint="curve")
 
     def draw(self, image: Image.Image, at: tuple[int, int], xy: tuple | None) -> None:
         """Draw the road, and a dot for the car, into the square that begins at a pixel."""
         image.paste(GREY, at, self.line)
         if xy is not None:
             x, y = (self._place(np.array(xy)) + at).tolist()
-            ImageDraw.Draw(image).ellipse((x - 7, y - 7, x + 7, y + 7), fill=AMBER)
+            ImageDraw.Draw(image).ellipse((x - 5, y - 5, x + 5, y + 5), fill=AMBER)
 
     def _place(self, points: np.ndarray) -> np.ndarray:
         return np.asarray(MAP / 2 + (points - self.middle) * self.scale * (1, -1))
@@ -246,27 +243,27 @@ def draw_overlay(frame: np.ndarray, state: Overlay) -> np.ndarray:
     """Return an enlarged camera frame, uint8 [H, W, 3] RGB, with a drive's state drawn in.
 
     Returns:
-        uint8 [960 H / W, 960, 3], RGB.
+        uint8 [640 H / W, 640, 3], RGB.
     """
     size = WIDTH, WIDTH * len(frame) // frame.shape[1]
     image = cv2.resize(frame, size, interpolation=cv2.INTER_CUBIC)
     labels, boxes = _draw_instruments(image, state), []
     if rows := _text_rows(state):
-        boxes.append((WIDTH - 288, 18, WIDTH - 20, 32 + 30 * len(rows)))
+        boxes.append((WIDTH - 192, 12, WIDTH - 13, 21 + 20 * len(rows)))
     for number, (name, value, colour) in enumerate(rows):
-        y = 40 + 30 * number
-        labels.append(Label(name, WIDTH - 274, y, 13, GREY))
-        labels.append(Label(value, WIDTH - 34, y, 20, colour, "rm"))
+        y = 27 + 20 * number
+        labels.append(Label(name, WIDTH - 183, y, 9, GREY))
+        labels.append(Label(value, WIDTH - 23, y, 13, colour, "rm"))
     if state.note:
-        boxes.append((20, 18, 48 + int(film_font(18).getlength(state.note)), 54))
-        labels.append(Label(state.note, 34, 36, 18, WHITE))
-    corner = 20, 66 if state.note else 18
+        boxes.append((13, 12, 32 + int(film_font(12).getlength(state.note)), 36))
+        labels.append(Label(state.note, 23, 24, 12, WHITE))
+    corner = 13, 44 if state.note else 12
     if state.road is not None:
         boxes.append((*corner, corner[0] + MAP, corner[1] + MAP))
     drawn = Image.fromarray(image)
     blending = ImageDraw.Draw(drawn, "RGBA")
     for box in boxes:
-        blending.rounded_rectangle(box, 10, fill=(12, 16, 22, 140))
+        blending.rounded_rectangle(box, 7, fill=(12, 16, 22, 140))
     if state.road is not None:
         state.road.draw(drawn, corner, state.xy)
     draw = ImageDraw.Draw(drawn)
@@ -284,22 +281,22 @@ def _draw_instruments(image: np.ndarray, state: Overlay) -> list[Label]:
         light = 1 - 0.72 * np.linspace(0, 1, PANEL) ** 0.6
         image[-PANEL:] = (image[-PANEL:] * light[:, None, None]).astype(np.uint8)
     if state.steering is not None:
-        wheel, spread = (70, height - 54), state.spread or 0.0
+        wheel, spread = (47, height - 36), state.spread or 0.0
         turn_deg = WHEEL_RATIO * (UNKNOWN_LOCK_DEG if state.rig is None else state.rig.steering_deg)
-        draw_wheel(image, wheel, 40, state.steering * turn_deg)
-        _draw_steering_bar(image, (WIDTH // 2, height - 40), 150, state.steering, spread)
+        draw_wheel(image, wheel, 27, state.steering * turn_deg)
+        _draw_steering_bar(image, (WIDTH // 2, height - 27), 100, state.steering, spread)
         if state.recorded is not None:
-            mark_wheel(image, wheel, 47, state.recorded * turn_deg, GREEN)
+            mark_wheel(image, wheel, 31, state.recorded * turn_deg, GREEN)
         band = angle_text(BAND * spread, state.rig).replace("+", " ±")
         name = f"STEERING{'' if state.spread is None else band}"
-        labels.append(Label(angle_text(state.steering, state.rig), 128, height - 57, 26, WHITE))
-        labels.append(Label(name, 128, height - 26, 13, GREY))
+        labels.append(Label(angle_text(state.steering, state.rig), 85, height - 38, 17, WHITE))
+        labels.append(Label(name, 85, height - 17, 9, GREY))
     if state.speed_mph is not None:
         speed = f"{state.speed_mph:.1f}"
-        labels.append(Label(speed, WIDTH - 84, height - 50, 38, WHITE, "rm"))
-        labels.append(Label("mph", WIDTH - 76, height - 43, 17, GREY))
+        labels.append(Label(speed, WIDTH - 56, height - 33, 25, WHITE, "rm"))
+        labels.append(Label("mph", WIDTH - 51, height - 29, 11, GREY))
     if state.throttle is not None:
-        _draw_pedals(image, (WIDTH - 208, height - 20), 184, state.throttle)
+        _draw_pedals(image, (WIDTH - 139, height - 13), 123, state.throttle)
     return labels
 
 
@@ -335,12 +332,12 @@ def draw_wheel(
     colour: Colour = AMBER,
 ) -> None:
     """Draw a steering wheel with a mark at its top, turned clockwise by an angle."""
-    cv2.circle(image, centre, radius, WHITE, 6, cv2.LINE_AA)
+    cv2.circle(image, centre, radius, WHITE, 4, cv2.LINE_AA)
     angle = np.radians(angle_deg)
     for spoke in (np.pi, 0, np.pi / 2):  # left, right, down
         way = np.array([np.cos(angle + spoke), np.sin(angle + spoke)])
-        _line(image, centre + 9 * way, centre + (radius - 2) * way, WHITE, 6)
-    cv2.circle(image, centre, 10, WHITE, -1, cv2.LINE_AA)
+        _line(image, centre + 6 * way, centre + (radius - 1) * way, WHITE, 4)
+    cv2.circle(image, centre, 7, WHITE, -1, cv2.LINE_AA)
     mark_wheel(image, centre, radius, angle_deg, colour)
 
 
@@ -348,7 +345,7 @@ def mark_wheel(
     image: np.ndarray, centre: tuple[int, int], radius: int, angle_deg: float, colour: tuple
 ) -> None:
     """Draw a mark that is at the top of a straight wheel, as on a racing wheel."""
-    cv2.ellipse(image, centre, (radius, radius), angle_deg - 90, -11, 11, colour, 6, cv2.LINE_AA)
+    cv2.ellipse(image, centre, (radius, radius), angle_deg - 90, -11, 11, colour, 4, cv2.LINE_AA)
 
 
 def _draw_steering_bar(
@@ -359,21 +356,21 @@ def _draw_steering_bar(
     if spread > 0:
         first, last = np.clip((steering - BAND * spread, steering + BAND * spread), -1, 1)
         left, right = round(centre[0] + half * first), round(centre[0] + half * last)
-        patch = image[centre[1] - 13 : centre[1] + 14, left : right + 1]
+        patch = image[centre[1] - 9 : centre[1] + 10, left : right + 1]
         patch[:] = (0.6 * patch + 0.4 * np.array(AMBER)).astype(np.uint8)
-    _line(image, middle - (half, 0), middle + (half, 0), (110, 116, 124), 4)
+    _line(image, middle - (half, 0), middle + (half, 0), (110, 116, 124), 3)
     if abs(steering) > 0.004:
-        _line(image, middle, middle + (half * float(np.clip(steering, -1, 1)), 0), AMBER, 8)
-    _line(image, middle - (0, 9), middle + (0, 9), WHITE, 2)
+        _line(image, middle, middle + (half * float(np.clip(steering, -1, 1)), 0), AMBER, 5)
+    _line(image, middle - (0, 6), middle + (0, 6), WHITE, 1)
 
 
 def _draw_pedals(image: np.ndarray, start: tuple[int, int], length: int, throttle: float) -> None:
     """Draw a bar: green for throttle, red for the brake."""
     begin = np.array(start, float)
-    _line(image, begin, begin + (length, 0), (110, 116, 124), 6)
+    _line(image, begin, begin + (length, 0), (110, 116, 124), 4)
     share = min(abs(throttle), 1.0)
     if share > 0.005:
-        _line(image, begin, begin + (length * share, 0), GREEN if throttle > 0 else RED, 6)
+        _line(image, begin, begin + (length * share, 0), GREEN if throttle > 0 else RED, 4)
 
 
 def _line(
@@ -392,5 +389,5 @@ def film_font(size: int) -> ImageFont.FreeTypeFont:
     assert spec is not None
     assert spec.origin is not None
     package = Path(spec.origin).parent
-    name = "DejaVuSans-Bold.ttf" if size >= 20 else "DejaVuSans.ttf"
+    name = "DejaVuSans-Bold.ttf" if size >= 13 else "DejaVuSans.ttf"
     return ImageFont.truetype(str(package / "mpl-data" / "fonts" / "ttf" / name), size)

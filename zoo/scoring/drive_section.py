@@ -10,7 +10,7 @@ import numpy as np
 
 from datamodules.image import read_image
 from zoo.base.errors import InputError
-from zoo.driving.drive_film import APART_S, FILM_NAME, FILM_WIDTH, Overlay, badness, draw_overlay
+from zoo.driving.drive_film import APART_S, FILM_NAME, Overlay, badness, draw_overlay
 from zoo.driving.drive_log import read_drive
 from zoo.driving.drive_record import EMBEDDED, Drive, DriveRow, WrittenDrive
 from zoo.driving.drives_table import drives_table
@@ -127,10 +127,9 @@ def worst_moment(drive: WrittenDrive) -> Image | None:
     frame = read_image(drive.folder / worst.frame)
     state = worst.steering, worst.throttle, worst.speed_mph
     pixels = draw_overlay(frame, Overlay(*state, cte_m=worst.cross_track_m))
-    size = FILM_WIDTH, len(pixels) * FILM_WIDTH // pixels.shape[1]
     lost = ": an intervention" if worst.intervention else ""
     caption = f"The worst moment, after {worst.time_s:.1f} s{lost}."
-    return Image.jpeg(f"{drive.folder.name}_poster.jpg", cv2.resize(pixels, size), caption)
+    return Image.jpeg(f"{drive.folder.name}_poster.jpg", pixels, caption)
 
 
 def _plots(drive: WrittenDrive) -> list[Block]:

@@ -52,7 +52,7 @@ def test_a_recording_becomes_h264_in_real_time(recorded: Written, tmp_path: Path
     meta, frames = decode(tmp_path / "films" / "lake.mp4")
     assert meta["codec"].startswith("h264")
     assert "yuv420p" in meta["pix_fmt"]
-    assert frames.shape == (120, 480, 960, 3)
+    assert frames.shape == (120, 320, 640, 3)
     assert meta["fps"] == pytest.approx(15, abs=0.2)
 
 
@@ -210,33 +210,33 @@ def test_a_film_shows_no_autonomy_where_it_is_not_measured(
 
 def test_the_overlay_draws_only_known_values() -> None:
     bare = draw_overlay(GREY, Overlay(None, float("nan"), None))
-    assert bare.shape == (480, 960, 3)
+    assert bare.shape == (320, 640, 3)
     assert bare.dtype == np.uint8
     assert (bare == 90).all()
     road = draw_overlay(np.full((480, 640, 3), 90, np.uint8), Overlay())
-    assert road.shape == (720, 960, 3), "a frame keeps its shape"
+    assert road.shape == (480, 640, 3), "a frame keeps its shape"
     whole = draw_overlay(GREY, Overlay(-0.2, 0.5, 9.0, 0.97, 0.3, "nvidia"))
-    assert (whole[18:92, 700:940] != 90).any(), "autonomy and distance are at the top right"
-    assert (draw_overlay(GREY, Overlay(0.0, 0.0, 9.0))[18:92] == 90).all()
+    assert (whole[12:61, 467:627] != 90).any(), "autonomy and distance are at the top right"
+    assert (draw_overlay(GREY, Overlay(0.0, 0.0, 9.0))[12:61] == 90).all()
 
 
 def test_a_spread_is_drawn_as_a_band_around_the_steering() -> None:
     sure = draw_overlay(GREY, Overlay(0.4, None, None))
     assert np.array_equal(draw_overlay(GREY, Overlay(0.4, None, None, spread=float("nan"))), sure)
     doubting = draw_overlay(GREY, Overlay(0.4, None, None, spread=0.1))
-    columns = np.flatnonzero((doubting != sure)[428:430].any((0, 2)))
-    # 150 pixels right of the middle is full lock; the band is 1.96 spreads wide on each side.
-    assert (columns.min(), columns.max()) == (480 + round(150 * 0.204), 480 + round(150 * 0.596))
-    assert np.array_equal(doubting[:300], sure[:300])
+    columns = np.flatnonzero((doubting != sure)[285:287].any((0, 2)))
+    # 100 pixels right of the middle is full lock; the band is 1.96 spreads wide on each side.
+    assert (columns.min(), columns.max()) == (320 + round(100 * 0.204), 320 + round(100 * 0.596))
+    assert np.array_equal(doubting[:200], sure[:200])
 
 
 def test_steering_turns_the_wheel_and_pedals_have_their_colours() -> None:
     left, right = (draw_overlay(GREY, Overlay(value, None, None)) for value in (-0.3, 0.3))
-    assert not np.array_equal(left[380:, :120], right[380:, :120])
+    assert not np.array_equal(left[253:, :80], right[253:, :80])
     throttle, brake = (draw_overlay(GREY, Overlay(None, value, None)) for value in (0.8, -0.8))
     for image, colour, other in ((throttle, GREEN, RED), (brake, RED, GREEN)):
-        assert (image[440:] == colour).all(2).sum() > 300
-        assert not (image[440:] == other).all(2).any()
+        assert (image[293:] == colour).all(2).sum() > 130
+        assert not (image[293:] == other).all(2).any()
 
 
 def test_a_replay_shows_the_recorded_steering(tmp_path: Path) -> None:
@@ -257,7 +257,7 @@ def test_a_replay_shows_the_recorded_steering(tmp_path: Path) -> None:
     noted = [number for number, shot in enumerate(shots) if shot.state.note]
     assert noted == list(range(5, 15)), "for a second"
     shown, alone = (draw_overlay(GREY, Overlay(-0.2, recorded=value)) for value in (0.3, None))
-    assert (shown[380:, :120] == GREEN).all(2).any(), "a mark on the wheel"
+    assert (shown[253:, :80] == GREEN).all(2).any(), "a mark on the wheel"
     assert not (alone == GREEN).all(2).any()
 
 
@@ -287,8 +287,8 @@ def test_pilots_steer_beside_the_recorded_driver(recorded: Written, tmp_path: Pa
 def test_the_panel_shows_how_far_each_pilot_is_off() -> None:
     pilots = Pilots(["a", "b"], None, [[0.1, 0.1, -0.4]] * 3)
     image = pilots.draw(np.full((160, 320, 3), 90, np.uint8))
-    assert image.shape == (480 + STRIP, 960, 3)
-    lines = [np.flatnonzero((image[480:, -16] == colour).all(axis=1)) for colour in COLOURS[:2]]
+    assert image.shape == (320 + STRIP, 640, 3)
+    lines = [np.flatnonzero((image[320:, -11] == colour).all(axis=1)) for colour in COLOURS[:2]]
     middle = GRAPH_TOP + GRAPH_HALF
     assert lines[0].mean() == pytest.approx(middle, abs=1)
     assert lines[1].mean() == pytest.approx(middle - GRAPH_HALF, abs=1)  # further left: above
