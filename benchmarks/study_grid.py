@@ -15,8 +15,8 @@ from typing import Any
 import yaml
 
 from zoo.base.bounded_files import read_json
-from zoo.base.command_keys import read_options
 from zoo.base.errors import InputError
+from zoo.base.key_values import read_options
 from zoo.base.whole_file import json_text, write_whole
 
 FOLDER = Path(__file__).parent / "studies"

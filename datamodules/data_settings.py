@@ -22,8 +22,9 @@ from datamodules.split import KINDS, SHARE, split_rows, split_words
 from datamodules.steering_label import curvature_label, in_label, label_lines
 from datamodules.view import View
 from datamodules.windows import Windows
-from zoo.base.command_keys import Untyped, convert, keys_of
+from zoo.base.command_keys import Untyped, keys_of
 from zoo.base.errors import InputError
+from zoo.base.key_values import convert
 from zoo.base.rig import STEERING
 
 MOST_WINDOW = 256  # frames, rows or targets of a window

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal, get_type_hints
 from pydantic import Field
 
 from datamodules.steering_unit import SteeringUnit, keys_and_values, read_unit
-from zoo.base.command_keys import convert
 from zoo.base.errors import UsageError
+from zoo.base.key_values import convert
 from zoo.base.rig import MPS_PER_MPH
 from zoo.base.terminal import counted
 

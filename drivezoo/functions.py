@@ -11,8 +11,9 @@ from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
-from zoo.base.command_keys import constructed, typed_keys
+from zoo.base.command_keys import typed_keys
 from zoo.base.errors import UsageError
+from zoo.base.key_values import constructed
 from zoo.base.output_files import overwriting
 from zoo.base.parts import name_parts
 from zoo.base.run_command import expected_failure

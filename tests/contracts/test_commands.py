@@ -15,17 +15,10 @@ from tests.recordings import Written, write_recording
 from tests.zoo.command_runs import ROOT, environment, only_line, run, run_here
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.command import Command, command
-from zoo.base.command_keys import (
-    Choice,
-    changed,
-    keys_of,
-    kinds_in,
-    meanings_of,
-    read_options,
-    typed,
-)
+from zoo.base.command_keys import Choice, changed, keys_of, meanings_of, typed
 from zoo.base.console_script import ALIASES, GROUPS, LISTED, load, places
 from zoo.base.errors import InputError, UsageError
+from zoo.base.key_values import kinds_in, read_options
 from zoo.base.terminal import command_line
 from zoo.commands.simulator import all_commands
 from zoo.scoring.evaluate_options import EvaluateOptions, ReplayOptions

@@ -10,8 +10,8 @@ from rich.console import Console
 
 from tests.hostile.conftest import Refusal
 from tests.hostile.test_damaged_files import field, huge, pipe, text
-from zoo.base.command_keys import read_options
 from zoo.base.compose import compose_config
+from zoo.base.key_values import read_options
 from zoo.base.new_folder import RECIPE
 from zoo.base.run_command import run_command
 from zoo.training.correct_options import CorrectOptions

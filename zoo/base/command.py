@@ -25,7 +25,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Generic, TypeVar, overload
 
-from zoo.base import command_keys
+from zoo.base import command_keys, key_values
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.output_files import overwriting
 from zoo.base.parts import MEANING as PARTS
@@ -99,7 +99,7 @@ class Command(Generic[Made]):
             return
         arguments, options = self.split(words)
         options, overrides = self._own(options)
-        texts = command_keys.read_texts(options, self.name, {key.name for key in self.keys})
+        texts = key_values.read_texts(options, self.name, {key.name for key in self.keys})
         result = self._run([*arguments, *overrides], texts)
         if isinstance(result, Shown):
             result.show()
@@ -224,10 +224,10 @@ class Command(Generic[Made]):
             f"data.{name}" if name not in names and f"data.{name}" in names else name: value
             for name, value in values.items()
         }
-        command_keys.check_keys(values, keys, f"drivezoo {self.name} --help lists all")
-        keywords = command_keys.constructed(self.function, values)
+        key_values.check_keys(values, keys, f"drivezoo {self.name} --help lists all")
+        keywords = key_values.constructed(self.function, values)
         overwrite = values.get(OVERWRITE.name, False) if self.outputs else False
-        with overwriting(command_keys.convert(OVERWRITE.name, bool, overwrite)):
+        with overwriting(key_values.convert(OVERWRITE.name, bool, overwrite)):
             return self.function(*arguments, **keywords)
 
     def _flat(self, keywords: Mapping[str, Any]) -> dict[str, Any]:

@@ -26,8 +26,9 @@ from datamodules.samples import make_samples
 from datamodules.split import split_rows
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.command import command, is_help
-from zoo.base.command_keys import read_texts, typed
+from zoo.base.command_keys import typed
 from zoo.base.errors import InputError
+from zoo.base.key_values import read_texts
 from zoo.base.run_command import exit_after
 from zoo.base.terminal import command_line, counted, printable
 

@@ -11,8 +11,8 @@ from functools import partial
 from pathlib import Path
 
 from zoo.base.command import command, is_help
-from zoo.base.command_keys import check_keys, read_texts
 from zoo.base.errors import UsageError
+from zoo.base.key_values import check_keys, read_texts
 from zoo.base.run_command import exit_after
 from zoo.base.terminal import command_line, print_next, printable
 from zoo.checkpoints.checkpoint_path import FOLDER, LATEST, find_checkpoint, packaged_file

@@ -5,7 +5,6 @@ import os
 from collections import Counter
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from datamodules.image import read_image

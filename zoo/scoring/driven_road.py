@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from zoo.base.command_keys import check_keys, constructed, keys_of
+from zoo.base.command_keys import keys_of
+from zoo.base.key_values import check_keys, constructed
 from zoo.base.terminal import counted
 from zoo.checkpoints.policy_base import Policy
 from zoo.driving.drive_record import Drive

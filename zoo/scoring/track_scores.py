@@ -14,9 +14,10 @@ from pydantic import Field
 from rich.console import Console
 
 from datamodules.recording_format import write_rig_of
-from zoo.base.command_keys import check_keys, constructed, keys_of
+from zoo.base.command_keys import keys_of
 from zoo.base.console_progress import working
 from zoo.base.errors import InputError, placed_errors
+from zoo.base.key_values import check_keys, constructed
 from zoo.base.terminal import counted, print_line
 from zoo.base.whole_file import remove_parts
 from zoo.checkpoints.checkpoint_path import checkpoint_of

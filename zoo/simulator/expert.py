@@ -6,8 +6,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from zoo.base.command_keys import check_values
 from zoo.base.errors import InputError
+from zoo.base.key_values import check_values
 from zoo.base.rig import MPS_PER_MPH
 from zoo.simulator.car import DRAG_PER_S, DRIVE_N, GRAVITY_MPS2, REVERSE_BELOW_MPH
 from zoo.simulator.simulated_world import World

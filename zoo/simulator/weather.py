@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from zoo.base import command_keys
 from zoo.base.bounded_files import parse_yaml
+from zoo.base.command_keys import Section, keys_of, typed_keys
 from zoo.base.errors import InputError, placed_errors
+from zoo.base.key_values import check_keys, check_values, constructed
 from zoo.simulator.udacity_car import CameraOffset
 
 if TYPE_CHECKING:
@@ -49,12 +50,12 @@ class Weather:
     wet: Share = 0.0
     shadows: bool = True
     texture_seed: int = 1
-    camera: Annotated[CameraOffset, command_keys.Section()] = field(default_factory=CameraOffset)
+    camera: Annotated[CameraOffset, Section()] = field(default_factory=CameraOffset)
     noise: Annotated[float, Field(ge=0, le=100)] = 0.0
     blur: Annotated[float, Field(ge=0, le=20)] = 0.0
 
     def __post_init__(self) -> None:
-        command_keys.check_values(self)
+        check_values(self)
 
 
 CLEAR = Weather()
@@ -121,6 +122,6 @@ def read_weather(weather: str | Mapping[str, Any] | Weather) -> Weather | str:
             f"weather={weather}: must be clear, random or settings such as {{fog: 0.4}}"
         )
     with placed_errors("weather"):
-        values = dict(command_keys.typed_keys(settings))
-        command_keys.check_keys(values, command_keys.keys_of(Weather))
-        return Weather(**command_keys.constructed(Weather, values))
+        values = dict(typed_keys(settings))
+        check_keys(values, keys_of(Weather))
+        return Weather(**constructed(Weather, values))

@@ -5,8 +5,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from zoo.base.command_keys import check_values
 from zoo.base.errors import InputError
+from zoo.base.key_values import check_values
 from zoo.simulator.track_names import recorded_name
 from zoo.simulator.udacity_car import PHYSICS_STEP_S
 from zoo.simulator.weather import read_weather

@@ -24,9 +24,10 @@ from datamodules.driving import DrivingData
 from datamodules.features import load_features
 from datamodules.run_data import RunData
 from datamodules.view import View
-from zoo.base.command_keys import check_keys, keys_of
+from zoo.base.command_keys import keys_of
 from zoo.base.compose import plain_dict
 from zoo.base.errors import InputError, UsageError
+from zoo.base.key_values import check_keys
 from zoo.base.parts import import_part, part_errors, part_of
 from zoo.base.terminal import print_line
 from zoo.checkpoints.checkpoint_files import CheckpointFiles

@@ -13,9 +13,10 @@ from typing import Annotated, Any
 from omegaconf import DictConfig
 from pydantic import Field
 
-from zoo.base.command_keys import choices_of, convert, is_misplaced_bool, kinds_in, typed, wanted
+from zoo.base.command_keys import choices_of, typed, wanted
 from zoo.base.compose import LISTS_ALL, plain_dict
 from zoo.base.errors import UsageError, hint
+from zoo.base.key_values import convert, is_misplaced_bool, kinds_in
 from zoo.models.make_network import BORDER_KEYS
 from zoo.training.build import OWN_KEYS, build_data, check_members, construct, takes
 from zoo.training.host_settings import AUTO

@@ -5,8 +5,8 @@ from functools import partial
 
 import pytest
 
-from zoo.base.command_keys import read_options
 from zoo.base.errors import InputError
+from zoo.base.key_values import read_options
 from zoo.checkpoints.policy_base import Command
 from zoo.driving.speed_controller import (
     PI,

@@ -9,8 +9,8 @@ import torch
 from PIL import Image
 
 from tests.zoo.command_runs import only_line, run_here, succeed
-from zoo.base.command_keys import read_options
 from zoo.base.errors import InputError
+from zoo.base.key_values import read_options
 from zoo.commands.evaluate import evaluate_or_replay as command
 from zoo.driving.baseline import Baseline
 from zoo.driving.drives_table import table_rows

@@ -2,8 +2,8 @@
 
 import pytest
 
-from zoo.base.command_keys import constructed, read_options
 from zoo.base.errors import InputError
+from zoo.base.key_values import constructed, read_options
 from zoo.checkpoints.policy_base import Command
 from zoo.driving.speed_controller import PI
 from zoo.server.drive_settings import CONTROLLERS, DriveSettings, check_settings

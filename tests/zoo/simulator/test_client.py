@@ -16,8 +16,8 @@ import pytest
 from rich.console import Console
 
 from tests.zoo.simulator.drivers import ModernDriver, RawDriver, RefusingDriver, steering_driver
-from zoo.base.command_keys import read_options
 from zoo.base.errors import InputError
+from zoo.base.key_values import read_options
 from zoo.simulator import client as client_module
 from zoo.simulator.client import RETRY_S, Client, run_client
 from zoo.simulator.command_options import ClientOptions

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from tests.zoo.simulator.tracks import loop
-from zoo.base.command_keys import keys_of, read_options
+from zoo.base.command_keys import keys_of
 from zoo.base.errors import InputError
+from zoo.base.key_values import read_options
 from zoo.simulator.command_options import ClientOptions
 from zoo.simulator.expert import Expert
 from zoo.simulator.hand_drive import DriveOptions

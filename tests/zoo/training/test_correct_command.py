@@ -16,9 +16,9 @@ from tests.recordings import Written
 from tests.zoo.command_runs import run_here, succeed
 from tests.zoo.simulator.tracks import loop
 from tests.zoo.trainings import SMALL
-from zoo.base.command_keys import read_options
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
+from zoo.base.key_values import read_options
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.policy_base import as_policy
 from zoo.commands.correct import correct

@@ -14,8 +14,8 @@ from rich.console import Console
 
 from tests.zoo.command_runs import only_line, run_here
 from tests.zoo.written_checkpoints import write_constant
-from zoo.base.command_keys import read_options
 from zoo.base.errors import InputError
+from zoo.base.key_values import read_options
 from zoo.commands.evaluate import evaluate_or_replay as evaluate
 from zoo.driving.drive_log import read_drive
 from zoo.driving.run_drives import all_drives
