@@ -121,27 +121,29 @@ def agreement(rows: Rows, figure: str) -> str:
             other = -np.array([[float(seed[0][figure])] for seed in of_seeds])
         if other.size:
             pairs.append((returns, other))
-    rng = np.random.default_rng(1)
-    drawn = [_tau(pairs, rng) for _ in range(DRAWS)]
+    rng, same = np.random.default_rng(1), figure != "board"
+    drawn = [_tau(pairs, same, rng) for _ in range(DRAWS)]
     low, high = np.nanpercentile(drawn, [2.5, 97.5])
-    return f"{_tau(pairs):.2f} ({low:.2f} to {high:.2f})"
+    return f"{_tau(pairs, same):.2f} ({low:.2f} to {high:.2f})"
 
 
 def _tau(
-    pairs: list[tuple[np.ndarray, np.ndarray]], rng: np.random.Generator | None = None
+    pairs: list[tuple[np.ndarray, np.ndarray]], same: bool, rng: np.random.Generator | None = None
 ) -> float:
-    """Return tau; with `rng` of recipes, seeds, tracks and roads drawn with replacement."""
+    """Return tau; with `rng` of recipes, seeds, tracks and roads drawn with replacement.
+
+    The rows of both arrays of a pair are training seeds, `same` ones or others.
+    """
 
     def drawn(count: int) -> np.ndarray:
         return np.arange(count) if rng is None else rng.integers(count, size=count)
 
     # A recipe that was drawn twice says nothing of an order.
-    recipes, columns = set(drawn(len(pairs)).tolist()), [drawn(one.shape[1]) for one in pairs[0]]
-    means = [
-        [
-            matrix[drawn(len(matrix))][:, column].mean()
-            for matrix, column in zip(pairs[recipe], columns, strict=True)
-        ]
-        for recipe in sorted(recipes)
-    ]
+    recipes, columns = set(drawn(len(pairs)).tolist()), [drawn(each.shape[1]) for each in pairs[0]]
+    means = []
+    for returns, other in (pairs[recipe] for recipe in sorted(recipes)):
+        seeds = drawn(len(returns)), drawn(len(other))
+        rows = (seeds[0], seeds[0]) if same else seeds
+        matrices = zip((returns, other), rows, columns, strict=True)
+        means.append([matrix[row][:, column].mean() for matrix, row, column in matrices])
     return float(kendalltau(*np.array(means).T)[0]) if len(means) > 1 else float("nan")
