@@ -152,7 +152,7 @@ def claim_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
         yield {
             "experiment": entry.words[0].partition("=")[2],
             "training": "quick" if study.options.quick else "published",
-            "weights": "imagenet" if entry.labels["recipe"] == "E" else "",
+            "weights": "imagenet" if entry.labels["recipe"][0] == "E" else "",
             **settings,
             **columns(figures, "", names),
         }
