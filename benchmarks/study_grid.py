@@ -182,7 +182,8 @@ class Study:
             words = ["zoo", f"resume={run}"]
         if entry.corrects:
             checkpoint = entry.folder.with_name(entry.corrects) / run.name / CHECKPOINT
-            words = ["zoo.commands.correct", str(checkpoint), *entry.words, f"out={run}"]
+            words = ["zoo.base.console_script", "correct", str(checkpoint)]
+            words += [*entry.words, f"out={run}"]
         run_logged(entry.log(run), words, self.options.threads)
         print(f"{run}: trained", flush=True)
 

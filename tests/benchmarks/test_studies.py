@@ -238,9 +238,8 @@ def test_an_entry_that_an_expert_corrects_starts_from_anothers_last_epochs(
         opened.train(entry, run)
     assert entry.finished == entry.runs
     assert entry.checkpoint(entry.runs[1]) == Path("round-3.ckpt")
-    assert [words[:2] for words in asked] == [
-        ["zoo.commands.correct", f"outputs/board/pilotnet/{seed}/checkpoints/last.ckpt"]
-        for seed in (1, 2)
+    assert [words[1:3] for words in asked] == [
+        ["correct", f"outputs/board/pilotnet/{seed}/checkpoints/last.ckpt"] for seed in (1, 2)
     ]
     assert asked[0][-1] == f"out={entry.runs[0]}"
     families = re.findall(r"(\w+):", entry.words[0])

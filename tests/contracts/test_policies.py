@@ -19,9 +19,6 @@ from zoo.checkpoints.checkpoint_policy import CheckpointPolicy, load_policy
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.policy_base import Command, Policy, PolicyWrapper, as_policy
 from zoo.checkpoints.policy_kinds import policy_kind
-from zoo.driving.embedded_world import open_embedded
-from zoo.driving.scenario import Scenario
-from zoo.training.collecting import LabellingPolicy
 
 FRAMES = np.random.default_rng(3).integers(0, 256, (4, 160, 320, 3), np.uint8)
 FACTS = (
@@ -44,11 +41,6 @@ def of_model(name: str) -> CheckpointPolicy:
     return CheckpointPolicy(Checkpoint(network.eval(), view, {}, {"rows_per_s": 15.0}))
 
 
-def labelling(policy: Policy) -> Policy:
-    world = open_embedded(Scenario("lake"), "none").simulated
-    return LabellingPolicy(policy, world, 15.0, beta=0.0, nudge=0.0, seed=0)
-
-
 def exported(folder: Path) -> Policy:
     pytest.importorskip("onnxruntime")
     checkpoint = load_checkpoint(write_pilotnet(folder / "best.ckpt"))
@@ -61,10 +53,6 @@ POLICIES: dict[str, Callable[[Path], Policy]] = {
     **{name: lambda folder, name=name: of_model(name) for name in NAMES},
     "onnx": exported,
     "function": lambda folder: as_policy(lambda frame, mph: (frame.mean() / 255, None)),
-}
-WRAPPERS: dict[str, Callable[[Policy], Policy]] = {
-    "labels": labelling,
-    "wrapper": PolicyWrapper,
 }
 
 
@@ -156,15 +144,14 @@ def test_no_kind_takes_what_nobody_wrote(contents: object) -> None:
     assert policy_kind(contents) is None
 
 
-@pytest.mark.parametrize("wrap", WRAPPERS)
-def test_a_wrapper_forwards_all_methods_and_facts(wrap: str) -> None:
-    check_wrapper(wrap, of_model("action_chunk"))
+def test_a_wrapper_forwards_all_methods_and_facts() -> None:
+    check_wrapper(PolicyWrapper, of_model("action_chunk"))
 
 
-def check_wrapper(wrap: str, policy: Policy) -> None:
+def check_wrapper(wrap: Callable[[Policy], PolicyWrapper], policy: Policy) -> None:
     """Check that a wrapper of a policy that predicts ahead has its methods and facts."""
     policy.in_car(UDACITY)
-    wrapper = WRAPPERS[wrap](policy)
+    wrapper = wrap(policy)
     wrapper.reset()
     first = steering(wrapper)
     wrapper.reset()
@@ -181,9 +168,5 @@ def check_wrapper(wrap: str, policy: Policy) -> None:
         late.append(wrapper(FRAMES[0], 9.0).steering)
     assert late[0] != late[1], "the policy knows nothing of the commands on their way"
     assert wrapper.session().policy is not policy
-
-
-@pytest.mark.parametrize("wrap", WRAPPERS)
-def test_a_wrapper_of_a_function_does_not_predict_ahead(wrap: str) -> None:
-    policy = as_policy(lambda frame, mph: Command(0.0, None, 0.1))
-    assert WRAPPERS[wrap](policy).latency_s is None
+    function = as_policy(lambda frame, mph: Command(0.0, None, 0.1))
+    assert wrap(function).latency_s is None

@@ -32,7 +32,6 @@ from tests.zoo.sweeps import write_run
 from tests.zoo.trainings import SMALL
 from zoo.base.compose import choices, compose_config, config_groups
 from zoo.base.errors import InputError
-from zoo.commands.correct import correct
 from zoo.commands.rerun import rerun
 from zoo.commands.results import results
 from zoo.commands.sweep import sweep
@@ -85,10 +84,6 @@ def listed(folder: Path) -> set[str]:
 COMMANDS: dict[str, tuple[Callable[[list[str]], None], list[str]]] = {
     "zoo": (zoo, ["resume=run", "trainer.max_epochs=2"]),
     "zoo.commands.rerun": (rerun.main, ["run", "out=again"]),
-    "zoo.commands.correct": (
-        correct.main,
-        ["run/checkpoints/last.ckpt", "out=corrected", "rounds=1"],
-    ),
 }
 
 

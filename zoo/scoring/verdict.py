@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.panel import Panel
 from rich.text import Text
 
+from zoo.base.console_script import place_of
 from zoo.base.terminal import command_line, print_next
 from zoo.driving.bootstrap import poisson_rate
 from zoo.driving.intervals import ONE_TRACK
@@ -262,7 +263,7 @@ def _commands(
     if world != "embedded":  # the only world that `correct` and `drive` have
         words = ["evaluate", *on_track, f"world={world}", "seeds=3"]
         following = [("drive it from other starts", words)]
-    elif level in (ALMOST, FAILS):
+    elif level in (ALMOST, FAILS) and place_of("correct"):  # an extra's
         following = [("or let the expert correct it", ["correct", *on_track])]
     elif level == UNKNOWN:
         following = [("drive it", ["evaluate", *on_track])]

@@ -172,7 +172,6 @@ def test_the_doctor_knows_a_run(named: str, odd: Path, monkeypatch: pytest.Monke
         ("zoo.commands.replay", "outputs/none", "recording"),
         ("zoo.commands.saliency", "outputs/none", "recording"),
         ("zoo.commands.export", "outputs/none"),
-        ("zoo.commands.correct", "outputs/none"),
         ("zoo", "model.weights=outputs/none", "data.root={recording}"),
     ],
 )

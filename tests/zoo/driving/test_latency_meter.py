@@ -6,13 +6,12 @@ import math
 import numpy as np
 import pytest
 
-from zoo.checkpoints.policy_base import Command, Policy, as_policy
+from zoo.checkpoints.policy_base import Command, Policy, PolicyWrapper, as_policy
 from zoo.driving.drive_loop import drive
 from zoo.driving.embedded_world import EmbeddedWorld, open_embedded
 from zoo.driving.latency_meter import LatencyMeter, latency_meter
 from zoo.driving.scenario import Scenario
 from zoo.simulator.expert import Expert
-from zoo.training.collecting import LabellingPolicy
 
 
 def lake(delay_s: float = 0.0) -> EmbeddedWorld:
@@ -63,15 +62,14 @@ def test_a_drive_finds_the_delay_of_its_world(delay_s: float) -> None:
 def test_a_policy_that_is_watched_knows_the_latency() -> None:
     world = lake(0.4)
     policy = Ahead(world)
-    labelling = LabellingPolicy(policy, policy.world, 12, 0.0, 0.1, 0)
-    drive(labelling, world, Scenario("lake", 1, laps=0.1, speed=12))
+    drive(PolicyWrapper(policy), world, Scenario("lake", 1, laps=0.1, speed=12))
     assert policy.latencies[-1] == 0.4
 
 
 def test_a_policy_that_does_not_predict_ahead_needs_no_meter() -> None:
     policy = as_policy(lambda frame, mph: (0.0, None))
     assert latency_meter(policy) is None
-    assert latency_meter(LabellingPolicy(policy, lake().simulated, 12, 0, 0, 0)) is None
+    assert latency_meter(PolicyWrapper(policy)) is None
 
 
 def test_the_latency_stays_while_the_steering_is_constant(commands: list[float]) -> None:

@@ -10,7 +10,6 @@ import pytest
 from omegaconf import OmegaConf
 
 from tests.datamodules.exchange.test_tub import record, write_tub
-from tests.recordings import write_recording
 from tests.zoo.command_runs import run, run_here, succeed
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import STARTED_IN
@@ -23,7 +22,6 @@ from zoo.scoring.evidence import read_evidence
 from zoo.scoring.parity import take_frames
 from zoo.scoring.replay_score import read_as_trained
 from zoo.scoring.reported_run import ReportedRun
-from zoo.training.correct_training import own_config, own_roots
 
 RIG = "{name: small, camera: {size: [160, 120], vertical_fov_deg: 50, up_m: 0.2}, "
 RIG += "wheelbase_m: 0.2, steering_deg: 20}"
@@ -77,13 +75,6 @@ def test_in_its_own_folder_paths_stay_as_typed(
     monkeypatch.chdir(begun)
     evidence = read_evidence("run/checkpoints/best.ckpt", checkpoint.config, checkpoint.data)
     assert evidence.root == "laps/tub"
-
-
-def test_a_correction_adds_to_it(checkpoint: Checkpoint, tmp_path: Path) -> None:
-    log = write_recording(tmp_path / "there" / "lake", rows=4).folder
-    config = checkpoint.config | {"data": checkpoint.config["data"] | {"root": "lake"}}
-    moved = replace(checkpoint, config=config, data={STARTED_IN: str(log.parent)})
-    assert own_roots(own_config(moved, [], "a.ckpt")) == [str(log)]
 
 
 @pytest.mark.parametrize("root", ["laps/tub", ["laps/tub", "nowhere"]])

@@ -125,8 +125,6 @@ def test_without_a_recording_guesses_are_named(keras_file: Path, tmp_path: Path)
     assert checkpoint.config["data"]["root"] is None
     found = [one.found for one in check_checkpoint(str(tmp_path / "guessed.ckpt"))]
     assert any("not known" in one for one in found), found
-    correct = run(tmp_path, "guessed.ckpt", module="zoo.commands.correct")
-    assert "add data.root=FOLDER" in only_line(correct)
 
 
 def test_keys_are_taken_as_given(keras_file: Path, tmp_path: Path) -> None:

@@ -90,7 +90,6 @@ def test_the_file_holds_plain_containers_and_all_that_it_needs(file: Path) -> No
     ("module", "arguments"),
     [
         ("zoo.commands.export", ["FILE"]),
-        ("zoo.commands.correct", ["FILE"]),
         ("zoo.extras.research.doubt", ["FILE"]),
         ("zoo", ["model=nvidia", "model.weights=FILE", "data.root=RECORDING", "score=none"]),
     ],

@@ -11,7 +11,7 @@ from zoo.base.new_folder import command_folder, dated_folder
 from zoo.base.terminal import command_line, print_written, shown_path
 from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.training.correct_options import CorrectOptions, check_correct_options
+from zoo.extras.corrections.correct_options import CorrectOptions, check_correct_options
 
 # Slow imports (torch, Panda3D) come late: --help and typos answer at once.
 
@@ -39,8 +39,8 @@ def correct(ckpt: str, *overrides: str, options: CorrectOptions) -> None:
     from rich.console import Console
 
     with loading():
+        from zoo.extras.corrections.correction import NAME, Correction, best_round, rounds_table
         from zoo.scoring.evidence import next_drive
-        from zoo.training.correction import NAME, Correction, best_round, rounds_table
 
     console = Console(soft_wrap=True)
     folder = Path(options.out or dated_folder("corrections")).expanduser().absolute()

@@ -18,8 +18,8 @@ from zoo.base.terminal import counted
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_path import trained_data
+from zoo.extras.corrections.correct_options import CorrectOptions
 from zoo.runs.saved_config import check_saved_config, overridden
-from zoo.training.correct_options import CorrectOptions
 
 
 def own_config(

@@ -4,15 +4,20 @@ import csv
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import torch
 from omegaconf import OmegaConf
 
 from datamodules.recording_format import read_recordings
-from tests.recordings import Written
+from tests.contracts.test_policies import check_wrapper, of_model
+from tests.hostile.test_saved_configs import change, listed
+from tests.recordings import Written, write_recording
+from tests.zoo.bomb import Bomb
 from tests.zoo.command_runs import run_here, succeed
 from tests.zoo.simulator.tracks import loop
 from tests.zoo.trainings import SMALL
@@ -20,25 +25,33 @@ from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.base.key_values import read_options
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
+from zoo.checkpoints.checkpoint_path import STARTED_IN
 from zoo.checkpoints.policy_base import as_policy
-from zoo.commands.correct import correct
 from zoo.driving.drive_log import DriveWriter
 from zoo.driving.drive_loop import drive
 from zoo.driving.drive_record import PERSON, DriveRow
 from zoo.driving.embedded_world import EmbeddedWorld, open_embedded
 from zoo.driving.run_drives import all_drives
 from zoo.driving.scenario import Scenario
+from zoo.extras.corrections.collecting import (
+    Labelled,
+    LabellingPolicy,
+    RecordedErrors,
+    worth_keeping,
+)
+from zoo.extras.corrections.correct import correct
+from zoo.extras.corrections.correct_options import CorrectOptions
+from zoo.extras.corrections.correct_training import own_config, own_roots
+from zoo.extras.corrections.correction import open_progress, save
 from zoo.simulator.recorder import JPEG_QUALITY
 from zoo.simulator.simulated_world import World
 from zoo.simulator.weather import CLEAR
-from zoo.training.collecting import Labelled, LabellingPolicy, RecordedErrors, worth_keeping
-from zoo.training.correct_options import CorrectOptions
-from zoo.training.correction import open_progress, save
 from zoo.training.run import run_experiment
 
 # A few seconds of the lake, with a label for every frame.
 SHORT = ("drives=1", "seeds=1", "workers=1", "epochs=1", "speed=25", "off_m=0")
 LAPS = "laps=0.02"
+MODULE = "zoo.extras.corrections.correct"
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +141,7 @@ def test_the_same_command_resumes_after_the_last_finished_round(
     state = json.loads((folder / "correct.json").read_text())
     (folder / "correct.json").write_text(json.dumps(state | {"rounds": whole[:1]}))
     options = (*SHORT, LAPS, "rounds=2", f"out={folder}")
-    printed = succeed(run_here(tmp_path, checkpoint, *options, module="zoo.commands.correct"))
+    printed = succeed(run_here(tmp_path, checkpoint, *options, module=MODULE))
     assert "after round 0" in printed
     assert first.stat().st_mtime_ns == trained, "it was trained twice"
     assert [one["number"] for one in rounds_of(folder)] == [0, 1, 2]
@@ -165,7 +178,7 @@ def test_a_folder_resumes_only_with_its_own_options(
 def test_a_checkpoint_that_drives_well_is_not_corrected(checkpoint: str, tmp_path: Path) -> None:
     """Six metres straight on need no intervention."""
     options = (*SHORT, "laps=0.005", "enough_m=5", "out=out")
-    printed = succeed(run_here(tmp_path, checkpoint, *options, module="zoo.commands.correct"))
+    printed = succeed(run_here(tmp_path, checkpoint, *options, module=MODULE))
     assert "enough_m=5" in printed
     assert len(rounds_of(tmp_path / "out")) == 1
     assert not list((tmp_path / "out").rglob("*.ckpt"))
@@ -272,6 +285,39 @@ def test_a_network_of_another_format_cannot_be_trained_on(tmp_path: Path) -> Non
         correct.main([str(tmp_path / "model.onnx")])
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "refused"),
+    [
+        (
+            "loss",
+            {"_target_": "torch.load", "f": "x.pt", "weights_only": False},
+            "trust=torch.load",
+        ),
+        ("model.width", 1e9, "parameters"),
+    ],
+)
+def test_a_strangers_config_chooses_no_code_and_no_size(
+    key: str, value: object, refused: str, checkpoint: str, here: Path
+) -> None:
+    torch.save(Bomb(here / "ran"), here / "x.pt")
+    run = Path(shutil.copytree(Path(checkpoint).parents[1], here / "run"))
+    change(run, key, value)
+    before = listed(here)
+    with pytest.raises(InputError, match=refused):
+        correct.main(["run/checkpoints/last.ckpt", "out=corrected", "rounds=1"])
+    assert listed(here) == before
+
+
+def test_a_correction_adds_to_the_recording_in_the_trainings_folder(
+    checkpoint: str, tmp_path: Path
+) -> None:
+    loaded = load_checkpoint(checkpoint)
+    log = write_recording(tmp_path / "there" / "lake", rows=4).folder
+    config = loaded.config | {"data": loaded.config["data"] | {"root": "lake"}}
+    moved = replace(loaded, config=config, data={STARTED_IN: str(log.parent)})
+    assert own_roots(own_config(moved, [], "a.ckpt")) == [str(log)]
+
+
 def test_a_folder_that_holds_something_else_is_kept(checkpoint: str, tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(InputError, match=r"correct\.json.*out="):
@@ -313,6 +359,12 @@ def straight_on(frame: np.ndarray | None, speed_mph: float) -> tuple[float, None
 
 def labelling(world: EmbeddedWorld, beta: float = 0.0, nudge: float = 0.0) -> LabellingPolicy:
     return LabellingPolicy(as_policy(straight_on), world.simulated, 30.0, beta, nudge, seed=3)
+
+
+def test_it_is_a_wrapper_as_all_are() -> None:
+    world = open_embedded(Scenario("lake"), "none").simulated
+    policy = of_model("action_chunk")
+    check_wrapper(lambda inner: LabellingPolicy(inner, world, 15.0, 0.0, 0.0, seed=0), policy)
 
 
 def test_the_labels_steer_back_to_the_middle() -> None:
@@ -370,7 +422,7 @@ def test_the_recording_has_the_frames_that_the_model_saw(
         seen.append(frame.copy())
         return 0.3, None
 
-    monkeypatch.setattr("zoo.training.collecting.load_kept", lambda _: as_policy(policy))
+    monkeypatch.setattr("zoo.extras.corrections.collecting.load_kept", lambda _: as_policy(policy))
     options = read_options(CorrectOptions, ["off_m=0"])
     scenario = Scenario("lake", 1, laps=0.02, speed=20, weather=CLEAR, margin=1.0)
     keep = RecordedErrors(tmp_path / "recording", options, 1e6)

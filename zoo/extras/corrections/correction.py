@@ -22,15 +22,24 @@ from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.onnx_policy import is_onnx
 from zoo.driving.drives_table import with_deviation
 from zoo.driving.run_drives import check_throttle
+from zoo.extras.corrections.collecting import collect
+from zoo.extras.corrections.correct_options import FIRST_SEED, CorrectOptions
+from zoo.extras.corrections.correct_training import (
+    own_config,
+    train_round,
+    training_config,
+    write_own_split,
+)
+from zoo.extras.corrections.person_corrections import (
+    ask_person,
+    check_person,
+    corrections_of_a_person,
+)
 from zoo.runs.record_fields import Fields, Figures, Pair, Whole, check_fields, plain
 from zoo.runs.result_table import Table
 from zoo.runs.saved_config import TRUST, split_trust
 from zoo.scoring.evidence import other_car_line, with_track
 from zoo.scoring.track_scores import how_well, remove_drives, score_on_tracks
-from zoo.training.collecting import collect
-from zoo.training.correct_options import FIRST_SEED, CorrectOptions
-from zoo.training.correct_training import own_config, train_round, training_config, write_own_split
-from zoo.training.person_corrections import ask_person, check_person, corrections_of_a_person
 
 NAME = "correct.json"
 # Options that may differ when a correction is resumed.

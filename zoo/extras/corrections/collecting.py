@@ -17,10 +17,10 @@ from zoo.driving.drive_record import Drive, DriveRow
 from zoo.driving.embedded_world import EmbeddedWorld, instant_expert
 from zoo.driving.run_drives import Keep, PolicyMaker, all_drives, load_kept
 from zoo.driving.scenario import Scenario
+from zoo.extras.corrections.correct_options import FIRST_SEED, CorrectOptions
 from zoo.simulator.recorder import IMAGE_FOLDER, LOG_NAME, Recorder, split_pedals
 from zoo.simulator.simulated_world import World
 from zoo.simulator.weather import read_weather
-from zoo.training.correct_options import FIRST_SEED, CorrectOptions
 
 NUDGE_EVERY_S, NUDGE_S = 4.0, 0.5
 Pose = tuple[float, float, float, float, float]  # see `zoo.simulator.simulated_world.World.pose`

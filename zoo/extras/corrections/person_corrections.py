@@ -24,8 +24,8 @@ from zoo.base.new_folder import whole_folder
 from zoo.base.whole_file import write_whole
 from zoo.driving.drive_log import read_drive
 from zoo.driving.drive_record import PERSON, POLICY, Drive
+from zoo.extras.corrections.correct_options import CorrectOptions
 from zoo.simulator.recorder import split_pedals
-from zoo.training.correct_options import CorrectOptions
 
 LABELS, LABELS_IMAGE = "labels.csv", "labels.png"
 COLUMNS = ("override", "image", "seconds_before", "sent", "steering")

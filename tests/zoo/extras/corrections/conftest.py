@@ -1,0 +1,3 @@
+"""Fixtures of the tests of corrections."""
+
+from tests.hostile.conftest import refusal  # noqa: F401
