@@ -48,16 +48,17 @@ class GridSweeper(_Sweeper):
 
 
 class OptunaSweeper(_Sweeper):
-    """A sweeper over the proposals of Optuna; see `zoo.training.sweep_search`."""
+    """A sweeper over the proposals of Optuna; see `zoo.extras.scale`."""
 
     def __init__(self, **_: object) -> None:
-        """Take the settings, which `zoo.training.sweep_search` reads from the config."""
+        """Take the settings, which the search reads from the config."""
 
     def sweep(self, arguments: list[str]) -> None:
         """Train the configurations that Optuna proposes."""
-        from zoo.training.sweep_search import sweep_search
+        from zoo.base.entry_points import load_named
 
-        sweep_search(arguments, self.config, self.hydra_context, self.launcher)
+        search = load_named("drivezoo.sweepers", "optuna", "hydra/sweeper")
+        search(arguments, self.config, self.hydra_context, self.launcher)
 
 
 class RayLauncher(Launcher):

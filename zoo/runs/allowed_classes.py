@@ -62,7 +62,7 @@ ALLOWED = {
         refused=frozenset({"FDA", "HistogramMatching", "PixelDistributionAdaptation", "TextImage"}),
     ),
     ("callbacks", "*"): Allowed(
-        own=("zoo.training.*",),
+        own=("zoo.training.*", "zoo.extras.scale.sweep_pruning"),
         own_base=CALLBACK,
         package="lightning.pytorch.callbacks",
         base=CALLBACK,
@@ -91,7 +91,8 @@ RENAMED = {
     "zoo.losses.GaussianNLL": "zoo.models.losses.GaussianNLL",
     "zoo.losses.SteeringWeightedMSE": "zoo.models.losses.SteeringWeightedMSE",
     "zoo.models.sequential.Sequential": "zoo.extras.keras.sequential.Sequential",
-    "zoo.sweep.pruning.Pruning": "zoo.training.sweep_pruning.Pruning",
+    "zoo.sweep.pruning.Pruning": "zoo.extras.scale.sweep_pruning.Pruning",
+    "zoo.training.sweep_pruning.Pruning": "zoo.extras.scale.sweep_pruning.Pruning",
 }
 
 

@@ -1,1 +1,1 @@
-"""Shards of images in a folder or on S3, and drives and sweeps on clusters of Ray and Slurm."""
+"""Shards of images in a folder or on S3, clusters of Ray and Slurm, and sweeps by Optuna."""

@@ -23,10 +23,10 @@ from optuna.trial import TrialState
 from zoo.base.errors import InputError
 from zoo.base.terminal import print_line
 from zoo.driving.interventions import driving_score
+from zoo.extras.scale.sweep_pruning import make_pruner
 from zoo.results.scored import Scored, finished_run
 from zoo.runs.status import read_status
 from zoo.training.sweep_jobs import Job, recordings_of, run_jobs, sweep_console
-from zoo.training.sweep_pruning import make_pruner
 from zoo.training.sweep_record import PRUNING, add_to_record
 
 ATTEMPTS = 5
@@ -136,7 +136,7 @@ class Search:
         """Return the overrides that add the pruning callback to a trial."""
         settings = self.settings
         pruning = {
-            "_target_": "zoo.training.sweep_pruning.Pruning",
+            "_target_": "zoo.extras.scale.sweep_pruning.Pruning",
             "storage": f"'{settings.storage}'",
             "study": f"'{settings.study}'",
             "trial": number,

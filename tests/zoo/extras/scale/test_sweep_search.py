@@ -11,8 +11,8 @@ from tests.recordings import Written
 from tests.zoo.command_runs import only_line, succeed
 from tests.zoo.sweeps import write_run
 from tests.zoo.training.test_sweep_command import sweep
+from zoo.extras.scale.sweep_search import _value
 from zoo.runs.status import read_status
-from zoo.training.sweep_search import _value
 
 optuna = pytest.importorskip("optuna")
 
@@ -137,6 +137,6 @@ def test_bad_input_gets_one_line(
     study: "optuna.Study",
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("zoo.training.sweep_search.ATTEMPTS", 1)
+    monkeypatch.setattr("zoo.extras.scale.sweep_search.ATTEMPTS", 1)
     assert words in only_line(search(recorded, override))
     assert {one.name for one in Path.cwd().iterdir()} <= {"study.db"}
