@@ -32,7 +32,6 @@ OWN = {
     name: f"datamodules.formats.{name}"
     for name in (
         "udacity",
-        "lerobot",
         "donkeycar",
         "challenge2",
         "table",

@@ -12,7 +12,6 @@ from typing import Any
 
 from datamodules.driving_log import CAMERAS, IMAGE, BadRows, read_fields
 from datamodules.formats.labels import collect, decimal, inside, labelled_recording, read_csv
-from datamodules.formats.lerobot_features import WORDS
 from datamodules.formats.parquet_columns import (
     DAMAGED,
     REMEDY,
@@ -41,6 +40,7 @@ NUMBERS = {
     "speed": "speed_mps",
     "time": "time_s",
 }
+STEERING_WORD = re.compile(r"steer|(^|[/_. ])angle($|[/_. ])", re.IGNORECASE)
 _IMAGE_WORD = re.compile(r"image|img|frame|file|path|cent(er|re)", re.IGNORECASE)
 ROWS_AT_ONCE = 256  # each cell may repeat a long text that stands in the file once
 # A time of at least so much is counted in so many parts of a second since 1970.
@@ -133,7 +133,7 @@ def find_columns(table: Path) -> tuple[list[str], list[str]]:
     if len(images) == len(CAMERAS) and (len(numbers) >= 4 or "center" in names):
         return shown, ["format=udacity"]
     images += [name for name in names if _IMAGE_WORD.search(name)]
-    steering = [name for name in names if WORDS["steering"].search(name)] or numbers
+    steering = [name for name in names if STEERING_WORD.search(name)] or numbers
     image, turn = images[0] if images else UNKNOWN, steering[0] if len(steering) == 1 else UNKNOWN
     return shown, ["format=table", f"columns={{image: {image}, steering: {turn}}}"]
 

@@ -42,7 +42,7 @@ def outside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(site))
 
 
-WRITTEN = ("udacity", "lerobot", "donkeycar", "named")
+WRITTEN = ("udacity", "donkeycar", "named")
 EXACT = {name: TIMED_LABELS for name in WRITTEN} | {"named": ("steering",)}  # to the bit
 
 
@@ -56,8 +56,6 @@ def source(tmp_path: Path) -> Recording:
 def test_what_a_format_writes_is_detected_and_read_back_equal(
     name: str, source: Recording, tmp_path: Path
 ) -> None:
-    if name == "lerobot":
-        pytest.importorskip("pyarrow")
     check_written(name, source, tmp_path, EXACT[name])
 
 
@@ -87,12 +85,15 @@ def test_the_written_formats_are_all_that_write() -> None:
     assert {name for name in writable_formats() if name in (*OWN, "named")} == set(WRITTEN)
 
 
-@pytest.mark.parametrize("name", ["donkeycar", "udacity", "lerobot"])
+@pytest.mark.parametrize("name", ["donkeycar", "udacity"])
 def test_a_writer_replaces_nothing_and_leaves_nothing_behind(
     name: str, source: Recording, tmp_path: Path
 ) -> None:
-    if name == "lerobot":
-        pytest.importorskip("pyarrow")
+    check_writer(name, source, tmp_path)
+
+
+def check_writer(name: str, source: Recording, tmp_path: Path) -> None:
+    """Check that a writer replaces no folder, and leaves none when it is stopped."""
 
     def stop(share: float) -> None:
         raise KeyboardInterrupt
@@ -142,15 +143,6 @@ def cut_fourth_row(folder: Path) -> None:
     (folder / "driving_log.csv").write_text("".join(lines))
 
 
-def change_column(folder: Path) -> None:
-    """Change the fourth row's steering in a dataset's table."""
-    parquet = pytest.importorskip("pyarrow.parquet")
-    file = folder / "data/chunk-000/file-000.parquet"
-    columns = parquet.read_table(file).to_pydict()
-    columns["steering"][3] = 7.5
-    parquet.write_table(pytest.importorskip("pyarrow").table(columns), file)
-
-
 def ours(name: str) -> Callable[[Path], Path]:
     """Return a writer of 60 rows in a format that drivezoo writes."""
 
@@ -172,7 +164,6 @@ FORMATS: dict[str, Example] = {
         r"driving_log\.csv, row 4",
         {},
     ),
-    "lerobot": (ours("lerobot"), change_column, r"file-000\.parquet, row 4", {}),
     "donkeycar": (
         ours("donkeycar"),
         replace_once('"_index": 3,', '"_index": 3', "catalog_0.catalog"),
@@ -202,8 +193,6 @@ def test_the_table_names_every_format() -> None:
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_bad_row_is_one_line_or_is_left_out_and_listed(name: str, tmp_path: Path) -> None:
-    if name == "lerobot":
-        pytest.importorskip("pyarrow")
     check_a_bad_row(name, FORMATS[name], tmp_path)
 
 
@@ -225,8 +214,6 @@ def check_a_bad_row(name: str, example: Example, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_folder_of_images_is_taken_or_refused(name: str, tmp_path: Path) -> None:
-    if name == "lerobot":
-        pytest.importorskip("pyarrow")
     write, _, _, said = FORMATS[name]
     folder = write(tmp_path / "recording")
     if name not in ("udacity", "table"):
@@ -294,10 +281,8 @@ def edited(source: Recording, out: Path) -> None:
     write_edited(source, Edits(len(source)), out)
 
 
-@pytest.mark.parametrize("name", ["edited", "udacity", "lerobot", "donkeycar"])
+@pytest.mark.parametrize("name", ["edited", "udacity", "donkeycar"])
 def test_a_copy_of_another_cars_recording_is_of_that_car(name: str, tmp_path: Path) -> None:
-    if name == "lerobot":
-        pytest.importorskip("pyarrow")
     check_copied_car(name, tmp_path)
 
 

@@ -33,7 +33,6 @@ KINDS = {
 # A file of each format that its reader opens; of images the first is a JPEG or PNG.
 FILES = {
     "udacity": "driving_log.csv",
-    "lerobot": "data/chunk-000/file-000.parquet",
     "donkeycar": "manifest.json",
     "challenge2": "interpolated.csv",
     "table": "my.csv",
@@ -45,7 +44,6 @@ FILES = {
 def test_a_file_of_another_kind_is_named_by_its_contents(
     name: str, kind: str, tmp_path: Path
 ) -> None:
-    pytest.importorskip({"lerobot": "pyarrow"}.get(name, "numpy"))
     check_another_kind(name, FORMATS[name], FILES[name], kind, tmp_path)
 
 

@@ -1,6 +1,5 @@
 """What a recording says of its own size is compared with what was read, both ways."""
 
-import json
 import shutil
 from pathlib import Path
 
@@ -8,74 +7,13 @@ import pytest
 
 from datamodules.recording_format import read_recordings
 from tests import foreign_recordings as foreign
-from tests.datamodules.exchange.test_lerobot import as_version_2, write_foreign
 from tests.datamodules.test_path_contents import tub
-from tests.recordings import write_as, write_recording
-from tests.zoo.command_runs import run_here
+from tests.recordings import write_recording
 from zoo.base.errors import InputError
 
 
 def notes(folder: Path, **said: object) -> str:
     return "\n".join(read_recordings(str(folder), **said).notes)
-
-
-@pytest.fixture(params=["v3.0", "v2.1"])
-def dataset(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    """Return a dataset of two episodes, of 6 and 4 rows, with a Parquet file for each."""
-    pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
-    folder = write_foreign(tmp_path / "set")
-    path = folder / "meta/info.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"total_frames": 10}))
-    if request.param == "v2.1":
-        as_version_2(folder)
-        lines = [{"episode_index": n, "length": length} for n, length in enumerate((6, 4))]
-        (folder / "meta/episodes.jsonl").write_text("".join(f"{json.dumps(x)}\n" for x in lines))
-        return folder
-    data = folder / "data/chunk-000"
-    whole = pq.read_table(data / "file-000.parquet")
-    for number, (first, count) in enumerate([(0, 6), (6, 4)]):
-        pq.write_table(whole.slice(first, count), data / f"file-00{number}.parquet")
-    episodes = next((folder / "meta/episodes").rglob("*.parquet"))
-    table = pq.read_table(episodes)
-    if "length" not in table.column_names:
-        pq.write_table(table.append_column("length", pa.array([6, 4])), episodes)
-    return folder
-
-
-def test_a_whole_dataset_is_read_without_a_word(dataset: Path) -> None:
-    assert len(read_recordings(str(dataset))) == 10
-    assert "rows" not in notes(dataset)
-
-
-def test_a_dataset_without_one_of_its_files_is_refused(dataset: Path) -> None:
-    sorted(dataset.glob("data/chunk-000/*.parquet"))[1].unlink()
-    with pytest.raises(
-        InputError,
-        match=r"info\.json: total_frames is 10, .* 6 rows .*episode 1 ha"
-        r"s 0 rows of 4.*on_bad_row=skip",
-    ):
-        read_recordings(str(dataset))
-    recording = read_recordings(str(dataset), on_bad_row="skip")
-    assert len(recording) == 6
-    assert "total_frames is 10" in recording.bad_rows[0]
-
-
-def test_a_dataset_with_more_rows_than_it_says_is_refused(dataset: Path) -> None:
-    path = dataset / "meta/info.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"total_frames": 7}))
-    with pytest.raises(InputError, match=r"total_frames is 7, and its files hold 10 rows"):
-        read_recordings(str(dataset))
-
-
-def test_check_of_a_dataset_without_a_file_fails(tmp_path: Path) -> None:
-    pytest.importorskip("pyarrow")
-    written = write_recording(tmp_path / "lap", 8, cameras=("center",))
-    write_as("lerobot", read_recordings(str(written.folder)), tmp_path / "set")
-    info = tmp_path / "set/meta/info.json"
-    info.write_text(info.read_text().replace('"total_frames": 8', '"total_frames": 127'))
-    done = run_here(tmp_path, "set", module="zoo.commands.check")
-    assert done.returncode == 1
-    assert "total_frames is 127, and its files hold 8 rows" in done.stdout
 
 
 def test_a_whole_tub_is_read_without_a_word(tmp_path: Path) -> None:

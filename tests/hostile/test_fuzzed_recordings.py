@@ -5,7 +5,6 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 from hypothesis import strategies as st
@@ -93,44 +92,6 @@ def test_damaged_tubs(file: str, recording: Written, tmp_path: Path, count: int)
     last = mutated_json(json.loads(lines[-1])).map(lambda one: b"".join([*lines[:-1], one]))
     damaged = mutated_bytes(path.read_bytes()) | last
     read_damaged(damaged, converted(convert_to_recording, 0), path, count)
-
-
-@pytest.fixture
-def dataset(recording: Written, tmp_path: Path) -> Path:
-    """Return a LeRobot dataset with images in its Parquet file."""
-    pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
-    features = {
-        "action": {"dtype": "float32", "shape": [2], "names": ["steering", "throttle"]},
-        "observation.images.front": {"dtype": "image", "shape": [160, 320, 3]},
-    }
-    info = {"codebase_version": "v3.0", "fps": 10, "features": features}
-    folder = tmp_path / "dataset"
-    (folder / "meta").mkdir(parents=True)
-    (folder / "data/chunk-000").mkdir(parents=True)
-    (folder / "meta/info.json").write_text(json.dumps(info))
-    image = {"bytes": recording.image(0).read_bytes(), "path": "1.jpg"}
-    columns = {
-        "episode_index": pa.array(np.zeros(3, int)),
-        "timestamp": pa.array(np.arange(3) / 10),
-        "action": pa.array([[0.1, 0.5]] * 3),
-        "observation.images.front": pa.array([image] * 3),
-    }
-    pq.write_table(pa.table(columns), folder / "data/chunk-000/file-000.parquet")
-    return folder
-
-
-@FEW_AND_MANY
-def test_damaged_info_of_datasets(dataset: Path, count: int) -> None:
-    path = dataset / "meta/info.json"
-    damaged = mutated_json(json.loads(path.read_text()))
-    read_damaged(damaged, converted(convert_to_recording, 1), path, count)
-
-
-@FEW_AND_MANY
-def test_damaged_parquet_files(dataset: Path, count: int) -> None:
-    path = dataset / "data/chunk-000/file-000.parquet"
-    damaged = mutated_bytes(path.read_bytes())
-    read_damaged(damaged, converted(convert_to_recording, 2), path, count)
 
 
 @FEW_AND_MANY

@@ -1,6 +1,5 @@
 """`drivezoo convert`: formats that it finds, wrong uses, and what is left after a failure."""
 
-import sys
 from pathlib import Path
 
 import cv2
@@ -37,11 +36,10 @@ def test_a_recording_becomes_a_tub_and_a_tub_a_recording(recorded: Written, tmp_
     assert again.steering.tolist() == recorded.steering.tolist()
 
 
-@pytest.mark.parametrize("to", ["lerobot", "donkeycar"])
-def test_an_existing_folder_is_never_written_to(to: str, recorded: Written, tmp_path: Path) -> None:
+def test_an_existing_folder_is_never_written_to(recorded: Written, tmp_path: Path) -> None:
     (tmp_path / "old").mkdir()
     result = run_here(
-        tmp_path, str(recorded.folder), f"to={to}", "out=old", module="zoo.commands.convert"
+        tmp_path, str(recorded.folder), "to=donkeycar", "out=old", module="zoo.commands.convert"
     )
     assert "out=old: exists already" in only_line(result)
     assert list((tmp_path / "old").iterdir()) == []
@@ -49,33 +47,24 @@ def test_an_existing_folder_is_never_written_to(to: str, recorded: Written, tmp_
 
 def test_wrong_uses_name_the_right_one(recorded: Written, tmp_path: Path) -> None:
     source = str(recorded.folder)
-    with pytest.raises(UsageError, match=r"name another format: to=lerobot.* to=donkeycar"):
+    with pytest.raises(UsageError, match=r"name another format: to=donkeycar"):
         convert.main([source])
     with pytest.raises(UsageError, match=r"to=donkycar: no format .* did you mean donkeycar\?"):
         convert.main([source, "to=donkycar"])
     with pytest.raises(UsageError, match=r"to=udacity: .* is a recording already"):
         convert.main([source, "to=udacity"])
     with pytest.raises(InputError, match="no such folder"):
-        convert.main([str(tmp_path / "nowhere"), "to=lerobot"])
+        convert.main([str(tmp_path / "nowhere"), "to=donkeycar"])
     with pytest.raises(InputError, match="of no other format"):
-        convert.main([str(tmp_path), "to=lerobot"])
+        convert.main([str(tmp_path), "to=donkeycar"])
 
 
-def test_a_missing_pyarrow_is_one_line(
-    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
-    out = tmp_path / "lr"
-    with pytest.raises(InputError, match=r"pip install 'drivezoo\[parquet\]'"):
-        convert.main([str(recorded.folder), "to=lerobot", f"out={out}"])
-    assert list(tmp_path.iterdir()) == []
+def test_rows_and_size_are_chosen(recorded: Written, tmp_path: Path) -> None:
+    check_rows_and_size("donkeycar", recorded, tmp_path)
 
 
-@pytest.mark.parametrize("to", ["lerobot", "donkeycar"])
-def test_rows_and_size_are_chosen(to: str, recorded: Written, tmp_path: Path) -> None:
-    if to == "lerobot":
-        pytest.importorskip("pyarrow")
+def check_rows_and_size(to: str, recorded: Written, tmp_path: Path) -> None:
+    """Check that `keep` and `size` choose what is written in a format."""
     words = ("size=[48,64]", "keep=2-9", f"to={to}", "out=new")
     printed = succeed(
         run_here(tmp_path, str(recorded.folder), *words, module="zoo.commands.convert")

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.contracts.test_recordings import Example, replace_once
+from tests.contracts.test_recordings import Example, ours, replace_once
 from tests.zoo.extras.formats import rare_recordings as rare
 
 
@@ -27,8 +27,23 @@ def move_point(folder: Path) -> None:
     image.rename(folder / f"999{image.name[image.name.index('_') :]}")
 
 
+def change_column(folder: Path) -> None:
+    """Change the fourth row's steering in the table of a LeRobot dataset."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    file = folder / "data/chunk-000/file-000.parquet"
+    columns = parquet.read_table(file).to_pydict()
+    columns["steering"][3] = 7.5
+    parquet.write_table(pytest.importorskip("pyarrow").table(columns), file)
+
+
+def lerobot(folder: Path) -> Path:
+    pytest.importorskip("pyarrow")
+    return ours("lerobot")(folder)
+
+
 # As `FORMATS` of tests/contracts.
 RARE: dict[str, Example] = {
+    "lerobot": (lerobot, change_column, r"file-000\.parquet, row 4", {}),
     "sullychen": (
         rare.sullychen,
         replace_once("\n3.jpg ", "\n3.jpg x", "data.txt"),

@@ -1,6 +1,7 @@
 """Damaged recordings in the extra's formats, by the thousand: read, or refused in one line."""
 
 import io
+import json
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from tests.hostile.mutations import mutated_bytes, mutated_json, read_damaged
 from tests.hostile.test_fuzzed_formats import FEW_AND_MANY, STRATEGIES, check_damaged
+from tests.hostile.test_fuzzed_recordings import converted
+from tests.recordings import Written, convert_to_recording, write_recording
 from tests.zoo.extras.formats.rare_examples import RARE
 
 
@@ -68,3 +72,46 @@ def test_damaged_recordings(
     write, _, _, said = RARE[name]
     strategies = STRATEGIES | {".h5": mutated_hdf5, "": mutated_array}
     check_damaged(write, said, strategies, count, tmp_path, capsys)
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Written:
+    return write_recording(tmp_path / "recording", rows=4)
+
+
+@pytest.fixture
+def dataset(recording: Written, tmp_path: Path) -> Path:
+    """Return a LeRobot dataset with images in its Parquet file."""
+    pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    features = {
+        "action": {"dtype": "float32", "shape": [2], "names": ["steering", "throttle"]},
+        "observation.images.front": {"dtype": "image", "shape": [160, 320, 3]},
+    }
+    info = {"codebase_version": "v3.0", "fps": 10, "features": features}
+    folder = tmp_path / "dataset"
+    (folder / "meta").mkdir(parents=True)
+    (folder / "data/chunk-000").mkdir(parents=True)
+    (folder / "meta/info.json").write_text(json.dumps(info))
+    image = {"bytes": recording.image(0).read_bytes(), "path": "1.jpg"}
+    columns = {
+        "episode_index": pa.array(np.zeros(3, int)),
+        "timestamp": pa.array(np.arange(3) / 10),
+        "action": pa.array([[0.1, 0.5]] * 3),
+        "observation.images.front": pa.array([image] * 3),
+    }
+    pq.write_table(pa.table(columns), folder / "data/chunk-000/file-000.parquet")
+    return folder
+
+
+@FEW_AND_MANY
+def test_damaged_info_of_datasets(dataset: Path, count: int) -> None:
+    path = dataset / "meta/info.json"
+    damaged = mutated_json(json.loads(path.read_text()))
+    read_damaged(damaged, converted(convert_to_recording, 1), path, count)
+
+
+@FEW_AND_MANY
+def test_damaged_parquet_files(dataset: Path, count: int) -> None:
+    path = dataset / "data/chunk-000/file-000.parquet"
+    damaged = mutated_bytes(path.read_bytes())
+    read_damaged(damaged, converted(convert_to_recording, 2), path, count)

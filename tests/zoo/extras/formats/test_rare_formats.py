@@ -66,6 +66,7 @@ def test_a_last_line_that_is_being_written_is_no_error(
 
 
 FILES = {
+    "lerobot": "data/chunk-000/file-000.parquet",
     "sullychen": "data.txt",
     "deeppicar": "out-key.csv",
     "comma2016": "log/2016-01-30--11-24-51.h5",

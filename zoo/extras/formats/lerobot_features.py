@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+from datamodules.formats.table import STEERING_WORD
 from datamodules.read_options import MPS_PER
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import MPS_PER_MPH
@@ -16,7 +17,7 @@ CENTRES = ("center", "centre", "front", "front_center", "front_forward", "main",
 
 _KEY = re.compile(r"[\w.-]{1,200}")
 WORDS = {
-    "steering": re.compile(r"steer|(^|[/_. ])angle($|[/_. ])", re.IGNORECASE),
+    "steering": STEERING_WORD,
     "throttle": re.compile(r"throttle|gas\b|gas[ _]pedal|accelerator", re.IGNORECASE),
     "brake": re.compile(r"brake", re.IGNORECASE),
     "speed": re.compile(r"speed|velocity", re.IGNORECASE),

@@ -11,17 +11,6 @@ import cv2
 import numpy as np
 
 from datamodules.driving_log import CAMERAS
-from datamodules.formats.lerobot_features import (
-    CAMERA_PREFIX,
-    DATA,
-    DATA_PATH,
-    EPISODES,
-    INFO,
-    TIME,
-    VERSION,
-    VIDEO_PATH,
-    video_file,
-)
 from datamodules.formats.parquet_columns import load_pyarrow
 from datamodules.formats.recording_writer import left_out_note, whole_rows
 from datamodules.formats.video_frames import video_writer
@@ -33,6 +22,17 @@ from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.errors import InputError
 from zoo.base.new_folder import whole_folder
 from zoo.base.rig import MPS_PER_MPH
+from zoo.extras.formats.lerobot_features import (
+    CAMERA_PREFIX,
+    DATA,
+    DATA_PATH,
+    EPISODES,
+    INFO,
+    TIME,
+    VERSION,
+    VIDEO_PATH,
+    video_file,
+)
 
 STATS = "meta/stats.json"
 TASKS = "meta/tasks.parquet"

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,7 +10,6 @@ import cv2
 import numpy as np
 import pytest
 
-from datamodules.formats.lerobot import read
 from datamodules.formats.parquet_columns import encoded_images
 from datamodules.formats.video_frames import read_frames, video_writer
 from datamodules.image import read_image
@@ -17,8 +17,16 @@ from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.stretches import find_breaks
+from tests import foreign_recordings as foreign
+from tests.contracts import test_recordings as contract
+from tests.datamodules.exchange.test_parquet_types import RAGGED
+from tests.datamodules.test_recording_sizes import notes
 from tests.recordings import Written, convert_to_recording, write_as, write_recording, write_resized
+from tests.zoo.command_runs import run_here
+from tests.zoo.commands.test_convert import check_rows_and_size
 from zoo.base.errors import InputError, UsageError
+from zoo.commands.convert import convert
+from zoo.extras.formats.lerobot import read
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
@@ -114,7 +122,7 @@ def test_a_centre_only_recording_has_one_video(tmp_path: Path) -> None:
 def test_a_long_drive_is_cut_into_episodes_and_comes_back_whole(
     source: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("datamodules.formats.lerobot_export.MOST_S", 1)
+    monkeypatch.setattr("zoo.extras.formats.lerobot_export.MOST_S", 1)
     assert write_as("lerobot", source, tmp_path / "lr").drives == 4
     assert len(list((tmp_path / "lr/videos/observation.images.left").rglob("*.mp4"))) == 4
     convert_to_recording(tmp_path / "lr", tmp_path / "again")
@@ -414,3 +422,132 @@ def test_an_image_that_a_few_bytes_repeat_is_refused(foreign_data: Path) -> None
     read = encoded_images(foreign_data, "observation.images.front")
     with pytest.raises(InputError, match=r"file-000\.parquet: .*after decompression"):
         list(read)
+
+
+@pytest.fixture(params=["v3.0", "v2.1"])
+def counted(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """Return a dataset of two episodes, of 6 and 4 rows, with a Parquet file for each."""
+    folder = write_foreign(tmp_path / "set")
+    path = folder / "meta/info.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"total_frames": 10}))
+    if request.param == "v2.1":
+        as_version_2(folder)
+        lines = [{"episode_index": n, "length": length} for n, length in enumerate((6, 4))]
+        (folder / "meta/episodes.jsonl").write_text("".join(f"{json.dumps(x)}\n" for x in lines))
+        return folder
+    data = folder / "data/chunk-000"
+    whole = pq.read_table(data / "file-000.parquet")
+    for number, (first, count) in enumerate([(0, 6), (6, 4)]):
+        pq.write_table(whole.slice(first, count), data / f"file-00{number}.parquet")
+    episodes = next((folder / "meta/episodes").rglob("*.parquet"))
+    table = pq.read_table(episodes)
+    if "length" not in table.column_names:
+        pq.write_table(table.append_column("length", pa.array([6, 4])), episodes)
+    return folder
+
+
+def test_a_whole_dataset_is_read_without_a_word(counted: Path) -> None:
+    assert len(read_recordings(str(counted))) == 10
+    assert "rows" not in notes(counted)
+
+
+def test_a_dataset_without_one_of_its_files_is_refused(counted: Path) -> None:
+    sorted(counted.glob("data/chunk-000/*.parquet"))[1].unlink()
+    with pytest.raises(
+        InputError,
+        match=r"info\.json: total_frames is 10, .* 6 rows .*episode 1 ha"
+        r"s 0 rows of 4.*on_bad_row=skip",
+    ):
+        read_recordings(str(counted))
+    recording = read_recordings(str(counted), on_bad_row="skip")
+    assert len(recording) == 6
+    assert "total_frames is 10" in recording.bad_rows[0]
+
+
+def test_a_dataset_with_more_rows_than_it_says_is_refused(counted: Path) -> None:
+    path = counted / "meta/info.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"total_frames": 7}))
+    with pytest.raises(InputError, match=r"total_frames is 7, and its files hold 10 rows"):
+        read_recordings(str(counted))
+
+
+def test_check_of_a_dataset_without_a_file_fails(tmp_path: Path) -> None:
+    written = write_recording(tmp_path / "lap", 8, cameras=("center",))
+    write_as("lerobot", read_recordings(str(written.folder)), tmp_path / "set")
+    info = tmp_path / "set/meta/info.json"
+    info.write_text(info.read_text().replace('"total_frames": 8', '"total_frames": 127'))
+    done = run_here(tmp_path, "set", module="zoo.commands.check")
+    assert done.returncode == 1
+    assert "total_frames is 127, and its files hold 8 rows" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("action", "words"),
+    [
+        (pa.array([[0.1, 0.5]] * foreign.ROWS), ""),
+        (pa.array([[0.1, 0.5]] * foreign.ROWS, pa.large_list(pa.float32())), ""),
+        (pa.array([[0.1, 0.5]] * foreign.ROWS, pa.list_(pa.float64(), 2)), ""),
+        (pa.array(RAGGED), "action has no numbers of one length"),
+        (pa.array([[0.1, None]] * foreign.ROWS), "action has no numbers of one length"),
+        (pa.array([[0.1]] * foreign.ROWS), "action has 1 numbers a row, and number 2"),
+        (pa.array([[]] * foreign.ROWS, pa.list_(pa.float64())), "action has 0 numbers a row"),
+        (np.full(foreign.ROWS, 0.1), "action has 1 numbers a row, and number 2"),
+        (pa.array([[True, True]] * foreign.ROWS), "action is bool, expected numbers"),
+        (pa.array([["0.1", "0.5"]] * foreign.ROWS), "action is string, expected numbers"),
+        (pa.array([[[0.1], [0.5]]] * foreign.ROWS), "action is list"),
+        (pa.array([0.1] * (foreign.ROWS - 1) + [None]), f"row {foreign.ROWS}: action is empty"),
+    ],
+)
+def test_a_lerobot_column_has_the_shape_that_its_use_needs(
+    action: object, words: str, tmp_path: Path
+) -> None:
+    features = {
+        "action": {"dtype": "float32", "shape": [2], "names": ["steering", "throttle"]},
+        "front": {"dtype": "image", "shape": [80, 160, 3]},
+    }
+    info = {"codebase_version": "v3.0", "fps": 10, "features": features}
+    pngs = foreign.table(tmp_path / "source") / "pics"
+    images = [(pngs / f"{row}.png").read_bytes() for row in range(foreign.ROWS)]
+    folder = tmp_path / "set"
+    for name in ("meta", "data/chunk-000"):
+        (folder / name).mkdir(parents=True)
+    (folder / "meta/info.json").write_text(str(info).replace("'", '"'))
+    columns = {"episode_index": np.zeros(foreign.ROWS), "timestamp": np.arange(foreign.ROWS) / 10}
+    columns |= {"action": action, "front": pa.array(images, pa.large_binary())}
+    pq.write_table(pa.table(columns), folder / "data/chunk-000/file-000.parquet")
+    if words:
+        with pytest.raises(InputError, match=rf"file-000\.parquet.*{words}"):
+            read_recordings(str(folder))
+    else:
+        recording = read_recordings(str(folder))
+        assert recording.throttle.tolist() == [0.5] * foreign.ROWS
+        assert recording.stored(3, 0) == images[3]
+
+
+def test_a_missing_pyarrow_is_one_line(
+    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    out = tmp_path / "lr"
+    with pytest.raises(InputError, match=r"pip install 'drivezoo\[parquet\]'"):
+        convert.main([str(recorded.folder), "to=lerobot", f"out={out}"])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_it_is_written_as_every_format(source: Recording, tmp_path: Path) -> None:
+    log = read_recordings(str(write_recording(tmp_path / "source", contract.ROWS).folder))
+    contract.check_written("lerobot", log, tmp_path)
+
+
+def test_its_writer_replaces_nothing_and_leaves_nothing_behind(tmp_path: Path) -> None:
+    log = read_recordings(str(write_recording(tmp_path / "source", contract.ROWS).folder))
+    contract.check_writer("lerobot", log, tmp_path)
+
+
+def test_a_copy_of_another_cars_recording_is_of_that_car(tmp_path: Path) -> None:
+    contract.check_copied_car("lerobot", tmp_path)
+
+
+def test_rows_and_size_are_chosen(recorded: Written, tmp_path: Path) -> None:
+    check_rows_and_size("lerobot", recorded, tmp_path)

@@ -9,22 +9,6 @@ import numpy as np
 
 from datamodules.driving_log import BadRows
 from datamodules.formats.json_fields import number, parse
-from datamodules.formats.lerobot_export import write as write
-from datamodules.formats.lerobot_features import (
-    DATA,
-    DATA_PATH,
-    EPISODES,
-    INFO,
-    OLD_DATA_PATH,
-    OLD_EPISODES,
-    OLD_VIDEO_PATH,
-    TIME,
-    VERSION,
-    VIDEO_PATH,
-    Meaning,
-    find_meaning,
-    video_file,
-)
 from datamodules.formats.parquet_columns import (
     REMEDY,
     component,
@@ -47,6 +31,22 @@ from zoo.base.bounded_files import MOST_JSON_BYTES, read_text
 from zoo.base.errors import InputError
 from zoo.base.limits import MOST, check_most
 from zoo.base.rig import UDACITY
+from zoo.extras.formats.lerobot_export import write as write
+from zoo.extras.formats.lerobot_features import (
+    DATA,
+    DATA_PATH,
+    EPISODES,
+    INFO,
+    OLD_DATA_PATH,
+    OLD_EPISODES,
+    OLD_VIDEO_PATH,
+    TIME,
+    VERSION,
+    VIDEO_PATH,
+    Meaning,
+    find_meaning,
+    video_file,
+)
 
 title = "LeRobotDataset"
 MOST_NUMBER = 999_999  # of a chunk or a file
