@@ -25,7 +25,6 @@ from zoo.driving.world import State, World
 SCENARIOS = {
     "embedded": Scenario("lake", laps=0.02, quality="simple"),
     "replay": Scenario("recording", world="replay"),
-    "gymnasium": Scenario("Lake-v0", world="gymnasium"),
     "outside": Scenario(world="straight"),
 }
 
@@ -123,15 +122,3 @@ def test_a_recording_that_is_open_is_a_world_too(folder: Path) -> None:
     (replayed,) = all_drives(straight, [Scenario(margin=0.5)], world=ReplayWorld(recording))
     (named,) = all_drives(straight, [Scenario("recording", world="replay", margin=0.5)])
     np.testing.assert_array_equal(replayed.cross_track_m, named.cross_track_m)
-
-
-@pytest.mark.parametrize(
-    ("name", "line"),
-    [
-        ("Lak-v0", r"^track=Lak-v0: "),
-        ("os:Lake-v0", r"^track=os:Lake-v0: names a module.*parts=os"),
-    ],
-)
-def test_an_unknown_environment_is_named_and_imports_nothing(name: str, line: str) -> None:
-    with pytest.raises(InputError, match=line):
-        open_world(Scenario(name, world="gymnasium"))

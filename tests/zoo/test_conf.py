@@ -12,7 +12,6 @@ from rich.console import Console
 
 from zoo.base.compose import compose_config, conf_folder
 from zoo.base.errors import UsageError
-from zoo.driving.environment_mapping import find_environment
 from zoo.models.make_network import make_network
 from zoo.results.suite import read_suite
 from zoo.scoring.track_scores import run_options
@@ -37,11 +36,6 @@ def test_every_yaml_constructs_its_object(path: Path, tmp_path: Path) -> None:
     elif path.parts[0] == "world":
         keys = {key: value for key, value in OmegaConf.load(CONF / path).items() if key != "speed"}
         assert WorldSettings(**keys) == WorldSettings()
-    elif group == "environment":
-        env = OmegaConf.load(CONF / path).env.replace("*", "v0")
-        found, is_mapped = find_environment(env)
-        assert is_mapped
-        assert found.env == env
     elif path.parts[0] == "hydra":
         place = {"hydra": {"sweep": {"dir": str(tmp_path)}}}
         settings = OmegaConf.create(place | {"own": OmegaConf.load(CONF / path)}).own

@@ -1,4 +1,4 @@
-"""The worlds that a scenario can name: those of drivezoo, of the user's parts, and of packages."""
+"""The worlds that a scenario can name: those of drivezoo, of extras, parts and packages."""
 
 from collections.abc import Callable
 
@@ -21,17 +21,10 @@ def _replay(scenario: Scenario, renderer: str) -> World:
     return ReplayWorld(read_recordings(scenario.track))
 
 
-def _gymnasium(scenario: Scenario, renderer: str) -> World:
-    from zoo.driving.environments import make_environment
-
-    return make_environment(scenario)
-
-
 Opener = Callable[[Scenario, str], World]
 WORLDS: Registry[Opener] = Registry("world")
 WORLDS.add("embedded", _embedded, __name__)
 WORLDS.add("replay", _replay, __name__)
-WORLDS.add("gymnasium", _gymnasium, __name__)
 
 
 def world(name: str) -> Callable[[Opener], Opener]:

@@ -1,8 +1,8 @@
 """What an environment's observation, action and attributes mean to a car, as YAML files say.
 
-`conf/environment` has those of known environments. A file says where numbers stand and what they
-are multiplied by. A user's own file, which another person may have written, names no module and no
-argument of an environment: both can choose code that runs.
+`conf/environment` of this folder has those of known environments. A file says where numbers stand
+and what they are multiplied by. A user's own file, which another person may have written, names no
+module and no argument of an environment: both can choose code that runs.
 """
 
 from collections.abc import Mapping

@@ -1,8 +1,8 @@
-"""A Gymnasium environment as a world, and a policy that drives one."""
+"""A Gymnasium environment as a world."""
 
 import importlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -10,18 +10,16 @@ import numpy as np
 from zoo.base.errors import InputError, hint
 from zoo.base.limits import parse_number
 from zoo.base.parts import import_part, registering_parts
-from zoo.checkpoints.policy_base import Policy, PolicyFunction, as_policy
-from zoo.driving.drive_loop import drivable
-from zoo.driving.environment_mapping import (
+from zoo.driving.open_world import world
+from zoo.driving.scenario import Scenario
+from zoo.driving.world import State, World
+from zoo.extras.gymnasium.environment_mapping import (
     Control,
     Environment,
     Quantity,
     find_environment,
     value_at,
 )
-from zoo.driving.scenario import Scenario
-from zoo.driving.speed_controller import SpeedController
-from zoo.driving.world import State, World
 from zoo.simulator.env import DrivingEnv
 
 if TYPE_CHECKING:
@@ -222,8 +220,11 @@ def _convention(
     )
 
 
-def make_environment(scenario: Scenario) -> EnvironmentWorld:
+@world("gymnasium")
+def open_environment(scenario: Scenario, renderer: str) -> EnvironmentWorld:
     """Return the world of the environment that a scenario's `track` names, or a file that maps it.
+
+    An environment renders by itself.
 
     Raises:
         InputError: there is no such environment, its package is not installed, or the name would
@@ -262,42 +263,3 @@ def make_environment(scenario: Scenario) -> EnvironmentWorld:
         reason = " ".join(str(error).split())
         raise InputError(f"{where}: {type(error).__name__}: {reason:.300}{install}") from error
     return EnvironmentWorld(made, mapping if is_mapped else None, scenario.frame_rate)
-
-
-class EnvironmentPolicy:
-    """Policy that drives a Gymnasium environment: `env.step(policy(observation))`.
-
-    Its throttle is that of a speed controller, as in scored drives.
-
-    Args:
-        policy: policy that steers.
-        speed: speed controller.
-        frame_rate: steps of the environment per second of simulated time.
-    """
-
-    def __init__(
-        self, policy: Policy | PolicyFunction, speed: SpeedController, frame_rate: float
-    ) -> None:
-        self.policy, self.speed, self.frame_rate = as_policy(policy).session(), speed, frame_rate
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the steps before; call it after `env.reset`."""
-        self._steps = 0
-        self.policy.reset()
-        self.speed.reset()
-
-    def __call__(self, observation: Mapping[str, Any]) -> np.ndarray:
-        """Return the action for an observation: steering and throttle, float32 [2] in -1..1.
-
-        Args:
-            observation: `image`, uint8 [H, W, 3] RGB, and `speed`, float [1] in mph.
-
-        Raises:
-            InputError: the image has another shape or type.
-        """
-        mph = float(np.asarray(observation["speed"]).item())
-        command = drivable(self.policy(observation["image"], mph))
-        throttle = self.speed.pedal(command, mph, self._steps / self.frame_rate)
-        self._steps += 1
-        return np.array([command.steering, throttle], np.float32)

@@ -9,8 +9,14 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 from gymnasium import spaces
+from omegaconf import OmegaConf
 
 from datamodules.recording_format import other_car, read_recordings
+from tests.contracts.test_worlds import (  # noqa: F401  the contract, with the fixture below
+    test_a_drive_ends_and_is_the_same_twice,
+    test_a_world_is_reset_stepped_and_put_back,
+)
+from zoo.base.conf_files import choice_files
 from zoo.base.errors import InputError
 from zoo.checkpoints.policy_base import as_policy
 from zoo.driving.drive_loop import drive
@@ -19,6 +25,8 @@ from zoo.driving.metrics import measure
 from zoo.driving.open_world import open_world
 from zoo.driving.run_drives import all_drives
 from zoo.driving.scenario import Scenario
+from zoo.driving.world import World
+from zoo.extras.gymnasium.environment_mapping import find_environment
 from zoo.scoring.track_scores import KeptDrive, how_well
 
 MAPPED = """
@@ -187,3 +195,31 @@ def test_an_id_is_the_world_itself_and_excludes_a_track() -> None:
         Scenario("mountain", world="gymnasium:SmallCar-v0")
     with pytest.raises(InputError, match=r"highway-env|no such environment"):
         open_world(Scenario(world="gymnasium:racetrack-none"))
+
+
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("Lak-v0", r"^track=Lak-v0: "),
+        ("os:Lake-v0", r"^track=os:Lake-v0: names a module.*parts=os"),
+    ],
+)
+def test_an_unknown_environment_is_named_and_imports_nothing(name: str, line: str) -> None:
+    with pytest.raises(InputError, match=line):
+        open_world(Scenario(name, world="gymnasium"))
+
+
+@pytest.mark.parametrize("name", ["car_racing", "donkey", "racetrack"])
+def test_a_known_environment_is_mapped(name: str) -> None:
+    env = OmegaConf.load(choice_files("environment")[name]).env.replace("*", "v0")
+    mapping, is_mapped = find_environment(env)
+    assert is_mapped
+    assert mapping.env == env
+
+
+@pytest.fixture
+def opened() -> Iterator[tuple[World, Scenario]]:
+    scenario = Scenario("Lake-v0", world="gymnasium")
+    world = open_world(scenario)
+    yield world, scenario
+    world.close()
