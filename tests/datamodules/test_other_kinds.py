@@ -64,15 +64,6 @@ def test_an_image_of_another_kind_is_named_by_its_contents(kind: str, tmp_path: 
     assert words.partition(" ")[0].partition(".")[0] in str(look_at_image(str(image)))
 
 
-@pytest.mark.parametrize("video", ["out-video.avi", "video.hevc", "video.mp4"])
-def test_a_video_of_another_kind_is_named_by_its_contents(video: str, tmp_path: Path) -> None:
-    from datamodules.formats.video_frames import read_frames
-
-    (tmp_path / video).write_bytes(POINTER)
-    with pytest.raises(InputError, match=rf"{video}: is a Git LFS pointer"):
-        next(read_frames(tmp_path / video))
-
-
 def test_small_files_of_no_such_kind_are_read_from_their_first_byte(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     for text in ("", "v", "version 1", "PK", "BMW,1", "{}" + " " * 2000):

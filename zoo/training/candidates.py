@@ -22,7 +22,7 @@ from zoo.driving.run_drives import all_drives
 from zoo.scoring.track_scores import KeptDrive, RunScore, driving_line
 from zoo.simulator.track_names import full_name
 from zoo.training.closed_loop import DRIVEN, DROVE
-from zoo.training.trainer_parts import is_trial
+from zoo.training.run_module import is_trial
 
 START_SEED = 1000  # the score's seeds count from 0
 BEST, MONITORED = "best.ckpt", "monitored.ckpt"

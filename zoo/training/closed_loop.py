@@ -17,8 +17,7 @@ from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.base.terminal import counted
 from zoo.simulator.world_settings import Quality
-from zoo.training.run_module import RunModule
-from zoo.training.trainer_parts import callbacks_of, data_of
+from zoo.training.run_module import RunModule, callbacks_of, data_of
 
 if TYPE_CHECKING:
     from zoo.driving.embedded_world import EmbeddedWorld

@@ -16,7 +16,7 @@ import torch
 from zoo.base.errors import InputError, PrunedError, StoppedError
 from zoo.base.terminal import error_line
 from zoo.runs.status import read_status, write_status
-from zoo.training.trainer_parts import callbacks_of
+from zoo.training.run_module import callbacks_of
 
 # A process that waits in a collective operation may or may not learn that another one ended.
 LOOK_S, GRACE_S = 0.5, 15.0

@@ -16,9 +16,8 @@ from zoo.base.run_command import was_stopped
 from zoo.base.terminal import command_line, counted, print_line
 from zoo.checkpoints.checkpoint import check_part, read_checkpoint_file, trained_epochs
 from zoo.runs.status import read_status
-from zoo.training.run_module import RunModule
+from zoo.training.run_module import RunModule, callbacks_of
 from zoo.training.steering_module import SteeringModule
-from zoo.training.trainer_parts import callbacks_of
 
 
 @contextmanager

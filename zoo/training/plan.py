@@ -24,8 +24,8 @@ from zoo.base.terminal import counted, print_line
 from zoo.training.compiled_loss import compiles
 from zoo.training.frozen_layers import plan_cached_features
 from zoo.training.host_settings import multiplies_bf16
+from zoo.training.run_module import callbacks_of
 from zoo.training.steering_module import OWN
-from zoo.training.trainer_parts import callbacks_of
 
 GROUP_IMAGES = 8192  # of a group on a GPU: 24 ms of PilotNet on an H100, 320 MB of images
 

@@ -37,8 +37,7 @@ from zoo.training.plan import make_plan
 from zoo.training.precision import choose_precision
 from zoo.training.run_config import settle_config, with_file_settings
 from zoo.training.run_loggers import log_config, log_results
-from zoo.training.run_module import RunModule
-from zoo.training.trainer_parts import callbacks_of, profiler_of
+from zoo.training.run_module import RunModule, callbacks_of, profiler_of
 
 
 def run_experiment(

@@ -1,10 +1,14 @@
-"""What a training run needs of a LightningModule."""
+"""What a training run needs of Lightning's module and Trainer."""
 
 from collections.abc import Sequence
 
 import lightning
 import numpy as np
+from lightning import Callback, Trainer
+from lightning.pytorch.profilers import Profiler
 from torch import nn
+
+from datamodules.run_data import RunData
 
 
 class RunModule(lightning.LightningModule):
@@ -39,3 +43,24 @@ class RunModule(lightning.LightningModule):
     def on_save_checkpoint(self, checkpoint: dict) -> None:
         """Add the card to the checkpoint."""
         checkpoint["drivezoo"] = self.card
+
+
+# Lightning sets what follows on a Trainer from outside the class, so that its type lacks it.
+def callbacks_of(trainer: Trainer) -> list[Callback]:
+    """Return the callbacks of a trainer, to which more can be appended."""
+    return trainer.callbacks  # type: ignore[attr-defined]
+
+
+def profiler_of(trainer: Trainer) -> Profiler:
+    """Return the profiler of a trainer, which may measure nothing."""
+    return trainer.profiler  # type: ignore[attr-defined]
+
+
+def is_trial(trainer: Trainer) -> bool:
+    """Return whether a trainer only tries its code, with `trainer.fast_dev_run`."""
+    return bool(trainer.fast_dev_run)  # type: ignore[attr-defined]
+
+
+def data_of(trainer: Trainer) -> RunData:
+    """Return the datamodule with which a trainer fits."""
+    return trainer.datamodule  # type: ignore[attr-defined]

@@ -13,7 +13,7 @@ from datamodules.balance import BatchKey
 from datamodules.driving import DrivingData
 from zoo.base.terminal import counted
 from zoo.runs import plots
-from zoo.training.trainer_parts import data_of
+from zoo.training.run_module import data_of
 
 
 class FedBatch(Callback):

@@ -16,7 +16,6 @@ from datamodules.formats.parquet_columns import (
     open_parquet,
     read_table,
 )
-from datamodules.formats.video_frames import read_frames
 from datamodules.image import StoredImage
 from datamodules.read_options import ReadOptions
 from datamodules.recording import (
@@ -47,6 +46,7 @@ from zoo.extras.formats.lerobot_features import (
     find_meaning,
     video_file,
 )
+from zoo.extras.formats.video_frames import read_frames
 
 title = "LeRobotDataset"
 MOST_NUMBER = 999_999  # of a chunk or a file

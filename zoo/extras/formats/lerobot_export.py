@@ -13,7 +13,6 @@ import numpy as np
 from datamodules.driving_log import CAMERAS
 from datamodules.formats.parquet_columns import load_pyarrow
 from datamodules.formats.recording_writer import left_out_note, whole_rows
-from datamodules.formats.video_frames import video_writer
 from datamodules.image import read_image
 from datamodules.recording import LABELS, Recording
 from datamodules.recording_format import write_car
@@ -33,6 +32,7 @@ from zoo.extras.formats.lerobot_features import (
     VIDEO_PATH,
     video_file,
 )
+from zoo.extras.formats.video_frames import video_writer
 
 STATS = "meta/stats.json"
 TASKS = "meta/tasks.parquet"

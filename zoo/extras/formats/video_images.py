@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from datamodules.formats.video_frames import read_frames
 from datamodules.image import StoredImage
 from datamodules.recording import ForwardReader
+from zoo.extras.formats.video_frames import read_frames
 
 
 def video_images(video: Path) -> Callable[[int], StoredImage]:

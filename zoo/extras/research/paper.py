@@ -25,6 +25,7 @@ from zoo.base.whole_file import write_output
 from zoo.checkpoints.checkpoint_path import FOLDER as CHECKPOINTS
 from zoo.driving.bootstrap import Estimate
 from zoo.driving.clustered import SHARE, clustered
+from zoo.extras.research.share_panels import share_panels
 from zoo.results import differences
 from zoo.results import ranking as of
 from zoo.results.benchmarked import INTERVALS, SHORT, figure_columns
@@ -35,7 +36,7 @@ from zoo.results.scored import BENCHMARK
 from zoo.results.suite import Road, find_suite, suite_names
 from zoo.results.summary import FIGURES, complement, overall
 from zoo.runs.code_fingerprint import code_fingerprint, package_versions
-from zoo.runs.plots import interval_panels, share_panels
+from zoo.runs.plots import interval_panels
 from zoo.runs.result_table import Column, Table, interval_column, number_column
 from zoo.runs.run_record import Run
 from zoo.runs.table_files import write_plot, write_table

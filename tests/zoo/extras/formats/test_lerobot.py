@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from datamodules.formats.parquet_columns import encoded_images
-from datamodules.formats.video_frames import read_frames, video_writer
 from datamodules.image import read_image
 from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
@@ -27,6 +26,7 @@ from tests.zoo.commands.test_convert import check_rows_and_size
 from zoo.base.errors import InputError, UsageError
 from zoo.commands.convert import convert
 from zoo.extras.formats.lerobot import read
+from zoo.extras.formats.video_frames import read_frames, video_writer
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")

@@ -22,7 +22,7 @@ from tests.datamodules.exchange.test_labels import (
     cut_end,
     read,
 )
-from tests.datamodules.test_other_kinds import KINDS, check_another_kind
+from tests.datamodules.test_other_kinds import KINDS, POINTER, check_another_kind
 from tests.datamodules.test_path_contents import refusal
 from tests.datamodules.test_recording_sizes import check_an_unnamed_image, notes
 from tests.foreign_recordings import ROWS, STEERING
@@ -36,6 +36,7 @@ from tests.zoo.extras.formats.rare_recordings import (
 )
 from zoo.base.errors import InputError
 from zoo.commands.check import check
+from zoo.extras.formats.video_frames import read_frames
 
 EVERY = pytest.mark.parametrize("name", RARE)
 
@@ -247,3 +248,10 @@ def test_a_video_that_is_shorter_than_its_table_is_named_with_the_row(
     printed = capsys.readouterr().out
     assert re.search(place, printed)
     assert "2 bad images; copy" in printed
+
+
+@pytest.mark.parametrize("video", ["out-video.avi", "video.hevc", "video.mp4"])
+def test_a_video_of_another_kind_is_named_by_its_contents(video: str, tmp_path: Path) -> None:
+    (tmp_path / video).write_bytes(POINTER)
+    with pytest.raises(InputError, match=rf"{video}: is a Git LFS pointer"):
+        next(read_frames(tmp_path / video))

@@ -4,12 +4,14 @@ import csv
 import hashlib
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tests.contracts.outside_package import installed, manual_example
 from tests.recordings import Written
+from tests.zoo.base.test_file_text import ODD_NAMES, check_shown_name
 from tests.zoo.notebooks import run_notebook
 from tests.zoo.results.synthetic_results import ROADS, figures, result, summed, write
 from tests.zoo.results.test_benchmark_command import write_suite
@@ -17,6 +19,7 @@ from tests.zoo.sweeps import write_run
 from zoo.base.errors import InputError, UsageError
 from zoo.commands.leaderboard import leaderboard
 from zoo.extras.research.paper import of_results
+from zoo.extras.research.share_panels import share_panels
 from zoo.results.differences import read_entries
 
 pytestmark = pytest.mark.usefixtures("here")
@@ -160,3 +163,9 @@ def test_the_study_compares_networks_and_resumes(recorded: Written, here: Path) 
     assert "linear & 15 & 1 &" in (here / "study" / "paper" / "table.tex").read_text()
     archive = zipfile.ZipFile(here / "study" / "paper" / "repeat.zip").namelist()
     assert sum(name.endswith(".ckpt") for name in archive) == 2
+
+
+@pytest.mark.parametrize("name", ODD_NAMES)
+def test_a_plot_shows_a_name_as_it_is(name: str, tmp_path: Path) -> None:
+    figure = SimpleNamespace(value=0.5, low=0.4, high=0.6)
+    check_shown_name(name, share_panels({name: ([1], {name: [figure]})}, "x", "y"), tmp_path)
