@@ -68,10 +68,9 @@ def convert(
         raise UsageError(f"to={to}: no format that can be written; {hint(to, writers)}")
     name, old = find_format(path, read.format)
     if to == name:
-        *others, last = (f"to={writer}" for writer in writers if writer != name)
+        others = ", ".join(f"to={writer}" for writer in writers if writer != name)
         raise UsageError(
-            f"to={to}: {source} is a {old.title} already; name another format: "
-            f"{', '.join(others)} or {last}"
+            f"to={to}: {source} is a {old.title} already; name another format: {others}"
         )
     if to == LOG and sources:
         raise UsageError(f"to={to}: takes one recording; convert each, and name all in data.root")

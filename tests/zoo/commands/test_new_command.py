@@ -201,7 +201,7 @@ def test_a_notebook_is_the_one_that_the_tests_run(kind: str, source: str, tmp_pa
         ("model", "lenet", "there is a model"),
         ("track", "zoo_lake", "there is a track"),
         ("rig", "donkey_sim", "there is a rig"),
-        ("format", "lerobot", "there is a format"),
+        ("format", "donkeycar", "there is a format"),
         ("loss", "json", "there is a Python module"),
     ],
 )
