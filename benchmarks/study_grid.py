@@ -15,6 +15,7 @@ from typing import Any
 import yaml
 
 from zoo.base.bounded_files import read_json
+from zoo.base.child_process import child_environment
 from zoo.base.errors import InputError
 from zoo.base.key_values import read_options
 from zoo.base.whole_file import json_text, write_whole
@@ -236,6 +237,8 @@ def write_files(files: Files) -> None:
 def run_logged(log: Path, words: list[str], threads: int) -> None:
     """Run `python -m WORDS` with its output in a file, and write its seconds to another.
 
+    The command ends when this process ends, and can be resumed.
+
     Raises:
         InputError: the command failed; the message has its last line.
     """
@@ -246,7 +249,7 @@ def run_logged(log: Path, words: list[str], threads: int) -> None:
             [sys.executable, "-m", *words],
             stdout=file,
             stderr=subprocess.STDOUT,
-            env=os.environ | {"OMP_NUM_THREADS": str(threads)},
+            env=child_environment() | {"OMP_NUM_THREADS": str(threads)},
             check=False,
         ).returncode
     if status:

@@ -148,11 +148,12 @@ def driven(study: Study, entry: Entry, run: Path) -> list[tuple[dict, dict[str, 
 def claim_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
     """Return a row for each drive of a run."""
     names = ("autonomy", "interventions", "cte_mean_m", "cte_max_m", "speed_mph", "stalled_m")
+    pretrained = OmegaConf.load(run / ".hydra" / "config.yaml").model.weights
     for settings, figures in driven(study, entry, run):
         yield {
             "experiment": entry.words[0].partition("=")[2],
             "training": "quick" if study.options.quick else "published",
-            "weights": "imagenet" if entry.labels["recipe"][0] == "E" else "",
+            "weights": "imagenet" if pretrained else "",
             **settings,
             **columns(figures, "", names),
         }

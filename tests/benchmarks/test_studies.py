@@ -5,15 +5,19 @@ import itertools
 import json
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from benchmarks import board_rows, study, study_data, study_grid, study_rows
 from benchmarks.measuring import merge, read_csv, write_csv
 from benchmarks.study_grid import FOLDER, Entry, Study
 from tests.recordings import Written
+from tests.zoo.command_runs import environment
 from tests.zoo.results.synthetic_results import result, summed, write
 from zoo.base.bounded_files import read_json
 from zoo.base.compose import refuse_repeated
@@ -307,6 +311,25 @@ def test_a_command_that_fails_is_named_with_its_last_line(tmp_path: Path) -> Non
         study_grid.run_logged(
             tmp_path / "log.txt", ["zoo.commands.simulator", "record", "trak=lake"], 1
         )
+
+
+SERVE = """
+from pathlib import Path
+from benchmarks.study_grid import run_logged
+run_logged(Path("log.txt"), ["zoo.commands.simulator", "drive", "port=0"], 1)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends POSIX signals")
+def test_a_command_ends_with_a_study_that_is_killed(tmp_path: Path) -> None:
+    with subprocess.Popen([sys.executable, "-c", SERVE], cwd=tmp_path, env=environment()) as parent:
+        process = psutil.Process(parent.pid)
+        while not (commands := process.children()):
+            assert parent.poll() is None
+        while not (tmp_path / "log.txt").read_text():
+            assert parent.poll() is None
+        parent.kill()
+    assert psutil.wait_procs(commands, timeout=60)[1] == []
 
 
 # The rows
