@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from zoo.base.command_keys import typed_keys
+from zoo.base.console_script import challenge_command
 from zoo.base.errors import UsageError
 from zoo.base.key_values import constructed
 from zoo.base.output_files import overwriting
@@ -33,7 +34,6 @@ from zoo.runs.result_table import Cell, Table
 from zoo.runs.run_record import Run
 from zoo.runs.table_files import Result
 from zoo.runs.table_files import write_table as write_result_table
-from zoo.scoring.published_tests import challenge_command
 
 if TYPE_CHECKING:
     import gymnasium

@@ -22,6 +22,7 @@ from datamodules.formats.path_contents import SUGGESTED, find_below
 from datamodules.formats.recording_writer import left_out_note, put_image, reported, whole_rows
 from datamodules.image import find_file_fault
 from datamodules.read_options import ReadOptions
+from datamodules.recorded_car import write_car
 from datamodules.recording import (
     TIMED_LABELS,
     Recording,
@@ -32,7 +33,6 @@ from datamodules.recording import (
     spellings,
     unnamed_note,
 )
-from datamodules.recording_format import write_car
 from datamodules.stretches import complete_times, continuous_drives, times_of_drives
 from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.bounded_files import MOST_JSON_BYTES, open_text, read_text

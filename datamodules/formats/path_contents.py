@@ -5,8 +5,8 @@ from collections import Counter
 from pathlib import Path
 
 from datamodules.formats import table
+from datamodules.known_formats import known_format
 from datamodules.recording import LOG_NAME
-from datamodules.recording_format import known_format
 from zoo.base.bounded_files import open_data
 from zoo.base.errors import InputError
 from zoo.base.terminal import command_line

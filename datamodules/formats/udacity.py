@@ -19,6 +19,7 @@ from datamodules.formats.recording_writer import (
     write_log,
 )
 from datamodules.read_options import ReadOptions
+from datamodules.recorded_car import write_car
 from datamodules.recording import (
     IMAGE_FOLDER,
     LABELS,
@@ -31,7 +32,6 @@ from datamodules.recording import (
     spellings,
     unnamed_note,
 )
-from datamodules.recording_format import write_car
 from datamodules.stretches import complete_times, find_breaks
 from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.errors import InputError

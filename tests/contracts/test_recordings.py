@@ -10,17 +10,12 @@ import numpy as np
 import pytest
 
 from datamodules.edited_recording import write_edited
+from datamodules.known_formats import OWN, formats, writable_formats
 from datamodules.read_options import ReadOptions
+from datamodules.recorded_car import other_car
 from datamodules.recording import TIMED_LABELS, Recording
 from datamodules.recording_edits import Edits
-from datamodules.recording_format import (
-    OWN,
-    find_format,
-    formats,
-    other_car,
-    read_recordings,
-    writable_formats,
-)
+from datamodules.recording_format import find_format, read_recordings
 from tests import foreign_recordings as foreign
 from tests.contracts.outside_package import manual_example
 from tests.recordings import convert_to_recording, write_as, write_recording

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from datamodules.recording_format import OWN, read_recordings
+from datamodules.known_formats import OWN
+from datamodules.recording_format import read_recordings
 from tests import foreign_recordings as foreign
 from tests.contracts.test_recordings import COLUMNS, FORMATS
 from tests.datamodules.test_other_kinds import KINDS

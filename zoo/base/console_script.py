@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zoo.base.entry_points import file_of, installed_entries, is_extra, named_entries
+from zoo.base.entry_points import file_of, find_entry, installed_entries, is_extra, named_entries
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.module_start import run_module
 from zoo.base.run_command import run_command
@@ -32,12 +32,11 @@ GROUPS = {
 # Further names, which belong to a command above: export doubt; evaluate replay=RECORDING;
 # train rerun=RUN; the leaderboard as Markdown; train resume=SWEEP.
 ALIASES = ("doubt", "replay", "rerun", "results", "sweep")
-# What to do instead of a command that earlier versions had.
-REMOVED = {"clean": "delete what you no longer need; drivezoo doctor prints the cache's size"}
 # Functions of commands that have another name.
 FUNCTIONS = {"train": "train_or_sweep", "list": "list_parts"}
 SWEEP_RECORD = "sweep.json"  # as zoo.training.sweep_record
 ENTRY_POINTS = "drivezoo.commands"
+CHALLENGES = "drivezoo.challenges"
 # Kinds of `drivezoo list`: drivezoo tracks is drivezoo list tracks. A kind has its group in `conf`,
 # if it has one, and how a user types a choice.
 LISTED = {
@@ -81,8 +80,6 @@ def _help_or_hint(arguments: list[str], outside: Iterable[str]) -> None:
     if name in HELP:
         print(help_text())
         return
-    if name in REMOVED:
-        raise UsageError(f"{name}: was removed; {REMOVED[name]}")
     near = hint(name, [*commands(), *outside], "drivezoo --help lists all")
     if "=" in name:  # keys of a training without its name
         near = f"did you mean drivezoo train {command_line(arguments)}?"
@@ -152,6 +149,18 @@ def commands_below(name: str) -> dict[str, "Command[Any]"]:
     entries, start = named_entries(ENTRY_POINTS), f"{name}."
     below = (entry for entry in entries.values() if entry.name.startswith(start))
     return {entry.name.removeprefix(start): load(entry.value) for entry in below}
+
+
+def challenge_command(name: str) -> "Command[Any]":
+    """Return the command of `drivezoo evaluate challenge=NAME`: a test that other people published.
+
+    Its arguments are a checkpoint and the test's folder; it has keys of its own.
+
+    Raises:
+        UsageError: there is no such test.
+        InputError: a package's command cannot be imported.
+    """
+    return load(find_entry(CHALLENGES, name, "challenge").value)
 
 
 def load(entry: str) -> "Command[Any]":

@@ -67,10 +67,15 @@ def load_named(group: str, name: str, key: str = "", usual: Sequence[str] = ()) 
         UsageError: there is no such entry point.
         InputError: it cannot be imported.
     """
-    return load_entry(_entry(group, name, key, usual))
+    return load_entry(find_entry(group, name, key, usual))
 
 
-def _entry(group: str, name: str, key: str = "", usual: Sequence[str] = ()) -> EntryPoint:
+def find_entry(group: str, name: str, key: str = "", usual: Sequence[str] = ()) -> EntryPoint:
+    """Return a group's entry point; the arguments are those of `load_named`.
+
+    Raises:
+        UsageError: there is no such entry point.
+    """
     entries = named_entries(group)
     if name not in entries:
         typed = f"{key}={name}" if key else name
@@ -84,7 +89,7 @@ def load_class(group: str, name: str, base: type[Kind]) -> type[Kind]:
     Raises:
         InputError: see `load_named`, or the class is not derived from `base`.
     """
-    entry = _entry(group, name)
+    entry = find_entry(group, name)
     loaded = load_entry(entry)
     if not (isinstance(loaded, type) and issubclass(loaded, base)):
         wanted = f"{base.__module__}.{base.__name__}"

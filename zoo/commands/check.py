@@ -20,8 +20,9 @@ from datamodules.looking.findings import find_oddities, report_lines
 from datamodules.looking.leak import leak_lines
 from datamodules.looking.sign_evidence import SignEvidence, find_signs, sign_line
 from datamodules.read_options import ReadOptions
+from datamodules.recorded_car import other_car
 from datamodules.recording import Recording
-from datamodules.recording_format import other_car, read_recordings
+from datamodules.recording_format import read_recordings
 from datamodules.samples import make_samples
 from datamodules.split import split_rows
 from datamodules.steering_unit import SteeringUnit

@@ -6,18 +6,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from datamodules.recording_format import writable_formats
+from datamodules.known_formats import writable_formats
 from zoo.base.command import Command, command
 from zoo.base.command_keys import choices_of, typed_keys
 from zoo.base.compose import compose_config, config_groups
 from zoo.base.conf_files import choices
-from zoo.base.console_script import LISTED, commands, load, outside_commands, places
+from zoo.base.console_script import CHALLENGES, LISTED, commands, load, outside_commands, places
+from zoo.base.entry_points import named_entries
 from zoo.base.file_text import shell_words
 from zoo.base.parts import KEY
 from zoo.checkpoints.checkpoint_path import LATEST, packaged_names
 from zoo.results.baselines import NO_CHECKPOINT
 from zoo.scoring.exported_file import export_names
-from zoo.scoring.published_tests import challenges
 from zoo.simulator.track_names import ALIASES as TRACKS
 from zoo.simulator.track_names import track_names
 
@@ -141,7 +141,7 @@ def values_of(key: str, default: str) -> tuple[str, ...]:
     if default in ("true", "false"):
         return ("true", "false")
     if key == "challenge":
-        return tuple(challenges())
+        return tuple(named_entries(CHALLENGES))
     checkpoints, tracks = (LATEST, *packaged_names()), tuple(sorted([*TRACKS, *track_names()]))
     names = {"ckpt": checkpoints, "weights": checkpoints, "track": tracks, "sim": tracks}
     names |= {"family": tuple(choices("road")), "suite": tuple(choices("suite"))}

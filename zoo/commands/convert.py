@@ -52,14 +52,10 @@ def convert(
     """
     from rich.console import Console
 
-    from datamodules.chosen_recording import chosen_recording
+    from datamodules.edited_recording import chosen_recording
+    from datamodules.known_formats import writable_formats
     from datamodules.looking.findings import skipped_lines
-    from datamodules.recording_format import (
-        find_format,
-        read_recording,
-        read_recordings,
-        writable_formats,
-    )
+    from datamodules.recording_format import find_format, read_recording, read_recordings
     from zoo.base.console_progress import progress_bar
     from zoo.base.new_folder import free_folder, refuse_existing
 

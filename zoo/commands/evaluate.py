@@ -7,12 +7,11 @@ from rich.console import Console
 
 from zoo.base.command import command, is_help
 from zoo.base.console_progress import loading
-from zoo.base.console_script import load
+from zoo.base.console_script import challenge_command, load
 from zoo.base.errors import UsageError
 from zoo.base.run_command import exit_after
 from zoo.checkpoints.checkpoint_path import find_driver
 from zoo.scoring.evaluate_options import EvaluateOptions, check_world
-from zoo.scoring.published_tests import challenge_command
 
 if TYPE_CHECKING:
     from zoo.scoring.evaluation import Evaluation

@@ -13,8 +13,9 @@ from rich.console import Console
 
 from datamodules.formats.udacity import times_from_names
 from datamodules.image import AnyImage, read_image
+from datamodules.known_formats import known_format
 from datamodules.recording import LOG_NAME
-from datamodules.recording_format import known_format, read_recordings
+from datamodules.recording_format import read_recordings
 from zoo.base.command import command
 from zoo.base.console_progress import loading, progress_bar
 from zoo.base.errors import InputError, UsageError

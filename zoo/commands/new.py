@@ -154,7 +154,7 @@ def write_part(kind: str, name: str, folder: Path) -> tuple[list[Path], list[tup
 
 def _check_free(name: str, kind: str) -> None:
     """Raise UsageError for a name that drivezoo or a Python module already has."""
-    from datamodules.recording_format import formats  # slow imports
+    from datamodules.known_formats import formats  # slow imports
     from zoo.driving.metrics import METRICS
     from zoo.scoring.robustness import PERTURBATIONS
 

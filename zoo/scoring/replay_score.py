@@ -10,8 +10,9 @@ from rich.console import Console
 from datamodules.formats.recording_writer import write_frame
 from datamodules.looking.findings import KEYBOARD_SHARE, report_recordings
 from datamodules.read_options import said_in
+from datamodules.recorded_car import other_car
 from datamodules.recording import Recording
-from datamodules.recording_format import other_car, read_recordings
+from datamodules.recording_format import read_recordings
 from datamodules.split import Split
 from datamodules.stretches import STRETCH_S, long_stretches
 from zoo.base.command_keys import changed

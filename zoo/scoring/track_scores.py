@@ -13,7 +13,7 @@ from omegaconf import DictConfig
 from pydantic import Field
 from rich.console import Console
 
-from datamodules.recording_format import write_rig_of
+from datamodules.recorded_car import write_rig_of
 from zoo.base.command_keys import keys_of
 from zoo.base.console_progress import working
 from zoo.base.errors import InputError, placed_errors

@@ -8,7 +8,7 @@ import threading
 from dataclasses import replace
 from pathlib import Path
 
-from datamodules.recording_format import write_rig_of
+from datamodules.recorded_car import write_rig_of
 from zoo.base.errors import InputError, file_errors
 from zoo.base.new_folder import written_folder
 from zoo.base.notices import Notices

@@ -12,7 +12,7 @@ from lightning import Callback, LightningModule, Trainer
 from rich.console import Console
 from torch import nn
 
-from datamodules.recording_format import other_car
+from datamodules.recorded_car import other_car
 from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.base.terminal import counted

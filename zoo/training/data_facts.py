@@ -6,8 +6,8 @@ from rich.console import Console
 from torch import nn
 
 from datamodules.looking.leak import seconds_apart
+from datamodules.recorded_car import other_car
 from datamodules.recording import ROW_SAMPLE
-from datamodules.recording_format import other_car
 from datamodules.run_data import RunData
 from datamodules.split import PARTS, rows_per_second
 from zoo.base.rig import CURVATURE

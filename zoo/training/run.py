@@ -8,7 +8,7 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
-from datamodules.recording_format import other_car
+from datamodules.recorded_car import other_car
 from datamodules.run_data import RunData
 from datamodules.split import write_split
 from zoo.base.compose import plain_dict

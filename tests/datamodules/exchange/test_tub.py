@@ -12,8 +12,9 @@ import pytest
 from datamodules.image import read_image
 from datamodules.looking.findings import report_recordings
 from datamodules.read_options import ReadOptions
+from datamodules.recorded_car import read_source
 from datamodules.recording import Recording
-from datamodules.recording_format import read_recordings, read_source
+from datamodules.recording_format import read_recordings
 from datamodules.stretches import find_breaks
 from tests.recordings import Written, convert_to_recording, write_as
 from zoo.base.errors import InputError

@@ -53,14 +53,6 @@ def test_how_much_is_printed_may_stand_before_the_command(flags: list[str], tmp_
     assert drivezoo(tmp_path, "list", "losses", *flags).stdout == before.stdout
 
 
-def test_a_removed_command_names_what_to_do_instead(tmp_path: Path) -> None:
-    result = drivezoo(tmp_path, "clean", "what=all")
-    assert result.returncode == WRONG_USE
-    (line,) = result.stderr.splitlines()
-    assert "clean: was removed; " in line
-    assert "drivezoo doctor" in line
-
-
 def test_a_typo_gets_one_line_and_the_status_of_wrong_use(tmp_path: Path) -> None:
     result = drivezoo(tmp_path, "evalute")
     assert result.returncode == WRONG_USE

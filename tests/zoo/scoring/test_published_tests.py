@@ -6,9 +6,9 @@ import pytest
 
 import drivezoo
 from tests.contracts.outside_package import installed
+from zoo.base import entry_points
 from zoo.base.errors import UsageError
 from zoo.commands.evaluate import evaluate_or_replay
-from zoo.scoring import published_tests
 
 TEST = """
 from zoo.base.command import command
@@ -35,11 +35,11 @@ def test_a_package_adds_a_test(tmp_path: Path, capsys: pytest.CaptureFixture) ->
         evaluate_or_replay(["challenge=mine", "--help"])
         assert "factor=1" in capsys.readouterr().out
         assert drivezoo.challenge("lenet", "there", test="mine") == "lenet on there"
-        with pytest.raises(UsageError, match=r"challenge=other: no such test; try .*mine"):
+        with pytest.raises(UsageError, match=r"challenge=other: no such challenge; .*mine"):
             evaluate_or_replay(["lenet", "challenge=other", "data=there"])
 
 
 def test_without_a_test_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(published_tests, "installed_entries", lambda group: [])
-    with pytest.raises(UsageError, match="challenge=ch2: no such test; none is installed"):
+    monkeypatch.setattr(entry_points, "installed_entries", lambda group: [])
+    with pytest.raises(UsageError, match="challenge=ch2: no such challenge; none available"):
         evaluate_or_replay(["lenet", "challenge=ch2", "data=there"])

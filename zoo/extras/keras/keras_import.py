@@ -7,8 +7,9 @@ from pathlib import Path
 from rich.console import Console
 from torch import nn
 
+from datamodules.recorded_car import other_car
 from datamodules.recording import Recording
-from datamodules.recording_format import other_car, read_recordings
+from datamodules.recording_format import read_recordings
 from datamodules.view import FRAME, View
 from zoo.base.command_keys import typed
 from zoo.base.compose import compose_config

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datamodules.recording_format import other_car, read_recordings
+from datamodules.recorded_car import other_car
+from datamodules.recording_format import read_recordings
 from tests.zoo.command_runs import only_line, run
 from tests.zoo.extras.donkey.donkey_process import donkey_simulator
 from tests.zoo.extras.donkey.donkey_replica import donkey_replica, telemetry

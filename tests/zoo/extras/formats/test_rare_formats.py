@@ -9,8 +9,9 @@ import pytest
 from rich.console import Console
 
 from datamodules.data_settings import DataSettings
+from datamodules.known_formats import OWN, own_formats
 from datamodules.recording import LONG_DRIVE
-from datamodules.recording_format import OWN, find_format, own_formats
+from datamodules.recording_format import find_format
 from tests.contracts.test_recordings import (
     check_a_bad_row,
     check_a_half_written_line,

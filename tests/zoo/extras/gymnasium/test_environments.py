@@ -11,7 +11,8 @@ import pytest
 from gymnasium import spaces
 from omegaconf import OmegaConf
 
-from datamodules.recording_format import other_car, read_recordings
+from datamodules.recorded_car import other_car
+from datamodules.recording_format import read_recordings
 from tests.contracts.test_worlds import (  # noqa: F401  the contract, with the fixture below
     test_a_drive_ends_and_is_the_same_twice,
     test_a_world_is_reset_stepped_and_put_back,

@@ -1,0 +1,68 @@
+"""The car of a recording: written beside a copy, so that it is not taken for Udacity's car."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from datamodules.recording import Recording
+from zoo.base.bounded_files import read_json
+from zoo.base.errors import InputError
+from zoo.base.rig import UDACITY, Rig
+from zoo.base.rig_file import write_rig
+
+SOURCE_NAME = "source.json"  # beside the log of a converted recording
+
+
+def write_car(
+    folder: Path, recording: Recording, source: str = "another_car", keeps_size: bool = True
+) -> None:
+    """Write beside a copy of a recording that its car is not Udacity's, and the rig if it is known.
+
+    Args:
+        folder: folder of the copy, whose format may be that of Udacity's car.
+        recording: recording that was copied.
+        source: its format, unless it is a copy, too.
+        keeps_size: whether the images have the rig's size, without which it is of another camera.
+    """
+    recorded = read_source(recording.names) or source
+    write_rig_of(folder, recording.rig, recorded, keeps_size)
+
+
+def write_rig_of(folder: Path, rig: Rig | None, source: str, keeps_size: bool = True) -> None:
+    """Write the car or format of a log's frames, and the rig if it is known, if not Udacity's."""
+    if rig == UDACITY:
+        return
+    text = f'{{"version": 1, "format": "{source}"}}\n'
+    (folder / SOURCE_NAME).write_text(text, encoding="utf-8")
+    if rig and keeps_size:
+        write_rig(folder, rig)
+
+
+def read_source(folders: Iterable[str | Path]) -> str | None:
+    """Return the format that one of the recordings was converted from; None for Udacity's rig.
+
+    Raises:
+        InputError: the file that names the format is damaged.
+    """
+    for folder in folders:
+        path = Path(folder) / SOURCE_NAME
+        if path.is_file():
+            content = read_json(path)
+            source = content.get("format") if isinstance(content, dict) else None
+            if not isinstance(source, str) or not re.fullmatch(r"[\w.-]{1,80}", source):
+                raise InputError(f"{path}: format: must be the name of a format, such as lerobot")
+            return source
+    return None
+
+
+def other_car(recording: Recording) -> str | None:
+    """Return the name of the car or format of a recording; None if it is Udacity's car.
+
+    Raises:
+        InputError: see `read_source`.
+    """
+    if source := read_source(recording.names):
+        return source
+    if recording.rig == UDACITY:
+        return None
+    return recording.rig.name if recording.rig else "a car of unknown make"
