@@ -160,7 +160,7 @@ def test_a_submission_of_other_frames_is_left_out(folder: Path, tmp_path: Path) 
 @pytest.mark.parametrize(
     ("words", "remedy"),
     [
-        (["challenge=ch3", "data=x"], "try ch2"),
+        (["challenge=ch3", "data=x"], "did you mean ch2"),
         (["challenge=ch2"], "data=FOLDER"),
         (["data=x"], "challenge=ch2"),
         (["challenge=ch2", "challenge=ch2"], "twice"),
