@@ -1,35 +1,25 @@
-"""A recording as a user changed it: edited and written, or chosen rows in another size.
+"""Write an edited recording as a new folder; the recorded one stays as it is.
 
-The recorded folder stays as it is. An image of the new folder is a hard link to the recorded file
-where the file system allows it, else a copy. So the new folder loads on its own, also after the
-recorded one was moved or deleted, and takes no space for images. Only a mirrored image is a new
-file.
+An image of the new folder is a hard link to the recorded file where the file system allows it, else
+a copy. So the new folder loads on its own, also after the recorded one was moved or deleted, and
+takes no space for images. Only a mirrored image is a new file.
 """
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from datamodules.driving_log import CAMERAS
-from datamodules.formats.recording_writer import (
-    image_stems,
-    left_out_note,
-    put_image,
-    reported,
-    whole_rows,
-    write_log,
-)
+from datamodules.formats.recording_writer import image_stems, put_image, reported, write_log
 from datamodules.formats.udacity import times_from_names
-from datamodules.image import AnyImage, StoredImage, find_file_fault, read_image
+from datamodules.image import find_file_fault
 from datamodules.recorded_car import write_car
 from datamodules.recording import IMAGE_FOLDER, Recording
-from datamodules.recording_edits import Edits, edit_options, typed_edits
-from datamodules.write_options import WriteOptions
+from datamodules.recording_edits import Edits, edit_options
 from zoo.base.errors import InputError
 from zoo.base.new_folder import whole_folder
 
@@ -148,43 +138,3 @@ def _write_part(
         written.append((paths, [steering, *others]))
     write_log(folder, written)
     return len(written) - written.count(None), left_out
-
-
-def chosen_recording(
-    recording: Recording, options: WriteOptions
-) -> tuple[Recording, tuple[str, ...]]:
-    """Return the rows of `keep` with images of `size`, and a line on what that changes.
-
-    Raises:
-        InputError: no row has whole images.
-        UsageError: `keep` names no rows of the recording.
-    """
-    notes: list[str] = []
-    if options.keep is not None:
-        kept = typed_edits(len(recording), keep_text=options.keep).kept()
-        notes.append(f"{int(kept.sum()):,} of {len(recording):,} rows kept: {options.keep}")
-        recording = recording.keep(kept)
-    if options.size is not None:
-        recording, faults = whole_rows(recording)
-        notes += left_out_note(faults, "an image is damaged")
-        images = recording.images.copy()
-        for place, image in np.ndenumerate(images):
-            if image:
-                images[place] = _resized(image, options.size)
-        # The camera of images in another shape is another one.
-        recording = replace(recording, images=images, rig=None, rigs=())
-        height, width = options.size
-        notes.append(f"images resized to {width} x {height}: the car's rig is not written")
-    return recording, tuple(notes)
-
-
-def _resized(image: AnyImage, size: tuple[int, int]) -> StoredImage:
-    if isinstance(image, StoredImage):
-        file, number = image.file, image.number
-    else:
-        file, number = str(image), 0
-    return StoredImage(file, number, partial(_resized_pixels, image, size))
-
-
-def _resized_pixels(image: AnyImage, size: tuple[int, int], *_: object) -> np.ndarray:
-    return cv2.resize(read_image(image), size[::-1], interpolation=cv2.INTER_AREA)

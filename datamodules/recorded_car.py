@@ -24,8 +24,7 @@ def write_car(
         source: its format, unless it is a copy, too.
         keeps_size: whether the images have the rig's size, without which it is of another camera.
     """
-    recorded = read_source(recording.names) or source
-    write_rig_of(folder, recording.rig, recorded, keeps_size)
+    write_rig_of(folder, recording.rig, read_source(recording.names) or source, keeps_size)
 
 
 def write_rig_of(folder: Path, rig: Rig | None, source: str, keeps_size: bool = True) -> None:

@@ -20,25 +20,9 @@ from typing import Any, BinaryIO, TextIO
 import yaml
 
 from zoo.base.errors import InputError, file_errors, hint
+from zoo.base.file_kind import HEAD_BYTES, MOST_POINTER_BYTES, POINTER, check_kind
 from zoo.base.limits import MOST
 
-HEAD_BYTES = 64  # of a file, which tell its kind
-POINTER = b"version https://git-lfs"
-MOST_POINTER_BYTES = 1024  # of a Git LFS pointer, by its specification
-# What a file that begins like this is, and what to do; no recording has a file of these kinds.
-_KINDS = {
-    POINTER: "is a Git LFS pointer, not the file (fetch it: git lfs pull)",
-    rb"PK\x03\x04.{26}(\[Content_T|_rels/|docProps|xl/|mimetype)|\xd0\xcf\x11\xe0": (
-        "is a spreadsheet (save its sheet as CSV)"
-    ),
-    rb"PK\x03\x04|\x1f\x8b|BZh\d|\xfd7zXZ|7z\xbc\xaf|Rar!": "is an archive (unpack it)",
-    rb"(\xef\xbb\xbf)?\s*<(?i:!doctyp|html|head)": "is a web page (download the file itself)",
-    rb"%PDF": "is a PDF (download the file itself)",
-    rb"BM.{4}\0\0|GIF8|RIFF....WEBP|II\*\0|MM\0\*|....ftyp(hei|mif|avi)": (
-        "is an image of another kind (save it as JPEG or PNG)"
-    ),
-}
-_PATTERNS = [(re.compile(start, re.DOTALL), words) for start, words in _KINDS.items()]
 MOST_LINE = 1_000_000  # characters of a row of text
 MOST_HASHED_BYTES = 8_000_000_000
 # O_NONBLOCK: opening a pipe does not wait for its writer. Regular files ignore it.
@@ -58,21 +42,6 @@ _UNUSABLE = re.compile("[\0\ud800-\udfff]")
 # As Python does, a path's bytes that are not UTF-8 are saved as \udc80 to \udcff.
 _UNUSABLE_IN_PATHS = re.compile("[\0\ud800-\udc7f\udd00-\udfff]")
 _ESCAPED_BYTE = re.compile(r"\\uDC[89A-F]")
-
-
-def find_kind(head: bytes) -> str | None:
-    """Return what a file is that no recording has, by its first bytes; None for all else.
-
-    >>> find_kind(b"<!DOCTYPE html><html>")
-    'is a web page (download the file itself)'
-    """
-    return next((words for start, words in _PATTERNS if start.match(head)), None)
-
-
-def check_kind(head: bytes, path: str | Path) -> None:
-    """Raise OSError for a file whose first bytes are of such a kind; `strerror` says which."""
-    if words := find_kind(head):
-        raise OSError(errno.EINVAL, words, str(path))
 
 
 def read_json(path: Path) -> object:
