@@ -11,8 +11,7 @@ import numpy as np
 
 from benchmarks.carry import agreement, on_board
 from benchmarks.measuring import Rows, grouped, markdown_table, write_between
-from zoo.driving.bootstrap import mean_over_seeds
-from zoo.driving.intervals import count_with_interval
+from zoo.driving.intervals import count_with_interval, mean_over_seeds
 from zoo.results.suite import OVERALL
 
 NOT_MEASURED = "Not measured yet."

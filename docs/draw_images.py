@@ -20,7 +20,7 @@ import imageio_ffmpeg
 from PIL import Image
 
 from tests.zoo.server.browser import Browser
-from zoo.driving.bootstrap import Estimate
+from zoo.driving.intervals import Estimate
 from zoo.extras.research.paper import of_results
 from zoo.results.differences import read_entries
 from zoo.results.suite import OVERALL

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import special
 
-from zoo.driving.bootstrap import FEWEST_ROADS, TAIL, Estimate
+from zoo.driving.intervals import FEWEST_ROADS, TAIL, Estimate
 
 ANY, POSITIVE, SHARE = (-math.inf, math.inf), (0.0, math.inf), (0.0, 1.0)  # limits of a figure
 

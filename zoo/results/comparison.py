@@ -10,7 +10,7 @@ from rich.console import Console
 
 from zoo.base.terminal import counted, print_line, print_written, printable
 from zoo.base.whole_file import json_text, write_output
-from zoo.driving.bootstrap import Estimate
+from zoo.driving.intervals import Estimate
 from zoo.results.differences import (
     OVERALL,
     Comparison,

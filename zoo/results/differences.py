@@ -12,8 +12,8 @@ import numpy as np
 from scipy import special
 
 from zoo.base.errors import InputError
-from zoo.driving.bootstrap import FEWEST_ROADS, Estimate
 from zoo.driving.clustered import EQUAL, SHARE, clustered, holm, p_value, satterthwaite
+from zoo.driving.intervals import FEWEST_ROADS, Estimate
 from zoo.results.checked_result import read_result, roads_of, shown
 from zoo.results.result import BenchmarkResult, DriveRecord
 from zoo.results.suite import LAPS, OVERALL, Road, place_of

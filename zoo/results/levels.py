@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import special
 
-from zoo.driving.bootstrap import FEWEST_ROADS, TAIL, Estimate
 from zoo.driving.clustered import EQUAL, satterthwaite
+from zoo.driving.intervals import FEWEST_ROADS, TAIL, Estimate
 
 STEPS = 50  # of Newton's method, which needs about 8
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from zoo.driving.bootstrap import Estimate, mean_over_seeds
 from zoo.driving.drive_record import EMBEDDED
 from zoo.driving.drives_table import mean_and_deviation, with_deviation
+from zoo.driving.intervals import Estimate, mean_over_seeds
 from zoo.driving.metrics import LOWER, Metric, leaderboard_metrics
 from zoo.results.scored import Scored
 from zoo.runs.fitted_table import fitted_table

@@ -7,8 +7,8 @@ from functools import partial
 
 import numpy as np
 
-from zoo.driving.bootstrap import Estimate
 from zoo.driving.clustered import POSITIVE, SHARE, clustered
+from zoo.driving.intervals import Estimate
 from zoo.driving.interventions import INTERVENTION_S
 from zoo.driving.metrics import METRICS
 from zoo.results.levels import level_at

@@ -9,8 +9,7 @@ from rich.text import Text
 
 from zoo.base.console_script import place_of
 from zoo.base.terminal import command_line, print_next
-from zoo.driving.bootstrap import poisson_rate
-from zoo.driving.intervals import ONE_TRACK
+from zoo.driving.intervals import ONE_TRACK, poisson_rate
 from zoo.runs.result_table import with_interval
 from zoo.scoring.evidence import (
     Evidence,

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from zoo.driving.bootstrap import Estimate, bootstrap, poisson_rate
 from zoo.driving.clustered import ANY, POSITIVE, SHARE, clustered, holm, p_value
-from zoo.driving.intervals import share_interval
+from zoo.driving.intervals import Estimate, bootstrap, poisson_rate, share_interval
 from zoo.runs.plots import interval_plot
 
 

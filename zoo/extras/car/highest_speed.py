@@ -17,8 +17,7 @@ from zoo.base.terminal import print_line, print_written, printable
 from zoo.base.whole_file import json_text, write_whole
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.checkpoints.checkpoint_policy import load_policy
-from zoo.driving.bootstrap import Estimate
-from zoo.driving.intervals import median_interval
+from zoo.driving.intervals import Estimate, median_interval
 from zoo.driving.run_drives import all_drives
 from zoo.driving.scenario import Scenario
 from zoo.extras.car.loop_times import LoopTimes

@@ -33,7 +33,7 @@ from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.policy_base import Policy, PolicyFunction, as_policy
-from zoo.driving.bootstrap import Estimate, bootstrap
+from zoo.driving.intervals import Estimate, bootstrap
 from zoo.driving.run_drives import one_thread
 from zoo.extras.research.challenge_options import ChallengeOptions
 from zoo.runs.metrics_file import write_metrics_file

@@ -23,8 +23,8 @@ from zoo.base.output_files import check_output
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import write_output
 from zoo.checkpoints.checkpoint_path import FOLDER as CHECKPOINTS
-from zoo.driving.bootstrap import Estimate
 from zoo.driving.clustered import SHARE, clustered
+from zoo.driving.intervals import Estimate
 from zoo.extras.research.share_panels import share_panels
 from zoo.results import differences
 from zoo.results import ranking as of

@@ -12,8 +12,8 @@ from rich.console import Console
 from zoo.base.errors import InputError
 from zoo.base.terminal import counted, print_line, print_written, printable
 from zoo.base.whole_file import json_text, write_output
-from zoo.driving.bootstrap import FEWEST_ROADS, Estimate
 from zoo.driving.clustered import EQUAL, SHARE, SMALLEST
+from zoo.driving.intervals import FEWEST_ROADS, Estimate
 from zoo.extras.research.rollout_differences import (
     NEW,
     SCOPES,

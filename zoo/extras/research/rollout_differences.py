@@ -13,8 +13,8 @@ from itertools import combinations
 
 import numpy as np
 
-from zoo.driving.bootstrap import FEWEST_ROADS, Estimate
 from zoo.driving.clustered import ANY, EQUAL, SHARE, SMALLEST, clustered, holm, moments, p_value
+from zoo.driving.intervals import FEWEST_ROADS, Estimate
 from zoo.extras.research.rollouts import Rollout
 from zoo.results.differences import SIGNIFICANT, least_difference
 
