@@ -3,7 +3,7 @@
 Every part (a file here with a function `measure`) runs in its own process. The results are ratios,
 printed as one table and written to `outputs/bench.json`. `short` only checks that the parts run;
 its figures mean nothing. `docs` also writes the table between the two markers of
-`docs/performance.md`. Without `KERAS_PYTHON` the part that needs Keras is skipped.
+`docs/performance.md`.
 """
 
 import json
@@ -104,12 +104,7 @@ def main(arguments: list[str]) -> int:
     if unknown := [name for name in chosen if name not in names]:
         console.print(f"bench: {unknown[0]}: no such part; available: {', '.join(names)}")
         return 1
-    if not chosen:
-        chosen = [name for name in names if name != "keras_training"]
-        if os.environ.get("KERAS_PYTHON"):
-            chosen.append("keras_training")
-        else:
-            console.print("keras_training: skipped; set KERAS_PYTHON to a Python with Keras")
+    chosen = chosen or names
     began, contents, rows, took, failed = time.perf_counter(), machine(), [], {}, False
     for name in chosen:
         before = time.perf_counter()

@@ -63,19 +63,6 @@ def test_a_part_that_there_is_none_of_is_named(tmp_path: Path) -> None:
     assert result.stdout.startswith("bench: fed: no such part; available: feed, training, tiny,")
 
 
-@pytest.mark.slow
-def test_the_part_that_needs_keras_says_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("KERAS_PYTHON", raising=False)
-    result = bench(tmp_path, "ONLY=keras_training")
-    assert result.returncode == 1
-    said = " ".join(result.stdout.split())
-    assert "keras_training: set KERAS_PYTHON to a Python with Keras" in said
-    assert "pip install tensorflow-cpu" in said
-    assert "Traceback" not in said
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="sends POSIX signals")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_the_running_part_ends_with_the_benchmark(number: int, tmp_path: Path) -> None:
