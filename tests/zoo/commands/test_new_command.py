@@ -96,7 +96,8 @@ def test_the_written_tests_pass(written: New) -> None:
     assert sorted(Path(one).name for one in files) == sorted(
         f"test_{name}.py" for name in PARTS.values()
     )
-    written.run("pytest", "-q", "-p", "no:cacheprovider", *files)
+    # In its own folder: from the usual one pytest clears the files of earlier runs, for minutes.
+    written.run("pytest", "-q", "-p", "no:cacheprovider", "--basetemp=temporary", *files)
 
 
 def test_the_printed_commands_show_train_and_drive_the_parts(
