@@ -23,6 +23,8 @@ IMPORT_ALL = """
 import importlib, pkgutil
 names = ["datamodules", "drivezoo", "hydra_plugins.drivezoo", "zoo"]
 for name in names:
+    if name == "zoo.extras.hub.lerobot.lerobot_env":  # only LeRobot imports it
+        continue
     module = importlib.import_module(name)
     names += [f"{name}.{one.name}" for one in pkgutil.iter_modules(getattr(module, "__path__", []))]
 print(len(names), "modules")
