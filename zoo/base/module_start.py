@@ -21,6 +21,8 @@ def run_module(module: str, arguments: list[str]) -> None:
 
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, stop_in_one_line)
+    if sys.version_info < (3, 11):  # which does not know PYTHONSAFEPATH
+        clean_spawned_processes()
     sys.argv[1:] = arguments
     import runpy
 
@@ -35,8 +37,6 @@ def _leave_out_current_folder() -> None:
         folders = filter(None, [os.environ.get("PYTHONPATH")])
         os.environ["PYTHONPATH"] = os.pathsep.join([ROOT, *folders])
     os.environ["PYTHONSAFEPATH"] = "1"
-    if sys.version_info < (3, 11):  # which does not know this variable
-        clean_spawned_processes()
 
 
 def clean_spawned_processes() -> None:
