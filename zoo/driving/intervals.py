@@ -12,10 +12,9 @@ import numpy as np
 # A network does not vary and neither does a track: with other start seeds it fails in the same
 # places (docs/scoring.md), so that an interval over them would count one observation several times.
 ONE_TRACK = "Drives of one track fail in the same places: no interval."
-CONFIDENCE = 0.95
 FEWEST_ROADS = 3  # of two, Student's t has one degree of freedom: an interval says nothing
 MOST_VALUES = 4_000_000  # of an array; more are drawn in parts
-TAIL = (1 - CONFIDENCE) / 2
+TAIL = (1 - 0.95) / 2  # beyond each bound
 
 
 @dataclass(frozen=True)
@@ -124,17 +123,16 @@ def poisson_rate(count: int, exposure: float) -> Estimate:
     return Estimate(count / exposure, low / exposure, high / exposure)
 
 
-def share_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
+def share_interval(successes: int, trials: int) -> tuple[float, float]:
     """Return the exact interval of a share, from 0 to 1.
 
-    It holds the true share at least as often as `confidence` says, however few the trials.
+    95 % of such intervals hold the true share, or more, however few the trials.
     Source: Clopper and Pearson 1934, "The use of confidence or fiducial limits illustrated in the
     case of the binomial".
 
     Args:
         successes: number of trials that succeeded.
         trials: number of trials; 0 gives (0.0, 1.0).
-        confidence: share of such intervals that contain the true share, 0..1.
 
     >>> low, high = share_interval(3, 3)
     >>> round(low, 4), high
@@ -148,9 +146,9 @@ def share_interval(successes: int, trials: int, confidence: float = 0.95) -> tup
 
     if not 0 <= successes <= trials:
         raise ValueError(f"{successes} of {trials}: must be from 0 to the number of trials")
-    failures, beyond = trials - successes, (1 - confidence) / 2
-    low = float(special.betaincinv(successes, failures + 1, beyond)) if successes else 0.0
-    high = float(special.betaincinv(successes + 1, failures, 1 - beyond)) if failures else 1.0
+    failures = trials - successes
+    low = float(special.betaincinv(successes, failures + 1, TAIL)) if successes else 0.0
+    high = float(special.betaincinv(successes + 1, failures, 1 - TAIL)) if failures else 1.0
     return low, high
 
 
@@ -177,15 +175,14 @@ def count_with_interval(successes: int, trials: int) -> str:
     return f"{counted} (95 %: {low} to {high} %)"
 
 
-def median_interval(values: Sequence[float], confidence: float = 0.95) -> tuple[float, float]:
-    """Return an interval of the median, from two of the values; NaN of fewer than 6 at 95 %.
+def median_interval(values: Sequence[float]) -> tuple[float, float]:
+    """Return an interval of the median, from two of the values; NaN of fewer than 6.
 
     It holds for any distribution, because the number of values below the median is binomial.
     Source: Conover 1999, "Practical Nonparametric Statistics", section 3.2.
 
     Args:
         values: independent values, such as a figure of each start.
-        confidence: smallest share of such intervals that contain the true median, 0..1.
 
     >>> median_interval([5, 1, 4, 2, 6, 3])
     (1, 6)
@@ -193,7 +190,7 @@ def median_interval(values: Sequence[float], confidence: float = 0.95) -> tuple[
     (2, 9)
     """
     count, below, rank = len(values), 0.5 ** len(values), 0
-    while below <= (1 - confidence) / 2:
+    while below <= TAIL:
         rank += 1
         below += math.comb(count, rank) * 0.5**count
     if not rank:

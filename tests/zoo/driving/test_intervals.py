@@ -13,13 +13,6 @@ from zoo.driving.intervals import Estimate, bootstrap, poisson_rate, share_inter
 from zoo.runs.plots import interval_plot
 
 
-def test_a_wider_confidence_gives_a_wider_interval() -> None:
-    low, high = share_interval(5, 10)
-    wider_low, wider_high = share_interval(5, 10, confidence=0.99)
-
-    assert wider_low < low < 0.5 < high < wider_high
-
-
 @pytest.mark.parametrize(("successes", "trials"), [(0, 3), (3, 3), (2, 5), (70, 96), (1, 1)])
 def test_the_interval_of_a_share_is_scipys(successes: int, trials: int) -> None:
     exact = stats.binomtest(successes, trials).proportion_ci(method="exact")
