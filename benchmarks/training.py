@@ -199,7 +199,7 @@ def rate(step: Callable, feed: Iterator[dict], seconds: float) -> float:
 
 
 def answer(pipe: Connection, run: Callable[[], float]) -> None:
-    """Serve `timing.contestants`: run once to warm up, then once per request."""
+    """Serve `measuring.contestants`: run once to warm up, then once per request."""
     run()
     pipe.send(None)
     while pipe.recv():
