@@ -25,7 +25,7 @@ from rich.console import Console
 
 from benchmarks import measuring
 from zoo.base.child_process import child_environment
-from zoo.base.cores import processor_name, usable_cores
+from zoo.base.machine import processor_name, usable_cores
 
 HERE = Path(__file__).parent
 OUT = Path("outputs/bench.json")

@@ -12,7 +12,7 @@ from benchmarks.measuring import Row, compared, seconds_of, take_turns
 from datamodules.image import decode_image
 from datamodules.view import View
 from datamodules.view_store import load_views
-from zoo.base.cores import usable_cores
+from zoo.base.machine import usable_cores
 
 VIEW = View((40, 20), "rgb", (66, 200))
 ROWS = 1_500

@@ -19,7 +19,7 @@ from benchmarks.material import OUT, linked_recording, random_network
 from benchmarks.measuring import Row, contestants, medians, ratios, seconds_of, take_turns
 from benchmarks.start import IMPORTS, run_python
 from benchmarks.training import BATCH, ROUND_S, answer, bare_step, rate
-from zoo.base.cores import usable_cores
+from zoo.base.machine import usable_cores
 from zoo.base.rig import MPS_PER_MPH
 from zoo.driving.open_world import open_world
 from zoo.driving.scenario import Scenario

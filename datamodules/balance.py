@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from datamodules.driving_log import CAMERAS
-from datamodules.read_options import ReadOptions
+from datamodules.format_options import ReadOptions
 from datamodules.samples import Samples
 from zoo.base.command_keys import Untyped
 from zoo.base.errors import InputError

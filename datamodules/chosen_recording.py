@@ -6,11 +6,11 @@ from functools import partial
 import cv2
 import numpy as np
 
+from datamodules.format_options import WriteOptions
 from datamodules.formats.recording_writer import left_out_note, whole_rows
 from datamodules.image import AnyImage, StoredImage, read_image
 from datamodules.recording import Recording
 from datamodules.recording_edits import typed_edits
-from datamodules.write_options import WriteOptions
 
 
 def chosen_recording(

@@ -12,8 +12,8 @@ from datamodules.augment import Change
 from datamodules.augmented_batch import Augment
 from datamodules.balance import BatchOptions, Least0
 from datamodules.driving import DrivingData
+from datamodules.format_options import said_in
 from datamodules.looking.findings import report_lines
-from datamodules.read_options import said_in
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.row_views import RowViews, load_row_views

@@ -11,9 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from datamodules.read_options import ReadOptions
+from datamodules.format_options import Converted, Progress, ReadOptions, WriteOptions
 from datamodules.recording import Recording
-from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.entry_points import installed_entries, is_extra, load_entry
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.parts import format_parts, import_part

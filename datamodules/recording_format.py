@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from datamodules.format_options import ReadOptions
 from datamodules.known_formats import Format, known_format, own_formats
-from datamodules.read_options import ReadOptions
 from datamodules.recorded_car import read_source
 from datamodules.recording import Recording
 from zoo.base.errors import InputError, UsageError

@@ -25,8 +25,8 @@ from filelock import FileLock, Timeout
 
 from datamodules.image import AnyImage, StoredImage, read_image, reading_threads
 from datamodules.view import View
-from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError
+from zoo.base.machine import usable_cores
 from zoo.base.whole_file import whole_path, write_whole
 
 # Raise it when the output of `decode_image` or `View` changes: old files are then not read again.

@@ -9,11 +9,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from datamodules.format_options import Converted, Progress, ReadOptions, WriteOptions
 from datamodules.known_formats import writable_formats
-from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recording
-from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.rig import UDACITY
 
 HEADER = "center,left,right,steering,throttle,brake,speed"

@@ -74,6 +74,6 @@ def test_without_an_extra_the_other_commands_are_there(name: str, tmp_path: Path
 def test_without_an_extra_the_rest_passes(name: str, tmp_path: Path) -> None:
     copy = without(name, tmp_path / "copy")
     ignored = [f"--ignore=tests/{page}" for page in ("test_extras.py", "test_manual.py")]
-    ignored += ["--ignore=tests/test_model_pages.py", "--ignore=tests/test_count_code.py"]
+    ignored += ["--ignore=tests/test_model_pages.py", "--ignore=tests/test_count.py"]
     result = run(copy, "-m", "pytest", "-q", "-n", "2", "-m", "not slow", *ignored, "tests")
     assert result.returncode == 0, result.stdout[-3000:]

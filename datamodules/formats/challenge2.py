@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, BadRows
+from datamodules.format_options import ReadOptions
 from datamodules.formats.labels import Rows, collect, decimal, inside, labelled_recording, read_csv
-from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.rig import Camera, single_camera_rig

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 
 from datamodules.driving_log import BadRows
+from datamodules.format_options import Converted, Progress, ReadOptions, WriteOptions
 from datamodules.formats.json_fields import number, parse, plain_name
 from datamodules.formats.path_contents import SUGGESTED, find_below
 from datamodules.formats.recording_writer import left_out_note, put_image, reported, whole_rows
 from datamodules.image import find_file_fault
-from datamodules.read_options import ReadOptions
 from datamodules.recorded_car import write_car
 from datamodules.recording import (
     TIMED_LABELS,
@@ -34,7 +34,6 @@ from datamodules.recording import (
     unnamed_note,
 )
 from datamodules.stretches import complete_times, continuous_drives, times_of_drives
-from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.bounded_files import MOST_JSON_BYTES, open_text, read_text
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most, is_ordinary

@@ -20,9 +20,9 @@ from datamodules.driving_log import (
     replace_undecoded,
     without_empty,
 )
+from datamodules.format_options import ReadOptions
 from datamodules.formats.udacity import image_finder
 from datamodules.looking.sign_evidence import find_sign_evidence
-from datamodules.read_options import ReadOptions
 from datamodules.recording import (
     SHORT_DRIVES,
     Blocks,

@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, number_text
+from datamodules.format_options import Progress
 from datamodules.image import (
     AnyImage,
     decode_image,
@@ -20,7 +21,6 @@ from datamodules.image import (
     read_stored,
 )
 from datamodules.recording import LOG_NAME, Recording
-from datamodules.write_options import Progress
 from zoo.base.errors import InputError
 from zoo.base.whole_file import write_new
 

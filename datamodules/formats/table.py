@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from datamodules.driving_log import CAMERAS, IMAGE, BadRows, read_fields
+from datamodules.format_options import MPS_PER, ReadOptions
 from datamodules.formats.labels import collect, decimal, inside, labelled_recording, read_csv
 from datamodules.formats.parquet_columns import (
     DAMAGED,
@@ -21,7 +22,6 @@ from datamodules.formats.parquet_columns import (
     open_parquet,
 )
 from datamodules.image import StoredImage
-from datamodules.read_options import MPS_PER, ReadOptions
 from datamodules.recording import ForwardReader, Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.errors import InputError, UsageError, library_errors

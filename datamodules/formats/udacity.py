@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, IMAGE, BadRows, LogRow, read_log
+from datamodules.format_options import Converted, Progress, ReadOptions, WriteOptions
 from datamodules.formats.recording_writer import (
     image_stems,
     left_out_note,
@@ -18,7 +19,6 @@ from datamodules.formats.recording_writer import (
     reported,
     write_log,
 )
-from datamodules.read_options import ReadOptions
 from datamodules.recorded_car import write_car
 from datamodules.recording import (
     IMAGE_FOLDER,
@@ -33,7 +33,6 @@ from datamodules.recording import (
     unnamed_note,
 )
 from datamodules.stretches import complete_times, find_breaks
-from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.errors import InputError
 from zoo.base.new_folder import whole_folder
 from zoo.base.rig import UDACITY

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from datamodules.edited_recording import write_edited
+from datamodules.format_options import ReadOptions
 from datamodules.known_formats import OWN, formats, writable_formats
-from datamodules.read_options import ReadOptions
 from datamodules.recorded_car import other_car
 from datamodules.recording import TIMED_LABELS, Recording
 from datamodules.recording_edits import Edits

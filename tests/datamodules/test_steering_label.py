@@ -10,8 +10,8 @@ from rich.console import Console
 from datamodules.augment import Shift
 from datamodules.augmented_batch import Augment
 from datamodules.data_settings import DataSettings
+from datamodules.format_options import ReadOptions
 from datamodules.formats.labels import _with_full_lock
-from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.samples import make_samples
 from datamodules.steering_label import curvature_label, in_label

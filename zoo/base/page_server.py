@@ -10,10 +10,10 @@ from typing import Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
 from zoo.base.errors import InputError
+from zoo.base.machine import port_holder
 from zoo.base.notices import Notices
 from zoo.base.origin import OriginGuard, is_loopback
 from zoo.base.page_requests import ServedPage
-from zoo.base.port_holder import port_holder
 
 HOST = "127.0.0.1"
 PATIENCE_S = 20.0  # for a whole request to arrive

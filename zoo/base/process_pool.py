@@ -21,8 +21,8 @@ import numpy as np
 
 from zoo.base.child_process import end_after
 from zoo.base.command_keys import EntryChoice
-from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError, UsageError
+from zoo.base.machine import usable_cores
 from zoo.base.run_command import held_interrupt
 
 Result = TypeVar("Result")

@@ -15,11 +15,11 @@ from rich.progress import Progress
 
 from datamodules.balance import epoch_batches
 from datamodules.driving_log import CAMERAS
+from datamodules.format_options import ReadOptions
 from datamodules.image import AnyImage, checked_size, read_stored, reading_threads
 from datamodules.looking.findings import find_oddities, report_lines
 from datamodules.looking.leak import leak_lines
 from datamodules.looking.sign_evidence import SignEvidence, find_signs, sign_line
-from datamodules.read_options import ReadOptions
 from datamodules.recorded_car import other_car
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings

@@ -3,8 +3,7 @@
 from dataclasses import asdict
 from pathlib import Path
 
-from datamodules.read_options import ReadOptions
-from datamodules.write_options import WriteOptions
+from datamodules.format_options import ReadOptions, WriteOptions
 from zoo.base.command import command
 from zoo.base.errors import UsageError, hint
 from zoo.base.parts import typed_parts

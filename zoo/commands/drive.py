@@ -197,7 +197,7 @@ class StopOnSignal:
 
 def open_port(host: str, port: int, key: str = "port") -> "GreenSocket":
     """Return a listening socket; raise InputError that names the process that holds the port."""
-    from zoo.base.port_holder import port_holder
+    from zoo.base.machine import port_holder
     from zoo.server.server import listen
 
     try:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from datamodules.read_options import ReadOptions
+from datamodules.format_options import ReadOptions
 from zoo.base.command import command
 from zoo.base.command_keys import typed
 from zoo.base.terminal import command_line, print_next, print_written, printable

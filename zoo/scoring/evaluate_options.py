@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from datamodules.read_options import ReadOptions
+from datamodules.format_options import ReadOptions
 from zoo.base.command_keys import Section
 from zoo.base.errors import InputError, UsageError
 from zoo.base.process_pool import PROCESSES, Executor

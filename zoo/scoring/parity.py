@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 import torch
 
+from datamodules.format_options import said_in
 from datamodules.image import read_image
-from datamodules.read_options import said_in
 from datamodules.recording_format import read_recordings
 from zoo.base.compose import compose_config
-from zoo.base.cores import processor_name
 from zoo.base.errors import InputError
+from zoo.base.machine import processor_name
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_path import trained_data
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy

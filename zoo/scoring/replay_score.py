@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from datamodules.format_options import said_in
 from datamodules.formats.recording_writer import write_frame
 from datamodules.looking.findings import KEYBOARD_SHARE, report_recordings
-from datamodules.read_options import said_in
 from datamodules.recorded_car import other_car
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings

@@ -5,7 +5,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from datamodules.read_options import said_in
+from datamodules.format_options import said_in
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from zoo.base.errors import InputError

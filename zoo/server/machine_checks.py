@@ -16,8 +16,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError
+from zoo.base.machine import usable_cores
 from zoo.base.output_files import OUTPUTS
 from zoo.base.terminal import counted
 
@@ -231,7 +231,7 @@ def check_cache() -> Iterator[Finding]:
 
 def check_port(port: int) -> Iterator[Finding]:
     """Check that the driver can listen on a port."""
-    from zoo.base.port_holder import port_holder
+    from zoo.base.machine import port_holder
 
     what = f"port {port}"
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:

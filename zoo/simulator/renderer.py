@@ -16,7 +16,7 @@ import numpy as np
 
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY, Rig
-from zoo.simulator.panda import core
+from zoo.base.run_command import held_interrupt
 from zoo.simulator.scenery.edges import bridge_meshes, edge_meshes
 from zoo.simulator.scenery.frame_effects import Air
 from zoo.simulator.scenery.ground import Ground
@@ -30,6 +30,9 @@ from zoo.simulator.track import Track
 from zoo.simulator.udacity_car import FOV_DEG, NEAR_M, camera_matrix
 from zoo.simulator.weather import CLEAR, Weather, lit_by
 from zoo.simulator.world_settings import Quality, WorldSettings
+
+with held_interrupt():  # Panda3D's C++ ends the process if Ctrl-C arrives while it is imported
+    from panda3d import core
 
 SETTINGS = "audio-library-name null\nnotify-level fatal\ntextures-power-2 down\n"
 # Collected states would wait for Panda3D's task manager, which does not run here: 4 kB a frame, and

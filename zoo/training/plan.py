@@ -18,8 +18,8 @@ from datamodules.balance import share_of
 from datamodules.batches import GROUP
 from datamodules.features import FeaturePlan
 from datamodules.run_data import RunData
-from zoo.base.cores import usable_cores
 from zoo.base.errors import InputError
+from zoo.base.machine import usable_cores
 from zoo.base.terminal import counted, print_line
 from zoo.training.compiled_loss import compiles
 from zoo.training.frozen_layers import plan_cached_features

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
+from datamodules.format_options import ReadOptions
 from datamodules.looking.findings import find_oddities
 from datamodules.looking.sign_evidence import find_sign_evidence
-from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.recording_format import find_format, read_recordings
 from tests.foreign_recordings import (

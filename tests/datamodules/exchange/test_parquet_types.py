@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datamodules.read_options import ReadOptions
+from datamodules.format_options import ReadOptions
 from datamodules.recording_format import read_recordings
 from tests import foreign_recordings as foreign
 from tests.recordings import convert_to_recording

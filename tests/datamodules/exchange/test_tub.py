@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
+from datamodules.format_options import ReadOptions
 from datamodules.image import read_image
 from datamodules.looking.findings import report_recordings
-from datamodules.read_options import ReadOptions
 from datamodules.recorded_car import read_source
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings

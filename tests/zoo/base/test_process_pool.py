@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from tests.zoo.command_runs import ROOT, environment
-from zoo.base import cores, process_pool
+from zoo.base import machine, process_pool
 from zoo.base.errors import InputError, UsageError
 from zoo.base.process_pool import Pool, opened_pool, run_jobs
 
@@ -228,9 +228,9 @@ def test_a_process_that_another_one_started_is_left_alone(tmp_path: Path) -> Non
 )
 def test_a_container_that_gives_less_time_counts(monkeypatch, quota, found):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2, 3}, raising=False)
-    monkeypatch.setattr(cores, "_container_cores", lambda: quota)
-    assert cores.usable_cores() == found
+    monkeypatch.setattr(machine, "_container_cores", lambda: quota)
+    assert machine.usable_cores() == found
 
 
 def test_here():
-    assert 1 <= cores.usable_cores() <= os.cpu_count()
+    assert 1 <= machine.usable_cores() <= os.cpu_count()

@@ -181,5 +181,5 @@ def test_the_next_command_is_for_what_was_checked(
 
 
 def test_the_cores_are_those_of_the_containers_quota(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("zoo.base.cores._container_cores", lambda: 0.5)
+    monkeypatch.setattr("zoo.base.machine._container_cores", lambda: 0.5)
     assert "on 1 core" in next(check_device()).found

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from datamodules.format_options import ReadOptions
 from datamodules.formats.labels import Rows, labelled_recording
 from datamodules.image import StoredImage
-from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, ForwardReader, Recording, indices
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.bounded_files import open_data

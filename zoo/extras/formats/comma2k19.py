@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from datamodules.format_options import ReadOptions
 from datamodules.formats.labels import labelled_recording
-from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.bounded_files import open_data

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from datamodules.driving_log import BadRows
+from datamodules.format_options import ReadOptions
 from datamodules.formats.labels import collect, decimal, labelled_recording, read_csv
-from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.rig import Camera, single_camera_rig

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from datamodules.driving_log import BadRows
+from datamodules.format_options import ReadOptions
 from datamodules.formats.json_fields import number, parse
 from datamodules.formats.parquet_columns import (
     REMEDY,
@@ -17,7 +18,6 @@ from datamodules.formats.parquet_columns import (
     read_table,
 )
 from datamodules.image import StoredImage
-from datamodules.read_options import ReadOptions
 from datamodules.recording import (
     ForwardReader,
     Recording,

@@ -11,13 +11,13 @@ import cv2
 import numpy as np
 
 from datamodules.driving_log import CAMERAS
+from datamodules.format_options import Converted, Progress, WriteOptions
 from datamodules.formats.parquet_columns import load_pyarrow
 from datamodules.formats.recording_writer import left_out_note, whole_rows
 from datamodules.image import read_image
 from datamodules.recorded_car import write_car
 from datamodules.recording import LABELS, Recording
 from datamodules.stretches import continuous_drives, mean_rate
-from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.errors import InputError
 from zoo.base.new_folder import whole_folder
 from zoo.base.rig import MPS_PER_MPH

@@ -7,8 +7,8 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+from datamodules.format_options import MPS_PER
 from datamodules.formats.table import STEERING_WORD
-from datamodules.read_options import MPS_PER
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import MPS_PER_MPH
 

@@ -8,9 +8,9 @@ middle, in halves of the image's width, as both projects' networks learn it. The
 import re
 from pathlib import Path
 
+from datamodules.format_options import ReadOptions
 from datamodules.formats.labels import labelled_recording
 from datamodules.image import MOST_IMAGE_BYTES, image_size
-from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.bounded_files import open_binary

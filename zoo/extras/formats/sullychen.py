@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from datamodules.driving_log import MOST_LOG_BYTES, BadRows
+from datamodules.format_options import ReadOptions
 from datamodules.formats.labels import collect, inside, labelled_recording
-from datamodules.read_options import ReadOptions
 from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.bounded_files import open_text

@@ -19,7 +19,7 @@ import torch
 from torch import nn
 
 from datamodules.view import RESIZES, View
-from zoo.base.cores import usable_cores
+from zoo.base.machine import usable_cores
 from zoo.driving.run_drives import one_thread
 from zoo.extras.keras.combinations import (
     SCALES,

@@ -11,13 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, BadRows
+from datamodules.format_options import Converted, Progress, ReadOptions, WriteOptions
 from datamodules.formats.parquet_columns import component, load_pyarrow, read_table
 from datamodules.formats.recording_writer import left_out_note, reported
 from datamodules.image import Stored, StoredImage, encode_image, find_fault
-from datamodules.read_options import ReadOptions
 from datamodules.recording import TIMED_LABELS, Recording, indices, keep_valid, make_recording
 from datamodules.stretches import complete_times, find_breaks
-from datamodules.write_options import Converted, Progress, WriteOptions
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, optional_import
 from zoo.base.new_folder import whole_folder

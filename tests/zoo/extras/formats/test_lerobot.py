@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 import pytest
 
+from datamodules.format_options import ReadOptions
 from datamodules.formats.parquet_columns import encoded_images
 from datamodules.image import read_image
-from datamodules.read_options import ReadOptions
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.stretches import find_breaks

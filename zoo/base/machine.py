@@ -1,4 +1,4 @@
-"""The number of cores that this process may use."""
+"""Facts of this machine: its cores and processor, and which process listens on a port."""
 
 import math
 import os
@@ -36,3 +36,22 @@ def processor_name() -> str:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
         return next(line.split(": ")[1] for line in lines if line.startswith("model name"))
     return platform.processor() or platform.machine()
+
+
+def port_holder(port: int) -> str | None:
+    """Return the command and id of the process that listens on a TCP port of this machine.
+
+    Returns:
+        Both in one line; None if no process does, or if it belongs to another user.
+
+    >>> port_holder(1) is None
+    True
+    """
+    import psutil  # slow
+
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):  # it has ended, or belongs to another user
+            for connection in process.net_connections("tcp"):
+                if connection.status == psutil.CONN_LISTEN and connection.laddr.port == port:
+                    return f"{' '.join(process.cmdline()).strip():.100} (process {process.pid})"
+    return None
