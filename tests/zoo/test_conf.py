@@ -12,6 +12,8 @@ from rich.console import Console
 
 from zoo.base.compose import compose_config, conf_folder
 from zoo.base.errors import UsageError
+from zoo.checkpoints.checkpoint import load_checkpoint
+from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.models.make_network import make_network
 from zoo.results.suite import read_suite
 from zoo.scoring.track_scores import run_options
@@ -49,6 +51,13 @@ def test_a_recipe_s_key_of_a_callback_that_is_left_out_is_one_line(tmp_path: Pat
     config = OmegaConf.create(compose_config(["experiment=lenet", "callbacks=published"]))
     with pytest.raises(UsageError, match=r"callbacks\.early_stopping=null"):
         build_trainer(config, tmp_path, has_validation=True)
+
+
+def test_a_shared_checkpoints_config_trains_without_its_loggers(tmp_path: Path) -> None:
+    config = load_checkpoint(find_checkpoint("tiny41")).config
+    assert "logger" not in config, "a server's name and password are not shared"
+    trainer = build_trainer(OmegaConf.create(config), tmp_path, has_validation=True)
+    assert len(trainer.loggers) == 1
 
 
 def test_an_augmentation_that_a_recipe_sets_can_be_left_out(tmp_path: Path) -> None:

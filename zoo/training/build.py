@@ -251,7 +251,7 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
                 f"{name} monitors {monitor}, but nothing drives; add callbacks=closed_loop"
             )
     loggers = [CSVLogger(folder, name="", version="")]
-    for name, settings in (config.logger or {}).items():
+    for name, settings in (config.get("logger") or {}).items():
         if settings:
             named = naming_arguments(name, config, folder)
             unset = {k: v for k, v in named.items() if k == "save_dir" or k not in settings}
