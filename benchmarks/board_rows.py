@@ -45,7 +45,7 @@ def board_rows(study: Study, entry: Entry) -> list[Row]:
     if not study.options.quick:
         words = ["drivezoo", "train", *study.command(entry)]
         if entry.corrects:
-            words = [*CORRECT.split(), "CKPT", *entry.words]
+            words = [*CORRECT.split(), f"{entry.corrects}/SEED.ckpt", *entry.words]
         command = shlex.join(words) if entry.words else ""
         study.files |= kept_result(folder, command, checkpoints)
     return []

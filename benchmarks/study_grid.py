@@ -59,8 +59,8 @@ class Entry:
         words: overrides of `drivezoo train`; empty for an entry that is not trained.
         folder: folder of the runs, each named by its seed.
         seeds: number of training seeds.
-        corrects: entry whose trainings `drivezoo correct` corrects, with `words` as its keys; None
-            for an entry of its own trainings.
+        corrects: folder of the checkpoints that `drivezoo correct` corrects, with `words` as its
+            keys; None for an entry of its own trainings.
     """
 
     name: str
@@ -182,8 +182,8 @@ class Study:
         if (run / ".hydra" / "config.yaml").is_file():
             words = ["zoo", f"resume={run}"]
         if entry.corrects:
-            checkpoint = entry.folder.with_name(entry.corrects) / run.name / CHECKPOINT
-            words = ["zoo.base.console_script", "correct", str(checkpoint)]
+            checkpoint = f"{entry.corrects}/{run.name}.ckpt"
+            words = ["zoo.base.console_script", "correct", checkpoint]
             words += [*entry.words, f"out={run}"]
         run_logged(entry.log(run), words, self.options.threads)
         print(f"{run}: trained", flush=True)

@@ -220,7 +220,7 @@ def test_a_packaged_network_has_a_recipe_of_the_results() -> None:
     assert packaged["tiny41"] == (*results["tiny-no_bonnet"], "data=bench_v1")
 
 
-def test_an_entry_that_an_expert_corrects_starts_from_anothers_last_epochs(
+def test_an_entry_that_an_expert_corrects_starts_from_committed_checkpoints(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -243,7 +243,7 @@ def test_an_entry_that_an_expert_corrects_starts_from_anothers_last_epochs(
     assert entry.finished == entry.runs
     assert entry.checkpoint(entry.runs[1]) == Path("round-3.ckpt")
     assert [words[1:3] for words in asked] == [
-        ["correct", f"outputs/board/pilotnet/{seed}/checkpoints/last.ckpt"] for seed in (1, 2)
+        ["correct", f"benchmarks/board/pilotnet/{seed}.ckpt"] for seed in (1, 2)
     ]
     assert asked[0][-1] == f"out={entry.runs[0]}"
     families = re.findall(r"(\w+):", entry.words[0])
