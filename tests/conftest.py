@@ -17,9 +17,9 @@ import pytest
 from hypothesis import settings
 from rich.console import Console
 
-from tests.frozen_objects import freeze_objects
 from tests.kept_compositions import keep_compositions
 from tests.recordings import Written, write_recording
+from tests.spared_work import spare_work
 from zoo.base import process_pool
 
 # A shell that starts the tests in the background makes all processes ignore Ctrl-C; some tests
@@ -35,8 +35,8 @@ keep_compositions()
 
 
 def pytest_collection_finish() -> None:
-    """Spare the garbage collections during tests the half million objects of what was imported."""
-    freeze_objects()
+    """Spare the tests what `spare_work` does, once all libraries are imported."""
+    spare_work()
 
 
 @pytest.fixture(scope="session", autouse=True)

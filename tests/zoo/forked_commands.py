@@ -18,7 +18,7 @@ import traceback
 from importlib import import_module
 from pathlib import Path
 
-from tests.frozen_objects import freeze_objects
+from tests.spared_work import spare_work
 from zoo.base import process_pool
 
 # Not the commands themselves: these must run as `__main__`.
@@ -149,7 +149,7 @@ def serve() -> None:
     for module in IMPORTED:
         import_module(module)
     process_pool.usable_cores = lambda: 1  # no process imports torch for a drive of 10 m
-    freeze_objects()  # else each fork's collections copy all pages of what was imported
+    spare_work()  # else each fork's collections copy all pages of what was imported
     for line in sys.stdin:
         request = json.loads(line)
         if len(request) == 1:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from tests.frozen_objects import count_frozen
+from tests.spared_work import count_frozen
 from tests.zoo.command_runs import command, environment
 from zoo.base import console_progress
 from zoo.base.console_progress import loading, progress_bar, working
