@@ -138,6 +138,8 @@ def draw_board() -> None:
         *(BOARD / name for name in ("lenet-bends", "lenet", "pilotnet", "linear"))
     )
     figures = {"board": interval_panels(panels), "profiles": of_results(entries).plots["profiles"]}
+    for axis in figures["board"].axes:
+        axis.set_xlim(-3, 103)
     for name, figure in figures.items():
         path = IMAGES / f"{name}.png"
         figure.savefig(path, dpi=110, bbox_inches="tight")
