@@ -523,8 +523,8 @@ def test_a_candidate_of_the_first_try_is_trained_and_driven(
     # A developer's files may differ from the commit.
     monkeypatch.setattr(study, "check_code", lambda *_: None)
     monkeypatch.chdir(tmp_path)
-    opened = Study("first_try", [f"real={recorded.folder}", "only=short-real", "seeds=1"])
-    small = ("model=tiny", "trainer.max_epochs=1", "data.samples_per_epoch=64")
+    opened = Study("first_try", [f"real={recorded.folder}", "only=1-real", "seeds=1"])
+    small = ("model=tiny", "trainer.max_epochs=1", "data.samples_per_epoch=64", "score.laps=0.01")
     drive = {"control": "hold 15 mph", "track": "lake", "direction": "forward", "quality": "fast"}
     axes = {key: [value] for key, value in (drive | {"laps": 0.01}).items()}
     opened.config["drives"] = [{"axes": axes}]

@@ -38,11 +38,9 @@ def demo() -> None:
             "data=lake_quick",
             "quick=true",
             "quick_samples=3200",  # enough if an expert's laps include recoveries
-            "score.quality=fast",  # as the recording has
+            "score=fast",  # with the quality of the recording
             "score.speed=20",
-            # Short of a lap and unfilmed, because the drive over the socket is filmed.
-            "score.candidate_laps=0.3",
-            "score.film=false",
+            "score.film=false",  # because the drive over the socket is filmed
             f"hydra.run.dir={run}",
         ],
         "drive half a lap over the socket": [
