@@ -258,7 +258,7 @@ def trained(run: Path, metrics: dict | None = None) -> None:
 def test_a_finished_run_is_not_repeated_and_a_failed_entry_not_the_last(
     pages: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    asked, failing, table = [], ["short-mouse"], Path("docs/first_try.csv")
+    asked, failing, table = [], ["0.3-mouse"], Path("docs/first_try.csv")
     committed = Path("kept/result.json")
 
     def run_logged(log: Path, words: list[str], threads: int) -> None:
@@ -279,15 +279,15 @@ def test_a_finished_run_is_not_repeated_and_a_failed_entry_not_the_last(
     monkeypatch.setitem(study_rows.ROWS, "drives", row)
     monkeypatch.setattr(study_grid, "run_logged", run_logged)
     words = ["first_try", "seeds=1"]
-    with pytest.raises(InputError, match=r"failed: short-mouse; the same command resumes"):
+    with pytest.raises(InputError, match=r"failed: 0\.3-mouse; the same command resumes"):
         study.main(words)
-    assert len(asked) == 6
-    assert {"experiment=lenet", "seed=1"} <= set(asked[0])
+    assert len(asked) == 4
+    assert {"experiment=first_try", "seed=1"} <= set(asked[0])
     assert not table.exists()
     failing.clear()
     study.main(words)
-    assert len(asked) == 7
-    assert len(read_csv(table)) == 6
+    assert len(asked) == 5
+    assert len(read_csv(table)) == 4
     assert committed.read_text() == "{}"
 
 
