@@ -1,4 +1,4 @@
-"""What a user says about a recording that is read or written: keys of commands and trainings."""
+"""What a user says about a recording to read or to write, and what a writer returns."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace

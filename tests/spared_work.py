@@ -10,8 +10,7 @@ def spare_work() -> None:
     """Freeze all objects and keep their number, and let `os.fsync` return at once.
 
     Python counts them one by one, which takes 0.05 s for half a million, and each command asks. A
-    file is synced for a power cut, which no test has; a disk takes 4 to 8 ms, tens of thousands of
-    times.
+    file is synced for a power cut, which no test has; a disk takes 4 to 8 ms each time.
     """
     gc.freeze()
     number = count_frozen()
