@@ -1,4 +1,4 @@
-"""Configs that Hydra composes from `conf`, kept for all tests of a process.
+"""Configs that Hydra composes from our files, kept for all tests of a process.
 
 Hydra reads and merges some 30 YAML files at each composition, which takes 0.1 s: a quarter of the
 time of the tests that train. Here it does so once for each choice of files (later: 0.02 s); it
@@ -19,7 +19,9 @@ from hydra.core.override_parser.types import Override
 from hydra.plugins.config_source import ConfigResult, ConfigSource
 from omegaconf import DictConfig
 
-CONF = Path(__file__).parents[1] / "conf"  # no test changes a file of this folder
+ROOT = Path(__file__).parents[1]
+# No test changes a file of these folders: ours, and those of the extras.
+CONF = {ROOT / "conf", *ROOT.glob("zoo/extras/*/conf")}
 
 choose_files = config_loader_impl.create_defaults_list
 load_file = ConfigRepository.load_config
@@ -78,6 +80,5 @@ def kept(key: tuple, make: Callable[[], object]) -> object:
 
 
 def only_our_files(sources: list[ConfigSource]) -> bool:
-    """Return whether all files come from `conf`, and none from a user's folder."""
-    files = [Path(one.path) for one in sources if one.scheme() == "file"]
-    return files == [CONF]
+    """Return whether all files come from the project, and none from a user's folder."""
+    return {Path(one.path) for one in sources if one.scheme() == "file"} == CONF
