@@ -18,8 +18,10 @@ import traceback
 from importlib import import_module
 from pathlib import Path
 
+from tests.kept_compositions import keep_files
 from tests.spared_work import spare_work
 from zoo.base import process_pool
+from zoo.base.compose import compose_config
 
 # Not the commands themselves: these must run as `__main__`.
 IMPORTED = (
@@ -149,6 +151,8 @@ def serve() -> None:
     for module in IMPORTED:
         import_module(module)
     process_pool.usable_cores = lambda: 1  # no process imports torch for a drive of 10 m
+    keep_files()
+    compose_config([])  # each fork has these files
     spare_work()  # else each fork's collections copy all pages of what was imported
     for line in sys.stdin:
         request = json.loads(line)
