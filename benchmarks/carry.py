@@ -16,6 +16,7 @@ from benchmarks.study_grid import Entry, Study
 from zoo.base.bounded_files import read_json
 from zoo.base.whole_file import json_text, write_whole
 from zoo.checkpoints.policy_base import Policy, as_policy
+from zoo.driving.drive_log import KeptFigures
 from zoo.driving.run_drives import PolicyMaker, all_drives
 from zoo.driving.scenario import Scenario
 from zoo.results.differences import read_entries
@@ -78,7 +79,7 @@ def record_tracks(study: Study) -> dict[str, str]:
 
 def carried_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
     """Return a row of a run for each test track, with its return and the run's open-loop error."""
-    path, keep = run / "carried.json", KeptDrive(None)
+    path, keep = run / "carried.json", KeptFigures()
     if not path.is_file():
         checkpoint = str(run / "checkpoints" / "last.ckpt")
         drives = all_drives(checkpoint, tracks(TEST), keep, study.options.threads)

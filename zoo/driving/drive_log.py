@@ -23,7 +23,9 @@ from zoo.base.errors import InputError
 from zoo.base.whole_file import AppendedFile, json_text, write_whole
 from zoo.driving.drive_record import Drive, DriveRow, WrittenDrive
 from zoo.driving.metrics import METRICS, measure
+from zoo.driving.run_drives import Keep
 from zoo.runs.record_fields import Fields, Number, Whole, check_fields, plain
+from zoo.runs.result_table import known
 
 LOG_NAME, SUMMARY_NAME = "drive.csv", "drive.json"
 VERSION = 1  # of drive.json
@@ -99,6 +101,17 @@ def summarize(drive: Drive) -> dict:
     figures = {"track": drive.track, "seed": drive.seed, **measure(drive)}
     others = {name: getattr(drive, name) for name in ("infractions", "nan_frames", "tied")}
     return figures | {name: value for name, value in others.items() if value}
+
+
+class KeptFigures(Keep):
+    """A drive's figures, see `summarize`; one that is not finite is None."""
+
+    def result(self, drive: Drive, policy: Any, world: Any) -> dict[str, Any]:
+        """Return the figures."""
+        return {
+            key: known(value) if isinstance(value, float) else value
+            for key, value in summarize(drive).items()
+        }
 
 
 def write_drive(folder: Path, drive: Drive, **keys: object) -> None:

@@ -24,7 +24,7 @@ from zoo.checkpoints.checkpoint_path import checkpoint_of
 from zoo.checkpoints.policy_base import Policy
 from zoo.driving.baseline import Baseline
 from zoo.driving.drive_film import FILM_NAME, FRAMES, DriveFilm, WorstMoments
-from zoo.driving.drive_log import LOG_NAME, SUMMARY_NAME, summarize, write_drive
+from zoo.driving.drive_log import LOG_NAME, SUMMARY_NAME, KeptFigures, write_drive
 from zoo.driving.drive_record import Drive, DriveRow
 from zoo.driving.drives_table import mean_and_spread, nan_line, tied_line, with_deviation
 from zoo.driving.embedded_world import EmbeddedWorld
@@ -34,7 +34,6 @@ from zoo.driving.run_drives import Keep, all_drives
 from zoo.driving.scenario import Scenario
 from zoo.driving.world import World
 from zoo.runs.plots import save_figure
-from zoo.runs.result_table import known
 from zoo.scoring.drive_plots import birds_eye, error_over_distance, road_line
 from zoo.scoring.evaluate_options import EvaluateOptions, ReplayMph, check_world
 from zoo.simulator.recorder import Recorder, split_pedals
@@ -44,14 +43,13 @@ from zoo.simulator.weather import CLEAR
 TRACK_PLOT, ERROR_PLOT = "track.png", "error.png"
 
 
-class KeptDrive(Keep):
+class KeptDrive(KeptFigures):
     """A drive's figures and, in its folder, the drive, its plots and frames of its worst moments.
 
-    A figure that is not finite is None. The figures hold `nan_frames` only if the policy steered
-    NaN.
+    The figures hold `nan_frames` only if the policy steered NaN.
 
     Args:
-        folder: folder to write to; None writes nothing.
+        folder: folder to write to.
         film_speed: playing speed of the film as a multiple of the driven speed; 0 for no film.
         record: whether to write a recording of the centre camera and the commands.
         film_last_s: seconds at the end of the drive that the film has; None for the whole drive.
@@ -59,7 +57,7 @@ class KeptDrive(Keep):
 
     def __init__(
         self,
-        folder: Path | None = None,
+        folder: Path,
         film_speed: float = 0.0,
         record: bool = False,
         film_last_s: float | None = None,
@@ -70,7 +68,7 @@ class KeptDrive(Keep):
     def __enter__(self) -> "KeptDrive":
         self.moments, self.held = WorstMoments(), ExitStack()
         self.film = self.recorder = None
-        if self.folder is not None and self.record:
+        if self.record:
             self.recorder = self.held.enter_context(Recorder(self.folder, relative=True))
         self.put_back = False
         return self
@@ -80,7 +78,7 @@ class KeptDrive(Keep):
 
     def begin(self, world: World) -> None:
         """Open the film, at the world's frame rate."""
-        if self.folder is not None and self.film_speed:
+        if self.film_speed:
             self.world, road = world, None
             if isinstance(world, EmbeddedWorld):
                 road = road_line(world.simulated.track)
@@ -92,8 +90,7 @@ class KeptDrive(Keep):
 
     def show(self, frame: np.ndarray, row: DriveRow) -> None:
         """Take the next frame and its row."""
-        if self.folder is not None:
-            self.moments(frame, row)
+        self.moments(frame, row)
         if self.film is not None:
             position: tuple = ()
             if isinstance(self.world, EmbeddedWorld):
@@ -113,32 +110,28 @@ class KeptDrive(Keep):
 
     def result(self, drive: Drive, policy: Policy, world: World) -> dict[str, Any]:
         """Write the drive, and return its figures."""
-        figures = summarize(drive)
-        if self.folder is not None and self.recorder is not None:
+        figures = super().result(drive, policy, world)
+        if self.recorder is not None:
             write_rig_of(self.folder, world.rig, file_name(drive.track))
         if self.film is not None:
             for shown in self.waiting:
                 self.film(*shown)
-        if self.folder is not None:
-            names = drive.frame.astype(object)
-            for number, name in self.moments.write(self.folder).items():
-                names[number] = name
-            drive = replace(drive, frame=names.astype(np.str_))
-            write_drive(self.folder, drive)
-            measured = known(figures["autonomy"])
-            share = "not measured" if measured is None else f"{measured:.1%}"
-            title = (
-                f"{drive.track}, start seed {drive.seed}: autonomy {share}, "
-                f"{counted(figures['interventions'], 'intervention')}"
-            )
-            if isinstance(world, EmbeddedWorld) and drive.xy is not None:
-                track = birds_eye(world.simulated.track, drive.xy, drive, title)
-                save_figure(track, self.folder / TRACK_PLOT)
-            save_figure(error_over_distance(drive, title), self.folder / ERROR_PLOT)
-        return {
-            key: known(value) if isinstance(value, float) else value
-            for key, value in figures.items()
-        }
+        names = drive.frame.astype(object)
+        for number, name in self.moments.write(self.folder).items():
+            names[number] = name
+        drive = replace(drive, frame=names.astype(np.str_))
+        write_drive(self.folder, drive)
+        measured = figures["autonomy"]
+        share = "not measured" if measured is None else f"{measured:.1%}"
+        title = (
+            f"{drive.track}, start seed {drive.seed}: autonomy {share}, "
+            f"{counted(figures['interventions'], 'intervention')}"
+        )
+        if isinstance(world, EmbeddedWorld) and drive.xy is not None:
+            track = birds_eye(world.simulated.track, drive.xy, drive, title)
+            save_figure(track, self.folder / TRACK_PLOT)
+        save_figure(error_over_distance(drive, title), self.folder / ERROR_PLOT)
+        return figures
 
 
 def remove_drives(folder: Path) -> None:
@@ -214,11 +207,11 @@ def score_on_tracks(
     """
     # A scenario that occurs twice, such as the usual one in several sweeps, is driven once.
     more = [scenario for scenario in dict.fromkeys(more) if scenario not in scenarios]
-    keeps = [
+    keeps: list[Keep] = [
         KeptDrive(folder / f"{file_name(scenario.track)}-{scenario.seed}", film_speed, record)
         for scenario in scenarios
     ]
-    keeps += [KeptDrive()] * len(more)
+    keeps += [KeptFigures()] * len(more)
     driven = [*scenarios, *more]
     what = driving_line(driven) if world is None else "replaying"
     figures = all_drives(

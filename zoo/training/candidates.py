@@ -17,9 +17,10 @@ from zoo.base.errors import InputError
 from zoo.base.terminal import counted, print_line
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import read_checkpoint_file, trained_epochs
+from zoo.driving.drive_log import KeptFigures
 from zoo.driving.interventions import driving_score
 from zoo.driving.run_drives import all_drives
-from zoo.scoring.track_scores import KeptDrive, RunScore, driving_line
+from zoo.scoring.track_scores import RunScore, driving_line
 from zoo.simulator.track_names import full_name
 from zoo.training.closed_loop import DRIVEN, DROVE
 from zoo.training.run_module import is_trial
@@ -181,7 +182,7 @@ def _drive(
     driven = all_drives(
         [str(checkpoints / candidate["file"]) for candidate in candidates],
         scenarios,
-        KeptDrive(),
+        KeptFigures(),
         score.workers,
         driving_line(scenarios),
         console,
