@@ -41,7 +41,7 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _plain_trainings() -> Iterator[None]:
-    """Let trainings in this process write no plots, which take longer than a small training.
+    """Let trainings in this process write no plots and an empty report: both take longer than they.
 
     And let them be in 32 bits on every processor, since tests name weights and figures. Those in
     processes of their own do both: `run_folder` has plots.
@@ -49,8 +49,18 @@ def _plain_trainings() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as monkeypatch:
         if "zoo.training.run" in sys.modules:
             monkeypatch.setattr("zoo.training.conclusion.save_plots", lambda *_: None)
+            monkeypatch.setattr("zoo.training.conclusion.write_report", write_empty_report)
             monkeypatch.setattr("zoo.training.precision.multiplies_bf16", lambda: False)
         yield
+
+
+def write_empty_report(folder: Path) -> Path:
+    """Write a report without sections, and return its page."""
+    report = folder / "report"
+    report.mkdir(exist_ok=True)
+    for name in ("report.md", "index.html"):
+        (report / name).write_text("# Report")
+    return report / "index.html"
 
 
 @pytest.fixture(scope="session", autouse=True)
