@@ -22,7 +22,7 @@ CHOICES = {
     "drivezoo.simulators": ("drive", "tiny41", "world={}"),
     "drivezoo.worlds": ("evaluate", "tiny41", "world={}"),
 }
-LEFT_OUT = shutil.ignore_patterns(".*", "outputs", "__pycache__", "_build", "dist")
+LEFT_OUT = shutil.ignore_patterns(".*", "outputs", "_build", "dist")
 
 
 def without(name: str, folder: Path) -> Path:

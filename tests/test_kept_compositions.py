@@ -22,3 +22,10 @@ def test_a_kept_config_is_the_composed_one(
     found = compose_config(overrides)
     monkeypatch.setattr(kept_compositions, "only_our_files", lambda sources: False)
     assert found == compose_config(overrides)
+
+
+def test_a_choice_of_files_is_composed_once() -> None:
+    compose_config(["model=tiny", "seed=1"])
+    number = len(kept_compositions._kept)
+    assert compose_config(["model=tiny", "seed=2"])["seed"] == 2
+    assert len(kept_compositions._kept) == number > 0

@@ -1,7 +1,11 @@
-"""Every YAML file in `conf` constructs its object."""
+"""Every YAML file in `conf` constructs its object, and no number in it may be `true`."""
 
+import copy
 import importlib
+import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 import torch
@@ -10,8 +14,10 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
-from zoo.base.compose import compose_config, conf_folder
-from zoo.base.errors import UsageError
+from tests.zoo.compositions import composed
+from tests.zoo.training.test_config_values import check
+from zoo.base.compose import choices, compose_config, conf_folder, config_groups
+from zoo.base.errors import InputError, UsageError
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.models.make_network import make_network
@@ -24,6 +30,14 @@ from zoo.training.plan import TrainingPlan
 
 CONF = conf_folder()
 FILES = [path.relative_to(CONF) for path in sorted(CONF.rglob("*.yaml"))]
+
+
+class Number(NamedTuple):
+    """A number or list of numbers in a config, its keys and its section's target."""
+
+    keys: tuple[str, ...]
+    value: list | int | float
+    target: str | None
 
 
 @pytest.mark.parametrize("path", FILES, ids=str)
@@ -67,14 +81,62 @@ def test_an_augmentation_that_a_recipe_sets_can_be_left_out(tmp_path: Path) -> N
     assert set(build_data(config).augment) == {"brightness"}
 
 
+def config_of(group: str, name: str) -> dict:
+    """Return the config with a choice of a group, which the tests of this file share."""
+    choice = f"{group}=[{name}]" if group == "augment" else f"{group}={name}"
+    network = ["model=nvidia_gaussian"] if name == "gaussian" else []
+    return composed(choice, *network, "data.root=laps")
+
+
+def numbers(node: dict, *keys: str) -> Iterator[Number]:
+    """Yield each number and list of numbers."""
+    for key, value in node.items():
+        listed = value if isinstance(value, list) else [value]
+        if isinstance(value, dict):
+            yield from numbers(value, *keys, key)
+        elif listed and all(type(number) in (int, float) for number in listed):
+            yield Number((*keys, key), value, node.get("_target_"))
+
+
+def refuse_true(config: dict, found: list[Number]) -> None:
+    """Check that `true` is refused as each of the numbers."""
+    for number in found:
+        changed = copy.deepcopy(config)
+        section, value = changed, number.value
+        *sections, key = number.keys
+        for name in sections:
+            section = section[name]
+        section[key] = [True, *value[1:]] if isinstance(value, list) else True
+        with pytest.raises(InputError, match=re.compile(f"{key}=\\[?true", re.IGNORECASE)):
+            check(changed)
+
+
+def test_true_is_no_number_in_any_key() -> None:
+    config = composed("data.root=laps")
+    found = list(numbers(config))
+    assert len(found) > 20
+    refuse_true(config, found)
+
+
+@pytest.mark.parametrize("group", config_groups())
+def test_true_is_no_number_in_any_key_of_any_choice(group: str) -> None:
+    # An experiment has no keys of its own: those that it changes are checked.
+    seen = list(numbers(composed("data.root=laps"))) if group == "experiment" else []
+    for name in choices(group):
+        if (group, name) == ("model", "keras"):
+            continue  # its layers are in a file
+        config = config_of(group, name)
+        check(config)
+        own = [one for one in numbers(config) if group in (*one.keys, "experiment")]
+        found = [number for number in own if number not in seen]
+        refuse_true(config, found)
+        seen += found
+
+
 def _construct(group: str, name: str, folder: Path) -> None:
     """Construct those parts of a training that a choice of a group affects."""
-    choice = f"{group}=[{name}]" if group == "augment" else f"{group}={name}"
-    usual = ["model=tiny"] if group not in ("model", "experiment") else []
-    if choice == "loss=gaussian":
-        usual = ["model=nvidia_gaussian"]
-    choices = [f"data.root={folder}", *usual, *([choice] if group != "." else [])]
-    config: DictConfig = OmegaConf.create(compose_config(choices))
+    plain = composed("data.root=laps") if group == "." else config_of(group, name)
+    config: DictConfig = OmegaConf.create(plain)
     run_options(config.get("score"))
     for settings in (config.get("logger") or {}).values():
         _import_package_of(settings._target_)

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
-from tests import kept_compositions
 from tests.zoo.command_runs import only_line, run_here, run_words
 from zoo.base.compose import (
     PATH_KEYS,
@@ -172,13 +171,6 @@ def test_a_list_of_odd_paths_is_a_list(tmp_path: Path) -> None:
     odd.mkdir()
     found = composed(f"data.root=[{odd}, other laps=2,'c, d']", "data.root")
     assert found == [str(odd), "other laps=2", "c, d"]
-
-
-def test_a_choice_of_our_files_is_composed_once_for_all_tests() -> None:
-    compose_config(["model=tiny", "seed=1"])
-    number = len(kept_compositions._kept)
-    assert compose_config(["model=tiny", "seed=2"])["seed"] == 2
-    assert len(kept_compositions._kept) == number > 0
 
 
 @given(st.text(alphabet="a\\'\"${}[]=, ï:()", max_size=8))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from tests.zoo.driving.driven_digests import driven_digests
 from tests.zoo.models.test_models_command import build
 from zoo.base.compose import compose_config
 from zoo.checkpoints.checkpoint import make_card
@@ -57,15 +58,14 @@ def with_memory(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("fewer", ["SSE4", pytest.param("AVX2", marks=pytest.mark.slow)])
 def test_fewer_instructions_give_one_digest(fewer: str, with_memory: Path) -> None:
-    words = [sys.executable, "-m", "tests.zoo.driving.driven_digests", "lenet", "tiny41"]
-    processes = [
-        subprocess.Popen([*words, str(with_memory)], env=os.environ | more, stdout=subprocess.PIPE)
-        for more in ({}, SETTINGS[fewer])
-    ]
-    printed = [json.loads(process.communicate()[0].splitlines()[-1]) for process in processes]
-    assert printed[0] == printed[1]
-    assert len({digest for digest, _, _ in printed[0]}) == 3
-    assert all(frames > 100 and tied == "" for _, frames, tied in printed[0])
+    files = "lenet", "tiny41", str(with_memory)
+    words = [sys.executable, "-m", "tests.zoo.driving.driven_digests", *files]
+    variables = os.environ | SETTINGS[fewer]
+    with subprocess.Popen(words, env=variables, stdout=subprocess.PIPE) as process:
+        here = driven_digests(files)
+        assert json.loads(process.communicate()[0].splitlines()[-1]) == here
+    assert len({digest for digest, _, _ in here}) == 3
+    assert all(frames > 100 and tied == "" for _, frames, tied in here)
 
 
 @pytest.mark.parametrize("name", ["lenet", "pilotnet"])

@@ -1,86 +1,23 @@
 """Values of a config, checked before anything is recorded or read."""
 
-import copy
 import re
-from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 from omegaconf import OmegaConf
 
 from tests.zoo.command_runs import only_line, run_here
 from tests.zoo.compositions import composed
-from zoo.base.compose import choices, config_groups
 from zoo.base.errors import InputError, UsageError
 from zoo.scoring.track_scores import run_options
 from zoo.training.config_values import check_arguments, check_config
 from zoo.training.run_config import settle_windows, with_quick
 
 
-class Number(NamedTuple):
-    """A number or list of numbers in a config, its keys and its section's target."""
-
-    keys: tuple[str, ...]
-    value: list | int | float
-    target: str | None
-
-
 def check(config: dict) -> None:
     created = OmegaConf.create(config)
     run_options(created.get("score"))
     check_config(with_quick(settle_windows(created)))
-
-
-def config_of(group: str, name: str) -> dict:
-    choice = f"{group}=[{name}]" if group == "augment" else f"{group}={name}"
-    network = ["model=nvidia_gaussian"] if name == "gaussian" else []
-    return composed(choice, *network, "data.root=laps")
-
-
-def numbers(node: dict, *keys: str) -> Iterator[Number]:
-    """Yield each number and list of numbers."""
-    for key, value in node.items():
-        listed = value if isinstance(value, list) else [value]
-        if isinstance(value, dict):
-            yield from numbers(value, *keys, key)
-        elif listed and all(type(number) in (int, float) for number in listed):
-            yield Number((*keys, key), value, node.get("_target_"))
-
-
-def refuse_true(config: dict, found: list[Number]) -> None:
-    """Check that `true` is refused as each of the numbers."""
-    for number in found:
-        changed = copy.deepcopy(config)
-        section, value = changed, number.value
-        *sections, key = number.keys
-        for name in sections:
-            section = section[name]
-        section[key] = [True, *value[1:]] if isinstance(value, list) else True
-        with pytest.raises(InputError, match=re.compile(f"{key}=\\[?true", re.IGNORECASE)):
-            check(changed)
-
-
-def test_true_is_no_number_in_any_key() -> None:
-    config = composed("data.root=laps")
-    found = list(numbers(config))
-    assert len(found) > 20
-    refuse_true(config, found)
-
-
-@pytest.mark.parametrize("group", config_groups())
-def test_true_is_no_number_in_any_key_of_any_choice(group: str) -> None:
-    # An experiment has no keys of its own: those that it changes are checked.
-    seen = list(numbers(composed("data.root=laps"))) if group == "experiment" else []
-    for name in choices(group):
-        if (group, name) == ("model", "keras"):
-            continue  # its layers are in a file
-        config = config_of(group, name)
-        check(config)
-        own = [one for one in numbers(config) if group in (*one.keys, "experiment")]
-        found = [number for number in own if number not in seen]
-        refuse_true(config, found)
-        seen += found
 
 
 @pytest.mark.parametrize(
