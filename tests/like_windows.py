@@ -57,7 +57,7 @@ def refusing(function, checked):
                 raise PermissionError(13, "The process cannot access the file", os.fspath(path))
         return function(*paths, **options)
 
-    return refuse
+    return staticmethod(refuse)  # pathlib of Python 3.10 makes methods of functions
 
 
 os.replace, os.rename = refusing(os.replace, 2), refusing(os.rename, 2)
@@ -71,7 +71,7 @@ def open_file(path, *options, **more):
     return plain_open(path, *options, **more)
 
 
-os.open = open_file
+os.open = staticmethod(open_file)
 
 from multiprocessing import context  # after the changes above, which it looks at
 

@@ -27,7 +27,7 @@ from tests.zoo.command_runs import only_line, run
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, load_plain
-from zoo.checkpoints.onnx_policy import open_session
+from zoo.checkpoints.onnx_policy import ELSEWHERE, open_session
 
 
 @pytest.fixture
@@ -201,22 +201,30 @@ def test_an_onnx_file_is_run_as_it_was_checked(
     assert added(open_session(path, 1)) == 1.0
 
 
-@pytest.mark.parametrize("outside", ["../w.bin", "sub/../../w.bin", "/ABSOLUTE/w.bin", "none.bin"])
-@pytest.mark.parametrize("here", [".", "models"])
-def test_weights_outside_of_an_onnx_files_folder_are_not_read(
-    outside: str, here: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "models" / "sub").mkdir(parents=True)
-    (tmp_path / "w.bin").write_bytes(np.ones(400, np.float32).tobytes())
-    path = tmp_path / "models" / "x.onnx"
-    path.write_bytes(adding(1.0, outside.replace("/ABSOLUTE", str(tmp_path))))
-    monkeypatch.chdir(tmp_path / here)
-    with pytest.raises(InputError, match=r"x\.onnx: .*onnx"):
+@pytest.mark.parametrize("other", ["w.bin", "../w.bin", "/ABSOLUTE/w.bin", "none.bin"])
+def test_weights_in_another_file_are_not_read(other: str, here: Path) -> None:
+    (here / "models").mkdir()
+    for folder in (here, here / "models"):
+        (folder / "w.bin").write_bytes(np.ones(400, np.float32).tobytes())
+    path = here / "models" / "x.onnx"
+    path.write_bytes(adding(1.0, other.replace("/ABSOLUTE", str(here))))
+    with pytest.raises(InputError, match=r"x\.onnx: has weights in another file"):
         open_session(path, 1)
 
 
-def test_weights_next_to_an_onnx_file_are_read_from_any_folder(here: Path) -> None:
-    (here / "models").mkdir()
-    (here / "models" / "w.bin").write_bytes(np.full(400, 3.0, np.float32).tobytes())
-    (here / "models" / "x.onnx").write_bytes(adding(1.0, "w.bin"))
-    assert added(open_session(Path("models/x.onnx"), 1)) == 3.0
+def test_a_file_in_onnxruntimes_own_format_is_refused(tmp_path: Path) -> None:
+    options = onnxruntime.SessionOptions()
+    options.optimized_model_filepath = str(tmp_path / "x.ort")
+    options.add_session_config_entry("session.save_model_format", "ORT")
+    onnxruntime.InferenceSession(adding(1.0), options, providers=["CPUExecutionProvider"])
+    path = (tmp_path / "x.ort").rename(tmp_path / "x.onnx")
+    assert b"ORTM" in path.read_bytes()[:16]
+    with pytest.raises(InputError, match=r"x\.onnx: is damaged"):
+        open_session(path, 1)
+
+
+def test_weights_elsewhere_are_found_in_any_spelling_of_their_bytes() -> None:
+    key = b"location"
+    for spelling in (b"\x0a\x08", b"\x0a\x88\x00", b"\x8a\x80\x00\x88\x80\x00"):
+        assert ELSEWHERE.search(b"x" + spelling + key)
+    assert not ELSEWHERE.search(b'"the location"')

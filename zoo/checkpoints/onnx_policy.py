@@ -32,6 +32,9 @@ IMAGES, SPEED = "images", "speed"  # the graph's inputs
 STATE, NEXT = "state_", "next_"  # beginning of the names of a state's inputs and outputs
 # An operation's type, field 4 of a node, in protobuf's bytes: the only one that may run for ever.
 LOOP = re.compile(rb"(?:\x22|\xa2\x80*\x00)(?:\x04|\x84\x80*\x00)Loop")
+# The key, field 1 of an entry, that names a file with weights: onnxruntime before 1.24, the last
+# for Python 3.10, reads files anywhere.
+ELSEWHERE = re.compile(rb"(?:\x0a|\x8a\x80*\x00)(?:\x08|\x88\x80*\x00)location")
 INSTALL = "pip install 'drivezoo[onnx]'"
 # What reading a damaged card raises.
 UNUSABLE = (InputError, ValueError, KeyError, TypeError, ArithmeticError, RecursionError)
@@ -215,8 +218,10 @@ def open_session(path: Path, threads: int) -> "onnxruntime.InferenceSession":
         raise InputError(f"{path}: is empty (0 bytes); export it again")
     if LOOP.search(model):
         raise InputError(f"{path}: has a loop, which may never end; name a file of drivezoo export")
+    if ELSEWHERE.search(model):
+        raise InputError(f"{path}: has weights in another file; name a file of drivezoo export")
     try:
-        return start_session(model, threads, path.absolute().parent)
+        return start_session(model, threads)
     except Exception as error:  # onnxruntime raises any error on damaged bytes
         raise InputError(
             f"{path}: is damaged, or onnxruntime {onnxruntime.__version__} cannot run it "
@@ -229,25 +234,20 @@ def reason_of(error: Exception) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())[-80:]}"
 
 
-def start_session(
-    model: bytes, threads: int, folder: Path | None = None
-) -> "onnxruntime.InferenceSession":
+def start_session(model: bytes, threads: int) -> "onnxruntime.InferenceSession":
     """Return a session of onnxruntime on the CPU.
 
     Args:
         model: contents of an ONNX file.
         threads: number of threads.
-        folder: folder from which weights outside the file are read.
     """
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
     options.log_severity_level = 4  # errors are raised; do not print them, too
-    if folder:  # read no weights elsewhere
-        options.add_session_config_entry(
-            "session.model_external_initializers_file_folder_path", str(folder)
-        )
+    # Not onnxruntime's own format, whose bytes `open_session` does not know.
+    options.add_session_config_entry("session.load_model_format", "ONNX")
     return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
 
 

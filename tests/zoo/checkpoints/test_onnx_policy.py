@@ -106,7 +106,7 @@ HARMFUL = {
     ),
     "memory": (
         "d = ConstantOfShape (huge)\n e = ReduceMean <keepdims = 0> (d)\n controls = Mul (b, e)",
-        "allocate",
+        "alloc",
     ),
     "another shape": ("controls = Reshape (b, huge)", "cannot be run"),
     "no row": ("controls = Slice (b, zero, zero)", r"array of \(0, 1\)"),
