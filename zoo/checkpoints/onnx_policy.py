@@ -32,8 +32,8 @@ IMAGES, SPEED = "images", "speed"  # the graph's inputs
 STATE, NEXT = "state_", "next_"  # beginning of the names of a state's inputs and outputs
 # An operation's type, field 4 of a node, in protobuf's bytes: the only one that may run for ever.
 LOOP = re.compile(rb"(?:\x22|\xa2\x80*\x00)(?:\x04|\x84\x80*\x00)Loop")
-# The key, field 1 of an entry, that names a file with weights: onnxruntime before 1.24, the last
-# for Python 3.10, reads files anywhere.
+# The key, field 1 of an entry, that names a file with weights: onnxruntime 1.23, the last for
+# Python 3.10, reads one anywhere.
 ELSEWHERE = re.compile(rb"(?:\x0a|\x8a\x80*\x00)(?:\x08|\x88\x80*\x00)location")
 INSTALL = "pip install 'drivezoo[onnx]'"
 # What reading a damaged card raises.

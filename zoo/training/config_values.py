@@ -69,9 +69,11 @@ def check_config(config: DictConfig) -> None:
 
 def _named(key: str, target: str | None) -> Callable[..., Any]:
     """Return the function or class that a section's `_target_` names."""
-    with suppress(ImportError, AttributeError, ValueError):
-        if target and not part_of(target):
-            return pkgutil.resolve_name(target)  # in a tenth of Hydra's time
+    if target and ":" not in target and not part_of(target):
+        with suppress(ImportError, AttributeError, ValueError):
+            named = pkgutil.resolve_name(target)  # in a tenth of Hydra's time
+            if callable(named):
+                return named
     return construct(key, {TARGET: target}, _partial_=True).func
 
 

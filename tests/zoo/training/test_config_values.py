@@ -41,6 +41,9 @@ def check(config: dict) -> None:
         ("callbacks.best.modus", "min", "did you mean callbacks.best.mode"),
         ("callbacks.none.x", 1, "callbacks.none: has keys, but no _target_"),
         ("loss._target_", "torch.nn.NoLoss", "NoLoss"),
+        ("loss._target_", "torch.nn", "torch.nn"),
+        ("loss._target_", "torch.nn:MSELoss", "torch.nn:MSELoss"),
+        ("loss._target_", "..", ".."),
     ],
 )
 def test_a_wrong_value_or_key_is_named(key: str, value: object, words: str) -> None:
