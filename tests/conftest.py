@@ -41,7 +41,7 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _plain_trainings() -> Iterator[None]:
-    """Let trainings in this process write no plots and an empty report: both take longer than they.
+    """Let trainings here write no plots and an empty report: each takes longer than a small one.
 
     And let them be in 32 bits on every processor, since tests name weights and figures. Those in
     processes of their own do both: `run_folder` has plots.

@@ -128,7 +128,7 @@ def test_true_is_no_number_in_any_key_of_any_choice(group: str) -> None:
         config = config_of(group, name)
         check(config)
         own = [one for one in numbers(config) if group in (*one.keys, "experiment")]
-        found = [number for number in own if number not in seen]
+        found = [number for number in own if number not in seen]  # an earlier choice has the rest
         refuse_true(config, found)
         seen += found
 
