@@ -1,26 +1,32 @@
-"""What the writers of recordings share: whole rows, images, and a `driving_log.csv`."""
+"""What the writers of recordings share: chosen and whole rows, images, `driving_log.csv`."""
 
 import csv
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+import cv2
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, number_text
-from datamodules.format_options import Progress
+from datamodules.format_options import Progress, WriteOptions
 from datamodules.image import (
     AnyImage,
+    StoredImage,
     decode_image,
     encode_image,
     find_fault,
     find_file_fault,
     link_or_copy,
     read_ends,
+    read_image,
     read_stored,
 )
 from datamodules.recording import LOG_NAME, Recording
+from datamodules.recording_edits import typed_edits
 from zoo.base.errors import InputError
 from zoo.base.whole_file import write_new
 
@@ -57,6 +63,34 @@ def whole_rows(recording: Recording, cameras: int = len(CAMERAS)) -> tuple[Recor
     if not mask.any():
         raise InputError(f"no row has whole images: {left_out[0]}; copy the images again")
     return recording.keep(mask), left_out
+
+
+def chosen_recording(
+    recording: Recording, options: WriteOptions
+) -> tuple[Recording, tuple[str, ...]]:
+    """Return the rows of `keep` with images of `size`, and a line on what that changes.
+
+    Raises:
+        InputError: no row has whole images.
+        UsageError: `keep` names no rows of the recording.
+    """
+    notes: list[str] = []
+    if options.keep is not None:
+        kept = typed_edits(len(recording), keep_text=options.keep).kept()
+        notes.append(f"{int(kept.sum()):,} of {len(recording):,} rows kept: {options.keep}")
+        recording = recording.keep(kept)
+    if options.size is not None:
+        recording, faults = whole_rows(recording)
+        notes += left_out_note(faults, "an image is damaged")
+        images = recording.images.copy()
+        for place, image in np.ndenumerate(images):
+            if image:
+                images[place] = _resized(image, options.size)
+        # The camera of images in another shape is another one.
+        recording = replace(recording, images=images, rig=None, rigs=())
+        height, width = options.size
+        notes.append(f"images resized to {width} x {height}: the car's rig is not written")
+    return recording, tuple(notes)
 
 
 def image_stems(time_s: np.ndarray) -> list[str]:
@@ -142,3 +176,15 @@ def free_name(path: Path) -> Path:
         number += 1
         free = path.with_name(f"{number}_{path.name}")
     return free
+
+
+def _resized(image: AnyImage, size: tuple[int, int]) -> StoredImage:
+    if isinstance(image, StoredImage):
+        file, number = image.file, image.number
+    else:
+        file, number = str(image), 0
+    return StoredImage(file, number, partial(_resized_pixels, image, size))
+
+
+def _resized_pixels(image: AnyImage, size: tuple[int, int], *_: object) -> np.ndarray:
+    return cv2.resize(read_image(image), size[::-1], interpolation=cv2.INTER_AREA)

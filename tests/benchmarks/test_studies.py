@@ -24,7 +24,7 @@ from zoo.base.compose import refuse_repeated
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import PACKAGED, packaged_names, read_facts
-from zoo.results.baselines import BASELINES
+from zoo.results.benchmark_options import BASELINES
 from zoo.results.checked_result import read_result
 
 ROOT = Path(__file__).parents[2]

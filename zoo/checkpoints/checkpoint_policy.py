@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from zoo.base.read_apart import read_apart
+from zoo.base.process_pool import read_apart
 from zoo.checkpoints.checkpoint import (
     Checkpoint,
     build_checkpoint,

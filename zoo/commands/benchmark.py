@@ -9,8 +9,7 @@ from zoo.base.command import command
 from zoo.base.console_progress import loading
 from zoo.base.errors import UsageError
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.results.baselines import NO_CHECKPOINT
-from zoo.results.benchmark_options import BenchmarkOptions
+from zoo.results.benchmark_options import NO_CHECKPOINT, BenchmarkOptions
 
 if TYPE_CHECKING:
     from zoo.results.benchmarked import Benchmarked

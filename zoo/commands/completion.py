@@ -16,7 +16,7 @@ from zoo.base.entry_points import named_entries
 from zoo.base.file_text import shell_words
 from zoo.base.parts import KEY
 from zoo.checkpoints.checkpoint_path import LATEST, packaged_names
-from zoo.results.baselines import NO_CHECKPOINT
+from zoo.results.benchmark_options import NO_CHECKPOINT
 from zoo.scoring.exported_file import export_names
 from zoo.simulator.track_names import ALIASES as TRACKS
 from zoo.simulator.track_names import track_names

@@ -51,7 +51,7 @@ def convert(
     """
     from rich.console import Console
 
-    from datamodules.chosen_recording import chosen_recording
+    from datamodules.formats.recording_writer import chosen_recording
     from datamodules.known_formats import writable_formats
     from datamodules.looking.findings import skipped_lines
     from datamodules.recording_format import find_format, read_recording, read_recordings

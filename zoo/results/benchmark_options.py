@@ -1,4 +1,4 @@
-"""Keys of `drivezoo benchmark`."""
+"""Keys of `drivezoo benchmark`, and the names of its drivers that are not checkpoints."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -7,6 +7,11 @@ from pydantic import Field
 
 from zoo.base.process_pool import PROCESSES, Executor
 from zoo.runs.table_files import ResultFiles
+
+# Steering of 0; mean steering of the training data; the expert; the expert with late commands.
+BASELINES = ("zero", "mean", "expert", "expert_late")
+HUMAN = "human"  # a person at keyboard, mouse or gamepad
+NO_CHECKPOINT = (*BASELINES, HUMAN)
 
 
 @dataclass(frozen=True, kw_only=True)

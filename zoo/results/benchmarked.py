@@ -19,8 +19,7 @@ from zoo.driving.drives_table import tied_line
 from zoo.driving.metrics import DRIVES, METRICS
 from zoo.driving.run_drives import load_kept
 from zoo.results import marks
-from zoo.results.baselines import HUMAN, NO_CHECKPOINT
-from zoo.results.benchmark_options import BenchmarkOptions
+from zoo.results.benchmark_options import HUMAN, NO_CHECKPOINT, BenchmarkOptions
 from zoo.results.checked_result import read_result
 from zoo.results.result import (
     ANALYSIS,

@@ -14,7 +14,7 @@ from zoo.base.limits import check_most
 from zoo.base.terminal import counted, printable
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.driving.drives_table import tied_line
-from zoo.results.baselines import HUMAN, NO_CHECKPOINT
+from zoo.results.benchmark_options import HUMAN, NO_CHECKPOINT
 from zoo.results.result import (
     ANALYSIS,
     DIGESTS,

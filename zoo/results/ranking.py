@@ -16,11 +16,11 @@ from zoo.driving.drives_table import mean_and_deviation, with_deviation
 from zoo.driving.intervals import Estimate, mean_over_seeds
 from zoo.driving.metrics import LOWER, Metric, leaderboard_metrics
 from zoo.results.scored import Scored
-from zoo.runs.fitted_table import fitted_table
 from zoo.runs.record_fields import Spread
 from zoo.runs.result_table import (
     Cell,
     Column,
+    fitted_table,
     interval_figures,
     number_column,
     two_lines,

@@ -19,7 +19,7 @@ from zoo.driving.baseline import Baseline
 from zoo.driving.drive_record import Drive
 from zoo.driving.metrics import measure
 from zoo.driving.run_drives import all_drives, load_kept, run_drives
-from zoo.results.baselines import BASELINES, NO_CHECKPOINT
+from zoo.results.benchmark_options import BASELINES, NO_CHECKPOINT
 from zoo.results.result import Driver, DriveRecord, check_distinct
 from zoo.results.suite import LAPS, Suite, SuiteDrive
 from zoo.runs.code_fingerprint import code_fingerprint

@@ -148,7 +148,7 @@ def test_a_loop_is_found_in_any_spelling_of_its_bytes() -> None:
 
 
 LIMITS = {
-    "zoo.base.read_apart.READ_S": (0, "does not end within 0 s"),
+    "zoo.base.process_pool.READ_S": (0, "does not end within 0 s"),
     # Where the system sets no limit, as on macOS and Windows.
     "zoo.base.process_pool.ProcessPool.used_bytes": (lambda _: 2e9, "takes more than 1,000 MB"),
 }
@@ -163,7 +163,7 @@ def test_a_file_is_read_within_its_limits(
     assert load_policy(tmp_path / "a.onnx").outputs == 1
     value, words = LIMITS[name]
     monkeypatch.setattr(name, value)
-    monkeypatch.setattr("zoo.base.read_apart.LOOK_S", 0.001)
+    monkeypatch.setattr("zoo.base.process_pool.LOOK_S", 0.001)
     with pytest.raises(InputError, match=rf"a\.onnx: is damaged.* {words}"):
         load_policy(tmp_path / "a.onnx")
 

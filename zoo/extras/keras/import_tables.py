@@ -11,8 +11,8 @@ from zoo.extras.keras.judgement import Driven, Judgement
 from zoo.extras.keras.keras_layers import LayerNote
 from zoo.extras.keras.tied_drives import STRETCH
 from zoo.extras.keras.trials import Trial
-from zoo.runs.fitted_table import fitted_table
 from zoo.runs.result_table import Table as Columns
+from zoo.runs.result_table import fitted_table
 
 SHOWN = 10  # most rows of the table of trials
 

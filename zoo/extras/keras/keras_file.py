@@ -24,7 +24,7 @@ from zoo.base.bounded_files import (
 )
 from zoo.base.errors import InputError, optional_import
 from zoo.base.limits import open_archive
-from zoo.base.read_apart import read_apart
+from zoo.base.process_pool import read_apart
 from zoo.checkpoints.network_files import TORCH
 from zoo.extras.keras.keras_arrays import WeightsFile
 from zoo.extras.keras.keras_model import KerasLayer, joined_outputs, read_architecture

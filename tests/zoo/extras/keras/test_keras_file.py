@@ -372,7 +372,7 @@ def test_reading_ends_after_the_time_for_a_files_size(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_endless(tmp_path / "endless.h5")
-    monkeypatch.setattr("zoo.base.read_apart.READ_S", 0.0)
+    monkeypatch.setattr("zoo.base.process_pool.READ_S", 0.0)
     with pytest.raises(InputError, match=r"endless\.h5: is damaged.*copy it again"):
         read_keras_apart(path)
 
