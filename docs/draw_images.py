@@ -1,12 +1,15 @@
-"""Draw the images of the README and the manual: `python docs/draw_images.py [RUN]`.
+"""Draw the images of the README and the manual: `python docs/draw_images.py [RUN | laps | tracks]`.
 
 Writes `docs/images/board.webp` from `docs/benchmark.csv`. RUN is a run's folder: its checkpoint
 drives a lap of the embedded lake over the socket, while headless Chromium shows the live page. This
 writes `lap.webp` (the lap as an animation), `live_page.webp`, `report.webp` and `edit_page.webp`
 (the editing page, with a lap of the expert), in some four minutes on two cores.
 
-With `tracks` in place of RUN it writes `udacity_mountain.webp` and `udacity_jungle.webp`: laps of
-the packaged both_tracks at 9 mph, twenty times as fast.
+With `laps` it writes `udacity_mountain.webp` and `udacity_jungle.webp`: laps of the packaged
+both_tracks at 9 mph, twenty times as fast. With `tracks` it writes `tracks.webp`, plan and views of
+each track, and `roads.webp`, the features of drawn roads: each family's roads beside the originals'
+tracks, by the share of their length. It then prints each track's length, tightest radius and
+grades, the figures of `docs/simulator.md`.
 """
 
 import csv
@@ -17,6 +20,8 @@ import time
 from pathlib import Path
 
 import imageio_ffmpeg
+import matplotlib.pyplot as plt
+import numpy as np
 from PIL import Image
 
 from tests.zoo.server.browser import Browser
@@ -25,6 +30,12 @@ from zoo.extras.research.paper import of_results
 from zoo.results.differences import read_entries
 from zoo.results.suite import OVERALL
 from zoo.runs.plots import interval_panels
+from zoo.simulator.centreline import STEP_M
+from zoo.simulator.road_family import draw_road, find_family
+from zoo.simulator.simulated_world import Start, open_world
+from zoo.simulator.track import Track
+from zoo.simulator.track_file import read_track
+from zoo.simulator.track_names import track_names
 
 ROOT = Path(__file__).parents[1]
 IMAGES, BOARD = ROOT / "docs" / "images", ROOT / "benchmarks" / "board"
@@ -52,6 +63,20 @@ PANELS = {
     "dynamics": "speed and delay",
     "visibility": "fog, dark, noise",
     "camera": "camera moved",
+}
+ROAD = "#555555"
+PLACES = (0.04, 0.3, 0.62)  # shares of the lap
+ORIGINALS = ("udacity_lake", "udacity_jungle", "research_mountain")
+FAMILIES = ("alpine", "country", "lakeside")  # the others are levels of the benchmark
+ROADS = 200
+COLOURS = ("#2a6fbb", "#d9822b", "#3a9a5b")
+LEAST_CURVATURE = 1e-4  # 1/m; straights are drawn at it
+
+FEATURES = {
+    "|curvature|, 1/m": lambda road: np.maximum(np.abs(road.curvature), LEAST_CURVATURE),
+    "|grade|, %": lambda road: 100 * np.abs(road.grade),
+    "width, m": lambda road: road.widths,
+    "length, m": lambda road: np.array([road.length]),
 }
 
 
@@ -148,7 +173,7 @@ def draw_board() -> None:
         path.unlink()
 
 
-def draw_tracks() -> None:
+def draw_laps() -> None:
     """Draw a lap of the mountain and one of the jungle."""
     names = ("udacity_mountain", "udacity_jungle")
     with tempfile.TemporaryDirectory() as scratch:
@@ -160,12 +185,88 @@ def draw_tracks() -> None:
             write_animation(film, 1.0, IMAGES / f"{name}.webp")
 
 
+def track_views(names: list[str]) -> plt.Figure:
+    """Return a row for each track: its plan with the places of the views, and the views."""
+    figure, rows = plt.subplots(
+        len(names),
+        1 + len(PLACES),
+        figsize=(12, 2.0 * len(names)),
+        width_ratios=[1.3, *[1.6] * len(PLACES)],
+        squeeze=False,
+        layout="constrained",
+    )
+    for name, (plan, *views) in zip(names, rows, strict=True):
+        world = open_world(name)
+        track = world.track
+        plan.plot(*track.at(np.linspace(0, track.length, 1200))[:, :2].T, color=ROAD, lw=3)
+        plan.set_aspect("equal")
+        plan.axis("off")
+        plan.set_title(f"{name}, {track.length:,.0f} m")
+        for number, (share, view) in enumerate(zip(PLACES, views, strict=True), 1):
+            start = Start(distance=share * track.length)
+            world.reset(0, start)
+            place = track.at(start.distance)[:2]
+            plan.plot(*place, "o", color="#c0392b", ms=4)
+            plan.annotate(str(number), place, xytext=(4, 3), textcoords="offset points")
+            view.imshow(world.frame())
+            view.set_title(f"{number}: at {start.distance:,.0f} m")
+            view.axis("off")
+    return figure
+
+
+def figures_of(name: str) -> str:
+    """Return a track's length, tightest radius, grades, range of heights and bridge in a line."""
+    track = read_track(name)
+    return (
+        f"{name}: {track.length:,.0f} m, radius {1 / np.abs(track.curvature).max():.1f} m or more, "
+        f"grades {track.grade.min():+.0%} to {track.grade.max():+.0%}, "
+        f"{np.ptp(track.xyz[:, 2]):.1f} m high, {track.bridge.sum() * STEP_M:.0f} m of bridge"
+    )
+
+
+def road_features() -> plt.Figure:
+    """Return a panel for each feature: the share of road (of roads, for the length) below a value.
+
+    Solid lines have the families' roads, dashed lines the originals' tracks.
+    """
+    figure, axes = plt.subplots(2, 2, figsize=(10, 6.4), layout="constrained")
+    groups: list[tuple[str, list[Track], str, str]] = [
+        (name, [draw_road(find_family(name), seed) for seed in range(ROADS)], colour, "-")
+        for name, colour in zip(FAMILIES, COLOURS, strict=True)
+    ]
+    groups += [
+        (name, [read_track(name)], colour, "--")
+        for name, colour in zip(ORIGINALS, ("#c0392b", "#8a5bb0", "#222222"), strict=True)
+    ]
+    for axis, (feature, measure) in zip(axes.flat, FEATURES.items(), strict=True):
+        for name, roads, colour, style in groups:
+            values = np.sort(np.concatenate([measure(road) for road in roads]))
+            if values[0] == values[-1]:  # one width along the road, or one road
+                axis.axvline(values[0], color=colour, ls=style, lw=1.4, label=name)
+                continue
+            shares = np.linspace(0, 100, len(values))
+            axis.plot(values, shares, color=colour, ls=style, lw=1.6, label=name)
+        axis.set(xlabel=feature, ylabel="below the value, %", ylim=(-2, 102))
+        axis.spines[["top", "right"]].set_visible(False)
+    axes.flat[0].set_xscale("log")
+    axes.flat[0].legend(frameon=False, fontsize="small")
+    figure.suptitle(f"{ROADS} roads of each family (solid) and the originals' tracks (dashed)")
+    return figure
+
+
+def draw_tracks() -> None:
+    """Draw tracks and roads, and print the tracks' figures."""
+    print(*map(figures_of, track_names()), sep="\n")
+    settings = {"pil_kwargs": {"quality": 85}}
+    track_views(track_names()).savefig(IMAGES / "tracks.webp", dpi=110, **settings)
+    road_features().savefig(IMAGES / "roads.webp", dpi=100, **settings)
+
+
 def main(run: Path) -> None:
     """Draw all but the board."""
     report = run / "report" / "index.html"
     if not report.is_file():
         raise SystemExit(f"{report}: no such file; name a finished run")
-    IMAGES.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as scratch:
         drive, lap = Path(scratch) / "drive", Path(scratch) / "my_lap"
         keys = ["drive.sim=lake", "drive.laps=1", "drive.port=0", "drive.speed.set_mph=20"]
@@ -187,9 +288,12 @@ def main(run: Path) -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:] == ["tracks"]:
+    IMAGES.mkdir(exist_ok=True)
+    if sys.argv[1:] == ["laps"]:
+        draw_laps()
+    elif sys.argv[1:] == ["tracks"]:
         draw_tracks()
-        sys.exit()
-    draw_board()
-    if len(sys.argv) > 1:
-        main(Path(sys.argv[1]))
+    else:
+        draw_board()
+        if len(sys.argv) > 1:
+            main(Path(sys.argv[1]))
