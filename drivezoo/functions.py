@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import gymnasium
     import numpy as np
 
-    from zoo.driving.environment_policy import EnvironmentPolicy
+    from zoo.driving.drive_loop import EnvironmentPolicy
     from zoo.results.benchmarked import Benchmarked
     from zoo.scoring.driven_road import DrivenRoad
 
@@ -310,8 +310,7 @@ def policy(
     from zoo.checkpoints.checkpoint_path import find_driver
     from zoo.checkpoints.checkpoint_policy import load_policy
     from zoo.checkpoints.policy_base import as_policy
-    from zoo.driving.drive_loop import speed_controller
-    from zoo.driving.environment_policy import EnvironmentPolicy
+    from zoo.driving.drive_loop import EnvironmentPolicy, speed_controller
     from zoo.driving.run_drives import check_throttle
     from zoo.scoring.evaluate_options import EvaluateOptions
 

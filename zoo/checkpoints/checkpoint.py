@@ -95,7 +95,7 @@ class DataFields(Fields):
     source: str | None = None  # its other car or format; None for Udacity's rig
     rig: str | None = None  # name of another car's rig; None if it is unknown
     row_hashes: list[Count] | None = None  # see `datamodules.recording.Recording.row_hashes`
-    roads: list[str] | None = None  # see `zoo.training.data_facts`
+    roads: list[str] | None = None  # see `zoo.training.recorded_roads`
 
 
 class PartCard(Fields):

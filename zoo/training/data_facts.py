@@ -1,8 +1,5 @@
 """What a training knows of its recording before it begins: for the card, and as printed lines."""
 
-from collections.abc import Iterable, Mapping
-from pathlib import Path
-
 import numpy as np
 import torch
 from rich.console import Console
@@ -13,14 +10,10 @@ from datamodules.recorded_car import other_car
 from datamodules.recording import ROW_SAMPLE
 from datamodules.run_data import RunData
 from datamodules.split import PARTS, rows_per_second
-from zoo.base.bounded_files import read_json
-from zoo.base.errors import InputError
-from zoo.base.new_folder import RECIPE
 from zoo.base.rig import CURVATURE
 from zoo.base.terminal import counted, print_line
 from zoo.models.network_facts import facts_of
-from zoo.simulator.road_family import roads_digest
-from zoo.simulator.track_names import DRAWN, recorded_name, short_name
+from zoo.training.recorded_roads import recorded_roads
 
 NEAR_S = 1.0  # held-out rows this close to training rows are almost copies
 
@@ -84,58 +77,3 @@ def print_start(
         )
     for line in lines:
         print_line(console, line)
-
-
-def road_key(track: str) -> str:
-    """Return the digest of a drawn road, or the name of a track with a file.
-
-    A road has the same digest under each name of its family.
-
-    Raises:
-        InputError: there is no such family.
-    """
-    return roads_digest([track]) if DRAWN.fullmatch(track) else recorded_name(short_name(track))
-
-
-def recorded_roads(folders: Iterable[str]) -> list[str]:
-    """Return the sorted keys of the roads that recordings name, without those that are unknown."""
-    return _keys_of({track for folder in folders for track in _tracks_in(Path(folder) / RECIPE)})
-
-
-def trained_roads(config: Mapping, data: Mapping) -> list[str] | None:
-    """Return the keys of a training's roads; None where its file tells nothing of them.
-
-    Args:
-        config: config of the training; a stranger's may hold anything.
-        data: facts on its recording. Earlier versions did not write the roads.
-    """
-    section = config.get("data")
-    section = section if isinstance(section, Mapping) else {}
-    recipe, root = section.get("record"), section.get("root")
-    if "roads" in data or not isinstance(recipe, Mapping) or root not in (None, recipe.get("out")):
-        return data.get("roads")
-    return _keys_of(_recipe_tracks(recipe)) or None
-
-
-def _keys_of(tracks: Iterable[str]) -> list[str]:
-    keys = set()
-    for track in tracks:
-        try:
-            keys.add(road_key(track))
-        except InputError:  # the family's file is not on this machine
-            continue
-    return sorted(keys)
-
-
-def _tracks_in(path: Path) -> set[str]:
-    """Return the tracks in a recording's recipe; none without one that can be read."""
-    try:
-        return _recipe_tracks(read_json(path))
-    except InputError:
-        return set()
-
-
-def _recipe_tracks(recipe: object) -> set[str]:
-    passes = recipe.get("passes") if isinstance(recipe, dict) else None
-    drives = passes if isinstance(passes, list) else []
-    return {str(drive["track"]) for drive in drives if isinstance(drive, dict) and "track" in drive}

@@ -17,7 +17,7 @@ from zoo.base.compose import ABOUT, compose_config, conf_folder
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECIPE
 from zoo.simulator.record import FIRST_TRY, RecordOptions
-from zoo.training.data_facts import recorded_roads, road_key
+from zoo.training.recorded_roads import recorded_roads, road_key
 from zoo.training.run_config import settle_windows, with_quick, with_recording
 
 USUAL = [one for one in SMALL if not one.startswith("model")]

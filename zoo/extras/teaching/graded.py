@@ -49,7 +49,7 @@ from zoo.runs.table_files import Result
 from zoo.scoring.blocks import Block, Bullets, Heading, Rows, Section, Text, to_html
 from zoo.scoring.drive_section import failure
 from zoo.simulator.track_names import DRAWN
-from zoo.training.data_facts import road_key
+from zoo.training.recorded_roads import road_key
 
 SUITE, SEED, DRIVES, PAGES = "suite.yaml", "seed.txt", "drives", "students"
 KEPT_BACK = "The roads are not named: they stay the teacher's."

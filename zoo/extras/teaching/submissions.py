@@ -134,7 +134,7 @@ def warnings_of(
         submission: a student's file.
         driver: what the file says of itself.
         facts: facts on its network; None where they are unknown.
-        roads: roads of the marks, by their keys, see `zoo.training.data_facts`.
+        roads: roads of the marks, by their keys, see `zoo.training.recorded_roads`.
         recording: recording of the course; None for any.
     """
     warnings = []

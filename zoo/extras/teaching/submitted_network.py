@@ -17,7 +17,7 @@ from zoo.base.rig import UDACITY
 from zoo.base.whole_file import json_text, write_whole
 from zoo.checkpoints.onnx_policy import TOLERANCE
 from zoo.runs.record_fields import Count, Fields, Number, check_fields
-from zoo.training.data_facts import trained_roads
+from zoo.training.recorded_roads import trained_roads
 
 IMAGES, SPEED_MPH = 64, 15.0
 # On noise, trainings that differ only in their seed correlate below 0.6, and a network whose
@@ -32,7 +32,7 @@ class NetworkFacts(Fields):
     Attributes:
         outputs: steering, and throttle and spread if it has them, for each of `IMAGES` images.
         row_hashes: hashes of rows of its training, see `Recording.row_hashes`; None: unknown.
-        roads: keys of the roads of its recordings, see `zoo.training.data_facts`.
+        roads: keys of the roads of its recordings, see `zoo.training.recorded_roads`.
     """
 
     outputs: list[Number]

@@ -38,7 +38,7 @@ from zoo.extras.teaching.submitted_network import (
 )
 from zoo.results.result import NAME, Driver
 from zoo.results.suite import _redrawn, read_suite, redraw_suite
-from zoo.training.data_facts import road_key, trained_roads
+from zoo.training.recorded_roads import road_key, trained_roads
 
 
 @pytest.fixture(scope="module")
