@@ -8,7 +8,6 @@ its figures mean nothing. `docs` also writes the table between the two markers o
 
 import json
 import os
-import platform
 import signal
 import subprocess
 import sys
@@ -17,7 +16,6 @@ import time
 from contextlib import suppress
 from dataclasses import asdict
 from importlib import import_module
-from importlib.metadata import version
 from pathlib import Path
 
 import psutil
@@ -26,6 +24,7 @@ from rich.console import Console
 from benchmarks import measuring
 from zoo.base.child_process import child_environment
 from zoo.base.machine import processor_name, usable_cores
+from zoo.runs.code_fingerprint import package_versions
 
 HERE = Path(__file__).parent
 OUT = Path("outputs/bench.json")
@@ -34,7 +33,6 @@ DOCS = "docs"
 MEASURE = "measure"  # first word of a part's process
 FIRST = ("feed", "training", "tiny", "start", "cache")  # parts about training
 LONGEST_S = 240  # of a part
-PACKAGES = ("torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
 
 
 def run_part(name: str, short: bool, console: Console) -> list[measuring.Row]:
@@ -83,8 +81,7 @@ def machine() -> dict:
         "cores": usable_cores(),
         "threads": os.environ.get("OMP_NUM_THREADS", "not set"),
         "load_before": os.getloadavg(),
-        "python": platform.python_version(),
-        "versions": {package: version(package) for package in PACKAGES},
+        "versions": package_versions(),
     }
 
 

@@ -19,10 +19,9 @@ ROWS = 1_500
 
 
 def measure(short: bool) -> list[Row]:
-    """Measure images per second, relative to one thread and to one process for each core.
+    """Measure images per second, relative to one process for each core.
 
-    The references only read, decode and resize. The one with processes shows the speed that the
-    machine has at that moment.
+    These only read, decode and resize.
     """
     rows, rounds = (100, 1) if short else (ROWS, 5)
     folder = linked_recording(rows, ("center",))
@@ -41,18 +40,14 @@ def measure(short: bool) -> list[Row]:
         speeds = take_turns(
             {
                 "ours/s": ours,
-                "one thread/s": lambda: rows / seconds_of(lambda: decode_in_one_thread(paths)),
                 "processes/s": lambda: rows / seconds_of(lambda: list(pool.map(decode, shares))),
             },
             rounds,
         )
     shutil.rmtree(cache, ignore_errors=True)
     what = "building the view cache, written and synced"
-    thread, processes = "one thread that decodes", f"{cores} processes that decode"
-    return [
-        compared(speeds, what, f"{thread} and resizes", ("ours/s", "one thread/s"), 0.8 * cores),
-        compared(speeds, what, f"{processes} and resize", ("ours/s", "processes/s"), 0.9),
-    ]
+    processes = f"{cores} processes that decode and resize"
+    return [compared(speeds, what, processes, ("ours/s", "processes/s"), 0.9)]
 
 
 def decode(paths: list[str]) -> None:

@@ -15,27 +15,26 @@ import numpy as np
 
 from benchmarks.material import random_policy
 from benchmarks.measuring import Row
-from zoo.base.compose import choices
 from zoo.checkpoints.engine import Engine
 from zoo.simulator.legacy_socket import OPENED, LegacySocket
 from zoo.simulator.telemetry import make_telemetry
 
 FPS, SECONDS = 60, 1.0
-CONSTANT = "a constant"
+NETWORKS = ("nvidia", "commaai", "cnn_gru")  # one with a memory
 AIM, SLOW_AIM = 0.98, 0.95  # all messages but for those on their way; not slower than PyTorch
 SLOW = ("efficientnet_lite0", "vgg")  # compared with PyTorch
 TORCH = " on torch"
 
 
 def measure(short: bool) -> list[Row]:
-    """Compare the driver with each network with the demand of two loops at 60 frames per second.
+    """Compare the driver with networks with the demand of two loops at 60 frames per second.
 
     A network that is too slow for these is compared with PyTorch, whose engine it replaces. One
     process serves all networks, because torch loads slowly.
     """
-    names = ["nvidia"]
-    if not short:
-        names = [CONSTANT, *choices("model"), *(f"{name}{TORCH}" for name in SLOW)]
+    slow = () if short else SLOW
+    names: dict[str, Engine] = dict.fromkeys((*NETWORKS, *slow), "auto")
+    names |= dict.fromkeys((f"{name}{TORCH}" for name in slow), "torch")
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=serve_each, args=(names, theirs))
@@ -86,21 +85,7 @@ def noise_telemetry(count: int) -> list[dict]:
     return [make_telemetry(frame.astype(np.uint8), 0.0, 0.0, 9.0, False) for frame in frames]
 
 
-def constant(frame: np.ndarray, speed_mph: float) -> tuple[float, None]:
-    """Steer a little to the right."""
-    return 0.1, None
-
-
-def engine_of(name: str) -> tuple[str, Engine]:
-    """Return the network and the engine of a name.
-
-    >>> engine_of("vgg on torch")
-    ('vgg', 'torch')
-    """
-    return name.removesuffix(TORCH), "torch" if name.endswith(TORCH) else "auto"
-
-
-def serve_each(names: list[str], pipe: Connection) -> None:
+def serve_each(names: dict[str, Engine], pipe: Connection) -> None:
     """Serve networks with random weights; send the port, then the latency of each, in ms."""
     from zoo.base.notices import Notices
     from zoo.driving.speed_controller import PI, SteeringFilter
@@ -108,12 +93,12 @@ def serve_each(names: list[str], pipe: Connection) -> None:
     from zoo.server.driver import Driver
     from zoo.server.server import DriveServer, listen
 
-    for name in names:
+    for name, engine in names.items():
         notices = Notices(lambda line: None)
         with tempfile.TemporaryDirectory() as folder:
             writer = BackgroundWriter(Path(folder) / "drive", notices)
-            policy = constant if name == CONSTANT else random_policy(*engine_of(name))
-            driver = Driver(policy, PI(9, 0.1, 0.002), SteeringFilter(), writer, notices)
+            policy, speed = random_policy(name.removesuffix(TORCH), engine), PI(9, 0.1, 0.002)
+            driver = Driver(policy, speed, SteeringFilter(), writer, notices)
             server = DriveServer(driver, listen("127.0.0.1", 0))
             server.serve(lambda server=server: pipe.send(server.port), pipe.poll)
             pipe.recv()

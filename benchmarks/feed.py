@@ -1,4 +1,4 @@
-"""Compare our feeding with a DataLoader's, and windows with frames: `make bench ONLY=feed`."""
+"""Compare our feeding with that of a DataLoader: `make bench ONLY=feed`."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -16,34 +16,24 @@ from datamodules.driving import DrivingData
 from zoo.training.host_settings import keep_freed_memory
 
 BATCH = 64
-FRAMES = 8  # in a window
 
 
 def measure(short: bool) -> list[Row]:
     """Measure batches of nvidia's view with flips, brightness, shadow and shift."""
     rows, batches, rounds = (120, 1, 1) if short else (2_000, 8, 5)
-    folder, words = linked_recording(rows), (AUGMENT, f"data.batch_size={BATCH}")
-    data = loaded_data(config_for(folder, *words))
-    # The blocks of a short recording hold no window: all rows are for training.
-    keys = (f"data.sequence={FRAMES}", "data.val_share=0", "data.test_share=0")
-    windows = loaded_data(config_for(folder, *words, *keys))
+    words = AUGMENT, f"data.batch_size={BATCH}"
+    data = loaded_data(config_for(linked_recording(rows), *words))
     loader = DataLoader(SampleBySample(data), batch_size=BATCH, shuffle=True)
     keep_freed_memory()  # as a run does
     measures = {
-        "ours/s": rate(batch_sizes(data), 8 * batches),
-        "sample by sample/s": rate((len(each["images"]) for each in endless(loader)), batches),
-        "frames in windows/s": rate(batch_sizes(windows), batches),
+        "ours/s": rate(endless(data.train_dataloader()), 8 * batches),
+        "sample by sample/s": rate(endless(loader), batches),
     }
     take_turns(measures, 1)  # warms up memory pages and thread pools
     speeds = take_turns(measures, rounds)
-    ours, theirs, framed = measures
     what = "feeding, 66 x 200, flip, brightness, shift, shadow"
     one_by_one = "decoded, resized, augmented one by one"
-    windowed = f"the same, each frame in windows of {FRAMES}"
-    return [
-        compared(speeds, what, one_by_one, (ours, theirs), 10.0),
-        compared(speeds, windowed, "single frames", (framed, ours), 1 / 3),
-    ]
+    return [compared(speeds, what, one_by_one, ("ours/s", "sample by sample/s"), 10.0)]
 
 
 class SampleBySample(Dataset):
@@ -75,24 +65,18 @@ class SampleBySample(Dataset):
         }
 
 
-def batch_sizes(data: DrivingData) -> Iterator[int]:
-    """Yield the number of frames in our batches, endlessly."""
-    for batch in endless(data.train_dataloader()):
-        yield len(batch["images"]) * data.windows.sequence
-
-
 def endless(loader: DataLoader) -> Iterator[dict]:
     """Yield batches epoch after epoch."""
     while True:
         yield from loader
 
 
-def rate(sizes: Iterator[int], batches: int) -> Callable[[], float]:
+def rate(feed: Iterator[dict], batches: int) -> Callable[[], float]:
     """Return a function that measures frames per second over the next batches."""
 
     def run() -> float:
         began = time.perf_counter()
-        count = sum(next(sizes) for _ in range(batches))
+        count = sum(len(next(feed)["images"]) for _ in range(batches))
         return count / (time.perf_counter() - began)
 
     return run

@@ -38,14 +38,6 @@ def make_console() -> Console:
     return console if console.is_terminal else Console(width=140, emoji=False)
 
 
-def print_table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """Print a table; numbers as they are."""
-    table = Table(*head)
-    for row in rows:
-        table.add_row(*map(str, row))
-    make_console().print(table)
-
-
 def write_between(page: Path, marker: str, text: str) -> None:
     """Replace what stands between `<!-- MARKER -->` and `<!-- end of ... -->` of a page.
 
@@ -246,8 +238,8 @@ def _end(process: BaseProcess, pipe: Connection) -> None:
 
 def print_rows(rows: list[Row]) -> None:
     """Print the table with the figures below each row."""
-    lines = []
+    table = Table("what", *COLUMNS)
     for row in rows:
         figures = ", ".join(f"{name} {value:,.4g}" for name, value in row.figures.items())
-        lines.append([f"{row.what}\n[dim]{figures}[/dim]", *row.cells()])
-    print_table(["what", *COLUMNS], lines)
+        table.add_row(f"{row.what}\n[dim]{figures}[/dim]", *row.cells())
+    make_console().print(table)

@@ -2,9 +2,8 @@
 
 It compares the CPU time of a scored drive on the lake with that of rendering the same frames and
 running the network on them, each on one thread; `in turns s` is that of both, frame by frame, whose
-caches are those of a drive. And it compares drives whose networks compute in double precision, as
-scored ones do, with single precision. Weights are random; the car is put back often, which costs
-nothing extra.
+caches are those of a drive. Weights are random; the car is put back often, which costs nothing
+extra.
 """
 
 import time
@@ -12,16 +11,13 @@ from functools import partial
 
 from benchmarks.material import random_policy
 from benchmarks.measuring import Row, medians, ratios, seconds_of, take_turns
-from zoo.checkpoints.policy_base import Policy
 from zoo.driving.drive_loop import drive
 from zoo.driving.drive_record import Drive
 from zoo.driving.open_world import open_world
 from zoo.driving.scenario import Scenario
-from zoo.driving.world import World
 from zoo.simulator.simulated_world import Start
 
 LAPS, SHORT_LAPS = 0.2, 0.02
-DOUBLE = {"lenet": 1.1, "nvidia": 1.25}  # largest cost of double precision, as a ratio
 
 
 def measure(short: bool) -> list[Row]:
@@ -54,24 +50,8 @@ def measure(short: bool) -> list[Row]:
     apart = {"rendering s": rendered, "network s": predicted}
     together = {"in turns s": partial(rendered, network=True)}
     turns = take_turns({"scored s": scored, **apart, **together}, rounds)
-    doubled = [in_double(name, world, scenario, rounds) for name in DOUBLE]
     world.close()
     sums = [a + b for a, b in zip(turns["rendering s"], turns["network s"], strict=True)]
     what = f"{laps:g} scored laps of the lake, nvidia, one core"
     ratio, parts = ratios(turns["scored s"], sums), "rendering alone + network alone"
-    return [Row(what, parts, ratio, 1.1, False, medians(turns)), *doubled]
-
-
-def in_double(name: str, world: World, scenario: Scenario, rounds: int) -> Row:
-    """Compare drives of a network in double precision with those in single precision."""
-    single = random_policy(name)
-    policies = {"double s": single.scored(), "single s": single}
-
-    def driven(policy: Policy) -> float:
-        return seconds_of(lambda: drive(policy, world, scenario), time.process_time)
-
-    measures = {key: partial(driven, policy) for key, policy in policies.items()}
-    turns = take_turns(measures, rounds)
-    ratio = ratios(turns["double s"], turns["single s"])
-    what = f"{scenario.laps:g} scored laps of the lake, {name}, in double precision"
-    return Row(what, "in single precision", ratio, DOUBLE[name], False, medians(turns))
+    return [Row(what, parts, ratio, 1.1, False, medians(turns))]

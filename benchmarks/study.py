@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from benchmarks.board_rows import add_submission, rows_of_board
-from benchmarks.measuring import merge, print_table, read_csv, write_csv
+from benchmarks.measuring import merge, read_csv, write_csv
 from benchmarks.study_grid import Entry, Study, write_files
 from benchmarks.study_tables import packaged, write_tables
 from zoo.base.errors import InputError
@@ -115,8 +115,6 @@ def make_runs(study: Study) -> None:
 def write_results(study: Study) -> list[Path]:
     """Write the study's pages from its rows, and return the files.
 
-    A study without a table is printed.
-
     Raises:
         InputError: the rows were measured by several versions of the code.
     """
@@ -131,9 +129,7 @@ def write_results(study: Study) -> list[Path]:
             f"{config['csv']}: its rows were measured by {len(codes)} versions of the code "
             f"({', '.join(sorted(codes))}); measure all entries by one"
         )
-    pages = write_tables(config.get("tables", []), rows)
-    if rows and not pages:
-        print_table(list(rows[0]), [list(row.values()) for row in rows])
+    pages = write_tables(config["tables"], rows)
     return [*map(Path, [config["csv"]] if "csv" in config else []), *pages]
 
 

@@ -193,14 +193,14 @@ def _options_type(options: dict[str, Any]) -> type[StudyOptions]:
     """Return the dataclass of a study's options."""
     types: dict[str, Any] = {key.name: key.type for key in fields(StudyOptions)}
     keys = [
-        (key, types.get(key, _type_of(value)), field(default_factory=lambda value=value: value))
+        (
+            key,
+            types.get(key, str | None if value is None else type(value)),
+            field(default_factory=lambda value=value: value),
+        )
         for key, value in options.items()
     ]
     return make_dataclass("Options", keys, bases=(StudyOptions,), frozen=True)
-
-
-def _type_of(value: object) -> Any:
-    return str | None if value is None else type(value)
 
 
 def _words(overrides: str | Sequence | dict[str, str]) -> list[str]:

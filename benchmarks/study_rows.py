@@ -66,14 +66,11 @@ def result_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
     """Return a run's row: its test rows, and its laps of lake and mountain."""
     metrics = read_metrics_file(run)
     row: Row = {
-        "split": OmegaConf.load(run / ".hydra" / "config.yaml").data.split,
         "parameters": metrics["parameters"],
         "epochs": metrics["epochs"],
         "train_s": round((metrics["seconds_per_epoch"] or 0) * metrics["epochs"], 1),
-        "samples_per_second": round(metrics["samples_per_second"] or 0),
     }
-    errors = ("mse", "mae", "balanced_mae", "bias")
-    row |= columns(metrics["open_loop"]["test"], "test_", errors, 6)
+    row |= columns(metrics["open_loop"]["test"], "test_", ("mse", "balanced_mae"), 6)
     row |= columns(metrics["baselines"]["test"]["always zero"], "test_zero_", ("mse",), 6)
     for track in ("lake", "mountain"):
         driven = (metrics["drive"] or {}).get("tracks", {}).get(track)

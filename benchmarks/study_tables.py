@@ -37,14 +37,6 @@ def figures(rows: Rows, form: str, *keys: str) -> str:
     return form.format(*values)
 
 
-def duration(rows: Rows, key: str) -> str:
-    """Return the mean duration; `-` for runs that were resumed after their last epoch."""
-    seconds = float(np.mean(floats(rows, key)))
-    if not seconds:
-        return "-"
-    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
-
-
 def clean_laps(rows: Rows, key: str, label: str = "") -> str:
     """Return how many laps had no intervention, with the exact interval and its label."""
     clean = sum(row[key] != "" and not float(row[key]) for row in rows)
@@ -120,11 +112,6 @@ def of_group(rows: Rows, group: str, figure: str) -> list[str]:
     return [chosen[0].get(figure + end, "") if chosen else "" for end in ("", "_low", "_high")]
 
 
-def trained(rows: Rows, key: str) -> str:
-    """Return a whole number; `-` for a baseline, which is not trained."""
-    return f"{int(rows[0][key]):,}" if rows[0][key] else "-"
-
-
 def number(rows: Rows, group: str, figure: str, form: str = "", scale: int = 1) -> str:
     """Return a figure with its 95 % interval; a lower bound alone where there is no value.
 
@@ -162,7 +149,6 @@ def clean_drives(rows: Rows) -> str:
 
 # Cells of the write-ups' claims.
 
-DATA = {"expert": "expert, `udacity_lake`", "real": "real recording"}
 # What the write-ups say of a track; nothing is claimed of the others.
 CLAIMS = {
     ("A", "udacity_lake"): "drives, a little rough in the first sharp turn",
@@ -222,12 +208,10 @@ def mean_of_trainings(rows: Rows, key: str, form: str = ".1f") -> str:
 CELLS: dict[str, Callable[..., str]] = {
     "agreement": agreement,
     "claim": claim,
-    "claim_data": lambda rows: DATA[rows[0]["data"]],
     "clean_drives": clean_drives,
     "clean_laps": clean_laps,
     "clean_trainings": clean_trainings,
     "count": lambda rows: str(len(rows)),
-    "duration": duration,
     "figures": figures,
     "interventions_of": interventions_of,
     "interventions_per_km": interventions_per_km,
@@ -238,10 +222,8 @@ CELLS: dict[str, Callable[..., str]] = {
     "percent": percent,
     "stalls_or_autonomy": stalls_or_autonomy,
     "text": lambda rows, form: form.format(**rows[0]) or "-",
-    "trained": trained,
     "trainings": lambda rows: str(len(by_training(rows))),
 }
-TEXTS: dict[str, Callable[[Rows], str]] = {"commands": commands}
 
 
 def table(spec: Mapping, rows: Rows) -> str:
@@ -257,7 +239,7 @@ def table(spec: Mapping, rows: Rows) -> str:
         for group in groups
     ]
     text = markdown_table(head, lines, spec.get("left", 1))
-    return f"{text}\n\n{TEXTS[spec['after']](rows)}" if "after" in spec else text
+    return f"{text}\n\n{commands(rows)}" if spec.get("commands") else text
 
 
 def write_tables(specs: Sequence[Mapping], rows: Rows) -> list[Path]:

@@ -10,11 +10,8 @@ torch's default; those of `drivezoo train` sleep soon (`zoo.training.host_settin
 import itertools
 import multiprocessing
 import os
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from multiprocessing.connection import Connection
 
 import torch
@@ -42,58 +39,35 @@ def measure(short: bool) -> list[Row]:
     batches, rounds = (2, 1) if short else (16, 3)
     seconds = 0.1 if short else ROUND_S
     targets = {
-        **zoo_targets(batches),
+        "zoo/s": (run_zoo, batches),
         "bare loop/s": (run_bare, seconds, True),
         "bare by default/s": (run_bare, seconds, False),
         "sample by sample/s": (run_samples, seconds),
         LIMIT: (run_product, "cpu", 64 if short else SIDE, torch.float32),
     }
+    if multiplies_bf16():
+        targets[HALF] = run_zoo, batches, "bf16-mixed"
     material.linked_recording(ROWS)  # created once, before the processes need it
     with contestants(targets, asleep=("zoo/s", HALF)) as measures:
         speeds = take_turns(measures, rounds)
-        with busy_core():
-            pair = {name: measures[name] for name in ("zoo/s", "bare loop/s")}
-            beside = take_turns(pair, min(rounds, 2))
     what = f"training nvidia, batch {BATCH}, augmented"
     loader = f"DataLoader, {WORKERS} workers, sample by sample"
     whole = "the same, a whole run after start-up"
-    memory = "a bare loop on tensors in memory"
+    memory = "a bare loop on tensors in memory, same settings"
     bare = "that bare loop: memory kept, channels last, fused Adam, our dropout"
     defaults = "eager, torch's defaults"
-    busy = "the same, beside a program that takes one core"
-    bare_turns = ("zoo/s", "bare loop/s")
     per_sample = flops_of_sample("nvidia")
     speeds[FLOPS] = [per_sample * speed for speed in speeds["bare loop/s"]]
     share = "operations per second of that bare loop"
     rows = [
         compared(speeds, what, loader, ("zoo/s", "sample by sample/s"), 2.2),
-        compared(speeds, whole, f"{memory}, same settings", bare_turns, 0.95),
-        compared(beside, busy, f"{memory}, beside it, too", bare_turns, 0.8),
+        compared(speeds, whole, memory, ("zoo/s", "bare loop/s"), 0.95),
         compared(speeds, bare, defaults, ("bare loop/s", "bare by default/s"), 1.75),
         compared(speeds, share, "best matrix product", (FLOPS, LIMIT), 0.3),
     ]
     if HALF in speeds:
         rows.insert(1, compared(speeds, f"{what}, bf16", loader, (HALF, "sample by sample/s"), 3.6))
     return rows
-
-
-def zoo_targets(batches: int) -> dict[str, tuple]:
-    """Return the targets of `drivezoo train`, with bf16 if the processor has it."""
-    targets = {"zoo/s": (run_zoo, batches)}
-    if multiplies_bf16():
-        targets[HALF] = run_zoo, batches, "bf16-mixed"
-    return targets
-
-
-@contextmanager
-def busy_core() -> Iterator[None]:
-    """Run a program that uses a whole core."""
-    busy = subprocess.Popen([sys.executable, "-c", "while True: pass"])
-    try:
-        yield
-    finally:
-        busy.kill()
-        busy.wait()
 
 
 def run_zoo(pipe: Connection, batches: int, precision: str = "32-true") -> None:
