@@ -74,7 +74,7 @@ def result_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
     row |= columns(metrics["baselines"]["test"]["always zero"], "test_zero_", ("mse",), 6)
     for track in ("lake", "mountain"):
         driven = (metrics["drive"] or {}).get("tracks", {}).get(track)
-        names = ("autonomy", "interventions", "cte_mean_m", "cte_max_m", "latency_ms")
+        names = ("autonomy", "interventions", "cte_mean_m", "cte_max_m")
         row |= columns(driven, f"{track}_", names)
     yield row | command(study, entry, run)
 
