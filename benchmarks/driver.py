@@ -20,34 +20,34 @@ from zoo.simulator.legacy_socket import OPENED, LegacySocket
 from zoo.simulator.telemetry import make_telemetry
 
 FPS, SECONDS = 60, 1.0
-NETWORKS = ("nvidia", "commaai", "cnn_gru")  # one with a memory
+NETWORKS = ("nvidia", "commaai", "cnn_gru")  # the last has a memory
 AIM, SLOW_AIM = 0.98, 0.95  # all messages but for those on their way; not slower than PyTorch
 SLOW = ("efficientnet_lite0", "vgg")  # compared with PyTorch
 TORCH = " on torch"
 
 
 def measure(short: bool) -> list[Row]:
-    """Compare the driver with networks with the demand of two loops at 60 frames per second.
+    """Compare the driver of some networks with the demand of two loops at 60 frames per second.
 
     A network that is too slow for these is compared with PyTorch, whose engine it replaces. One
     process serves all networks, because torch loads slowly.
     """
     slow = () if short else SLOW
-    names: dict[str, Engine] = dict.fromkeys((*NETWORKS, *slow), "auto")
-    names |= dict.fromkeys((f"{name}{TORCH}" for name in slow), "torch")
+    engines: dict[str, Engine] = dict.fromkeys((*NETWORKS, *slow), "auto")
+    engines |= dict.fromkeys((f"{name}{TORCH}" for name in slow), "torch")
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=serve_each, args=(names, theirs))
+    process = context.Process(target=serve_each, args=(engines, theirs))
     process.start()
     rates, figures = {}, {}
-    for name in names:
+    for name in engines:
         rates[name] = send_telemetry(ours.recv(), SECONDS)
         ours.send("stop")
         latency = {f"{key} ms": value for key, value in ours.recv().items()}
         figures[name] = {"telemetry/s": rates[name], **latency}
     process.join()
     rows = []
-    for name in filter(lambda name: not name.endswith(TORCH), names):
+    for name in filter(lambda name: not name.endswith(TORCH), engines):
         asked, reference, aim = 2 * FPS, f"two loops at {FPS} fps, answered at once", AIM
         if name in SLOW:
             asked, reference, aim = rates[f"{name}{TORCH}"], "the same on PyTorch", SLOW_AIM
@@ -85,7 +85,7 @@ def noise_telemetry(count: int) -> list[dict]:
     return [make_telemetry(frame.astype(np.uint8), 0.0, 0.0, 9.0, False) for frame in frames]
 
 
-def serve_each(names: dict[str, Engine], pipe: Connection) -> None:
+def serve_each(engines: dict[str, Engine], pipe: Connection) -> None:
     """Serve networks with random weights; send the port, then the latency of each, in ms."""
     from zoo.base.notices import Notices
     from zoo.driving.speed_controller import PI, SteeringFilter
@@ -93,7 +93,7 @@ def serve_each(names: dict[str, Engine], pipe: Connection) -> None:
     from zoo.server.driver import Driver
     from zoo.server.server import DriveServer, listen
 
-    for name, engine in names.items():
+    for name, engine in engines.items():
         notices = Notices(lambda line: None)
         with tempfile.TemporaryDirectory() as folder:
             writer = BackgroundWriter(Path(folder) / "drive", notices)
