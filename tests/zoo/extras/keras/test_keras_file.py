@@ -287,7 +287,8 @@ def test_a_member_that_claims_more_than_the_archive_holds_is_refused(tmp_path: P
         archive.writestr("config.json", json.dumps(model_config(LAYERS, version=3)))
         archive.writestr("model.weights.h5", b"\0" * 200_000_000)
     assert path.stat().st_size < 1_000_000
-    with pytest.raises(InputError, match=r"m\.keras: claims 200,000,\d{3} bytes"):
+    # The Lambda layer's code names this file's path, which is as long as its folders are.
+    with pytest.raises(InputError, match=r"m\.keras: claims 200,00\d,\d{3} bytes"):
         read_keras(path)
 
 
