@@ -14,6 +14,7 @@ from urllib.parse import parse_qs
 from rich.console import Console
 
 from zoo.base.conf_files import choices
+from zoo.base.console_script import extra_commands
 from zoo.base.errors import InputError
 from zoo.base.new_folder import free_folder
 from zoo.base.page_requests import (
@@ -46,7 +47,9 @@ from zoo.simulator.hand_control import Hands
 from zoo.simulator.track_names import track_names
 
 MOST_UPLOAD = 200_000_000  # bytes
-KINDS = {".ckpt": [], ".onnx": [], ".h5": ["import"], ".keras": ["import"]}
+DRIVES = (".ckpt", ".onnx")
+# Another extra imports networks of Keras.
+KINDS = (*DRIVES, ".h5", ".keras") if "import" in extra_commands() else DRIVES
 IMPORTS_S = 300.0
 Room = Literal["drive", "train", "watch", "check", "edit", "preview", "rank"]
 COMMANDS: dict[str, Any] = {**hand_page.COMMANDS, "line": Step, "start": Step, "stop": Room}
@@ -249,10 +252,10 @@ def take_upload(name: str, environ: dict) -> str:
     except OSError:
         path.unlink(missing_ok=True)
         raise RequestError(HTTPStatus.REQUEST_TIMEOUT, "the file did not arrive") from None
-    if not KINDS[kind]:
+    if kind in DRIVES:
         return short_name(path)
     out = path.with_suffix(".ckpt")
-    child = ChildCommand([*KINDS[kind], str(path), f"out={out}", "drive=false"])
+    child = ChildCommand(["import", str(path), f"out={out}", "drive=false"])
     child.wait(IMPORTS_S)
     child.stop()
     path.unlink(missing_ok=True)
