@@ -259,16 +259,16 @@ def _commands(
     if world == "replay":  # of any car: nothing here drives it on a track
         return [*steps, ("replay a whole recording of its car", _replay_command(evidence))]
     on_track = [evidence.checkpoint, f"track={track}"]
+    watch = ("watch it drive", ["drive", evidence.checkpoint, f"sim={track}"])
     if world != "embedded":  # the only world that `correct` and `drive` have
         words = ["evaluate", *on_track, f"world={world}", "seeds=3"]
         following = [("drive it from other starts", words)]
-    elif level in (ALMOST, FAILS) and place_of("correct"):  # an extra's
-        following = [("or let the expert correct it", ["correct", *on_track])]
+    elif level in (ALMOST, FAILS):
+        correct = ("or let the expert correct it", ["correct", *on_track])
+        following = [correct if place_of("correct") else watch]  # an extra's
     elif level == UNKNOWN:
         following = [("drive it", ["evaluate", *on_track])]
     else:
-        following = [
-            ("drive it on other roads", ["benchmark", evidence.checkpoint, "suite=quick"]),
-            ("watch it drive", ["drive", evidence.checkpoint, f"sim={track}"]),
-        ]
+        others = ["benchmark", evidence.checkpoint, "suite=quick"]
+        following = [("drive it on other roads", others), watch]
     return [*steps, *((why, command_line(["drivezoo", *words])) for why, words in following)]

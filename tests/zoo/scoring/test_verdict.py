@@ -220,6 +220,14 @@ def test_a_likely_cause_is_named_with_a_command_against_it(
         assert commands[-1][:3] == ["drivezoo", "correct", known.checkpoint]
 
 
+def test_a_network_that_fails_is_watched_where_no_command_corrects_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("zoo.scoring.verdict.place_of", lambda name: None)
+    (*_, (_, command)) = judge([drive(20)], evidence({})).commands
+    assert shlex.split(command)[:2] == ["drivezoo", "drive"]
+
+
 def test_the_command_against_the_causes_keeps_what_the_training_had() -> None:
     had = {"data": {"augment": {"shift": {}, "noise": {}}}, "quick": True}
     findings = [{"text": "no side cameras: an effect; set augment=[shift]"}]
