@@ -25,11 +25,12 @@ CHOICES = {
 LEFT_OUT = shutil.ignore_patterns(".*", "outputs", "_build", "dist")
 
 
-def without(name: str, folder: Path) -> Path:
-    """Return a copy of the checkout without an extra and its tests."""
+def without(names: list[str], folder: Path) -> Path:
+    """Return a copy of the checkout without extras and their tests."""
     shutil.copytree(ROOT, folder, ignore=LEFT_OUT)
-    shutil.rmtree(folder / "zoo" / "extras" / name)
-    shutil.rmtree(folder / "tests" / "zoo" / "extras" / name, ignore_errors=True)
+    for name in names:
+        shutil.rmtree(folder / "zoo" / "extras" / name)
+        shutil.rmtree(folder / "tests" / "zoo" / "extras" / name, ignore_errors=True)
     return folder
 
 
@@ -48,7 +49,7 @@ def run(folder: Path, *words: str) -> subprocess.CompletedProcess:
 
 @pytest.mark.parametrize("name", EXTRAS)
 def test_without_an_extra_the_other_commands_are_there(name: str, tmp_path: Path) -> None:
-    copy = without(name, tmp_path / "copy")
+    copy = without([name], tmp_path / "copy")
     printed = run(copy, "-c", DRIVEZOO, "--help")
     assert printed.returncode == 0, printed.stderr
     shown = {line.split()[0] for line in printed.stdout.splitlines() if line.startswith("  ")}
@@ -69,11 +70,20 @@ def test_without_an_extra_the_other_commands_are_there(name: str, tmp_path: Path
             assert f"{words[-1]}: " in line
 
 
+def passes(copy: Path, *tests: str) -> None:
+    """Assert that the quick tests of a copy pass."""
+    result = run(copy, "-m", "pytest", "-n", "2", "-m", "not slow", *tests)
+    assert result.returncode == 0, result.stdout[-3000:]
+
+
+@pytest.mark.slow
+def test_without_any_extra_the_core_passes(tmp_path: Path) -> None:
+    of_all = ("test_extras.py", "test_manual.py", "test_model_pages.py", "test_count.py")
+    passes(without(EXTRAS, tmp_path / "copy"), "tests", *[f"--ignore=tests/{f}" for f in of_all])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", EXTRAS)
-def test_without_an_extra_the_rest_passes(name: str, tmp_path: Path) -> None:
-    copy = without(name, tmp_path / "copy")
-    ignored = [f"--ignore=tests/{page}" for page in ("test_extras.py", "test_manual.py")]
-    ignored += ["--ignore=tests/test_model_pages.py", "--ignore=tests/test_count.py"]
-    result = run(copy, "-m", "pytest", "-q", "-n", "2", "-m", "not slow", *ignored, "tests")
-    assert result.returncode == 0, result.stdout[-3000:]
+def test_an_extra_passes_without_the_others(name: str, tmp_path: Path) -> None:
+    copy = without([other for other in EXTRAS if other != name], tmp_path / "copy")
+    passes(copy, f"tests/zoo/extras/{name}")
