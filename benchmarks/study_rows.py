@@ -56,27 +56,20 @@ def columns(figures: Mapping | None, prefix: str, names: Iterable[str], digits: 
     return row
 
 
-def command(study: Study, entry: Entry, run: Path) -> Row:
-    """Return the column with the command of a run."""
-    words = ["drivezoo", "train", *study.command(entry), f"seed={run.name}"]
-    return {"command": shlex.join(words)}
-
-
 def result_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
     """Return a run's row: its test rows, and its laps of lake and mountain."""
-    metrics = read_metrics_file(run)
-    row: Row = {
-        "parameters": metrics["parameters"],
-        "epochs": metrics["epochs"],
-        "train_s": round((metrics["seconds_per_epoch"] or 0) * metrics["epochs"], 1),
-    }
-    row |= columns(metrics["open_loop"]["test"], "test_", ("mse", "balanced_mae"), 6)
-    row |= columns(metrics["baselines"]["test"]["always zero"], "test_zero_", ("mse",), 6)
+    metrics, words = read_metrics_file(run), study.command(entry)
+    row: Row = {name: metrics[name] for name in ("parameters", "epochs", "best_epoch")}
+    row["train_s"] = round((metrics["seconds_per_epoch"] or 0) * metrics["epochs"], 1)
+    constant = metrics["baselines"]["test"]
+    predictors = metrics["open_loop"]["test"], constant["always zero"], constant["mean"]
+    for prefix, figures in zip(("test_", "test_zero_", "test_mean_"), predictors, strict=True):
+        row |= columns(figures, prefix, ("mse", "balanced_mae"), 6)
     for track in ("lake", "mountain"):
         driven = (metrics["drive"] or {}).get("tracks", {}).get(track)
         names = ("autonomy", "interventions", "cte_mean_m", "cte_max_m")
         row |= columns(driven, f"{track}_", names)
-    yield row | command(study, entry, run)
+    yield row | {"command": shlex.join(["drivezoo", "train", *words, f"seed={run.name}"])}
 
 
 class LapFigures(Keep):
