@@ -72,7 +72,8 @@ def test_without_an_extra_the_other_commands_are_there(name: str, tmp_path: Path
 
 def passes(copy: Path, *tests: str) -> None:
     """Assert that the quick tests of a copy pass."""
-    result = run(copy, "-m", "pytest", "-n", "2", "-m", "not slow", *tests)
+    as_make_test = ("-m", "pytest", "-n", "2", "--dist", "loadfile", "-m", "not slow")
+    result = run(copy, *as_make_test, *tests)
     assert result.returncode == 0, result.stdout[-3000:]
 
 
