@@ -57,7 +57,7 @@ def columns(figures: Mapping | None, prefix: str, names: Iterable[str], digits: 
 
 
 def result_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
-    """Return a run's row: its test rows, and its laps of lake and mountain."""
+    """Return a run's row: its test rows, and, if it drove, its laps of lake and mountain."""
     metrics, words = read_metrics_file(run), study.command(entry)
     row: Row = {name: metrics[name] for name in ("parameters", "epochs", "best_epoch")}
     row["train_s"] = round((metrics["seconds_per_epoch"] or 0) * metrics["epochs"], 1)
@@ -65,8 +65,8 @@ def result_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
     predictors = metrics["open_loop"]["test"], constant["always zero"], constant["mean"]
     for prefix, figures in zip(("test_", "test_zero_", "test_mean_"), predictors, strict=True):
         row |= columns(figures, prefix, ("mse", "balanced_mae"), 6)
-    for track in ("lake", "mountain"):
-        driven = (metrics["drive"] or {}).get("tracks", {}).get(track)
+    for track in ("lake", "mountain") if metrics["drive"] else ():
+        driven = metrics["drive"]["tracks"].get(track)
         names = ("autonomy", "interventions", "cte_mean_m", "cte_max_m")
         row |= columns(driven, f"{track}_", names)
     yield row | {"command": shlex.join(["drivezoo", "train", *words, f"seed={run.name}"])}
