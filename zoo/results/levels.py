@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from scipy import special
@@ -68,21 +69,37 @@ def _level(share: float, clean: np.ndarray, weights: np.ndarray, levels: Sequenc
     """Return the level of a share on the curve of weighted drives."""
     steps = np.unique(np.asarray(levels))
     columns = np.asarray(levels)[None] == steps[:, None]
-    drives = np.array([weights[:, column].sum() for column in columns])
-    kept = np.array([(clean * weights)[:, column].sum() for column in columns])
+    drives = tuple(weights[:, column].sum() for column in columns)
+    kept = tuple((clean * weights)[:, column].sum() for column in columns)
+    middle, slope = _curve(tuple(steps), drives, kept)
+    above = middle - special.logit(share)  # of the log odds, at the middle level
+    level = steps.mean() - above / slope if slope < -EQUAL else math.copysign(math.inf, above)
+    return float(np.clip(level, steps[0] - 0.5, steps[-1] + 0.5))
+
+
+@lru_cache(1000)  # most places of a jackknife have the sums of another
+def _curve(
+    levels: tuple[int, ...], drives: tuple[float, ...], kept: tuple[float, ...]
+) -> tuple[float, float]:
+    """Return the log odds of a clean drive at the middle level, and their slope.
+
+    Args:
+        levels: the levels.
+        drives: number of drives of each level.
+        kept: number of its clean drives.
+    """
+    steps, counts, clean = np.array(levels), np.array(drives), np.array(kept)
     design = np.stack([np.ones(len(steps)), steps - steps.mean()], 1)
     curve = np.zeros(2)
     for _ in range(STEPS):
         chance = special.expit(design @ curve)
-        spread = drives * chance * (1 - chance)
+        spread = counts * chance * (1 - chance)
         information = design.T @ (spread[:, None] * design)
         inverse = np.linalg.pinv(information)
         leverage = np.einsum("ij,jk,ik->i", design, inverse, design) * spread
-        score = design.T @ (kept - drives * chance + leverage * (0.5 - chance))
+        score = design.T @ (clean - counts * chance + leverage * (0.5 - chance))
         step = inverse @ score
         curve += step * min(1.0, 2 / max(np.abs(step).max(), 1e-12))
         if np.abs(step).max() < 1e-8:
             break
-    above = curve[0] - special.logit(share)  # of the log odds, at the middle level
-    level = steps.mean() - above / curve[1] if curve[1] < -EQUAL else math.copysign(math.inf, above)
-    return float(np.clip(level, steps[0] - 0.5, steps[-1] + 0.5))
+    return float(curve[0]), float(curve[1])
