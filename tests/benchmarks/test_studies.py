@@ -285,8 +285,11 @@ def test_a_finished_run_is_not_repeated_and_a_failed_entry_not_the_last(
     assert {"experiment=first_try", "seed=1"} <= set(asked[0])
     assert not table.exists()
     failing.clear()
+    study.main([*words, "quick=true"])
+    assert "'autonomy': 0.9" in capsys.readouterr().out
+    assert (table.exists(), committed.exists()) == (False, False), "figures of short trainings"
     study.main(words)
-    assert len(asked) == 5
+    assert len(asked) == 4 + 4 + 1
     assert len(read_csv(table)) == 4
     assert committed.read_text() == "{}"
 
