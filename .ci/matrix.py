@@ -26,7 +26,8 @@ for name in names:
     if name == "zoo.extras.hub.lerobot.lerobot_env":  # only LeRobot imports it
         continue
     module = importlib.import_module(name)
-    names += [f"{name}.{one.name}" for one in pkgutil.iter_modules(getattr(module, "__path__", []))]
+    inside = pkgutil.iter_modules(getattr(module, "__path__", []))
+    names += [f"{name}.{part.name}" for part in inside]
 print(len(names), "modules")
 """
 SHORT = "model=tiny trainer.max_epochs=1 score.laps=0.05 hydra.run.dir=run"
@@ -35,8 +36,8 @@ DRIVE = "run sim=lake laps=0.05 port=0"
 
 def main(arguments: list[str]) -> int:
     """Run every step with every interpreter, then print the table; return the exit status."""
-    tests = next((one[len("tests=") :] for one in arguments if one.startswith("tests=")), "-n 2")
-    versions = [one for one in arguments if not one.startswith("tests=")] or VERSIONS
+    tests = next((word[len("tests=") :] for word in arguments if word.startswith("tests=")), "-n 2")
+    versions = [word for word in arguments if not word.startswith("tests=")] or VERSIONS
     found = {version: find(version) for version in versions}
     rows = {version: try_python(version, path, tests) for version, path in found.items() if path}
     print()
@@ -76,7 +77,7 @@ def try_python(version: str, interpreter: str, tests: str) -> list[str]:
         "drive": [drivezoo, "drive", *DRIVE.split()],
         "tests": [python, "-m", "pytest", "-m", "not slow", "--dist=loadfile", *shlex.split(tests)],
     }
-    if ready.exists() and all(ready.stat().st_mtime > one.stat().st_mtime for one in pinned):
+    if ready.exists() and all(ready.stat().st_mtime > path.stat().st_mtime for path in pinned):
         del steps["venv"], steps["install"]
     if tests == "false":
         del steps["tests"]

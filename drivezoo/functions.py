@@ -78,7 +78,7 @@ class Training(Run, Result):
         from zoo.scoring.track_scores import how_well  # slow import: matplotlib
 
         figures = self.figures
-        lines = [f"  {track}: {how_well(one)}" for track, one in self.tracks.items()]
+        lines = [f"  {track}: {how_well(scores)}" for track, scores in self.tracks.items()]
         if (mse := figures.get("test_mse")) is not None:
             lines.insert(0, f"  test MSE {mse:.4f}, always zero {figures['test_mse_zero']:.4f}")
         return "\n".join([f"Training of {figures['experiment']} in {self.folder}", *lines])
@@ -115,7 +115,9 @@ class ServedDrive(Result):
 
     def result_table(self) -> Table:
         """Return one row with all figures."""
-        return Table.of_figures([{key: one for key, one in self.figures.items() if key in METRICS}])
+        return Table.of_figures(
+            [{key: value for key, value in self.figures.items() if key in METRICS}]
+        )
 
 
 def one_line_errors(function: Callable[Given, Returned]) -> Callable[Given, Returned]:

@@ -18,7 +18,7 @@ class PartsSearchPath(SearchPathPlugin):
         """Add the parts' folders after drivezoo's own."""
         from zoo.base.conf_files import conf_folder, part_folders
 
-        known = [str(one.path).removeprefix("file://") for one in search_path.get_path()]
+        known = [str(entry.path).removeprefix("file://") for entry in search_path.get_path()]
         if str(conf_folder().resolve()) in known:  # not in configs of other programs
             for folder in part_folders():
                 search_path.append("drivezoo parts", f"file://{folder}")

@@ -320,13 +320,13 @@ def make_track(
     keys = read_keys(TrackKeys, content)
     centreline = read_centreline(keys, folder, tightest_m)
     stretches = []
-    for at, one in enumerate(keys.stretches, start=1):
-        if not one.start <= one.end <= centreline["length"]:
-            most = f"{one.start:g}..{centreline['length']:g}"
-            raise InputError(f"stretches, number {at}: to: {one.end:g}; must be in {most}")
+    for at, stretch in enumerate(keys.stretches, start=1):
+        if not stretch.start <= stretch.end <= centreline["length"]:
+            most = f"{stretch.start:g}..{centreline['length']:g}"
+            raise InputError(f"stretches, number {at}: to: {stretch.end:g}; must be in {most}")
         usual = {**dict(keys.verge), "paving": keys.paving}
-        update = {key: usual[key] for key in usual.keys() - one.model_fields_set}
-        stretches.append(one.model_copy(update=update))
+        update = {key: usual[key] for key in usual.keys() - stretch.model_fields_set}
+        stretches.append(stretch.model_copy(update=update))
     return Track(
         name=name,
         shoulder=keys.shoulder,

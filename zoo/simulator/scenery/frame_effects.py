@@ -58,7 +58,7 @@ def own_car_cover(camera: Camera) -> np.ndarray:
 
 
 def _corners(camera: Camera, fine: int) -> list[np.ndarray]:
-    return [np.round(np.array(one) * fine).astype(np.int32) for one in camera.own_car]
+    return [np.round(np.array(polygon) * fine).astype(np.int32) for polygon in camera.own_car]
 
 
 class Air:
@@ -77,7 +77,7 @@ class Air:
         self.weather, self.seed = weather, seed
         self.cameras = tuple(rig.cameras)
         self.bonnets = {
-            name: _bonnet_rows(name) for name, one in rig.cameras.items() if one.own_car
+            name: _bonnet_rows(name) for name, camera in rig.cameras.items() if camera.own_car
         }
         gain = np.arange(256) * weather.brightness
         self.exposure = np.clip(gain, 0, 255).astype(np.uint8)

@@ -79,9 +79,9 @@ class Shadows:
         self.points = np.concatenate(pieces)
         self.nearby = cKDTree(self.points[:, :2])
         middle = cKDTree(track.xyz[:, :2])
-        trees = [one for one in standing if one.kind in CROWN]
+        trees = [plant for plant in standing if plant.kind in CROWN]
         apart = middle.query(np.array([tree.foot[:2] for tree in trees]).reshape(-1, 2))[0]
-        self.trees = [one for one, away in zip(trees, apart, strict=True) if away < REACH_M]
+        self.trees = [tree for tree, away in zip(trees, apart, strict=True) if away < REACH_M]
         _, nearest = middle.query(self.points[:, :2])
         self.right = track.rightwards[nearest]
         self.cte = ((self.points - track.xyz[nearest])[:, :2] * self.right).sum(1)

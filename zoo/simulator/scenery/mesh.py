@@ -109,8 +109,8 @@ def cut(mesh: Mesh, cell_m: float) -> list[Mesh]:
     _, number = np.unique(cells, axis=0, return_inverse=True)
     number = number.reshape(-1)
     pieces = []
-    for one in range(number.max() + 1):
-        triangles = mesh.triangles[number == one]
+    for square in range(number.max() + 1):
+        triangles = mesh.triangles[number == square]
         used, renumbered = np.unique(triangles, return_inverse=True)
         columns = (values[used] for values in mesh.columns)
         pieces.append(Mesh.of_columns(mesh.material, columns, renumbered.reshape(-1, 3)))

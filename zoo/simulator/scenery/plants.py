@@ -85,11 +85,14 @@ def standing_mesh(standing: list[Standing], ground: Ground) -> Mesh:
     On coarse ground all but tyres have one. It faces a car that comes along the road or, far from
     the road, one beside it.
     """
-    feet = np.array([one.foot for one in standing]).reshape(-1, 3)
+    feet = np.array([each.foot for each in standing]).reshape(-1, 3)
     turn, width, height, tone, tile = np.array(
-        [(one.turn, one.width, one.height, one.tone, PLANTS.index(one.kind)) for one in standing]
+        [
+            (each.turn, each.width, each.height, each.tone, PLANTS.index(each.kind))
+            for each in standing
+        ]
     ).T[..., None]
-    apart, nearest = (one[:, None] for one in ground.near_road.query(feet[:, :2]))
+    apart, nearest = (values[:, None] for values in ground.near_road.query(feet[:, :2]))
     signs = tile >= PLANTS.index(SIGNS[0])
     alone = ground.coarse & (tile != PLANTS.index("tyres")) & ~signs
     right = ground.track.rightwards[nearest[:, 0]]

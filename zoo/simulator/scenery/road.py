@@ -58,7 +58,7 @@ def _runs(track: Track) -> Iterator[tuple[np.ndarray, list[tuple[Mesh, int]]]]:
         along = points_along(start, end)
         half, middle = half_width(track, along), np.zeros(len(along))
         paving = verges.carriageway(half, paving_at(track, along), track.centre_line)
-        bands = [(band_mesh(track, along, one, 1, middle, ACROSS), ACROSS) for one in paving]
+        bands = [(band_mesh(track, along, band, 1, middle, ACROSS), ACROSS) for band in paving]
         for number, side in enumerate((-1, 1)):
             most = None if room is None else room_at(track, room[number], along)
             share = taper_at(track, along, side)
@@ -183,7 +183,7 @@ def band_mesh(
         most: metres from the centreline beyond which nothing is drawn, float [N].
         share: factor on heights above the road, float [N], or one for all.
     """
-    start, end = (np.broadcast_to(one, len(along)) for one in (band.start, band.end))
+    start, end = (np.broadcast_to(edge, len(along)) for edge in (band.start, band.end))
     across = np.linspace(start, end, columns, axis=-1)
     rise = np.linspace(band.rise_start, band.rise_end, columns)[None]
     offset = edge[:, None] + across
