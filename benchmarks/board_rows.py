@@ -42,11 +42,12 @@ def board_rows(study: Study, entry: Entry) -> list[Row]:
         words.append(f"workers={study.options.threads}")
         run_logged(entry.folder / f"{folder.name}.txt", words, 1)
         print(f"{folder}: driven", flush=True)
-    words = ["drivezoo", "train", *study.command(entry)]
-    if entry.corrects:
-        words = [*CORRECT.split(), f"{entry.corrects}/SEED.ckpt", *entry.words]
-    command = shlex.join(words) if entry.words else ""
-    study.files |= kept_result(folder, command, checkpoints)
+    if not study.options.quick:
+        words = ["drivezoo", "train", *study.command(entry)]
+        if entry.corrects:
+            words = [*CORRECT.split(), f"{entry.corrects}/SEED.ckpt", *entry.words]
+        command = shlex.join(words) if entry.words else ""
+        study.files |= kept_result(folder, command, checkpoints)
     return []
 
 

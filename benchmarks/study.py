@@ -110,7 +110,8 @@ def make_runs(study: Study) -> None:
             "only= names others"
         )
     if study.options.quick and "training" not in study.config.get("key", ()):
-        print(*rows, sep="\n")
+        for row in rows:
+            print(row)
         return
     add_rows(study, rows)
     write_files(study.files)

@@ -84,20 +84,20 @@ def _curve(
     """Return the log odds of a clean drive at the middle level, and their slope.
 
     Args:
-        levels: the levels.
-        drives: number of drives of each level.
-        kept: number of its clean drives.
+        levels: the levels, in order.
+        drives: number of drives of each.
+        kept: number of clean ones.
     """
-    steps, counts, clean = np.array(levels), np.array(drives), np.array(kept)
+    steps, count, clean = map(np.array, (levels, drives, kept))
     design = np.stack([np.ones(len(steps)), steps - steps.mean()], 1)
     curve = np.zeros(2)
     for _ in range(STEPS):
         chance = special.expit(design @ curve)
-        spread = counts * chance * (1 - chance)
+        spread = count * chance * (1 - chance)
         information = design.T @ (spread[:, None] * design)
         inverse = np.linalg.pinv(information)
         leverage = np.einsum("ij,jk,ik->i", design, inverse, design) * spread
-        score = design.T @ (clean - counts * chance + leverage * (0.5 - chance))
+        score = design.T @ (clean - count * chance + leverage * (0.5 - chance))
         step = inverse @ score
         curve += step * min(1.0, 2 / max(np.abs(step).max(), 1e-12))
         if np.abs(step).max() < 1e-8:

@@ -85,11 +85,11 @@ def standing_mesh(standing: list[Standing], ground: Ground) -> Mesh:
     On coarse ground all but tyres have one. It faces a car that comes along the road or, far from
     the road, one beside it.
     """
-    feet = np.array([each.foot for each in standing]).reshape(-1, 3)
+    feet = np.array([upright.foot for upright in standing]).reshape(-1, 3)
     turn, width, height, tone, tile = np.array(
         [
-            (each.turn, each.width, each.height, each.tone, PLANTS.index(each.kind))
-            for each in standing
+            (upright.turn, upright.width, upright.height, upright.tone, PLANTS.index(upright.kind))
+            for upright in standing
         ]
     ).T[..., None]
     apart, nearest = (values[:, None] for values in ground.near_road.query(feet[:, :2]))
