@@ -71,23 +71,23 @@ def test_the_zoo_lists_the_model_with_its_source(run: Run) -> None:
 
 def train(run: Run, recorded: Written, model: str = "strip") -> None:
     parts = (f"model={model}", "augment=[invert]", "loss=fourth_power", "callbacks=weight_norm")
-    usual = [one for one in SMALL if not one.startswith(("model=", "callbacks="))]
+    usual = [key for key in SMALL if not key.startswith(("model=", "callbacks="))]
     places = (f"data.root={recorded.folder}", "data.cache=null", "hydra.run.dir=run")
     run("zoo", *parts, *usual, *places, "trainer.max_epochs=1")
 
 
-def test_the_parts_train_together(run: Run, recorded: Written, tmp_path: Path) -> None:
-    train(run, recorded)
+@pytest.mark.parametrize(
+    ("model", "parameters"),
+    [pytest.param("strip", 33, marks=pytest.mark.slow), ("strip_change", 65)],
+)
+def test_the_parts_train_together(
+    model: str, parameters: int, run: Run, recorded: Written, tmp_path: Path
+) -> None:
+    train(run, recorded, model)
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
-    assert (metrics["model"], metrics["parameters"]) == ("strip", 33)
+    assert (metrics["model"], metrics["parameters"]) == (model, parameters)
     with (tmp_path / "run" / "metrics.csv").open() as file:
         assert any(row.get("weight_norm") for row in csv.DictReader(file))
-
-
-def test_the_model_with_memory_trains(run: Run, recorded: Written, tmp_path: Path) -> None:
-    train(run, recorded, "strip_change")
-    metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
-    assert (metrics["model"], metrics["parameters"]) == ("strip_change", 65)
 
 
 @pytest.mark.slow

@@ -66,6 +66,7 @@ def test_threads_write_the_cache_of_views(windows: Windows, recorded: Written) -
     windows.run("-c", CACHED, str(recorded.folder))
 
 
+@pytest.mark.slow
 def test_a_network_drives_over_the_socket(windows: Windows) -> None:
     printed = windows.command("zoo.commands.drive", "lenet sim=lake laps=0.01 port=0")
     assert "autonomy 100.0%" in printed
