@@ -11,8 +11,9 @@ from typing import Annotated, Any, get_args, get_origin
 import pytest
 from pydantic import TypeAdapter
 
+from tests.contracts.outside_package import manual_example
 from tests.recordings import Written, write_recording
-from tests.zoo.command_runs import ROOT, environment, only_line, run, run_here
+from tests.zoo.command_runs import ROOT, only_line, run, run_here, run_words
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.command import Command, command
 from zoo.base.command_keys import Choice, changed, keys_of, meanings_of, typed
@@ -41,10 +42,10 @@ RANGED = [
 ]
 
 
-def arguments_of(one: Command[Any]) -> list[str]:
+def arguments_of(called: Command[Any]) -> list[str]:
     """Return words for the needed arguments."""
     words = {"push|pull": "push", "bash|zsh|fish": "bash"}
-    return [words.get(name, "x.ckpt") for name in one.arguments if name[0] != "["]
+    return [words.get(name, "x.ckpt") for name in called.arguments if name[0] != "["]
 
 
 def test_the_help_shows_few_commands_and_old_names_still_work() -> None:
@@ -56,14 +57,15 @@ def test_the_help_shows_few_commands_and_old_names_still_work() -> None:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_signature_and_the_docstring_say_the_same(name: str) -> None:
-    one = COMMANDS[name]
-    assert one.name == name or name in ("import", "list")
-    assert one.purpose.endswith(".")
-    meanings = meanings_of(one.function)
-    assert all(meanings.get(parameter.name) for parameter in one.arguments.values())
-    names = [key.name for key in one.keys]
+    documented = COMMANDS[name]
+    assert documented.name == name or name in ("import", "list")
+    assert documented.purpose.endswith(".")
+    meanings = meanings_of(documented.function)
+    assert all(meanings.get(parameter.name) for parameter in documented.arguments.values())
+    names = [key.name for key in documented.keys]
     assert len(names) == len(set(names))
-    for key in one.keys:
+    assert "overwrite" in names or {"table", "plot"}.isdisjoint(names)
+    for key in documented.keys:
         assert key.meaning, f"{key.name} has no meaning"
         if key.choices:
             assert key.typed in (*key.choices, "null")
@@ -86,12 +88,6 @@ def test_the_help_has_a_row_for_each_argument_and_key(
         assert f"\n  {command_line([f'{key.name}={key.typed}'])}" in printed
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_a_command_that_writes_a_table_takes_overwrite(name: str) -> None:
-    names = {key.name for key in COMMANDS[name].keys}
-    assert "overwrite" in names or names.isdisjoint({"table", "plot"})
-
-
 @pytest.mark.parametrize("name", WITH_KEYS)
 def test_a_typo_names_the_right_key(name: str) -> None:
     one, key = COMMANDS[name], COMMANDS[name].keys[-1].name
@@ -104,20 +100,15 @@ def test_a_typo_names_the_right_key(name: str) -> None:
 
 @pytest.mark.parametrize(("name", "key"), RANGED)
 def test_a_value_of_another_type_names_the_key(name: str, key: str) -> None:
-    one = COMMANDS[name]
-    keys = [f"{key}=many"] + ["out=x"] * (name == "simulator record")
+    called = COMMANDS[name]
+    words = arguments_of(called)
+    needed = {"out": "x"} if name == "simulator record" else {}
     with pytest.raises(UsageError, match=f"^{key}=many: must be "):
-        one.main([*arguments_of(one), *keys])
-
-
-@pytest.mark.parametrize(("name", "key"), RANGED)
-def test_true_is_no_number(name: str, key: str) -> None:
-    one = COMMANDS[name]
-    kind = next(each.kind for each in one.keys if each.name == key)
+        called.main([*words, f"{key}=many", *(f"{name}={text}" for name, text in needed.items())])
+    (kind,) = (known.kind for known in called.keys if known.name == key)
     if bool not in kinds_in(kind):
-        given = {key: True} | ({"out": "x"} if name == "simulator record" else {})
         with pytest.raises(UsageError, match=f"^{key}=true: must be "):
-            one(*arguments_of(one), **given)
+            called(*words, **{key: True}, **needed)
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", float("nan"), float("-inf")])
@@ -218,16 +209,14 @@ def test_a_default_is_typed_as_users_type_it() -> None:
     assert typed({"fog": 0.4}) == "{fog: 0.4}"
 
 
-# The example in the manual.
-PAGE = (ROOT / "docs" / "extending.md").read_text()
-OUTSIDE = PAGE.partition("# lap_counter.py")[2].partition("```")[0]
+OUTSIDE = manual_example("lap_counter.py")
 
 
 def outside(place: Path, *arguments: str) -> subprocess.CompletedProcess:
     """Run `drivezoo ARGUMENTS` with a package in `place`, which is not the checkout."""
-    (place / "lap_counter-1.0.dist-info").mkdir(parents=True, exist_ok=True)
-    (place / "lap_counter.py").write_text(OUTSIDE)
     info = place / "lap_counter-1.0.dist-info"
+    info.mkdir(parents=True, exist_ok=True)
+    (place / "lap_counter.py").write_text(OUTSIDE)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: lap_counter\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(
         "[drivezoo.commands]\n"
@@ -235,14 +224,8 @@ def outside(place: Path, *arguments: str) -> subprocess.CompletedProcess:
         "evaluate = lap_counter:count_laps\n"
     )
     code = "import sys; from zoo.base.console_script import main; sys.exit(main())"
-    return subprocess.run(
-        [sys.executable, "-c", code, *arguments],
-        env=environment() | {"PYTHONPATH": f"{place}:{ROOT}"},
-        cwd=place.parent,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    words = (sys.executable, "-c", code, *arguments)
+    return run_words(place.parent, *words, PYTHONPATH=f"{place}:{ROOT}")
 
 
 def test_a_command_of_another_package_is_one_like_ours(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """What every kind of exported file promises, over all kinds, one of another package among them."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from zoo.scoring.checked_export import export_checkpoint
 from zoo.scoring.exported_file import FLOAT, GROUP, ExportedFile, export_names, exports
 from zoo.scoring.parity import Parity, take_frames
 
+Export = Callable[..., Path]
 KINDS = [(name, weights) for weights in (FLOAT, "int8") for name, _ in exports(weights=weights)]
 KINDS.append(("mine", FLOAT))
 
@@ -39,36 +40,29 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(params=KINDS, ids=".".join)
 def named(request: pytest.FixtureRequest) -> tuple[str, str]:
-    kind = kind_of(request.param)
-    if missing := [package for package in kind.packages if not find_spec(package)]:
-        pytest.skip(f"needs {' and '.join(missing)}")
     return request.param
 
 
-def kind_of(named: tuple[str, str]) -> type[ExportedFile]:
+@pytest.fixture
+def kind(named: tuple[str, str]) -> type[ExportedFile]:
     ((_, kind),) = exports(*named)
+    if missing := [package for package in kind.packages if not find_spec(package)]:
+        pytest.skip(f"needs {' and '.join(missing)}")
     return kind
 
 
-def export(
-    checkpoint: str, named: tuple[str, str], out: Path, recorded: Written, **keys: object
-) -> Path:
-    name, weights = named
-    console = Console(soft_wrap=True)
-    frames = str(recorded.folder)
-    return export_checkpoint(checkpoint, str(out), frames, console, name, weights, **keys)
+@pytest.fixture
+def export(named: tuple[str, str], checkpoint: str, recorded: Written) -> Export:
+    """Return a function that exports the checkpoint to a path."""
+    options = (str(recorded.folder), Console(soft_wrap=True), *named)
+    return lambda out, **keys: export_checkpoint(checkpoint, str(out), *options, **keys)
 
 
 def test_the_file_steers_as_its_checkpoint(
-    named: tuple[str, str],
-    checkpoint: str,
-    recorded: Written,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture,
+    kind: type[ExportedFile], export: Export, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    kind = kind_of(named)
     out = tmp_path / kind.default
-    assert export(checkpoint, named, out, recorded) == out
+    assert export(out) == out
     printed = capsys.readouterr().out
     assert kind.engine in printed or kind.not_run in printed
     endings = [*kind.beside, out.suffix]
@@ -79,13 +73,13 @@ def test_the_file_steers_as_its_checkpoint(
     assert len(visible) == len(endings)
     assert ("next: drivezoo drive" in printed) == kind.drives
     with pytest.raises(UsageError, match=r"exists; .*overwrite=true"):
-        export(checkpoint, named, out, recorded)
+        export(out)
 
 
 def test_a_network_is_not_changed(
-    named: tuple[str, str], checkpoint: str, recorded: Written, tmp_path: Path
+    kind: type[ExportedFile], checkpoint: str, recorded: Written, tmp_path: Path
 ) -> None:
-    kind, loaded = kind_of(named), load_checkpoint(checkpoint)
+    loaded = load_checkpoint(checkpoint)
     before = {name: tensor.clone() for name, tensor in loaded.network.state_dict().items()}
     exported = kind(loaded, tmp_path / kind.default, str(recorded.folder))
     assert {*exported.files("# card")} == {Path(kind.default).suffix, *kind.beside}
@@ -93,60 +87,62 @@ def test_a_network_is_not_changed(
     assert all(tensor.equal(before[name]) for name, tensor in loaded.network.state_dict().items())
 
 
-@pytest.mark.parametrize("difference", [0.5, float("nan")])
 def test_a_file_that_steers_differently_is_not_written(
-    difference: float,
-    named: tuple[str, str],
+    kind: type[ExportedFile],
     checkpoint: str,
-    recorded: Written,
+    export: Export,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    kind = kind_of(named)
-    monkeypatch.setattr(parity, "compare", lambda *_: Parity(difference, difference, 1.0, 1.0))
+    monkeypatch.setattr(parity, "compare", lambda *_: Parity(0.5, 0.5, 1.0, 1.0))
     monkeypatch.setattr(kind, "policy", lambda *_: load_policy(checkpoint))
-    remedy = kind.remedy if difference == 0.5 else "optim.lr"
-    with pytest.raises(InputError, match=re.escape(remedy)):
-        export(checkpoint, named, tmp_path / kind.default, recorded)
+    endings = (Path(kind.default).suffix, *kind.beside)
+    monkeypatch.setattr(kind, "files", lambda *_: dict.fromkeys(endings, b"not read"))
+    with pytest.raises(InputError, match=re.escape(kind.remedy)):
+        export(tmp_path / kind.default)
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_file_of_a_diverged_network_is_not_written(
+    checkpoint: str, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nan = float("nan")
+    files = (str(tmp_path / "model.onnx"), str(recorded.folder), Console(quiet=True))
+    monkeypatch.setattr(parity, "compare", lambda *_: Parity(nan, nan, 1.0, 1.0))
+    with pytest.raises(InputError, match=r"optim\.lr"):
+        export_checkpoint(checkpoint, *files, "onnx")
     assert not [*tmp_path.iterdir()]
 
 
 def test_a_file_of_the_user_is_not_replaced(
-    named: tuple[str, str], checkpoint: str, recorded: Written, tmp_path: Path
+    kind: type[ExportedFile], export: Export, tmp_path: Path
 ) -> None:
-    kind = kind_of(named)
     for ending in (Path(kind.default).suffix, *kind.beside):
         folder = tmp_path / ending.removeprefix(".")
         path = folder.joinpath(kind.default).with_suffix(ending)
         folder.mkdir()
         path.write_text("mine")
         with pytest.raises(InputError, match=f"{path.name}: exists"):
-            export(checkpoint, named, folder / kind.default, recorded)
+            export(folder / kind.default)
         assert [*folder.iterdir()] == [path]
         assert path.read_text() == "mine"
 
 
 def test_a_key_that_it_does_not_take_is_refused(
-    named: tuple[str, str], checkpoint: str, recorded: Written, tmp_path: Path
+    kind: type[ExportedFile], export: Export, tmp_path: Path
 ) -> None:
-    kind = kind_of(named)
     for key, value in {"calibration": "a", "throttle": 0.2}.items():
         if key not in kind.keys:
             with pytest.raises(UsageError, match=f"{key}: belongs to .*; leave it out"):
-                export(checkpoint, named, tmp_path / kind.default, recorded, **{key: value})
+                export(tmp_path / kind.default, **{key: value})
 
 
 def test_a_missing_package_is_named_with_its_command(
-    named: tuple[str, str],
-    checkpoint: str,
-    recorded: Written,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    kind: type[ExportedFile], export: Export, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    kind = kind_of(named)
     monkeypatch.setattr(kind, "packages", ("nowhere", *kind.packages))
     with pytest.raises(InputError, match=rf"nowhere.*: {re.escape(kind.install)}"):
-        export(checkpoint, named, tmp_path / kind.default, recorded)
+        export(tmp_path / kind.default)
 
 
 def test_another_kind_is_named_with_those_that_there_are(checkpoint: str, tmp_path: Path) -> None:

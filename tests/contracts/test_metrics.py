@@ -90,12 +90,9 @@ def test_a_benchmark_has_a_users_metric_with_its_interval() -> None:
     drives = []
     for road in range(4):
         figures = measure(DRIVES_OF_ROWS["embedded"]) | {"mine": 0.25 * road}
-        known = {name: one if math.isfinite(one) else None for name, one in figures.items()}
-        drives.append(
-            DriveRecord(
-                checkpoint=0, group="like", track=str(road), settings={}, figures=known, digest=""
-            )
-        )
+        known = {name: value if math.isfinite(value) else None for name, value in figures.items()}
+        place = {"group": "like", "track": str(road), "settings": {}}
+        drives.append(DriveRecord(checkpoint=0, **place, figures=known, digest=""))
     figures = summarize_drives(drives).groups["like"]
     assert figures["mine"].value == 0.375
     assert figures["mine"].low < 0.375 < figures["mine"].high
@@ -135,13 +132,15 @@ def test_a_perturbation_of_an_installed_package_is_driven(tmp_path: Path) -> Non
         assert [scenario.heading for scenario in scenarios.values()] == [12.0, 0.0, -12.0]
 
 
-def test_a_command_measures_and_perturbs_with_the_users_files(tmp_path: Path) -> None:
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_command_measures_and_perturbs_with_the_users_files(workers: int, tmp_path: Path) -> None:
     for kind in ("metric", "perturbation"):
         (tmp_path / f"my_{kind}.py").write_text(template(kind, f"my_{kind}"))
     write_constant(tmp_path / "it.ckpt", 0.8)
     named = "parts=[my_metric.py,my_perturbation.py]"
-    options = ("perturb=my_perturbation", "laps=0.02", "quality=simple", "workers=2", "out=out")
-    printed = succeed(run(tmp_path, "it.ckpt", named, *options, module="zoo.commands.evaluate"))
+    options = ("perturb=my_perturbation", "laps=0.02", "quality=simple", "out=out")
+    words = ("it.ckpt", named, *options, f"workers={workers}")
+    printed = succeed(run(tmp_path, *words, module="zoo.commands.evaluate"))
     assert "my_metric" in printed
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert metrics["tracks"]["lake"]["my_metric"][0] > 0.9

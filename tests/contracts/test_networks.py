@@ -19,7 +19,7 @@ from zoo.models.network_facts import LossFacts, NetworkFacts, facts_of, loss_fac
 SHAPE = (3, 16, 32)
 
 
-@pytest.fixture(params=choices("model"))
+@pytest.fixture(scope="module", params=choices("model"))
 def network(request: pytest.FixtureRequest) -> nn.Module:
     torch.manual_seed(1)
     built, view = build(request.param)
@@ -35,42 +35,32 @@ def inputs_of(network: nn.Module) -> tuple[Tensor, ...]:
     return (images, torch.tensor([9.0, 20.0])) if facts.takes_speed else (images,)
 
 
-def test_a_network_has_its_facts(network: nn.Module) -> None:
-    assert type(network.facts) is NetworkFacts, "not by attributes, as in version 0.1"
-    assert facts_of(network).outputs in (1, 2)
-
-
 @torch.inference_mode()
 def test_forward_takes_and_returns_what_the_facts_say(network: nn.Module) -> None:
+    assert type(network.facts) is NetworkFacts, "not by attributes, as in version 0.1"
+    facts = facts_of(network)
+    assert facts.outputs in (1, 2)
+    assert bool(facts.window) == isinstance(network, Memory)
     images, *speed = inputs_of(network)
     out = network(images, *speed)
-    facts = facts_of(network)
     rows = len(range(*network.targets.indices(1000))) if facts.window else None
     assert out.shape == ((2, rows, facts.columns) if rows else (2, facts.columns))
     assert torch.isfinite(out).all()
     assert torch.equal(out, network(images.float(), *speed)), "uint8 and float must see the same"
 
 
-def test_a_network_with_a_window_has_a_memory(network: nn.Module) -> None:
-    assert bool(facts_of(network).window) == isinstance(network, Memory)
-
-
 @torch.inference_mode()
-def test_a_frozen_front_and_the_rest_are_the_network(network: nn.Module) -> None:
+def test_a_frozen_front_and_a_backbone_are_parts_of_the_network(network: nn.Module) -> None:
     facts = facts_of(network)
+    if facts.backbone is not None:
+        inside = {id(parameter) for parameter in network.parameters()}
+        assert {id(parameter) for parameter in facts.backbone.parameters()} <= inside
     if facts.frozen_front is None:
         assert all(parameter.requires_grad for parameter in network.parameters())
         return
     (images,) = inputs_of(network)
     assert torch.equal(network.rest(facts.frozen_front(images)), network(images))
     assert not any(weight.requires_grad for weight in facts.frozen_front.parameters())
-
-
-def test_a_backbone_is_a_part_of_the_network(network: nn.Module) -> None:
-    backbone = facts_of(network).backbone
-    if backbone is not None:
-        inside = {id(parameter) for parameter in network.parameters()}
-        assert {id(parameter) for parameter in backbone.parameters()} <= inside
 
 
 @pytest.mark.parametrize("name", choices("loss"))

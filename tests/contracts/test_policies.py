@@ -22,16 +22,8 @@ from zoo.checkpoints.policy_kinds import policy_kind
 
 FRAMES = np.random.default_rng(3).integers(0, 256, (4, 160, 320, 3), np.uint8)
 FACTS = (
-    "name",
-    "parameters",
-    "outputs",
-    "takes_speed",
-    "predicts_spread",
-    "latency_s",
-    "view",
-    "config",
-    "data",
-    "engine",
+    *("name", "parameters", "outputs", "takes_speed", "predicts_spread"),
+    *("latency_s", "view", "config", "data", "engine"),
 )
 
 
@@ -61,8 +53,10 @@ def steering(policy: Policy) -> list[float]:
 
 
 @pytest.mark.parametrize("name", POLICIES)
-def test_a_policy_commands_forgets_and_has_sessions(name: str, tmp_path: Path) -> None:
-    check_commands(POLICIES[name](tmp_path), has_memory=name in NAMES)
+def test_a_policy_has_commands_memory_sessions_and_facts(name: str, tmp_path: Path) -> None:
+    policy = POLICIES[name](tmp_path)
+    check_commands(policy, has_memory=name in NAMES)
+    check_facts(policy)
 
 
 def check_commands(policy: Policy, has_memory: bool = False) -> None:
@@ -76,16 +70,11 @@ def check_commands(policy: Policy, has_memory: bool = False) -> None:
     assert not has_memory or steering(policy)[0] != first[0], "it has no memory"
     policy.reset()
     assert steering(policy) == first
-    one, other = policy.session(), policy.session()
-    assert isinstance(one, Policy)
+    first_car, second_car = policy.session(), policy.session()
+    assert isinstance(first_car, Policy)
     for number, frame in enumerate(FRAMES):  # in turns, each car with its own frames
-        assert one(frame, 9.0).steering == first[number]
-        other(FRAMES[-1 - number], 9.0)
-
-
-@pytest.mark.parametrize("name", POLICIES)
-def test_a_policy_states_its_facts(name: str, tmp_path: Path) -> None:
-    check_facts(POLICIES[name](tmp_path))
+        assert first_car(frame, 9.0).steering == first[number]
+        second_car(FRAMES[-1 - number], 9.0)
 
 
 def check_facts(policy: Policy) -> None:
@@ -93,7 +82,7 @@ def check_facts(policy: Policy) -> None:
     assert policy.name
     assert policy.outputs in (1, 2)
     assert policy.parameters >= 0
-    assert all(isinstance(one, Policy) for one in policy.members)
+    assert all(isinstance(member, Policy) for member in policy.members)
     assert dict(policy.config) == policy.config
     assert dict(policy.data) == policy.data
     ahead = [member for member in policy.members if member.name == "ActionChunk"]

@@ -2,7 +2,7 @@
 
 import re
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from datamodules.recording import TIMED_LABELS, Recording
 from datamodules.recording_edits import Edits
 from datamodules.recording_format import find_format, read_recordings
 from tests import foreign_recordings as foreign
-from tests.contracts.outside_package import manual_example
+from tests.contracts.outside_package import installed, manual_example
 from tests.recordings import convert_to_recording, write_as, write_recording
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import UDACITY
@@ -26,19 +26,14 @@ ROWS = 30
 
 
 @pytest.fixture
-def outside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Install a package with a format: code and metadata in a folder on `sys.path`."""
-    site = tmp_path / "site"
-    info = site / "my_formats-1.0.dist-info"
-    info.mkdir(parents=True)
-    (site / "my_formats.py").write_text(manual_example("my_formats.py"))
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my_formats\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[drivezoo.formats]\nnamed = my_formats\n")
-    monkeypatch.syspath_prepend(str(site))
+def outside(tmp_path: Path) -> Iterator[None]:
+    """Install a package with a format."""
+    with installed(tmp_path / "site", manual_example("my_formats.py"), "drivezoo.formats"):
+        yield
 
 
-WRITTEN = ("udacity", "donkeycar", "named")
-EXACT = {name: TIMED_LABELS for name in WRITTEN} | {"named": ("steering",)}  # to the bit
+WRITTEN = ("udacity", "donkeycar", "mine")
+EXACT = {name: TIMED_LABELS for name in WRITTEN} | {"mine": ("steering",)}  # to the bit
 
 
 @pytest.fixture
@@ -77,7 +72,7 @@ def check_written(
 
 @pytest.mark.usefixtures("outside")
 def test_the_written_formats_are_all_that_write() -> None:
-    assert {name for name in writable_formats() if name in (*OWN, "named")} == set(WRITTEN)
+    assert {name for name in writable_formats() if name in (*OWN, "mine")} == set(WRITTEN)
 
 
 @pytest.mark.parametrize("name", ["donkeycar", "udacity"])
@@ -153,12 +148,7 @@ COLUMNS = {"columns": {"image": "path", "steering": "turn"}, "format": "table"}
 # A writer of a format, what makes one row bad, its place, and what the user says.
 Example = tuple[Callable[[Path], Path], Callable[[Path], None], str, dict]
 FORMATS: dict[str, Example] = {
-    "udacity": (
-        ours("udacity"),
-        cut_fourth_row,
-        r"driving_log\.csv, row 4",
-        {},
-    ),
+    "udacity": (ours("udacity"), cut_fourth_row, r"driving_log\.csv, row 4", {}),
     "donkeycar": (
         ours("donkeycar"),
         replace_once('"_index": 3,', '"_index": 3', "catalog_0.catalog"),
@@ -255,21 +245,17 @@ def check_a_half_written_line(example: Example, file: str, tmp_path: Path) -> No
 def test_damage_is_one_line_with_the_place_and_the_remedy(
     source: Recording, tmp_path: Path
 ) -> None:
-    write_as("named", source, tmp_path / "named")
-    (tmp_path / "named/00003_7.5.jpg").write_bytes(b"")
+    write_as("mine", source, tmp_path / "mine")
+    (tmp_path / "mine/00003_7.5.jpg").write_bytes(b"")
     with pytest.raises(InputError, match=r"00003_7\.5\.jpg: steering is 7\.5.*on_bad_row=skip"):
-        convert_to_recording(tmp_path / "named", tmp_path / "log")
+        convert_to_recording(tmp_path / "mine", tmp_path / "log")
 
 
-def test_a_format_that_cannot_be_imported_is_named(
-    outside: None, source: Recording, tmp_path: Path
-) -> None:
-    (tmp_path / "site/my_formats-1.0.dist-info/entry_points.txt").write_text(
-        "[drivezoo.formats]\nlost = no_such_module\n"
-    )
-    assert find_format(Path(source.names[0]))[0] == "udacity", "found before it is imported"
-    with pytest.raises(InputError, match="no_such_module: the format lost"):
-        find_format(tmp_path)
+def test_a_format_that_cannot_be_imported_is_named(source: Recording, tmp_path: Path) -> None:
+    with installed(tmp_path / "site", "import no_such_module", "drivezoo.formats"):
+        assert find_format(Path(source.names[0]))[0] == "udacity", "found before it is imported"
+        with pytest.raises(InputError, match=r"outside_part: the format mine .*no_such_module"):
+            find_format(tmp_path)
 
 
 def edited(source: Recording, out: Path) -> None:

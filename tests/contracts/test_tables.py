@@ -13,15 +13,11 @@ from zoo.runs.result_table import Column, Table
 from zoo.runs.table_files import FORMS, TableFiles, write_table
 
 HOSTILE = "<b>a|b_1</b> & 5%"
+FIGURES = {"autonomy": [0.98, None], "autonomy_std": [0.01, None]}
 TABLE = Table(
     [
         Column("network", "network", [HOSTILE, "lenet"]),
-        Column(
-            "autonomy",
-            "autonomy",
-            ["98% ± 1%", "-"],
-            {"autonomy": [0.98, None], "autonomy_std": [0.01, None]},
-        ),
+        Column("autonomy", "autonomy", ["98% ± 1%", "-"], FIGURES),
         Column("seconds", "seconds", ["-5", "7"], {"seconds": [-5.25, 7.0]}, short=False),
     ],
     "Drives on 3 roads_",
@@ -81,7 +77,7 @@ def test_a_table_in_a_file_is_read_as_it_was(ending: str, tmp_path: Path) -> Non
     assert heads == HEADS[ending in OF_FIGURES]
     assert first[0] == HOSTILE
     if ending in OF_FIGURES:
-        assert [float(one) for one in first[1:]] == [0.98, 0.01, -5.25]
+        assert [float(cell) for cell in first[1:]] == [0.98, 0.01, -5.25]
         assert second[1:3] == (["", ""] if ending == ".csv" else [None, None])
     else:
         assert first[1:] == ["98% ± 1%", "-5"]

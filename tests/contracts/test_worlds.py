@@ -1,7 +1,6 @@
 """What every world promises, over all implementations, one of another package among them."""
 
 import os
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +11,7 @@ import pytest
 from datamodules.recording_format import read_recordings
 from tests.contracts.outside_package import installed, manual_example
 from tests.recordings import write_recording
-from tests.zoo.command_runs import ROOT, environment
+from tests.zoo.command_runs import ROOT, run_words
 from zoo.base.errors import InputError
 from zoo.checkpoints.policy_base import as_policy
 from zoo.driving.drive_loop import drive
@@ -33,7 +32,7 @@ SCENARIOS = {
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Install a package outside the checkout; write a recording beside it."""
     folder, here = tmp_path_factory.mktemp("outside"), tmp_path_factory.mktemp("here")
-    write_recording(here / "recording", rows=250)
+    write_recording(here / "recording", rows=190)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(here)
         with installed(folder, manual_example("my_world.py"), "drivezoo.worlds", WORLDS):
@@ -71,7 +70,7 @@ def test_a_drive_ends_and_is_the_same_twice(opened: tuple[World, Scenario]) -> N
     assert len(drives[0]) > 1
     assert drives[0].track
     for column in ("time_s", "steering", "speed_mph", "cross_track_m", "intervention"):
-        first, second = (getattr(one, column) for one in drives)
+        first, second = (getattr(driven, column) for driven in drives)
         np.testing.assert_array_equal(first, second)
 
 
@@ -84,13 +83,11 @@ def test_a_world_of_another_package_is_named_by_its_entry_point(folder: Path) ->
 
 
 SCRIPT = """
-from zoo.checkpoints.policy_base import as_policy
-from zoo.driving.run_drives import all_drives
+from zoo.driving.open_world import open_world
 from zoo.driving.scenario import Scenario
 
-policy = as_policy(lambda frame, mph: (0.0, None))
-(drive,) = all_drives(policy, [Scenario(world="straight")])
-print(drive.intervention.sum())
+scenario = Scenario(world="straight")
+print(open_world(scenario).reset(scenario).width_m)
 """
 
 
@@ -105,15 +102,9 @@ def test_a_world_of_a_package_works_in_a_script_beside_its_source(tmp_path: Path
         (about / "entry_points.txt").write_text("[drivezoo.worlds]\nmy_world = my_world\n")
     (project / "my_world.py").write_text(manual_example("my_world.py"))
     (project / "script.py").write_text(SCRIPT)
-    result = subprocess.run(
-        [sys.executable, "script.py"],
-        cwd=project,
-        env=environment() | {"PYTHONPATH": os.pathsep.join((str(site), str(ROOT)))},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert result.stdout == "0\n", result.stderr
+    path = os.pathsep.join((str(site), str(ROOT)))
+    result = run_words(project, sys.executable, "script.py", PYTHONPATH=path)
+    assert result.stdout == "6.0\n", result.stderr
 
 
 def test_a_recording_that_is_open_is_a_world_too(folder: Path) -> None:

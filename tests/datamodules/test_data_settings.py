@@ -47,27 +47,48 @@ def test_the_manual_has_the_keys_and_their_meanings() -> None:
     assert table == wanted, f"the table of docs/settings.md should be:\n{wanted}"
 
 
-def test_settings_do_not_change() -> None:
-    settings = DataSettings("lake", colour="rgb", size=None)
-    with pytest.raises(AttributeError):
-        settings.offset = 0.3
+RANGE = r"(must be|is not) "  # what the value must be instead
+CAMERAS = "is not a list of center, left, right"
+OUT_OF_RANGE = {
+    "offset": [2, float("nan")],
+    "recover_s": [0, "2 s"],
+    "flip": [1.5],
+    "straight_cap": [-0.1, 50],
+    "batch_size": [0],
+    "samples_per_epoch": [0],
+    "straight_threshold": ["small"],
+    "val_share": [-0.1],
+    "test_share": ["a tenth"],
+    "block_s": [-1],
+    "gap_s": [-1],
+    "workers": [-1],
+    "split": [None],
+    "on_bad_image": ["ignore"],
+    "sequence": [0, 10**30],
+    "stride": [1.5],
+    "ahead": [-1],
+}
 
 
 @pytest.mark.parametrize(
-    ("setting", "words"),
+    ("key", "value", "words"),
     [
-        ({"flip": True}, "data.flip=true: must be a number in 0..1, or both"),
-        ({"offset": "x"}, "data.offset=x: must be a number in -1..1"),
-        ({"label": "angle"}, "data.label=angle: must be steering or curvature"),
-        ({"sequence": 300}, "data.sequence=300: must be a whole number in 1..256, or null"),
-        ({"crop": (100, 80)}, "data.crop=[100, 80] leaves nothing"),
+        *((key, value, RANGE) for key, values in OUT_OF_RANGE.items() for value in values),
+        ("root", None, "is not set"),
+        ("cameras", ["center", "back"], CAMERAS),
+        ("cameras", [], CAMERAS),
+        ("offset", "x", "x: must be a number in -1..1"),
+        ("flip", True, "true: must be a number in 0..1, or both"),
+        ("augment_on", "gpu", "gpu: must be auto, cpu or device"),
+        ("label", "angle", "angle: must be steering or curvature"),
+        ("sequence", 300, "300: must be a whole number in 1..256, or null"),
+        ("crop", (100, 80), r"\[100, 80\] leaves nothing"),
     ],
-    ids=str,
 )
-def test_a_wrong_value_is_one_line_with_key_and_range(setting: dict, words: str) -> None:
-    with pytest.raises(InputError) as caught:
-        DataSettings("lake", colour="rgb", size=None, **setting)
-    assert words in str(caught.value)
+def test_a_wrong_value_is_one_line_with_key_and_range(key: str, value: object, words: str) -> None:
+    with pytest.raises(InputError, match=rf"^data\.{key}\b[^\n]*{words}") as caught:
+        DataSettings(**{"root": "lake", "colour": "rgb", "size": None} | {key: value})
+    assert "\n" not in str(caught.value)
 
 
 class Line(lightning.LightningModule):

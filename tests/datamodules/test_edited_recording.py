@@ -214,12 +214,6 @@ def test_trimming_leaves_out_what_is_outside() -> None:
     assert trim(TEN, (0, 10)) == TEN
 
 
-def test_mirrored_rows_follow_the_others() -> None:
-    ((rows, mirrored),) = mirror(TEN, (2, 4)).parts()
-    assert rows.tolist() == [0, 1, 4, 5, 6, 7, 8, 9, 2, 3]
-    assert np.flatnonzero(mirrored).tolist() == [8, 9]
-
-
 def test_mirroring_twice_mirrors_back() -> None:
     assert mirror(mirror(TEN, (2, 4)), (2, 4)) == TEN
     assert mirror(mirror(TEN, (2, 4)), (2, 6)).mirrored == ((2, 6),)

@@ -1,7 +1,6 @@
 """Cached features of images, with a simple front that counts its calls."""
 
 import errno
-import io
 import os
 import threading
 from pathlib import Path
@@ -22,7 +21,7 @@ from datamodules.features import (
     plan_features,
 )
 from datamodules.view import View
-from tests.recordings import Written, write_recording
+from tests.recordings import Written
 from zoo.base.errors import InputError
 
 VIEW = View((60, 20), "rgb", (8, 20))
@@ -125,8 +124,8 @@ def test_two_at_once_compute_each_image_once(recorded, tmp_path):
     for thread in threads:
         thread.join(60)
     assert halves.computed == 480
-    for one, other in zip(loaded[0].files, loaded[1].files, strict=True):
-        np.testing.assert_array_equal(one, other)
+    for file, other in zip(loaded[0].files, loaded[1].files, strict=True):
+        np.testing.assert_array_equal(file, other)
 
 
 def test_a_disk_that_fills_leaves_no_half_file(recorded, tmp_path, console):
@@ -151,11 +150,3 @@ def test_what_a_killed_build_left_is_written_over(recorded, tmp_path, console):
     np.testing.assert_array_equal(features.take(np.arange(120), 0), Halves()(images))
     assert not list(tmp_path.glob(".*.part"))
     assert view_store.is_stored(plan.files[0].target)
-
-
-def test_a_folders_name_is_no_markup_of_the_progress_bar(tmp_path):
-    data = data_of(write_recording(tmp_path / "x[/red]"), None)
-    plan = plan_of(data, Halves().front())
-    console = Console(file=io.StringIO(), force_terminal=True, width=200)
-    load_features(plan, data.views, console)
-    assert "x[/red], " in console.file.getvalue()

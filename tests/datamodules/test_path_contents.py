@@ -8,6 +8,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import pytest
 
 from datamodules.recording_format import read_recordings
@@ -26,13 +27,15 @@ def refusal(path: Path, **said: object) -> str:
     return message.removeprefix(f"{path}: ")
 
 
-def tub(folder: Path, rows: int = 3) -> Path:
-    foreign.write_frames(folder / "images", [f"{row}.jpg" for row in range(foreign.ROWS)])
+def tub(folder: Path, rows: int = 3, images: int = 6) -> Path:
+    (folder / "images").mkdir(parents=True)
+    for row, frame in enumerate(foreign.frames()[:images]):
+        cv2.imwrite(str(folder / f"images/{row}.jpg"), frame)
     records = [{"cam/image_array": f"{row}.jpg", "user/angle": row / 100} for row in range(rows)]
-    (folder / "catalog_0.catalog").write_text("".join(f"{json.dumps(one)}\n" for one in records))
     catalogs = {"paths": ["catalog_0.catalog"], "current_index": rows, "deleted_indexes": []}
-    lines = [["cam/image_array"], ["image_array"], {}, {}, catalogs]
-    (folder / "manifest.json").write_text("".join(f"{json.dumps(one)}\n" for one in lines))
+    manifest = [["cam/image_array"], ["image_array"], {}, {}, catalogs]
+    for name, lines in (("catalog_0.catalog", records), ("manifest.json", manifest)):
+        (folder / name).write_text("".join(f"{json.dumps(line)}\n" for line in lines))
     return folder
 
 
@@ -46,16 +49,20 @@ WRITERS: dict[str, Callable[[Path], object]] = {
 @pytest.mark.parametrize("deep", ["data", "data/data", "a/b/c"])
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_recording_below_is_named(name: str, deep: str, tmp_path: Path) -> None:
-    WRITERS[name](tmp_path / "mycar" / deep)
-    assert refusal(tmp_path / "mycar").endswith(f"name {tmp_path}/mycar/{deep}")
+    WRITERS[name](tmp_path / "my [1] car" / deep)
+    message = refusal(tmp_path / "my [1] car")
+    assert message.startswith("holds no driving_log.csv")
+    assert message.endswith(f"name {tmp_path}/my [1] car/{deep}")
 
 
-def test_tubs_beside_each_other_are_named_and_hidden_folders_are_not(tmp_path: Path) -> None:
-    for name in ("tub_1", "tub_2", ".trash", "__MACOSX"):
+def test_of_several_recordings_three_are_named_and_hidden_folders_are_not(tmp_path: Path) -> None:
+    for name in "abcd":
+        write_recording(tmp_path / name, rows=1)
+    for name in (".trash", "__MACOSX"):
         tub(tmp_path / name)
     message = refusal(tmp_path)
-    assert "2 recordings lie below" in message
-    assert message.endswith(f"name {tmp_path}/tub_1, or {tmp_path}/tub_2")
+    assert "4 recordings lie below" in message
+    assert message.endswith(f"name {tmp_path}/a, or {tmp_path}/b, or {tmp_path}/c")
 
 
 def test_an_empty_tub_names_the_tubs_in_it(tmp_path: Path) -> None:
@@ -228,10 +235,9 @@ SPELLINGS = {
 def test_an_image_is_found_by_another_spelling(kind: str, spelling: str, tmp_path: Path) -> None:
     written, there = SPELLINGS[spelling]
     folder = tmp_path / "recording"
-    foreign.write_frames(folder / "source", [f"{row}.jpg" for row in range(foreign.ROWS)])
     images = folder / ("images" if kind == "tub" else "IMG")
-    images.mkdir()
-    (folder / "source/1.jpg").rename(images / there)
+    images.mkdir(parents=True)
+    cv2.imwrite(str(images / there), foreign.frames()[1])
     said: dict = {}
     if kind == "log":
         (folder / "driving_log.csv").write_text(f"IMG/{written},,,0.1,0,0,1\n")

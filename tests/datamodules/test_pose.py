@@ -8,7 +8,7 @@ import pytest
 from datamodules.augmented_batch import Augment
 from datamodules.bend import Pose
 from zoo.base.rig import UDACITY, SteeringLabel
-from zoo.simulator.simulated_world import Start, open_world
+from zoo.simulator.simulated_world import Start, World, open_world
 
 STRAIGHT_M = 150.0  # along udacity_lake, where the road is straight and flat
 NOTHING = {"curvature": 0.0, "aside_m": 0.0, "turn_deg": 0.0}
@@ -65,10 +65,15 @@ def test_the_label_leads_back_to_the_line(aside_m: float, turn_deg: int) -> None
     assert right == pytest.approx(0.0, abs=0.02)
 
 
+@pytest.fixture(scope="module")
+def world() -> World:
+    return open_world("udacity_lake", quality="fast")
+
+
 @pytest.mark.parametrize(("aside_m", "turn_deg"), [(0.9, 0), (-0.9, 0), (0.0, 6), (0.6, 6)])
-def test_the_image_is_that_of_the_moved_car(aside_m: float, turn_deg: int) -> None:
+def test_the_image_is_that_of_the_moved_car(aside_m: float, turn_deg: int, world: World) -> None:
     """The bright verges of the road lie as the simulator's car sees them from there."""
-    world, pose, turn = open_world("udacity_lake", quality="fast"), fitted(), np.radians(turn_deg)
+    pose, turn = fitted(), np.radians(turn_deg)
 
     def frame(cte: float, heading_deg: float) -> np.ndarray:
         world.reset(0, Start(distance=STRAIGHT_M, cte=cte, heading_deg=heading_deg))

@@ -12,33 +12,37 @@ from tests.recordings import write_recording
 from zoo.base.errors import InputError
 
 
+def replace_in(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
 def notes(folder: Path, **said: object) -> str:
     return "\n".join(read_recordings(str(folder), **said).notes)
 
 
 def test_a_whole_tub_is_read_without_a_word(tmp_path: Path) -> None:
-    assert "images" not in notes(tub(tmp_path / "tub", foreign.ROWS)).replace("the images", "")
+    assert "images" not in notes(tub(tmp_path / "tub", 6)).replace("the images", "")
 
 
 def test_images_that_no_record_names_are_counted(tmp_path: Path) -> None:
-    folder = tub(tmp_path / "tub", rows=20)
-    assert f"40 images in {folder}/images have no row" in notes(folder)
+    folder = tub(tmp_path / "tub", rows=2)
+    assert f"4 images in {folder}/images have no row" in notes(folder)
 
 
 def test_images_of_deleted_records_have_a_record(tmp_path: Path) -> None:
-    folder = tub(tmp_path / "tub", foreign.ROWS)
-    manifest = folder / "manifest.json"
-    manifest.write_text(manifest.read_text().replace("[]}", "[3, 4]}"))
-    found = notes(folder)
-    assert "2 records left out" in found
-    assert "have no row" not in found
+    folder = tub(tmp_path / "tub", rows=6)
+    replace_in(folder / "manifest.json", "[]}", "[3, 4]}")
+    printed = notes(folder)
+    assert "2 records left out" in printed
+    assert "have no row" not in printed
 
 
 @pytest.mark.parametrize("deleted", ['["3", "4"]', "[3.0, 4.0]", '"3, 4"', '"[3, 4]"'])
 def test_deleted_records_are_known_also_as_texts(deleted: str, tmp_path: Path) -> None:
     folder = tub(tmp_path / "tub", rows=6)
-    manifest = folder / "manifest.json"
-    manifest.write_text(manifest.read_text().replace("[]}", f"{deleted}}}"))
+    replace_in(folder / "manifest.json", "[]}", f"{deleted}}}")
     steering = read_recordings(str(folder)).steering
     assert steering == pytest.approx([0.0, 0.01, 0.02, 0.05])
 
@@ -46,8 +50,7 @@ def test_deleted_records_are_known_also_as_texts(deleted: str, tmp_path: Path) -
 @pytest.mark.parametrize("deleted", ['["3-7"]', "[true]", "[null]", "[-1]", '["x"]', "[[3]]"])
 def test_what_is_no_deleted_record_is_refused(deleted: str, tmp_path: Path) -> None:
     folder = tub(tmp_path / "tub")
-    manifest = folder / "manifest.json"
-    manifest.write_text(manifest.read_text().replace("[]}", f"{deleted}}}"))
+    replace_in(folder / "manifest.json", "[]}", f"{deleted}}}")
     with pytest.raises(InputError, match=r"manifest\.json, row 5: deleted_indexes has .*; correct"):
         read_recordings(str(folder))
 
@@ -62,9 +65,7 @@ def test_a_catalog_that_the_manifest_does_not_name_is_counted(tmp_path: Path) ->
 @pytest.mark.parametrize("counted", [9, 3])
 def test_a_manifest_that_counts_other_records_is_named(counted: int, tmp_path: Path) -> None:
     folder = tub(tmp_path / "tub", rows=4)
-    manifest = folder / "manifest.json"
-    text = manifest.read_text().replace('"current_index": 4', f'"current_index": {counted}')
-    manifest.write_text(text)
+    replace_in(folder / "manifest.json", '"current_index": 4', f'"current_index": {counted}')
     assert f"manifest.json counts {counted} records, and its catalogs hold 4" in notes(folder)
 
 

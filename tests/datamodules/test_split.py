@@ -13,6 +13,7 @@ from datamodules.looking.leak import leak_lines, random_split_leak, seconds_apar
 from datamodules.recording import LONG_DRIVE, SHORT_DRIVES, Recording
 from datamodules.recording_format import read_recordings
 from datamodules.split import PARTS, Split, rows_per_second, split_rows, split_words, write_split
+from tests import foreign_recordings as foreign
 from tests.recordings import recording_in_memory, write_recording
 from zoo.base.errors import InputError
 
@@ -210,11 +211,8 @@ def test_a_split_file_of_another_recording(small, tmp_path):
         split_rows(small, path)
 
 
-def test_rate_is_the_medians(small):
+def test_rate_is_the_medians_and_without_times_the_simulators(small):
     assert rows_per_second(small) == pytest.approx(15, abs=0.3)
-
-
-def test_rate_without_times_is_the_simulators():
     recording = driven(10)
     recording.time_s[:] = np.nan
     assert rows_per_second(recording) == 15.0
@@ -262,9 +260,10 @@ def test_a_format_of_long_drives_states_longer_blocks_and_the_user_wins() -> Non
     assert split_words(long, "random") == "random"
 
 
-def test_several_recordings_take_the_longest_blocks(recorded) -> None:
-    both = read_recordings([str(recorded.folder)] * 2)
-    assert both.blocks == SHORT_DRIVES
+def test_several_recordings_take_the_longest_blocks(recorded, tmp_path: Path) -> None:
+    drive = foreign.challenge2_test(tmp_path / "drive")
+    assert read_recordings(str(recorded.folder)).blocks == SHORT_DRIVES
+    assert read_recordings([str(drive), str(recorded.folder)]).blocks == LONG_DRIVE
 
 
 def test_a_random_split_hides_the_error_of_slowly_changing_steering() -> None:

@@ -20,19 +20,19 @@ from zoo.base.errors import InputError
 from zoo.base.rig import MPS_PER_MPH, UDACITY
 
 VIEW = {"crop": (60, 25), "colour": "yuv", "size": (33, 100)}
-SMALLER = {"crop": (60, 25), "colour": "gray", "size": (8, 16)}
+SMALLER = {"crop": (60, 25), "colour": "gray", "size": (8, 16), "cameras": ["center"]}
 WINDOWS = {"sequence": 3, "stride": 2, "ahead": 1}
 SETTINGS = {"batch_size": 16, "block_s": 3.0, "gap_s": 0.1, "straight_cap": None}
 
 
 @pytest.fixture(scope="module")
 def lake(tmp_path_factory):
-    return write_recording(tmp_path_factory.mktemp("windows") / "lake", rows=600)
+    return write_recording(tmp_path_factory.mktemp("windows") / "lake", rows=300)
 
 
 @pytest.fixture
 def load(lake, console):
-    """Create and load a datamodule of a recording of 600 rows."""
+    """Create and load a datamodule of a recording of 300 rows."""
 
     def make(**settings) -> DrivingData:
         settings = SETTINGS | {"root": str(lake.folder), **VIEW} | settings
@@ -65,11 +65,11 @@ def test_a_window_is_a_row_those_before_it_and_targets_ahead(load, recover_s):
     for at, number in enumerate(key.samples):
         row, camera = data.samples.row[number], data.samples.camera[number]
         rows = [row - 4, row - 2, row, row + 2]
-        one_by_one = plain.training_batches()[singles(plain, rows, camera)]
-        assert torch.equal(batch["images"][at], one_by_one["images"][:3])
+        frames = plain.training_batches()[singles(plain, rows, camera)]
+        assert torch.equal(batch["images"][at], frames["images"][:3])
         known = 3 if camera else 4  # a side camera returns to the line in the step ahead
-        assert torch.equal(batch["targets"][at, :known], one_by_one["targets"][:known])
-        assert batch["speed"][at] == one_by_one["speed"][2]
+        assert torch.equal(batch["targets"][at, :known], frames["targets"][:known])
+        assert batch["speed"][at] == frames["speed"][2]
 
 
 @pytest.mark.parametrize("settings", [{"offset": 0.2}, {"recover_s": 1.0}])
@@ -78,6 +78,7 @@ def test_a_side_camera_returns_to_the_line_in_the_steps_ahead(load, settings):
     data = load(flip=0.0, ahead=40, **settings)
     assert abs(data.samples.rows_per_s - 15) < 0.1
     left = np.flatnonzero(data.samples.camera == 1)[:5]
+    assert len(left) == 5
     steering = data.samples.labels(left)[0].astype(float)
     steering -= data.recording.steering[data.windows.targets(data.samples.row[left])]
     step_m = data.samples.speed_mph[left][:, None] * MPS_PER_MPH / data.samples.rows_per_s
@@ -111,9 +112,10 @@ def test_a_window_is_flipped_as_one(load, flip, view):
     data, mirrored = load(flip=0.0, **settings), load(flip=flip, **settings)
     key = some(data)
     own = key.samples + len(mirrored.samples) // 2 if flip == "both" else key.samples
-    one, other = data.training_batches()[key], mirrored.training_batches()[BatchKey(0, 0, own)]
-    assert torch.equal(other["images"], one["images"].flip(-1))
-    assert torch.equal(other["targets"], one["targets"] * torch.tensor([-1.0, 1.0]))
+    straight = data.training_batches()[key]
+    flipped = mirrored.training_batches()[BatchKey(0, 0, own)]
+    assert torch.equal(flipped["images"], straight["images"].flip(-1))
+    assert torch.equal(flipped["targets"], straight["targets"] * torch.tensor([-1.0, 1.0]))
 
 
 def test_the_cap_and_the_histogram_are_of_the_newest_frame(load):
@@ -152,7 +154,7 @@ TRANSFORMS = {
     "brightness": lambda: Brightness(p=0.6),
     "shadow": lambda: Shadow(num_shadows_limit=(1, 2), p=0.6),
     "shift": lambda: Shift(p=0.6),
-    "bend": lambda: fitted_bend(),
+    "bend": fitted_bend,
     "blur": lambda: albumentations.GaussianBlur(p=0.6),
     "noise": lambda: albumentations.GaussNoise(p=0.6),
     "turn": lambda: Turn(p=0.6),
@@ -165,34 +167,34 @@ def random_windows() -> tuple[np.ndarray, np.ndarray]:
     return images, rng.uniform(-0.5, 0.5, (7, 5)).astype(np.float32)
 
 
-@pytest.mark.parametrize("name", TRANSFORMS)
-def test_a_window_is_augmented_as_one(name):
+def on_cpu(augment: Augment, images: np.ndarray, steering: np.ndarray):
+    return augment(np.ascontiguousarray(images), steering.copy(), seed=3)
+
+
+def on_device(augment: Augment, images: np.ndarray, steering: np.ndarray):
+    drawn, turned = augment.draw(images.shape[-3:], steering, seed=3)
+    changed = augment.on_device(torch.from_numpy(images.copy()), torch.from_numpy(drawn))
+    return changed.numpy(), turned
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        *((on_cpu, name) for name in TRANSFORMS),
+        *((on_device, name) for name in ("brightness", "shadow", "shift", "bend")),
+    ],
+)
+def test_a_window_is_augmented_as_one(change, name):
     """Each of its frames, and each target, is changed as if it were alone with the same draws."""
     augment = Augment([TRANSFORMS[name]()], "yuv")
     images, steering = random_windows()
-    changed, turned = augment(images, steering, seed=3)
+    changed, turned = change(augment, images, steering)
+    assert changed.shape == images.shape
     assert (changed != images).any()
     for at in range(5):
-        frame = images[:, min(at, 2)]
-        alone, angle = augment(np.ascontiguousarray(frame), steering[:, at].copy(), seed=3)
+        alone, angle = change(augment, images[:, min(at, 2)], steering[:, at])
         if at < 3:
             np.testing.assert_array_equal(changed[:, at], alone)
-        np.testing.assert_array_equal(turned[:, at], angle)
-
-
-@pytest.mark.parametrize("name", ["brightness", "shadow", "shift", "bend"])
-def test_a_window_on_the_device_is_augmented_as_one(name):
-    augment = Augment([TRANSFORMS[name]()], "yuv")
-    images, steering = random_windows()
-    drawn, turned = augment.draw(images.shape[-3:], steering, seed=3)
-    changed = augment.on_device(torch.from_numpy(images), torch.from_numpy(drawn))
-    assert changed.shape == images.shape
-    for at in range(5):
-        frame = torch.from_numpy(images[:, min(at, 2)].copy())
-        drawn, angle = augment.draw(images.shape[-3:], steering[:, at], seed=3)
-        alone = augment.on_device(frame, torch.from_numpy(drawn))
-        if at < 3:
-            assert torch.equal(changed[:, at], alone)
         np.testing.assert_array_equal(turned[:, at], angle)
 
 
@@ -218,8 +220,8 @@ def test_every_feed_has_the_same_batches(load):
     assert [len(group) for group in groups[:-1]] == [3] * (len(groups) - 1)
     helped = load(batch_size=64, workers=1, **WINDOWS).train_dataloader()
     for fed in ([batch for group in groups for batch in group], list(helped)):
-        for one, other in zip(wanted, fed, strict=True):
-            assert all(torch.equal(tensor, other[name]) for name, tensor in one.items())
+        for batch, other in zip(wanted, fed, strict=True):
+            assert all(torch.equal(tensor, other[name]) for name, tensor in batch.items())
 
 
 @pytest.mark.parametrize("world", [2, 3])
@@ -313,7 +315,7 @@ def test_every_frame_has_an_image_of_the_samples_camera():
 
 
 def test_weights_are_those_of_the_newest_rows_recording(lake, load, tmp_path):
-    other = write_recording(tmp_path / "other", rows=300, seed=1)
+    other = write_recording(tmp_path / "other", rows=100, seed=1, cameras=("center",))
     root = [str(lake.folder), str(other.folder)]
     data = load(root=root, weights=[1, 5], **WINDOWS)
     drawn = np.concatenate([key.samples for key in data.sampler()])
@@ -330,10 +332,6 @@ def test_loading_prints_how_many_rows_have_a_window(load, console):
 @pytest.mark.parametrize(
     ("settings", "named"),
     [
-        ({"sequence": 0}, "data.sequence=0"),
-        ({"stride": 1.5}, "data.stride=1.5"),
-        ({"ahead": -1}, "data.ahead=-1"),
-        ({"sequence": 10**30}, "data.sequence"),
         ({"sequence": 100}, "no val row"),
         ({"sequence": 100, "stride": 5}, "no train row"),
         ({"sequence": 9, "split": "random"}, "data.block_s"),

@@ -33,9 +33,9 @@ def rezip(path: Path, members: dict[str, bytes], compression: int = zipfile.ZIP_
     """Write an archive again, with other contents for members whose names end in the keys."""
     written = io.BytesIO()
     with zipfile.ZipFile(path) as before, zipfile.ZipFile(written, "w", compression) as after:
-        for one in before.infolist():
-            found = [data for end, data in members.items() if one.filename.endswith(end)]
-            after.writestr(one.filename, found[0] if found else before.read(one))
+        for name in before.namelist():
+            found = [data for end, data in members.items() if name.endswith(end)]
+            after.writestr(name, found[0] if found else before.read(name))
     path.write_bytes(written.getvalue())
     return path
 
@@ -52,10 +52,7 @@ def many_lists(count: int) -> bytes:
 
 def shared_tuples_as_key(levels: int) -> bytes:
     """Return a pickle of a dict whose key has 2**levels values, which its hash would visit."""
-    steps = b"".join(
-        b"h" + bytes([one]) + b"h" + bytes([one]) + b"\x86q" + bytes([one + 1]) + b"0"
-        for one in range(levels)
-    )
+    steps = b"".join(b"h%ch%c\x86q%c0" % (level, level, level + 1) for level in range(levels))
     return b"\x80\x02K\x01\x85q\x000" + steps + b"}h" + bytes([levels]) + b"K\x01s."
 
 

@@ -44,7 +44,11 @@ def changed(path: Path, **config: object) -> Path:
 
 
 @pytest.mark.parametrize(
-    "module", ["zoo.commands.export", "zoo.commands.evaluate", "zoo.commands.doctor"]
+    "module",
+    [
+        *("zoo.commands.export", "zoo.commands.evaluate"),
+        pytest.param("zoo.commands.doctor", marks=pytest.mark.slow),
+    ],
 )
 def test_lists_that_share_their_parts_are_not_expanded(module: str, path: Path) -> None:
     changed(path, data=shared_lists(40))
@@ -124,8 +128,8 @@ def test_tensors_that_repeat_one_number_count_whole(path: Path) -> None:
 
 def test_weights_of_eight_bits_are_named(path: Path) -> None:
     contents = contents_of(path)
-    state = contents["state_dict"]
-    contents["state_dict"] = {name: one.to(torch.float8_e4m3fn) for name, one in state.items()}
+    for name, weight in contents["state_dict"].items():
+        contents["state_dict"][name] = weight.to(torch.float8_e4m3fn)
     torch.save(contents, path)
     line = only_line(run(path.parent, str(path), module="zoo.commands.export", timeout=60))
     assert "x.ckpt: head.weight does not hold plain floats" in line
@@ -175,14 +179,13 @@ def adding(number: float, outside: str | None = None) -> bytes:
     """Return a model that adds a number, stored in the model or in another file."""
     weights = onnx.numpy_helper.from_array(np.full(400, number, np.float32), "w")
     if outside:
+        onnx.external_data_helper.set_external_data(weights, outside, offset=0, length=1600)
         weights.ClearField("raw_data")
-        weights.data_location = onnx.TensorProto.EXTERNAL
-        for key, value in {"location": outside, "offset": "0", "length": "1600"}.items():
-            entry = weights.external_data.add()
-            entry.key, entry.value = key, value
-    of = [onnx.helper.make_tensor_value_info(one, onnx.TensorProto.FLOAT, [400]) for one in "xy"]
+    x, y = (
+        onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [400]) for name in "xy"
+    )
     node = onnx.helper.make_node("Add", ["x", "w"], ["y"])
-    graph = onnx.helper.make_graph([node], "graph", [of[0]], [of[1]], [weights])
+    graph = onnx.helper.make_graph([node], "graph", [x], [y], [weights])
     opset = onnx.helper.make_opsetid("", 17)
     return onnx.helper.make_model(graph, opset_imports=[opset], ir_version=8).SerializeToString()
 

@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -25,9 +26,9 @@ from zoo.training.sweep_record import new_record, read_record, write_record
 
 Damage = Callable[[Path], object]
 LAUGHS = "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(
-    f"{chr(98 + one)}: &{chr(98 + one)} [{','.join([f'*{chr(97 + one)}'] * 9)}]\n"
-    for one in range(9)
+    f"{name}: &{name} [{','.join([f'*{before}'] * 9)}]\n" for before, name in pairwise("abcdefghij")
 )
+BASE_60 = "1" + ":1" * 400 + ".5"  # PyYAML raises OverflowError for it
 METRICS, STATUS, CONFIG = "metrics.json", "status.json", ".hydra/config.yaml"
 OVERRIDES, HYDRA = ".hydra/overrides.yaml", ".hydra/hydra.yaml"
 
@@ -51,15 +52,6 @@ def field(*keys: str, value: object) -> Damage:
         path.write_text(json.dumps(found))
 
     return damage
-
-
-def remove(path: Path, *keys: str) -> None:
-    """Remove a field of a JSON file."""
-    found = inner = json.loads(path.read_text())
-    for key in keys[:-1]:
-        inner = inner[key]
-    del inner[keys[-1]]
-    path.write_text(json.dumps(found))
 
 
 def folder(path: Path) -> None:
@@ -99,7 +91,7 @@ DAMAGE = {
     "list of tracks": (METRICS, field("drive", "tracks", value=[1]), "drive.tracks: "),
     "infinite": (METRICS, field("wall_s", value=float("inf")), "wall_s: "),
     "400 digits": (METRICS, field("wall_s", value=10**400), "wall_s: "),
-    "no cte_mean_m": (METRICS, lambda path: remove(path, *LAKE, "cte_mean_m"), "lake.cte_mean_m"),
+    "no cte_mean_m": (METRICS, field(*LAKE, value={"autonomy": [1, 0]}), "lake.cte_mean_m"),
     "text for seed": (METRICS, field("seed", value="one"), "seed: "),
     "list for model": (METRICS, field("model", value=[1]), "model: "),
     "text for MSE": (METRICS, field("open_loop", "val", "mse", value="x"), "open_loop.val.mse"),
@@ -109,7 +101,7 @@ DAMAGE = {
     "config's digits": (CONFIG, text(f"seed: {'9' * 5000}"), "5,000 digits"),
     "sexagesimal": (CONFIG, text("seed: " + "1:" * 300_000 + "1"), "number"),
     "no date": (CONFIG, text("when: 2001-99-99"), "YAML"),
-    "base 60": (CONFIG, text(f"seed: {'1' + ':1' * 400 + '.5'}"), "digits"),
+    "base 60": (CONFIG, text(f"seed: {BASE_60}"), "digits"),
     "code": (CONFIG, text("a: !!python/object/apply:os.mkdir [ran]"), "YAML"),
     "empty config": (CONFIG, text(""), "keys"),
     "list for data": (CONFIG, field("data", value=[1]), "data: "),
@@ -137,14 +129,14 @@ def test_a_damaged_run_is_named_with_its_field_and_the_others_are_ranked(
 
     runs, unranked = read_scored([bad, good])
 
-    assert [one.folder for one in runs] == [good]
+    assert [ranked.folder for ranked in runs] == [good]
     assert len(rank(runs)) == 1
-    ((folder, why, reason),) = [(one.folder, one.why, one.reason) for one in unranked]
-    assert (folder, why) == (bad, "damaged")
-    assert reason.startswith(file)
-    assert words in reason
-    assert "\n" not in reason
-    assert len(reason) < 300
+    (damaged,) = unranked
+    assert (damaged.folder, damaged.why) == (bad, "damaged")
+    assert damaged.reason.startswith(file)
+    assert words in damaged.reason
+    assert "\n" not in damaged.reason
+    assert len(damaged.reason) < 300
 
 
 def test_the_leaderboard_prints_all_damaged_runs_and_the_table(tmp_path: Path) -> None:
@@ -250,29 +242,31 @@ def test_a_damaged_drive_is_named(name: str, tmp_path: Path) -> None:
 
 def test_a_damaged_drive_is_named_by_the_report(trained: Path) -> None:
     drive = write_drive(trained / "drives" / "lake-0")
-    DRIVES["summary's text"][1](drive / "drive.json")
+    field("autonomy", value="x")(drive / "drive.json")
     run_read = ReportedRun.open(trained)
     assert run_read.drives == []
     (line,) = run_read.damaged_drives
     assert "drive.json: autonomy: " in line
 
 
-@pytest.mark.parametrize("named", [".", "drive.csv"])
-@pytest.mark.parametrize("name", ["log's pipe", "log's folder"])
-def test_film_names_a_log_that_is_no_regular_file(name: str, named: str, tmp_path: Path) -> None:
-    drive = write_drive(tmp_path / "drive")
-    _, damage, words = DRIVES[name]
-    damage(drive / "drive.csv")
-    line = only_line(run_here(tmp_path, str(drive / named), module="zoo.commands.film"))
-    assert f"{drive}/drive.csv: " in line
-    assert words in line
-
-
-def test_film_names_a_recordings_log_that_is_a_pipe(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "driving_log.csv")
-    line = only_line(run_here(tmp_path, str(tmp_path), module="zoo.commands.film"))
-    assert f"{tmp_path}/driving_log.csv: " in line
-    assert "no regular file" in line
+@pytest.mark.parametrize(
+    ("log", "damage", "words"),
+    [
+        ("drive.csv", pipe, "no regular file"),
+        ("drive.csv", folder, "directory"),
+        ("driving_log.csv", pipe, "no regular file"),
+    ],
+)
+def test_film_names_a_log_that_is_no_regular_file(
+    log: str, damage: Damage, words: str, tmp_path: Path
+) -> None:
+    drive = write_drive(tmp_path / "drive") if log == "drive.csv" else tmp_path
+    (drive / log).touch()
+    damage(drive / log)
+    for named in (drive, drive / log) if log == "drive.csv" else (drive,):
+        line = only_line(run_here(tmp_path, str(named), module="zoo.commands.film"))
+        assert f"{drive / log}: " in line
+        assert words in line
 
 
 SWEEPS = {
@@ -327,9 +321,6 @@ def test_curves_in_files_of_other_names_are_ignored(tmp_path: Path) -> None:
     (tmp_path / "metrics.old.csv").write_text("epoch,val/mse\n0,0.5\n")
     (tmp_path / "metrics.csv").write_text("epoch,val/mse\n0,0.1\n")
     assert Run(tmp_path).curves(["val/mse"]) == {"val/mse": {1: 0.1}}
-
-
-BASE_60 = "1" + ":1" * 400 + ".5"  # PyYAML raises OverflowError for it
 
 
 @pytest.mark.parametrize(("key", "name"), [("points", "mine.yaml"), ("length", "mine.yaml:17")])

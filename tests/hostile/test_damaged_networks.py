@@ -102,7 +102,7 @@ def mutated_graphs(draw: st.DrawFn, model: onnx.ModelProto) -> bytes:
                 st.sampled_from((0, -1, 1, 3, 2**40))
             )
     elif how == "card":
-        (entry,) = [one for one in found.metadata_props if one.key == CARD]
+        (entry,) = [prop for prop in found.metadata_props if prop.key == CARD]
         entry.value = draw(mutated_json(json.loads(entry.value))).decode("utf-8", "ignore")
     elif node.attribute:
         attribute = draw(st.sampled_from(list(node.attribute)))

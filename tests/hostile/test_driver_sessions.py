@@ -14,6 +14,7 @@ import psutil
 import pytest
 import socketio
 
+from tests.hostile.test_driver_http import ask
 from tests.zoo.server.old_client import OldClient, telemetry
 from tests.zoo.server.serve import Served, picture, served
 from zoo.server.socketio_server import MOST_QUIET
@@ -34,12 +35,7 @@ def impatient(tmp_path: Path) -> Iterator[Served]:
 
 def poll(port: int, headers: bytes = b"") -> bytes:
     """Return the answer to a handshake of long polling."""
-    with socket.create_connection(("127.0.0.1", port), 10) as connection:
-        connection.sendall(HANDSHAKE % headers)
-        answer = b""
-        while more := connection.recv(4096):
-            answer += more
-    return answer
+    return ask(port, HANDSHAKE % headers)
 
 
 def hold(port: int, count: int, sent: bytes = b"GET / HT") -> list[socket.socket]:
@@ -65,10 +61,14 @@ def closed(connection: socket.socket, timeout_s: float = 5) -> bool:
     return True
 
 
+def assert_steered(client: OldClient) -> None:
+    client.telemetry(jpeg=RED)
+    assert client.reply() == FINE, "a session that drives stays open"
+
+
 def assert_drives(driver: Served) -> None:
     with OldClient(driver.port) as client:
-        client.telemetry(jpeg=RED)
-        assert client.reply() == FINE
+        assert_steered(client)
 
 
 # --- Sessions that are opened and left ---
@@ -79,10 +79,8 @@ def test_polling_sessions_without_telemetry_are_freed(fresh: Served) -> None:
         for turn in range(4 * MOST_QUIET):
             assert b"200 OK" in poll(fresh.port)
             if turn % 50 == 0:
-                steady.telemetry(jpeg=RED)
-                assert steady.reply() == FINE
-        steady.telemetry(jpeg=RED)
-        assert steady.reply() == FINE
+                assert_steered(steady)
+        assert_steered(steady)
         sessions, tasks = fresh.held()
     assert sessions <= 2 * MOST_QUIET + 1, "engineio iterates over a copy of its table"
     assert tasks < 16, "no task per session"
@@ -92,21 +90,15 @@ def test_sessions_end_without_telemetry_and_leave_nothing(impatient: Served) -> 
     quiet = [OldClient(impatient.port) for _ in range(20)]
     for _ in range(20):
         poll(impatient.port)
-    for client in quiet:
-        assert closed(client.socket)
-    time.sleep(2)
+    with OldClient(impatient.port) as driving:
+        assert_steered(driving)
+        for client in quiet:
+            assert closed(client.socket)
+        assert driving.silent_for(2)
+        assert_steered(driving)
     sessions, tasks = impatient.held()
-    assert sessions <= 1, "the last one, in a local variable"
+    assert sessions <= 2, "the one that drives, and the last one, in a local variable"
     assert tasks < 16
-
-
-def test_a_session_that_drives_is_not_ended(impatient: Served) -> None:
-    with OldClient(impatient.port) as client:
-        client.telemetry(jpeg=RED)
-        assert client.reply() == FINE
-        assert client.silent_for(2)
-        client.telemetry(jpeg=RED)
-        assert client.reply() == FINE
 
 
 @pytest.mark.slow
@@ -143,14 +135,10 @@ def test_a_page_of_another_site_opens_no_session(
 
 def test_half_open_connections_block_no_simulator(fresh: Served) -> None:
     with OldClient(fresh.port) as steady:
-        steady.telemetry(jpeg=RED)
-        assert steady.reply() == FINE
+        assert_steered(steady)
         held = hold(fresh.port, 1_100)
-        with OldClient(fresh.port, timeout_s=5) as late:
-            late.telemetry(jpeg=RED)
-            assert late.reply() == FINE
-        steady.telemetry(jpeg=RED)
-        assert steady.reply() == FINE, "it drives, so it stays open"
+        assert_drives(fresh)
+        assert_steered(steady)
         assert closed(held[0]), "the oldest is closed first"
     for connection in held:
         connection.close()
@@ -208,8 +196,7 @@ def test_a_bad_placeholder_is_answered_and_forgotten(driver: Served, number: obj
         client.send("451-" + event)
         client.send_frame(2, RED)
         assert client.reply() == RUBBISH
-        client.telemetry(jpeg=RED)
-        assert client.reply() == FINE
+        assert_steered(client)
         client.send("451-" + GOOD_BINARY)
         client.send_frame(2, RED)
         assert client.reply() == FINE
@@ -220,8 +207,7 @@ def test_an_attachment_beyond_the_limit_is_answered(driver: Served) -> None:
         client.send("451-" + GOOD_BINARY)
         client.send_frame(2, bytes(5_000_000))
         assert float(client.reply()[1]["steering_angle"]) == 0
-        client.telemetry(jpeg=RED)
-        assert client.reply() == FINE
+        assert_steered(client)
 
 
 def test_an_invalid_packet_ends_the_session(fresh: Served) -> None:

@@ -1,6 +1,7 @@
 """Files without an end, or far too large, in place of those that are read."""
 
 import os
+import re
 import socket
 import struct
 import zlib
@@ -44,8 +45,8 @@ def listening(path: Path) -> None:
     place = Path.cwd()
     os.chdir(path.parent)  # the path of a socket must be short
     try:
-        with socket.socket(socket.AF_UNIX) as one:
-            one.bind(path.name)
+        with socket.socket(socket.AF_UNIX) as bound:
+            bound.bind(path.name)
     finally:
         os.chdir(place)
 
@@ -109,9 +110,8 @@ def test_only_regular_files_are_read(kind: str, name: str, tmp_path: Path) -> No
     file, read = READERS[kind]
     make, _ = ENDLESS.get(name, (lambda path: path.symlink_to(KERNEL), ""))
     path = place(make, tmp_path / file)
-    with pytest.raises((InputError, InputError)) as caught:
+    with pytest.raises(InputError, match=re.escape(str(path.parent))):
         read(path)
-    assert str(path) in str(caught.value) or str(path.parent) in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ENDLESS)
@@ -143,14 +143,9 @@ def png_header(width: int, height: int) -> bytes:
         whole = kind + content
         return struct.pack(">I", len(content)) + whole + struct.pack(">I", zlib.crc32(whole))
 
-    return b"".join(
-        [
-            b"\x89PNG\r\n\x1a\n",
-            chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)),
-            chunk(b"IDAT", zlib.compress(b"\0" * 100)),
-            chunk(b"IEND", b""),
-        ]
-    )
+    size = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+    pixels = chunk(b"IDAT", zlib.compress(b"\0" * 100))
+    return b"\x89PNG\r\n\x1a\n" + size + pixels + chunk(b"IEND", b"")
 
 
 def jpeg_header(width: int, height: int) -> bytes:
@@ -169,45 +164,6 @@ LARGE = {
 }
 
 
-@pytest.mark.parametrize("name", LARGE)
-def test_an_image_of_too_many_pixels_is_refused_by_check_and_training_alike(
-    name: str, tmp_path: Path, recwarn: pytest.WarningsRecorder
-) -> None:
-    path = tmp_path / "image.jpg"
-    path.write_bytes(LARGE[name])
-    fault = look_at_image(str(path))
-    assert isinstance(fault, str)
-    assert f"{MOST_PIXELS:,}" in fault
-    with pytest.raises(ValueError, match="pixels") as caught:
-        read_image(path)
-    assert str(caught.value) == fault
-    # Python may report a file here that another test left open.
-    assert [str(one.message) for one in recwarn if one.category is not ResourceWarning] == []
-
-
-@pytest.mark.parametrize("scans", [10_796, MOST_SCANS + 1])
-def test_an_image_of_too_many_scans_is_refused_by_check_and_training_alike(
-    scans: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("cv2.imdecode", None)
-    path = tmp_path / "image.jpg"
-    path.write_bytes(many_scans(scans))
-    found = look_at_image(str(path))
-    assert f"{scans:,} scans" in str(found)
-    assert str(MOST_SCANS) in str(found)
-    with pytest.raises(ValueError, match="scans") as caught:
-        read_image(path)
-    assert str(caught.value) == found
-
-
-@pytest.mark.parametrize("scans", [SCANS, MOST_SCANS])
-def test_a_progressive_image_within_the_limit_is_decoded(scans: int, tmp_path: Path) -> None:
-    path = tmp_path / "image.jpg"
-    path.write_bytes(many_scans(scans))
-    assert look_at_image(str(path)) == (320, 320)
-    assert read_image(path).shape == (320, 320, 3)
-
-
 def repeated_scan(components: int) -> bytes:
     """Return a sequential JPEG of three components whose scan, of some of them, is repeated."""
     plain = bytearray(cv2.imencode(".jpg", np.full((160, 320, 3), 90, np.uint8))[1].tobytes())
@@ -216,11 +172,37 @@ def repeated_scan(components: int) -> bytes:
     return bytes(plain[:-2] + plain[scan:-2] * MOST_SCANS + plain[-2:])
 
 
-def test_many_scans_of_a_sequential_image_are_refused(tmp_path: Path) -> None:
+EXPENSIVE = {name: (image, f"{MOST_PIXELS:,}") for name, image in LARGE.items()} | {
+    "10,796 scans": (many_scans(10_796), rf"10,796 scans.*{MOST_SCANS}"),
+    "one scan too many": (many_scans(MOST_SCANS + 1), rf"{MOST_SCANS + 1} scans.*{MOST_SCANS}"),
+    "scans of a sequential image": (repeated_scan(1), f"{MOST_SCANS + 1} scans"),
+}
+
+
+@pytest.mark.parametrize("name", EXPENSIVE)
+def test_an_expensive_image_is_refused_undecoded_by_check_and_training_alike(
+    name: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    recwarn: pytest.WarningsRecorder,
+) -> None:
+    monkeypatch.setattr("cv2.imdecode", None)
     path = tmp_path / "image.jpg"
-    path.write_bytes(repeated_scan(1))
-    with pytest.raises(ValueError, match=f"{MOST_SCANS + 1} scans"):
+    image, words = EXPENSIVE[name]
+    path.write_bytes(image)
+    with pytest.raises(ValueError, match=words) as caught:
         read_image(path)
+    assert look_at_image(str(path)) == str(caught.value)
+    # Python may report a file here that another test left open.
+    assert {warning.category for warning in recwarn} <= {ResourceWarning}
+
+
+@pytest.mark.parametrize("scans", [SCANS, MOST_SCANS])
+def test_a_progressive_image_within_the_limit_is_decoded(scans: int, tmp_path: Path) -> None:
+    path = tmp_path / "image.jpg"
+    path.write_bytes(many_scans(scans))
+    assert look_at_image(str(path)) == (320, 320)
+    assert read_image(path).shape == (320, 320, 3)
 
 
 @pytest.mark.parametrize(
@@ -235,7 +217,7 @@ def test_a_scan_bomb_is_named_with_its_row(module: str, replaced: Written, tmp_p
     else:
         result = run(tmp_path, str(replaced.folder), module=module, timeout=60)
         assert result.returncode == 1
-        (line,) = [one for one in result.stdout.splitlines() if "scans" in one]
+        (line,) = [text for text in result.stdout.splitlines() if "scans" in text]
     assert f"{replaced.log}, row 8: " in line
     assert image.name in line
     assert "10,796 scans" in line

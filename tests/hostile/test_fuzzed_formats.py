@@ -30,7 +30,7 @@ from tests.hostile.mutations import (
 from zoo.base.errors import InputError
 from zoo.commands.check import check
 
-FEW_AND_MANY = pytest.mark.parametrize("count", [12, pytest.param(400, marks=pytest.mark.slow)])
+FEW_AND_MANY = pytest.mark.parametrize("count", [6, pytest.param(400, marks=pytest.mark.slow)])
 DENIED = {"steering": {"unit": "share", "full": 1, "right": "positive"}}  # by the user
 # Contents of other kinds of files; None: the file is lost.
 OTHERS = st.sampled_from((None, b"", *(data for data, _ in KINDS.values())))

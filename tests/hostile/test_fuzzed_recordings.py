@@ -46,7 +46,7 @@ def converted(convert: Callable, depth: int) -> Callable[[Path], object]:
             named = path.name if str(folder) in str(error) else "no file"
             raise InputError(f"{named}: {error}") from None
         finally:
-            assert not [one for one in out.parent.glob(".out*")]
+            assert not [*out.parent.glob(".out*")]
             shutil.rmtree(out, ignore_errors=True)
 
     return read
@@ -56,10 +56,9 @@ def converted(convert: Callable, depth: int) -> Callable[[Path], object]:
 def test_damaged_logs(recording: Written, count: int) -> None:
     data = recording.log.read_bytes()
     header = (",".join(NAMES) + "\n").encode()
+    path = recording.log
     for valid in (data, header + data):
-        read_damaged(
-            mutated_bytes(valid), lambda one: read_recordings(str(one)), recording.log, count
-        )
+        read_damaged(mutated_bytes(valid), lambda _: read_recordings(str(path)), path, count)
 
 
 @FEW_AND_MANY
@@ -75,12 +74,12 @@ def write_tub(folder: Path, image: Path) -> Path:
     records = []
     for index in range(3):
         shutil.copy(image, folder / "images" / f"{index}.jpg")
-        one = {"cam/image_array": f"{index}.jpg", "user/angle": 0.1, "user/throttle": 0.5}
-        records.append(one | {"user/mode": "user", "_timestamp_ms": 1_600_000_000_000 + index})
-    (folder / "c.catalog").write_text("".join(f"{json.dumps(one)}\n" for one in records))
+        record = {"cam/image_array": f"{index}.jpg", "user/angle": 0.1, "user/throttle": 0.5}
+        records.append(record | {"user/mode": "user", "_timestamp_ms": 1_600_000_000_000 + index})
+    (folder / "c.catalog").write_text("".join(f"{json.dumps(record)}\n" for record in records))
     catalogs = {"paths": ["c.catalog"], "deleted_indexes": [2]}
     rows = [["cam/image_array"], ["image_array"], {}, {}, catalogs]
-    (folder / "manifest.json").write_text("".join(f"{json.dumps(one)}\n" for one in rows))
+    (folder / "manifest.json").write_text("".join(f"{json.dumps(row)}\n" for row in rows))
     return folder
 
 
@@ -89,7 +88,7 @@ def write_tub(folder: Path, image: Path) -> Path:
 def test_damaged_tubs(file: str, recording: Written, tmp_path: Path, count: int) -> None:
     path = write_tub(tmp_path / "tub", recording.image(0)) / file
     lines = path.read_bytes().splitlines(keepends=True)
-    last = mutated_json(json.loads(lines[-1])).map(lambda one: b"".join([*lines[:-1], one]))
+    last = mutated_json(json.loads(lines[-1])).map(lambda row: b"".join([*lines[:-1], row]))
     damaged = mutated_bytes(path.read_bytes()) | last
     read_damaged(damaged, converted(convert_to_recording, 0), path, count)
 
@@ -103,7 +102,7 @@ def test_damaged_tracks(tmp_path: Path, count: int) -> None:
     small |= {"stretches": [{"from": 5, "to": 9, "paving": "cobbles", "left": "rock"}]}
     small |= {"surroundings": {"lakes": [[50, 50, 10]], "trees": 5, "ground": "grass"}}
     damaged = mutated_json(small) | mutated_bytes(text.encode())
-    read_damaged(damaged, lambda one: read_track(str(one)), path, count)
+    read_damaged(damaged, lambda _: read_track(str(path)), path, count)
 
 
 @FEW_AND_MANY
@@ -138,12 +137,8 @@ def damaged(path: Path) -> st.SearchStrategy[bytes]:
 @pytest.mark.parametrize(
     "file",
     [
-        "metrics.json",
-        "status.json",
-        "metrics.csv",
-        ".hydra/config.yaml",
-        ".hydra/overrides.yaml",
-        ".hydra/hydra.yaml",
+        *("metrics.json", "status.json", "metrics.csv"),
+        *(f".hydra/{name}.yaml" for name in ("config", "overrides", "hydra")),
     ],
 )
 def test_damaged_run_folders(file: str, tmp_path: Path, count: int) -> None:
@@ -158,27 +153,19 @@ def test_damaged_run_folders(file: str, tmp_path: Path, count: int) -> None:
 @pytest.mark.parametrize("file", ["drive.json", "drive.csv"])
 def test_damaged_drives(file: str, tmp_path: Path, count: int) -> None:
     path = write_drive(tmp_path / "drive") / file
-    read_damaged(damaged(path), lambda one: read_drive(one.parent), path, count)
-
-
-def sweep(path: Path) -> object:
-    return read_record(path.parent)
-
-
-def suite(path: Path) -> object:
-    return read_suite(str(path))
+    read_damaged(damaged(path), lambda _: read_drive(path.parent), path, count)
 
 
 @FEW_AND_MANY
-@pytest.mark.parametrize("read", [sweep, suite])
-def test_damaged_sweeps_and_suites(
-    read: Callable[[Path], object], tmp_path: Path, count: int
-) -> None:
-    if read is sweep:
-        write_record(tmp_path, new_record(["seed=1,2"]))
-        path = tmp_path / "sweep.json"
-    else:
-        path = tmp_path / "mine.yaml"
-        drives = {"tracks": ["lake", "alpine:1"], "seeds": [0, 1], "laps": 0.5, "speed_mph": 15}
-        path.write_text(json.dumps({"drives": [drives], "weather": ["clear", {"fog": 0.4}]}))
-    read_damaged(damaged(path), read, path, count)
+def test_damaged_sweeps(tmp_path: Path, count: int) -> None:
+    write_record(tmp_path, new_record(["seed=1,2"]))
+    path = tmp_path / "sweep.json"
+    read_damaged(damaged(path), lambda _: read_record(tmp_path), path, count)
+
+
+@FEW_AND_MANY
+def test_damaged_suites(tmp_path: Path, count: int) -> None:
+    path = tmp_path / "mine.yaml"
+    drives = {"tracks": ["lake", "alpine:1"], "seeds": [0, 1], "laps": 0.5, "speed_mph": 15}
+    path.write_text(json.dumps({"drives": [drives], "weather": ["clear", {"fog": 0.4}]}))
+    read_damaged(damaged(path), lambda _: read_suite(str(path)), path, count)

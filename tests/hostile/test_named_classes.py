@@ -42,7 +42,7 @@ def watched(bait: Path) -> Iterator[list[tuple[str, str]]]:
     finally:
         _reported = None
         # A first use imports modules, which opens their files.
-        events[:] = [one for one in events if str(bait.parent) in one[1] or _runs(one[0])]
+        events[:] = [(name, at) for name, at in events if str(bait.parent) in at or _runs(name)]
 
 
 def _runs(event: str) -> bool:
@@ -60,8 +60,8 @@ def constructed(kind: type, bait: Path) -> Iterator[object]:
     """Yield what a class accepts: with one hostile value at a time, and with it everywhere."""
     names = [
         name
-        for name, one in inspect.signature(kind.__init__).parameters.items()
-        if name != "self" and one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD)
+        for name, taken in inspect.signature(kind.__init__).parameters.items()
+        if name != "self" and taken.kind not in (taken.VAR_POSITIONAL, taken.VAR_KEYWORD)
     ]
     for value in hostile_values(bait):
         for chosen in [*([name] for name in names), names]:
@@ -119,6 +119,18 @@ class ReadingFile:
         self.text = Path(path).read_bytes()
 
 
+PATTERNS = [
+    # A trainer looks for every accelerator when it is constructed, which takes seconds.
+    pytest.param(
+        pattern,
+        id=place_of(pattern),
+        marks=[pytest.mark.slow] if pattern == ("trainer",) else [],
+    )
+    for pattern, allowed in ALLOWED.items()
+    if allowed.package
+]
+
+
 @pytest.mark.parametrize(
     ("place", "kind"), [("data.augment.*", ReadingImage), ("optim", ReadingFile)]
 )
@@ -128,9 +140,7 @@ def test_a_class_that_reads_a_file_is_noticed(
     assert touched(place, kind, bait, monkeypatch)
 
 
-@pytest.mark.parametrize(
-    "pattern", [key for key, one in ALLOWED.items() if one.package], ids=place_of
-)
+@pytest.mark.parametrize("pattern", PATTERNS)
 def test_no_class_touches_a_file_a_process_or_the_network(
     pattern: tuple[str, ...], bait: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

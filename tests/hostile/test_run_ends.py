@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 
 from tests.recordings import Written
-from tests.zoo.command_runs import command, environment, run_here, succeed
+from tests.zoo.command_runs import command, environment, run_here, run_words, succeed
 from tests.zoo.trainings import SMALL
-from zoo.base.run_command import ForgivingOutput
 from zoo.training import conclusion
 
 posix = pytest.mark.skipif(os.name != "posix", reason="names of any bytes, /dev/full")
@@ -91,7 +90,7 @@ def test_a_report_that_fails_gets_one_line(
 
     monkeypatch.setattr(conclusion, "write_report", fail)
     printed = succeed(run_here(tmp_path, *arguments(str(recorded.folder))))
-    (line,) = [one for one in printed.splitlines() if "report not written" in one]
+    (line,) = [text for text in printed.splitlines() if "report not written" in text]
     assert "no character" in line
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["epochs"] == 1
 
@@ -119,7 +118,10 @@ SCRIPT = [
     "-c",
     "from zoo.base.console_script import main; raise SystemExit(main())",
 ]
-COMMANDS = ["--help", "check", "check --help", "list tracks"]
+COMMANDS = [
+    *("--help", "check", "list tracks"),
+    pytest.param("check --help", marks=pytest.mark.slow),
+]
 
 
 def printing(
@@ -151,36 +153,19 @@ def test_a_full_disk_is_one_line(name: str, recorded: Written, tmp_path: Path) -
 
 
 @posix
-@pytest.mark.parametrize("name", COMMANDS)
-def test_a_closed_output_is_no_error(name: str, recorded: Written, tmp_path: Path) -> None:
-    assert printing(name, recorded, tmp_path, ">&-") == (0, "")
-
-
-@posix
-def test_a_pipe_that_its_reader_closed_is_no_failure() -> None:
-    reader, writer = os.pipe()
-    os.close(reader)
-    with os.fdopen(writer, "w") as stream:
-        output = ForgivingOutput(stream)
-        for _ in range(3):
-            output.write("epoch   1/30\n")
-            output.flush()
-    assert output.failure is None
-
-
-@posix
 @pytest.mark.slow
 def test_a_training_whose_reader_ends_early_is_whole(recorded: Written, tmp_path: Path) -> None:
     words = [*SCRIPT, "train", *arguments(str(recorded.folder))]
     line = ["sh", "-c", '"$@" | head -n 1', "sh", *words]
-    result = subprocess.run(
-        line, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False
-    )
+    result = run_words(tmp_path, *line)
     assert (len(result.stdout.splitlines()), result.stderr) == (1, "")
     check_whole(tmp_path / "run")
 
 
 @posix
+@pytest.mark.parametrize(("shell", "close"), [(">&-", False), ("", True)], ids=["closed", "pipe"])
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_reader_that_ends_early_is_no_error(name: str, recorded: Written, tmp_path: Path) -> None:
-    assert printing(name, recorded, tmp_path, "", close=True) == (0, "")
+def test_an_output_that_is_closed_or_ends_early_is_no_error(
+    name: str, shell: str, close: bool, recorded: Written, tmp_path: Path
+) -> None:
+    assert printing(name, recorded, tmp_path, shell, close) == (0, "")

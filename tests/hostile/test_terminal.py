@@ -22,7 +22,7 @@ SHOWN = r"a\x1b[2J\x1b]0;x\x07\x9b1A\u202eb"
 
 
 def control_characters(printed: str) -> str:
-    return "".join(one for one in printed if one != "\n" and not one.isprintable())
+    return "".join(sign for sign in printed if sign != "\n" and not sign.isprintable())
 
 
 REFUSED = {

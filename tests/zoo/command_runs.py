@@ -13,6 +13,7 @@ import tempfile
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from unittest import mock
 
 import pytest
 
@@ -73,12 +74,18 @@ def run(
 def run_here(cwd: Path, *arguments: str, module: str = "zoo") -> subprocess.CompletedProcess:
     """Return the output and exit status of `python -m MODULE ARGUMENTS`.
 
-    It runs in this process, which has imported most of it: a process for each takes seconds.
+    It runs in this process, which has imported most of it: a process for each takes seconds. What
+    it adds to the environment and to the import path ends with it.
     """
     printed = [io.TextIOWrapper(io.BytesIO(), "utf-8") for _ in range(2)]
-    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        mock.patch.dict(os.environ),
+        warnings.catch_warnings(),
+    ):
         warnings.simplefilter("ignore", RuntimeWarning)  # of runpy, for what was imported before
         patch.chdir(cwd)
+        patch.setattr(sys, "path", [*sys.path])
         patch.setattr(sys, "argv", [module, *last_of_each(module, arguments)])
         status = 0
         try:

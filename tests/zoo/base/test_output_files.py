@@ -7,11 +7,7 @@ import pytest
 
 from zoo.base import whole_file
 from zoo.base.errors import InputError, UsageError
-from zoo.base.new_folder import (
-    command_folder,
-    is_held,
-    whole_folder,
-)
+from zoo.base.new_folder import command_folder, is_held, whole_folder
 from zoo.base.output_files import check_output, overwriting
 from zoo.base.whole_file import write_new, write_output, write_whole
 

@@ -56,11 +56,6 @@ def named_here(monkeypatch: pytest.MonkeyPatch) -> Iterator[NameFile]:
     sys.modules.pop("my_net", None)
 
 
-def test_a_run_names_the_networks_own_model(trained: Path) -> None:
-    metrics = json.loads((trained / "run" / "metrics.json").read_text())
-    assert (metrics["model"], metrics["parameters"]) == ("my_net", 33)
-
-
 def test_the_environment_variable_names_it_for_all_commands(
     place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -21,7 +21,6 @@ def test_a_rig_is_read(tmp_path: Path) -> None:
     assert find_rig(tmp_path) is None
     (tmp_path / "rig.yaml").write_text(TEXT)
     rig = find_rig(tmp_path)
-    assert rig is not None
     assert (rig.name, rig.wheelbase_m, rig.steering_deg) == ("my car", 2.85, 31.7)
     assert rig.cameras["center"].size == (640, 480)
     assert rig.cameras["center"].focal_px == pytest.approx(659.4, abs=0.1)

@@ -50,16 +50,20 @@ def work(here: Path) -> Path:
     return here
 
 
-def test_a_file_is_itself(work: Path) -> None:
-    path = "outputs/late/checkpoints/last.ckpt"
-    assert find_checkpoint(path) == Path(path)
-
-
-@pytest.mark.parametrize("below", [".", "checkpoints"])
-def test_a_run_is_its_best_checkpoint_or_else_its_last(work: Path, below: str) -> None:
-    late, early = Path("outputs/late"), Path("outputs/day/early")
-    assert find_checkpoint(late / below) == late / "checkpoints" / "best.ckpt"
-    assert find_checkpoint(early / below) == early / "checkpoints" / "last.ckpt"
+@pytest.mark.parametrize(
+    ("named", "file"),
+    [
+        ("late/checkpoints/last.ckpt", "late/checkpoints/last.ckpt"),
+        ("late", "late/checkpoints/best.ckpt"),
+        ("late/checkpoints", "late/checkpoints/best.ckpt"),
+        ("day/early", "day/early/checkpoints/last.ckpt"),
+        ("day/early/checkpoints", "day/early/checkpoints/last.ckpt"),
+    ],
+)
+def test_a_file_is_itself_and_a_run_its_best_checkpoint_or_else_its_last(
+    work: Path, named: str, file: str
+) -> None:
+    assert find_checkpoint(f"outputs/{named}") == Path("outputs", file)
 
 
 def test_latest_is_the_run_that_started_last_and_has_a_checkpoint(
@@ -90,22 +94,22 @@ def test_a_saved_config_keeps_the_checkpoint_that_latest_was(work: Path) -> None
     assert found == "model.weights=outputs/late/checkpoints/best.ckpt"
 
 
-def test_a_sweep_is_refused_with_one_of_its_jobs(work: Path) -> None:
+@pytest.mark.parametrize(
+    ("folder", "words"),
+    [
+        ("outputs/sweep", r"2 runs.*outputs/sweep/0"),
+        ("outputs/begun", r"drivezoo train resume=outputs/begun"),
+        ("IMG", r"checkpoints/best\.ckpt"),
+    ],
+)
+def test_a_folder_without_a_checkpoint_of_its_own_is_refused_with_what_to_do(
+    folder: str, words: str, work: Path
+) -> None:
     for number in (0, 1):
         make_run(Path(f"outputs/sweep/{number}"), number, "best.ckpt")
-    with pytest.raises(InputError, match=r"outputs/sweep: .*2 runs.*outputs/sweep/0"):
-        find_checkpoint("outputs/sweep")
-
-
-def test_a_run_without_a_checkpoint_is_refused_with_how_to_resume_it(work: Path) -> None:
-    with pytest.raises(InputError, match=r"outputs/begun: .*drivezoo train resume=outputs/begun"):
-        find_checkpoint("outputs/begun")
-
-
-def test_another_folder_is_refused_with_what_to_name(work: Path) -> None:
     (work / "IMG").mkdir()
-    with pytest.raises(InputError, match=r"IMG: .*checkpoints/best\.ckpt"):
-        find_checkpoint("IMG")
+    with pytest.raises(InputError, match=f"{folder}: .*{words}"):
+        find_checkpoint(folder)
 
 
 def test_without_a_run_latest_says_where_it_looked(here: Path) -> None:
@@ -190,20 +194,9 @@ def test_report_takes_the_latest_run(odd: Path) -> None:
 
 
 def test_weights_come_from_the_latest_run(odd: Path, recorded) -> None:
-    printed = succeed(
-        run(
-            odd,
-            "model=nvidia",
-            "model.weights=latest",
-            f"data.root={recorded.folder}",
-            "data.block_s=0.5",
-            "data.gap_s=0.1",
-            "data.batch_size=16",
-            "trainer.max_epochs=0",
-            "score=none",
-            "hydra.run.dir=fine",
-        )
-    )
+    keys = ("model=nvidia", "model.weights=latest", "trainer.max_epochs=0", "score=none")
+    data = (f"data.root={recorded.folder}", "data.block_s=0.5", "data.gap_s=0.1")
+    printed = succeed(run(odd, *keys, *data, "hydra.run.dir=fine"))
     assert f"tensors from outputs/{ODD}/checkpoints/best.ckpt" in printed
 
 
@@ -233,8 +226,8 @@ def test_each_network_loads_and_its_hash_is_recorded(name: str) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        one if one == QUICK else pytest.param(one, marks=pytest.mark.slow)
-        for one in packaged_names()
+        name if name == QUICK else pytest.param(name, marks=pytest.mark.slow)
+        for name in packaged_names()
     ],
 )
 def test_each_network_drives(name: str, here: Path, capsys: pytest.CaptureFixture) -> None:

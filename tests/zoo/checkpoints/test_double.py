@@ -29,7 +29,14 @@ def commands(policy: Policy) -> np.ndarray:
     return np.array([policy(frame, 9.0).steering for frame in FRAMES])
 
 
-@pytest.mark.parametrize("name", [name for name in choices("model") if name != "vgg"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name == "efficientnet_lite0" else name
+        for name in choices("model")
+        if name != "vgg"
+    ],
+)
 def test_every_network_of_the_zoo_computes_so(name: str) -> None:
     policy = CheckpointPolicy(checkpoint_of(name))
     scored = policy.scored()

@@ -170,20 +170,18 @@ def test_a_file_is_read_within_its_limits(
 
 def test_a_folder_and_nothing_are_refused(tmp_path: Path) -> None:
     (tmp_path / "folder.onnx").mkdir()
-    with pytest.raises(InputError, match=r"folder\.onnx: is a folder"):
-        load_policy(tmp_path / "folder.onnx")
-    with pytest.raises(InputError, match=r"none\.onnx: no such file"):
-        load_policy(tmp_path / "none.onnx")
+    for name, words in (("folder", "is a folder"), ("none", "no such file")):
+        with pytest.raises(InputError, match=rf"{name}\.onnx: {words}"):
+            load_policy(tmp_path / f"{name}.onnx")
 
 
 def test_a_file_that_steers_nan_is_refused(tmp_path: Path) -> None:
     network, view = build("lenet")
     with torch.no_grad():
         network.head[-1].bias[:] = float("nan")
-    path = tmp_path / "nan.onnx"
-    path.write_bytes(onnx_bytes(Checkpoint(network.eval(), view, {}, {})))
+    (tmp_path / "nan.onnx").write_bytes(onnx_bytes(Checkpoint(network.eval(), view, {}, {})))
     with pytest.raises(InputError, match=r"nan\.onnx: returns NaN.*optim\.lr"):
-        load_policy(path)
+        load_policy(tmp_path / "nan.onnx")
 
 
 @pytest.fixture(scope="module")
@@ -196,7 +194,7 @@ def remembering() -> onnx.ModelProto:
     ("window", "words"),
     [
         ({"sequence": 8, "stride": 0}, r"stride=0.* from 1 to 256"),
-        ({"sequence": 8, "stride": 10**9}, r"stride=1000000000.* from 1 to 256"),
+        ({"sequence": 8, "stride": 257}, r"stride=257.* from 1 to 256"),
         ({"sequence": 8, "ahead": 2}, "does not take its view"),
         ({"frames": 8}, "frames"),
         ([8], "cannot be used"),

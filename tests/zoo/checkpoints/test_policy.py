@@ -154,11 +154,8 @@ class Counting(Policy):
         self.resets += 1
 
 
-def test_a_pair_is_a_command_without_doubt() -> None:
+def test_a_pair_and_a_command_stand_for_each_other() -> None:
     assert as_policy(lambda frame, mph: (0.1, None))(None, 9.0) == Command(0.1, None, None)
-
-
-def test_a_command_unpacks_as_the_pair_that_policies_once_returned() -> None:
     steering, throttle = Command(0.1, 0.2, spread=0.3)
     assert (steering, throttle) == (0.1, 0.2) == tuple(Command(0.1, 0.2))
     assert Command(0.1, 0.2)[0] == 0.1

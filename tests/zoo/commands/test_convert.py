@@ -1,5 +1,6 @@
 """`drivezoo convert`: formats that it finds, wrong uses, and what is left after a failure."""
 
+import subprocess
 from pathlib import Path
 
 import cv2
@@ -13,50 +14,45 @@ from zoo.base.errors import InputError, UsageError
 from zoo.commands.convert import convert
 
 
-def test_a_recording_becomes_a_tub_and_a_tub_a_recording(recorded: Written, tmp_path: Path) -> None:
-    there = run_here(
-        tmp_path, str(recorded.folder), "to=donkeycar", "out=tub", module="zoo.commands.convert"
-    )
-    back = run_here(tmp_path, "tub", module="zoo.commands.convert")
+def run_convert(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
+    return run_here(cwd, *arguments, module="zoo.commands.convert")
 
-    assert there.returncode == back.returncode == 0, there.stderr + back.stderr
-    assert there.stdout.splitlines() == [
+
+def test_a_recording_becomes_a_tub_and_a_tub_a_recording(recorded: Written, tmp_path: Path) -> None:
+    there = succeed(run_convert(tmp_path, str(recorded.folder), "to=donkeycar", "out=tub"))
+    back = succeed(run_convert(tmp_path, "tub"))
+    assert there.splitlines() == [
         "recording -> Donkeycar tub: 120 rows, 1 continuous drive",
         "- a tub has one camera: the side cameras are left out",
         "wrote: tub",
         "next: donkey train --tub tub",
         "      in your car's folder",
     ]
-    new = tmp_path / "tub_udacity"
-    assert back.stdout.splitlines()[-2:] == [
+    assert back.splitlines()[-2:] == [
         "wrote: tub_udacity",
         "next: drivezoo check tub_udacity",
     ]
-    again = read_recordings(str(new))
+    again = read_recordings(str(tmp_path / "tub_udacity"))
     assert again.steering.tolist() == recorded.steering.tolist()
 
 
 def test_an_existing_folder_is_never_written_to(recorded: Written, tmp_path: Path) -> None:
     (tmp_path / "old").mkdir()
-    result = run_here(
-        tmp_path, str(recorded.folder), "to=donkeycar", "out=old", module="zoo.commands.convert"
-    )
+    result = run_convert(tmp_path, str(recorded.folder), "to=donkeycar", "out=old")
     assert "out=old: exists already" in only_line(result)
     assert list((tmp_path / "old").iterdir()) == []
 
 
 def test_wrong_uses_name_the_right_one(recorded: Written, tmp_path: Path) -> None:
-    source = str(recorded.folder)
-    with pytest.raises(UsageError, match=r"name another format: to=donkeycar"):
-        convert.main([source])
-    with pytest.raises(UsageError, match=r"to=donkycar: no format .* did you mean donkeycar\?"):
-        convert.main([source, "to=donkycar"])
-    with pytest.raises(UsageError, match=r"to=udacity: .* is a recording already"):
-        convert.main([source, "to=udacity"])
-    with pytest.raises(InputError, match="no such folder"):
-        convert.main([str(tmp_path / "nowhere"), "to=donkeycar"])
-    with pytest.raises(InputError, match="of no other format"):
-        convert.main([str(tmp_path), "to=donkeycar"])
+    for source, keys, kind, words in (
+        (recorded.folder, [], UsageError, r"name another format: to=donkeycar"),
+        (recorded.folder, ["to=donkycar"], UsageError, r"no format .* did you mean donkeycar\?"),
+        (recorded.folder, ["to=udacity"], UsageError, r"to=udacity: .* is a recording already"),
+        (tmp_path / "nowhere", ["to=donkeycar"], InputError, "no such folder"),
+        (tmp_path, ["to=donkeycar"], InputError, "of no other format"),
+    ):
+        with pytest.raises(kind, match=words):
+            convert.main([str(source), *keys])
 
 
 def test_rows_and_size_are_chosen(recorded: Written, tmp_path: Path) -> None:
@@ -66,9 +62,7 @@ def test_rows_and_size_are_chosen(recorded: Written, tmp_path: Path) -> None:
 def check_rows_and_size(to: str, recorded: Written, tmp_path: Path) -> None:
     """Check that `keep` and `size` choose what is written in a format."""
     words = ("size=[48,64]", "keep=2-9", f"to={to}", "out=new")
-    printed = succeed(
-        run_here(tmp_path, str(recorded.folder), *words, module="zoo.commands.convert")
-    )
+    printed = succeed(run_convert(tmp_path, str(recorded.folder), *words))
     assert "8 of" in printed
     assert "resized to 64 x 48" in printed
     before, after = (read_recordings(str(path)) for path in (recorded.folder, tmp_path / "new"))
@@ -80,5 +74,5 @@ def check_rows_and_size(to: str, recorded: Written, tmp_path: Path) -> None:
 
 def test_rows_that_are_none_are_refused(recorded: Written, tmp_path: Path) -> None:
     words = (str(recorded.folder), "keep=first", "to=donkeycar", "out=new")
-    assert "keep=first" in only_line(run_here(tmp_path, *words, module="zoo.commands.convert"))
+    assert "keep=first" in only_line(run_convert(tmp_path, *words))
     assert not (tmp_path / "new").exists()

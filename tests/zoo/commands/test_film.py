@@ -4,6 +4,7 @@ import io
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,7 +14,7 @@ import pytest
 from rich.console import Console
 
 from tests.datamodules.exchange.test_tub import record, write_tub
-from tests.recordings import Written
+from tests.recordings import Written, write_recording
 from tests.zoo.command_runs import only_line, run_here, succeed
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
@@ -106,33 +107,22 @@ def test_a_drive_shows_autonomy_and_distance_from_the_centre(
     assert len(decode(make_film(folder, None, None, console))[1]) == 120
 
 
-def test_a_name_with_rich_markup_is_printed_unchanged(recorded: Written, tmp_path: Path) -> None:
-    folder = tmp_path / "[brightness] [red] :car:"
-    folder.mkdir()
-    shutil.copy(recorded.image(0), folder)
-    (folder / recorded.image(1).name).write_bytes(b"")
-
-    out = succeed(run_here(tmp_path, str(folder), module="zoo.commands.film"))
-
-    assert out.splitlines()[-1] == f"wrote: {folder.name}.mp4"
-    assert f"{folder / recorded.image(1).name}: " in out
-
-
-def test_images_that_cannot_be_read_are_skipped_and_counted(
-    recorded: Written, tmp_path: Path, console: Console
+def test_images_that_cannot_be_read_are_skipped_and_names_with_rich_markup_are_unchanged(
+    recorded: Written, tmp_path: Path
 ) -> None:
-    folder = tmp_path / "run"
+    folder = tmp_path / "[brightness] [red] :car:"
     folder.mkdir()
     for row in range(4):
         shutil.copy(recorded.image(row), folder)
-    (folder / recorded.image(2).name).write_bytes(b"")
+    (folder / recorded.image(1).name).write_bytes(b"")
 
-    path = make_film(folder, None, None, console)
+    out = succeed(film(tmp_path, folder))
 
-    out = console.file.getvalue()
+    assert out.splitlines()[-1] == f"wrote: {folder.name}.mp4"
+    assert f"{folder / recorded.image(1).name}: " in out
     assert re.search(r"\b1 \w+ (left out|skipped)", out)
     assert "empty" in out
-    assert len(decode(path)[1]) == 3
+    assert len(decode(folder.with_name(f"{folder.name}.mp4"))[1]) == 3
 
 
 @pytest.mark.parametrize(
@@ -146,10 +136,7 @@ def test_images_that_cannot_be_read_are_skipped_and_counted(
     ],
 )
 def test_wrong_arguments_are_named_with_a_remedy(
-    arguments: list[str],
-    text: str,
-    recorded: Written,
-    here: Path,
+    arguments: list[str], text: str, recorded: Written, here: Path
 ) -> None:
     (here / "empty").mkdir()
     (here / "lake").symlink_to(recorded.folder)
@@ -177,8 +164,8 @@ def test_a_full_disk_during_a_scored_drive_gets_one_line(small_disk: Path) -> No
     assert not list(small_disk.glob("*.mp4"))
 
 
-def test_a_foreign_film_is_not_replaced(recorded: Written, tmp_path: Path) -> None:
-    shutil.copytree(recorded.folder, tmp_path / "lake")
+def test_a_foreign_film_is_not_replaced(tmp_path: Path) -> None:
+    write_recording(tmp_path / "lake", rows=3)
     (tmp_path / "lake.mp4").write_text("a wedding")
     assert "lake.mp4: exists" in only_line(film(tmp_path, "lake"))
     assert (tmp_path / "lake.mp4").read_text() == "a wedding"
@@ -186,10 +173,8 @@ def test_a_foreign_film_is_not_replaced(recorded: Written, tmp_path: Path) -> No
     assert (tmp_path / "lake.mp4").read_bytes() != b"a wedding"
 
 
-def test_a_film_below_outputs_is_replaced_unless_it_is_named(
-    recorded: Written, tmp_path: Path
-) -> None:
-    shutil.copytree(recorded.folder, tmp_path / "outputs" / "lake")
+def test_a_film_below_outputs_is_replaced_unless_it_is_named(tmp_path: Path) -> None:
+    write_recording(tmp_path / "outputs" / "lake", rows=3)
     for _ in range(2):
         assert film(tmp_path, "outputs/lake").returncode == 0
     line = only_line(film(tmp_path, "outputs/lake", "out=outputs/lake.mp4"))
@@ -240,15 +225,9 @@ def test_steering_turns_the_wheel_and_pedals_have_their_colours() -> None:
 
 
 def test_a_replay_shows_the_recorded_steering(tmp_path: Path) -> None:
+    row = DriveRow(0.0, steering=-0.2, cross_track_m=0.1, expert_steering=0.3)
     rows = [
-        DriveRow(
-            number / 10,
-            frame=f"{number}.jpg",
-            steering=-0.2,
-            cross_track_m=0.1,
-            intervention=number == 5,
-            expert_steering=0.3,
-        )
+        replace(row, time_s=number / 10, frame=f"{number}.jpg", intervention=number == 5)
         for number in range(30)
     ]
     write_drive(tmp_path, Drive.of(rows, source=REPLAY, lane_m=1.0))
@@ -275,11 +254,11 @@ def test_the_steering_of_an_unknown_car_is_no_angle() -> None:
     assert not np.array_equal(known, unknown)
 
 
-def test_pilots_steer_beside_the_recorded_driver(recorded: Written, tmp_path: Path) -> None:
+def test_pilots_steer_beside_the_recorded_driver(tmp_path: Path) -> None:
     for name, steering in (("a", 0.3), ("b", -0.2)):
         write_constant(tmp_path / f"{name}.ckpt", steering)
-    words = (str(recorded.folder), "ckpt=a.ckpt,b.ckpt", "out=pilots.mp4")
-    printed = succeed(run_here(tmp_path, *words, module="zoo.commands.film"))
+    write_recording(tmp_path / "lake", rows=10)
+    printed = succeed(film(tmp_path, "lake", "ckpt=a.ckpt,b.ckpt", "out=pilots.mp4"))
     assert "wrote: " in printed
     assert (tmp_path / "pilots.mp4").stat().st_size
 
@@ -296,9 +275,7 @@ def test_the_panel_shows_how_far_each_pilot_is_off() -> None:
 
 @pytest.mark.parametrize("words", ["ckpt=a,b,c,d,e", "ckpt=missing.ckpt"])
 def test_pilots_that_cannot_be_are_refused(words: str, recorded: Written, tmp_path: Path) -> None:
-    result = run_here(
-        tmp_path, str(recorded.folder), words, "out=a.mp4", module="zoo.commands.film"
-    )
+    result = film(tmp_path, recorded.folder, words, "out=a.mp4")
     assert result.returncode in (1, 2)
     assert not (tmp_path / "a.mp4").exists()
 
@@ -307,5 +284,4 @@ def test_images_have_no_steering_to_compare_with(tmp_path: Path) -> None:
     (tmp_path / "images").mkdir()
     cv2.imwrite(str(tmp_path / "images" / "a.jpg"), np.zeros((16, 32, 3), np.uint8))
     write_constant(tmp_path / "a.ckpt", 0.3)
-    result = run_here(tmp_path, "images", "ckpt=a.ckpt", module="zoo.commands.film")
-    assert "no steering" in only_line(result)
+    assert "no steering" in only_line(film(tmp_path, "images", "ckpt=a.ckpt"))

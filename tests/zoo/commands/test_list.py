@@ -20,6 +20,7 @@ def test_every_choice_has_a_description(path: Path) -> None:
     assert 10 < len(description(path)) < 200
 
 
+@pytest.mark.slow
 def test_a_part_of_the_users_own_is_listed(tmp_path: Path) -> None:
     write_network(tmp_path)
     printed = succeed(run(tmp_path, "models", "parts=my_net.py", module="zoo.commands.list"))
@@ -28,7 +29,9 @@ def test_a_part_of_the_users_own_is_listed(tmp_path: Path) -> None:
 
 
 def test_a_wrong_kind_names_the_right_one(tmp_path: Path) -> None:
-    assert "did you mean tracks" in only_line(run(tmp_path, "track", module="zoo.commands.list"))
+    assert "did you mean tracks" in only_line(
+        run_here(tmp_path, "track", module="zoo.commands.list")
+    )
 
 
 def test_a_finished_run_is_a_row_with_its_own_figures(run_folder: Path) -> None:

@@ -120,9 +120,11 @@ def test_the_printed_commands_show_train_and_drive_the_parts(
     drives = written.commands("drivezoo", "evaluate")
     merged = list(dict.fromkeys(word for one in drives for word in one))
     assert {"my_track.yaml", "my_net.py"} <= {Path(re.sub(".*=", "", one)).name for one in merged}
-    written.run("zoo.commands.evaluate", *merged, "laps=0.02", "workers=1", "out=drives")
+    written.run(
+        "zoo.commands.evaluate", *merged, "laps=0.01", "quality=simple", "workers=1", "out=drives"
+    )
     (record,) = written.commands("drivezoo", "simulator", "record")
-    written.run("zoo.commands.simulator", "record", *record, "laps=0.02")
+    written.run("zoo.commands.simulator", "record", *record, "laps=0.01")
 
 
 def test_the_printed_commands_write_a_recording_and_check_it(

@@ -30,6 +30,7 @@ def test_a_run_is_repeated_to_the_digit(
         "model=lenet",
         "score=lake",
         "score.laps=0.02",
+        "score.quality=simple",
         "score.film=false",
         "data.root=lake",
         f"data.cache={tmp_path}/cache",

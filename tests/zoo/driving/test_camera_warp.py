@@ -8,10 +8,7 @@ from hypothesis import strategies as st
 from zoo.base.rig import UDACITY, Camera, single_camera_rig
 from zoo.driving.camera_warp import Warp
 from zoo.simulator.simulated_world import Start, open_world
-from zoo.simulator.udacity_car import (
-    CAMERAS,
-    camera_matrix,
-)
+from zoo.simulator.udacity_car import CAMERAS, camera_matrix
 
 CENTER = UDACITY.cameras["center"]
 # x right, y up and z ahead of the car's origin on the ground.

@@ -38,12 +38,6 @@ def test_a_drive_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert math.isnan(drive.spread[1])
 
 
-def test_a_drive_that_was_cut_off_has_no_summary(tmp_path: Path) -> None:
-    DriveWriter(tmp_path).add(ROWS)
-    assert read_drive(tmp_path).summary == {}
-    assert len(read_drive(tmp_path)) == 2
-
-
 def test_a_drive_on_a_socket_has_the_metrics_of_one_in_the_embedded_world(tmp_path: Path) -> None:
     rows = [DriveRow(0.1 * number, speed_mph=9.0, cross_track_m=0.5) for number in range(4)]
     write_drive(tmp_path / "embedded", Drive.of(rows, source=EMBEDDED, track="lake"))
@@ -76,8 +70,10 @@ def test_what_is_no_drive_is_named(tmp_path: Path) -> None:
         DriveWriter(tmp_path)
 
 
-def test_a_damaged_row_is_named(tmp_path: Path) -> None:
+def test_a_drive_that_was_cut_off_has_no_summary_and_a_damaged_row_is_named(tmp_path: Path) -> None:
     DriveWriter(tmp_path).add(ROWS)
+    assert read_drive(tmp_path).summary == {}, "the drive was cut off"
+    assert len(read_drive(tmp_path)) == 2
     log = tmp_path / "drive.csv"
     log.write_text(log.read_text().replace("-0.25000", "left"))
     with pytest.raises(InputError, match=r"drive\.csv, row 2: steering is 'left', not a number"):

@@ -14,7 +14,7 @@ from zoo.scoring.drive_plots import birds_eye
 from zoo.simulator.expert import Expert
 
 
-def drive(autonomy: float = 1.0, interventions: int = 0, **more: object) -> dict:
+def drive(autonomy: float = 1.0, interventions: int = 0, **figures: object) -> dict:
     return {
         "track": "lake",
         "seed": 0,
@@ -22,7 +22,7 @@ def drive(autonomy: float = 1.0, interventions: int = 0, **more: object) -> dict
         "interventions": interventions,
         "driven_m": 1000.0,
         "m_per_intervention": 1000.0 / interventions if interventions else None,
-        **more,
+        **figures,
     }
 
 
@@ -33,35 +33,34 @@ def printed(tracks: dict, width: int = 120) -> str:
 
 
 def row(text: str, label: str) -> str:
-    (line,) = [one for one in text.splitlines() if one.startswith(f"│ {label} ")]
+    (line,) = [line for line in text.splitlines() if line.startswith(f"│ {label} ")]
     return line.split("│")[2].strip()
 
 
-def test_the_spread_is_the_sample_deviation() -> None:
+def test_the_spread_is_the_sample_deviation_and_the_table_counts_drives() -> None:
     figures = mean_and_spread([drive(0.9, 1), drive(1.0), drive(0.8, 2)])
 
     assert figures["autonomy"] == (pytest.approx(0.9), pytest.approx(0.1))
     assert (figures["drives"], figures["drives_without_intervention"]) == (3, 1)
 
+    text = printed({"lake": figures})
+    assert row(text, "drives (start seeds)") == "3"
+    assert row(text, "drives without intervention") == "1 of 3"
 
-def test_one_drive_has_no_spread() -> None:
+
+def test_one_drive_has_no_spread_nor_has_a_figure_that_some_drives_lack() -> None:
     figures = mean_and_spread([drive(0.9, 1)])
-
     assert figures["autonomy"] == (0.9, None)
     assert "±" not in printed({"lake": figures})
 
-
-def test_the_table_counts_drives_and_gives_the_interval() -> None:
-    text = printed({"lake": mean_and_spread([drive()] * 3)})
-
-    assert row(text, "drives (start seeds)") == "3"
-    assert row(text, "drives without intervention") == "3 of 3"
-
-
-def test_a_figure_that_some_drives_lack_has_no_spread() -> None:
     drives = [drive(lap_s=None), drive(lap_s=80.0), drive(lap_s=90.0)]
-
     assert mean_and_spread(drives)["lap_s"] == (85.0, None)
+
+
+def test_metres_per_intervention_are_of_all_drives_together() -> None:
+    drives = [drive(), drive(interventions=4)]
+    assert mean_and_spread(drives)["m_per_intervention"] == (500.0, None)
+    assert mean_and_spread(drives[:1])["m_per_intervention"] is None
 
 
 def test_a_tracks_name_is_no_markup() -> None:

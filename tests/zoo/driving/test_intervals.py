@@ -19,14 +19,10 @@ def test_the_interval_of_a_share_is_scipys(successes: int, trials: int) -> None:
     assert share_interval(successes, trials) == pytest.approx((exact.low, exact.high))
 
 
-def test_more_trials_give_a_narrower_interval() -> None:
-    assert share_interval(30, 30)[0] > share_interval(3, 3)[0]
-
-
-@pytest.mark.parametrize(("successes", "trials"), [(4, 3), (-1, 3)])
-def test_a_count_outside_its_trials_is_refused(successes: int, trials: int) -> None:
-    with pytest.raises(ValueError, match=f"{successes} of {trials}"):
-        share_interval(successes, trials)
+@pytest.mark.parametrize("successes", [4, -1])
+def test_a_count_outside_its_trials_is_refused(successes: int) -> None:
+    with pytest.raises(ValueError, match=f"{successes} of 3"):
+        share_interval(successes, 3)
 
 
 RNG = np.random.default_rng(7)
@@ -88,9 +84,9 @@ def test_groups_that_differ_do_not_widen_the_interval() -> None:
     values = np.array([[0.1, 0.2, 0.3, 0.2, 0.1, 5.1, 5.2, 5.3, 5.2, 5.1]])
     groups = ["like"] * 5 + ["sharp"] * 5
 
-    one, strata = (clustered(values, places=range(10), groups=own) for own in (None, groups))
+    whole, strata = (clustered(values, places=range(10), groups=by) for by in (None, groups))
 
-    assert strata.high - strata.low < (one.high - one.low) / 10
+    assert strata.high - strata.low < (whole.high - whole.low) / 10
 
 
 def test_a_failure_in_a_stratum_of_two_places_leaves_an_interval_of_use() -> None:
@@ -113,11 +109,11 @@ def test_trainings_that_differ_widen_the_interval() -> None:
     assert 1.25 < (both.high - both.low) / (alone.high - alone.low) < 1.45
 
 
-@pytest.mark.parametrize(("failures", "limits"), [([0] * 30, SHARE), ([0] * 30, POSITIVE)])
-def test_no_failure_has_the_exact_bound_of_its_places(failures: list, limits: tuple) -> None:
+@pytest.mark.parametrize("limits", [SHARE, POSITIVE])
+def test_no_failure_has_the_exact_bound_of_its_places(limits: tuple) -> None:
     exact = stats.binomtest(0, 30).proportion_ci(method="exact").high
 
-    found = clustered(np.array([failures] * 3), places=range(30), limits=limits, one_failure=1.0)
+    found = clustered(np.zeros((3, 30)), places=range(30), limits=limits, one_failure=1.0)
 
     assert (found.value, found.low) == (0, 0)
     assert found.high == pytest.approx(exact)

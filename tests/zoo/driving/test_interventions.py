@@ -72,20 +72,19 @@ def begin(tmp_path: Path) -> Begin:
 def judge(rule: InterventionRule, seconds: float, **moment: float) -> list[str]:
     """Return the interventions of some seconds at 10 Hz."""
     values = {"speed_mph": 9.0, "cross_track_m": 0.0} | moment
-    found = [rule.judge(step / 10, **values) for step in range(round(10 * seconds) + 1)]
-    return [one for one in found if one]
+    judged = [rule.judge(step / 10, **values) for step in range(round(10 * seconds) + 1)]
+    return [kind for kind in judged if kind]
 
 
-@pytest.mark.parametrize("cross_track_m", [3.1, -3.1])
-def test_beyond_the_margin_is_off_the_road(cross_track_m: float) -> None:
+@pytest.mark.parametrize("moment", [{"cross_track_m": 3.1}, {"cross_track_m": -3.1}])
+def test_beyond_the_margin_is_off_the_road_and_so_is_a_wall_that_holds_the_car(
+    moment: dict,
+) -> None:
     rule = InterventionRule(3.0)
-    assert judge(rule, 1, cross_track_m=cross_track_m) == [OFF_ROAD]
+    assert judge(rule, 1, **moment) == [OFF_ROAD]
     assert rule.state == OFF_ROAD
-    assert judge(InterventionRule(3.2), 1, cross_track_m=cross_track_m) == []
-
-
-def test_a_wall_that_holds_the_car_is_off_the_road() -> None:
-    assert judge(InterventionRule(3.0), 1, at_wall=True) == [OFF_ROAD]
+    assert judge(InterventionRule(3.2), 1, **moment) == []
+    assert judge(InterventionRule(3.2), 1, **moment, at_wall=True) == [OFF_ROAD]
 
 
 def test_a_car_that_stays_off_the_road_costs_at_least_the_time_that_it_is_off() -> None:
@@ -131,20 +130,6 @@ def test_leaving_the_road_is_counted_shown_and_written(begin: Begin) -> None:
     assert record.driver[300] == "policy"
 
 
-def test_autonomy_falls_to_the_share_of_time_on_the_road(begin: Begin) -> None:
-    drive = begin()
-    drive.send(30, cte="0.0000")
-    drive.send(90, cte="9.0000")
-    assert drive.driver.latest().autonomy == pytest.approx(0.25, abs=0.05)
-    assert drive.driver.latest().autonomy <= 0.25
-
-
-def test_a_wall_is_counted(begin: Begin) -> None:
-    drive = begin()
-    drive.send(1, cte="2.9000", lane="3.2000", wall="1.0000")
-    assert drive.driver.latest().off_road == 1
-
-
 @pytest.mark.parametrize(
     ("margin_m", "lane", "lost"),
     [
@@ -153,9 +138,10 @@ def test_a_wall_is_counted(begin: Begin) -> None:
         (None, {}, False),
         (1.0, {"lane": "2.8000"}, True),
         (3.0, {"lane": "2.0000"}, False),
+        (None, {"lane": "3.2000", "wall": "1.0000"}, True),
     ],
 )
-def test_the_margin_is_the_clients_lane_or_what_was_asked_for(
+def test_the_margin_is_the_clients_lane_or_its_wall_or_what_was_asked_for(
     begin: Begin, margin_m: float | None, lane: dict, lost: bool
 ) -> None:
     drive = begin(margin_m=margin_m)

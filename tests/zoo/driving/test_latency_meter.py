@@ -19,7 +19,7 @@ def lake(delay_s: float = 0.0) -> EmbeddedWorld:
 
 
 class Ahead(Policy):
-    """A policy that steers as the expert does, and stores the latencies it is told."""
+    """A policy that steers as the expert does, and stores what the meter tells it."""
 
     latency_s = 9.0
 
@@ -31,6 +31,9 @@ class Ahead(Policy):
     def __call__(self, frame: None, speed_mph: float) -> Command:
         self.latencies.append(self.latency_s)
         return Command(self.expert(self.world)[0])
+
+    def expect(self, steering: np.ndarray) -> None:
+        self.expected = steering.tolist()
 
 
 def feed(meter: LatencyMeter, commands: list[float], latency: int, begin: int = 0) -> None:
@@ -93,25 +96,18 @@ def test_the_latency_stays_while_nothing_explains_the_reports(commands: list[flo
     assert meter.policy.latency_s == 0.3
 
 
-class Told(Ahead):
-    """A policy that stores the steering that it is told of."""
-
-    def expect(self, steering: np.ndarray) -> None:
-        self.told = steering
-
-
 def test_a_policy_is_told_the_commands_on_their_way(commands: list[float]) -> None:
-    policy = Told()
+    policy = Ahead()
     meter = LatencyMeter(policy)
     feed(meter, commands, 4)
     meter.report(commands[-4], 6.0)
     assert policy.latency_s == 0.3
-    assert policy.told.tolist() == [one for one in commands[-3:] for _ in range(5)]
+    assert policy.expected == np.repeat(commands[-3:], 5).tolist()
     meter.restart()
     meter.report(0.5, 6.0)
     meter.send(0.7)
     meter.report(0.5, 6.1)
-    assert policy.told.tolist() == [0.5] * 10 + [0.7] * 5, "the older commands are forgotten"
+    assert policy.expected == [0.5] * 10 + [0.7] * 5, "the older commands are forgotten"
 
 
 def test_the_latency_survives_that_the_car_is_put_back(commands: list[float]) -> None:

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from datamodules.recording_format import read_recordings
 from tests.recordings import write_recording
-from tests.zoo.command_runs import only_line, run
+from tests.zoo.command_runs import only_line, run_here, succeed
+from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
 from zoo.base.rig import MPS_PER_MPH, UDACITY
-from zoo.commands.replay import replay as replay_command
 from zoo.driving.drive_log import read_drive
 from zoo.driving.drive_loop import drive
 from zoo.driving.drive_record import Drive
@@ -27,21 +27,18 @@ from zoo.scoring.replay_score import keyboard_lines
 ROWS = 250  # 16.6 s
 
 
-def replay(policy, recording, margin: float | None = None, show=None, **world: float) -> Drive:
-    """Drive on a recording."""
-    return drive(policy, ReplayWorld(recording, **world), Scenario(margin=margin), show)
+def replay(
+    recording, besides: float = 0.0, margin: float | None = None, show=None, **world: float
+) -> Drive:
+    """Drive on a recording with the recorded steering plus a constant."""
+    recorded = iter(recording.steering + besides)
 
-
-class Recorded:
-    """A policy that returns the recorded steering plus a constant."""
-
-    def __init__(self, recording, besides: float = 0.0):
-        self.steering = iter(recording.steering + besides)
-
-    def __call__(self, frame: np.ndarray, speed_mph: float):
+    def steer(frame: np.ndarray, speed_mph: float) -> tuple[float, None]:
         assert frame.shape == (160, 320, 3)
         assert frame.dtype == np.uint8
-        return float(next(self.steering)), None
+        return float(next(recorded)), None
+
+    return drive(steer, ReplayWorld(recording, **world), Scenario(margin=margin), show)
 
 
 @pytest.fixture(scope="module")
@@ -54,8 +51,20 @@ def recording(folder):
     return read_recordings(str(folder))
 
 
-def test_who_steers_as_recorded_stays_on_the_path(recording):
-    driven = replay(Recorded(recording), recording)
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory) -> str:
+    return str(write_constant(tmp_path_factory.mktemp("constant") / "best.ckpt", 0.05))
+
+
+@pytest.fixture(scope="module")
+def as_recorded(recording) -> tuple[Drive, list[np.ndarray]]:
+    """Return a drive with the recorded steering, and its frames."""
+    frames = []
+    return replay(recording, show=lambda frame, row: frames.append(frame)), frames
+
+
+def test_who_steers_as_recorded_stays_on_the_path(recording, as_recorded):
+    driven, _ = as_recorded
     figures = measure(driven)
 
     assert len(driven.rows) == len(driven.distance_m) == ROWS
@@ -63,49 +72,38 @@ def test_who_steers_as_recorded_stays_on_the_path(recording):
     assert figures["cte_max_m"] < 1e-9
     assert figures["steering_per_s"] == pytest.approx(figures["expert_steering_per_s"], rel=0.01)
     assert figures["driven_s"] == pytest.approx((ROWS - 1) / 15, rel=0.01)
-    driven = recording.speed_mph.mean() * MPS_PER_MPH * figures["driven_s"]
-    assert figures["driven_m"] == pytest.approx(driven, rel=0.01)
+    driven_m = recording.speed_mph.mean() * MPS_PER_MPH * figures["driven_s"]
+    assert figures["driven_m"] == pytest.approx(driven_m, rel=0.01)
 
 
-def test_who_steers_farther_right_leaves_the_path_there_and_is_put_back(recording):
-    driven = replay(Recorded(recording, 0.05), recording)
+def test_who_steers_farther_right_leaves_the_path_sees_that_and_is_put_back(recording, as_recorded):
+    frames = []
+    driven = replay(recording, 0.05, show=lambda frame, row: frames.append(frame))
 
-    cte = np.array([row.cross_track_m for row in driven.rows])
-    lost = np.array([row.intervention for row in driven.rows])
+    straight = as_recorded[1]
+    assert np.array_equal(frames[0], straight[0])
+    assert not np.array_equal(frames[8], straight[8])
+    cte, lost = driven.cross_track_m, driven.intervention
     assert cte.min() >= 0
     assert np.array_equal(lost, cte > 1)
     assert lost.sum() > 2
     assert (cte[1:][lost[:-1]] == 0).all()
-    autonomy = 1 - 6 * lost.sum() / driven.rows[-1].time_s
+    autonomy = 1 - 6 * lost.sum() / driven.time_s[-1]
     assert measure(driven)["autonomy"] == max(0, autonomy)
 
 
 @pytest.mark.slow
 def test_a_smaller_margin_finds_more_interventions(recording):
-    counts = [
-        sum(row.intervention for row in replay(Recorded(recording, 0.05), recording, margin).rows)
-        for margin in (0.3, 1.0, 2.0)
-    ]
+    margins = 0.3, 1.0, 2.0
+    counts = [replay(recording, 0.05, margin).intervention.sum() for margin in margins]
     assert counts[0] > counts[1] > counts[2] > 0
-
-
-def test_what_is_seen_moves_with_the_virtual_car(recording):
-    frames = []
-    replay(Recorded(recording, 0.03), recording, show=lambda frame, row: frames.append(frame))
-    straight = []
-    replay(Recorded(recording), recording, show=lambda frame, row: straight.append(frame))
-
-    assert np.array_equal(frames[0], straight[0])
-    assert not np.array_equal(frames[8], straight[8])
 
 
 def test_a_recording_of_the_centre_camera_alone_will_do(tmp_path):
     folder = write_recording(tmp_path / "one", rows=ROWS, cameras=("center",)).folder
     recording = read_recordings(str(folder))
 
-    driven = replay(Recorded(recording, 0.02), recording)
-
-    assert 0 < max(abs(row.cross_track_m) for row in driven.rows) < 2
+    assert 0 < np.abs(replay(recording, 0.02).cross_track_m).max() < 2
 
 
 def test_the_limit_of_the_warp_is_stated_for_the_rig_on_which_it_was_measured(recording):
@@ -151,30 +149,29 @@ def test_it_begins_anew_after_a_pause_and_with_another_recording(tmp_path, folde
     seconds = seconds_of_rows(recording)
     assert np.flatnonzero(np.isnan(seconds)).tolist() == [99, ROWS - 1, 2 * ROWS - 1]
 
-    driven = replay(Recorded(recording, 0.01), recording)
-    cte = [row.cross_track_m for row in driven.rows]
+    driven = replay(recording, 0.01)
+    cte = driven.cross_track_m
     assert cte[100] == cte[ROWS] == 0
     assert min(cte[99], cte[ROWS - 1]) > 0
-    assert driven.rows[-1].time_s == pytest.approx((2 * ROWS - 4) / 15 + 1 / 15, rel=0.01)
+    assert driven.time_s[-1] == pytest.approx((2 * ROWS - 4) / 15 + 1 / 15, rel=0.01)
 
 
 def test_without_times_it_asks_for_the_frame_rate(recording):
     timeless = replace(recording, time_s=np.full(ROWS, np.nan))
 
     with pytest.raises(InputError, match=r"row 1: center_.*no time.*frame_rate=15"):
-        replay(Recorded(timeless), timeless)
+        replay(timeless)
 
-    driven = replay(Recorded(timeless), timeless, frame_rate=10.0)
-    assert driven.rows[-1].time_s == pytest.approx((ROWS - 1) / 10)
+    assert replay(timeless, frame_rate=10.0).time_s[-1] == pytest.approx((ROWS - 1) / 10)
 
 
 def test_without_speed_nothing_is_driven_until_one_is_given(recording):
     parked = replace(recording, speed_mph=np.zeros(ROWS))
 
     with pytest.raises(InputError, match=r"lake: .*0 mph in each row.*speed=9"):
-        replay(Recorded(parked), parked)
+        replay(parked)
 
-    figures = measure(replay(Recorded(parked), parked, speed_mph=9.0))
+    figures = measure(replay(parked, speed_mph=9.0))
     assert figures["driven_m"] == pytest.approx(9 * MPS_PER_MPH * (ROWS - 1) / 15, rel=0.01)
     assert figures["speed_mph"] == 9.0
 
@@ -190,36 +187,33 @@ def test_without_speed_nothing_is_driven_until_one_is_given(recording):
 )
 def test_an_option_that_cannot_be_is_one_line(recording, keywords, message):
     with pytest.raises(InputError, match=message):
-        replay(Recorded(recording), recording, **keywords)
+        replay(recording, **keywords)
 
 
 def test_a_recording_too_short_to_replay_says_how_long_it_must_be(recording):
     short = recording.keep(np.arange(ROWS) < 60)
     with pytest.raises(InputError, match=r"3\.9 s of driving.* 12 s or more"):
-        replay(Recorded(short), short)
+        replay(short)
 
 
 def test_a_damaged_picture_is_named_with_its_row(tmp_path):
     written = write_recording(tmp_path / "bad", rows=ROWS)
     image = written.image(20)
     image.write_bytes(image.read_bytes()[:300])
-    recording = read_recordings(str(written.folder))
-
     with pytest.raises(InputError, match=r"row 21: .*center_.*truncated"):
-        replay(Recorded(recording), recording)
+        replay(read_recordings(str(written.folder)))
 
 
 def test_the_command_prints_a_table_and_leaves_figures_a_drive_and_frames(
     tmp_path, checkpoint, folder
 ):
-    options = ("out=a b", "frames=true", "margin=0.8")
-    result = run(tmp_path, checkpoint, str(folder), *options, module="zoo.commands.replay")
+    words = (checkpoint, str(folder), "out=a b", "frames=true", "margin=0.8")
+    printed = succeed(run_here(tmp_path, *words, module="zoo.commands.replay"))
 
-    assert result.returncode == 0, result.stderr
-    assert "autonomy" in result.stdout
-    assert "keyboard" not in result.stdout
+    assert "autonomy" in printed
+    assert "keyboard" not in printed
     for meaningless in ("laps", "lap time", "stalled", "expert", "drives", "speed"):
-        assert meaningless not in result.stdout.replace(str(folder), "")
+        assert meaningless not in printed.replace(str(folder), "")
     out = tmp_path / "a b"
     metrics = json.loads((out / "metrics.json").read_text())
     assert metrics["margin_m"] == 0.8
@@ -229,8 +223,9 @@ def test_the_command_prints_a_table_and_leaves_figures_a_drive_and_frames(
     assert all((out / frame).is_file() for frame in driven.frame)
     assert (out / "error.png").is_file()
 
-    again = run(tmp_path, checkpoint, str(folder), *options, module="zoo.commands.replay")
-    assert "a b: is not empty" in only_line(again)
+    assert "a b: is not empty" in only_line(
+        run_here(tmp_path, *words, module="zoo.commands.replay")
+    )
 
 
 @pytest.mark.parametrize(("share", "lines"), [(0.41, 1), (0.4, 0)])
@@ -246,15 +241,14 @@ def test_a_keyboards_recording_is_said_to_mean_little(recording, share, lines):
         assert "drivezoo evaluate CKPT track=" in line
 
 
-def test_the_replay_command_warns_of_a_keyboard(tmp_path, checkpoint, capsys):
-    written = write_recording(tmp_path / "keys[/red]", rows=ROWS)
+def test_the_replay_command_warns_of_a_keyboard(tmp_path, checkpoint):
+    written = write_recording(tmp_path / "keys[/red]", rows=190)
     log = written.folder / "driving_log.csv"
     rows = [line.split(",") for line in log.read_text().splitlines()]
     log.write_text("\n".join(",".join([*row[:3], "0", *row[4:]]) for row in rows) + "\n")
 
-    replay_command.main([checkpoint, str(written.folder), f"out={tmp_path / 'out'}"])
-
-    text = capsys.readouterr().out
+    words = checkpoint, str(written.folder), "out=out"
+    text = succeed(run_here(tmp_path, *words, module="zoo.commands.replay"))
     assert text.index("autonomy") < text.index("keys[/red]: 100% of the steering is exactly 0")
 
 
@@ -268,5 +262,5 @@ def test_a_wrong_command_is_one_line(tmp_path, checkpoint, folder):
         ((checkpoint, "nowhere"), "nowhere: no such folder"),
         (("nothing.ckpt", str(folder)), "nothing.ckpt"),
     ):
-        assert message in only_line(run(tmp_path, *arguments, module="zoo.commands.replay"))
+        assert message in only_line(run_here(tmp_path, *arguments, module="zoo.commands.replay"))
     assert not list(tmp_path.iterdir())

@@ -1,7 +1,6 @@
 """Speed controllers, and the filter of the steering."""
 
 import math
-from functools import partial
 
 import pytest
 
@@ -20,6 +19,7 @@ from zoo.server.drive_settings import DriveSettings
 
 STEP_S = 1 / 60
 STRAIGHT = Command(0.0)
+WRONG_SPEEDS = (-1, "fast", "null", "true", "nan")
 
 
 def hold(controller: SpeedController, seconds: float, steering: float = 0.0) -> float:
@@ -86,61 +86,56 @@ def test_the_brake_of_a_slow_car_would_reverse_it() -> None:
     assert limit_pedal(-7, 20) == -1
 
 
-@pytest.mark.parametrize("value", [-1, "fast", "null", "true", "nan"])
-def test_a_set_speed_that_cannot_be_is_named(value: str) -> None:
-    with pytest.raises(InputError, match=r"speed\.set_mph="):
-        read_options(DriveSettings, [f"speed.set_mph={value}"])
-
-
-DOUBT = partial(PI, 20, 0.1, doubt_mph=5, sure=0.1, unsure=0.3)
+# Doubt needs a spread that is sure, and a larger one that is not.
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        *(([f"speed.set_mph={value}"], r"speed\.set_mph=") for value in WRONG_SPEEDS),
+        (["speed=doubt", "speed.sure=0.2", "speed.unsure=0.2"], r"speed\.(un)?sure="),
+        (["speed=doubt", "speed.sure=0.3", "speed.unsure=0.2"], r"speed\.(un)?sure="),
+        (["speed=doubt", "speed.sure=-0.1", "speed.unsure=0.2"], r"speed\.(un)?sure="),
+        (["steering.gain=0"], r"steering\.gain=0: must be"),
+        (["steering.rate_per_s=-1"], r"steering\.rate_per_s=-1: must be"),
+        (["steering.low_pass_s=x"], r"steering\.low_pass_s=x: must be"),
+    ],
+)
+def test_a_value_that_cannot_be_is_named(keys: list[str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read_options(DriveSettings, keys)
 
 
 def test_doubt_slows_down_by_the_spread() -> None:
-    doubt = DOUBT()
+    doubt = PI(20, 0.1, doubt_mph=5, sure=0.1, unsure=0.3)
     spreads = (0.0, 0.1, 0.2, 0.3, 0.9, None, math.nan)
     targets = [doubt.target_mph(Command(0.5, spread=spread)) for spread in spreads]
     assert targets == pytest.approx([20, 20, 12.5, 5, 5, 5, 5]), "unknown is full doubt"
     assert doubt.throttle(Command(0.0, spread=0.0), 10, 0.0) == pytest.approx(1.0)
     assert doubt.throttle(Command(0.0, spread=0.3), 10, 0.0) == pytest.approx(-0.5)
-
-
-def test_doubt_never_drives_faster_than_the_set_speed() -> None:
-    doubt = DOUBT()
     doubt.set_mph = 3.0
-    assert doubt.target_mph(Command(0.0, spread=0.9)) == 3
+    assert doubt.target_mph(Command(0.0, spread=0.9)) == 3, "never faster than the set speed"
 
 
-@pytest.mark.parametrize(("sure", "unsure"), [(0.2, 0.2), (0.3, 0.2), (-0.1, 0.2)])
-def test_doubt_needs_a_spread_that_is_sure_and_a_larger_one_that_is_not(
-    sure: float, unsure: float
-) -> None:
-    keys = ["speed=doubt", f"speed.sure={sure}", f"speed.unsure={unsure}"]
-    with pytest.raises(InputError, match=r"speed\.(un)?sure="):
-        read_options(DriveSettings, keys)
-
-
-def test_it_changes_nothing_by_default() -> None:
-    steer = SteeringFilter()
-    assert [steer(value, now) for now, value in enumerate((0.1, -0.7, 1.0))] == [0.1, -0.7, 1.0]
-
-
-def test_steering_is_clamped() -> None:
+def test_steering_is_clamped_and_changed_by_no_default() -> None:
     assert SteeringFilter(gain=3)(0.5, 0) == 1
-    assert SteeringFilter()(-1.5, 0) == -1
+    steer = SteeringFilter()
+    values = [steer(value, now) for now, value in enumerate((0.1, -0.7, 1.0, -1.5))]
+    assert values == [0.1, -0.7, 1.0, -1]
 
 
 @pytest.mark.parametrize("hz", [15, 120])
-def test_the_rate_limit_goes_by_the_clock(hz: int) -> None:
-    steer = SteeringFilter(rate_per_s=0.5)
+@pytest.mark.parametrize(
+    ("options", "reached"),
+    [
+        ({"rate_per_s": 0.5}, pytest.approx(0.5)),
+        ({"low_pass_s": 1.0}, pytest.approx(0.632, abs=1e-3)),
+    ],
+)
+def test_the_rate_limit_and_the_low_pass_go_by_the_clock(
+    options: dict, reached: object, hz: int
+) -> None:
+    steer = SteeringFilter(**options)
     steer(0.0, 0)
-    assert [steer(1.0, (n + 1) / hz) for n in range(hz)][-1] == pytest.approx(0.5)
-
-
-@pytest.mark.parametrize("hz", [15, 120])
-def test_the_low_pass_goes_by_the_clock(hz: int) -> None:
-    steer = SteeringFilter(low_pass_s=1.0)
-    steer(0.0, 0)
-    assert [steer(1.0, (n + 1) / hz) for n in range(hz)][-1] == pytest.approx(0.632, abs=1e-3)
+    assert [steer(1.0, (row + 1) / hz) for row in range(hz)][-1] == reached
 
 
 def test_after_a_reset_the_first_steering_counts_in_full() -> None:
@@ -148,9 +143,3 @@ def test_after_a_reset_the_first_steering_counts_in_full() -> None:
     steer(0.0, 0)
     steer.reset()
     assert steer(0.8, 0.01) == 0.8
-
-
-@pytest.mark.parametrize("setting", ["gain=0", "rate_per_s=-1", "low_pass_s=x"])
-def test_a_value_that_cannot_be_is_named(setting: str) -> None:
-    with pytest.raises(InputError, match=f"steering.{setting}: must be"):
-        read_options(DriveSettings, [f"steering.{setting}"])

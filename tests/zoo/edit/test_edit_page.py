@@ -91,8 +91,15 @@ def shown(state: dict) -> str:
     return f"{state['session']}.{state['changes']}"
 
 
-@pytest.mark.parametrize("other", [{"drop": [10, 20]}, {"split": 60}, {"undo": True}])
-@pytest.mark.parametrize("own", [{"write": True}, {"undo": True}, {"redo": True}, {"drop": [1, 2]}])
+@pytest.mark.parametrize(
+    ("other", "own"),
+    [
+        ({"drop": [10, 20]}, {"write": True}),
+        ({"split": 60}, {"undo": True}),
+        ({"undo": True}, {"redo": True}),
+        ({"undo": True}, {"drop": [1, 2]}),
+    ],
+)
 def test_a_page_that_shows_old_edits_neither_edits_nor_writes(
     served: ServedPage, other: dict, own: dict, tmp_path: Path
 ) -> None:

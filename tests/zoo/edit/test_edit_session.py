@@ -2,7 +2,6 @@
 
 import shutil
 import signal
-import subprocess
 import time
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pytest
 from datamodules.recording_edits import Edits
 from datamodules.recording_format import read_recordings
 from tests.recordings import Written
-from tests.zoo.command_runs import command, environment, only_line, run, succeed
+from tests.zoo.command_runs import only_line, run_here, start, succeed
 from zoo.base.errors import InputError
 from zoo.base.page_server import PageServer
 from zoo.checkpoints.policy_base import Command, Policy
@@ -69,14 +68,6 @@ def test_the_new_folder_is_named_after_the_recorded_one(recorded: Written) -> No
     assert session_of(recorded).state()["out"] == str(recorded.folder.with_name(name))
 
 
-def test_a_second_writing_goes_to_another_folder(recorded: Written, tmp_path: Path) -> None:
-    session = session_of(recorded, tmp_path / "new")
-    session.change("trim", (10, 12))
-    for name in ("new", "new_2"):
-        session.write()
-        assert session.written.folders == (tmp_path / name,)
-
-
 class Counting(Policy):
     """A policy with a memory: it steers by the number of frames since its last reset."""
 
@@ -108,7 +99,8 @@ def test_every_row_is_analysed_in_order_by_a_policy_with_memory(recorded: Writte
 
 def test_without_a_page_it_writes_at_once(recorded: Written, tmp_path: Path) -> None:
     options = ("drop=11-20,101-", "split=51", "out=new", "page=false")
-    printed = succeed(run(tmp_path, str(recorded.folder), *options, module="zoo.commands.edit"))
+    folder = str(recorded.folder)
+    printed = succeed(run_here(tmp_path, folder, *options, module="zoo.commands.edit"))
     for name in ("1", "2"):
         assert f"wrote: new/{name}\n" in printed
     assert "next: drivezoo check new/1 new/2\n" in printed
@@ -128,25 +120,20 @@ def test_without_a_page_it_writes_at_once(recorded: Written, tmp_path: Path) -> 
 def test_a_wrong_option_is_named(
     recorded: Written, tmp_path: Path, options: tuple[str, ...], words: tuple[str, str]
 ) -> None:
-    line = only_line(run(tmp_path, str(recorded.folder), *options, module="zoo.commands.edit"))
+    folder = str(recorded.folder)
+    line = only_line(run_here(tmp_path, folder, *options, module="zoo.commands.edit"))
     assert all(word in line for word in words), line
 
 
 def test_ctrl_c_ends_the_page_and_prints_how_to_resume(recorded: Written, tmp_path: Path) -> None:
     folder = shutil.copytree(recorded.folder, tmp_path / "my lap")
     (folder / "IMG" / recorded.image(4).name).unlink()
-    with subprocess.Popen(
-        command("zoo.commands.edit", str(folder), "drop=11-20", "port=0"),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        env=environment(),
-    ) as process:
-        lines = [process.stdout.readline() for _ in range(3)]
-        assert "skipped 1 row" in lines[1]
-        assert "open http://127.0.0.1:" in lines[2]
-        process.send_signal(signal.SIGINT)
-        rest, _ = process.communicate(timeout=20)
+    process = start(tmp_path, "zoo.commands.edit", str(folder), "drop=11-20", "port=0")
+    lines = [process.stdout.readline() for _ in range(3)]
+    assert "skipped 1 row" in lines[1]
+    assert "open http://127.0.0.1:" in lines[2]
+    process.send_signal(signal.SIGINT)
+    rest, _ = process.communicate(timeout=20)
     assert process.returncode == 0, rest
     assert f"next: drivezoo edit '{folder}' drop=11-20" in rest
     assert "Traceback" not in rest

@@ -59,10 +59,10 @@ def test_a_larger_layer_changes_nothing_for_the_others() -> None:
 def test_repeats_with_the_seed_and_not_otherwise() -> None:
     layer, ones = Dropout(0.5).train(), torch.ones(SHAPE)
     torch.manual_seed(5)
-    one, other = layer(ones), layer(ones)
+    first, second = layer(ones), layer(ones)
     torch.manual_seed(5)
-    assert torch.equal(layer(ones), one)
-    assert not torch.equal(one, other)
+    assert torch.equal(layer(ones), first)
+    assert not torch.equal(first, second)
 
 
 @pytest.mark.parametrize(("rate", "value"), [(0.0, 1.0), (1.0, 0.0)])

@@ -34,22 +34,8 @@ def test_the_gaussian_loss_is_the_negative_log_likelihood() -> None:
     assert torch.isclose(GaussianNLL()(predicted, true), expected + 0.2**2 / 2)
 
 
-def test_the_gaussian_loss_learns_the_noise_of_the_labels() -> None:
-    torch.manual_seed(1)
-    outputs = torch.zeros(1, 2, requires_grad=True)
-    optimizer, last = torch.optim.Adam([outputs], lr=0.05), LogSpread()
-    true = 0.3 + 0.05 * torch.randn(4000, 1)
-    for _ in range(200):
-        optimizer.zero_grad()
-        GaussianNLL()(last(outputs).expand(4000, 2), true).backward()
-        optimizer.step()
-    mean, log_spread = last(outputs)[0].tolist()
-    assert abs(mean - 0.3) < 0.01
-    assert abs(math.exp(log_spread) - 0.05) < 0.005
-
-
-@pytest.mark.parametrize("extreme", [-1e6, 1e6])
-def test_the_logarithm_of_a_spread_stays_in_range(extreme: float) -> None:
-    mean, log_spread = LogSpread()(torch.tensor([[extreme, extreme]]))[0].tolist()
-    assert mean == extreme
-    assert log_spread == pytest.approx(-5 if extreme < 0 else 1)
+@pytest.mark.parametrize(("output", "expected"), [(-1e6, -5), (0, -2), (0.1, -1.701), (1e6, 1)])
+def test_the_logarithm_of_a_spread_stays_in_range(output: float, expected: float) -> None:
+    mean, log_spread = LogSpread()(torch.tensor([[output, output]]))[0].tolist()
+    assert mean == pytest.approx(output)
+    assert log_spread == pytest.approx(expected, abs=1e-3)

@@ -39,6 +39,14 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
     return write(tmp_path / "a=[1]", a), write(tmp_path / "b", b)
 
 
+def compared(cwd: Path, a: dict, b: dict, *keys: str) -> tuple[str, dict]:
+    """Return what a comparison of two results prints, and its figures by group."""
+    for name, content in (("a", a), ("b", b)):
+        write(cwd / name, content)
+    printed = succeed(compare(cwd, "a", "b", *keys))
+    return printed, json.loads((cwd / "compare.json").read_text())["groups"]
+
+
 def change(folder: Path, **fields: object) -> None:
     path = folder / "result.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | fields))
@@ -62,42 +70,28 @@ def test_it_names_the_better_entry_and_writes_all_figures(
     assert overall["needed"] == {"seeds": None, "reason": "decided"}
 
 
-def test_exchanged_entries_have_the_opposite_difference(
-    folders: tuple[Path, Path], tmp_path: Path
-) -> None:
-    first, second = folders
-    assert compare(tmp_path, str(first), str(second), "out=ab.json").returncode == 0
-    assert compare(tmp_path, str(second), str(first), "out=ba.json").returncode == 0
-    ab, ba = (
-        json.loads((tmp_path / name).read_text())["groups"] for name in ("ab.json", "ba.json")
-    )
-    for group, one in ab.items():
-        assert one["difference"]["value"] == pytest.approx(-ba[group]["difference"]["value"])
-        assert one["a_better"]["value"] == pytest.approx(1 - ba[group]["a_better"]["value"])
+def test_exchanged_entries_have_the_opposite_difference(folders: tuple[Path, Path]) -> None:
+    exchanged = compare_entries(*read_entries(*folders[::-1]))
+    for group, entry in compare_entries(*read_entries(*folders)).items():
+        difference, better = exchanged[group].difference, exchanged[group].a_better
+        assert entry.difference.value == pytest.approx(-difference.value)
+        assert entry.a_better.value == pytest.approx(1 - better.value)
 
 
-def test_the_order_of_the_drives_does_not_matter(
-    folders: tuple[Path, Path], tmp_path: Path
-) -> None:
-    first, second = folders
-    compare(tmp_path, str(first), str(second), "out=1.json")
-    found = json.loads((second / "result.json").read_text())
-    change(second, **summed(found | {"drives": found["drives"][::-1]}))
-    compare(tmp_path, str(first), str(second), "out=2.json")
-
-    assert (tmp_path / "1.json").read_text() == (tmp_path / "2.json").read_text()
+def test_the_order_of_the_drives_does_not_matter(folders: tuple[Path, Path]) -> None:
+    before = compare_entries(*read_entries(*folders))
+    content = json.loads((folders[1] / "result.json").read_text())
+    change(folders[1], **summed(content | {"drives": content["drives"][::-1]}))
+    assert compare_entries(*read_entries(*folders)) == before
 
 
 def test_it_says_how_many_training_seeds_would_tell(tmp_path: Path) -> None:
     """Trainings differ much more than the entries."""
     offsets = np.array([[-0.2], [0.0], [0.2]])
     autonomy = 0.6 + offsets + np.zeros(len(ROADS))
-    first = write(tmp_path / "a", result(autonomy + 0.1))
-    second = write(tmp_path / "b", result(autonomy))
-    shown = compare(tmp_path, str(first), str(second)).stdout
-
+    shown, groups = compared(tmp_path, result(autonomy + 0.1), result(autonomy))
     assert "verdict: cannot tell" in shown
-    needed = json.loads((tmp_path / "compare.json").read_text())["groups"]["like"]["needed"]
+    needed = groups["like"]["needed"]
     assert needed["reason"] == "seeds"
     assert needed["seeds"] > 10
     assert f"about {needed['seeds']} training seeds" in shown
@@ -107,15 +101,14 @@ def test_paired_trainings_leave_out_what_their_seeds_share(tmp_path: Path) -> No
     rng = np.random.default_rng(3)
     shared = 0.6 + np.array([[-0.2], [0.0], [0.2]]) + np.zeros(len(ROADS))
     a = np.clip(shared + 0.05 + 0.01 * rng.normal(size=shared.shape), 0, 1)
-    first, second = write(tmp_path / "a", result(a)), write(tmp_path / "b", result(shared))
-    assert "verdict: cannot tell" in compare(tmp_path, str(first), str(second)).stdout
-    shown = succeed(compare(tmp_path, str(first), str(second), "paired=true", "out=pairs.json"))
+    shown, groups = compared(tmp_path, result(a), result(shared))
+    assert "verdict: cannot tell" in shown
+    shown = succeed(compare(tmp_path, "a", "b", "paired=true", "out=pairs.json"))
     assert "verdict: A drives better" in shown
     assert "paired: trainings of the same seed (0, 1, 2)" in shown
-    alone, pairs = (
-        json.loads((tmp_path / name).read_text())["groups"]["all but laps"]["difference"]
-        for name in ("compare.json", "pairs.json")
-    )
+    alone = groups["all but laps"]["difference"]
+    paired = json.loads((tmp_path / "pairs.json").read_text())["groups"]
+    pairs = paired["all but laps"]["difference"]
     assert pairs["value"] == pytest.approx(alone["value"])
     # The t interval of three pairs' means, and of the roads, together.
     assert pairs["high"] - pairs["low"] < 0.2 * (alone["high"] - alone["low"])
@@ -123,10 +116,9 @@ def test_paired_trainings_leave_out_what_their_seeds_share(tmp_path: Path) -> No
 
 def test_pairs_are_of_the_seeds_that_both_have(tmp_path: Path) -> None:
     scores = np.linspace(0.1, 0.9, 3)[:, None] + np.zeros(len(ROADS))
-    first, second = write(tmp_path / "a", result(scores)), write(tmp_path / "b", result(scores[:2]))
-    shown = succeed(compare(tmp_path, str(first), str(second), "paired=true"))
+    shown, groups = compared(tmp_path, result(scores), result(scores[:2]), "paired=true")
     assert "paired: trainings of the same seed (0, 1)" in shown
-    overall = json.loads((tmp_path / "compare.json").read_text())["groups"]["all but laps"]
+    overall = groups["all but laps"]
     assert overall["difference"]["value"] == 0
     assert overall["a"] == overall["b"] == {"autonomy": pytest.approx(0.3)}
 
@@ -166,21 +158,15 @@ def test_pairs_need_a_shared_seed(tmp_path: Path, seeds: tuple, words: str) -> N
 
 def test_roads_without_any_difference_are_no_proof_of_equality(tmp_path: Path) -> None:
     perfect = np.ones((3, len(ROADS)))
-    first, second = (write(tmp_path / name, result(perfect, name)) for name in "ab")
-    shown = compare(tmp_path, str(first), str(second)).stdout
-
+    shown, groups = compared(tmp_path, *(result(perfect, name) for name in "ab"))
     assert "both have the same score" in shown
-    groups = json.loads((tmp_path / "compare.json").read_text())["groups"]
     assert groups["like"]["difference"]["low"] < -0.2  # 0 of 12 roads: up to 24 %
     assert groups["laps"]["difference"]["low"] is None  # two tracks are too few
 
 
 def test_many_roads_without_exception_decide_and_two_do_not(tmp_path: Path) -> None:
-    first = write(tmp_path / "a", result(np.ones((3, len(ROADS)))))
-    second = write(tmp_path / "b", result(np.zeros((3, len(ROADS)))))
-    compare(tmp_path, str(first), str(second))
-
-    groups = json.loads((tmp_path / "compare.json").read_text())["groups"]
+    clean = np.ones((3, len(ROADS)))
+    _, groups = compared(tmp_path, result(clean), result(0 * clean))
     assert groups["like"]["verdict"] == "A drives better"
     assert groups["laps"]["verdict"] == "cannot tell"
 
@@ -188,22 +174,17 @@ def test_many_roads_without_exception_decide_and_two_do_not(tmp_path: Path) -> N
 def test_one_training_seed_says_nothing_about_other_trainings(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     autonomy = figures(rng, 0.6, 1, 0.0, 0.1 * rng.normal(size=len(ROADS)))
-    first = write(tmp_path / "a", result(autonomy, "alone"))
-    second = write(tmp_path / "b", result(autonomy, "other"))
-    shown = compare(tmp_path, str(first), str(second)).stdout
-
+    shown, _ = compared(tmp_path, result(autonomy, "alone"), result(autonomy, "other"))
     assert "alone and other: one training seed" in shown
     assert "three or more training seeds, to estimate" in shown
 
 
 def test_a_baseline_needs_no_further_training_seed(tmp_path: Path) -> None:
     offsets = np.array([[-0.2], [0.0], [0.2]])
-    first = write(tmp_path / "a", result(0.6 + offsets + np.zeros(len(ROADS)), "network"))
+    network = result(0.6 + offsets + np.zeros(len(ROADS)), "network")
     expert = result(np.full((1, len(ROADS)), 0.7), "expert")
     expert["checkpoints"][0]["sha256"] = None
-    second = write(tmp_path / "b", expert)
-    shown = compare(tmp_path, str(first), str(second)).stdout
-
+    shown, _ = compared(tmp_path, network, expert)
     assert "a baseline" in shown
     assert "to estimate how many" not in shown
 
@@ -272,11 +253,10 @@ def test_results_of_other_roads_or_with_wrong_drives_are_refused(
 def test_a_result_without_some_of_its_suites_roads_is_refused(
     folders: tuple[Path, Path], tmp_path: Path
 ) -> None:
-    first, second = folders
-    for one in folders:
-        change(one, suite="v1-quick")
-    line = only_line(compare(tmp_path, str(first), str(second)))
-    assert f"{first / 'result.json'}: roads: digest 0123456789abcdef" in line
+    for folder in folders:
+        change(folder, suite="v1-quick")
+    line = only_line(compare(tmp_path, *map(str, folders)))
+    assert f"{folders[0] / 'result.json'}: roads: digest 0123456789abcdef" in line
     assert not (tmp_path / "compare.json").exists()
 
 

@@ -152,10 +152,8 @@ def test_results_of_the_benchmark_are_ranked(capsys: pytest.CaptureFixture) -> N
     assert "next: drivezoo compare marks/good marks/bad" in capsys.readouterr().out
 
 
-def test_a_page_that_was_edited_or_is_another_is_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.usefixtures("here")
+def test_a_page_that_was_edited_or_is_another_is_kept() -> None:
     write_run(Path("runs/a"), 0.9)
     page = Path("runs/leaderboard.html")
     for _ in range(2):
@@ -170,8 +168,8 @@ def test_a_page_that_was_edited_or_is_another_is_kept(
     assert "mine" not in page.read_text()
 
 
-def test_a_table_replaces_no_file_of_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.usefixtures("here")
+def test_a_table_replaces_no_file_of_a_run() -> None:
     write_run(Path("runs/a"), 0.9)
     log = Path("runs/a/metrics.csv")
     log.write_text("mine")
@@ -274,18 +272,21 @@ def test_repeats_in_several_precisions_are_marked(
     precisions: tuple, text: str, tmp_path: Path
 ) -> None:
     for seed, precision in enumerate(precisions, 1):
-        run = write_run(tmp_path / str(seed), 0.9, seed=seed, root="/a/lake")
-        metrics = json.loads((run / "metrics.json").read_text()) | {"precision": precision}
-        (run / "metrics.json").write_text(json.dumps(metrics))
+        write_run(tmp_path / str(seed), 0.9, seed=seed, root="/a/lake", precision=precision)
     entries = rank(read_scored(sorted(tmp_path.iterdir()))[0])
     assert seeds_column(entries).cells == [text]
 
 
+def drives_on(**tracks: tuple[float, float]) -> dict:
+    """Return a run's figures of its drives, by track its mean autonomy and the spread."""
+    other = {"cte_mean_m": [0.3, 0.0], "interventions": [1.0, 0.0]}
+    figures = {track: other | {"autonomy": [*autonomy]} for track, autonomy in tracks.items()}
+    return {"laps": 1.0, "seeds": 3, "tracks": figures}
+
+
 def test_only_tracks_that_all_runs_share_count(tmp_path: Path) -> None:
-    both = write_run(tmp_path / "both", 1.0, overrides=("x=1",), tracks=("lake", "mountain"))
-    metrics = json.loads((both / "metrics.json").read_text())
-    metrics["drive"]["tracks"]["mountain"] |= {"autonomy": [0.2, 0], "cte_mean_m": [1.0, 0]}
-    (both / "metrics.json").write_text(json.dumps(metrics))
+    drives = drives_on(lake=(1.0, 0.0), mountain=(0.2, 0.0))
+    both = write_run(tmp_path / "both", overrides=("x=1",), drive=drives)
     lake = write_run(tmp_path / "lake", 0.9, overrides=("x=2",))
     assert ranked(both, lake) == [["both"], ["lake"]]
 
@@ -396,27 +397,24 @@ def test_the_page_draws_and_picks(tmp_path: Path) -> None:
 
 def many_runs(folder: Path) -> list[Path]:
     """Write runs with names and settings too long for a narrow terminal."""
-    found = []
-    for model in ("nvidia", "commaai"):
-        for seed in (1, 2, 3):
-            overrides = (
+    return [
+        write_run(
+            folder / f"2026-11-2{seed}" / f"10-00-0{seed}[/red]{model}",
+            0.9 + 0.01 * seed,
+            seed=seed,
+            overrides=(
                 f"model={model}",
                 f"augment=[brightness,shadow,{model}]",
                 f"data.offset=0.{len(model)}",
                 f"optim.lr=0.00{len(model)}",
-            )
-            found.append(
-                write_run(
-                    folder / f"2026-11-2{seed}" / f"10-00-0{seed}[/red]{model}",
-                    0.9 + 0.01 * seed,
-                    seed=seed,
-                    overrides=overrides,
-                    tracks=("lake", "mountain"),
-                    start_seeds=3,
-                    root=f"/{model}/lake",
-                )
-            )
-    return found
+            ),
+            tracks=("lake", "mountain"),
+            start_seeds=3,
+            root=f"/{model}/lake",
+        )
+        for model in ("nvidia", "commaai")
+        for seed in (1, 2, 3)
+    ]
 
 
 def cells_of(text: str) -> list[list[str]]:
@@ -482,10 +480,7 @@ def test_runs_on_other_recordings_are_separate_entries(tmp_path: Path) -> None:
 
 
 def test_a_single_training_shows_no_spread_over_its_start_seeds(tmp_path: Path) -> None:
-    run = write_run(tmp_path / "a", 0.9)
-    metrics = json.loads((run / "metrics.json").read_text())
-    metrics["drive"]["tracks"]["lake"] |= {"autonomy": [0.9, 0.2]}
-    (run / "metrics.json").write_text(json.dumps(metrics | {"drive": metrics["drive"]}))
+    run = write_run(tmp_path / "a", drive=drives_on(lake=(0.9, 0.2)))
     (entry,) = rank(read_scored([run])[0])
 
     assert entry.figures["lake/autonomy"] == (0.9, None)

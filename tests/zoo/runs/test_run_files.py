@@ -103,13 +103,10 @@ def run(tmp_path: Path) -> Path:
     return folder
 
 
-def test_paths_that_are_not_utf_8_are_read(run: Path) -> None:
+def test_a_run_with_paths_that_are_not_utf_8_is_read_and_gets_its_report(run: Path) -> None:
     assert load_config(run).data.root == ODD
     assert Run.open(run).started_in == Path(ODD)
     assert Run.open(run).overrides[0] == f"data.root='{ODD}'"
-
-
-def test_a_run_with_such_paths_gets_its_report(run: Path) -> None:
     assert write_report(run).is_file()
 
 

@@ -75,9 +75,7 @@ def test_a_road_that_cannot_be_driven_is_one_line(points, words) -> None:
         zoo.drive_road(steering(0.0), points, **FAST)
 
 
-@pytest.mark.parametrize(
-    ("keys", "words"), [({"sped": 9}, "did you mean speed"), ({"track": "lake"}, "track: no such")]
-)
-def test_a_wrong_key_is_named(keys, words) -> None:
-    with pytest.raises(zoo.UsageError, match=words):
-        zoo.drive_road(steering(0.0), STRAIGHT, **keys)
+def test_a_wrong_key_is_named() -> None:
+    for keys, words in (({"sped": 9}, "did you mean speed"), ({"track": "lake"}, "track: no such")):
+        with pytest.raises(zoo.UsageError, match=words):
+            zoo.drive_road(steering(0.0), STRAIGHT, **keys)

@@ -2,6 +2,7 @@
 
 import json
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,10 @@ from zoo.simulator.weather import CLEAR
 OF_OTHERS = {"spread_mean", "spread_coverage", "spread_rank_cte", "episode_return"}
 
 
+def evaluate(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
+    return run_here(cwd, *arguments, module="zoo.commands.evaluate")
+
+
 def drives_of(folder: Path) -> list[dict]:
     drives = json.loads((folder / "metrics.json").read_text())["drives"]
     return [{key: one[key] for key in one if key != "latency_ms"} for one in drives]
@@ -37,7 +42,7 @@ def test_the_figures_do_not_depend_on_the_number_of_workers(
 ) -> None:
     options = ("laps=0.01", "seeds=2", "speed=25", "weather=random", "quality=simple")
     one = (*options, "workers=1", f"out={tmp_path / 'a=1'}")
-    printed = succeed(run_here(tmp_path, checkpoint, *one, module="zoo.commands.evaluate"))
+    printed = succeed(evaluate(tmp_path, checkpoint, *one))
     command([checkpoint, *options, "workers=2", f"out={tmp_path / 'b'}", "perturb=fog"])
 
     assert drives_of(tmp_path / "a=1") == drives_of(tmp_path / "b")
@@ -89,7 +94,7 @@ def test_a_run_says_how_fast_it_was_driven(
 
 
 def test_drives_of_a_stopped_run_go_and_a_users_files_stay(tmp_path: Path, console) -> None:
-    scenarios = [Scenario("lake", seed=seed, laps=0.01) for seed in (0, 1)]
+    scenarios = [Scenario("lake", seed=seed, laps=0.01, quality="simple") for seed in (0, 1)]
     track_scores.score_on_tracks(Baseline("zero"), scenarios, tmp_path, console, 1, film_speed=3)
     assert (tmp_path / "lake-0" / "film.mp4").exists()
     mine = [tmp_path / name for name in ("notes.txt", "lake-0/notes.txt", "lake-0/frames/a.png")]
@@ -139,14 +144,12 @@ def test_folders_of_drives_have_names_that_every_system_allows(
         ("track=nowhere", "nowhere"),
         ("track=lake,moutain", "moutain"),
         ("seeds=0", "seeds=0: must be a whole number of 1 or more"),
-        ("seeds=two", "seeds=two"),
         ("speed=90", "speed=90: must be a number in 1..30"),
         ("margin=0.05", "margin=0.05: must be a number of 0.2 or more, or null"),
         ("weather=hail", "weather=hail"),
         ("frame_rate=80", "frame_rate=80"),
         ("quality=low", "quality=low: must be full, fast or simple"),
         ("perturb=fgo", "perturb=fgo: no such choice; did you mean fog?"),
-        ("trakc=lake", "did you mean track?"),
     ],
 )
 def test_a_mistake_is_one_line_before_anything_drives(
@@ -156,12 +159,6 @@ def test_a_mistake_is_one_line_before_anything_drives(
         command([checkpoint, option, f"out={tmp_path / 'out'}"])
     assert said in str(error.value)
     assert not (tmp_path / "out").exists()
-
-
-def test_no_checkpoint_is_said_in_one_line(tmp_path: Path) -> None:
-    assert "nowhere.ckpt: no such" in only_line(
-        run_here(tmp_path, "nowhere.ckpt", module="zoo.commands.evaluate")
-    )
 
 
 def test_a_folder_that_holds_something_is_kept(checkpoint: str, tmp_path: Path) -> None:
@@ -180,7 +177,7 @@ def test_a_network_that_steers_nan_is_said_when_all_is_written(
             one[:] = 1e30 * torch.sign(one)
     torch.save(contents, tmp_path / "overflow.ckpt")
     options = ("laps=0.01", "quality=simple", f"out={tmp_path / 'out'}")
-    result = run_here(tmp_path, "overflow.ckpt", *options, module="zoo.commands.evaluate")
+    result = evaluate(tmp_path, "overflow.ckpt", *options)
     assert "warning: " in result.stdout
     assert re.search(r"overflow\.ckpt: .*NaN in [\d,]+ frames \(lake-0\)", only_line(result, 1))
     (drive,) = drives_of(tmp_path / "out")
@@ -190,7 +187,7 @@ def test_a_network_that_steers_nan_is_said_when_all_is_written(
 def test_paths_are_printed_as_they_are(checkpoint: str, tmp_path: Path) -> None:
     out = tmp_path / "[brightness]" / "[/red] :car: ï=1"
     options = ("laps=0.01", "quality=simple", f"out={out}")
-    printed = succeed(run_here(tmp_path, checkpoint, *options, module="zoo.commands.evaluate"))
+    printed = succeed(evaluate(tmp_path, checkpoint, *options))
     assert f"wrote: {out.relative_to(tmp_path)}" in printed.splitlines()
     page = out / "report" / "index.html"
     assert "Worst moments on the lake" in page.read_text()
@@ -202,11 +199,8 @@ def test_paths_are_printed_as_they_are(checkpoint: str, tmp_path: Path) -> None:
 
 def test_a_recording_is_scored_too(checkpoint: str, tmp_path: Path) -> None:
     """Pass `replay=` and the other options on to `zoo.commands.replay`."""
-    line = only_line(
-        run_here(tmp_path, checkpoint, "replay=nowhere", module="zoo.commands.evaluate")
-    )
-    assert "nowhere" in line
-    line = only_line(
-        run_here(tmp_path, checkpoint, "replay=x", "laps=2", module="zoo.commands.evaluate")
-    )
-    assert "laps: no such key" in line
+    for keys, words in (
+        (["replay=nowhere"], "nowhere"),
+        (["replay=x", "laps=2"], "laps: no such key"),
+    ):
+        assert words in only_line(evaluate(tmp_path, checkpoint, *keys))

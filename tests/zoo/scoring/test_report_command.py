@@ -65,6 +65,11 @@ def driven(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def markdown(driven: Path) -> str:
+    return (driven / "report" / "report.md").read_text()
+
+
 @pytest.fixture
 def undriven(run_folder: Path, tmp_path: Path) -> Path:
     """Copy a finished run that was not driven, for tests that damage it."""
@@ -115,50 +120,46 @@ def test_the_markdown_links_each_image_file(driven: Path) -> None:
         assert line.endswith("|")
 
 
-def test_driving_figures_stand_before_open_loop_figures(driven: Path) -> None:
-    text = (driven / "report" / "report.md").read_text()
+def test_driving_figures_stand_before_open_loop_figures(driven: Path, markdown: str) -> None:
     drive = json.loads((driven / "drives" / "lake-0" / "drive.json").read_text())
     metrics = json.loads((driven / "metrics.json").read_text())
     wanted = [
         f"| Autonomy, lake | {drive['autonomy']:.1%} |",
         f"| Cross-track error, lake | {drive['cte_mean_m']:.2f} m |",
     ]
-    places = [text.index(one) for one in wanted]
+    places = [markdown.index(row) for row in wanted]
     assert places == sorted(places)
-    headline, _, open_loop = text.partition("## Open loop")
+    headline, _, open_loop = markdown.partition("## Open loop")
     assert places[-1] < headline.index("## Data")
     mse = f"{metrics['open_loop']['test']['mse']:.4f}"
     assert mse not in headline.partition("## Driving")[0]
     assert mse in open_loop
     for figure in (metrics["data"]["fingerprint"], f"{metrics['parameters']:,}"):
-        assert figure in text
+        assert figure in markdown
 
 
-def test_the_headline_has_no_whole_path(driven: Path, recorded: Written) -> None:
-    headline = (driven / "report" / "report.md").read_text().partition("\n## ")[0]
+def test_the_headline_has_no_whole_path(markdown: str, recorded: Written) -> None:
+    headline = markdown.partition("\n## ")[0]
     assert recorded.folder.name in headline
     assert str(recorded.folder.parent) not in headline
 
 
-def test_the_command_repeats_the_run(driven: Path) -> None:
-    text = (driven / "report" / "report.md").read_text()
-    (line,) = re.findall(r"^drivezoo train .*$", text, re.MULTILINE)
+def test_the_command_repeats_the_run(markdown: str) -> None:
+    (line,) = re.findall(r"^drivezoo train .*$", markdown, re.MULTILINE)
     words = shlex.split(line)
     assert words[2] == "model=nvidia"
     assert "data.batch_size=16" in words
     assert any(word.startswith("data.root=") and word.endswith("lake") for word in words)
 
 
-def test_the_settings_name_the_recording(driven: Path, recorded: Written) -> None:
-    report = (driven / "report" / "report.md").read_text()
-    settings = report[report.index("## Settings") :]
+def test_the_settings_name_the_recording(markdown: str, recorded: Written) -> None:
+    settings = markdown[markdown.index("## Settings") :]
     assert "| data.root |" in settings
     assert Path(recorded.folder).name in settings[: settings.index("<details>")]
 
 
-def test_side_cameras_are_shown_with_their_labels(driven: Path) -> None:
-    text = (driven / "report" / "report.md").read_text()
-    labels = dict(re.findall(r"(left|center|right): label ([+-][\d.]+)", text))
+def test_side_cameras_are_shown_with_their_labels(markdown: str) -> None:
+    labels = dict(re.findall(r"(left|center|right): label ([+-][\d.]+)", markdown))
     assert float(labels["left"]) == pytest.approx(float(labels["center"]) + 0.275, abs=0.0011)
     assert float(labels["right"]) == pytest.approx(float(labels["center"]) - 0.275, abs=0.0011)
 
@@ -252,12 +253,6 @@ def test_a_report_that_cannot_be_written_is_one_line(undriven: Path) -> None:
     (undriven / "report").write_text("a file in the way")
     with pytest.raises(InputError, match="cannot be written"):
         write_report(undriven)
-
-
-def test_help_needs_no_torch(tmp_path: Path) -> None:
-    result = run_here(tmp_path, "--help", module="zoo.commands.report")
-    assert result.returncode == 0
-    assert "RUN_FOLDER" in result.stdout
 
 
 def test_a_runs_name_cannot_become_markup() -> None:

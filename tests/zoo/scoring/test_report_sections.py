@@ -162,7 +162,7 @@ def test_an_intervention_is_worse_than_any_distance() -> None:
 def test_a_scored_drive_is_filmed_on_request(
     checkpoint: str, tmp_path: Path, console: Console
 ) -> None:
-    options = ("laps=0.03", "speed=25", "quality=simple", "workers=1")
+    options = ("laps=0.015", "speed=25", "quality=simple", "workers=1")
     filmed = (*options, "film=true", "film_speed=3", "out=filmed")
     printed = succeed(run_here(tmp_path, checkpoint, *filmed, module="zoo.commands.evaluate"))
     assert "wrote: filmed/lake-0/film.mp4" in printed.splitlines()

@@ -31,26 +31,31 @@ def frame(recorded: Written) -> np.ndarray:
     return decode_image(recorded.image(10).read_bytes())
 
 
-@pytest.mark.parametrize("published", [False, True], ids=["weighted", "published"])
-@pytest.mark.parametrize("name", choices("model"))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name == "vgg" else name
+        for name in choices("model")
+    ],
+)
 def test_every_model_has_a_map_in_the_coordinates_of_the_frame(
-    name: str, published: bool, frame: np.ndarray
+    name: str, frame: np.ndarray
 ) -> None:
     policy = policy_of(name)
     steering = policy(frame, 9.0)
-
-    where = Saliency(policy, published)(frame, 9.0)
-
-    assert where.shape == (160, 320)
-    assert where.dtype == np.float32
-    assert where.min() == 0
-    assert where.max() == pytest.approx(1)
-    top, bottom = policy.view.crop
-    assert not where[:top].any()
-    assert not where[160 - bottom :].any()
-    policy.reset()
-    assert policy(frame, 9.0) == steering, "looking must not change the driving"
-    assert np.array_equal(Saliency(policy, published)(frame, 9.0), where)
+    for published in (False, True):
+        policy.reset()
+        where = Saliency(policy, published)(frame, 9.0)
+        assert where.shape == (160, 320)
+        assert where.dtype == np.float32
+        assert where.min() == 0
+        assert where.max() == pytest.approx(1)
+        top, bottom = policy.view.crop
+        assert not where[:top].any()
+        assert not where[160 - bottom :].any()
+        policy.reset()
+        assert policy(frame, 9.0) == steering, "looking must not change the driving"
+        assert np.array_equal(Saliency(policy, published)(frame, 9.0), where)
 
 
 @pytest.mark.parametrize("name", ["nvidia", "commaai"])
@@ -59,7 +64,6 @@ def test_what_alone_stands_out_lights_up(name: str) -> None:
     frame[80:96, 220:250] = (255, 40, 40)
 
     where = Saliency(policy_of(name))(frame, 9.0)
-
     row, column = np.unravel_index(where.argmax(), where.shape)
     assert 70 <= row < 106
     assert 205 <= column < 265
@@ -67,7 +71,7 @@ def test_what_alone_stands_out_lights_up(name: str) -> None:
 
 @pytest.mark.parametrize("size", [(480, 640), (120, 160)])
 def test_a_map_has_the_size_of_its_frame(size: tuple[int, int]) -> None:
-    policy = policy_of("nvidia")
+    policy = policy_of("lenet")
     frame = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
     where = Saliency(policy)(frame, 9.0)
     assert where.shape == size

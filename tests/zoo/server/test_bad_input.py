@@ -2,6 +2,7 @@
 
 import base64
 import contextlib
+import http.client
 import json
 import threading
 import time
@@ -11,7 +12,7 @@ import pytest
 
 from tests.zoo.server.old_client import TEXT, OldClient, telemetry
 from tests.zoo.server.scans import png_bomb
-from tests.zoo.server.serve import BLACK, WHITE, Served, picture
+from tests.zoo.server.serve import BLACK, WHITE, Served, picture, served
 
 GOOD = picture((204, 0, 0))  # steering 0.8
 NOTHING = {"steering_angle": "0", "throttle": "0"}
@@ -68,9 +69,20 @@ def test_an_odd_speed_does_not_keep_it_from_steering(driver: Served, speed: obje
         assert client.reply() == ("steer", FINE)
 
 
-def test_json_that_only_python_reads_is_answered(driver: Served) -> None:
+@pytest.mark.parametrize(
+    "message",
+    [
+        pytest.param(
+            event(telemetry(jpeg=GOOD)).replace('"speed": "0.0000"', '"speed": NaN'),
+            id="JSON that only Python reads",
+        ),
+        # The original's base64 has no line breaks.
+        pytest.param(event(telemetry(image=base64.encodebytes(GOOD).decode())), id="line breaks"),
+    ],
+)
+def test_what_other_simulators_may_send_is_driven(driver: Served, message: str) -> None:
     with OldClient(driver.port) as client:
-        client.send(event(telemetry(jpeg=GOOD)).replace('"speed": "0.0000"', '"speed": NaN'))
+        client.send(message)
         assert client.reply() == ("steer", FINE)
 
 
@@ -152,8 +164,6 @@ def test_only_pages_of_this_server_may_connect(driver: Served, headers: str, sta
 
 
 def test_a_site_that_gives_its_name_our_address_is_refused(driver: Served) -> None:
-    import http.client
-
     for path in ("/", "/socket.io/?EIO=4&transport=polling"):
         connection = http.client.HTTPConnection("127.0.0.1", driver.port, timeout=5)
         connection.request("GET", path, headers={"Host": f"rebound.example.org:{driver.port}"})
@@ -173,8 +183,6 @@ def test_refused_connections_are_closed_so_that_they_cannot_fill_the_server(driv
 
 def test_a_full_disk_is_said_once_and_driving_goes_on(tmp_path: Path) -> None:
     import resource
-
-    from tests.zoo.server.serve import served
 
     with served(tmp_path / "drive") as process:
         with OldClient(process.port) as client:
@@ -197,10 +205,4 @@ def assert_serves(driver: Served) -> None:
     assert driver.process.poll() is None
     with OldClient(driver.port) as client:
         client.telemetry(jpeg=GOOD)
-        assert client.reply() == ("steer", FINE)
-
-
-def test_base64_of_the_original_has_no_line_breaks_but_may(driver: Served) -> None:
-    with OldClient(driver.port) as client:
-        client.telemetry(image=base64.encodebytes(GOOD).decode())
         assert client.reply() == ("steer", FINE)

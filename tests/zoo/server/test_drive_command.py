@@ -152,7 +152,7 @@ def test_other_machines_are_let_in_only_with_a_warning_and_a_drive_without_any_l
 
 
 def test_the_embedded_simulator_is_driven_until_it_ends(checkpoint: Path, tmp_path: Path) -> None:
-    options = ("drive.port=0", "drive.sim=lake", "drive.laps=0.02", "drive.record=drive")
+    options = ("drive.port=0", "drive.sim=lake", "drive.laps=0.01", "drive.record=drive")
     printed = succeed(drive(tmp_path, checkpoint, *options))
     assert "listening on http://127.0.0.1:" in printed
     assert "simulator 1 has connected" in printed

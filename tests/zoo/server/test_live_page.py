@@ -339,9 +339,9 @@ def test_the_page_shows_the_band_of_a_policy_that_doubts(tmp_path: Path) -> None
     ):
         browser.open(f"http://127.0.0.1:{driver.port}/")
         browser.wait_for(f"{content('strip-name')} === 'Steering'")
-        for number in range(20):
+        for number in range(8):
             red = round(60 + 40 * np.sin(number / 2))
-            simulator.telemetry(jpeg=picture((red, 40, 8 if number < 10 else 25)), speed="9.0000")
+            simulator.telemetry(jpeg=picture((red, 40, 8 if number < 4 else 25)), speed="9.0000")
             simulator.reply()
             time.sleep(0.1)
         browser.wait_for(f"{content('strip-name')}.includes('95 % band')")

@@ -11,17 +11,8 @@ from eventlet import websocket
 CHECKED = {"eventlet": "0.41.3", "python-engineio": "4.15.1", "python-socketio": "5.18.1"}
 USED = {
     (websocket.RFC6455WebSocket, "eventlet"): (
-        *(
-            "Message",
-            "UTF8Decoder",
-            "_apply_mask",
-            "_iter_frames",
-            "_recv_frame",
-            "wait",
-            "send",
-            "close",
-        ),
-        *("_send_closing_frame",),
+        *("Message", "UTF8Decoder", "_apply_mask", "_iter_frames", "_recv_frame"),
+        *("_send_closing_frame", "wait", "send", "close"),
     ),
     (websocket.WebSocketWSGI, "eventlet"): (
         *("_handle_hybi_request", "_negotiate_permessage_deflate"),

@@ -1,6 +1,7 @@
 """Drivers for tests: a recording WebSocket server, a refusing one, and python-socketio."""
 
 import base64
+import contextlib
 import hashlib
 import json
 import socket
@@ -18,7 +19,10 @@ GUID = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
 
 
 class Listening:
-    """A context manager that listens on a free port, in a thread; a subclass serves."""
+    """A context manager that listens on a free port, in a thread.
+
+    It serves one connection at a time, with a subclass's `_talk`.
+    """
 
     def __enter__(self) -> Any:
         self.listener = socket.create_server(("127.0.0.1", 0))
@@ -29,12 +33,19 @@ class Listening:
     def __exit__(self, *_: object) -> None:
         self.listener.close()
 
+    def _serve(self) -> None:
+        while True:
+            try:
+                connection, _ = self.listener.accept()
+            except OSError:
+                return
+            with connection, contextlib.suppress(OSError, EOFError):
+                self._talk(connection)
+
 
 @dataclass
 class RawDriver(Listening):
-    """A WebSocket server that records every frame; a context manager.
-
-    It listens on a free port, in a thread, and serves one connection at a time.
+    """A WebSocket server that records every frame.
 
     Attributes:
         answer: function from a whole message to its replies: texts, or bytes that are sent
@@ -55,18 +66,6 @@ class RawDriver(Listening):
     def telemetry(self) -> list[str]:
         """Return the telemetry messages of the first connection."""
         return [text for text in self.messages[0] if text.startswith('42["telemetry"')]
-
-    def _serve(self) -> None:
-        while True:
-            try:
-                connection, _ = self.listener.accept()
-            except OSError:
-                return
-            with connection:
-                try:
-                    self._talk(connection)
-                except (OSError, EOFError):
-                    continue
 
     def _talk(self, connection: socket.socket) -> None:
         stream = connection.makefile("rb")
@@ -113,23 +112,15 @@ class RefusingDriver(Listening):
     times: list[float] = field(default_factory=list)
     left_open: int = 0
 
-    def _serve(self) -> None:
-        while True:
-            try:
-                connection, _ = self.listener.accept()
-            except OSError:
-                return
-            self.times.append(time.monotonic())
-            with connection:
-                connection.recv(4096)
-                connection.sendall(b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n")
-                connection.settimeout(0.4)
-                try:
-                    connection.recv(1)
-                except TimeoutError:
-                    self.left_open += 1
-                except OSError:
-                    pass
+    def _talk(self, connection: socket.socket) -> None:
+        self.times.append(time.monotonic())
+        connection.recv(4096)
+        connection.sendall(b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n")
+        connection.settimeout(0.4)
+        try:
+            connection.recv(1)
+        except TimeoutError:
+            self.left_open += 1
 
 
 class ModernDriver:
@@ -144,20 +135,12 @@ class ModernDriver:
 
     def __init__(self, *reply: object) -> None:
         self.telemetry: list[list] = []
-        self._command = [
-            sys.executable,
-            "-W",
-            "ignore",
-            "-m",
-            "tests.zoo.simulator.drivers",
-            json.dumps(reply),
-        ]
+        module = ["-W", "ignore", "-m", "tests.zoo.simulator.drivers"]
+        self._command = [sys.executable, *module, json.dumps(reply)]
 
     def __enter__(self) -> "ModernDriver":
-        folder = Path(__file__).parents[3]
-        self._process = subprocess.Popen(
-            self._command, cwd=folder, stdout=subprocess.PIPE, text=True
-        )
+        folder, pipe = Path(__file__).parents[3], subprocess.PIPE
+        self._process = subprocess.Popen(self._command, cwd=folder, stdout=pipe, text=True)
         self.url = self._process.stdout.readline().strip()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()

@@ -43,12 +43,12 @@ def test_it_keeps_straight_with_straight_wheels(speed, throttle):
 
 @given(commands, st.floats(0, 30))
 def test_mirrored_steering_mirrors_the_path(given_commands, speed):
-    one, other = rolling(speed), rolling(speed)
+    car, mirrored = rolling(speed), rolling(speed)
     for steering, throttle in given_commands:
-        drive(one, 0.1, steering, throttle)
-        drive(other, 0.1, -steering, throttle)
-    x, y, heading, ahead, left, yaw_rate = motion(other)
-    assert motion(one) == (x, -y, -heading, ahead, -left, -yaw_rate)
+        drive(car, 0.1, steering, throttle)
+        drive(mirrored, 0.1, -steering, throttle)
+    x, y, heading, ahead, left, yaw_rate = motion(mirrored)
+    assert motion(car) == (x, -y, -heading, ahead, -left, -yaw_rate)
 
 
 def test_it_turns_on_the_circle_of_its_wheels_while_slow():
@@ -94,17 +94,11 @@ def test_it_rolls_out_without_throttle_and_stands():
 
 
 def test_climbs_slow_it_and_descents_speed_it_up():
+    assert drive(rolling(0), 10, throttle=1, grade=0.13).speed_mph > 29, "our steepest road"
+    assert drive(rolling(0), 5, grade=0.004).x == 0, "friction holds it"
     up, level, down = (drive(rolling(15), 2, grade=grade) for grade in (0.1, 0.0, -0.1))
     assert up.speed_mph < level.speed_mph < down.speed_mph
     assert down.speed_mph > 15
-
-
-def test_it_climbs_the_steepest_of_our_roads():
-    assert drive(rolling(0), 10, throttle=1, grade=0.13).speed_mph > 29
-
-
-def test_it_holds_a_gentle_slope_by_friction_alone():
-    assert drive(rolling(0), 5, grade=0.004).x == 0
 
 
 def test_off_the_road_it_slows_down():

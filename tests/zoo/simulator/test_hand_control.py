@@ -67,27 +67,20 @@ def test_a_mouse_steers_only_with_its_button_and_each_press_begins_at_zero():
     assert after(STEP_S, Hands({"mouse1"}, pointer=0.4), control).steering == 0
 
 
-def test_keys_come_before_the_mouse():
+def test_keys_come_before_the_mouse_and_may_accelerate_while_it_steers():
     control = after(STEP_S, Hands({"mouse1"}, pointer=0.5))
     assert after(1, Hands({"mouse1", "a"}, pointer=0.9), control).steering == -1
-
-
-def test_a_key_accelerates_while_the_mouse_steers():
     after(STEP_S, Hands({"mouse1", "w"}), control := HandControl())
     after(1, Hands({"mouse1", "w"}, pointer=0.7), control)
     assert (control.steering, control.throttle) == pytest.approx((0.3, 1))
 
 
-@pytest.mark.parametrize(
-    ("stick", "steering"), [(0.08, 0), (-0.1, 0), (0.55, 0.5), (-1, -1), (1, 1)]
-)
-def test_a_stick_steers_beyond_its_dead_zone(stick, steering):
-    assert after(STEP_S, Hands(stick=stick)).steering == pytest.approx(steering)
-
-
-def test_triggers_accelerate_and_brake():
-    assert after(STEP_S, Hands(pedals=0.4)).throttle == pytest.approx(0.4)
-    assert after(STEP_S, Hands(pedals=-1)).throttle == -1
+def test_a_stick_steers_beyond_its_dead_zone_and_triggers_accelerate_and_brake():
+    sticks = (0.08, -0.1, 0.55, -1, 1)
+    steering = [after(STEP_S, Hands(stick=stick)).steering for stick in sticks]
+    assert steering == pytest.approx([0, 0, 0.5, -1, 1])
+    throttles = [after(STEP_S, Hands(pedals=pedals)).throttle for pedals in (0.4, -1)]
+    assert throttles == pytest.approx([0.4, -1])
 
 
 @pytest.mark.parametrize("brake", [Hands({"s"}), Hands(pedals=-0.5)], ids=["key", "trigger"])

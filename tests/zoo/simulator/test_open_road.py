@@ -106,8 +106,9 @@ def test_random_starts_leave_road_ahead(way):
 
 @both_ways
 def test_an_episode_terminates_at_the_end(road_file, way):
+    small = {"quality": "simple", "width": 64, "height": 32}
     env = gymnasium.wrappers.TimeLimit(
-        DrivingEnv(road_file, direction=way, random_start=False), 2000
+        DrivingEnv(road_file, direction=way, random_start=False, **small), 2000
     )
     expert = Expert(env.unwrapped.world.track)
     env.reset(seed=1, options={"speed_mph": 20})
@@ -125,12 +126,9 @@ def test_an_episode_terminates_at_the_end(road_file, way):
 
 def test_recording_both_ways_covers_the_road_twice(road_file, tmp_path, console):
     out = tmp_path / "laps"
-    record_laps(
-        RecordOptions(out=str(out), laps=3, track=road_file, direction="both", frame_rate=4),
-        console,
-    )
-    text = console.file.getvalue()
-    assert "laps        2.00 (" in text
+    common = {"laps": 3, "direction": "both", "frame_rate": 4, "quality": "simple"}
+    record_laps(RecordOptions(out=str(out), track=road_file, **common), console)
+    assert "laps        2.00 (" in console.file.getvalue()
     assert len(list((out / "IMG").glob("center*"))) > 100
 
 

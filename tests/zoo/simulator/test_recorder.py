@@ -80,16 +80,6 @@ def test_relative_and_header_are_as_in_the_courses_sample_data(tmp_path):
     assert row.startswith(f"IMG/center_{stamp}, IMG/left_{stamp}, IMG/right_{stamp},0,1,0,")
 
 
-def test_passes_are_apart_in_time(tmp_path):
-    with Recorder(tmp_path) as recorder:
-        for _ in range(3):
-            recorder.begin_pass()
-            add_rows(recorder, 5)
-    recording = read_recordings(str(tmp_path))
-    assert len({path for row in recording.images for path in row}) == 45
-    assert np.count_nonzero(np.diff(recording.time_s) > 1) == 2
-
-
 def test_a_row_that_is_no_later_is_refused_and_overwrites_nothing(tmp_path):
     with Recorder(tmp_path) as recorder:
         recorder.add(FRAMES, 0, 0, 0, 0, 1.0)

@@ -32,16 +32,11 @@ def look(world: World, weather: Weather = CLEAR, camera: str = "center", **start
     return world.frame(camera)
 
 
-@pytest.mark.parametrize("camera", CAMERAS)
-def test_a_frame_is_what_the_original_records(lake: World, camera: str) -> None:
-    frame = look(lake, camera=camera)
-    assert frame.shape == (160, 320, 3)
-    assert frame.dtype == np.uint8
-
-
 def test_the_horizon_stands_where_the_original_has_it(lake: World) -> None:
     """Pitched down 9.5 degrees, the lens puts the horizon at row 56.8; sky above, road below."""
-    frame = look(lake, distance=330).astype(int)
+    frame = look(lake, distance=330)
+    assert (frame.shape, frame.dtype) == ((160, 320, 3), np.uint8)
+    frame = frame.astype(int)
     assert frame[5, :, 2].mean() > frame[5, :, 0].mean() + 40
     road = frame[70:130, 150:170]
     assert (road.max(-1) - road.min(-1)).mean() < 25
@@ -54,7 +49,6 @@ def yellow_columns(frame: np.ndarray, row: int) -> np.ndarray:
 
 def test_the_road_is_as_wide_as_in_the_original(lake: World) -> None:
     """Lines 6.4 m apart, seen from 1.2 m, are 5.3 columns apart per row below the horizon."""
-    lake.reset(0, Start(distance=710))
     frame = look(lake, distance=330)
     row = 90
     columns = yellow_columns(frame, row)
@@ -70,8 +64,9 @@ def test_a_car_to_the_right_sees_the_road_to_the_left(lake: World) -> None:
 
 
 def test_the_left_camera_is_left_of_the_right_one(lake: World) -> None:
-    rows = [yellow_columns(look(lake, camera=c, distance=330), 90).mean() for c in CAMERAS]
-    center, left, right = rows
+    center, left, right = (
+        yellow_columns(look(lake, camera=camera, distance=330), 90).mean() for camera in CAMERAS
+    )
     assert left > center > right
 
 
@@ -81,20 +76,15 @@ def test_the_bonnet_covers_the_lower_edge_and_does_not_move(lake: World) -> None
 
 
 @pytest.mark.parametrize(
-    ("change", "darker"),
-    [
-        ({"brightness": 0.6}, True),
-        ({"sun": 0.2}, True),
-        ({"wet": 1.0}, True),
-        ({"brightness": 1.3}, False),
-    ],
+    ("change", "sign"),
+    [({"brightness": 0.6}, -1), ({"sun": 0.2}, -1), ({"wet": 1.0}, -1), ({"brightness": 1.3}, 1)],
 )
-def test_weather_changes_the_roads_brightness(lake: World, change: dict, darker: bool) -> None:
-    road = [
+def test_weather_changes_the_roads_brightness(lake: World, change: dict, sign: int) -> None:
+    usual, changed = (
         look(lake, weather, distance=330)[80:130, 120:200].mean()
         for weather in (CLEAR, replace(CLEAR, **change))
-    ]
-    assert (road[1] < road[0] - 5) if darker else (road[1] > road[0] + 5)
+    )
+    assert sign * (changed - usual) > 5
 
 
 def test_fog_hides_what_is_far_and_not_the_road_ahead(lake: World) -> None:
@@ -132,8 +122,8 @@ def test_a_displaced_camera_gives_a_displaced_frame(lake: World) -> None:
     up = replace(CLEAR, camera=CameraOffset(pitch_deg=3))
     straight, raised = look(lake, distance=330), look(lake, up, distance=330)
     # A camera pitched up by 3 degrees moves objects ahead down by about 7 rows.
-    moved = np.roll(straight[70:100].mean((1, 2)), 0)
-    shifts = [np.abs(raised[70 + s : 100 + s].mean((1, 2)) - moved).mean() for s in range(13)]
+    rows = straight[70:100].mean((1, 2))
+    shifts = [np.abs(raised[70 + s : 100 + s].mean((1, 2)) - rows).mean() for s in range(13)]
     assert 5 <= int(np.argmin(shifts)) <= 10
 
 
@@ -160,7 +150,7 @@ def test_a_wider_angle_of_view_shows_the_same_things_smaller(lake: World) -> Non
         for one in track_names()
     ],
 )
-@pytest.mark.parametrize("every_m", [35.0, pytest.param(5.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("every_m", [70.0, pytest.param(5.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("quality", ["simple", "fast"])
 def test_the_camera_sees_the_road_before_it_along_the_lap(
     name: str, every_m: float, quality: str
@@ -232,10 +222,10 @@ DIGESTS = {"full": "063841ce1f805dbb", "fast": "a79ed75109423e62"}
 @pytest.mark.parametrize("quality", DIGESTS)
 def test_the_frames_of_a_quality_stay_the_same(quality: str) -> None:
     world = open_world("alpine:17", "software", quality)
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for distance, camera in zip((10.0, 120.0, 250.0), CAMERAS, strict=True):
-        found.update(look(world, Weather(fog=0.2, wet=0.5), camera, distance=distance).tobytes())
-    assert found.hexdigest()[:16] == DIGESTS[quality]
+        digest.update(look(world, Weather(fog=0.2, wet=0.5), camera, distance=distance).tobytes())
+    assert digest.hexdigest()[:16] == DIGESTS[quality]
     world.renderer.close()
 
 

@@ -84,14 +84,16 @@ def test_each_road_has_a_light_of_its_own(family):
     assert len(lights) == 5
 
 
-def test_the_expert_drives_roads_of_each_family(family):
-    for seed in range(3):
-        road = draw_road(family, seed)
-        world, expert = World(road), Expert(road)
-        while not world.is_complete(1.0):
-            world.step(*expert(world))
-            assert not world.off_road, f"{road.name} at {world.place.distance:.0f} m"
-            assert world.time < 600
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))]
+)
+def test_the_expert_drives_roads_of_each_family(family, seed):
+    road = draw_road(family, seed)
+    world, expert = World(road), Expert(road)
+    while not world.is_complete(1.0):
+        world.step(*expert(world))
+        assert not world.off_road, f"{road.name} at {world.place.distance:.0f} m"
+        assert world.time < 600
 
 
 def test_loops_close(family):
@@ -139,7 +141,7 @@ def test_ranges_without_a_road_say_so():
 @pytest.mark.parametrize(
     "ranges",
     [
-        {"length": (20_000.0, 20_000.0)},
+        pytest.param({"length": (20_000.0, 20_000.0)}, marks=pytest.mark.slow),
         {"length": (20_000.0, 20_000.0), "straight": (1.0, 1.0), "radius": (6.0, 6.0)},
         {"loop": (20_000.0, 20_000.0), "closed": 1},
     ],

@@ -1,5 +1,6 @@
 """Meshes, bridges, textures, shadows and light, without a renderer."""
 
+from itertools import product
 from typing import get_args
 
 import numpy as np
@@ -27,6 +28,8 @@ from zoo.simulator.track_file import read_track, track_folder, track_names
 from zoo.simulator.weather import Weather
 
 CLEARANCE_M = 3.5  # smallest height of a bridge's underside above the road below
+PLAIN_CASES = [("zoo_mountain", False), ("udacity_jungle", True)]
+PLAIN_KINDS = ("kerb", "rock", "drop", "barriers", "closed")
 
 
 @pytest.fixture(scope="module", params=track_names())
@@ -66,10 +69,16 @@ def check_nothing_covers_the_road(track: Track, fast: bool = False) -> None:
         assert cKDTree(roofed).query(below)[0].max() < track.widths.max() / 2 + 1.5
 
 
-@pytest.mark.parametrize("fast", [False, True])
-def test_nothing_covers_the_road_but_bridges_and_tunnels(track, fast: bool) -> None:
+@pytest.mark.parametrize(
+    ("name", "fast"),
+    [
+        pytest.param(*case, marks=() if case in PLAIN_CASES else pytest.mark.slow)
+        for case in product(track_names(), (False, True))
+    ],
+)
+def test_nothing_covers_the_road_but_bridges_and_tunnels(name: str, fast: bool) -> None:
     """Check the carriageway against every triangle of ground, verges, boulders and bridges."""
-    check_nothing_covers_the_road(track, fast)
+    check_nothing_covers_the_road(read_track(name), fast)
 
 
 def test_the_ground_stays_below_the_shoulders(track) -> None:
@@ -91,13 +100,16 @@ def test_the_road_is_where_the_track_is(track) -> None:
     assert apart.max() < track.widths.max() / 2 + track.shoulder + 2
 
 
-def test_no_tree_stands_on_the_road_or_in_the_water(track) -> None:
+def test_no_tree_stands_on_the_road_or_in_the_water_and_simple_quality_has_fewer_plants(
+    track,
+) -> None:
     ground = Ground(track)
-    trees = [one for one in place_standing(track, ground, "full") if "pine" in one.kind]
-    feet = np.array([tree.foot[:2] for tree in trees])
-    assert len(trees) > 50
+    full, simple = (place_standing(track, ground, quality) for quality in ("full", "simple"))
+    feet = np.array([plant.foot[:2] for plant in full if "pine" in plant.kind])
+    assert len(feet) > 50
     assert ground.near_road.query(feet)[0].min() > track.surroundings.clear - 0.5
     assert not ground.in_water(feet).any()
+    assert len(simple) < len(full) / 2
 
 
 def across(track: Track, mesh: Mesh, distance: float) -> tuple[np.ndarray, np.ndarray]:
@@ -165,7 +177,10 @@ def test_a_side_road_is_closed_by_three_barriers_with_signs() -> None:
     assert len(row.points) == 3 * 5 * 4
 
 
-@pytest.mark.parametrize("quality", ["full", "fast", "simple"])
+@pytest.mark.parametrize(
+    "quality",
+    [*(pytest.param(name, marks=pytest.mark.slow) for name in ("full", "fast")), "simple"],
+)
 def test_the_mountain_of_version_1_has_leaves_on_both_sides_and_no_line(quality: str) -> None:
     world = open_world("udacity_mountain", "software", quality)
     for distance in (125.0, 330.0, 620.0, 780.0, 1100.0):
@@ -188,12 +203,6 @@ def test_mounds_rise_beside_the_road_and_not_on_it() -> None:
     places = np.array([[50.0, 30.0], road + (0, 11), road])
     rise = raised.height(places) - flat.height(places)
     assert rise == pytest.approx([12, 0, 0], abs=0.1)
-
-
-def test_simple_quality_has_fewer_plants(track) -> None:
-    ground = Ground(track)
-    full, simple = (place_standing(track, ground, quality) for quality in ("full", "simple"))
-    assert len(simple) < len(full) / 2
 
 
 def test_a_bare_world_can_be_drawn() -> None:
@@ -236,9 +245,8 @@ def test_a_trees_shadow_lies_on_the_side_away_from_the_sun() -> None:
     track = read_track("lake")
     ground = Ground(track)
     tree = next(one for one in place_standing(track, ground, "full") if one.kind == "round_tree")
-    around = tree.foot + np.array(
-        [[x, y, 0.0] for x in np.arange(-30, 31) for y in np.arange(-30, 31)]
-    )
+    steps = np.arange(-30, 31)
+    around = tree.foot + np.array([[x, y, 0.0] for x, y in product(steps, steps)])
     shadows = Shadows(track, [tree], [around])
     shadows.trees = [tree]
     light = shadows(Weather(sun_azimuth_deg=0, sun_elevation_deg=40))[0]
@@ -297,7 +305,13 @@ def track_of(segments: list[dict], kind: str = "kerb", **content) -> Track:
     return make_track("t", {"segments": segments, "closed": closed, "verge": verge, **content})
 
 
-@pytest.mark.parametrize("kind", get_args(VergeKind))
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=() if kind in PLAIN_KINDS else pytest.mark.slow)
+        for kind in get_args(VergeKind)
+    ],
+)
 def test_no_verge_covers_the_road_of_a_lower_or_higher_part(kind: str) -> None:
     check_nothing_covers_the_road(track_of(EIGHT, kind))
     check_nothing_covers_the_road(track_of(SWITCHBACKS, kind))

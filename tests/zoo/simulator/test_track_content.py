@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.zoo.simulator.tracks import LOOP, loop, open_road
+from tests.zoo.simulator.tracks import LOOP, loop, open_road, refusal
 from zoo.base.errors import InputError
 from zoo.simulator.expert import Expert, ExpertSettings
 from zoo.simulator.simulated_world import Start, World
@@ -46,14 +46,6 @@ def straights(count: int, metres: float) -> list[dict]:
     return [{"straight": metres} for _ in range(count)]
 
 
-def refusal(path: str) -> str:
-    with pytest.raises(InputError) as error:
-        read_track(path)
-    assert "\n" not in str(error.value)
-    assert str(error.value).startswith(f"{path}: ")
-    return str(error.value)
-
-
 def circle(radius: float, step: float, height: float = 0.0) -> str:
     """Return a survey of a circle, driven anticlockwise."""
     count = round(2 * math.pi * radius / step)
@@ -78,14 +70,9 @@ def test_segments_have_their_lengths_radii_and_climbs():
 
 
 def test_left_turns_left_and_right_turns_right():
-    left, right = (
-        open_road(),
-        make_track(
-            "right",
-            {"segments": [{"straight": 60}, {"right": 60, "radius": 30}], "closed": False},
-        ),
-    )
-    assert left.heading_at(110) == pytest.approx(math.radians(60), abs=0.01)
+    bend = [{"straight": 60}, {"right": 60, "radius": 30}]
+    right = make_track("right", {"segments": bend, "closed": False})
+    assert open_road().heading_at(110) == pytest.approx(math.radians(60), abs=0.01)
     assert right.heading_at(91) == pytest.approx(-math.radians(60), abs=0.03)
     assert right.curvature.min() == pytest.approx(-1 / 30, rel=0.02)
 
@@ -192,16 +179,10 @@ def test_a_figure_of_eight_gets_a_bridge_over_its_lower_part():
         ({"segments": [{"left": 90}]}, "segments, number 1: must have straight"),
         ({"segments": [{"straight": 9, "radius": 9}]}, "number 1: must have straight"),
         ({"segments": [{"left": 9, "raduis": 9}]}, "did you mean radius"),
-        (
-            {"segments": [{"left": 90, "radius": 0}]},
-            "radius: 0; must be greater than or equal",
-        ),
+        ({"segments": [{"left": 90, "radius": 0}]}, "radius: 0; must be greater than or equal"),
         ({"segments": straights(9, 90000), "closed": False}, "extend over 810,000 m"),
         ({"segments": straights(MOST_POINTS + 1, 9)}, "segments: must have at most 10000 items"),
-        (
-            {"segments": [{"straight": 5}], "closed": False},
-            "5 m long; must be 20..100000 m",
-        ),
+        ({"segments": [{"straight": 5}], "closed": False}, "5 m long; must be 20..100000 m"),
         (
             {"segments": [{"straight": 99}, {"left": 90, "radius": 5}], "closed": False},
             "m; the car",
@@ -212,18 +193,9 @@ def test_a_figure_of_eight_gets_a_bridge_over_its_lower_part():
         ({"points": [[0, 0, 0], [0.2, 0, 0], [50, 0, 0]], "closed": False}, "less than 1 m apart"),
         ({"points": LOOP, "widths": []}, "widths: []; must have at least 1 item"),
         ({"points": LOOP, "widths": [[0, 2]]}, "widths, number 1, number 2: 2; must be"),
-        (
-            {"points": LOOP, "widths": [[0, 5], [9999, 6]]},
-            "widths, number 2: station 9999",
-        ),
-        (
-            {"points": LOOP, "widths": [[9, 5], [9, 6]]},
-            "station 9; stations must increase",
-        ),
-        (
-            {"points": LOOP, "widths": [[9, "5"]]},
-            "widths, number 1, number 2: 5; must be",
-        ),
+        ({"points": LOOP, "widths": [[0, 5], [9999, 6]]}, "widths, number 2: station 9999"),
+        ({"points": LOOP, "widths": [[9, 5], [9, 6]]}, "station 9; stations must increase"),
+        ({"points": LOOP, "widths": [[9, "5"]]}, "widths, number 1, number 2: 5; must be"),
         ({"survey": 7}, "survey: 7; must be a valid string"),
         ({"survey": "/etc/passwd"}, "survey: /etc/passwd; must be a .csv file in the folder"),
         ({"survey": "../mine.csv"}, "lies outside of the folder of this file"),

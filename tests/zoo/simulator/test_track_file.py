@@ -1,6 +1,7 @@
 """Tracks as YAML, their geometry, and one-line errors for a user's own."""
 
 import math
+import re
 
 import gymnasium
 import numpy as np
@@ -9,6 +10,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.zoo.simulator.tracks import refusal
 from zoo.base.errors import InputError
 from zoo.simulator.centreline import STEP_M, make_centreline
 from zoo.simulator.track_content import TIGHTEST_RADIUS_M
@@ -32,13 +34,6 @@ def write_track(folder, **content):
     return str(path)
 
 
-def refusal(path: str) -> str:
-    with pytest.raises(InputError) as error:
-        read_track(path)
-    assert "\n" not in str(error.value)
-    return str(error.value)
-
-
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_every_included_track_can_be_driven(path):
     track = read_track(path.stem)
@@ -60,26 +55,25 @@ def test_the_mountain_is_narrow_steep_and_winding():
     assert {"rock", "drop"} <= verges
 
 
-def test_a_users_own_track_needs_only_points(tmp_path):
-    track = read_track(write_track(tmp_path))
-    assert (track.name, track.width, track.stretches) == ("mine", 6.4, ())
+def test_a_users_own_track_needs_only_points_and_keeps_its_name(tmp_path):
+    path = tmp_path / "zoo_lake.yaml"
+    path.write_text(yaml.safe_dump({"points": SQUARE}))
+    track = read_track(str(path))
+    assert (track.name, track.width, track.stretches) == ("zoo_lake", 6.4, ())
 
 
 def test_a_road_that_crosses_itself_is_refused_with_both_places(tmp_path):
     eight = [[0, 0, 0], [60, 60, 0], [120, 0, 0], [60, -60, 0], [0, 0.5, 0], [-60, 60, 0]]
     eight += [[-120, 0, 0], [-60, -60, 0]]
-    path = write_track(tmp_path, points=eight)
-    line = refusal(path)
-    assert line.startswith(f"{path}: points: the road crosses itself, or nearly: ")
+    line = refusal(write_track(tmp_path, points=eight))
+    assert ": points: the road crosses itself, or nearly: " in line
     assert line.count(" m ") >= 2
 
 
 def test_a_bend_too_tight_for_the_car_is_refused_with_its_place(tmp_path):
     hairpin = [[0, 0, 0], [50, 0, 0], [100, 0, 0], [104, 4, 0], [100, 8, 0], [50, 60, 0]]
-    path = write_track(tmp_path, points=hairpin)
-    line = refusal(path)
-    assert line.startswith(f"{path}: points: the bend at ")
-    assert "m has a radius of " in line
+    line = refusal(write_track(tmp_path, points=hairpin))
+    assert re.search(r": points: the bend at .*m has a radius of ", line)
 
 
 @pytest.mark.parametrize(
@@ -96,17 +90,15 @@ def test_a_bend_too_tight_for_the_car_is_refused_with_its_place(tmp_path):
         ({"stretches": ["all"]}, "stretches, number 1: all; must be keys and values"),
         ({"surroundings": {"lakes": [[1, 2]]}}, "lakes, number 1, number 3: must be given"),
         ({"surroundings": {"trees": 2.5}}, "surroundings: trees: 2.5; must be a valid integer"),
-        (
-            {"surroundings": {"lakes": [[1, 2, math.nan]]}},
-            "lakes, number 1, number 3: nan; must",
-        ),
+        ({"surroundings": {"lakes": [[1, 2, math.nan]]}}, "number 1, number 3: nan; must"),
         ({"surroundings": {"lakes": [[1, 2, -3]]}}, "lakes, number 1, number 3: -3; must be"),
         ({"centre_line": "no"}, "centre_line: no; must be a valid boolean"),
         ({"points": [*SQUARE[:3], [False, 60, 0]]}, "points, number 4, number 1: False; must be"),
         ({"points": [[9000 * one for one in place] for place in SQUARE]}, "points: extend over"),
-        (
-            {"points": [[one, 0, 0] for one in range(10_001)]},
+        pytest.param(
+            {"points": [[east, 0, 0] for east in range(10_001)]},
             "points: must have at most 10000 items",
+            marks=pytest.mark.slow,
         ),
         ({"surroundings": {"lakes": math.nan}}, "surroundings: lakes: "),
         ({"surroundings": {"lakes": [[0, 0, 1e8]]}}, "surroundings: lakes, number 1"),
@@ -115,17 +107,14 @@ def test_a_bend_too_tight_for_the_car_is_refused_with_its_place(tmp_path):
     ],
 )
 def test_a_mistake_is_one_line_with_the_file_and_the_key(tmp_path, content, message):
-    path = write_track(tmp_path, **content)
-    line = refusal(path)
-    assert line.startswith(f"{path}: ")
-    assert message in line
+    assert message in refusal(write_track(tmp_path, **content))
 
 
 @pytest.mark.parametrize("text", ["", "- 1", "points: [", "\t"])
 def test_a_file_that_is_not_a_track_is_refused(tmp_path, text):
     path = tmp_path / "mine.yaml"
     path.write_text(text)
-    assert refusal(str(path)).startswith(f"{path}: ")
+    refusal(str(path))
 
 
 @pytest.mark.parametrize("key", ["verge", "stretches", "surroundings"])
@@ -135,11 +124,11 @@ def test_a_key_without_a_value_counts_as_left_out(tmp_path, key):
 
 
 def test_an_unknown_track_names_the_known_ones():
-    assert "did you mean lake?" in refusal("laek")
-    line = refusal("mine.yaml")
-    assert "there is no track mine.yaml" in line
     names = "lake, mountain, research_mountain, udacity_jungle, udacity_lake, udacity_mountain"
-    assert names in line
+    with pytest.raises(InputError, match=r"did you mean lake\?"):
+        read_track("laek")
+    with pytest.raises(InputError, match=rf"there is no track mine\.yaml.*{names}"):
+        read_track("mine.yaml")
 
 
 @pytest.mark.parametrize(("alias", "name"), ALIASES.items())
@@ -151,12 +140,6 @@ def test_an_alias_is_the_same_road_with_the_same_name_in_records(alias, name):
     assert WorldSettings(track=f"{name},udacity_lake").track == f"{alias},udacity_lake"
     assert name in track_names()
     assert alias not in track_names()
-
-
-def test_a_users_own_file_keeps_its_name(tmp_path):
-    path = tmp_path / "zoo_lake.yaml"
-    path.write_text(yaml.safe_dump({"points": SQUARE}))
-    assert read_track(str(path)).name == "zoo_lake"
 
 
 @pytest.mark.parametrize("name", [*track_names(), *ALIASES])
@@ -194,15 +177,12 @@ def test_locate_needs_no_hint(track, lap, side):
 
 
 @pytest.mark.parametrize("track", TRACKS.values(), ids=TRACKS)
-def test_the_loop_is_closed_and_evenly_sampled(track):
+def test_the_loop_is_closed_evenly_sampled_turns_once_and_ends_at_its_own_height(track):
     steps = np.linalg.norm(np.diff(track.xyz[:, :2], axis=0, append=track.xyz[:1, :2]), axis=1)
     assert steps == pytest.approx(STEP_M, abs=0.01)
     assert track.at(track.length) == pytest.approx(track.at(0.0))
     assert len(track.distance) * STEP_M == pytest.approx(track.length, abs=STEP_M)
 
-
-@pytest.mark.parametrize("track", TRACKS.values(), ids=TRACKS)
-def test_a_lap_turns_once_and_ends_at_its_own_height(track):
     turned = track.heading_at(track.length) - track.heading_at(0.0)
     turns = 0 if track.bridge.any() else 1  # a figure of eight does not turn
     assert abs(turned) == pytest.approx(2 * np.pi * turns, abs=1e-9)

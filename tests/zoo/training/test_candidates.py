@@ -15,7 +15,7 @@ from zoo.scoring.track_scores import RunScore, run_options
 from zoo.training import candidates
 from zoo.training.candidates import choose_best, restore_monitored
 
-SHORT = run_options(OmegaConf.create({"laps": 0.05, "candidate_laps": 0.05, "workers": 1}))
+SHORT = run_options(OmegaConf.create({"laps": 0.02, "candidate_laps": 0.02, "workers": 1}))
 UNDRIVEN = run_options(OmegaConf.create({"candidate_laps": 0}))
 
 
@@ -36,13 +36,17 @@ def test_the_better_driver_becomes_best(run: Path, console: Console) -> None:
 
     assert choice["epoch"] == epoch(run) == 5
     assert epoch(run, "monitored") == 1, "the checkpoint with the lowest error is lost"
-    assert [one["file"] for one in choice["drives"]] == ["last.ckpt", "best.ckpt"]
+    assert [drive["file"] for drive in choice["drives"]] == ["last.ckpt", "best.ckpt"]
     assert choice["drives"][0]["interventions"] < choice["drives"][1]["interventions"]
     assert "best of 2 candidates" in choice["why"]
     printed = console.file.getvalue()
     assert "of zoo_lake each" in printed
     for words in ("epoch   1, lowest val/mse", "epoch   5, last epoch", "best.ckpt is of epoch 5"):
         assert words in printed
+
+    restore_monitored(run)
+    assert epoch(run) == 1, "training on compares with the lowest error again"
+    assert not (run / "checkpoints" / "monitored.ckpt").exists()
 
 
 def test_the_lowest_error_stays_where_it_drives_best(run: Path, console: Console) -> None:
@@ -124,10 +128,3 @@ def test_a_run_that_keeps_no_best_checkpoint_has_none(run: Path, console: Consol
     (run / "checkpoints" / "best.ckpt").unlink()
     assert choose_best(SHORT, None, run, console) is None
     assert not (run / "checkpoints" / "best.ckpt").exists()
-
-
-def test_training_on_compares_with_the_lowest_error_again(run: Path, console: Console) -> None:
-    choose_best(SHORT, "val/mse", run, console)
-    restore_monitored(run)
-    assert epoch(run) == 1
-    assert not (run / "checkpoints" / "monitored.ckpt").exists()

@@ -13,8 +13,8 @@ from rich.console import Console
 
 from datamodules.view import View
 from tests.recordings import Written
-from tests.zoo.command_runs import only_line, run
-from tests.zoo.trainings import module_of
+from tests.zoo.command_runs import only_line, run, run_here
+from tests.zoo.trainings import data_of, module_of
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.models.make_network import make_network
@@ -26,7 +26,7 @@ SHORT = ("callbacks.closed_loop.starts=2", "callbacks.closed_loop.metres=10")
 
 def small(recorded: Written, *overrides: str) -> list[str]:
     return [
-        f"data.root={recorded.folder}",
+        *data_of(recorded),
         "data.block_s=0.5",
         "data.gap_s=0.1",
         "data.batch_size=16",
@@ -51,7 +51,7 @@ def fit(
 
 
 def driver_of(trainer: lightning.Trainer) -> ClosedLoop:
-    return next(one for one in trainer.callbacks if isinstance(one, ClosedLoop))
+    return next(call for call in trainer.callbacks if isinstance(call, ClosedLoop))
 
 
 def logged(folder: Path, name: str) -> dict[int, float]:
@@ -89,7 +89,7 @@ def test_a_drive_leaves_mode_gradients_and_chance_as_they_were(
     network = module_of(config, data.view).network.train()
     height, width, channels = data.view.shape
     network(torch.zeros(2, channels, height, width, dtype=torch.uint8)).sum().backward()
-    gradients = [one.grad.clone() for one in network.parameters()]
+    gradients = [weight.grad.clone() for weight in network.parameters()]
     chance, numbers = torch.get_rng_state(), np.random.get_state()[1].copy()  # noqa: NPY002
     threads = torch.get_num_threads()
     callback = ClosedLoop(starts=1, metres=5)
@@ -98,19 +98,13 @@ def test_a_drive_leaves_mode_gradients_and_chance_as_they_were(
     figures = [callback.drive(network, data.view, {}) for _ in range(2)]
 
     assert figures[0] == figures[1]
-    assert set(figures[0]) == {
-        "autonomy",
-        "interventions",
-        "cte_mean",
-        "cte_max",
-        "score",
-    }
-    assert all(one.training for one in network.modules())
+    assert set(figures[0]) == {"autonomy", "interventions", "cte_mean", "cte_max", "score"}
+    assert all(module.training for module in network.modules())
     assert torch.equal(chance, torch.get_rng_state())
     assert (numbers == np.random.get_state()[1]).all()  # noqa: NPY002
     assert torch.get_num_threads() == threads
-    for one, before in zip(network.parameters(), gradients, strict=True):
-        assert torch.equal(one.grad, before)
+    for weight, before in zip(network.parameters(), gradients, strict=True):
+        assert torch.equal(weight.grad, before)
     callback.world.close()
 
 
@@ -141,6 +135,7 @@ def test_where_no_renderer_opens_it_says_so_once_and_trains(
 
     monkeypatch.setattr("zoo.driving.embedded_world.open_embedded", refuse)
     tiny = ("model=tiny", "data.crop=[50,0]", "callbacks=closed_loop")
+    tiny += ("callbacks.fed_batch=null", "callbacks.steering_histogram=null")
     trainer, _ = fit(recorded, tmp_path / "a", console, *tiny)
     assert trainer.current_epoch == 2
     printed = capsys.readouterr().out
@@ -152,16 +147,15 @@ def test_where_no_renderer_opens_it_says_so_once_and_trains(
 def test_nothing_that_drives_is_monitored_without_a_driver(
     recorded: Written, tmp_path: Path
 ) -> None:
-    line = only_line(
-        run(tmp_path, *small(recorded), "callbacks.early_stopping.monitor=drive/autonomy")
-    )
+    keys = (*small(recorded), "callbacks.early_stopping.monitor=drive/autonomy")
+    line = only_line(run_here(tmp_path, *keys))
     assert "EarlyStopping monitors drive/autonomy, but nothing drives; add callbacks=cl" in line
 
 
 def test_on_an_open_road_every_drive_has_its_length(tmp_path: Path) -> None:
     path = tmp_path / "road.yaml"
-    path.write_text("closed: false\nsegments: [{straight: 200}]\n")
-    callback = ClosedLoop(track=str(path), starts=3, metres=60, quality="simple")
+    path.write_text("closed: false\nsegments: [{straight: 50}]\n")
+    callback = ClosedLoop(track=str(path), starts=3, metres=20, quality="simple")
     callback._open()
     begun, step = [], callback.world.simulated.step
 
@@ -177,7 +171,7 @@ def test_on_an_open_road_every_drive_has_its_length(tmp_path: Path) -> None:
     torch.nn.init.zeros_(network.head.bias)
     figures = callback.drive(network, view, {})
     assert figures["interventions"] == 0
-    assert begun == pytest.approx([0, 140 / 3, 280 / 3], abs=1)
+    assert begun == pytest.approx([0, 10, 20], abs=1)
     callback.world.close()
 
 

@@ -30,7 +30,9 @@ def check(config: dict) -> None:
         ("optim.lr", float("nan"), "optim.lr=nan: must be a finite number"),
         ("optim.lr", float("inf"), "optim.lr=inf: must be a finite number"),
         ("optim.eps", "'1'", "optim.eps='1': must be a number"),
+        ("optim.lr", True, "optim.lr=true: must be a number"),
         ("data.flip", 2, "data.flip=2: must be a number in 0..1, or both"),
+        ("data.flip", True, "data.flip=true: must be a number in 0..1, or both"),
         ("callbacks.best.save_top_k", 1.5, "save_top_k=1.5: must be a whole number"),
         ("trainer.precision", "fp16", "trainer.precision=fp16: must be "),
         ("trainer.max_epochs", -1, "trainer.max_epochs=-1: must be a whole number of 0 or more"),
@@ -53,7 +55,7 @@ def test_a_wrong_value_or_key_is_named(key: str, value: object, words: str) -> N
         check(OmegaConf.to_container(config))
 
 
-@pytest.mark.parametrize("key", ["seed=one", "data.flip=true", "optim.lr=true", "+optim.foo=1"])
+@pytest.mark.parametrize("key", ["seed=one", "+optim.foo=1"])
 def test_a_wrong_value_is_named_before_the_lake_is_recorded(key: str, tmp_path: Path) -> None:
     assert key.lstrip("+").partition("=")[0] in only_line(run_here(tmp_path, key), 2)
     assert not (tmp_path / "outputs" / "recordings").exists()

@@ -58,16 +58,13 @@ def earlier_run(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> 
     return run
 
 
-def test_the_config_of_a_run_has_the_present_names(earlier_run: Path) -> None:
+def test_the_config_of_a_run_and_a_checkpoint_has_the_present_names(earlier_run: Path) -> None:
     written = (earlier_run / ".hydra" / "config.yaml").read_text()
     assert "zoo.losses.SteeringWeightedMSE" in written
     assert "zoo.callbacks.progress.TrainingProgress" in written
     config = Run.open(earlier_run).config
     assert config["loss"]["_target_"] == "zoo.models.losses.SteeringWeightedMSE"
     assert list(find_refusals(config)) == []
-
-
-def test_a_checkpoint_is_loaded(earlier_run: Path) -> None:
     config = load_checkpoint(earlier_run).config
     assert config["loss"]["_target_"] == "zoo.models.losses.SteeringWeightedMSE"
 

@@ -15,7 +15,7 @@ from datamodules.features import FeaturePlan
 from datamodules.image import decode_image
 from datamodules.samples import CENTER
 from datamodules.view import View
-from tests.recordings import Written
+from tests.recordings import Written, write_recording
 from tests.zoo.trainings import equal, planned, weights
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
@@ -46,6 +46,13 @@ SMALL = (
 
 
 @pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Written:
+    """Write a shorter recording than other tests share: each image passes through VGG16."""
+    folder = tmp_path_factory.mktemp("short") / "lake"
+    return write_recording(folder, rows=60, cameras=("center",))
+
+
+@pytest.fixture(scope="module")
 def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("cache")
 
@@ -66,7 +73,10 @@ def prepare(
     return module, data, trainer
 
 
-@pytest.mark.parametrize("trainable", range(6))
+SOME = [pytest.param(blocks, marks=pytest.mark.slow) for blocks in (1, 3, 4)]
+
+
+@pytest.mark.parametrize("trainable", [0, 2, 5, *SOME])
 def test_vgg_is_its_front_and_its_rest_to_the_bit(trainable: int) -> None:
     torch.manual_seed(0)
     network = Vgg16(SHAPE, trainable).eval()
@@ -96,8 +106,8 @@ def test_a_fingerprint_is_of_the_frozen_weights_alone() -> None:
 
 def test_random_frozen_blocks_are_neither_dead_nor_huge(recorded: Written) -> None:
     view = View((50, 20), "rgb", (32, 80))
-    frames = [decode_image(recorded.image(row).read_bytes()) for row in range(0, 120, 15)]
-    images = torch.stack([torch.from_numpy(view(one)).permute(2, 0, 1) for one in frames])
+    frames = [decode_image(recorded.image(row).read_bytes()) for row in range(0, 60, 15)]
+    images = torch.stack([torch.from_numpy(view(frame)).permute(2, 0, 1) for frame in frames])
     torch.manual_seed(1)
     out = Vgg16((3, 32, 80), 0).front(images)
     assert 0.005 < out.std() < 1
@@ -115,7 +125,7 @@ def test_a_run_on_cached_features_is_the_run_without(
         config = compose(recorded, cache, *overrides, f"model.cache_features={setting}")
         module, data, trainer = prepare(config, tmp_path / setting, Console(quiet=True))
         assert module.skips_front == (setting == "true")
-        before = {name: one.clone() for name, one in module.state_dict().items()}
+        before = {name: weight.clone() for name, weight in module.state_dict().items()}
         trainer.fit(module, datamodule=data)
         assert module.train_samples == 48
         trained[setting] = module, data, {n: float(v) for n, v in trainer.callback_metrics.items()}
@@ -125,7 +135,7 @@ def test_a_run_on_cached_features_is_the_run_without(
     assert figures == pytest.approx(expected, rel=2e-3, abs=1e-4)
     cached, plain = ours.state_dict(), theirs.state_dict()
     assert cached.keys() == plain.keys(), "a checkpoint is whole"
-    learnt = {name: plain[name] - one for name, one in before.items()}
+    learnt = {name: plain[name] - weight for name, weight in before.items()}
     changed = [name for name, step in learnt.items() if step.any()]
     assert len(changed) == 4 + 6 * trainable, "the head, and three layers of the last block"
     for name in changed:
@@ -142,7 +152,7 @@ def test_features_behind_frozen_batch_normalization_are_cached(
     overrides = ("model=efficientnet_lite0", "model.trainable_blocks=0", "trainer.max_epochs=1")
     config = compose(recorded, cache, *overrides, "model.cache_features=true")
     module, data, trainer = prepare(config, tmp_path / "run", Console(quiet=True))
-    before = {name: one.clone() for name, one in module.network.state_dict().items()}
+    before = {name: weight.clone() for name, weight in module.network.state_dict().items()}
     trainer.fit(module, datamodule=data)
     after = module.network.state_dict()
     changed = {
@@ -202,7 +212,7 @@ def test_what_cannot_be_cached_is_refused_in_words(
     [
         (("augment=[brightness]",), "computed in every epoch: augment=[brightness]"),
         (("data.sequence=2",), "data.sequence=2 data.ahead=0 make windows"),
-        (("trainer.max_epochs=1",), "of 240"),
+        (("trainer.max_epochs=1",), "of 120"),
         (("model.trainable_blocks=5",), ""),
     ],
 )
@@ -224,9 +234,8 @@ def test_a_disk_without_room_is_said_before_anything_is_computed(
     setting: str, recorded: Written, tmp_path: Path, monkeypatch, console
 ) -> None:
     monkeypatch.setattr(FeaturePlan, "free_bytes", lambda _: 100_000)
-    config = compose(
-        recorded, tmp_path / "cache", f"model.cache_features={setting}", "trainer.max_epochs=9"
-    )
+    keys = (f"model.cache_features={setting}", "model.size=[32,64]", "trainer.max_epochs=9")
+    config = compose(recorded, tmp_path / "cache", *keys)
     words = rf"cache_features={setting}: .*1 MB, with 0 MB free .*; set a smaller .*=false"
     with pytest.raises(InputError, match=re.compile(words, re.IGNORECASE)):
         prepare(config, tmp_path / "run", console)

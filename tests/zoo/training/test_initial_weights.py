@@ -8,28 +8,22 @@ import torch
 
 from tests.zoo.bomb import Bomb
 from tests.zoo.models.test_models_command import build
+from tests.zoo.trainings import equal
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import FORMAT
 from zoo.training.initial_weights import downloaded_file, imagenet_file, load_weights
 
 
-@pytest.fixture(scope="module")
-def public_vgg(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
-    """Write a file with the public one's convolutions and a classifier, which is ignored."""
-    network, _ = build("vgg")
+def test_the_public_vgg16_file_fills_the_convolutions(tmp_path: Path) -> None:
+    """The public file has a classifier, which is ignored; a deeper VGG's is refused."""
     state = {
         name: torch.full_like(tensor, 0.01)
-        for name, tensor in network.state_dict().items()
+        for name, tensor in build("vgg")[0].state_dict().items()
         if name.startswith("features.")
     }
     state["classifier.0.weight"] = torch.zeros(2, 2)
-    path = tmp_path_factory.mktemp("vgg") / "vgg16.pth"
+    path = tmp_path / "vgg16.pth"
     torch.save(state, path)
-    return path, state
-
-
-def test_the_public_vgg16_file_fills_the_convolutions(public_vgg: tuple[Path, dict]) -> None:
-    path, state = public_vgg
     network, _ = build("vgg")
     head = network.head[0].weight.clone()
     assert load_weights(network, str(path)) == f"VGG16's convolutions from {path}"
@@ -37,19 +31,14 @@ def test_the_public_vgg16_file_fills_the_convolutions(public_vgg: tuple[Path, di
     assert torch.equal(network.features[28].bias, state["features.28.bias"])
     assert torch.equal(network.head[0].weight, head)
 
-
-def test_vgg16s_convolutions_alone_load(public_vgg: tuple[Path, dict], tmp_path: Path) -> None:
-    state = {name: one for name, one in public_vgg[1].items() if name.startswith("features.")}
-    torch.save(state, tmp_path / "notop.pth")
-    network, _ = build("vgg")
+    alone = {name: 2 * tensor for name, tensor in state.items() if name.startswith("features.")}
+    torch.save(alone, tmp_path / "notop.pth")
     assert load_weights(network, str(tmp_path / "notop.pth")).startswith("VGG16's convolutions")
-    assert torch.equal(network.features[0].weight, state["features.0.weight"])
+    assert torch.equal(network.features[0].weight, alone["features.0.weight"])
 
-
-def test_a_deeper_vgg_is_refused(public_vgg: tuple[Path, dict], tmp_path: Path) -> None:
-    torch.save(public_vgg[1] | {"features.34.bias": torch.zeros(512)}, tmp_path / "vgg19.pth")
+    torch.save(state | {"features.34.bias": torch.zeros(512)}, tmp_path / "vgg19.pth")
     with pytest.raises(InputError, match=r"holds features\.34\.bias, which Vgg16 lacks"):
-        load_weights(build("vgg")[0], str(tmp_path / "vgg19.pth"))
+        load_weights(network, str(tmp_path / "vgg19.pth"))
 
 
 def test_imagenet_weights_for_another_network_are_refused_before_the_download(
@@ -62,10 +51,10 @@ def test_imagenet_weights_for_another_network_are_refused_before_the_download(
 
 
 def test_a_state_dict_of_the_network_loads(tmp_path: Path) -> None:
-    one, other = build("lenet")[0], build("lenet")[0]
-    torch.save(one.state_dict(), tmp_path / "lenet.pth")
-    load_weights(other, str(tmp_path / "lenet.pth"))
-    assert all(torch.equal(a, b) for a, b in zip(one.parameters(), other.parameters(), strict=True))
+    saved, network = build("lenet")[0].state_dict(), build("lenet")[0]
+    torch.save(saved, tmp_path / "lenet.pth")
+    load_weights(network, str(tmp_path / "lenet.pth"))
+    assert equal(network.state_dict(), saved)
 
 
 @pytest.mark.parametrize(
@@ -115,10 +104,15 @@ def test_a_file_that_is_no_weights_is_named(name: str, tmp_path: Path) -> None:
         load_weights(build("lenet")[0], str(tmp_path / name))
 
 
-def test_imagenet_weights_are_downloaded_once_and_checked(
-    public_vgg: tuple[Path, dict], tmp_path: Path
-) -> None:
-    source = public_vgg[0]
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    """Write a file to download."""
+    source = tmp_path / "vgg16.pth"
+    source.write_bytes(b"weights")
+    return source
+
+
+def test_imagenet_weights_are_downloaded_once_and_checked(source: Path, tmp_path: Path) -> None:
     digest = hashlib.sha256(source.read_bytes()).hexdigest()
     folder = tmp_path / "cache"
     path = downloaded_file(source.as_uri(), digest[:8], folder)
@@ -130,21 +124,18 @@ def test_imagenet_weights_are_downloaded_once_and_checked(
         downloaded_file(source.as_uri(), digest[:8], folder)
 
 
-def test_a_download_with_another_hash_leaves_nothing(
-    public_vgg: tuple[Path, dict], tmp_path: Path
-) -> None:
+def test_a_download_with_another_hash_leaves_nothing(source: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="was not downloaded"):
-        downloaded_file(public_vgg[0].as_uri(), "00000000", tmp_path)
-    assert list(tmp_path.iterdir()) == []
+        downloaded_file(source.as_uri(), "00000000", tmp_path / "cache")
+    assert list((tmp_path / "cache").iterdir()) == []
 
 
 def test_without_network_the_error_says_which_file_to_put_where(tmp_path: Path) -> None:
+    address = "file:///nowhere/vgg16-397923af.pth"
     with pytest.raises(InputError) as caught:
-        downloaded_file("file:///nowhere/vgg16-397923af.pth", "397923af", tmp_path)
-    message = str(caught.value)
-    assert str(tmp_path / "vgg16-397923af.pth") in message
-    assert "file:///nowhere/vgg16-397923af.pth" in message
-    assert "model.weights=null" in message
+        downloaded_file(address, "397923af", tmp_path)
+    for words in (str(tmp_path / "vgg16-397923af.pth"), address, "model.weights=null"):
+        assert words in str(caught.value)
 
 
 def test_a_cache_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:

@@ -36,11 +36,21 @@ guesses: [camera]
 SMALL = ("model=tiny", "trainer.max_epochs=1", "augment=[]", "callbacks.fed_batch=null")
 
 
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Written:
-    written = write_recording(tmp_path_factory.mktemp("car") / "drives", rows=1200)
+def record(folder: Path, rows: int) -> Written:
+    written = write_recording(folder / "drives", rows=rows)
     (written.folder / "rig.yaml").write_text(RIG)
     return written
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Written:
+    return record(tmp_path_factory.mktemp("car"), rows=1200)
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Written:
+    """Write a recording whose whole is long enough for a replay, but no fifth of it."""
+    return record(tmp_path_factory.mktemp("short"), rows=200)
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +73,7 @@ def test_it_is_judged_by_a_replay_of_its_held_out_drives(trained: Path) -> None:
         assert words in metrics["verdict"]["certainty"]
     assert "replay of drives" in metrics["verdict"]["tracks"][0]
     commands = [shlex.split(command) for _, command in metrics["verdict"]["commands"]]
-    assert [one[1] for one in commands][-1] == "replay"
+    assert commands[-1][1] == "replay"
     assert not any("lake" in word for command in commands for word in command)
 
 
@@ -112,26 +122,26 @@ def test_no_command_suggests_a_track_for_another_cars_network(trained: Path) -> 
         scores(ReportedRun(trained / "undriven"))
 
 
-def test_a_replay_of_another_cars_drives_says_so(recorded: Written, tmp_path: Path) -> None:
+def test_a_replay_of_another_cars_drives_says_so(short: Written, tmp_path: Path) -> None:
     foreign = write_constant(tmp_path / "checkpoints" / "best.ckpt", steering=0.0)
-    printed = succeed(
-        run(tmp_path, str(foreign), str(recorded.folder), "out=out", module="zoo.commands.replay")
-    )
+    words = (str(foreign), str(short.folder), "out=out")
+    printed = succeed(run_here(tmp_path, *words, module="zoo.commands.replay"))
     assert "another car's network drives a replay" in printed
     assert "guessed: camera" in printed
     assert "next: drivezoo replay" in printed
 
 
 @pytest.fixture(scope="module")
-def unknown(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def unknown(short: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder with a tub of an unknown car, and a run on it."""
     cwd = tmp_path_factory.mktemp("unknown")
-    write_as("donkeycar", read_recordings(str(recorded.folder)), cwd / "tub")
+    write_as("donkeycar", read_recordings(str(short.folder)), cwd / "tub")
     for file in ("rig.yaml", "source.json"):
         (cwd / "tub" / file).unlink()
     for catalog in (cwd / "tub").glob("*.catalog"):
         catalog.write_text(re.sub(r'"drivezoo/[^,]*, ', "", catalog.read_text()))
-    printed = succeed(run(cwd, *SMALL, "data.root=tub", "hydra.run.dir=run"))
+    blocks = ("data.block_s=0.5", "data.gap_s=0.1")
+    printed = succeed(run_here(cwd, *SMALL, *blocks, "data.root=tub", "hydra.run.dir=run"))
     (cwd / "stdout.txt").write_text(printed)
     return cwd
 
@@ -141,7 +151,7 @@ def test_the_command_after_a_training_without_a_rig_writes_one(unknown: Path) ->
     program, *words = shlex.split(line.removeprefix("next: "))
     assert (program, *words[:2]) == ("drivezoo", "new", "rig")
     assert "the rig is unknown" in only_line(
-        run(unknown, "run", "tub", module="zoo.commands.replay")
+        run_here(unknown, "run", "tub", module="zoo.commands.replay")
     )
 
 
@@ -151,17 +161,17 @@ def test_a_rig_is_added_to_a_finished_run_whose_replays_are_of_its_car(
 ) -> None:
     for name in ("run", "tub"):
         shutil.copytree(unknown / name, tmp_path / name)
-    succeed(run(tmp_path, "rig", "my_car", module="zoo.commands.new"))
+    succeed(run_here(tmp_path, "rig", "my_car", module="zoo.commands.new"))
     path = tmp_path / "my_car.yaml"
     assert "my_car.yaml: camera.size" in only_line(
-        run(tmp_path, "run", "tub", "data.rig=my_car.yaml", module="zoo.commands.replay")
+        run_here(tmp_path, "run", "tub", "data.rig=my_car.yaml", module="zoo.commands.replay")
     ), "what is not filled in is named"
     numbers = iter(["[320, 160]", "60", "1.2", "2.87", "25"])
     path.write_text(re.sub(r"\bnull\b(?= +#)", lambda _: next(numbers), path.read_text()))
     if "=" not in place:
         path.rename(tmp_path / place)
-    words = [place] if "=" in place else []
-    printed = succeed(run(tmp_path, "run", "tub", *words, "out=out", module="zoo.commands.replay"))
+    words = ["run", "tub", "out=out"] + ([place] if "=" in place else [])
+    printed = succeed(run_here(tmp_path, *words, module="zoo.commands.replay"))
     assert "rig: my_car" in printed
     assert "another car's network" not in printed
     card = load_checkpoint(tmp_path / "run" / "checkpoints" / "best.ckpt").data
@@ -188,10 +198,11 @@ def test_a_step_between_two_stretches_is_not_driven(recorded: Written) -> None:
     assert np.flatnonzero(np.isnan(world.elapsed_s)).tolist() == [199, 294]
 
 
-def test_no_track_chooses_its_checkpoint(recorded: Written, tmp_path: Path) -> None:
+def test_no_track_chooses_its_checkpoint(short: Written, tmp_path: Path) -> None:
     monitored = ("callbacks=closed_loop", "callbacks.best.monitor=drive/autonomy")
-    keys = (*SMALL, *monitored, f"data.root={recorded.folder}", "hydra.run.dir=run")
-    assert "another car than the recording (my car)" in only_line(run(tmp_path, *keys))
+    keys = (*SMALL, *monitored, "data.block_s=0.5", "data.gap_s=0.1", f"data.root={short.folder}")
+    line = only_line(run_here(tmp_path, *keys, "hydra.run.dir=run"))
+    assert "another car than the recording (my car)" in line
 
 
 def test_a_replay_reads_a_recording_as_in_training_unless_the_user_says_otherwise() -> None:

@@ -11,7 +11,7 @@ import torch
 from tests.recordings import Written
 from tests.zoo.base.user_parts import NETWORK, write_network
 from tests.zoo.command_runs import ROOT, only_line, run, succeed
-from tests.zoo.trainings import SMALL
+from tests.zoo.trainings import SMALL, data_of
 from zoo.checkpoints.checkpoint import load_checkpoint
 
 NAMES = r"my_training\.py|conf/module/my_training\.yaml|conf/callbacks/ema\.yaml"
@@ -37,10 +37,11 @@ def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path
         path = folder / block["path"]
         path.parent.mkdir(exist_ok=True, parents=True)
         path.write_text(block["text"])
-    usual = [one for one in SMALL if not one.startswith(("model=", "callbacks="))]
-    places = (f"data.root={recorded.folder}", "data.cache=null", "hydra.run.dir=run")
-    keys = ("module.rise=4", "callbacks.ema.decay=0.9", "trainer.max_epochs=2")
-    succeed(run(folder, NAMED, *CHOSEN, *usual, *places, *keys))
+    usual = [word for word in SMALL if not word.startswith(("model=", "callbacks="))]
+    keys = ("module.rise=4", "callbacks.ema.decay=0.9", "trainer.max_epochs=2", "hydra.run.dir=run")
+    plots = ("fed_batch", "steering_histogram", "predicted_against_true")
+    keys += tuple(f"callbacks.{name}=null" for name in plots)
+    succeed(run(folder, NAMED, *CHOSEN, *usual, *data_of(recorded), *keys))
     return folder
 
 

@@ -1,7 +1,6 @@
 """A training's pace and the device of its batches, which must not change what is learnt."""
 
 import shutil
-import sys
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -16,7 +15,7 @@ from rich.console import Console
 from datamodules.batches import GROUP
 from tests.recordings import Written
 from tests.zoo.command_runs import run_here, succeed
-from tests.zoo.trainings import SMALL, data_of, planned, train_here
+from tests.zoo.trainings import SMALL, data_of, equal, planned, train_here
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.training import plan
@@ -44,11 +43,7 @@ def train(
     return module.state_dict(), data.batches_per_step
 
 
-def same(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> bool:
-    return one.keys() == other.keys() and all(torch.equal(one[key], other[key]) for key in one)
-
-
-@pytest.mark.parametrize("schedule", ["constant", "cosine"])
+@pytest.mark.parametrize("schedule", [pytest.param("constant", marks=pytest.mark.slow), "cosine"])
 def test_batches_that_come_together_are_a_step_each(
     schedule: str, recorded: Written, tmp_path: Path
 ) -> None:
@@ -56,7 +51,7 @@ def test_batches_that_come_together_are_a_step_each(
     together, count = train(recorded, tmp_path / "a", *overrides)
     alone, _ = train(recorded, tmp_path / "b", *overrides, together=1)
     assert count == GROUP
-    assert same(together, alone)
+    assert equal(together, alone)
 
 
 @pytest.mark.parametrize(
@@ -125,18 +120,13 @@ class Counter(lightning.Callback):
 """
 
 
-def test_a_users_callback_gets_each_batch_and_step(
-    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_users_callback_gets_each_batch_and_step(recorded: Written, tmp_path: Path) -> None:
     (tmp_path / "counter.py").write_text(COUNTER)
-    monkeypatch.setattr("sys.path", sys.path.copy())
-    monkeypatch.delenv("DRIVEZOO_PARTS", raising=False)
     mine = ("parts=counter.py", "+callbacks.mine._target_=counter.Counter")
     small = (*SMALL, *data_of(recorded), "trainer.max_epochs=1", "data.samples_per_epoch=48")
     printed = succeed(run_here(tmp_path, *small, *mine))
-    monkeypatch.delenv("DRIVEZOO_PARTS", raising=False)
-    found = [one for one in printed.splitlines() if one.startswith("batch ")]
-    assert found == [f"batch {number} of 16 at step {number + 1}" for number in range(3)]
+    lines = [line for line in printed.splitlines() if line.startswith("batch ")]
+    assert lines == [f"batch {number} of 16 at step {number + 1}" for number in range(3)]
 
 
 @pytest.mark.slow
@@ -149,7 +139,7 @@ def test_compiled_it_learns_the_same_and_repeats_to_the_bit(
     plain, _ = train(recorded, tmp_path / "a", *overrides, "trainer.compile=false")
     compiled, _ = train(recorded, tmp_path / "b", *overrides, "trainer.compile=true")
     again, _ = train(recorded, tmp_path / "c", *overrides, "trainer.compile=true")
-    assert same(compiled, again)
+    assert equal(compiled, again)
     assert plain.keys() == compiled.keys(), "a checkpoint of either loads anywhere"
     for name, tensor in plain.items():
         torch.testing.assert_close(compiled[name], tensor, rtol=0.02, atol=2e-4)
@@ -170,8 +160,8 @@ def test_bf16_that_the_processor_does_not_know_is_said(
 def test_a_plan_finishes_the_constructors(recorded: Written, tmp_path: Path) -> None:
     """The built objects follow the plan; the loaded data do not change."""
     overrides = ("model=tiny", "data.crop=[50,0]", "trainer.accelerator=cpu")
-    config = OmegaConf.create(compose_config([*overrides, f"data.root={recorded.folder}"]))
-    config.data.update(cache=str(tmp_path / "cache"), block_s=0.5, gap_s=0.1, batch_size=16)
+    config = OmegaConf.create(compose_config([*overrides, *data_of(recorded)]))
+    config.data.update(block_s=0.5, gap_s=0.1, batch_size=16)
     loaded = load_data(config, Console(quiet=True))
     before = config.copy()
     module, data, _ = planned(config, loaded, tmp_path)
@@ -221,6 +211,7 @@ def train_lenet(
         recorded,
         folder,
         "data.batch_size=32",
+        "data.samples_per_epoch=128",
         "model=lenet",
         "trainer=cpu",
         "trainer.max_epochs=1",
@@ -239,7 +230,7 @@ def test_without_augmentation_it_learns_the_same_to_the_bit(
         there, _ = train_lenet(
             recorded, tmp_path, "augment=[]", "data.augment_on=device", together=together
         )
-        assert all(torch.equal(there[name], tensor) for name, tensor in plain.items())
+        assert equal(there, plain)
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,6 @@ from zoo.models.make_network import make_network, view_of
 from zoo.training import host_settings, precision
 
 CPU = "trainer.accelerator=cpu"
-SMALL_LENET = [word for word in SMALL if not word.startswith("model")] + ["model=lenet"]
 
 
 def network_of(*overrides: str) -> tuple[DictConfig, nn.Module, View]:
@@ -85,9 +84,9 @@ def saved(folder: Path) -> str:
 def test_the_choice_stands_in_every_file_and_is_kept(
     recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = (*SMALL_LENET, *data_of(recorded), "data.samples_per_epoch=48", CPU)
+    words = (*SMALL, *data_of(recorded), "data.samples_per_epoch=48", CPU)
     monkeypatch.setattr(precision, "multiplies_bf16", lambda: True)
-    monkeypatch.setattr(precision, "LEAST_OPERATIONS", 1_000_000)
+    monkeypatch.setattr(precision, "LEAST_OPERATIONS", 1)
     folder = tmp_path / "run"
     run_dir = f"hydra.run.dir={folder}"
     printed = succeed(run_here(tmp_path, *words, "trainer.max_epochs=1", run_dir))
@@ -108,21 +107,22 @@ def test_the_first_machine_of_a_sweep_chooses_for_the_others(
     recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The record names what the first machine has; this one has no bfloat16."""
-    monkeypatch.setattr(precision, "LEAST_OPERATIONS", 1_000_000)
+    monkeypatch.setattr(precision, "LEAST_OPERATIONS", 1)
     monkeypatch.setattr(precision, "multiplies_bf16", lambda: False)
     monkeypatch.setattr("zoo.training.sweep_record.multiplies_bf16", lambda: True)
-    words = (*SMALL_LENET, *data_of(recorded), "data.samples_per_epoch=48", CPU)
+    words = (*SMALL, *data_of(recorded), "data.samples_per_epoch=48", CPU)
     sweep = tmp_path / "sweep"
     named = f"hydra.sweep.dir={sweep}"
     succeed(run_here(tmp_path, "-m", *words, "trainer.max_epochs=1", "seed=1,2", named))
     assert [saved(sweep / name) for name in "01"] == 2 * ["bf16-mixed"]
 
 
+@pytest.mark.slow
 def test_load_changes_no_weight(
     recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(precision, "multiplies_bf16", host_settings.multiplies_bf16)
-    words = (*SMALL_LENET, *data_of(recorded), "data.samples_per_epoch=48", CPU)
+    words = (*SMALL, *data_of(recorded), "model=lenet", "data.samples_per_epoch=48", CPU)
     weights = []
     for name, busy in (("idle", 0), ("busy", 2)):
         code = [sys.executable, "-c", "while True: pass"]
@@ -149,7 +149,8 @@ def test_it_clips_the_gradients_of_a_fused_optimizer(
     ends = []
     for rate in (1e-12, 1.0):
         module, _ = train_here(recorded, tmp_path, CPU, *words, f"optim.lr={rate}")
-        ends.append(torch.cat([one.detach().flatten() for one in module.network.parameters()]))
+        weights = [weight.detach().flatten() for weight in module.network.parameters()]
+        ends.append(torch.cat(weights))
     assert float(torch.dist(*ends, order)) == pytest.approx(0.0001, rel=0.02)
 
 

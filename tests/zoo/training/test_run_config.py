@@ -11,7 +11,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from rich.console import Console
 
 from datamodules.recording_format import read_recordings
-from tests.zoo.command_runs import ROOT, only_line, run, run_here, succeed
+from tests.zoo.command_runs import ROOT, only_line, run_here, succeed
 from tests.zoo.trainings import SMALL
 from zoo.base.compose import ABOUT, compose_config, conf_folder
 from zoo.base.errors import InputError
@@ -37,6 +37,7 @@ def test_a_config_is_composed_once(
     result = run_here(tmp_path, "data.root=nofolder", *folder)
     assert result.stderr.startswith("drivezoo train: nofolder: no such folder")
     assert len(composed) == 1
+    assert not (tmp_path / "outputs" / "recordings").exists()
     (config,) = tmp_path.glob(
         "run/*/.hydra/hydra.yaml" if folder else "outputs/*/*/.hydra/hydra.yaml"
     )
@@ -68,27 +69,26 @@ def windows_of(config: DictConfig) -> tuple:
     return tuple(config.data[key] for key in ("sequence", "stride", "ahead"))
 
 
-def test_null_takes_the_networks_values():
-    settled = settle_windows(windowed({"sequence": 8, "stride": 2}))
-    assert windows_of(settled) == (8, 2, 0)
-
-
-def test_a_network_of_one_frame_has_windows_of_one():
-    config = windowed({}, sequence=1)
-    assert windows_of(settle_windows(config)) == (1, 1, 0)
-    assert "sequence" not in config.model
-
-
-def test_a_value_of_data_is_the_networks():
-    config = windowed({"sequence": 8, "stride": 1, "ahead": 4}, sequence=5, ahead=0)
+@pytest.mark.parametrize(
+    ("model", "data", "windows", "settled_model"),
+    [
+        ({"sequence": 8, "stride": 2}, {}, (8, 2, 0), {"sequence": 8, "stride": 2}),
+        ({}, {"sequence": 1}, (1, 1, 0), {}),
+        (
+            {"sequence": 8, "stride": 1, "ahead": 4},
+            {"sequence": 5, "ahead": 0},
+            (5, 1, 0),
+            {"sequence": 5, "stride": 1, "ahead": 0},
+        ),
+    ],
+)
+def test_data_and_network_settle_on_the_same_windows(model, data, windows, settled_model):
+    config = windowed(model, **data)
     settled = settle_windows(config)
-    assert windows_of(settled) == (5, 1, 0)
-    assert (settled.model.sequence, settled.model.ahead) == (5, 0)
-    assert config.model.sequence == 8  # the config itself stays as it was
-
-
-def test_settling_twice_changes_nothing():
-    settled = settle_windows(windowed({"sequence": 8, "stride": 1}, stride=3))
+    assert windows_of(settled) == windows
+    for key in ("sequence", "stride", "ahead"):
+        assert settled.model.get(key) == settled_model.get(key)
+        assert config.model.get(key) == model.get(key), "the config itself stays as it was"
     assert settle_windows(settled) == settled
 
 
@@ -110,15 +110,26 @@ def test_a_network_that_does_not_take_it_is_named(key):
 
 def quick(*overrides: str) -> tuple[int, int]:
     """Return a quick training's epochs and samples per epoch."""
-    config = with_quick(OmegaConf.create(compose_config(["quick=true", *overrides])))
+    given = OmegaConf.create(compose_config(["quick=true", *overrides]))
+    before = given.copy()
+    config = with_quick(given)
+    assert given == before
     return config.trainer.max_epochs, config.data.samples_per_epoch
 
 
 @pytest.mark.parametrize(
-    "recipe", ["experiment=lenet", "experiment=pilotnet", "model=nvidia"], ids=str
+    ("recipe", "samples"),
+    [
+        ("experiment=lenet", 24_000),
+        ("experiment=pilotnet", 24_000),
+        ("model=nvidia", 24_000),
+        ("experiment=vgg", 3_200),
+        ("experiment=commaai", 3_200),
+        ("experiment=efficientnet_lite0", 3_200),
+    ],
 )
-def test_a_quick_training_keeps_the_samples_that_driving_takes(recipe):
-    assert quick(recipe) == (3, 24_000)
+def test_a_quick_training_has_fewer_samples_of_large_networks(recipe, samples):
+    assert quick(recipe) == (3, samples)
 
 
 @pytest.mark.parametrize("override", ["quick=maybe", "data.crop=40"])
@@ -138,13 +149,6 @@ def test_every_hint_names_the_first_try(hint):
     assert f"drivezoo {' '.join(FIRST_TRY)} data.root=FOLDER" in hint
 
 
-@pytest.mark.parametrize(
-    "recipe", ["experiment=vgg", "experiment=commaai", "experiment=efficientnet_lite0"]
-)
-def test_large_networks_stay_quick(recipe):
-    assert quick(recipe) == (3, 3_200)
-
-
 def test_explicit_keys_win_where_they_are_smaller():
     assert quick("trainer.max_epochs=1", "data.samples_per_epoch=640") == (1, 640)
     assert quick("trainer.max_epochs=60", "data.samples_per_epoch=64000") == (3, 24_000)
@@ -157,19 +161,13 @@ def test_a_number_of_samples_that_cannot_be_is_refused(value):
         quick(f"quick_samples={value}")
 
 
-def test_the_config_that_was_given_stays_as_it_was():
-    config = OmegaConf.create(compose_config(["quick=true"]))
-    before = config.copy()
-    assert with_quick(config) != before
-    assert config == before
-
-
 # A few seconds of the lake, there and back.
 SHORT = (
-    "data.record.passes=[{track: lake, laps: 0.05, direction: both}]",
+    "data.record.passes=[{track: lake, laps: 0.03, direction: both}]",
     "data.block_s=0.5",
     "data.gap_s=0.1",
     "experiment=tiny41",
+    "callbacks=checkpoints",
     "trainer.max_epochs=1",
     "score=none",
 )
@@ -179,26 +177,22 @@ SHORT = (
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Run `drivezoo train` with a short recording and no other data; return its folder."""
     cwd = tmp_path_factory.mktemp("first_use")
-    printed = succeed(run(cwd, *SHORT, "hydra.run.dir=run"))
+    printed = succeed(run_here(cwd, *SHORT, "hydra.run.dir=run"))
     assert "recording 1 drive with the embedded simulator" in printed
     return cwd
 
 
-def test_it_trains_without_any_data(trained: Path) -> None:
+def test_it_trains_without_any_data_and_never_records_twice(trained: Path) -> None:
     assert (trained / "run" / "checkpoints" / "best.ckpt").is_file()
-    assert (trained / "outputs" / "recordings" / "lake" / "driving_log.csv").is_file()
-
-
-def test_it_never_records_twice(trained: Path) -> None:
     log = trained / "outputs" / "recordings" / "lake" / "driving_log.csv"
     before = log.stat().st_mtime_ns
-    printed = succeed(run(trained, *SHORT, "hydra.run.dir=again"))
+    printed = succeed(run_here(trained, *SHORT, "trainer.max_epochs=0", "hydra.run.dir=again"))
     assert "embedded simulator" not in printed
     assert log.stat().st_mtime_ns == before
 
 
 def test_other_drives_under_the_same_name_are_refused(trained: Path) -> None:
-    line = only_line(run(trained, "data.record.passes=[{laps: 0.1}]", "experiment=tiny41"))
+    line = only_line(run_here(trained, "data.record.passes=[{laps: 0.1}]", "experiment=tiny41"))
     assert "recorded with other options" in line
     assert "set data.record.out" in line
 
@@ -231,17 +225,11 @@ def test_roads_of_recordings_are_known_by_their_recipes(tmp_path: Path) -> None:
 def test_no_road_of_the_suite_is_in_its_training_data() -> None:
     suite = OmegaConf.load(conf_folder() / "suite" / "v1.yaml")
     data = compose_config([f"data={suite.data}"])["data"]
-    driven = {one["track"] for one in data["record"]["passes"]}
+    driven = {drive["track"] for drive in data["record"]["passes"]}
     drives = [drive for group in suite.groups.values() for drive in group]
     kept_apart = {*suite.dev, *suite.laps, *(drive.track for drive in drives)}
     assert len(driven) == len(data["record"]["passes"]) == 40
     assert not driven & kept_apart
-
-
-def test_a_recording_of_ones_own_records_nothing(tmp_path: Path) -> None:
-    line = only_line(run(tmp_path, "data.root=nowhere"))
-    assert "nowhere" in line
-    assert not (tmp_path / "outputs" / "recordings").exists()
 
 
 @pytest.mark.parametrize(
@@ -253,7 +241,7 @@ def test_a_recording_of_ones_own_records_nothing(tmp_path: Path) -> None:
     ],
 )
 def test_an_option_that_cannot_be_is_one_line(tmp_path: Path, passes: str, words: str) -> None:
-    line = only_line(run(tmp_path, f"data.record.passes={passes}"))
+    line = only_line(run_here(tmp_path, f"data.record.passes={passes}"))
     assert "data.record" in line
     assert words in line
     assert not (tmp_path / "outputs" / "recordings" / "lake").exists()
@@ -266,12 +254,13 @@ def test_a_long_recording_is_drawn_on_each_core(
     jobs: str, laps: float, processes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def recorded(passes: Sequence[RecordOptions], _: Console) -> None:
-        assert [one.jobs for one in passes] == [processes]
-        assert Path(passes[0].out).is_dir()
+        (drive,) = passes
+        assert drive.jobs == processes
+        assert Path(drive.out).is_dir()
 
     monkeypatch.setattr("zoo.simulator.record.record_laps", recorded)
     monkeypatch.setattr("zoo.training.run_config.usable_cores", lambda: 3)
     options = [f"jobs={jobs}", f"out={tmp_path / 'lake'}", f"passes=[{{laps: {laps}}}]"]
-    config = compose_config([f"data.record.{one}" for one in options])
+    config = compose_config([f"data.record.{option}" for option in options])
     with_recording(OmegaConf.create(config), Console(quiet=True))
     assert (tmp_path / "lake").is_dir()

@@ -75,7 +75,10 @@ def parts(tmp_path: Path) -> Path:
     ("keys", "usual"),
     [
         (("parts=my_parts.py", "data=centre", "augment=[]", "module=plain"), SHORT),
-        (("parts=my_parts.py", "data=centre", "augment=[]", "model=nvidia"), SHORT[1:]),
+        pytest.param(
+            *(("parts=my_parts.py", "data=centre", "augment=[]", "model=nvidia"), SHORT[1:]),
+            marks=pytest.mark.slow,
+        ),
         (("parts=stranger.py", "module=stranger"), SMALL),
     ],
 )

@@ -40,16 +40,15 @@ def test_l2_decays_weights_and_not_biases(recorded: Written) -> None:
 
 
 def test_a_backbone_learns_at_a_rate_of_its_own(recorded: Written) -> None:
-    found = groups(recorded, "model=vgg", "optim.lr=0.001", "optim.backbone_lr=0.0001")
     counts = {0.001: 0, 0.0001: 0}
-    for group in found:
+    for group in groups(recorded, "model=vgg", "optim.lr=0.001", "optim.backbone_lr=0.0001"):
         counts[group["lr"]] += len(group["params"])
     assert counts == {0.0001: 2 * 3, 0.001: 2 * 2}, "three convolutions learn, and the head"
 
 
 def test_frozen_blocks_are_left_to_no_optimizer(recorded: Written) -> None:
-    found = groups(recorded, "model=vgg", "model.trainable_blocks=0")
-    assert sum(len(group["params"]) for group in found) == 4
+    head = groups(recorded, "model=vgg", "model.trainable_blocks=0")
+    assert sum(len(group["params"]) for group in head) == 4
 
 
 def test_weights_that_overflow_in_an_epochs_last_step_stop_the_training(
@@ -65,6 +64,7 @@ def test_a_network_that_predicts_its_spread_trains_by_its_mean(
     recorded: Written, tmp_path: Path
 ) -> None:
     keys = ("model=nvidia_gaussian", "loss=gaussian", "model.width=0.1", "data.batch_size=16")
+    keys = (*keys, "data.samples_per_epoch=32")
     module, _ = train_here(recorded, tmp_path, *keys, "trainer.max_epochs=1")
     predicted, true = module.validation
     assert predicted.shape == true.shape
@@ -138,13 +138,10 @@ def test_each_prediction_is_compared_with_the_row_that_it_is_for(name: str) -> N
     true = true_outputs(network)(batch)
     assert predicted.flatten(0, 1).shape == true.shape == (2 * len(ROWS[name]), 1)
     assert true[:, 0].tolist() == batch["targets"][:, ROWS[name], 0].flatten().tolist()
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_every_weight_learns_from_windows(name: str) -> None:
-    network = network_of(name).train()
-    module_around(network, SteeringWeightedMSE())._loss(batch_of(network)).backward()
-    assert all(one.grad is not None and one.grad.isfinite().all() for one in network.parameters())
+    module_around(network.train(), SteeringWeightedMSE())._loss(batch).backward()
+    for weight in network.parameters():
+        assert weight.grad is not None, "every weight learns"
+        assert weight.grad.isfinite().all()
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -152,9 +149,9 @@ def test_an_evaluation_is_of_the_newest_frame(name: str) -> None:
     network = network_of(name)
     batch = batch_of(network)
     with torch.inference_mode():
-        found = module_around(network)({"images": batch["images"], "speed": batch["speed"]})
-        assert torch.equal(found, network.newest(network(batch["images"])))
-    assert found.shape == (2, 1)
+        predicted = module_around(network)({"images": batch["images"], "speed": batch["speed"]})
+        assert torch.equal(predicted, network.newest(network(batch["images"])))
+    assert predicted.shape == (2, 1)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -170,24 +167,15 @@ def test_windows_of_one_frame_are_plain_batches(name: str) -> None:
     assert loss.item() == pytest.approx(float((predicted - targets[:, :1]).square().mean()))
 
 
-def test_figures_of_four_rows_by_hand() -> None:
-    true = np.array([0.0, 0.0, 0.0, 0.5])
-    predicted = np.array([0.1, 0.1, 0.1, 0.1])
-    metrics = open_loop_metrics(predicted, true)
+def test_figures_by_hand() -> None:
+    metrics = open_loop_metrics(np.full(4, 0.1), np.array([0.0, 0.0, 0.0, 0.5]))
     assert metrics["mse"] == pytest.approx((3 * 0.01 + 0.16) / 4)
     assert metrics["mae"] == pytest.approx((3 * 0.1 + 0.4) / 4)
     assert metrics["balanced_mae"] == pytest.approx((0.1 + 0.4) / 2)
     assert metrics["bias"] == pytest.approx((0.3 - 0.4) / 4)
-
-
-def test_full_lock_has_a_bin_on_either_side() -> None:
-    metrics = open_loop_metrics(np.zeros(3), np.array([-1.0, 0.0, 1.0]))
-    assert metrics["balanced_mae"] == pytest.approx(2 / 3)
-
-
-def test_baselines_look_at_nothing() -> None:
-    true = np.array([-0.2, 0.6])
-    baselines = baseline_metrics(true, train_mean=0.2)
+    full_lock = open_loop_metrics(np.zeros(3), np.array([-1.0, 0.0, 1.0]))
+    assert full_lock["balanced_mae"] == pytest.approx(2 / 3), "a bin on either side"
+    baselines = baseline_metrics(np.array([-0.2, 0.6]), train_mean=0.2)
     assert baselines["always zero"]["mae"] == pytest.approx(0.4)
     assert baselines["mean"]["bias"] == pytest.approx(0.0)
 

@@ -128,9 +128,9 @@ def test_the_same_command_runs_failed_jobs_again(recorded: Written, here: Path) 
 
 def begun(folder: Path, arguments: list[str], statuses: Sequence[str], **more: object) -> Path:
     """Write the folder of a sweep whose jobs have these statuses."""
-    for number, one in enumerate(statuses):
+    for number, state in enumerate(statuses):
         (folder / str(number)).mkdir(parents=True)
-        write_status(folder / str(number), one)
+        write_status(folder / str(number), state)
     jobs = [[f"seed={number}"] for number in range(len(statuses))]
     write_record(folder, new_record(arguments).model_copy(update={"jobs": jobs, **more}))
     return folder
@@ -224,7 +224,7 @@ def test_a_mistake_gets_one_line_and_leaves_nothing(
     (here / "other").mkdir()
     write_record(here / "other", new_record(["seed=7"]))
     assert words in only_line(run_here(here, *arguments))
-    assert [one.name for one in here.iterdir()] == ["other"]
+    assert [path.name for path in here.iterdir()] == ["other"]
 
 
 def test_a_new_sweep_replaces_no_page_of_the_users(here: Path) -> None:
@@ -415,7 +415,8 @@ def test_a_wrong_number_of_seeds_gets_one_line(words: list[str], named: str) -> 
 
 def test_seeds_are_a_sweep_over_the_training_seed(recorded: Written, here: Path) -> None:
     assert each_seed(["-m", "model=lenet,tiny", "seeds=2"])[-1] == "seed=1,2"
-    succeed(run_here(here, *SMALL, *data_of(recorded), "seeds=2", "hydra.sweep.dir=s"))
+    short = (*SMALL, *data_of(recorded), "trainer.max_epochs=1")
+    succeed(run_here(here, *short, "seeds=2", "hydra.sweep.dir=s"))
     seeds = [OmegaConf.load(here / f"s/{number}/.hydra/config.yaml").seed for number in (0, 1)]
     assert seeds == [1, 2]
     assert "(n = 2)" in (here / "s" / "ranking.html").read_text()

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from tests.recordings import Written
-from tests.zoo.command_runs import run, succeed
+from tests.zoo.command_runs import run_here, succeed
 from tests.zoo.models.test_memory import NAMES
+from tests.zoo.trainings import data_of
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.runs.metrics_file import read_metrics_file
 from zoo.scoring.checked_export import export_checkpoint
@@ -20,7 +21,7 @@ SMALL = {
 }
 
 
-# The other two differ in their network alone; `test_memory` and `test_export_command` have all.
+# The other three differ in their network alone; `test_memory` and `test_export_command` have all.
 QUICK = ("action_chunk",)
 
 
@@ -28,13 +29,13 @@ QUICK = ("action_chunk",)
     "name", [pytest.param(one, marks=() if one in QUICK else pytest.mark.slow) for one in NAMES]
 )
 def test_it_trains_and_drives(name: str, recorded: Written, tmp_path: Path, console) -> None:
-    width = "model.width=0.25"
     succeed(
-        run(
+        run_here(
             tmp_path,
             f"experiment={name}",
-            width,
-            f"data.root={recorded.folder}",
+            "model.width=0.25",
+            *data_of(recorded),
+            "callbacks=checkpoints",
             "data.block_s=1",
             "data.gap_s=0.1",
             "data.samples_per_epoch=32",

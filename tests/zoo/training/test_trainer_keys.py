@@ -33,7 +33,10 @@ def train(zoo: Zoo, recorded: Written):
         ("trainer.check_val_every_n_epoch=2 trainer.max_epochs=4", 4, "lowest val/mse"),
         ("trainer.check_val_every_n_epoch=3 trainer.max_epochs=2", 2, "last epoch"),
         ("trainer.max_steps=3", 1, "epoch 1: last epoch"),
-        ("trainer.max_steps=20 trainer.max_epochs=9", 2, "lowest val/mse"),
+        pytest.param(
+            *("trainer.max_steps=20 trainer.max_epochs=9", 2, "lowest val/mse"),
+            marks=pytest.mark.slow,
+        ),
         ("trainer.val_check_interval=0.5 trainer.max_epochs=1", 1, "lowest val/mse"),
         ("trainer.max_epochs=0", 0, "epoch 0: the initial weights"),
     ],
@@ -51,7 +54,12 @@ def test_a_run_ends_whole_however_rare_validations_are(
 
 def test_a_figure_between_validations_counts_once_for_early_stopping(train, tmp_path: Path) -> None:
     keys = ("callbacks=early_stopping", "callbacks.early_stopping.patience=2", "optim.lr=0.5")
-    train(*keys, "trainer.check_val_every_n_epoch=2", "trainer.max_epochs=40")
+    train(
+        *keys,
+        "data.samples_per_epoch=64",
+        "trainer.check_val_every_n_epoch=2",
+        "trainer.max_epochs=40",
+    )
     with (tmp_path / "run" / "metrics.csv").open(newline="") as file:
         errors = [float(row["val/mse"]) for row in csv.DictReader(file) if row.get("val/mse")]
     assert len(errors) == errors.index(min(errors)) + 1 + 2
@@ -84,7 +92,14 @@ def test_a_trainers_key_that_cannot_be_obeyed_is_one_line(
     assert words in only_line(zoo(*SMALL, *data_of(recorded), *keys.split()))
 
 
-@pytest.mark.parametrize("precision", ["64-true", "bf16-true", "bf16-mixed"])
+@pytest.mark.parametrize(
+    "precision",
+    [
+        "bf16-true",
+        pytest.param("bf16-mixed", marks=pytest.mark.slow),
+        pytest.param("64-true", marks=pytest.mark.slow),
+    ],
+)
 def test_a_run_in_another_precision_ends_with_figures_and_resumes(
     precision: str, train, zoo: Zoo, recorded: Written, tmp_path: Path
 ) -> None:
@@ -111,7 +126,9 @@ def test_a_drive_between_epochs_takes_a_network_of_any_precision(dtype: torch.dt
     assert next(network.parameters()).dtype == dtype
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGHUP", "SIGUSR1"])
+@pytest.mark.parametrize(
+    "name", ["SIGINT", "SIGHUP", pytest.param("SIGUSR1", marks=pytest.mark.slow)]
+)
 def test_a_stop_while_it_is_scored_names_the_command_that_resumes(
     name: str, zoo: Zoo, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

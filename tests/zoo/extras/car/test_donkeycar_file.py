@@ -12,7 +12,7 @@ import torch
 
 from datamodules.view import View
 from tests.recordings import Written
-from tests.zoo.command_runs import only_line, run, run_here, succeed
+from tests.zoo.command_runs import only_line, run_here, succeed
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.console_script import place_of
 from zoo.base.errors import InputError
@@ -28,6 +28,7 @@ from zoo.models.lenet import LeNet
 from zoo.models.pilotnet import PilotNet
 
 FRAME = (120, 160)
+COLOURS = ("yuv", "rgb", "bgr", "gray", "yuv_old")
 needs_reader = pytest.mark.skipif(not place_of("import"), reason="an extra reads Keras' files")
 
 
@@ -66,8 +67,14 @@ def test_layers_and_crop_are_exact(kind: type[torch.nn.Module], tmp_path: Path) 
 
 
 @needs_reader
-@pytest.mark.parametrize("colour", ["rgb", "bgr", "gray", "yuv", "yuv_old"])
-@pytest.mark.parametrize("resize", ["area", "linear_first"])
+@pytest.mark.parametrize(
+    ("resize", "colour"),
+    [
+        *(("area", colour) for colour in COLOURS),
+        ("linear_first", "yuv"),
+        *(pytest.param("linear_first", colour, marks=pytest.mark.slow) for colour in COLOURS[1:]),
+    ],
+)
 def test_colour_and_size_differ_by_rounding_only(colour: str, resize: str, tmp_path: Path) -> None:
     checkpoint = random_checkpoint(View((40, 20), colour, (32, 64), resize, FRAME))
     assert difference(checkpoint, tmp_path) < 0.1
@@ -116,7 +123,8 @@ def test_what_donkeycar_cannot_compute_is_refused(checkpoint: Checkpoint, words:
 
 def test_a_refused_export_leaves_nothing(tmp_path: Path) -> None:
     write_constant(tmp_path / "constant.ckpt", 0.1)
-    line = only_line(run(tmp_path, "constant.ckpt", "out=pilot.h5", module="zoo.commands.export"))
+    words = ("constant.ckpt", "out=pilot.h5")
+    line = only_line(run_here(tmp_path, *words, module="zoo.commands.export"))
     assert "hsv_s" in line
     assert not list(tmp_path.glob("*pilot.h5*"))
 

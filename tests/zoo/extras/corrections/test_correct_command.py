@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import shutil
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from tests.recordings import Written, write_recording
 from tests.zoo.bomb import Bomb
 from tests.zoo.command_runs import run_here, succeed
 from tests.zoo.simulator.tracks import loop
+from tests.zoo.training.test_other_car import check_no_track_is_driven
 from tests.zoo.trainings import SMALL
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
@@ -42,7 +44,6 @@ from zoo.extras.corrections.collecting import (
 from zoo.extras.corrections.correct import correct
 from zoo.extras.corrections.correct_options import CorrectOptions
 from zoo.extras.corrections.correct_training import own_config, own_roots
-from zoo.extras.corrections.correction import open_progress, save
 from zoo.simulator.recorder import JPEG_QUALITY
 from zoo.simulator.simulated_world import World
 from zoo.simulator.weather import CLEAR
@@ -52,6 +53,14 @@ from zoo.training.run import run_experiment
 SHORT = ("drives=1", "seeds=1", "workers=1", "epochs=1", "speed=25", "off_m=0")
 LAPS = "laps=0.02"
 MODULE = "zoo.extras.corrections.correct"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _no_plots() -> Iterator[None]:
+    """Let scores draw no plots of their drives, which take a quarter of a round's time."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setattr("zoo.scoring.track_scores.save_figure", lambda *_: None)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -114,9 +123,8 @@ def test_a_round_starts_from_the_checkpoints_weights_and_split(
 
     run_folder = Path(checkpoint).parent.parent
     mine = parts(corrected / "round-1" / "run" / "split.csv")
-    assert {name: mine.pop(name) for name in parts(run_folder / "split.csv")} == parts(
-        run_folder / "split.csv"
-    )
+    before = parts(run_folder / "split.csv")
+    assert {name: mine.pop(name) for name in before} == before
     assert set(mine.values()) == {"train"}
     assert len(mine) == rounds_of(corrected)[1]["corrections"]
 
@@ -161,18 +169,13 @@ def test_the_same_command_resumes_after_the_last_finished_round(
     assert following == [len(lines)], "one next command, and only at the end"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (["weight=2"], r"weight=4\.0.*out="),
-        (["optim.lr=0.1"], "no overrides.*out="),
-    ],
-)
-def test_a_folder_resumes_only_with_its_own_options(
-    arguments: list[str], text: str, corrected: Path, checkpoint: str
-) -> None:
-    with pytest.raises(InputError, match=text):
-        correct.main([checkpoint, *SHORT, LAPS, "rounds=1", *arguments, f"out={corrected}"])
+def test_a_folder_resumes_only_with_its_own_options(corrected: Path, checkpoint: str) -> None:
+    arguments = [checkpoint, *SHORT, LAPS, "rounds=1", f"out={corrected}"]
+    for changed, text in (("weight=2", r"weight=4\.0.*out="), ("delay_s=0.2", "delay_s=0")):
+        with pytest.raises(InputError, match=text):
+            correct.main([*arguments, changed])
+    with pytest.raises(InputError, match=r"no overrides.*out="):
+        correct.main([*arguments, "optim.lr=0.1"])
 
 
 def test_a_checkpoint_that_drives_well_is_not_corrected(checkpoint: str, tmp_path: Path) -> None:
@@ -308,6 +311,15 @@ def test_a_strangers_config_chooses_no_code_and_no_size(
     assert listed(here) == before
 
 
+def test_no_track_is_driven_that_the_user_does_not_name(checkpoint: str, tmp_path: Path) -> None:
+    contents = torch.load(checkpoint, weights_only=True)
+    contents["drivezoo"]["data"]["source"] = "my car"
+    path = tmp_path / "run" / "checkpoints" / "best.ckpt"
+    path.parent.mkdir(parents=True)
+    torch.save(contents, path)
+    check_no_track_is_driven(correct, tmp_path / "run", tmp_path)
+
+
 def test_a_correction_adds_to_the_recording_in_the_trainings_folder(
     checkpoint: str, tmp_path: Path
 ) -> None:
@@ -326,28 +338,14 @@ def test_a_folder_that_holds_something_else_is_kept(checkpoint: str, tmp_path: P
 
 
 def test_a_drive_without_takeovers_or_images_is_refused(checkpoint: str, tmp_path: Path) -> None:
-    writer = DriveWriter(tmp_path / "calm")
-    writer.add([DriveRow(time_s=1.0)])
-    writer.close()
-    with pytest.raises(InputError, match=r"calm: .*takeover"):
-        correct.main([checkpoint, f"drive={tmp_path / 'calm'}"])
-    writer = DriveWriter(tmp_path / "blind")
-    writer.add([DriveRow(time_s=1.0), DriveRow(time_s=1.1, driver=PERSON, intervention=True)])
-    writer.close()
-    with pytest.raises(InputError, match=r"blind: .*record=FOLDER"):
-        correct.main([checkpoint, f"drive={tmp_path / 'blind'}"])
-
-
-def test_a_correction_with_other_options_is_not_resumed(tmp_path: Path) -> None:
-    checkpoint, out = tmp_path / "x.ckpt", tmp_path / "out"
-    checkpoint.write_bytes(b"weights")
-    options = read_options(CorrectOptions)
-    new = open_progress(out, str(checkpoint), options, [])
-    save(new, out)
-    assert open_progress(out, str(checkpoint), options, []) == new
-    late = read_options(CorrectOptions, ["delay_s=0.2"])
-    with pytest.raises(InputError, match="delay_s=0"):
-        open_progress(out, str(checkpoint), late, [])
+    calm = [DriveRow(time_s=1.0)]
+    blind = [*calm, DriveRow(time_s=1.1, driver=PERSON, intervention=True)]
+    for name, rows, words in (("calm", calm, "takeover"), ("blind", blind, "record=FOLDER")):
+        writer = DriveWriter(tmp_path / name)
+        writer.add(rows)
+        writer.close()
+        with pytest.raises(InputError, match=rf"{name}: .*{words}"):
+            correct.main([checkpoint, f"drive={tmp_path / name}"])
 
 
 LOOP = Scenario("loop", 1, laps=0.3)
@@ -383,7 +381,7 @@ def test_the_labels_steer_back_to_the_middle() -> None:
 def test_with_beta_1_the_expert_drives() -> None:
     world, lap = EmbeddedWorld(World(loop())), Scenario("loop", 1)
     assert not drive(labelling(world, beta=1.0), world, lap).intervention.any()
-    half = drive(labelling(world, beta=0.5), world, lap)
+    half = drive(labelling(world, beta=0.5), world, LOOP)
     steered = np.array([row.steering != 0 for row in half.rows])
     assert 0.2 < steered.mean() < 0.8
 

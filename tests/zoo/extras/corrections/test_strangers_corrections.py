@@ -1,4 +1,4 @@
-"""Corrections of what others left: damaged progress, and another car's network."""
+"""Corrections of what others left: damaged progress."""
 
 from pathlib import Path
 
@@ -7,14 +7,8 @@ import pytest
 from tests.hostile.conftest import Refusal
 from tests.hostile.test_damaged_files import field
 from tests.hostile.test_damaged_progress import ANY
-from tests.zoo.training.test_other_car import (  # noqa: F401  fixtures
-    check_no_track_is_driven,
-    recorded,
-    trained,
-)
 from zoo.base.key_values import read_options
 from zoo.base.run_command import run_command
-from zoo.extras.corrections.correct import correct
 from zoo.extras.corrections.correct_options import CorrectOptions
 from zoo.extras.corrections.correction import open_progress, save
 
@@ -74,10 +68,3 @@ def test_a_damaged_correction_is_named_and_not_changed(
     assert words in line
     assert len(line) < 500
     assert sorted(tmp_path.rglob("*")) == before
-
-
-def test_no_track_is_driven_that_the_user_does_not_name(
-    trained: Path,  # noqa: F811
-    tmp_path: Path,
-) -> None:
-    check_no_track_is_driven(correct, trained, tmp_path)

@@ -46,7 +46,9 @@ def donkey_replica(change: Change, each: int = 1) -> Iterator[tuple[str, list[di
         number, text = 0, ""
 
         def send(*messages: dict) -> None:
-            connection.sendall(b"".join(json.dumps(one).encode() + b"\n" for one in messages))
+            connection.sendall(
+                b"".join(json.dumps(message).encode() + b"\n" for message in messages)
+            )
 
         with connection, suppress(OSError):  # the client has left
             send({"msg_type": "scene_selection_ready"})
@@ -60,7 +62,8 @@ def donkey_replica(change: Change, each: int = 1) -> Iterator[tuple[str, list[di
                         send(ANSWERS[kind])
                     if kind != "control":
                         continue
-                    changed = [change(number + one, telemetry(number + one)) for one in range(each)]
+                    numbers = range(number, number + each)
+                    changed = [change(at, telemetry(at)) for at in numbers]
                     number += each
                     if None in changed:
                         return

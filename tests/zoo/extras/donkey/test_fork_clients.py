@@ -100,7 +100,7 @@ def test_maxitwo_drives_the_road_of_its_string_and_begins_again_after_the_end() 
 
 
 def test_maxitwo_speeds_are_in_metres_per_second() -> None:
-    sent, _, _ = drive("maxitwo", maxitwo(STRAIGHT), seconds=2.0, frame_rate=25)
+    sent, _, _ = drive("maxitwo", maxitwo(STRAIGHT), frame_rate=25)
     before, after = (data for _, data in sent[-2:])
     moved_m = float(after["pos_z"]) - float(before["pos_z"])
     assert moved_m * 25 == pytest.approx(float(after["speed"]), rel=0.05)
@@ -134,8 +134,9 @@ def test_a_bad_track_is_reported_and_the_road_is_kept(data, words) -> None:
     assert words in printed
 
 
-def test_udacity_gym_reads_numbers_and_an_image() -> None:
-    sent, _, _ = drive("udacity_gym", gym(event("end_episode"), start("lake")))
+def test_udacity_gym_reads_numbers_and_an_image_and_episodes_are_answered() -> None:
+    orders = event("end_episode"), start("mountain", "foggy")
+    sent, client, _ = drive("udacity_gym", gym(*orders))
     data = [data for name, data in sent if name == "car_telemetry"][-1]
     frame = cv2.imdecode(np.frombuffer(base64.b64decode(data["image"]), np.uint8), 1)
     assert frame.shape == (160, 320, 3)
@@ -143,10 +144,6 @@ def test_udacity_gym_reads_numbers_and_an_image() -> None:
         assert isinstance(data[key], float)
     assert (data["lap"], data["sector"]) == (1, 0)
     assert data["semantic_segmentation"] == ""
-
-
-def test_udacity_gym_episodes_are_answered() -> None:
-    sent, client, _ = drive("udacity_gym", gym(event("end_episode"), start("mountain", "foggy")))
     counts = {"collisionCount": 0, "outOfTrackCount": 0}
     assert ["episode_metrics", counts] in sent
     names = [name for name, _ in sent if "telemetry" not in name]
@@ -165,7 +162,7 @@ def test_a_paused_world_sends_telemetry_and_does_not_move() -> None:
             yield event("pause_sim" if paused else "resume_sim")
 
     places, paused = [], False
-    sent, _, _ = drive("udacity_gym", reply, seconds=1.0, clock="realtime")
+    sent, _, _ = drive("udacity_gym", reply, clock="realtime")
     names = [name for name, _ in sent if name.startswith("sim_")]
     assert names == ["sim_paused", "sim_resumed"]
     assert len(set(places[7:12])) == 1
@@ -193,6 +190,6 @@ def test_no_file_of_the_drivers_choice_is_opened(track) -> None:
 
 
 def test_a_slow_driver_gets_no_more_frames_than_it_can_answer() -> None:
-    sent, _, _ = drive("maxitwo", lambda *_: iter(()), seconds=1.0, clock="realtime")
+    sent, _, _ = drive("maxitwo", lambda *_: iter(()), clock="realtime")
     assert len(sent) <= MOST_UNANSWERED + 1  # one more is sent when the session opens
     assert math.isfinite(float(sent[0][1]["cte"]))

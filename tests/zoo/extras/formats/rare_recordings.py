@@ -1,14 +1,38 @@
 """Small recordings in the formats of the extra, byte for byte as other projects write them."""
 
+import functools
+import json
 import math
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 import pytest
 
 from tests.foreign_recordings import ROWS, STEERING, frames, write_frames
+
+
+def kept(write: Callable[[Path], Path]) -> Callable[[Path], Path]:
+    """Return a writer that encodes a recording once, and copies its files after that."""
+
+    @functools.cache
+    def files() -> dict[Path, bytes]:
+        with TemporaryDirectory() as name:
+            folder = write(Path(name, "recording"))
+            paths = [path for path in folder.rglob("*") if path.is_file()]
+            return {path.relative_to(folder): path.read_bytes() for path in paths}
+
+    @functools.wraps(write)
+    def copy(folder: Path) -> Path:
+        for path, data in files().items():
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).write_bytes(data)
+        return folder
+
+    return copy
 
 
 def sullychen(folder: Path, right: float = 1.0, full: float = 540.0, zero: float = 0.0) -> Path:
@@ -21,6 +45,7 @@ def sullychen(folder: Path, right: float = 1.0, full: float = 540.0, zero: float
     return folder
 
 
+@kept
 def deeppicar(folder: Path) -> Path:
     folder.mkdir()
     video, motion_jpeg = folder / "out-video.avi", cv2.VideoWriter_fourcc(*"MJPG")
@@ -43,6 +68,7 @@ def jetracer(folder: Path) -> Path:
     return folder
 
 
+@kept
 def comma2016(folder: Path) -> Path:
     h5py = pytest.importorskip("h5py")
     for name in ("camera", "log"):
@@ -58,6 +84,7 @@ def comma2016(folder: Path) -> Path:
     return folder
 
 
+@kept
 def comma2k19(folder: Path) -> Path:
     signals = {
         "processed_log/CAN/steering_angle": -500.0 * STEERING,
@@ -85,3 +112,16 @@ def write_hevc(path: Path) -> None:
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", *source]
     command += ["-c:v", "libx265", "-x265-params", "log-level=none", "-f", "hevc", str(path)]
     subprocess.run(command, input=raw, check=True)
+
+
+def described_images(folder: Path) -> Path:
+    """Describe a LeRobot dataset of another program; return the path of its table."""
+    features = {
+        "action": {"dtype": "float32", "shape": [2], "names": ["steering", "throttle"]},
+        "observation.images.front": {"dtype": "image", "shape": [160, 320, 3]},
+    }
+    info = {"codebase_version": "v3.0", "fps": 10, "features": features}
+    for name in ("meta", "data/chunk-000"):
+        (folder / name).mkdir(parents=True)
+    (folder / "meta/info.json").write_text(json.dumps(info))
+    return folder / "data/chunk-000/file-000.parquet"

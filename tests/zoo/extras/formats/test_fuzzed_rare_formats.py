@@ -14,6 +14,7 @@ from tests.hostile.test_fuzzed_formats import FEW_AND_MANY, STRATEGIES, check_da
 from tests.hostile.test_fuzzed_recordings import converted
 from tests.recordings import Written, convert_to_recording, write_recording
 from tests.zoo.extras.formats.rare_examples import RARE
+from tests.zoo.extras.formats.rare_recordings import described_images
 
 
 @st.composite
@@ -64,15 +65,20 @@ def mutated_array(draw: st.DrawFn, data: bytes) -> bytes:
     return written.getvalue()
 
 
-@FEW_AND_MANY
-@pytest.mark.parametrize("name", RARE)
+FEW = {"lerobot": 2, "deeppicar": 4, "comma2k19": 4}  # to decode a video takes most of the time
+MANY = {"lerobot": 133}
+
+
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [(name, FEW.get(name, 12)) for name in RARE]
+    + [pytest.param(name, MANY.get(name, 400), marks=pytest.mark.slow) for name in RARE],
+)
 def test_damaged_recordings(
     name: str, count: int, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
     write, _, _, said = RARE[name]
     strategies = STRATEGIES | {".h5": mutated_hdf5, "": mutated_array}
-    if name == "lerobot":
-        count //= 3  # decoding its videos takes most of the time
     check_damaged(write, said, strategies, count, tmp_path, capsys)
 
 
@@ -85,15 +91,7 @@ def recording(tmp_path: Path) -> Written:
 def dataset(recording: Written, tmp_path: Path) -> Path:
     """Return a LeRobot dataset with images in its Parquet file."""
     pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
-    features = {
-        "action": {"dtype": "float32", "shape": [2], "names": ["steering", "throttle"]},
-        "observation.images.front": {"dtype": "image", "shape": [160, 320, 3]},
-    }
-    info = {"codebase_version": "v3.0", "fps": 10, "features": features}
-    folder = tmp_path / "dataset"
-    (folder / "meta").mkdir(parents=True)
-    (folder / "data/chunk-000").mkdir(parents=True)
-    (folder / "meta/info.json").write_text(json.dumps(info))
+    path = described_images(tmp_path / "dataset")
     image = {"bytes": recording.image(0).read_bytes(), "path": "1.jpg"}
     columns = {
         "episode_index": pa.array(np.zeros(3, int)),
@@ -101,8 +99,8 @@ def dataset(recording: Written, tmp_path: Path) -> Path:
         "action": pa.array([[0.1, 0.5]] * 3),
         "observation.images.front": pa.array([image] * 3),
     }
-    pq.write_table(pa.table(columns), folder / "data/chunk-000/file-000.parquet")
-    return folder
+    pq.write_table(pa.table(columns), path)
+    return path.parents[2]
 
 
 @FEW_AND_MANY

@@ -45,13 +45,20 @@ def windows(
     return found[:, :: stride[0], :: stride[1], :, :: gap[0], :: gap[1]]
 
 
+def kernel_windows(x: np.ndarray, config: dict, kernel: np.ndarray) -> np.ndarray:
+    stride, padding = config.get("strides", (1, 1)), config.get("padding", "valid")
+    return windows(x, kernel.shape[:2], stride, padding, 0, config.get("dilation_rate", (1, 1)))
+
+
+def pool_windows(x: np.ndarray, config: dict, fill: float) -> np.ndarray:
+    size = config.get("pool_size", (2, 2))
+    return windows(x, size, config.get("strides") or size, config.get("padding", "valid"), fill)
+
+
 def conv2d(x: np.ndarray, config: dict, weights: list) -> np.ndarray:
     kernel = weights[0]
     groups = config.get("groups", 1)
-    found = windows(
-        x, kernel.shape[:2], config.get("strides", (1, 1)), config.get("padding", "valid"), 0,
-        config.get("dilation_rate", (1, 1)),
-    )  # fmt: skip
+    found = kernel_windows(x, config, kernel)
     parts = zip(np.split(found, groups, 3), np.split(kernel, groups, 3), strict=True)
     out = np.concatenate([np.einsum("nrcihw,hwio->nrco", a, b) for a, b in parts], -1)
     return out + weights[1] if len(weights) > 1 else out
@@ -59,10 +66,7 @@ def conv2d(x: np.ndarray, config: dict, weights: list) -> np.ndarray:
 
 def depthwise(x: np.ndarray, config: dict, weights: list) -> np.ndarray:
     kernel = weights[0]
-    found = windows(
-        x, kernel.shape[:2], config.get("strides", (1, 1)), config.get("padding", "valid"), 0,
-        config.get("dilation_rate", (1, 1)),
-    )  # fmt: skip
+    found = kernel_windows(x, config, kernel)
     out = np.einsum("nrcihw,hwim->nrcim", found, kernel)
     out = out.reshape(*out.shape[:3], -1)
     return out + weights[1] if len(weights) > 1 else out
@@ -71,18 +75,6 @@ def depthwise(x: np.ndarray, config: dict, weights: list) -> np.ndarray:
 def separable(x: np.ndarray, config: dict, weights: list) -> np.ndarray:
     out = depthwise(x, config, weights[:1]) @ weights[1][0, 0]
     return out + weights[2] if len(weights) > 2 else out
-
-
-def max_pool(x: np.ndarray, config: dict, _: list) -> np.ndarray:
-    size = config.get("pool_size", (2, 2))
-    stride = config.get("strides") or size
-    return windows(x, size, stride, config.get("padding", "valid"), -np.inf).max((-1, -2))
-
-
-def mean_pool(x: np.ndarray, config: dict, _: list) -> np.ndarray:
-    size = config.get("pool_size", (2, 2))
-    stride = config.get("strides") or size
-    return np.nanmean(windows(x, size, stride, config.get("padding", "valid"), np.nan), (-1, -2))
 
 
 def batch_norm(x: np.ndarray, config: dict, weights: list) -> np.ndarray:
@@ -117,8 +109,8 @@ LAYERS: dict[str, Callable[[np.ndarray, dict, list], np.ndarray]] = {
     "Flatten": lambda x, c, w: x.reshape(len(x), -1),
     "Reshape": lambda x, c, w: x.reshape(len(x), *c["target_shape"]),
     "Permute": lambda x, c, w: x.transpose(0, *c["dims"]),
-    "MaxPooling2D": max_pool,
-    "AveragePooling2D": mean_pool,
+    "MaxPooling2D": lambda x, c, w: pool_windows(x, c, -np.inf).max((-1, -2)),
+    "AveragePooling2D": lambda x, c, w: np.nanmean(pool_windows(x, c, np.nan), (-1, -2)),
     "GlobalAveragePooling2D": lambda x, c, w: x.mean((1, 2)),
     "GlobalMaxPooling2D": lambda x, c, w: x.max((1, 2)),
     "BatchNormalization": batch_norm,
@@ -127,14 +119,12 @@ LAYERS: dict[str, Callable[[np.ndarray, dict, list], np.ndarray]] = {
     "LeakyReLU": lambda x, c, w: np.where(x > 0, x, c.get("alpha", 0.3) * x),
     "PReLU": lambda x, c, w: np.where(x > 0, x, w[0] * x),
     "ReLU": relu,
-    "ThresholdedReLU": lambda x, c, w: np.where(x > c["theta"], x, 0),
     "Cropping2D": cropped,
     "ZeroPadding2D": lambda x, c, w: np.pad(x, [(0, 0), *c["padding"], (0, 0)]),
     "Rescaling": lambda x, c, w: x * np.array(c["scale"]) + np.array(c.get("offset", 0)),
     "Dropout": lambda x, c, w: x,
     "SpatialDropout2D": lambda x, c, w: x,
     "GaussianNoise": lambda x, c, w: x,
-    "GaussianDropout": lambda x, c, w: x,
 }
 
 

@@ -13,10 +13,10 @@ from tests.zoo.extras.keras.keras_files import (
     write_h5,
     write_keras,
 )
+from tests.zoo.extras.keras.test_keras_layers import network_of
 from zoo.base.errors import InputError
 from zoo.extras.keras.keras_file import read_keras
 from zoo.extras.keras.keras_layers import ConvertedKeras, convert
-from zoo.extras.keras.sequential import Sequential
 
 SHAPE = (12, 16, 3)
 HIDDEN = 16
@@ -63,8 +63,7 @@ def expected(layers: list[Layer]) -> list[np.ndarray]:
 
 def answers(found: ConvertedKeras) -> np.ndarray:
     """Return what the converted network returns for the images."""
-    network = Sequential((SHAPE[2], *SHAPE[:2]), found.layers, found.scale).eval()
-    network.load_state_dict(found.state)
+    network = network_of(found)
     with torch.no_grad():
         return network(torch.from_numpy(images()).permute(0, 3, 1, 2)).numpy()
 
@@ -145,7 +144,6 @@ def test_other_networks_of_two_outputs_are_named_by_the_user(tmp_path: Path) -> 
 
 def test_a_network_of_bins_can_be_trained_further(tmp_path: Path) -> None:
     found = convert(read_keras(write(tmp_path, donkeycar_layers(BINS, (15, 20), "softmax"))))
-    network = Sequential((SHAPE[2], *SHAPE[:2]), found.layers, found.scale).train()
-    network.load_state_dict(found.state)
+    network = network_of(found).train()
     network(torch.from_numpy(images()).permute(0, 3, 1, 2)).square().sum().backward()
     assert all(one.grad is not None and one.grad.abs().sum() for one in network.parameters())

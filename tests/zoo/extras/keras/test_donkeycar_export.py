@@ -10,7 +10,7 @@ import pytest
 
 from datamodules.view import View
 from tests.recordings import Written
-from tests.zoo.command_runs import run, succeed
+from tests.zoo.command_runs import run_here, succeed
 from tests.zoo.extras.keras.test_donkeycar import BINS, LINEAR, SHAPE, donkeycar_layers
 from tests.zoo.extras.keras.test_donkeycar import write as write_donkeycar
 from zoo.checkpoints.checkpoint import Checkpoint
@@ -18,6 +18,8 @@ from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.network_files import read_network
 
 donkeycar_file = pytest.importorskip("zoo.extras.car.donkeycar_file", reason="an extra writes it")
+
+UNITS = {LINEAR: (1, 1), BINS: (15, 20), LINEAR[:1]: (1,)}
 
 
 def imported(folder: Path, names: list[str], layers: list) -> Checkpoint:
@@ -27,21 +29,17 @@ def imported(folder: Path, names: list[str], layers: list) -> Checkpoint:
 
 
 @pytest.mark.parametrize(
-    ("names", "units", "activation", "model_type"),
+    ("names", "activation", "model_type"),
     [
-        (LINEAR, (1, 1), "linear", "linear"),
-        (BINS, (15, 20), "softmax", "categorical"),
-        (LINEAR[:1], (1,), "linear", "inferred"),
+        (LINEAR, "linear", "linear"),
+        (BINS, "softmax", "categorical"),
+        (LINEAR[:1], "linear", "inferred"),
     ],
 )
 def test_a_network_of_donkeycar_returns_as_it_came(
-    names: tuple[str, ...],
-    units: tuple[int, ...],
-    activation: str,
-    model_type: str,
-    tmp_path: Path,
+    names: tuple[str, ...], activation: str, model_type: str, tmp_path: Path
 ) -> None:
-    layers = donkeycar_layers(names, units, activation)
+    layers = donkeycar_layers(names, UNITS[names], activation)
     contents, found = donkeycar_file.donkeycar_bytes(imported(tmp_path, names, layers))
     assert found == model_type
     (tmp_path / "back.h5").write_bytes(contents)
@@ -63,19 +61,19 @@ def commands_of(policy: CheckpointPolicy) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("names", "units", "activation", "most"),
+    ("names", "activation", "most"),
     [
-        (LINEAR, (1, 1), "linear", 0.02),
-        (LINEAR, (1, 1), "tanh", 0.02),
-        (LINEAR, (1, 1), "linear", 1.0),
-        (BINS, (15, 20), "softmax", 0.2),
-        (LINEAR[:1], (1,), "linear", 0.2),
+        (LINEAR, "linear", 0.02),
+        (LINEAR, "tanh", 0.02),
+        (LINEAR, "linear", 1.0),
+        (BINS, "softmax", 0.2),
+        (LINEAR[:1], "linear", 0.2),
     ],
 )
 def test_a_throttle_is_bounded_in_the_file(
-    names: tuple[str, ...], units: tuple[int, ...], activation: str, most: float, tmp_path: Path
+    names: tuple[str, ...], activation: str, most: float, tmp_path: Path
 ) -> None:
-    free = imported(tmp_path, names, donkeycar_layers(names, units, activation))
+    free = imported(tmp_path, names, donkeycar_layers(names, UNITS[names], activation))
     bounded = donkeycar_file.bounded(free, most)
     contents, kind = donkeycar_file.donkeycar_bytes(bounded)
     (tmp_path / "bound.h5").write_bytes(contents)
@@ -91,18 +89,18 @@ def test_a_throttle_is_bounded_in_the_file(
 
 
 @pytest.mark.parametrize(
-    ("names", "units", "kind"),
+    ("names", "kind"),
     [
-        (LINEAR, (1, 1), "tflite_linear"),
-        (BINS, (15, 20), "tflite_categorical"),
-        (LINEAR[:1], (1,), "tflite_inferred"),
+        (LINEAR, "tflite_linear"),
+        (BINS, "tflite_categorical"),
+        (LINEAR[:1], "tflite_inferred"),
     ],
 )
 def test_litert_torch_writes_a_file_that_steers_the_same(
-    names: tuple[str, ...], units: tuple[int, ...], kind: str, tmp_path: Path
+    names: tuple[str, ...], kind: str, tmp_path: Path
 ) -> None:
     pytest.importorskip("litert_torch", reason="the converter is optional")
-    checkpoint = imported(tmp_path, names, donkeycar_layers(names, units, "linear"))
+    checkpoint = imported(tmp_path, names, donkeycar_layers(names, UNITS[names], "linear"))
     path = tmp_path / "pilot.tflite"
     exported = import_module("zoo.extras.car.tflite_export").TfliteFile(checkpoint, path)
     path.write_bytes(exported.files("")[".tflite"])
@@ -114,9 +112,9 @@ def test_litert_torch_writes_a_file_that_steers_the_same(
 def test_the_command_prints_what_to_set_in_donkeycar(recorded: Written, tmp_path: Path) -> None:
     write_donkeycar(tmp_path, donkeycar_layers(LINEAR, (1, 1), "linear"))
     module = "zoo.extras.keras.import"
-    assert run(tmp_path, "pilot.h5", module=module).returncode == 0
+    succeed(run_here(tmp_path, "pilot.h5", module=module))
     arguments = ("pilot.ckpt", "out=back.h5", f"frames={recorded.folder}")
-    printed = succeed(run(tmp_path, *arguments, module="zoo.commands.export"))
+    printed = succeed(run_here(tmp_path, *arguments, module="zoo.commands.export"))
     for text in ("IMAGE_W = 16", "IMAGE_H = 12", "--model back.h5 --type linear"):
         assert text in printed
-    assert run(tmp_path, "back.h5", "out=again.ckpt", module=module).returncode == 0
+    succeed(run_here(tmp_path, "back.h5", "out=again.ckpt", module=module))

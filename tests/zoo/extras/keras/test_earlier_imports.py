@@ -16,11 +16,7 @@ EARLIER = "zoo.models.sequential.Sequential"
 CONVOLUTION = {"filters": 2, "kernel_size": [5, 5], "strides": [4, 4]}
 LAYERS = [
     ("Lambda", lambda_config(lambda x: x / 127.5 - 1.0), []),
-    (
-        "Conv2D",
-        {"filters": 2, "kernel_size": [5, 5], "strides": [4, 4]},
-        random_weights((5, 5, 3, 2), (2,)),
-    ),
+    ("Conv2D", CONVOLUTION, random_weights((5, 5, 3, 2), (2,))),
     ("Flatten", {}, []),
     ("Dense", {"units": 1}, random_weights((39 * 79 * 2, 1), (1,))),
 ]

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -14,8 +15,8 @@ from datamodules.image import read_image
 from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from tests.recordings import Written, write_recording
-from tests.zoo.command_runs import only_line, run, run_here, succeed
-from tests.zoo.extras.keras.keras_files import lambda_config, write_h5
+from tests.zoo.command_runs import only_line, run_here, succeed
+from tests.zoo.extras.keras.keras_files import Layer, lambda_config, write_h5
 from tests.zoo.extras.keras.keras_networks import (
     SCALED,
     SHORT_STRETCH,
@@ -61,7 +62,9 @@ def imported(keras_file: Path, lake: Written, tmp_path_factory: pytest.TempPathF
     return cwd / "old.ckpt"
 
 
-def test_the_input_is_found_and_stands_in_the_checkpoint(imported: Path, lake: Written) -> None:
+def test_the_input_is_found_printed_and_stands_in_the_checkpoint(
+    imported: Path, lake: Written
+) -> None:
     checkpoint = load_checkpoint(imported)
     recording = read_recordings(str(lake.folder))
     assert checkpoint.view == VIEW
@@ -69,13 +72,9 @@ def test_the_input_is_found_and_stands_in_the_checkpoint(imported: Path, lake: W
     assert checkpoint.config["data"]["crop"] == [60, 25]
     assert checkpoint.config["data"]["root"] == str(lake.folder)
     assert checkpoint.data == {"fingerprint": recording.fingerprint(), "rows": 200}
-
-
-def test_layers_trials_and_sources_are_printed(imported: Path) -> None:
     printed = (imported.parent / "stdout.txt").read_text()
-    for text in ("Flatten", "Dense", "12 x 40 x 3", "1,441", "yuv_old", "agreement"):
+    for text in ("Flatten", "Dense", "12 x 40 x 3", "1,441", "yuv_old", "agreement", "the file"):
         assert text in printed
-    assert "the file" in printed
     assert "trying on the recording" in printed
     assert "what it saw: colour=yuv_old 'crop=[60,25]'" in printed
     assert "how it drives: " in printed
@@ -95,7 +94,9 @@ def test_the_checkpoint_steers_as_recorded(imported: Path, lake: Written) -> Non
         ("zoo.commands.evaluate", ["laps=0.01", "workers=1"]),
         ("zoo.commands.replay", ["RECORDING"]),
         ("zoo.commands.saliency", ["RECORDING"]),
-        ("zoo.commands.drive", ["sim=lake", "laps=0.005", "port=0"]),
+        pytest.param(
+            "zoo.commands.drive", ["sim=lake", "laps=0.005", "port=0"], marks=pytest.mark.slow
+        ),
         pytest.param("zoo.commands.doctor", ["RECORDING", "port=4599"], marks=pytest.mark.slow),
     ],
 )
@@ -103,13 +104,12 @@ def test_every_command_takes_the_checkpoint(
     module: str, arguments: list[str], imported: Path, lake: Written, tmp_path: Path
 ) -> None:
     arguments = [str(lake.folder) if one == "RECORDING" else one for one in arguments]
-    succeed(run(tmp_path, str(imported), *arguments, module=module))
+    succeed(run_here(tmp_path, str(imported), *arguments, module=module))
 
 
 def test_the_export_drives_the_same(imported: Path, lake: Written, tmp_path: Path) -> None:
-    printed = succeed(
-        run(tmp_path, str(imported), f"frames={lake.folder}", module="zoo.commands.export")
-    )
+    words = (str(imported), f"frames={lake.folder}")
+    printed = succeed(run_here(tmp_path, *words, module="zoo.commands.export"))
     assert "yuv_old" in printed
     frame = read_image(lake.image(7))
     ours, theirs = (load_policy(one)(frame, 9.0)[0] for one in (imported, tmp_path / "model.onnx"))
@@ -167,14 +167,17 @@ def test_a_network_that_never_learned_is_not_certain(lake: Written, tmp_path: Pa
     weights = rng.normal(size=(12 * 40 * 3, 1)).astype(np.float32) / 1000
     dense = dense_layer(weights, np.zeros(1, np.float32))
     write_h5(tmp_path / "random.h5", [SCALED, ("Flatten", {}, []), dense], shape=(12, 40, 3))
-    printed = succeed(import_file(tmp_path, "random.h5", f"recording={lake.folder}", "drive=false"))
+    keys = (f"recording={lake.folder}", "drive=false", "frames=60")
+    printed = succeed(import_file(tmp_path, "random.h5", *keys))
     assert "not certain: " in printed
     assert "how it drives: not tried" in printed
     assert (tmp_path / "random.ckpt").is_file()
 
 
 @pytest.mark.parametrize("outputs", [1, 2])
-def test_a_line_is_applied_by_the_checkpoint_and_by_an_export(outputs: int, tmp_path: Path) -> None:
+def test_a_line_is_applied_by_the_checkpoint_and_by_an_export(
+    outputs: int, lake: Written, tmp_path: Path
+) -> None:
     """Its output is 0..1, 0.5 straight on, by a sigmoid, which no weights before it can undo."""
     rng = np.random.default_rng(0)
     weights = rng.normal(size=(12 * 40 * 3, outputs)).astype(np.float32) / 20
@@ -183,7 +186,7 @@ def test_a_line_is_applied_by_the_checkpoint_and_by_an_export(outputs: int, tmp_
     keys = ["outputs=[throttle,steering]"] * (outputs - 1)
     for name, line in (("plain", []), ("lined", ["steering=[2.4,-1.2]"])):
         succeed(import_file(tmp_path, "old.h5", f"out={name}.ckpt", *keys, *line))
-    words = ("lined.ckpt", "out=lined.onnx")
+    words = ("lined.ckpt", "out=lined.onnx", f"frames={lake.folder}")
     printed = succeed(run_here(tmp_path, *words, module="zoo.commands.export"))
     assert "largest difference from the checkpoint" in printed
     frames = rng.integers(0, 256, (4, 20, 40, 3), np.uint8).repeat(8, 1).repeat(8, 2)
@@ -197,15 +200,17 @@ def test_a_line_is_applied_by_the_checkpoint_and_by_an_export(outputs: int, tmp_
             assert policy(frame, 9.0).throttle == pytest.approx(throttle, abs=1e-5)
 
 
-def test_the_line_that_is_offered_makes_the_output_steering(lake: Written, tmp_path: Path) -> None:
+def test_the_line_that_is_offered_makes_the_output_steering(
+    keras_file: Path, lake: Written, tmp_path: Path
+) -> None:
     """Also after a wrong line; the command keeps the other keys."""
-    recording = read_recordings(str(lake.folder))
-    path = write_steering_h5(tmp_path / "old.h5", recording, VIEW, SCALED)
-    with h5py.File(path, "r+") as file:
+    shutil.copy(keras_file, tmp_path)
+    with h5py.File(tmp_path / "old.h5", "r+") as file:
         group = file["model_weights/dense_1/dense_1"]
         for name, term in (("kernel:0", 0.0), ("bias:0", 0.5)):
             group[name][...] = group[name][...] / 2.4 + term
     keys = [f"recording={lake.folder}", "colour=yuv_old", "crop=[60,25]", "drive=false"]
+    keys += ["resize=area", "frames=60"]
     for more in ([], ["steering=[-3,1]"]):
         printed = succeed(import_file(tmp_path, "old.h5", *keys, *more, "overwrite=true"))
         command = re.search(r"drivezoo import (.*)", printed)[1]
@@ -238,7 +243,7 @@ def test_an_import_replaces_a_file_only_with_overwrite(keras_file: Path, tmp_pat
         (["steering=[0,1]"], "steering=[0,1]", "[2.4,-1.2]"),
         (["steering=[nan,1]"], "steering=[nan,1]", "finite number"),
         (["steering=2.4"], "steering=2.4", "[2.4,-1.2]"),
-        (["colour=gray"], "colour=gray", "3 channels"),
+        (["colour=gray"], "colour=gray", "12 x 40 x 3; set a colour of 3 channels"),
         (["recording=nowhere"], "nowhere", "no such folder"),
         (["out=old.h5"], "out=old.h5", ".ckpt"),
         (["out=nowhere/old.ckpt"], "out=nowhere/old.ckpt", "no folder"),
@@ -255,15 +260,20 @@ def test_a_wrong_key_is_refused(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_unclear_scale_is_asked_for_by_key(lake: Written, tmp_path: Path) -> None:
-    recording = read_recordings(str(lake.folder))
-    write_steering_h5(tmp_path / "none.h5", recording, VIEW)
-    unclear = ("Lambda", lambda_config(lambda x: (x - x.mean()) / 127.5), [])
-    write_steering_h5(tmp_path / "unclear.h5", recording, VIEW, unclear)
-    for name in ("none.h5", "unclear.h5"):
-        assert "set 'scale=[" in only_line(import_file(tmp_path, name))
-        assert import_file(tmp_path, name, "scale=[127.5,1]").returncode == 0
-        keys = [f"recording={lake.folder}", "colour=yuv_old", "crop=[60,25]", "drive=false"]
-        succeed(import_file(tmp_path, name, *keys, "frames=60", "overwrite=true"))
-        checkpoint = load_checkpoint(tmp_path / name.replace(".h5", ".ckpt"))
-        assert checkpoint.config["model"]["scale"][1] == 1.0
+@pytest.mark.parametrize(
+    "before",
+    [
+        pytest.param([], marks=pytest.mark.slow),
+        [("Lambda", lambda_config(lambda x: (x - x.mean()) / 127.5), [])],
+    ],
+    ids=["no scale", "unclear scale"],
+)
+def test_an_unclear_scale_is_asked_for_by_key(
+    before: list[Layer], lake: Written, tmp_path: Path
+) -> None:
+    write_steering_h5(tmp_path / "old.h5", read_recordings(str(lake.folder)), VIEW, *before)
+    assert "set 'scale=[" in only_line(import_file(tmp_path, "old.h5"))
+    assert import_file(tmp_path, "old.h5", "scale=[127.5,1]").returncode == 0
+    keys = [f"recording={lake.folder}", "colour=yuv_old", "crop=[60,25]", "drive=false"]
+    succeed(import_file(tmp_path, "old.h5", *keys, "frames=60", "overwrite=true"))
+    assert load_checkpoint(tmp_path / "old.ckpt").config["model"]["scale"][1] == 1.0

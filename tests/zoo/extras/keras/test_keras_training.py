@@ -1,12 +1,13 @@
 """`model=keras`: a training takes its layers, its scale and its weights from a file of Keras."""
 
+import functools
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 
 from datamodules.view import View
 from tests.recordings import Written
@@ -17,18 +18,22 @@ from tests.zoo.trainings import SMALL
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, make_card
+from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.extras.keras.sequential import Sequential
 from zoo.training.initial_weights import load_weights
 from zoo.training.run_config import with_file_settings
 
-USUAL = [one for one in SMALL if not one.startswith("model")]
-
-
+USUAL = [override for override in SMALL if not override.startswith("model")]
 KERAS = ("model=keras", f"model.size=[{INPUT[0]},{INPUT[1]}]")
 
 
-def keras_config(*overrides: str):
-    return OmegaConf.create(compose_config(["data.root=x", *KERAS, *overrides]))
+@functools.cache
+def composed_config() -> DictConfig:
+    return OmegaConf.create(compose_config(["data.root=x", *KERAS]))
+
+
+def keras_config(*overrides: str) -> DictConfig:
+    return OmegaConf.merge(composed_config(), OmegaConf.from_dotlist([*overrides]))
 
 
 def outputs(network: torch.nn.Module) -> np.ndarray:
@@ -110,9 +115,9 @@ def test_an_unclear_scale_is_set_by_the_user(tmp_path: Path) -> None:
     assert config.model.scale == [255, 0.5]
 
 
-def test_another_models_checkpoint_is_refused(run_folder: Path) -> None:
-    path = run_folder / "checkpoints" / "best.ckpt"
-    with pytest.raises(InputError, match=r"best\.ckpt: .*without model\.layers; set model"):
+def test_another_models_checkpoint_is_refused() -> None:
+    path = find_checkpoint("tiny41")
+    with pytest.raises(InputError, match=r"\.ckpt: .*without model\.layers; set model"):
         with_file_settings(keras_config(f"model.weights={path}"))
 
 

@@ -1,5 +1,6 @@
 """Old Keras files, written here layer by layer and computed in Keras' own order of axes."""
 
+import functools
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -17,7 +18,7 @@ from tests.zoo.extras.keras.keras_files import (
     random_weights,
     write_groups,
 )
-from tests.zoo.models.test_models_command import build
+from tests.zoo.models import test_models_command
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.models.make_network import make_network
@@ -32,6 +33,7 @@ KERNELS = {
     "tiny": [(1, 11, 2), (16, 1)],
     "tiny63": [(3, 3, 1, 2), (42, 1)],
 }  # fmt: skip
+build = functools.cache(test_models_command.build)  # each test loads its own weights
 ELU, RELU, SAME = {"activation": "elu"}, {"activation": "relu"}, {"padding": "same"}
 TWO, FOUR = {"strides": (2, 2)}, {"strides": (4, 4)}
 FLATTEN, POOL = ("Flatten", {}), ("MaxPooling2D", {})
@@ -105,7 +107,7 @@ def predictions(name: str, path: Path, layers: list) -> tuple[np.ndarray, np.nda
     return ours, keras_predict(name, pictures, layers)
 
 
-@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("version", [pytest.param(1, marks=pytest.mark.slow), 2])
 @pytest.mark.parametrize("name", list(KERNELS))
 def test_an_old_model_predicts_what_it_did(name: str, version: int, tmp_path: Path) -> None:
     layers = random_layers(KERNELS[name])

@@ -114,14 +114,11 @@ def test_a_network_that_predicts_its_spread_adds_it(frame: np.ndarray) -> None:
     assert DropoutPolicy(checkpoint, 5, 1)(frame, 9.0).spread == pytest.approx(expected, rel=1e-5)
 
 
-def test_a_network_without_dropout_is_refused() -> None:
-    checkpoint = Checkpoint(LeNet((3, 66, 200)).eval(), VIEW, {}, {})
+def test_a_network_without_dropout_or_with_a_memory_is_refused() -> None:
+    plain = Checkpoint(LeNet((3, 66, 200)).eval(), VIEW, {}, {})
     with pytest.raises(InputError, match=r"^LeNet has no dropout.*ensemble$"):
-        DropoutPolicy(checkpoint, 5, 1)
-
-
-def test_a_network_that_remembers_is_refused() -> None:
-    checkpoint = pilotnet()
-    checkpoint.network.facts = NetworkFacts(window=Window())
+        DropoutPolicy(plain, 5, 1)
+    remembering = pilotnet()
+    remembering.network.facts = NetworkFacts(window=Window())
     with pytest.raises(InputError, match=r"^PilotNet remembers frames.*ensemble$"):
-        DropoutPolicy(checkpoint, 5, 1)
+        DropoutPolicy(remembering, 5, 1)

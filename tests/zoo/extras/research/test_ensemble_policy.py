@@ -49,19 +49,13 @@ def test_the_command_is_the_mean_with_the_deviation_of_the_members() -> None:
     command = EnsemblePolicy([Member(0.1, 0.5), Member(0.3, 0.7)])(FRAME, 9.0)
     found = (command.steering, command.throttle, command.spread)
     assert found == pytest.approx((0.2, 0.6, 0.1))
+    assert EnsemblePolicy([Member(0.1, 0.5), Member(0.3)])(FRAME, 9.0).throttle is None
+    assert math.isnan(EnsemblePolicy([Member(math.nan), Member(0.3)])(FRAME, 9.0).steering)
 
 
 def test_the_members_own_variance_counts() -> None:
     command = EnsemblePolicy([Member(0.1, spread=0.2), Member(0.3, spread=0.4)])(FRAME, 9.0)
     assert command.spread == pytest.approx(math.sqrt(0.1**2 + (0.2**2 + 0.4**2) / 2))
-
-
-def test_without_a_throttle_of_every_member_there_is_none() -> None:
-    assert EnsemblePolicy([Member(0.1, 0.5), Member(0.3)])(FRAME, 9.0).throttle is None
-
-
-def test_a_member_that_steers_nan_makes_the_mean_nan() -> None:
-    assert math.isnan(EnsemblePolicy([Member(math.nan), Member(0.3)])(FRAME, 9.0).steering)
 
 
 def test_it_describes_its_members() -> None:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -29,12 +30,13 @@ SEARCH = (
 )
 
 
-@pytest.fixture
-def study(here: Path) -> "optuna.Study":
-    """Return a study with two trials that no other trial can beat."""
+@pytest.fixture(scope="module")
+def first_study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a study with two trials that no other trial can beat."""
+    path = tmp_path_factory.mktemp("study") / "study.db"
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = optuna.create_study(
-        storage="sqlite:///study.db", study_name="drivezoo", direction="minimize"
+        storage=f"sqlite:///{path}", study_name="drivezoo", direction="minimize"
     )
     for _ in range(2):
         study.add_trial(
@@ -45,7 +47,17 @@ def study(here: Path) -> "optuna.Study":
                 intermediate_values={0: 0.0, 1: 0.0},
             )
         )
-    return study
+    return path
+
+
+@pytest.fixture
+def study_file(first_study: Path, here: Path) -> Path:
+    return shutil.copy(first_study, here)
+
+
+@pytest.fixture
+def study(study_file: Path) -> "optuna.Study":
+    return optuna.load_study(storage=f"sqlite:///{study_file}", study_name="drivezoo")
 
 
 def search(recorded: Written, *overrides: str) -> subprocess.CompletedProcess:
@@ -122,7 +134,9 @@ def test_a_study_of_another_figure_is_refused_and_kept(
         ("hydra.sweeper.monitor=drive/autonomy", "add callbacks=closed_loop"),
         ("hydra.sweeper.monitor=val/mae", "monitor=val/mae: must be one of drive/score"),
         ("hydra.sweeper.pruner=axe", "pruner=axe: must be median"),
-        ("hydra.sweeper.sampler=dice", "sampler=dice: must be one of tpe"),
+        pytest.param(
+            "hydra.sweeper.sampler=dice", "sampler=dice: must be one of tpe", marks=pytest.mark.slow
+        ),
         ("hydra.sweeper.n_trials=0", "must be 1 or more"),
         ("hydra.sweeper.storage=sqlite:////proc/none/study.db", "storage=sqlite:////proc/none"),
         ("hydra.sweeper.n_trails=3", "hydra.sweeper.n_trails: no such key"),
@@ -134,7 +148,7 @@ def test_bad_input_gets_one_line(
     override: str,
     words: str,
     recorded: Written,
-    study: "optuna.Study",
+    study_file: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("zoo.extras.scale.sweep_search.ATTEMPTS", 1)

@@ -3,7 +3,6 @@
 import http.client
 import json
 import signal
-import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -12,9 +11,10 @@ from pathlib import Path
 import pytest
 
 from datamodules.recording_format import read_recordings
-from tests.zoo.command_runs import command, environment, only_line, run_words
+from tests.zoo.command_runs import only_line, run_here, start
 from tests.zoo.simulator.person import Person
 from zoo.base.page_server import PageServer
+from zoo.checkpoints.checkpoint_path import PACKAGED
 from zoo.extras.studio import watched_network
 from zoo.extras.studio.child_command import ChildCommand
 from zoo.extras.studio.steps import UPLOADS
@@ -22,6 +22,7 @@ from zoo.extras.studio.studio_page import KINDS, MOST_UPLOAD, StudioPage
 from zoo.extras.studio.watched_network import Watched, start_together
 
 KEY = "a long enough key"
+LENET = PACKAGED / "lenet.ckpt"
 
 
 class Served:
@@ -60,7 +61,7 @@ class Served:
 def serve(key: str | None = None) -> Iterator[Served]:
     page = StudioPage(key)
     with PageServer(0, page, most_request=MOST_UPLOAD) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
+        threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True).start()
         yield Served(page, server.server_port)
         page.close()
         server.shutdown()
@@ -148,8 +149,8 @@ def test_all_but_the_files_needs_the_key(locked: Served) -> None:
 
 
 def test_another_host_needs_a_key(here: Path) -> None:
-    words = command("zoo.extras.studio.studio", "host=0.0.0.0", "key=short")
-    line = only_line(run_words(here, *words))
+    options = ("host=0.0.0.0", "key=short")
+    line = only_line(run_here(here, *options, module="zoo.extras.studio.studio"))
     assert line.startswith("drivezoo studio: host=0.0.0.0: other machines")
     assert "key=" in line
 
@@ -173,6 +174,7 @@ def test_an_upload_lies_in_a_folder_of_its_own(studio: Served, here: Path) -> No
     assert studio.ask("POST", "/upload?name=a.ckpt", None, **long)[0] == 413
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(".h5" not in KINDS, reason="another extra imports it")
 def test_a_broken_keras_file_is_refused_in_the_words_of_import(studio: Served) -> None:
     status, body, _ = studio.ask("POST", "/upload?name=a.h5", b"no network")
@@ -202,25 +204,28 @@ def test_a_person_drives_and_records(studio: Served, here: Path) -> None:
     assert "all images are whole" in state["check"]["lines"]
 
 
-def test_networks_drive_side_by_side_and_a_broken_file_says_so(here: Path) -> None:
+@pytest.mark.parametrize(
+    "paths", [[LENET], pytest.param([LENET, Path("broken.ckpt")], marks=pytest.mark.slow)]
+)
+def test_networks_drive_side_by_side_and_a_broken_file_says_so(
+    here: Path, paths: list[Path]
+) -> None:
     (here / "broken.ckpt").write_bytes(b"no checkpoint")
-    packaged = Path(watched_network.__file__).parents[2] / "checkpoints/packaged/lenet.ckpt"
     scenario = {"track": "zoo_lake", "quality": "simple"}
-    networks = [
-        Watched(name, str(path), scenario)
-        for name, path in (("lenet", packaged), ("broken", here / "broken.ckpt"))
-    ]
+    networks = [Watched(path.stem, str(path), scenario) for path in paths]
     start_together(networks)
     try:
-        first, second = networks
+        first, *broken = networks
         ends = time.monotonic() + 60
         while b'"time_s": 1.' not in first.frame.answer({})[0]:
             assert time.monotonic() < ends, first.failure
-        while not second.failure:
-            assert time.monotonic() < ends
-            time.sleep(0.1)
-        assert "broken.ckpt" in second.failure
-        assert "Traceback" not in second.failure
+            time.sleep(0.02)
+        for network in broken:
+            while not network.failure:
+                assert time.monotonic() < ends
+                time.sleep(0.1)
+            assert "broken.ckpt" in network.failure
+            assert "Traceback" not in network.failure
         assert not first.failure
     finally:
         for network in networks:
@@ -262,15 +267,8 @@ def test_the_log_of_a_sweeps_job_is_read_once(here: Path) -> None:
 
 
 def test_ctrl_c_ends_it(here: Path) -> None:
-    process = subprocess.Popen(
-        command("zoo.extras.studio.studio", "port=0"),
-        cwd=here,
-        env=environment(),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    process = start(here, "zoo.extras.studio.studio", "port=0")
     assert "http://127.0.0.1:" in process.stdout.readline()
     process.send_signal(signal.SIGINT)
-    assert process.communicate(timeout=30) == ("", "")
+    assert process.communicate(timeout=30)[0] == ""
     assert process.returncode == 0

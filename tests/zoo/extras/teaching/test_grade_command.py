@@ -1,11 +1,12 @@
 """`drivezoo grade`: marks of a class on drawn roads, warnings and pages."""
 
 import csv
+import functools
 import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -39,6 +40,14 @@ from zoo.extras.teaching.submitted_network import (
 from zoo.results.result import NAME, Driver
 from zoo.results.suite import _redrawn, read_suite, redraw_suite
 from zoo.training.recorded_roads import road_key, trained_roads
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _packaged_facts() -> Iterator[None]:
+    """Read the facts on each packaged network once: every class is compared with all."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setattr(graded, "network_facts", functools.cache(graded.network_facts))
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -157,13 +166,12 @@ def test_a_random_seed_is_kept_and_resumed(
     assert (here / "other" / graded.SEED).read_text() != seed
 
 
-@pytest.mark.usefixtures("as_ada")
-def test_a_random_seed_refuses_another_ones_folder(suite: Path, here: Path) -> None:
-    write_constant(here / "class" / "ann.ckpt", 0.0)
-    grade("class", suite=str(suite), seed=5, out="out")
+def test_a_random_seed_refuses_the_folder_of_a_typed_one(
+    marked: graded.Graded, submitted: Path, suite: Path
+) -> None:
     with pytest.raises(InputError, match="begun without seed=random"):
-        grade("class", suite=str(suite), seed="random", out="out")
-    assert not (here / "out" / graded.SEED).exists()
+        grade(submitted, suite=str(suite), seed="random", out=marked.folder)
+    assert not (marked.folder / graded.SEED).exists()
 
 
 def test_a_submission_has_a_process_and_a_time_of_its_own(submitted: Path, tmp_path: Path) -> None:
@@ -201,11 +209,13 @@ def test_roads_are_drawn_by_the_seed_and_keep_their_families() -> None:
         assert not set(roads) & set(drawn[group])
 
 
+DRIVER = Driver(file="x", sha256="0", model="LeNet", training_seed=1, parameters=1, data="1")
+
+
 def test_cards_and_trainings_are_compared_with_the_file(tmp_path: Path) -> None:
     file = write_constant(tmp_path / "ada" / "net.ckpt", 0.0)
     file.with_name("README.md").write_text("Network: 41 parameters; with fingerprint abc.")
-    known = {"file": str(file), "sha256": "0", "model": "Linear", "training_seed": 1}
-    driver = Driver(**known, parameters=41, data="def")
+    driver = DRIVER.model_copy(update={"parameters": 41, "data": "def"})
     course = make_recording(tmp_path, {"steering": np.linspace(0, 1, 400)}, {})
     facts = NetworkFacts(outputs=[], row_hashes=[*course.row_hashes()[:192], *range(64)])
     facts = facts.model_copy(update={"roads": [road_key("alpine:9"), "udacity_lake"]})
@@ -233,19 +243,13 @@ def test_an_export_is_the_same_network(tmp_path: Path) -> None:
     assert [facts[0].equals(one) for one in facts] == [True, False, True]
 
 
-@pytest.mark.parametrize(
-    ("names", "reason"),
-    [
-        (["notes.txt"], "holds no .ckpt or .onnx file"),
-        (None, "cannot be read"),
-    ],
-)
-def test_a_wrong_folder_gets_one_line(names: list[str] | None, reason: str, here: Path) -> None:
-    folder = here / "class"
-    for name in names or []:
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).touch()
-    with pytest.raises(InputError, match=reason):
+def test_a_wrong_folder_gets_one_line(tmp_path: Path) -> None:
+    folder = tmp_path / "class"
+    with pytest.raises(InputError, match="cannot be read"):
+        find_submissions(folder)
+    folder.mkdir()
+    (folder / "notes.txt").touch()
+    with pytest.raises(InputError, match=r"holds no \.ckpt or \.onnx file"):
         find_submissions(folder)
 
 
@@ -309,9 +313,7 @@ def test_no_student_ends_the_class(suite: Path, here: Path, capsys: pytest.Captu
         **dict.fromkeys(broken, "not driven"),
     }
     assert len([*(here / "out" / graded.PAGES).iterdir()]) == len(status)
-    lines = {}
-    for one in found.grades:
-        lines[one.submission.name] = " ".join(one.warnings)
+    lines = {grade.submission.name: " ".join(grade.warnings) for grade in found.grades}
     for name, words in (
         ("dangling", "two submissions"),
         ("twice", "two submissions"),
@@ -421,10 +423,9 @@ def test_copies_and_packaged_networks_are_said(suite: Path, here: Path, as_ada: 
 def test_the_roads_of_a_config_are_those_of_the_training(tmp_path: Path) -> None:
     facts = network_facts(PACKAGED / "lenet.ckpt")
     assert road_key("lakeside:103") in facts.roads
-    driver = Driver(file="x", sha256="0", model="LeNet", training_seed=1, parameters=1, data="1")
     submission = Submission("ann", tmp_path / "ann.ckpt")
     roads = {road_key("lakeside:103"): "lakeside:103"}
-    (line,) = warnings_of(submission, driver, facts, roads, None)
+    (line,) = warnings_of(submission, DRIVER, facts, roads, None)
     assert "trained on lakeside:103" in line
 
 
