@@ -95,7 +95,8 @@ def test_words_that_are_no_keys_get_one_line(
     ],
 )
 def test_a_key_is_given_once(arguments: list[str], key: str, tmp_path: Path) -> None:
-    result = run_here(tmp_path, "train", *arguments, module="zoo.base.console_script")
+    code = "import sys; from zoo.base.console_script import main; sys.exit(main())"
+    result = run_words(tmp_path, sys.executable, "-c", code, "train", *arguments)
     assert f"{key}: given twice" in only_line(result, 2)
 
 

@@ -16,9 +16,12 @@ def test_every_way_to_choose_the_throttle_can_be_built(choice: str) -> None:
     assert -1 <= speed.pedal(Command(0.0, 0.5), 9.0, 0.0) <= 1
 
 
-def test_only_this_machine_is_listened_to_and_a_speed_is_held_by_default() -> None:
+def test_the_defaults_are_the_courses_controller_on_loopback() -> None:
     settings = read_options(DriveSettings, [])
-    assert (settings.host, type(settings.speed)) == ("127.0.0.1", PI)
+    assert isinstance(settings.speed, PI)
+    assert (settings.speed.set_mph, settings.speed.kp, settings.speed.ki) == (9, 0.1, 0.002)
+    assert (settings.host, settings.port, settings.record) == ("127.0.0.1", 4567, None)
+    assert settings.steering(0.3, 0.0) == 0.3
 
 
 def test_keys_of_a_choice_can_stand_before_it() -> None:
