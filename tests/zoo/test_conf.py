@@ -13,6 +13,7 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
+from tests.slow_members import slow_but
 from tests.zoo.compositions import composed
 from tests.zoo.training.test_config_values import check
 from zoo.base.compose import choices, compose_config, conf_folder, config_groups
@@ -118,13 +119,7 @@ def test_true_is_no_number_in_any_key() -> None:
 
 
 # An experiment has no keys of its own: those that it changes are checked.
-@pytest.mark.parametrize(
-    "group",
-    [
-        pytest.param(group, marks=pytest.mark.slow if group == "experiment" else ())
-        for group in config_groups()
-    ],
-)
+@pytest.mark.parametrize("group", slow_but({*config_groups()} - {"experiment"}, config_groups()))
 def test_true_is_no_number_in_any_key_of_any_choice(group: str) -> None:
     seen = list(numbers(composed("data.root=laps"))) if group == "experiment" else []
     for name in choices(group):

@@ -16,6 +16,7 @@ import yaml
 from markdown_it import MarkdownIt
 from matplotlib.figure import Figure
 
+from tests.slow_members import slow
 from zoo.base.errors import UsageError
 from zoo.base.file_text import (
     csv_text,
@@ -80,10 +81,7 @@ def tokens(markdown: str) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize(
-    "payload",
-    [*QUICK_MARKS, *(pytest.param(marks, marks=pytest.mark.slow) for marks in SLOW_MARKS)],
-)
+@pytest.mark.parametrize("payload", [*QUICK_MARKS, *slow(*SLOW_MARKS)])
 def test_markdown_shows_a_text_alone(payload: str) -> None:
     table = tokens(Table.of(["a"], [["b"]]).markdown())
     for text in spoiled(payload):

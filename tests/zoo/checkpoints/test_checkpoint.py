@@ -16,6 +16,7 @@ from rich.console import Console
 from datamodules.balance import BatchKey
 from datamodules.view import CONVERSIONS, View
 from tests.recordings import Written, write_resized
+from tests.slow_members import slow
 from tests.zoo.bomb import Bomb
 from tests.zoo.command_runs import run, succeed
 from tests.zoo.server.old_client import telemetry
@@ -63,15 +64,12 @@ def test_a_checkpoint_needs_nothing_but_its_path(best: Path, tmp_path: Path) -> 
         ("rgb", "area", 320, 160),
         ("hsv_s", "linear_first", 320, 160),
         ("yuv", "linear_first", 160, 120),
-        *(
-            pytest.param(*frame, marks=pytest.mark.slow)
-            for frame in (
-                *((colour, "area", 320, 160) for colour in CONVERSIONS if colour != "rgb"),
-                ("rgb", "linear", 320, 160),
-                ("yuv", "area_first", 320, 160),
-                ("yuv_old", "linear_first", 320, 160),
-                ("rgb", "area", 640, 480),
-            )
+        *slow(
+            *((colour, "area", 320, 160) for colour in CONVERSIONS if colour != "rgb"),
+            ("rgb", "linear", 320, 160),
+            ("yuv", "area_first", 320, 160),
+            ("yuv_old", "linear_first", 320, 160),
+            ("rgb", "area", 640, 480),
         ),
     ],
 )

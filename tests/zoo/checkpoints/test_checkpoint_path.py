@@ -10,6 +10,7 @@ import pytest
 
 import drivezoo
 from benchmarks.study_grid import Study
+from tests.slow_members import slow_but
 from tests.zoo.command_runs import only_line, run, run_here, succeed
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
@@ -223,13 +224,7 @@ def test_each_network_loads_and_its_hash_is_recorded(name: str) -> None:
     assert not re.search(r"'(/|~|[A-Z]:)", str(card)), "no folder of the machine that trained it"
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        name if name == QUICK else pytest.param(name, marks=pytest.mark.slow)
-        for name in packaged_names()
-    ],
-)
+@pytest.mark.parametrize("name", slow_but([QUICK], packaged_names()))
 def test_each_network_drives(name: str, here: Path, capsys: pytest.CaptureFixture) -> None:
     result = drivezoo.evaluate(name, track="lake", laps=0.1, out="out", workers=1)
     (figures,) = result.drives

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from datamodules.view import View
+from tests.slow_members import slow_but
 from tests.zoo.models.test_models_command import build
 from zoo.base.compose import choices
 from zoo.checkpoints.checkpoint import Checkpoint
@@ -16,6 +17,7 @@ from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy_base import Policy, PolicyWrapper, as_policy
 
+NAMES = [name for name in choices("model") if name != "vgg"]
 FRAMES = np.random.default_rng(3).integers(0, 256, (4, 160, 320, 3), np.uint8)
 
 
@@ -29,14 +31,7 @@ def commands(policy: Policy) -> np.ndarray:
     return np.array([policy(frame, 9.0).steering for frame in FRAMES])
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.slow) if name == "efficientnet_lite0" else name
-        for name in choices("model")
-        if name != "vgg"
-    ],
-)
+@pytest.mark.parametrize("name", slow_but({*NAMES} - {"efficientnet_lite0"}, NAMES))
 def test_every_network_of_the_zoo_computes_so(name: str) -> None:
     policy = CheckpointPolicy(checkpoint_of(name))
     scored = policy.scored()

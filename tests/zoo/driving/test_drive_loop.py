@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.slow_members import slow
 from tests.zoo.simulator.tracks import loop, open_road
 from zoo.checkpoints.policy_base import Command
 from zoo.driving.drive_loop import drive
@@ -68,16 +69,7 @@ def test_a_drive_on_the_spot_ends_after_five_times_the_time_of_its_speed(speed: 
     assert driven.time_s[-1] == pytest.approx(5 * needed_s, abs=0.2)
 
 
-@pytest.mark.parametrize(
-    "track",
-    [
-        "lake",
-        *(
-            pytest.param(name, marks=pytest.mark.slow)
-            for name in ("mountain", "udacity_lake", "udacity_mountain")
-        ),
-    ],
-)
+@pytest.mark.parametrize("track", ["lake", *slow("mountain", "udacity_lake", "udacity_mountain")])
 def test_the_expert_drives_all_by_itself(track: str) -> None:
     scenario = Scenario(track, speed=20)
     world = open_world(scenario, "none")

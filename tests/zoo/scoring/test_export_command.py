@@ -17,6 +17,7 @@ from rich.console import Console
 from datamodules.image import decode_image
 from datamodules.view import CONVERSIONS, View
 from tests.recordings import Written
+from tests.slow_members import slow, slow_but
 from tests.zoo.command_runs import only_line, run_here
 from tests.zoo.models.test_models_command import build
 from tests.zoo.server.serve import picture, served
@@ -90,13 +91,7 @@ def test_a_named_pipe_is_refused_without_waiting(checkpoint: Path, tmp_path: Pat
     )
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name
-        for name in choices("model")
-    ],
-)
+@pytest.mark.parametrize("name", slow_but({*choices("model")} - SLOW, choices("model")))
 def test_every_model_steers_as_its_checkpoint(name: str, frames: Frames, tmp_path: Path) -> None:
     torch.manual_seed(1)
     network, view = build(name, *NARROW.get(name, []))
@@ -144,7 +139,7 @@ def test_the_file_describes_its_network(exported: Path, checkpoint: Path) -> Non
         ("gray", "area"),
         ("yuv_old", "area_first"),
         ("yuv_old", "linear_first"),
-        *(pytest.param(*view, marks=pytest.mark.slow) for view in SLOW_VIEWS),
+        *slow(*SLOW_VIEWS),
     ],
 )
 def test_the_file_keeps_the_view_and_the_scale(

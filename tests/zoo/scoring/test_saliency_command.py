@@ -9,6 +9,7 @@ import torch
 
 from datamodules.image import decode_image
 from tests.recordings import Written
+from tests.slow_members import slow_but
 from tests.zoo.command_runs import run_here
 from tests.zoo.models.test_models_command import build
 from zoo.base.compose import choices
@@ -31,13 +32,7 @@ def frame(recorded: Written) -> np.ndarray:
     return decode_image(recorded.image(10).read_bytes())
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.slow) if name == "vgg" else name
-        for name in choices("model")
-    ],
-)
+@pytest.mark.parametrize("name", slow_but({*choices("model")} - {"vgg"}, choices("model")))
 def test_every_model_has_a_map_in_the_coordinates_of_the_frame(
     name: str, frame: np.ndarray
 ) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from datamodules.recording_format import read_recordings
+from tests.slow_members import slow, slow_but
 from tests.zoo.simulator.test_record import GreyRenderer
 from tests.zoo.simulator.tracks import loop
 from zoo.base.errors import InputError
@@ -23,11 +24,8 @@ from zoo.simulator.udacity_car import PHYSICS_STEP_S
 
 def everywhere(*plain: tuple[str, int]) -> pytest.MarkDecorator:
     """Return the parameters of all tracks and directions; only these run in the plain tests."""
-    cases = [
-        pytest.param(*case, marks=() if case in plain else pytest.mark.slow)
-        for case in product(track_names(), (1, -1))
-    ]
-    return pytest.mark.parametrize(("track", "direction"), cases)
+    cases = product(track_names(), (1, -1))
+    return pytest.mark.parametrize(("track", "direction"), slow_but(plain, cases))
 
 
 SWAYING = ExpertSettings(noise=1, seed=3)
@@ -179,9 +177,7 @@ def drive_by_hand(control: str, seed: int, laps: float) -> tuple[np.ndarray, Wor
     return np.array(steering), world
 
 
-@pytest.mark.parametrize(
-    "seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 2))]
-)
+@pytest.mark.parametrize("seed", [1, *slow(0, 2)])
 @pytest.mark.parametrize("control", REACTION_S)
 def test_a_lap_stays_on_the_road_and_steers_like_a_person(control, seed):
     steering, world = drive_by_hand(control, seed, 1.0)

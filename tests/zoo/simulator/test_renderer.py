@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from panda3d import core
 
+from tests.slow_members import slow_but
 from tests.zoo.command_runs import ROOT, run_words
 from tests.zoo.simulator.tracks import loop
 from zoo.base.errors import InputError
@@ -143,13 +144,7 @@ def test_a_wider_angle_of_view_shows_the_same_things_smaller(lake: World) -> Non
     assert (look(lake, distance=330) == usual).all(), "the next drive has its own angle again"
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(one, marks=() if one == "zoo_lake" else pytest.mark.slow)
-        for one in track_names()
-    ],
-)
+@pytest.mark.parametrize("name", slow_but(["zoo_lake"], track_names()))
 @pytest.mark.parametrize("every_m", [70.0, pytest.param(5.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("quality", ["simple", "fast"])
 def test_the_camera_sees_the_road_before_it_along_the_lap(

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
+from tests.slow_members import slow
 from zoo.base.errors import InputError
 from zoo.simulator.expert import Expert
 from zoo.simulator.road_family import (
@@ -84,9 +85,7 @@ def test_each_road_has_a_light_of_its_own(family):
     assert len(lights) == 5
 
 
-@pytest.mark.parametrize(
-    "seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))]
-)
+@pytest.mark.parametrize("seed", [0, *slow(1, 2)])
 def test_the_expert_drives_roads_of_each_family(family, seed):
     road = draw_road(family, seed)
     world, expert = World(road), Expert(road)

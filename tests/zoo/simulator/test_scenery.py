@@ -8,6 +8,7 @@ import pytest
 import yaml
 from scipy.spatial import cKDTree
 
+from tests.slow_members import slow, slow_but
 from tests.zoo.simulator.surfaces import surfaces_at
 from tests.zoo.simulator.test_track_content import EIGHT
 from tests.zoo.simulator.tracks import OPEN, loop
@@ -71,10 +72,7 @@ def check_nothing_covers_the_road(track: Track, fast: bool = False) -> None:
 
 @pytest.mark.parametrize(
     ("name", "fast"),
-    [
-        pytest.param(*case, marks=() if case in PLAIN_CASES else pytest.mark.slow)
-        for case in product(track_names(), (False, True))
-    ],
+    slow_but(PLAIN_CASES, product(track_names(), (False, True))),
 )
 def test_nothing_covers_the_road_but_bridges_and_tunnels(name: str, fast: bool) -> None:
     """Check the carriageway against every triangle of ground, verges, boulders and bridges."""
@@ -177,10 +175,7 @@ def test_a_side_road_is_closed_by_three_barriers_with_signs() -> None:
     assert len(row.points) == 3 * 5 * 4
 
 
-@pytest.mark.parametrize(
-    "quality",
-    [*(pytest.param(name, marks=pytest.mark.slow) for name in ("full", "fast")), "simple"],
-)
+@pytest.mark.parametrize("quality", [*slow("full", "fast"), "simple"])
 def test_the_mountain_of_version_1_has_leaves_on_both_sides_and_no_line(quality: str) -> None:
     world = open_world("udacity_mountain", "software", quality)
     for distance in (125.0, 330.0, 620.0, 780.0, 1100.0):
@@ -305,13 +300,7 @@ def track_of(segments: list[dict], kind: str = "kerb", **content) -> Track:
     return make_track("t", {"segments": segments, "closed": closed, "verge": verge, **content})
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [
-        pytest.param(kind, marks=() if kind in PLAIN_KINDS else pytest.mark.slow)
-        for kind in get_args(VergeKind)
-    ],
-)
+@pytest.mark.parametrize("kind", slow_but(PLAIN_KINDS, get_args(VergeKind)))
 def test_no_verge_covers_the_road_of_a_lower_or_higher_part(kind: str) -> None:
     check_nothing_covers_the_road(track_of(EIGHT, kind))
     check_nothing_covers_the_road(track_of(SWITCHBACKS, kind))

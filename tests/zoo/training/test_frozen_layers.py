@@ -16,6 +16,7 @@ from datamodules.image import decode_image
 from datamodules.samples import CENTER
 from datamodules.view import View
 from tests.recordings import Written, write_recording
+from tests.slow_members import slow
 from tests.zoo.trainings import equal, planned, weights
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
@@ -73,10 +74,7 @@ def prepare(
     return module, data, trainer
 
 
-SOME = [pytest.param(blocks, marks=pytest.mark.slow) for blocks in (1, 3, 4)]
-
-
-@pytest.mark.parametrize("trainable", [0, 2, 5, *SOME])
+@pytest.mark.parametrize("trainable", [0, 2, 5, *slow(1, 3, 4)])
 def test_vgg_is_its_front_and_its_rest_to_the_bit(trainable: int) -> None:
     torch.manual_seed(0)
     network = Vgg16(SHAPE, trainable).eval()

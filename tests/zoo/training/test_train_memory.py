@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.recordings import Written
+from tests.slow_members import slow_but
 from tests.zoo.command_runs import run_here, succeed
 from tests.zoo.models.test_memory import NAMES
 from tests.zoo.trainings import data_of
@@ -25,9 +26,7 @@ SMALL = {
 QUICK = ("action_chunk",)
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(one, marks=() if one in QUICK else pytest.mark.slow) for one in NAMES]
-)
+@pytest.mark.parametrize("name", slow_but(QUICK, NAMES))
 def test_it_trains_and_drives(name: str, recorded: Written, tmp_path: Path, console) -> None:
     succeed(
         run_here(

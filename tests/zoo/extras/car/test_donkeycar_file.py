@@ -12,6 +12,7 @@ import torch
 
 from datamodules.view import View
 from tests.recordings import Written
+from tests.slow_members import slow
 from tests.zoo.command_runs import only_line, run_here, succeed
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.console_script import place_of
@@ -72,7 +73,7 @@ def test_layers_and_crop_are_exact(kind: type[torch.nn.Module], tmp_path: Path) 
     [
         *(("area", colour) for colour in COLOURS),
         ("linear_first", "yuv"),
-        *(pytest.param("linear_first", colour, marks=pytest.mark.slow) for colour in COLOURS[1:]),
+        *slow(*(("linear_first", colour) for colour in COLOURS[1:])),
     ],
 )
 def test_colour_and_size_differ_by_rounding_only(colour: str, resize: str, tmp_path: Path) -> None:
