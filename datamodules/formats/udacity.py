@@ -5,6 +5,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -205,12 +206,9 @@ def image_finder(root: Path, images: Path | None = None) -> Callable[[str], str 
 
 def times_from_names(names: list[str]) -> np.ndarray:
     """Return seconds since 1970, float64 [N], from `..._2018_07_16_17_11_43_382.jpg`; else NaN."""
-    stamps = [
-        "{}-{}-{}T{}:{}:{}.{}".format(*match.groups()) if (match := _TIME.search(name)) else "NaT"
-        for name in names
-    ]
-    try:
-        times = np.array(stamps, dtype="datetime64[ms]")
-    except ValueError:  # such as month 13
-        return np.full(len(names), np.nan)
+    times = np.full(len(names), "NaT", dtype="datetime64[ms]")
+    for row, name in enumerate(names):
+        with suppress(ValueError):  # such as month 13
+            if match := _TIME.search(name):
+                times[row] = "{}-{}-{}T{}:{}:{}.{}".format(*match.groups())
     return np.where(np.isnat(times), np.nan, times.astype("int64") / 1000.0)

@@ -272,6 +272,6 @@ def test_a_fingerprint_is_that_of_labels_and_names_wherever_the_folder_is(tmp_pa
 def test_times_are_those_in_the_file_names(recorded):
     recording = read_recordings(str(recorded.folder))
     np.testing.assert_allclose(recording.time_s, recorded.time_s, atol=1e-3)
-    names = ["IMG/center_1970_01_02_00_00_01_250.jpg", "center_5.jpg"]
-    np.testing.assert_array_equal(times_from_names(names), [86401.25, np.nan])
-    assert np.isnan(times_from_names(["center_2018_13_01_00_00_00_000.jpg"])).all()
+    impossible = ["center_2018_13_01_00_00_00_000.jpg", "center_2018_02_30_24_00_00_000.jpg"]
+    names = ["IMG/center_1970_01_02_00_00_01_250.jpg", "center_5.jpg", *impossible]
+    np.testing.assert_array_equal(times_from_names(names), [86401.25, *[np.nan] * 3])
