@@ -5,6 +5,7 @@ import datetime
 import queue
 import tempfile
 import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,11 +18,13 @@ from zoo.base.whole_file import AppendedFile, write_new
 from zoo.driving.drive_log import LOG_NAME, DriveWriter, read_drive, write_summary
 from zoo.driving.drive_record import SOCKET, DriveRow
 from zoo.driving.metrics import measure
-from zoo.simulator.recorder import IMAGE_FOLDER, image_name, number_text, split_pedals
+from zoo.simulator.recorder import IMAGE_FOLDER, PAUSE_S, image_name, number_text, split_pedals
 from zoo.simulator.recorder import LOG_NAME as RECORDING_LOG
 
 MEASURED_BYTES = 10_000_000  # of a drive.csv, 3 h; readers compute the metrics of a longer one
 WAITING = 512  # rows in the queue, 8 MB with images; further rows are dropped on a slow disk
+LEAST_STEP_S = 0.001  # between two images, whose names tell milliseconds
+Item = tuple[DriveRow, bytes | None, bool]
 
 
 class BackgroundWriter:
@@ -50,11 +53,12 @@ class BackgroundWriter:
         self.recorded = 0
         self.rig: Rig | None = None
         self._held, self._is_open = contextlib.ExitStack(), False
-        self._queue: queue.Queue[tuple[DriveRow, bytes | None] | None] = queue.Queue(WAITING)
+        self._queue: queue.Queue[Item | None] = queue.Queue(WAITING)
         self._writer: DriveWriter | None = None
         self._recording: AppendedFile | None = None
         self._last_image, self._last_frame = b"", ""
-        self._last_moment = datetime.datetime.min
+        self._last_moment: datetime.datetime | None = None
+        self._last_s = 0.0
         # A daemon, so that the process can end while the disk hangs.
         self._thread = threading.Thread(target=self._write_all, name="drive-writer", daemon=True)
         self._thread.start()
@@ -75,15 +79,16 @@ class BackgroundWriter:
             self._held.enter_context(written_folder(self.folder, "record="))
             self._is_open = True
 
-    def put(self, row: DriveRow, image: bytes | None) -> None:
+    def put(self, row: DriveRow, image: bytes | None, begins: bool = False) -> None:
         """Queue a row for writing.
 
         Args:
             row: row of the drive.
             image: bytes of its JPEG or PNG as the client sent them; None to record no image.
+            begins: whether the recording gets a gap before the image.
         """
         try:
-            self._queue.put_nowait((row, image))
+            self._queue.put_nowait((row, image, begins))
         except queue.Full:
             self.notices.report("rows of the drive were dropped: the disk is too slow")
 
@@ -97,8 +102,10 @@ class BackgroundWriter:
         Returns:
             False if there were no rows, or the disk does not answer.
         """
-        self._queue.put(None)
-        self._thread.join(timeout_s)
+        until = time.monotonic() + timeout_s
+        with contextlib.suppress(queue.Full):
+            self._queue.put(None, timeout=timeout_s)
+        self._thread.join(max(until - time.monotonic(), 0))
         if self._thread.is_alive():
             self.notices.report("the end of the drive is not written: the disk does not answer")
             return False
@@ -116,7 +123,7 @@ class BackgroundWriter:
 
     def _write_all(self) -> None:
         while (item := self._queue.get()) is not None:
-            items: list[tuple[DriveRow, bytes | None] | None] = [item]
+            items: list[Item | None] = [item]
             while not self._queue.empty() and items[-1] is not None and len(items) < WAITING:
                 items.append(self._queue.get())
             rows = [self._record(*item) for item in items if item is not None]
@@ -133,7 +140,7 @@ class BackgroundWriter:
             if file is not None:
                 file.close()
 
-    def _record(self, row: DriveRow, image: bytes | None) -> DriveRow:
+    def _record(self, row: DriveRow, image: bytes | None, begins: bool) -> DriveRow:
         """Write an image and its line of the recording; return the row with the image's path."""
         if image is None:
             return row
@@ -147,7 +154,8 @@ class BackgroundWriter:
                 if self.source is not None:
                     write_rig_of(self.folder, self.rig, self.source)
                 self._recording = AppendedFile(self.folder / RECORDING_LOG)
-            path = self.folder / IMAGE_FOLDER / image_name("center", self._moment())
+            name = image_name("center", self._moment(row.time_s, begins))
+            path = self.folder / IMAGE_FOLDER / name
             write_new(path, image)
             numbers = (row.steering, *split_pedals(row.throttle), row.speed_mph)
             # There is one camera, so that the columns of the side cameras stay empty.
@@ -159,10 +167,15 @@ class BackgroundWriter:
         self._last_image, self._last_frame = image, f"{IMAGE_FOLDER}/{path.name}"
         return replace(row, frame=self._last_frame)
 
-    def _moment(self) -> datetime.datetime:
-        """Return the time of an image; each call returns a later one, by a millisecond or more."""
-        step = datetime.timedelta(milliseconds=1)
-        self._last_moment = max(datetime.datetime.now(), self._last_moment + step)
+    def _moment(self, time_s: float, begins: bool) -> datetime.datetime:
+        """Return the time of an image: the first is of now, others are by the drive's own clock."""
+        step_s = max(time_s - self._last_s, LEAST_STEP_S)
+        if begins or time_s < self._last_s:  # as of another simulator
+            step_s = PAUSE_S
+        step = datetime.timedelta(seconds=step_s)
+        last = self._last_moment
+        self._last_moment = datetime.datetime.now() if last is None else last + step
+        self._last_s = time_s
         return self._last_moment
 
     def _failed(self, error: Exception) -> None:

@@ -196,21 +196,25 @@ class Driver:
         leads = self._leads(session)
         if leads:
             self._frame, self._lap, self._xy = telemetry.frame, telemetry.lap, telemetry.xy
+        # Another frame of the old place may be under way when the car is put back.
+        waits = session.can_put_back and session.rule.state is not None
         # A recording with rows of several cars is useless for training.
-        image = telemetry.image if self.recording and leads else None
+        is_recorded = self.recording and leads and (lost is not None or not waits)
+        image = telemetry.image if is_recorded else None
         values = reply_values(steering, throttle, session.decimal or ".")
-        if lost is not None and session.can_put_back:
-            # The simulator puts the car back at this speed.
+        begins, session.begins = session.begins, False
+        if waits:
             session.restart()
-            mph = session.controller.set_mph or session.speed_mph
-            values[PUT_BACK] = number_text(mph, session.decimal or ".")
-        return Reply("steer", values, row, image)
+            if lost is not None:  # the simulator puts the car back at this speed
+                mph = session.controller.set_mph or session.speed_mph
+                values[PUT_BACK] = number_text(mph, session.decimal or ".")
+        return Reply("steer", values, row, image, begins)
 
     def _leads(self, session: Session) -> bool:
         """Return whether a session is the one to record and show: the first one that drives."""
         lead = self._lead
         if lead is None or session.heard_s - lead.heard_s > SILENCE_S:
-            self._lead = session
+            self._lead, session.begins = session, True
         return self._lead is session
 
     def _fall_back(self, session: Session, now_s: float, lost: bool) -> Reply:
@@ -236,7 +240,7 @@ class Driver:
         row = replace(reply.row, latency_ms=latency_ms)
         if self._lead is None or row.client == self._lead.number:
             self._row = row
-        self.writer.put(row, reply.image)
+        self.writer.put(row, reply.image, reply.begins)
 
     def _time(self, now_s: float) -> float:
         return now_s - (now_s if self._began_s is None else self._began_s)

@@ -36,6 +36,7 @@ class Session:
         self.steering = self.speed_mph = 0.0
         self.last_s = self.heard_s = -math.inf
         self.overridden = False
+        self.begins = False  # whether the next frame is the first of another place, or car
         # Policy of all simulators, and the one with this simulator's state.
         self._shared: PolicyFunction | None = None
         self._policy: Policy | None = None
@@ -90,6 +91,7 @@ class Session:
         The policy is called for the next frame, even if it is the last one again.
         """
         self._asked = None
+        self.begins = True
         if self._policy is not None:
             self._policy.reset()
         if self._meter is not None:

@@ -169,12 +169,15 @@ class Reply:
         values: argument of the event.
         row: row of the drive.
         image: image to record, as the client sent it; None to record none.
+        begins: whether it is the first after the car was put back, a person drove, or another car
+            was recorded.
     """
 
     event: str
     values: dict[str, str]
     row: DriveRow
     image: bytes | None = None
+    begins: bool = False
 
 
 def reply_values(steering: float, throttle: float, decimal: str) -> dict[str, str]:

@@ -2,17 +2,22 @@
 
 import json
 import math
+import threading
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from datamodules.formats.udacity import times_from_names
 from zoo.base.errors import InputError
 from zoo.base.notices import Notices
 from zoo.driving.drive_log import DriveWriter, read_drive, write_drive, write_summary
 from zoo.driving.drive_record import EMBEDDED, SOCKET, Drive, DriveRow
 from zoo.driving.metrics import METRICS
 from zoo.driving.tally import Tally
-from zoo.server.drive_writer import BackgroundWriter
+from zoo.server.drive_writer import WAITING, BackgroundWriter
+from zoo.simulator.recorder import PAUSE_S
 
 ROWS = [
     DriveRow(0.0, 1, "policy", "IMG/a,b.jpg", -0.25, 0.5, 9.25, 0.125, False, 1.5, 0.04, -0.2),
@@ -91,6 +96,32 @@ def test_the_same_picture_is_recorded_once(tmp_path: Path) -> None:
     lines = (tmp_path / "drive" / "driving_log.csv").read_text().splitlines()
     assert len(lines) == 2
     assert lines[0].endswith(".jpg,,,0,0,0.5,9")
+
+
+def test_images_have_the_times_of_the_drive(tmp_path: Path) -> None:
+    writer = BackgroundWriter(tmp_path / "drive", Notices())
+    times = [5.0, 5.1, 5.1, 5.2, 5.3, 0.2, 0.3]  # the last two are another simulator's
+    for number, time_s in enumerate(times):
+        writer.put(DriveRow(time_s), b"image %d" % number, begins=number == 4)
+    writer.close({})
+    lines = (tmp_path / "drive" / "driving_log.csv").read_text().splitlines()
+    named = times_from_names([line.split(",")[0] for line in lines])
+    steps = [0.1, 0.001, 0.1, PAUSE_S, PAUSE_S, 0.1]
+    np.testing.assert_allclose(np.diff(named), steps, atol=0.0015)
+    assert named[0] == pytest.approx(time.time() + time.localtime().tm_gmtoff, abs=60)
+
+
+def test_a_disk_that_hangs_does_not_keep_the_driver(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answers = threading.Event()
+    monkeypatch.setattr(DriveWriter, "add", lambda self, rows: answers.wait(60))
+    writer = BackgroundWriter(tmp_path / "drive", Notices())
+    for number in range(2 * WAITING + 1):
+        writer.put(DriveRow(float(number)), None)
+    assert not writer.close({}, timeout_s=0.05)
+    assert "the end of the drive is not written: the disk does not answer" in writer.notices.counts
+    answers.set()
 
 
 def test_a_folder_that_cannot_be_made_is_named_before_the_drive(tmp_path: Path) -> None:

@@ -15,9 +15,9 @@ from zoo.checkpoints.policy_base import Command, Policy, as_policy
 from zoo.driving.drive_record import FALLBACK
 from zoo.driving.speed_controller import PI, Constant, SpeedController, SteeringFilter
 from zoo.server.drive_writer import BackgroundWriter
-from zoo.server.driver import Driver
+from zoo.server.driver import SILENCE_S, Driver
 from zoo.server.session import Session
-from zoo.server.telemetry_message import read_telemetry
+from zoo.server.telemetry_message import PUT_BACK, read_telemetry
 
 
 class Counting(Policy):
@@ -261,13 +261,32 @@ def test_a_policy_remembers_the_frames_of_its_own_simulator_until_a_person_drive
 
 
 def test_a_policy_forgets_when_the_car_is_put_back(remembering: Driver) -> None:
-    session = remembering.connect("a")
+    session, remembering.recording = remembering.connect("a"), True
     off = {"cte": "9.0000", "lane": "3.0000", "put_back": "1.0000"}
     assert steer(remembering, session, frame(0, cte="0.0000"), 0.0) == 0.01
     reply = remembering.answer(session, frame(1, **off), 0.1)
     assert reply.values["put_back"]
     assert reply.values["steering_angle"] == "0.0200"
-    assert steer(remembering, session, frame(2, cte="0.0000"), 0.2) == 0.01
+    # The other loop of the client has sent a frame of the old place by then.
+    under_way = remembering.answer(session, frame(2, **off), 0.1)
+    assert PUT_BACK not in under_way.values
+    assert reply.image
+    assert under_way.image is None
+    replies = [
+        remembering.answer(session, frame(n, cte="0.0000", put_back="1.0000"), n / 10)
+        for n in (3, 4)
+    ]
+    assert [each.values["steering_angle"] for each in replies] == ["0.0100", "0.0200"]
+    assert [each.begins for each in replies] == [True, False]
+
+
+def test_an_image_of_another_car_begins_a_stretch(make: Make) -> None:
+    driver = make(record=True)
+    first, second = driver.connect("a"), driver.connect("b")
+    replies = [driver.answer(first, frame(0), 0.0)]
+    replies += [driver.answer(second, frame(n), 0.4 * n * SILENCE_S) for n in range(1, 5)]
+    assert [each.image is not None for each in replies] == [True, False, False, True, True]
+    assert [each.begins for each in replies if each.image] == [True, True, False]
 
 
 def test_a_policy_forgets_after_a_pause_and_a_restart_of_the_simulator(remembering: Driver) -> None:
