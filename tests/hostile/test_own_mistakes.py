@@ -6,10 +6,11 @@ import re
 import resource
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,20 @@ def test_lack_of_memory_or_disk_gets_one_line(
     def fail(_: list[str]) -> None:
         raise error
 
+    assert words in refusal("zoo", fail, [])
+
+
+@pytest.mark.parametrize(
+    ("fail", "words"),
+    [
+        (lambda _: Path("~no.such.user/x").expanduser(), "a path begins with ~"),
+        (lambda _: socket.getaddrinfo("a..b", 80), "a host's name"),
+        (lambda _: socket.getaddrinfo("a" * 70, 80), "a host's name"),
+    ],
+)
+def test_what_pythons_own_errors_mean_is_said(
+    fail: Callable[[list[str]], object], words: str, refusal: Refusal
+) -> None:
     assert words in refusal("zoo", fail, [])
 
 

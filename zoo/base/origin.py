@@ -66,7 +66,7 @@ class OriginGuard:
                 allowed = False
             if allowed:
                 return app(environ, start_response)
-            who = origin or environ.get("HTTP_HOST")
+            who = origin or environ.get("HTTP_HOST", "no host")
             self.notices.report("a request of another site's page was refused", f"{who:.80}")
             start_response("403 Forbidden", [("Content-Type", "text/plain")])
             return [b"refused: this server answers only simulators and its own page\n"]

@@ -137,7 +137,8 @@ def read_command(environ: dict, kinds: Mapping[str, Any]) -> tuple[str, Any]:
         line = "Content-Type: must be application/json"
         raise RequestError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, line)
     length = environ.get("CONTENT_LENGTH") or ""
-    if not length.isdecimal() or int(length) > MOST_COMMAND:
+    # Python reads no number of thousands of digits.
+    if not length.isdecimal() or len(length) > 9 or int(length) > MOST_COMMAND:
         line = f"Content-Length: must be a number up to {MOST_COMMAND}"
         raise RequestError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, line)
     try:

@@ -24,6 +24,11 @@ AGAIN_S = 0.05
 _MEMORY = re.compile(
     "can.t allocate memory|Insufficient memory|failed to map segment|can.t start new thread"
 )
+# Messages of Python's own errors for what a user typed.
+_TYPED = {
+    "home directory": "a path begins with ~ and the name of no user; give the whole path",
+    "'idna' codec": "a part of a host's name is empty or too long; correct the host",
+}
 
 
 def run_command(name: str, command: Callable[[list[str]], object], arguments: list[str]) -> int:
@@ -83,6 +88,8 @@ def expected_failure(error: BaseException) -> Exception | None:
         )
     if isinstance(error, RecursionError):
         return InputError("an argument or a file is nested too deeply; use fewer levels")
+    if isinstance(error, RuntimeError | UnicodeError):
+        return next((InputError(line) for word, line in _TYPED.items() if word in str(error)), None)
     if isinstance(error, OSError) and error.strerror is not None:
         return InputError(f"{error.filename or 'a file'}: {error.strerror}")
     return None

@@ -80,13 +80,16 @@ def _check_paths(state: dict, path: Path) -> None:
 
 
 def _moved(value: object, before: str, now: str) -> object:
-    """Return a value in which paths below the folder `before` lie below `now`.
+    r"""Return a value in which paths below the folder `before` lie below `now`.
 
     >>> _moved({"dirpath": "/a", "best_k_models": {"/a/best.ckpt": 1}}, "/a", "/b")
     {'dirpath': '/b', 'best_k_models': {'/b/best.ckpt': 1}}
+    >>> _moved("C:\\a\\best.ckpt", "C:\\a", "D:\\b") == "D:\\b\\best.ckpt"
+    True
     """
     if isinstance(value, dict):
         return {_moved(key, before, now): _moved(item, before, now) for key, item in value.items()}
-    if isinstance(value, str) and (value == before or value.startswith(f"{before}/")):
+    below = f"{before}/", f"{before}\\"
+    if isinstance(value, str) and (value == before or value.startswith(below)):
         return now + value[len(before) :]
     return value

@@ -6,6 +6,7 @@ Smith predictor (Smith, "Closer control of loops with dead time", 1957).
 """
 
 import copy
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -103,8 +104,9 @@ class SessionPolicy(Policy):
 
         Args:
             outputs: outputs for now and for the steps ahead, [1 + ahead, outputs].
-            speed_mph: the car's speed in mph.
+            speed_mph: the car's speed in mph; NaN, for unknown, counts as the recorded one.
         """
+        mph = self._recorded_mph if math.isnan(speed_mph) else max(speed_mph, 0.0)
         if not self.label.is_steering:
             outputs = outputs.copy()
             outputs[:, 0] = self.label.steering(outputs[:, 0], self.rig)
@@ -112,10 +114,10 @@ class SessionPolicy(Policy):
             return outputs[0]
         steps = self.latency_s * self._steps_per_s
         if self._recorded_mph:
-            steps *= max(speed_mph, 0.0) / self._recorded_mph
+            steps *= mph / self._recorded_mph
         command = outputs_at(outputs, steps).copy()
         if steps and self.rig:  # of an unknown car, no way follows from its commands
-            way_m = max(speed_mph, 0.0) * MPS_PER_MPH * self.latency_s
+            way_m = mph * MPS_PER_MPH * self.latency_s
             command[0] += returning(outputs[:, 0], self._on_the_way, way_m, steps, self.rig)
         return command.clip(-1, 1)
 

@@ -144,11 +144,16 @@ def _pilots(ckpt: str, shots: list[Shot]) -> Callable[[np.ndarray, Shot], np.nda
         from zoo.checkpoints.checkpoint_policy import load_policy
         from zoo.driving.pilot_film import Pilots
         from zoo.driving.run_drives import one_thread
-    policies = list(map(load_policy, drivers))
-    pilots = Pilots(names, shots[0].state.rig, [])
+    rig, last_s = shots[0].state.rig, math.inf
+    policies = [load_policy(driver).in_car(rig) for driver in drivers]
+    pilots = Pilots(names, rig, [])
 
     def draw(frame: np.ndarray, shot: Shot) -> np.ndarray:
-        speed = shot.state.speed_mph or 0.0
+        nonlocal last_s
+        if shot.time_s < last_s or shot.time_s - last_s > LONGEST_STEP_S:
+            for policy in policies:
+                policy.reset()
+        last_s, speed = shot.time_s, shot.state.speed_mph or 0.0
         with one_thread():
             steering = [policy(frame, speed).steering for policy in policies]
         pilots.steering.append([shot.state.steering or 0.0, *steering])

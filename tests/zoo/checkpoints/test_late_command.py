@@ -102,6 +102,7 @@ def test_steps_of_a_faster_recording_take_longer() -> None:
     assert policy.in_time(outputs, 30.0)[0] == pytest.approx(0.2)
     assert policy.in_time(outputs, 15.0)[0] == pytest.approx(0.1)
     assert policy.in_time(outputs, 0.0)[0] == 0.0
+    assert policy.in_time(outputs, math.nan)[0] == pytest.approx(0.2), "as the recorded speed"
 
 
 def test_a_session_and_a_reset_have_no_commands_before() -> None:

@@ -19,6 +19,7 @@ from tests.zoo.command_runs import only_line, run_here, succeed
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
+from zoo.checkpoints.policy_base import as_policy
 from zoo.commands.film import film as film_command
 from zoo.commands.film import make_film, read_shots, real_fps
 from zoo.driving.drive_film import GREEN, RED, Overlay, draw_overlay
@@ -261,6 +262,27 @@ def test_pilots_steer_beside_the_recorded_driver(tmp_path: Path) -> None:
     printed = succeed(film(tmp_path, "lake", "ckpt=a.ckpt,b.ckpt", "out=pilots.mp4"))
     assert "wrote: " in printed
     assert (tmp_path / "pilots.mp4").stat().st_size
+
+
+def test_pilots_drive_the_recorded_car_and_forget_at_pauses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames = 0
+
+    def drive(frame: np.ndarray, mph: float) -> tuple[float, None]:
+        nonlocal frames
+        frames += 1
+        return 0.0, None
+
+    policy, resets = as_policy(drive), []
+    policy.reset = lambda: resets.append(frames)
+    monkeypatch.setattr("zoo.checkpoints.checkpoint_policy.load_policy", lambda driver: policy)
+    write_constant(tmp_path / "a.ckpt", 0.3)
+    log = write_recording(tmp_path / "lake", rows=40).folder / "driving_log.csv"
+    lines = log.read_text().splitlines(keepends=True)
+    log.write_text("".join(lines[:10] + lines[30:]))  # 1.4 s later
+    succeed(film(tmp_path, "lake", "ckpt=a.ckpt", "out=pilots.mp4"))
+    assert (policy.rig, resets, frames) == (UDACITY, [0, 10], 20)
 
 
 def test_the_panel_shows_how_far_each_pilot_is_off() -> None:

@@ -202,6 +202,21 @@ def test_a_command_that_never_arrives_is_refused(
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.parametrize(
+    ("sent", "status"),
+    [
+        (b"GET / HTTP/1.0\r\nSec-Fetch-Site: cross-site\r\n\r\n", b"403"),  # without a Host
+        (POST.replace(b"10", b"9" * 5_000), b"413"),  # Python reads no such number
+    ],
+)
+def test_a_strange_head_is_refused_without_a_traceback(
+    sent: bytes, status: bytes, served: ServedPage, capfd: pytest.CaptureFixture
+) -> None:
+    with begin(served.port, sent) as connection:
+        assert connection.recv(100).split()[1] == status
+    assert "Traceback" not in capfd.readouterr().err
+
+
 def test_a_request_that_drips_is_closed(
     served: ServedPage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
