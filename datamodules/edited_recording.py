@@ -118,8 +118,8 @@ def _write_part(
         if fault := next(filter(None, map(find_file_fault, images)), None):
             left_out.append(f"{recording.place(row)}: {fault}")
             continue
-        # Where rows are missing and no time shows it, an empty line does: no window reaches over.
-        if before is not None and np.isnan(recording.time_s[[before, row]]).any():
+        # Where rows are missing there is an empty line: no window reaches over it.
+        if before is not None:
             is_next = recording.recording[row] == recording.recording[before]
             written += [] if row == before + 1 and is_next else [None]
         before = row

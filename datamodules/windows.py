@@ -62,7 +62,7 @@ class Windows:
             return rows
         inside = np.zeros(len(recording), dtype=bool)
         inside[rows] = True
-        borders = find_breaks(recording) | _missing_rows(recording) | (inside[1:] != inside[:-1])
+        borders = find_breaks(recording) | missing_rows(recording) | (inside[1:] != inside[:-1])
         run = np.concatenate([[0], np.cumsum(borders)])
         first = rows - (self.sequence - 1) * self.stride
         last = rows + self.ahead * self.stride
@@ -100,7 +100,7 @@ class Windows:
 SINGLE_FRAMES = Windows()
 
 
-def _missing_rows(recording: Recording) -> np.ndarray:
+def missing_rows(recording: Recording) -> np.ndarray:
     """Return whether rows are missing between a row and the next, by line or time, bool [N - 1]."""
     missing = np.zeros(len(recording) - 1, dtype=bool)
     for number in range(len(recording.names)):

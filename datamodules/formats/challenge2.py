@@ -74,6 +74,7 @@ def _training(path: Path, bad: BadRows) -> Rows:
     columns = ("timestamp", "frame_id", "filename", "angle", "speed")
     table = collect(read_csv(path / TRAINING, columns, bad), parse, bad)
     # Other recorders of this layout have one camera, under a name of their own.
+    del table["line"]  # its rows are of several cameras, in no fixed order
     camera = np.array([name if name in CAMERAS else "center" for name in table.pop("camera", [])])
     rows = {name: np.array(column, object)[camera == "center"] for name, column in table.items()}
     times, images = np.array(table.get("time_s", []), float), np.array(table["center"], object)

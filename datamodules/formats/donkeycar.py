@@ -92,7 +92,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
     is_old, count = next(path.glob(CATALOGS), None) is None and not (path / MANIFEST).exists(), 0
     texts = _old_records(path) if is_old else _new_records(path, bad.notes)
     spelled = functools.cache(lambda folder: spellings(list_files(folder)))
-    for count, (source, text, images) in enumerate(texts, 1):
+    for count, (index, source, text, images) in enumerate(texts, 1):
         check_most("rows", count, path, "divide the tub")
         if text is None:
             deleted += 1
@@ -111,7 +111,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
         if fault:
             bad_images.append(f"{source}: {fault}")
         else:
-            for name, value in record.items():
+            for name, value in (record | {"line": index}).items():
                 columns.setdefault(name, []).append(value)
     if not columns:
         bad.finish(0)
@@ -129,7 +129,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
     if np.isnan(numbers["time_s"]).any():
         sessions = {name: index for index, name in enumerate(dict.fromkeys(columns["session"]))}
         drive = np.array([sessions[name] for name in columns["session"]])
-        numbers["time_s"] = times_of_drives(drive, np.arange(len(drive)) / LOOP_HZ)
+        numbers["time_s"] = times_of_drives(drive, np.array(columns["line"]) / LOOP_HZ)
     counts = {
         f"{counted(deleted, 'record')} left out that the tub marks as deleted": deleted,
         f"{counted(piloted, 'record')} left out that an autopilot drove": piloted,
@@ -140,6 +140,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
         numbers,
         {"center": columns["image"]},
         places=np.array(columns["place"], object),
+        line=np.array(columns["line"]),
         bad_images=tuple(bad_images),
         notes=tuple(note for note, number in counts.items() if number),
         # Of drivezoo's own tubs; the rig of others is unknown.
@@ -174,8 +175,8 @@ def _record(source: str, text: str, images: str) -> dict[str, Any] | None:
     }
 
 
-def _new_records(folder: Path, notes: list[str]) -> Iterator[tuple[str, str | None, str]]:
-    """Yield each record's place, text (None if it is deleted), and folder of images.
+def _new_records(folder: Path, notes: list[str]) -> Iterator[tuple[int, str, str | None, str]]:
+    """Yield each record's number, place, text (None if it is deleted), and folder of images.
 
     Args:
         folder: folder of the tub.
@@ -210,7 +211,7 @@ def _new_records(folder: Path, notes: list[str]) -> Iterator[tuple[str, str | No
                 if not text.strip() or half_written:
                     continue
                 # As Donkeycar does: a deleted index counts the records, whatever their _index.
-                yield f"{catalog}, row {line}", None if index in gone else text, images
+                yield index, f"{catalog}, row {line}", None if index in gone else text, images
                 index += 1
     if is_ordinary(counted) and counted != index:
         notes.append(f"{MANIFEST} counts {counted:,} records, and its catalogs hold {index:,}")
@@ -236,10 +237,10 @@ def _natural(path: Path) -> list[tuple[int, str]]:
     return [(int(digits or 0), text) for text, digits in re.findall(r"(\D*)(\d{0,9})", path.name)]
 
 
-def _old_records(folder: Path) -> Iterator[tuple[str, str, str]]:
-    for _, path in sorted(_old_paths(folder)):
+def _old_records(folder: Path) -> Iterator[tuple[int, str, str, str]]:
+    for index, path in sorted(_old_paths(folder)):
         with open_text(path, MOST_JSON_BYTES, errors="surrogateescape") as file:
-            yield str(path), file.read(), f"{folder}{os.sep}"
+            yield index, str(path), file.read(), f"{folder}{os.sep}"
 
 
 def _old_paths(folder: Path) -> Iterator[tuple[int, Path]]:

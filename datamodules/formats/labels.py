@@ -45,14 +45,14 @@ Rows = dict[str, list]  # columns by name
 def collect(
     records: Iterable[tuple[str, Any]], parse: Callable[[Any], dict[str, Any]], bad: BadRows
 ) -> Rows:
-    """Return columns of what `parse` returns for each row, and `place`.
+    """Return columns of what `parse` returns for each row, `place`, and its number as `line`.
 
     Args:
-        records: place and content of each row.
+        records: place, which ends with the row's number, and content of each row.
         parse: function from a row's content to its values; it raises ValueError for a bad row.
         bad: collector of bad rows.
     """
-    rows: Rows = {"place": [], "steering": [], "center": []}
+    rows: Rows = {"place": [], "line": [], "steering": [], "center": []}
     for source, content in records:
         try:
             values = parse(content)
@@ -62,6 +62,7 @@ def collect(
         for name, value in values.items():
             rows.setdefault(name, []).append(value)
         rows["place"].append(source)
+        rows["line"].append(int(source.rpartition(" ")[2]))
     return rows
 
 
@@ -83,7 +84,8 @@ def labelled_recording(
         folder: folder of the recording.
         rows: columns by name: `place` (file and row), `steering` in the format's unit, images
             `center`, `left`, `right` (a path, a `StoredImage` or None), and where the format has
-            them `time_s`, `speed_mps`, `throttle`, `brake`.
+            them `time_s`, `speed_mps`, `throttle`, `brake`; and `line`, the row's number, where a
+            missing number is a missing frame.
         unit: what the steering's numbers mean, unless `options` say otherwise.
         options: what the user says about the recording.
         bad: collector of bad rows; None if all could be read.
@@ -112,6 +114,7 @@ def labelled_recording(
         numbers | {"steering": meant.steering(written)},
         {camera: rows[camera] for camera in CAMERAS if camera in rows},
         places=np.array(rows["place"], object),
+        line=np.array(rows.get("line", range(1, len(written) + 1))),
         rig=_with_full_lock(rig, unit, meant),
         notes=notes,
         blocks=blocks,
@@ -200,10 +203,11 @@ def _with_images(recording: Recording, options: ReadOptions) -> Recording:
     A missing side image is none.
     """
     root = Path(recording.names[0])
-    find, start = image_finder(root), len(f"{root}{os.sep}")
+    find, begin = image_finder(root), f"{root}{os.sep}"
 
     def existing(image: object) -> object:
-        return find(image[start:]) if isinstance(image, str) else image
+        # Of the current folder, ".", an image's path says nothing.
+        return find(image.removeprefix(begin)) if isinstance(image, str) else image
 
     recording.images[:] = np.frompyfunc(existing, 1, 1)(recording.images)
     has_image = recording.images[:, 0].astype(bool)

@@ -133,14 +133,15 @@ def test_several_recordings_become_one_although_names_repeat(
     np.testing.assert_array_equal(again.time_s, both.time_s)
 
 
-def test_without_times_a_gap_is_an_empty_line(tmp_path: Path) -> None:
+@pytest.mark.parametrize("has_times", [False, True])
+def test_a_gap_is_an_empty_line(has_times: bool, tmp_path: Path) -> None:
     folder = write_recording(tmp_path / "old", ROWS, cameras=("center",)).folder
     names = sorted((folder / "IMG").iterdir())
-    for number, path in enumerate(names):
-        path.rename(path.with_name(f"{number:03d}.jpg"))
-    lines = [f"IMG/{number:03d}.jpg,,,0.1,0.5,0,9" for number in range(ROWS)]
+    if not has_times:
+        names = [path.rename(path.with_name(f"{at:03d}.jpg")) for at, path in enumerate(names)]
+    lines = [f"IMG/{path.name},,,0.1,0.5,0,9" for path in names]
     (folder / "driving_log.csv").write_text("\n".join(lines) + "\n")
-    write_edited(read_recordings(str(folder)), drop(Edits(ROWS), (5, 30)), tmp_path / "new")
+    write_edited(read_recordings(str(folder)), drop(Edits(ROWS), (5, 6)), tmp_path / "new")
     line = read_recordings(str(tmp_path / "new")).line
     assert np.flatnonzero(np.diff(line) > 1).tolist() == [4]
 

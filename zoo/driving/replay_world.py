@@ -29,6 +29,7 @@ import numpy as np
 from datamodules.driving_log import CAMERAS
 from datamodules.image import read_image
 from datamodules.recording import GAP_S, Recording
+from datamodules.windows import missing_rows
 from zoo.base.errors import InputError
 from zoo.base.rig import MPS_PER_MPH, RIG_KEYS, UDACITY, Rig
 from zoo.driving.camera_warp import Warp
@@ -296,8 +297,7 @@ def seconds_of_rows(recording: Recording, frame_rate: float | None = None) -> np
         raise InputError(f"frame_rate={frame_rate:g}: must be in 1..100")
     else:
         seconds[:-1] = 1 / frame_rate
-        # A gap in the line numbers shows rows that were left out, such as those with bad images.
-        seconds[:-1][np.diff(recording.line) != 1] = np.nan
+        seconds[:-1][missing_rows(recording)] = np.nan  # such as those with bad images
     other = np.diff(recording.recording) != 0
     seconds[:-1][other | ~(seconds[:-1] > 0) | (seconds[:-1] > GAP_S)] = np.nan
     return seconds

@@ -3,10 +3,12 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from datamodules.recording import Recording
+from datamodules.recording import Recording, file_name
 from datamodules.recording_format import read_recordings
+from datamodules.windows import missing_rows
 from tests import foreign_recordings as foreign
 from zoo.base.errors import InputError, UsageError
 
@@ -111,6 +113,31 @@ def test_bare_names_are_found_in_one_folder_and_not_in_one_of_two(tmp_path: Path
     foreign.write_frames(table.parent / "test", [f"{row}.jpg" for row in range(foreign.ROWS)])
     with pytest.raises(InputError, match=r"labels\.csv, row 2: no centre image"):
         read(table)
+
+
+def test_no_window_reaches_over_a_bad_row(tmp_path: Path) -> None:
+    table = write(tmp_path / "set", HEADER)
+    lines = table.read_text().splitlines()
+    lines[11] = "0.jpg,left"
+    table.write_text("\n".join([*lines, ""]))
+    recording = read(table, on_bad_row="skip")
+    assert np.flatnonzero(missing_rows(recording)).tolist() == [9]
+
+
+def test_a_table_in_the_current_folder_has_its_own_images(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = write(tmp_path / "set", HEADER, "{}.jpg").parent
+    for image in (folder / "IMG").iterdir():
+        image.rename(folder / f"1{image.name}")  # 10.jpg and 110.jpg, of which one is a part
+    table = folder / "labels.csv"
+    table.write_text(table.read_text().replace("\n", "\n1"))
+    whole = read(table)
+    monkeypatch.chdir(folder)
+    here = read(Path(table.name))
+    assert [file_name(image) for image in here.images[:, 0]] == [
+        file_name(image) for image in whole.images[:, 0]
+    ]
 
 
 def test_the_path_itself_comes_first(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from datamodules.recorded_car import read_source
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.stretches import find_breaks
+from datamodules.windows import missing_rows
 from tests.recordings import Written, convert_to_recording, write_as
 from zoo.base.errors import InputError
 
@@ -106,6 +107,24 @@ def test_deleted_and_autopilot_records_are_left_out(tmp_path: Path) -> None:
     assert "2 records left out that the tub marks as deleted" in notes
     assert "1 record left out that an autopilot drove" in notes
     assert "no speed" in notes
+
+
+@pytest.mark.parametrize("is_old", [False, True])
+def test_no_window_reaches_over_a_record_that_is_left_out(is_old: bool, tmp_path: Path) -> None:
+    records = [record(number, user__angle=0.1) for number in range(12)]
+    for each in records:
+        del each["_timestamp_ms"]
+    tub = write_tub(tmp_path / "tub", records, deleted=tuple(range(3, 9)))
+    if is_old:
+        for path in (tub / "manifest.json", *tub.glob("*.catalog")):
+            path.unlink()
+        for number in (0, 1, 2, 9, 10, 11):
+            (tub / f"record_{number}.json").write_text(json.dumps(records[number]))
+            image = records[number]["cam/image_array"]
+            (tub / "images" / image).rename(tub / image)
+    recording = read_recordings(str(tub))
+    assert np.diff(recording.time_s) == pytest.approx([0.05, 0.05, 0.35, 0.05, 0.05], abs=1e-6)
+    assert missing_rows(recording).tolist() == [False, False, True, False, False]
 
 
 def test_a_damaged_image_is_left_out_and_counted(tmp_path: Path) -> None:
