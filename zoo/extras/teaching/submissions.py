@@ -141,9 +141,10 @@ def warnings_of(
     recorded = (facts and facts.roads) or []
     if driven := sorted(track for key, track in roads.items() if key in recorded):
         warnings.append(f"trained on {', '.join(driven)}, which the marks are driven on")
-    if recording is not None and driver.data != (course := recording.fingerprint()):
-        trained = driver.data or "an unknown recording"
-        share = _shared_rows((facts and facts.row_hashes) or [], set(recording.row_hashes()))
+    hashes, data = (facts and facts.row_hashes) or [], driver.data
+    if recording and (data or hashes) and data != (course := recording.fingerprint()):
+        trained = data or "an unknown recording"
+        share = _shared_rows(hashes, set(recording.row_hashes()))
         warnings.append(f"trained on {trained}, not on the course's recording ({course}): {share}")
     if facts is None or (facts.roads is None and facts.row_hashes is None):
         warnings.append("its file tells nothing of its training, neither roads nor rows")

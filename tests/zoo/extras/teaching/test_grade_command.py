@@ -229,6 +229,9 @@ def test_cards_and_trainings_are_compared_with_the_file(tmp_path: Path) -> None:
     assert "75 % (69 to 80) of its rows are of the course" in found[1]
     found = warnings_of(Submission("ada", file), driver, None, roads, course)
     assert "rows are of the course is unknown" in found[0]
+    unknown = driver.model_copy(update={"data": ""})
+    (line,) = warnings_of(Submission("ben", tmp_path / "ben.onnx"), unknown, None, roads, course)
+    assert "tells nothing of its training" in line
 
 
 def test_an_export_is_the_same_network(tmp_path: Path) -> None:
