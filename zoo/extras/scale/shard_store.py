@@ -96,7 +96,7 @@ class ShardStore(ImageStore):
         return data
 
     def fetch(self, name: str) -> Path:
-        """Return a file of the store on this disk, fetched if it is not cached.
+        """Return a file of the store on this disk; only shards are not fetched again.
 
         One file is fetched at a time, in several connections. The files used longest ago make room.
 
@@ -106,11 +106,13 @@ class ShardStore(ImageStore):
         path = self.folder / name
         if not self.is_remote:
             return path
+        is_shard = name in self.bytes  # the key knows their sizes; labels may be corrected
         with suppress(OSError):
             os.utime(path)
-            return path
+            if is_shard:
+                return path
         with self._locked():
-            if not path.exists():
+            if not (is_shard and path.exists()):
                 self._make_room(self.bytes.get(name, 0))
                 part = self.folder / f".{name}.part"
                 self._download(name, part)

@@ -2,8 +2,10 @@
 
 import http.server
 import itertools
+import shutil
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -209,6 +211,18 @@ def test_a_smaller_cache_than_before_deletes_shards(server: Server, tmp_path: Pa
     whole = cached(cache)
     read_recordings(address, cache=str(cache), cache_gb=whole / 2e9)
     assert 0 < cached(cache) <= whole / 2
+
+
+def test_corrected_labels_of_the_same_shards_are_fetched(
+    shards: Path, server: Server, tmp_path: Path
+) -> None:
+    address, cache = "s3://bucket/shards", str(tmp_path / "cache")
+    before = read_recordings(address, cache=cache)
+    corrected = replace(read_recordings(str(shards)), steering=before.steering / 2)
+    write_as("shards", corrected, tmp_path / "new", shard_mb=SHARD_MB)
+    shutil.copy(tmp_path / "new" / LABELS, shards)
+    after = read_recordings(address, cache=cache)
+    np.testing.assert_array_equal(after.steering, before.steering / 2)
 
 
 def test_an_epoch_fetches_a_shard_once(shards: Path, server: Server, tmp_path: Path) -> None:
