@@ -19,6 +19,7 @@ from zoo.extras.teaching.submitted_network import NetworkFacts
 from zoo.results.result import Driver
 
 ENDINGS = (".ckpt", ".onnx")
+NOTES = (".csv", ".html", ".ini", ".md", ".pdf", ".txt", ".xlsx", ".yaml")  # no submissions
 MOST_CARD_BYTES = 1_000_000
 # How a card of drivezoo states them, see `zoo.scoring.model_card`.
 STATED = {
@@ -77,7 +78,9 @@ class Submission:
 def find_submissions(folder: Path) -> list[Submission]:
     """Return the submissions of a folder, sorted by name.
 
-    What is wrong with one of them is its `problem`, and does not end the others' marks.
+    What is wrong with one of them is its `problem`, and does not end the others' marks. A file of
+    another kind, such as a .h5 or .zip, is a submission with a problem, so that no student is left
+    out. Hidden files, `NOTES`, and what has the name of a network or folder are no submissions.
 
     Raises:
         InputError: the folder cannot be read, or has no submission.
@@ -86,9 +89,9 @@ def find_submissions(folder: Path) -> list[Submission]:
     by_name: dict[str, list[Path]] = {}
     with file_errors(folder, "cannot be read ({}); name the folder of the submissions"):
         for entry in sorted(folder.iterdir()):
-            is_network = _is_network(entry) and not entry.is_dir()
-            if is_network or (entry.name[0] != "." and not entry.is_file()):
-                by_name.setdefault(entry.stem if is_network else entry.name, []).append(entry)
+            is_note = entry.is_file() and entry.suffix.lower() in NOTES
+            if entry.name[0] != "." and not is_note:
+                by_name.setdefault(entry.name if entry.is_dir() else entry.stem, []).append(entry)
     if not by_name:
         raise InputError(f"{folder}: holds no {' or '.join(ENDINGS)} file, and no folder of one")
     submissions = [_submission(name, paths) for name, paths in sorted(by_name.items())]
@@ -100,6 +103,7 @@ def find_submissions(folder: Path) -> list[Submission]:
 
 def _submission(name: str, paths: Sequence[Path]) -> Submission:
     """Return the one submission of a name, or what is wrong with it."""
+    paths = [path for path in paths if _is_network(path) or not path.is_file()] or paths[:1]
     first = paths[0]
     if len(paths) > 1:
         names = " and ".join(path.name for path in paths)
@@ -113,7 +117,7 @@ def _submission(name: str, paths: Sequence[Path]) -> Submission:
         return Submission(name, files[0])
     problem = f"has {counted(len(files), 'network')}, must be one"
     if not files:
-        problem = "has no .ckpt or .onnx file, or a link to nothing"
+        problem = "is or has no .ckpt or .onnx file, or links to nothing; hand in one"
     return Submission(name, None, f"{first}: {problem}")
 
 

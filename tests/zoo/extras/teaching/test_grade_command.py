@@ -289,6 +289,8 @@ def hand_in(folder: Path) -> None:
     write_constant(folder / "apple" / "net.CKPT", 0.0)
     (folder / "apple" / "._net.CKPT").write_bytes(b"a Mac's")
     (folder / "notes.txt").touch()
+    (folder / "4_dora.h5").touch()
+    (folder / "a good one.zip").touch()
 
 
 @pytest.fixture
@@ -310,7 +312,7 @@ def test_no_student_ends_the_class(suite: Path, here: Path, capsys: pytest.Captu
     found = grade(here / "class", suite=str(suite), seed=5, out=here / "out")
     found.show()
     status = {one.submission.name: one.status for one in found.grades}
-    broken = ["dangling", "folder.ckpt", "twice"]
+    broken = ["4_dora", "dangling", "folder.ckpt", "twice"]
     assert status == {
         **dict.fromkeys([*NAMES.values(), "a good one", "latin", "large", "apple"], "passed"),
         **dict.fromkeys(broken, "not driven"),
@@ -320,6 +322,7 @@ def test_no_student_ends_the_class(suite: Path, here: Path, capsys: pytest.Captu
     for name, words in (
         ("dangling", "two submissions"),
         ("twice", "two submissions"),
+        ("4_dora", "4_dora.h5: is or has no .ckpt or .onnx file"),
         ("folder.ckpt", "no .ckpt or .onnx file"),
         ("latin", "not UTF-8"),
         ("large", "1,000,001 bytes"),
