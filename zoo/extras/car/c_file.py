@@ -339,6 +339,9 @@ class _Graph:
             settings.get(key, [1] * len(kernel)) for key in ("strides", "dilations")
         )
         pads = settings.get("pads", [0] * 2 * len(kernel))
+        if settings.get("auto_pad") == b"SAME_UPPER":  # torch's padding="same", of stride 1
+            rest = (np.array(kernel) - 1) * dilations
+            pads = [*rest // 2, *(rest + 1) // 2]
         image = places[0] if not is_line else places[0][:, None]
         steps = _steps(image)
         if not _are_even(image, steps):

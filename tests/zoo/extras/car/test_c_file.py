@@ -134,6 +134,7 @@ def test_other_layers_are_exact_too(tmp_path: Path) -> None:
         Normalize(),
         nn.Conv2d(3, 5, 3, padding=(2, 1), dilation=2, stride=(1, 2)),
         nn.BatchNorm2d(5),
+        nn.Conv2d(5, 5, (4, 3), padding="same", dilation=(1, 2)),
         nn.Tanh(),
         nn.AvgPool2d(2, padding=1),
         nn.Conv2d(5, 9, (1, 3), bias=False),
