@@ -28,13 +28,16 @@ FRAMES = 20  # of the round trip
 
 
 def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Finding]:
-    """Check that a checkpoint loads; report its input and its time for a frame."""
+    """Check that a checkpoint loads; report its input and its time for a frame of a drive."""
     import numpy as np
+    import torch
 
     from zoo.base.rig import UDACITY
     from zoo.checkpoints.checkpoint_policy import load_policy
+    from zoo.server.drive_settings import DriveSettings
 
-    policy = load_policy(path).in_car(UDACITY)  # only its time counts
+    torch.set_num_threads(DriveSettings.threads)  # torch's default is slower
+    policy = load_policy(path, engine=DriveSettings.engine).in_car(UDACITY)  # only its time counts
     view = policy.view
     name = policy.config.get("model", {}).get("name") or policy.name
     yield Finding(OK, "checkpoint", f"{path}: {name}, {policy.parameters:,} parameters")
@@ -53,7 +56,7 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
     took_ms = statistics.median(times_ms)
     result = f"{took_ms:.1f} ms per frame, {1000 / took_ms:.0f} frames per second"
     if took_ms > SLOW_MS:
-        fix = "drive with more threads (drive.threads=4), or train a smaller model"
+        fix = "train a smaller model: drivezoo list models"
         yield Finding(WARNING, "speed", f"{result}; a simulator sends up to 60", fix)
     else:
         yield Finding(OK, "speed", result)

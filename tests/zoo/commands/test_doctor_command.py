@@ -9,10 +9,12 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+import torch
 
 from tests.recordings import Written
 from tests.zoo.command_runs import ROOT, run, run_words
 from zoo.base.run_command import run_command
+from zoo.checkpoints.checkpoint_path import packaged_file
 from zoo.commands import doctor
 from zoo.server import input_checks as inputs
 from zoo.server import machine_checks as machine
@@ -129,6 +131,16 @@ def test_a_file_that_is_no_checkpoint_is_a_fault(tmp_path: Path, content: bytes)
     assert finding.state == FAULT
     assert str(path) in finding.found
     assert finding.fix
+
+
+def test_a_slow_network_is_measured_as_it_drives(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(inputs, "SLOW_MS", 0.0)
+    torch.set_num_threads(2)
+    *_, finding = inputs.check_checkpoint(str(packaged_file("tiny41")))
+    assert torch.get_num_threads() == 1
+    assert (finding.state, finding.what) == (WARNING, "speed")
+    assert "smaller model" in finding.fix
+    assert "threads" not in finding.fix
 
 
 def test_bad_images_are_a_warning(tmp_path: Path, recorded: Written) -> None:
