@@ -288,7 +288,7 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
     notes = left_out_note(left_out, "their image is damaged")
     if any(path is not None for path in recording.images[:, 1:].flat):
         notes.append("a tub has one camera: the side cameras are left out")
-    following = ("donkey", "train", "--tub", str(out))
+    following = ("donkey", "train", "--tub", str(out.absolute()))
     purpose = "in your car's folder"
     return Converted(out, len(kept), len(drives), tuple(notes), following, purpose)
 

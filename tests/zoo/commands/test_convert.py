@@ -25,7 +25,7 @@ def test_a_recording_becomes_a_tub_and_a_tub_a_recording(recorded: Written, tmp_
         "recording -> Donkeycar tub: 120 rows, 1 continuous drive",
         "- a tub has one camera: the side cameras are left out",
         "wrote: tub",
-        "next: donkey train --tub tub",
+        f"next: donkey train --tub {tmp_path / 'tub'}",
         "      in your car's folder",
     ]
     assert back.splitlines()[-2:] == [
