@@ -82,9 +82,11 @@ def make_rig(content: Any, path: object) -> Rig:
     try:
         fields = RigFields.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(map(str, first["loc"])) or "the file"
-        raise InputError(f"{path}: {key}: {first['msg'].lower()}; correct it") from None
+        faults = {".".join(map(str, fault["loc"])): fault for fault in error.errors()}
+        if nulls := ", ".join(key for key, fault in faults.items() if fault["input"] is None):
+            raise InputError(f"{path}: still null: {nulls}; fill them in") from None
+        key, text = next((key or "the file", fault["msg"]) for key, fault in faults.items())
+        raise InputError(f"{path}: {key}: {text.lower()}; correct it") from None
     width, height = fields.camera.size
     camera = Camera(**{**fields.camera.model_dump(), "size": (width, height)})
     rig = single_camera_rig(

@@ -7,6 +7,7 @@ import pytest
 from zoo.base.errors import InputError
 from zoo.base.rig import RIGS, UDACITY
 from zoo.base.rig_file import find_rig, named_rig, read_rig, write_rig
+from zoo.commands.new import write_part
 
 TEXT = """\
 name: my car
@@ -50,6 +51,13 @@ def test_an_impossible_number_is_named(old: str, new: str, place: str, tmp_path:
     path.write_text(TEXT.replace(old, new, 1))
     with pytest.raises(InputError, match=rf"rig\.yaml: {place}: .*; correct it"):
         read_rig(path)
+
+
+def test_a_new_rig_names_each_null(here: Path) -> None:
+    write_part("rig", "my_car", here)
+    nulls = "camera.size, camera.vertical_fov_deg, camera.up_m, wheelbase_m, steering_deg"
+    with pytest.raises(InputError, match=rf"my_car\.yaml: .*: {nulls}; fill them in"):
+        read_rig(here / "my_car.yaml")
 
 
 def test_a_rig_has_a_name_or_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
