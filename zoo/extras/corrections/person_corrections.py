@@ -6,14 +6,13 @@ person did. So the person is asked, as DAgger asks its expert: `labels.csv` list
 takeover with the network's steering, and the person writes the correct steering.
 """
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from datamodules.driving_log import CAMERAS
+from datamodules.driving_log import CAMERAS, BadRows, read_fields
 from datamodules.formats.recording_writer import write_log
 from datamodules.image import link_or_copy, read_image
 from datamodules.recording import IMAGE_FOLDER
@@ -126,20 +125,21 @@ def read_labels(path: Path) -> dict[str, float]:
     Raises:
         InputError: no label is filled in, or one is no number in -1..1.
     """
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = list(csv.DictReader(file))
-    labels = {}
-    for line, row in enumerate(rows, 2):
-        text = (row.get("steering") or "").strip()
-        if not text:
+    labels, bad = {}, BadRows()
+    for line, fields in read_fields(path, bad):
+        # A decimal comma divides the last column.
+        text = ",".join(fields[len(COLUMNS) - 1 :]).rstrip(",")
+        if text in ("", COLUMNS[-1]):
             continue
         try:
             value = float(text.replace(",", "."))
         except ValueError:
             value = np.nan
-        if not -1 <= value <= 1 or not row.get("image"):
-            raise InputError(f"{path}: row {line}: steering is {text!r}; write a number in -1..1")
-        labels[row["image"]] = value
+        if not -1 <= value <= 1 or not fields[1]:
+            bad.faults.append(f"{path}, row {line}: {fields[1]!r:.80} has steering {text!r:.80}")
+        labels[fields[1]] = value
+    if bad.faults:
+        raise InputError(f"{bad.faults[0]}; write a number in -1..1 in the last column")
     if not labels:
         raise InputError(
             f"{path}: the steering column is empty; write numbers in -1..1 where you can"
