@@ -168,7 +168,8 @@ def choose_rows(recording: Recording, count: int) -> np.ndarray:
     Raises:
         InputError: the car moves and steers in too few rows.
     """
-    moving = recording.speed_mph > MOVING_MPH
+    names = np.array(recording.names)[recording.recording]
+    moving = np.isin(names, recording.without_speed) | (recording.speed_mph > MOVING_MPH)
     rows = np.flatnonzero(moving & (np.abs(recording.steering) >= BEND))
     if len(rows) < LEAST_ROWS:
         raise InputError(

@@ -130,6 +130,12 @@ def test_frames_lie_in_bends_all_over_the_recording() -> None:
         choose_rows(recording_in_memory([0.01] * 300), 80)
 
 
+def test_without_a_speed_all_rows_move() -> None:
+    speed = np.repeat([0.0, 20.0, 0.5], 100)  # of a tub without odometer, and of a car that stops
+    rows = choose_rows(recording_in_memory([0.3] * 300, speed, (100, 200)), 300)
+    assert rows.tolist() == list(range(200))
+
+
 def test_a_broken_image_names_its_row(tmp_path: Path) -> None:
     written = write_recording(tmp_path / "lake", rows=150)
     recording = read_recordings(str(written.folder))
