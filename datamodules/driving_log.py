@@ -146,7 +146,9 @@ def read_log(
         good += 1
         turns = turns or numbers[0] != 0
         yield LogRow(line, paths, numbers)
-    if good and len(fields) < len(order):
+    # As 0.5,1,0 or 0.5,1,0, or 0.5,1,0,- of 0.5,1,0,-9
+    is_cut = not "".join(fields[len(order) - 1 :]).strip("+-.")
+    if good and is_cut and bad.faults and bad.faults[-1].startswith(f"{log}, row {line}:"):
         forget_half_written(log, bad)
     if not good and not bad.faults:
         raise InputError(f"{log}: the log has no rows; record some driving first")

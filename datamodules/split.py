@@ -1,6 +1,8 @@
 """The split of rows into train, validation and test."""
 
 import itertools
+import re
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -64,8 +66,7 @@ def split_rows(
     shares = np.array([1 - val_share - test_share, val_share, test_share])
     rng = np.random.default_rng(seed)
     if kind == "blocks":
-        length, gap = block_rows(recording, block_s, gap_s)
-        part = _split_blocks(recording, shares, length, gap, rng)
+        part = _split_blocks(recording, shares, *block_rows(recording, block_s, gap_s), rng)
     elif kind == "random":
         part = _deal(np.ones(len(recording)), shares, rng)
     elif kind == "recording":
@@ -97,13 +98,17 @@ def rows_per_second(recording: Recording) -> float:
 
 def block_rows(
     recording: Recording, block_s: float | None = None, gap_s: float | None = None
-) -> tuple[int, int]:
-    """Return the rows of a block and of a gap; see `split_rows`."""
-    blocks, rate = recording.blocks, rows_per_second(recording)
-    block_s = blocks.block_s if block_s is None else block_s
-    # Blocks of a short recording are shorter, so that every part gets one.
-    length = int(np.clip(block_s * rate, 1, max(len(recording) // 20, 1)))
-    return length, min(round((blocks.gap_s if gap_s is None else gap_s) * rate), length)
+) -> tuple[list[int], list[int]]:
+    """Return the rows of a block and of a gap in each of the recordings; see `split_rows`."""
+    blocks, lengths, gaps = recording.blocks, [], []
+    for number in range(len(recording.names)):
+        rate = rows_per_second(recording.keep(recording.recording == number))
+        wanted = rate * (blocks.block_s if block_s is None else block_s)
+        # Blocks of a short recording are shorter, so that every part gets one.
+        lengths.append(int(np.clip(wanted, 1, max(len(recording) // 20, 1))))
+        gap = round(rate * (blocks.gap_s if gap_s is None else gap_s))
+        gaps.append(min(gap, lengths[-1]))
+    return lengths, gaps
 
 
 def shard_changes(recording: Recording) -> list[int]:
@@ -119,8 +124,8 @@ def split_words(
     """Return which split was chosen, and why."""
     if kind != "blocks":
         return kind
-    rate = rows_per_second(recording)
-    length, gap = (rows / rate for rows in block_rows(recording, block_s, gap_s))
+    rate = rows_per_second(recording.keep(recording.recording == 0))
+    length, gap = (rows[0] / rate for rows in block_rows(recording, block_s, gap_s))
     if changes := shard_changes(recording):
         return f"blocks of a shard each, {len(changes) + 1:,}, with gaps of {gap:.2g} s"
     chosen = "as data.block_s says" if block_s is not None else recording.blocks.why
@@ -129,10 +134,26 @@ def split_words(
 
 def write_split(path: Path, recording: Recording, split: Split) -> None:
     """Write `image,part` rows that `data.split=FILE` reads back."""
-    images = recording.images[:, 0]
-    rows = [(file_name(str(images[row])), part) for part in PARTS for row in getattr(split, part)]
+    names = shortest_ends([str(image) for image in recording.images[:, 0]])
+    rows = [(names[row], part) for part in PARTS for row in getattr(split, part)]
     text = csv_text([("image", "part"), *rows], line_end="\r\n")
     write_whole(path, text.encode(errors="surrogateescape"))
+
+
+def shortest_ends(paths: list[str]) -> list[str]:
+    r"""Return the shortest end of each path that no other has, of whole names; else all of it.
+
+    >>> shortest_ends([r"a\IMG\1.jpg", "b/IMG/1.jpg", "b/IMG/2.jpg", "b/IMG/2.jpg"])
+    ['a/IMG/1.jpg', 'b/IMG/1.jpg', '2.jpg', '2.jpg']
+    """
+    counts = Counter(end for path in set(paths) for end in _ends(path))
+    return [next((end for end in _ends(path) if counts[end] == 1), path) for path in paths]
+
+
+def _ends(path: str) -> list[str]:
+    """Return the ends of a path of any system, from its file's name on."""
+    names = [name.strip() for name in re.split(r"[\\/]", path)]
+    return ["/".join(names[start:]) for start in reversed(range(len(names)))]
 
 
 def _deal(sizes: np.ndarray, shares: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -154,16 +175,23 @@ def _deal(sizes: np.ndarray, shares: np.ndarray, rng: np.random.Generator) -> np
 
 
 def _split_blocks(
-    recording: Recording, shares: np.ndarray, length: int, gap: int, rng: np.random.Generator
+    recording: Recording,
+    shares: np.ndarray,
+    lengths: list[int],
+    gaps: list[int],
+    rng: np.random.Generator,
 ) -> np.ndarray:
-    borders = np.flatnonzero(np.diff(recording.recording)) + 1
     if changes := shard_changes(recording):  # so that validation reads few shards
-        borders, length = np.array(changes), len(recording)
-    sizes = np.array([len(rows) for rows in cut_rows(len(recording), borders, length)])
+        sizes = np.diff([0, *changes, len(recording)])
+    else:
+        counts = np.bincount(recording.recording, minlength=len(lengths)).tolist()
+        pairs = zip(counts, lengths, strict=True)
+        blocks = (cut_rows(count, np.empty(0, int), length) for count, length in pairs)
+        sizes = np.array([len(rows) for rows in itertools.chain.from_iterable(blocks)])
     # With few blocks the gaps can remove a whole part: deal again.
     for _ in range(REDEALS):
         part = np.repeat(_deal(sizes, shares, rng), sizes)
-        kept = without_gaps(part, recording.recording, gap)
+        kept = without_gaps(part, recording.recording, gaps)
         if all((kept == number).any() for number in np.flatnonzero(shares > 0)):
             break
     return kept
@@ -178,14 +206,15 @@ def cut_rows(count: int, borders: np.ndarray, length: int) -> list[range]:
     ]
 
 
-def without_gaps(part: np.ndarray, recording: np.ndarray, gap: int) -> np.ndarray:
-    """Return `part` with -1 for rows within `gap` of another part of the same recording."""
+def without_gaps(part: np.ndarray, recording: np.ndarray, gaps: list[int]) -> np.ndarray:
+    """Return `part` with -1 for rows within its recording's gap of another part."""
     kept = part.copy()
     for border in np.flatnonzero(np.diff(part)) + 1:
         if recording[border - 1] != recording[border]:
             continue
         # Of two neighbours the larger part loses rows: train before val before test.
         loser = min(part[border - 1], part[border])
+        gap = gaps[recording[border]]
         near = slice(max(border - gap, 0), border + gap)
         dropped = (part[near] == loser) & (recording[near] == recording[border])
         kept[near][dropped] = -1
@@ -206,10 +235,17 @@ def _split_recordings(
 
 
 def _read_split(recording: Recording, path: Path) -> np.ndarray:
+    images = [str(image) for image in recording.images[:, 0]]
+    counts = Counter(csv_cell(end) for image in set(images) for end in _ends(image))
     parts, bad = {}, BadRows()
     for line, fields in read_fields(path, bad):
         if len(fields) == 2 and fields[1] in PARTS:
-            parts[csv_cell(file_name(fields[0]))] = PARTS.index(fields[1])
+            # The path may be of another machine, or of the same folder at another place.
+            name = csv_cell(fields[0].replace("\\", "/"))
+            name = name if counts[name] else csv_cell(file_name(fields[0]))
+            if counts[name] > 1 and parts.get(name, fields[1]) != fields[1]:
+                bad.faults.append(f"{path}, row {line}: several images are called {name:.80}")
+            parts[name] = fields[1]
         elif fields != ["image", "part"]:
             bad.faults.append(
                 f"{path}, row {line}: {','.join(fields)[:80]!a} is not image,part with a part of "
@@ -217,11 +253,12 @@ def _read_split(recording: Recording, path: Path) -> np.ndarray:
             )
         if bad.faults:
             raise InputError(f"{bad.faults[0]}; correct the row")
-    names = [file_name(str(image)) for image in recording.images[:, 0]]
-    part = np.array([parts.get(csv_cell(name), -1) for name in names])
-    if (part < 0).all():
+    # The longest end that the file has is the image's own.
+    ends = ([csv_cell(end) for end in reversed(_ends(image))] for image in images)
+    found = [next((parts[end] for end in own if end in parts), None) for own in ends]
+    if not any(found):
         raise InputError(
             f"{path}: names no image of this recording ({LOG_NAME} starts "
-            f"with {names[0]}); name this recording's split, or set data.split=blocks"
+            f"with {file_name(images[0])}); name this recording's split, or set data.split=blocks"
         )
-    return part
+    return np.array([-1 if part is None else PARTS.index(part) for part in found])

@@ -145,6 +145,8 @@ def cache_key(images: Sequence[AnyImage], view: View) -> str:
 def _file_key(path: str | Path) -> bytes:
     try:
         status = os.stat(path)  # noqa: PTH116 - Path.stat costs three times as much
+        if not os.access(path, os.R_OK):  # once it can be read, it has views
+            return f"{path}|unreadable\n".encode()
     except OSError:
         return f"{path}|missing\n".encode()
     name = os.path.basename(path)  # noqa: PTH119 - a moved folder keeps its views

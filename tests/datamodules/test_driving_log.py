@@ -251,7 +251,9 @@ def test_what_is_wrong_is_named_with_file_and_row(tmp_path, text, words):
 
 
 def test_a_last_row_that_is_being_written_is_left_out(tmp_path):
-    assert [row.line for row in read_text(tmp_path, f"{PATHS},0,0,0,1\n{PATHS},0,0")] == [1]
+    for half in (",0,0", ",0,0,0,", ",0,0,0,-"):
+        assert [row.line for row in read_text(tmp_path, f"{PATHS},0,0,0,1\n{PATHS}{half}")] == [1]
+    assert len(read_text(tmp_path, f"{PATHS},0,0,0,1,\n{PATHS},0,0,0,2,")) == 2, "more columns"
     for rest in (f"\n{PATHS},0,0,0,1\n", "\n"):
         within = refusal(tmp_path, f"{PATHS},0,0,0,1\n{PATHS},0,0{rest}")
         assert "row 2: 5 columns, expected 7" in within

@@ -1,6 +1,7 @@
 """Parts of a recording, and how alike they are."""
 
 import csv
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -167,6 +168,32 @@ def test_a_written_split_reads_back(small, tmp_path):
     again = split_rows(small, str(tmp_path / "split.csv"))
     for name in PARTS:
         np.testing.assert_array_equal(getattr(again, name), getattr(split, name))
+
+
+def test_a_written_split_of_recordings_whose_images_have_the_same_names_reads_back(tmp_path):
+    roots = [str(write_recording(tmp_path / name, 60).folder) for name in ("lake", "hills")]
+    both = read_recordings(roots)
+    split = split_rows(both, "random")
+    write_split(tmp_path / "split.csv", both, split)
+    shutil.copytree(tmp_path / "hills", tmp_path / "moved" / "hills")
+    moved = read_recordings([roots[0], str(tmp_path / "moved" / "hills")])
+    again = split_rows(moved, str(tmp_path / "split.csv"))
+    for name in PARTS:
+        np.testing.assert_array_equal(getattr(again, name), getattr(split, name))
+    ambiguous = [[Path(both.images[0, 0]).name, part] for part in ("train", "val")]
+    with pytest.raises(InputError, match=r"row 2: several images are called center_"):
+        split_rows(both, write_rows(tmp_path / "0.csv", ambiguous))
+
+
+def test_the_gap_is_as_long_in_recordings_of_each_frame_rate():
+    recording = recording_in_memory(np.zeros(4_000), sizes=(2_000, 2_000))
+    recording.time_s[2_000:] = 9_000 + np.arange(2_000) / 60
+    split = split_rows(recording, "blocks", block_s=10, gap_s=1)
+    held_out = np.concatenate([split.val, split.test])
+    for number in (0, 1):
+        rows = held_out[recording.recording[held_out] == number]
+        apart_s = np.abs(recording.time_s[rows][:, None] - recording.time_s[split.train]).min()
+        assert 0.95 < apart_s < 1.2
 
 
 def test_a_split_file_is_by_name_not_by_row(small, tmp_path):

@@ -172,6 +172,13 @@ def test_every_view_has_a_key_of_its_own(written):
     assert len(set(keys)) == len(keys) == 2 * len(CONVERSIONS) * len(RESIZES)
 
 
+def test_a_file_that_cannot_be_read_now_is_decoded_when_it_can(written, monkeypatch):
+    paths = centre_paths(written)[:2]
+    before = cache_key(paths, VIEW)
+    monkeypatch.setattr(os, "access", lambda path, mode: path != paths[1])
+    assert cache_key(paths, VIEW) != before
+
+
 @pytest.mark.parametrize("cached", [True, False], ids=["cache", "memory"])
 def test_bad_images_are_zeros_and_named(written, cache, cached):
     paths = centre_paths(written)
