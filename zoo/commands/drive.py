@@ -137,7 +137,7 @@ def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
         if folder := driver.end(began):
             following = "film" if settings.record else "leaderboard"
             print_written([folder], [following, folder])
-    if failure:
+    if failure and not stop.asked:  # Ctrl-C can end the simulator first
         raise InputError(failure)
     return folder
 

@@ -3,12 +3,15 @@
 import json
 import os
 import shutil
+import signal
 import socket
+import sys
 import time
 import urllib.request
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 import torch
 
@@ -213,6 +216,25 @@ def test_a_car_that_is_not_put_back_costs_ever_more_interventions(
     off_s = 0.066 * (np.abs(record.cross_track_m) > 3.2).sum()
     assert off_s > 5
     assert 6 * record.summary["off_road"] >= off_s
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGSTOP")
+def test_ctrl_c_that_ends_the_simulator_first_is_no_failure(
+    checkpoint: Path, tmp_path: Path
+) -> None:
+    options = ("drive.port=0", "drive.sim=lake")
+    with served(tmp_path / "x", "zoo.commands.drive", str(checkpoint), *options) as driver:
+        parent, children = psutil.Process(driver.process.pid), []
+        while not children:
+            children = parent.children()
+        parent.suspend()  # as if it were slow
+        children[0].send_signal(signal.SIGINT)
+        while children[0].status() != psutil.STATUS_ZOMBIE:
+            time.sleep(0.05)
+        parent.send_signal(signal.SIGINT)
+        parent.resume()
+        printed = driver.process.communicate(timeout=60)
+        assert driver.process.returncode == 0, printed
 
 
 def test_a_simulator_that_fails_is_noticed() -> None:
