@@ -144,7 +144,8 @@ class TableKind:
         score = wanted.score or next((name for name in SCORES if name in names), "")
         rollouts = []
         for number, row in enumerate(content, 2):
-            texts = {key: (row[name] or "") if name else "" for key, name in columns.items()}
+            cells = {key: row[name] if name else None for key, name in columns.items()}
+            texts = {key: "" if cell is None else str(cell) for key, cell in cells.items()}
             where = f"{path}: line {number}"
             rollouts.append(Rollout(score=_number(_score(row, score, path), where), **texts))
         return rollouts, []

@@ -197,6 +197,17 @@ def test_a_table_that_does_not_fit_is_named(tmp_path: Path, text: str, message: 
         drivezoo.compare(tmp_path / "r.csv", out=tmp_path / "out.json")
 
 
+def test_numbers_in_a_json_table_are_names(tmp_path: Path, won: np.ndarray) -> None:
+    rows = [
+        {"policy": policy, "scene": [scene], "seed": seed, "training": None, "success": bool(value)}
+        for (policy, scene, seed), value in np.ndenumerate(won)
+    ]
+    (tmp_path / "r.json").write_text(json.dumps(rows))
+    result = drivezoo.compare(tmp_path / "r.json", out=tmp_path / "out.json")
+    assert result.policies["0"][0] == Rollout("0", float(won[0, 0, 0]), "[0]", "0")
+    assert not any(line.startswith("seeds:") for line in result.lines)
+
+
 def test_a_damaged_file_is_named(tmp_path: Path) -> None:
     path = tmp_path / "eval_info.json"
     path.write_text('{"per_task": [{"task_group": "a"}]}')
