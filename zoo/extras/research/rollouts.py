@@ -219,8 +219,8 @@ def _rows(path: Path) -> list[dict[str, str]]:
     with open_text(path, MOST_CSV_BYTES) as file:
         try:
             rows = list(csv.DictReader(file))
-        except csv.Error as error:
-            raise InputError(f"{path}: is not valid CSV ({error}); save it again") from None
+        except (csv.Error, UnicodeDecodeError) as error:
+            raise InputError(f"{path}: is no CSV in UTF-8 ({error}); save it again") from None
     check_most("rows", len(rows), path, "compare fewer rollouts")
     return rows
 

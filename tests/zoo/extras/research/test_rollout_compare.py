@@ -189,10 +189,11 @@ def test_an_interval_without_scenes_is_as_wide_as_wilsons() -> None:
         ("policy,success\na,1\n", "one policy alone"),
         ("policy,success\na,1\nb,maybe\n", "line 3.*is no score"),
         ("policy,won\na,1\nb,0\n", "score="),
+        ("policy,success\nStra\xdfe,1\nb,0\n", "is no CSV in UTF-8.*save it again"),
     ],
 )
 def test_a_table_that_does_not_fit_is_named(tmp_path: Path, text: str, message: str) -> None:
-    (tmp_path / "r.csv").write_text(text)
+    (tmp_path / "r.csv").write_text(text, encoding="cp1252")
     with pytest.raises(InputError, match=message):
         drivezoo.compare(tmp_path / "r.csv", out=tmp_path / "out.json")
 
