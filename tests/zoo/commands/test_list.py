@@ -9,7 +9,7 @@ from tests.zoo.base.user_parts import write_network
 from tests.zoo.command_runs import ROOT, only_line, run, run_here, succeed
 from zoo.base.conf_files import choice_files
 from zoo.base.console_script import LISTED
-from zoo.commands.list import description
+from zoo.commands.list import description, list_parts
 from zoo.runs.metrics_file import write_metrics_file
 
 FILES = [path for group, _ in LISTED.values() if group for path in choice_files(group).values()]
@@ -32,6 +32,23 @@ def test_a_wrong_kind_names_the_right_one(tmp_path: Path) -> None:
     assert "did you mean tracks" in only_line(
         run_here(tmp_path, "track", module="zoo.commands.list")
     )
+
+
+@pytest.mark.parametrize(
+    ("kinds", "words"),
+    [
+        ([], ["model"]),
+        (["augmentations", "losses", "callbacks"], ["augmentation", "loss", "callback"]),
+        (["tracks", "recipes"], ["track"]),
+        (["optimizers", "metrics"], []),
+    ],
+)
+def test_the_next_command_writes_one_of_the_listed_kind(
+    kinds: list[str], words: list[str], capsys: pytest.CaptureFixture
+) -> None:
+    list_parts.main(kinds)
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("next: ")]
+    assert lines == [f"next: drivezoo new {word} my_{word}" for word in words]
 
 
 def test_a_finished_run_is_a_row_with_its_own_figures(run_folder: Path) -> None:
