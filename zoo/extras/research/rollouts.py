@@ -21,6 +21,7 @@ SCENES = ("scene", "task", "route", "track", "env")
 TRAININGS = ("training_seed", "train_seed", "training")
 SCORES = ("success", "score")
 LISTS = {"success": "successes", "sum_reward": "sum_rewards", "max_reward": "max_rewards"}
+FULL = {"score_penalty": 1}  # most of Bench2Drive's scores that are no percentages
 WORDS = {"true": 1.0, "yes": 1.0, "false": 0.0, "no": 0.0}
 
 
@@ -108,7 +109,7 @@ class Bench2DriveKind:
                 if events and key != "min_speed_infractions"
             )
             done = record["status"] in ("Completed", "Perfect")
-            scores = {key: value / 100 for key, value in record["scores"].items()}
+            scores = {key: value / FULL.get(key, 100) for key, value in record["scores"].items()}
             # As its tools/merge_route_json.py counts a success.
             scores["success"] = float(done and not any(broken))
             scene = record["route_id"].rpartition("_rep")[0] or record["route_id"]

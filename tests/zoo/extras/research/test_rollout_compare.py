@@ -61,7 +61,7 @@ def bench2drive(path: Path, composed: dict[str, float]) -> Path:
             "scenario_name": "ParkingExit_1",
             "status": "Completed" if score == 100 else "Failed",
             "infractions": {"red_light": [], "min_speed_infractions": ["slow"]},
-            "scores": {"score_composed": score, "score_route": 100.0, "score_penalty": 1.0},
+            "scores": {"score_composed": score, "score_route": 100.0, "score_penalty": score / 100},
         }
         for route, score in composed.items()
     ]
@@ -127,8 +127,9 @@ def test_bench2drives_routes_are_scenes(tmp_path: Path) -> None:
     assert any(line.startswith("rollouts: fewer than 5") for line in result.lines)
     these, new = result.differences
     assert these.figure == new.figure
-    score = drivezoo.compare(a, b, score="score_composed", out=tmp_path / "score.json")
-    assert score.differences[1].figure.value == pytest.approx(0.5)
+    for name in ("score_composed", "score_penalty"):
+        score = drivezoo.compare(a, b, score=name, out=tmp_path / f"{name}.json")
+        assert score.differences[1].figure.value == pytest.approx(0.5)
 
 
 def test_the_verdict_may_not_survive_new_scenes() -> None:
