@@ -63,7 +63,7 @@ def leak_lines(recording: Recording) -> list[str]:
     hidden = max(0.0, 1 - errors[0] / errors[1])
     return [
         f"held-out rows: with data.split=random they lie beside training rows, and errors look "
-        f"{hidden:.0%} smaller than on other stretches; train with data.split=blocks"
+        f"{hidden:.0%} smaller than on other stretches; judge by drives, or add data.split=blocks"
     ]
 
 

@@ -6,13 +6,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
+from datamodules.looking.leak import leak_lines
 from datamodules.recording_format import read_recordings
 from tests.datamodules.test_other_kinds import POINTER
 from tests.foreign_recordings import challenge2_test, driving_log
-from tests.recordings import Written, write_as, write_recording
+from tests.recordings import Written, recording_in_memory, write_as, write_recording
 from tests.zoo.command_runs import ROOT, run_here
 from zoo.commands.check import look_at_image
 
@@ -217,6 +219,11 @@ def test_the_next_commands_close(tmp_path):
         "experiment=first_try",
         *keys,
     ]
+
+
+def test_the_advice_on_held_out_rows_is_no_other_command_than_the_next() -> None:
+    (line,) = leak_lines(recording_in_memory(0.5 * np.sin(np.arange(900) / 200)))
+    assert line.endswith("; judge by drives, or add data.split=blocks")
 
 
 def test_the_next_command_names_several_folders_in_hydras_grammar(tmp_path):
