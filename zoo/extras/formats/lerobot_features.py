@@ -23,8 +23,8 @@ WORDS = {
     "speed": re.compile(r"speed|velocity", re.IGNORECASE),
 }
 _UNITS = {
-    "mph": re.compile(r"mph|mi/h", re.IGNORECASE),
-    "kmh": re.compile(r"km/?h|kph", re.IGNORECASE),
+    "mph": re.compile(r"(?<!k)mph|mi/h", re.IGNORECASE),
+    "kmh": re.compile(r"km/?h|km?ph", re.IGNORECASE),
     "mps": re.compile(r"mps|m/s|ms-1", re.IGNORECASE),
 }
 VERSION = "v3.0"

@@ -27,6 +27,7 @@ from tests.zoo.extras.formats.rare_recordings import described_images
 from zoo.base.errors import InputError, UsageError
 from zoo.commands.convert import convert
 from zoo.extras.formats.lerobot import read
+from zoo.extras.formats.lerobot_features import find_meaning
 from zoo.extras.formats.video_frames import read_frames, video_writer
 
 pa = pytest.importorskip("pyarrow")
@@ -238,6 +239,26 @@ def test_what_no_name_tells_is_asked_for(tmp_path: Path) -> None:
     named = ReadOptions(steering="action:1", camera="front_left")
     convert_to_recording(foreign, tmp_path / "new", named)
     assert read_recordings(str(tmp_path / "new")).steering[3] == np.float32(0.3)
+
+
+@pytest.mark.parametrize(
+    ("name", "mps"),
+    [
+        ("speed_mph", 0.44704),
+        ("speed_kmph", 1 / 3.6),
+        ("velocity.km/h", 1 / 3.6),
+        ("kph_speed", 1 / 3.6),
+        ("speed_mps", 1.0),
+    ],
+)
+def test_a_speeds_name_has_its_unit(name: str, mps: float) -> None:
+    features = {
+        "action": {"dtype": "float32", "shape": [2], "names": ["steering", name]},
+        "observation.images.front": {"dtype": "video"},
+    }
+    meaning = find_meaning(features, "info.json", None, None, "mps")
+    assert meaning.mph == pytest.approx(mps / 0.44704)
+    assert not meaning.assumed_unit
 
 
 def _info(dataset: Path, **changed: object) -> None:
