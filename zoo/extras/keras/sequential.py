@@ -42,7 +42,7 @@ class Sequential(LayerChain, FileNetwork):
 
 
 def _of_keras(path: Path, view: View, scale: list | None) -> tuple[list, list]:
-    remedy = "or run drivezoo import on it, and set model.weights to the checkpoint"
+    remedy = "or set what drivezoo import finds"
     try:
         network = convert(read_keras_apart(path), scale=scale)
     except InputError as error:

@@ -2,6 +2,7 @@
 
 import functools
 import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,9 @@ from omegaconf import DictConfig, OmegaConf
 
 from datamodules.view import View
 from tests.recordings import Written
-from tests.zoo.command_runs import run_here, succeed
+from tests.zoo.command_runs import ROOT, run_here, succeed
 from tests.zoo.extras.keras.keras_files import INPUT, write_h5, write_json, write_keras
+from tests.zoo.extras.keras.keras_networks import pilotnet_layers
 from tests.zoo.extras.keras.test_keras_layers import IMAGES, REST, SCALE, UNCLEAR, expected
 from tests.zoo.trainings import SMALL
 from zoo.base.compose import compose_config
@@ -20,6 +22,7 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, make_card
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.extras.keras.sequential import Sequential
+from zoo.models.pilotnet import PilotNet
 from zoo.training.initial_weights import load_weights
 from zoo.training.run_config import with_file_settings
 
@@ -95,7 +98,7 @@ def test_layers_of_the_config_are_kept(tmp_path: Path) -> None:
         (["model.weights=none.h5"], r"none\.h5"),
         (["model.size=null"], r"20 x 30 x 3, .*set 'data\.crop=\[0,0\]' 'model\.size=\[20,30\]\'"),
         (["model.colour=gray"], r"model\.colour=rgb"),
-        (["unclear"], r"lambda_1 .*model\.scale; or run drivezoo import"),
+        (["unclear"], r"lambda_1 .*model\.scale; or set what drivezoo import finds"),
         (["unscaled"], r"set 'model\.scale=\[127\.5,1\]'"),
     ],
 )
@@ -107,6 +110,16 @@ def test_what_is_missing_is_named(overrides: list[str], words: str, tmp_path: Pa
     with pytest.raises(InputError, match=words) as caught:
         with_file_settings(keras_config(*own, *[one for one in overrides if "=" in one]))
     assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("page", ["importing.md", "training.md"])
+def test_the_manuals_command_names_the_view(page: str, here: Path) -> None:
+    layers = pilotnet_layers(PilotNet((3, 66, 200)), [SCALE])
+    write_h5(here / "model.h5", layers, shape=(66, 200, 3))
+    lines = (ROOT / "docs" / page).read_text(encoding="utf-8").splitlines()
+    (line,) = (line for line in lines if line.startswith("drivezoo train model=keras "))
+    config = with_file_settings(OmegaConf.create(compose_config(shlex.split(line)[2:])))
+    assert config.model.scale == [127.5, 1]
 
 
 def test_an_unclear_scale_is_set_by_the_user(tmp_path: Path) -> None:
