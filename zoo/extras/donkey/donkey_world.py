@@ -78,7 +78,7 @@ class DonkeyWorld(World):
             reason = getattr(error, "strerror", None) or "no answer"
             where = "{}:{}".format(*target)
             raise InputError(f"{address}: no simulator at {where} ({reason}); {START}") from None
-        self._lines = self._socket.makefile("rb")
+        self._lines, self._crossings = self._socket.makefile("rb"), 0
         try:
             self._load(parts["scene"])
         except InputError:
@@ -87,11 +87,12 @@ class DonkeyWorld(World):
 
     def reset(self, scenario: Scenario) -> State:
         """Put the car at the start of the scene."""
-        self._laps, self._crossings = scenario.laps, 0
+        self._laps = scenario.laps
         self._shape: tuple[int, ...] | None = None
         self._send("reset_car")
         self._send("get_protocol_version")
-        answer = self._wait_for("protocol_version")  # telemetry before it is of the drive before
+        answer = self._wait_for("protocol_version")
+        self._crossings = 0  # messages before the answer are of the drive before
         with suppress(InputError):  # only `drivezoo simulator serve` sends its camera and its car
             self.rig = make_rig(answer.get("rig"), self.address)
         self._stand()

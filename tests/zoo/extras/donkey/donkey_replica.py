@@ -31,12 +31,15 @@ def telemetry(number: int, size: tuple[int, int] = (120, 160)) -> dict:
 
 
 @contextmanager
-def donkey_replica(change: Change, each: int = 1) -> Iterator[tuple[str, list[dict]]]:
+def donkey_replica(
+    change: Change, each: int = 1, crossed: tuple[str, ...] = ()
+) -> Iterator[tuple[str, list[dict]]]:
     """Serve a client; yield the address of a scene, and the messages that the client sends.
 
     Args:
         change: change of the telemetry.
         each: number of telemetry messages for each control.
+        crossed: kinds of messages before whose answer the car crosses the starting line twice.
     """
     listener = socket.create_server(("127.0.0.1", 0))
     received: list[dict] = []
@@ -58,6 +61,8 @@ def donkey_replica(change: Change, each: int = 1) -> Iterator[tuple[str, list[di
                     message, _, text = text.partition("}")
                     received.append(json.loads(message + "}"))
                     kind = received[-1]["msg_type"]
+                    if kind in crossed:
+                        send(*[{"msg_type": "collision_with_starting_line"}] * 2)
                     if kind in ANSWERS:
                         send(ANSWERS[kind])
                     if kind != "control":

@@ -73,6 +73,12 @@ def test_a_slow_network_drives_by_the_newest_frame() -> None:
     assert states[-1].time_s > 5 * 4 * 0.05
 
 
+@pytest.mark.parametrize("kind", ["get_scene_names", "reset_car"])
+def test_a_crossing_before_the_drive_is_no_lap(kind: str) -> None:
+    with donkey_replica(lambda number, message: message, crossed=(kind,)) as (address, _):
+        assert {state.lap for state in step_through(address)} == {0}
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
