@@ -237,7 +237,8 @@ def _split_recordings(
 def _read_split(recording: Recording, path: Path) -> np.ndarray:
     images = [str(image) for image in recording.images[:, 0]]
     counts = Counter(csv_cell(end) for image in set(images) for end in _ends(image))
-    parts, bad = {}, BadRows()
+    parts: dict[str, str] = {}
+    bad = BadRows()
     for line, fields in read_fields(path, bad):
         if len(fields) == 2 and fields[1] in PARTS:
             # The path may be of another machine, or of the same folder at another place.

@@ -176,7 +176,7 @@ def image_finder(root: Path, images: Path | None = None) -> Callable[[str], str 
         """Return folders to search: the given one, or the path's tails, IMG, and the log's."""
         if images:
             return [str(images)]
-        parts = [part for part in re.split(r"[\\/]", written) if part not in ("", ".")]
+        parts = [part for part in re.split(r"[\\/]", written) if part not in ("", ".", "..")]
         tails = [root.joinpath(*parts[start:]) for start in range(len(parts))]
         img = [path for path in root.iterdir() if path.name.lower() == IMAGE_FOLDER.lower()]
         here = [str(folder) for folder in [*tails, root, *img]]

@@ -71,6 +71,15 @@ def test_a_folder_or_log_with_an_awkward_name(tmp_path, name):
     assert Path(recording.images[1, 2]).read_bytes() == written.image(1, "right").read_bytes()
 
 
+def test_a_path_out_of_the_folder_is_not_followed(tmp_path):
+    image = write_recording(tmp_path / "other", rows=1).image(0)
+    (tmp_path / "lake").mkdir()
+    log = tmp_path / "lake" / "driving_log.csv"
+    log.write_text(f"../other/IMG/{image.name},,,0,0,0,9\n")
+    with pytest.raises(InputError, match=r"row 1: .*image"):
+        read_recordings(str(log.parent))
+
+
 def test_several_folders_keep_which_is_which(tmp_path):
     first = write_recording(tmp_path / "first", rows=2, seed=1)
     second = write_recording(tmp_path / "second", rows=3, seed=2)  # the same file names

@@ -230,6 +230,12 @@ def test_a_table_of_another_kind_is_refused_before_driving(name: str, tmp_path: 
     assert not (tmp_path / "out").exists()
 
 
+def test_a_name_that_is_not_utf8_is_written_to_parquet(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    path = drivezoo.write_table([{"run": "lap\udcff", "mse": 1.5}], tmp_path / "a.parquet")
+    assert parquet.read_table(path).to_pylist() == [{"run": "lap\\udcff", "mse": 1.5}]
+
+
 def test_parquet_without_its_library_names_the_extra(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from zoo.base.command import Shown
 from zoo.base.errors import UsageError, optional_import
 from zoo.base.output_files import checked_file, overwriting
+from zoo.base.terminal import printable
 from zoo.base.whole_file import write_output
 from zoo.runs.result_table import Cell, Table, column_names
 
@@ -169,7 +170,11 @@ def write_plot(figure: "Figure", path: str | Path) -> Path:
 def parquet_bytes(table: Table) -> bytes:
     """Return the figures of a table as a Parquet file."""
     pyarrow = _pyarrow("table")
-    columns = {name: list(values) for name, values in table.figures.items()}
+    # A name of a folder may hold bytes that are not UTF-8.
+    columns = {
+        name: [printable(value) if isinstance(value, str) else value for value in values]
+        for name, values in table.figures.items()
+    }
     contents = io.BytesIO()
     pyarrow.parquet.write_table(pyarrow.table(columns), contents)
     return contents.getvalue()

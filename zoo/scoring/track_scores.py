@@ -1,6 +1,6 @@
 """Scores of a checkpoint on several tracks, for `zoo.commands.evaluate` and for runs."""
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
@@ -207,10 +207,11 @@ def score_on_tracks(
     """
     # A scenario that occurs twice, such as the usual one in several sweeps, is driven once.
     more = [scenario for scenario in dict.fromkeys(more) if scenario not in scenarios]
-    keeps: list[Keep] = [
-        KeptDrive(folder / f"{file_name(scenario.track)}-{scenario.seed}", film_speed, record)
-        for scenario in scenarios
-    ]
+    names = Counter(f"{file_name(scenario.track)}-{scenario.seed}" for scenario in scenarios)
+    if (twice := names.most_common(1)[0])[1] > 1:
+        name = twice[0].rpartition("-")[0]
+        raise InputError(f"two tracks are called {name}; give the files names of their own")
+    keeps: list[Keep] = [KeptDrive(folder / name, film_speed, record) for name in names]
     keeps += [KeptFigures()] * len(more)
     driven = [*scenarios, *more]
     what = driving_line(driven) if world is None else "replaying"

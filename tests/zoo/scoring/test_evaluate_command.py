@@ -136,6 +136,11 @@ def test_folders_of_drives_have_names_that_every_system_allows(
         track_scores.score_on_tracks("", options.scenarios, tmp_path / "drives", console, 1)
     names = [keep.folder.name for keep in found]
     assert names == ["alpine-17-0", "lake-0", "own-3-0", "own-4-0"]
+    namesake = tmp_path / "alpine.yaml"
+    namesake.write_bytes(family.read_bytes())
+    twice = read_options(EvaluateOptions, [f"track=alpine:17,{namesake}:17"])
+    with pytest.raises(InputError, match="two tracks are called alpine-17"):
+        track_scores.score_on_tracks("", twice.scenarios, tmp_path / "drives", console, 1)
 
 
 @pytest.mark.parametrize(
