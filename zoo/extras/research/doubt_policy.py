@@ -182,7 +182,8 @@ class SampledNetwork(nn.Module):
             id(parameter): parameter for parameter in network.parameters()
         }  # shared, not copied
         self.network = copy.deepcopy(network, weights)
-        if not _fix_masks(self.network, samples, torch.Generator().manual_seed(seed)):
+        self.dropouts = _fix_masks(self.network, samples, torch.Generator().manual_seed(seed))
+        if not self.dropouts:
             raise InputError(
                 f"{name} has no dropout, so its samples would be equal; train with model.dropout "
                 "above 0 where the model has it, or name several checkpoints for an ensemble"
@@ -199,48 +200,56 @@ class SampledNetwork(nn.Module):
 
     def forward(self, images: Tensor, speed: Tensor | None = None) -> Tensor:
         """Return the outputs of every sample, [samples, outputs], for one image [1, C, H, W]."""
+        for dropout in self.dropouts:
+            dropout.call = 0
         images = images.expand(self.copies, *images.shape[1:])
         return self.network(images, *(() if speed is None else (speed.expand(self.samples),)))
 
 
 class FixedDropout(nn.Module):
-    """A dropout layer in evaluation with a fixed mask for each sample.
+    """A dropout layer with a fixed mask for each sample and each call in a frame.
 
     Args:
         layer: dropout layer; those of one, two or three dimensions drop whole channels.
         samples: number of masks.
-        generator: random generator of the masks, which are drawn at the first call.
+        generator: random generator of the masks, which are drawn in the first frame.
+
+    Attributes:
+        call: number of the next call in a frame, which `SampledNetwork` begins at 0.
     """
 
     def __init__(self, layer: Any, samples: int, generator: torch.Generator) -> None:
         super().__init__()
         self.rate, self.samples, self.generator = float(layer.p), samples, generator
         self.drops_channels = not isinstance(layer, nn.Dropout)
-        self.masks: Tensor | None = None
+        self.masks: list[Tensor] = []
+        self.call = 0
 
     def forward(self, values: Tensor) -> Tensor:
         """Return the values under each mask, [samples, ...], from [1, ...] or [samples, ...]."""
-        if self.masks is None:
+        if self.call == len(self.masks):
             shape = values.shape[1:2] if self.drops_channels else values.shape[1:]
             masks = torch.rand(self.samples, *shape, generator=self.generator) >= self.rate
             masks = masks.view(self.samples, *shape, *[1] * (values.ndim - 1 - len(shape)))
-            self.masks = masks.to(values.dtype) / (1 - self.rate) if self.rate < 1 else 0 * masks
+            masks = masks.to(values.dtype) / (1 - self.rate) if self.rate < 1 else 0 * masks
             if values.ndim == 4:
-                self.masks = self.masks.contiguous(memory_format=torch.channels_last)
-        return values * self.masks
+                masks = masks.contiguous(memory_format=torch.channels_last)
+            self.masks.append(masks)
+        self.call += 1
+        return values * self.masks[self.call - 1]
 
 
-def _fix_masks(network: nn.Module, samples: int, generator: torch.Generator) -> int:
-    """Replace the dropout layers of a network; return their number."""
-    dropouts = [
-        (parent, name, layer)
-        for parent in network.modules()
-        for name, layer in parent.named_children()
+def _fix_masks(network: nn.Module, samples: int, generator: torch.Generator) -> list[FixedDropout]:
+    """Replace the dropout layers of a network, by each of their names; return the new ones."""
+    dropouts = {
+        name: FixedDropout(layer, samples, generator)
+        for name, layer in network.named_modules(remove_duplicate=False)
         if isinstance(layer, LAYERS) and layer.p > 0
-    ]
-    for parent, name, layer in dropouts:
-        setattr(parent, name, FixedDropout(layer, samples, generator))
-    return len(dropouts)
+    }
+    for name, dropout in dropouts.items():
+        parent, _, last = name.rpartition(".")
+        setattr(network.get_submodule(parent), last, dropout)
+    return [*dropouts.values()]
 
 
 def mixture(commands: Sequence[Command]) -> Command:

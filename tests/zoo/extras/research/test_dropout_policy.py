@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
-from zoo.checkpoints.frozen_graph import network_inputs
+from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
 from zoo.extras.research.doubt_policy import DropoutPolicy, SampledNetwork
 from zoo.models.frame_window import Window
 from zoo.models.lenet import LeNet
@@ -97,6 +97,47 @@ class SpeedFirst(nn.Module):
 def test_the_speed_may_join_before_the_first_dropout(frame: np.ndarray) -> None:
     policy = DropoutPolicy(Checkpoint(SpeedFirst().eval(), VIEW, {}, {}), 8, seed=1)
     assert policy(frame, 9.0).spread > 0
+
+
+class Twice(nn.Module):
+    """A network with two dropouts, which are one layer.
+
+    Args:
+        names: names of the layer.
+        sizes: number of values of each dropout.
+    """
+
+    takes_speed, outputs = False, 1
+
+    def __init__(self, names: tuple[str, str], sizes: tuple[int, int]) -> None:
+        super().__init__()
+        self.names, self.sizes, layer = names, sizes, nn.Dropout(0.5)
+        for name in names:
+            setattr(self, name, layer)
+
+    def forward(self, images: Tensor) -> Tensor:
+        first, last = (
+            getattr(self, name)(images.new_ones(1, size))
+            for name, size in zip(self.names, self.sizes, strict=True)
+        )
+        return torch.cat([first, last], 1)
+
+
+@pytest.mark.parametrize("names", [("a", "a"), ("a", "b")])
+@pytest.mark.parametrize("sizes", [(30, 30), (30, 40)])
+def test_a_layer_has_masks_for_each_of_its_calls(
+    names: tuple[str, str], sizes: tuple[int, int], frame: np.ndarray
+) -> None:
+    network, inputs = Twice(names, sizes).eval(), network_inputs(VIEW(frame), None)
+    sampled = SampledNetwork(network, VIEW, 9, seed=1)
+    samples = sampled(*inputs)
+    assert torch.equal(sampled(*inputs), samples)
+    assert {*samples.flatten().tolist()} == {0.0, 2.0}
+    rows = {tuple(row[part].tolist()) for row in samples for part in (slice(30), slice(30, None))}
+    assert len(rows) == 2 * 9, "every mask is another"
+    graph = quick_forward(sampled.eval(), VIEW)
+    assert graph is not sampled
+    assert torch.equal(graph(*inputs), samples)
 
 
 def test_dropped_channels_are_dropped_whole() -> None:
