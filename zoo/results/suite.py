@@ -16,13 +16,11 @@ from pydantic import Field
 from zoo.base.bounded_files import read_like
 from zoo.base.conf_files import choices, conf_folder
 from zoo.base.errors import InputError, UsageError, hint, placed_errors
-from zoo.base.file_text import yaml_text
 from zoo.base.limits import check_most
 from zoo.driving.open_world import open_world
 from zoo.driving.scenario import Scenario, SpeedMph
 from zoo.runs.record_fields import Count, Number, OnlyFields, check_fields
 from zoo.simulator.road_family import MOST_SEED, roads_digest
-from zoo.simulator.track_names import DRAWN
 from zoo.simulator.weather import CLEAR, read_weather
 from zoo.simulator.world_settings import Quality
 
@@ -169,7 +167,7 @@ def find_suite(name: str, other: str) -> tuple[str, str]:
         InputError: no suite has that name.
     """
     for file in dict.fromkeys([other, *suite_names()]):
-        included = _read_file(suite_path(file)).name
+        included = read_suite_file(suite_path(file)).name
         if name in (included, f"{included}-{DEV}"):
             return file, DEV if name != included else "test"
     raise InputError(
@@ -190,7 +188,7 @@ def read_suite(name: str, split: str = "test") -> Suite:
         InputError: the file cannot be read, a key or value is wrong, or there is no such road.
     """
     path = suite_path(name)
-    file = _read_file(path)
+    file = read_suite_file(path)
     if split == DEV and not (file.dev or file.axes):
         raise UsageError(f"split=dev: the suite {file.name} has no dev roads; use split=test")
     count = sum(map(len, file.groups.values())) + len(file.dev) + len(file.laps)
@@ -224,44 +222,7 @@ def read_suite(name: str, split: str = "test") -> Suite:
     return Suite(name, tuple(ordered), file.data, file.mean_steering, marks)
 
 
-def redraw_suite(name: str, seed: int | None, roads: int) -> str:
-    """Return the YAML of a suite on other roads of the same families.
-
-    Args:
-        name: name or path of the suite.
-        seed: number that draws the roads; None keeps those of the suite.
-        roads: roads in place of each one.
-
-    Raises:
-        UsageError: there is no such suite.
-        InputError: the file cannot be read, or a key or value is wrong.
-    """
-    path = suite_path(name)
-    file = _read_file(path)
-    content = file.model_dump(exclude_unset=True)
-    if seed is not None:
-        content["name"] += "-drawn"  # included suites have fixed roads
-        content |= {"seed": seed, "roads": roads * file.roads} if file.axes else {}
-        content["groups"] = {
-            group: [
-                drive | {"track": track}
-                for drive in drives
-                for track in _redrawn(drive["track"], seed, roads)
-            ]
-            for group, drives in content.get("groups", {}).items()
-        }
-    return yaml_text(content)
-
-
-def _redrawn(track: str, seed: int, roads: int) -> list[str]:
-    """Return roads of the same family; a track with a file is kept."""
-    if not (drawn := DRAWN.fullmatch(track)):
-        return [track]
-    name = f"{Path(drawn[1]).stem}:{drawn[2]}"  # the same roads wherever a family's file lies
-    return [f"{drawn[1]}:{number}" for number in _numbers(f"{seed} {name}", roads)]
-
-
-def _numbers(name: str, count: int) -> list[int]:
+def road_numbers(name: str, count: int) -> list[int]:
     """Return numbers of roads, drawn from a name."""
     digest = hashlib.sha256(name.encode()).digest()
     return np.random.default_rng(list(digest)).integers(MOST_SEED, size=count).tolist()
@@ -272,7 +233,7 @@ def _leveled(file: _File, path: Path, split: str) -> list[SuiteDrive]:
     seed, count = (0, file.dev_roads) if split == DEV else (file.seed, file.roads)
     drives = []
     for axis, levels in file.axes.items():
-        numbers = _numbers(f"{split} {seed} {axis}", count)
+        numbers = road_numbers(f"{split} {seed} {axis}", count)
         for level, change in enumerate(levels, 1):
             settings = change.model_dump(exclude_unset=True, exclude={"family"})
             drawn = [_Drive(track=f"{change.family}:{number}", **settings) for number in numbers]
@@ -289,7 +250,12 @@ def suite_path(name: str) -> Path:
     return conf_folder() / "suite" / f"{name}.yaml"
 
 
-def _read_file(path: Path) -> _File:
+def read_suite_file(path: Path) -> _File:
+    """Return the contents of a suite's file.
+
+    Raises:
+        InputError: the file cannot be read, or a key or value is wrong.
+    """
     return check_fields(_File, read_like(path, conf_folder() / "suite"), path)
 
 

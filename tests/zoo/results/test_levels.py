@@ -15,7 +15,7 @@ from zoo.results.benchmarked import PAGE, levels_table, overall
 from zoo.results.checked_result import read_result
 from zoo.results.comparison import ComparedEntries
 from zoo.results.levels import level_at
-from zoo.results.suite import place_of, read_suite, redraw_suite
+from zoo.results.suite import place_of, read_suite
 from zoo.simulator.hand_control import Hands
 from zoo.simulator.hand_page import Seat
 
@@ -73,16 +73,6 @@ def test_drives_of_levels_end_at_their_first_intervention(suite: Path, tmp_path:
     compared = ComparedEntries.read(expert, zero)
     assert "clean drives 100.0%" in compared.lines[0]
     assert compared.result_table().columns[2].figures["without_intervention_a"][-1] == 1
-
-
-def test_other_roads_are_drawn_from_a_seed(suite: Path, tmp_path: Path) -> None:
-    drawn = tmp_path / "drawn.yaml"
-    drawn.write_text(redraw_suite(str(suite), 5, 2))
-    found = read_suite(str(drawn))
-    assert len(found.drives) == 12
-    assert not {one.track for one in found.drives} & {
-        one.track for one in read_suite(str(suite)).drives
-    }
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,7 @@ from zoo.base.terminal import counted, print_line, print_written, printable
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint_path import PACKAGED, packaged_names
 from zoo.extras.teaching.grade_options import GradeOptions
+from zoo.extras.teaching.redrawn_suite import redraw_suite
 from zoo.extras.teaching.submissions import Submission, warnings_of
 from zoo.extras.teaching.submitted_network import (
     NetworkFacts,
@@ -42,7 +43,7 @@ from zoo.results.marks import (
     verdict,
 )
 from zoo.results.result import NAME, BenchmarkResult, DriveRecord
-from zoo.results.suite import Suite, read_suite, redraw_suite
+from zoo.results.suite import Suite, read_suite
 from zoo.runs.record_fields import MOST_WHOLE
 from zoo.runs.result_table import Column, Table, number_column
 from zoo.runs.table_files import Result

@@ -28,6 +28,7 @@ from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.commands.benchmark import benchmark
 from zoo.extras.teaching import graded
 from zoo.extras.teaching.grade import grade
+from zoo.extras.teaching.redrawn_suite import redraw_suite, redrawn
 from zoo.extras.teaching.submissions import Submission, find_submissions, warnings_of
 from zoo.extras.teaching.submitted_network import (
     IMAGES,
@@ -38,7 +39,7 @@ from zoo.extras.teaching.submitted_network import (
     write_facts,
 )
 from zoo.results.result import NAME, Driver
-from zoo.results.suite import _redrawn, read_suite, redraw_suite
+from zoo.results.suite import read_suite
 from zoo.training.recorded_roads import road_key, trained_roads
 
 
@@ -200,13 +201,23 @@ def test_roads_are_drawn_by_the_seed_and_keep_their_families() -> None:
         groups = yaml.safe_load(redraw_suite("course", seed, roads))["groups"]
         return {name: [one["track"] for one in drives] for name, drives in groups.items()}
 
-    assert _redrawn("a/own.yaml:3", 7, 1)[0][2:] == _redrawn("b/own.yaml:3", 7, 1)[0][2:]
+    assert redrawn("a/own.yaml:3", 7, 1)[0][2:] == redrawn("b/own.yaml:3", 7, 1)[0][2:]
     own, drawn = tracks(None), tracks(7, roads=2)
     assert drawn == tracks(7, roads=2) != tracks(8, roads=2)
     for group, roads in own.items():
         families = [road.partition(":")[0] for road in roads for _ in range(2)]
         assert [road.partition(":")[0] for road in drawn[group]] == families
         assert not set(roads) & set(drawn[group])
+
+
+def test_places_of_levels_are_drawn_by_the_seed(tmp_path: Path) -> None:
+    suite, drawn = tmp_path / "own.yaml", tmp_path / "drawn.yaml"
+    levels = [{"family": "alpine"}, {"family": "alpine", "speed": 18}]
+    suite.write_text(yaml.safe_dump({"name": "own", "axes": {"dynamics": levels}, "roads": 3}))
+    drawn.write_text(redraw_suite(str(suite), 5, 2))
+    places, own = ([each.track for each in read_suite(str(path)).drives] for path in (drawn, suite))
+    assert len(places) == 12
+    assert not set(places) & set(own)
 
 
 DRIVER = Driver(file="x", sha256="0", model="LeNet", training_seed=1, parameters=1, data="1")
