@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from zoo.base.child_process import end_module, start_module
+from zoo.base.limits import parse_number
 from zoo.base.terminal import command_line, printable
 from zoo.runs.status import NAME, read_status
 
 MOST_LINES = 200  # the last ones
 LOG = "log.txt"  # of a sweep's job
 STOPS_S = 60.0  # that a training may take to complete its files
-EPOCH = re.compile(r"epoch +(\d+)/(\d+) +train/loss ([\d.]+)(?:.*?([\d,]+) samples/s)?")
+EPOCH = re.compile(r"epoch +(\d+)/(\d+) +train/loss ([-\w.]+)(?:.*?([\d,]+) samples/s)?")
 
 
 class ChildCommand:
@@ -107,7 +108,7 @@ class ChildCommand:
             left = (last[2] - last[1]) + (trainings - begun) * last[2]
             left_s = max(left * epoch_s - (time.monotonic() - last[0]), 0.0)
         _, epoch, epochs, loss, rate = last
-        facts = {"epoch": epoch, "epochs": epochs, "loss": float(loss), "left_s": left_s}
+        facts = {"epoch": epoch, "epochs": epochs, "loss": parse_number(loss), "left_s": left_s}
         return facts | {"rate": float(rate.replace(",", "")) if rate else None}
 
     def run_folder(self, outputs: Path) -> Path | None:
