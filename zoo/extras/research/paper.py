@@ -127,6 +127,11 @@ def write_paper(ranking: Ranking, out: str | Path, command: str) -> tuple[list[P
     with command_folder(out, "papers", resumed_by=APPENDIX, key="paper=") as folder:
         check_output(folder / APPENDIX, "paper")
         paper = of_results(differences.read_entries(*results)) if results else of_runs(ranking)
+        if not paper.files:
+            raise InputError(
+                f"paper={out}: each result is a link, which {ARCHIVE} does not follow; copy the "
+                "files in place of the links"
+            )
         paper.plots["intervals"].supxlabel("bar: 95 % interval", fontsize="medium")
         for name in NOT_ALWAYS:  # of an earlier paper
             (folder / name).unlink(missing_ok=True)

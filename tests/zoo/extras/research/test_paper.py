@@ -130,6 +130,15 @@ def test_mixed_results_and_a_folder_with_files_are_refused() -> None:
     assert not Path("new").exists()
 
 
+def test_results_that_are_links_are_named() -> None:
+    write_entry("good", 0.9)
+    Path("marks/good/result.json").rename("result.json")
+    Path("marks/good/result.json").symlink_to(Path("result.json").absolute())
+    with pytest.raises(InputError, match=r"^paper=new: .*link.*repeat\.zip.*copy the files"):
+        leaderboard("marks", paper="new")
+    assert not Path("new").exists()
+
+
 def test_a_paper_is_replaced_only_with_overwrite() -> None:
     write_entry("good", 0.9)
     write_entry("bad", 0.6)
