@@ -14,7 +14,6 @@ from zoo.base.console_script import LISTED, written_docstring
 from zoo.base.parts import part_of
 from zoo.base.terminal import print_next, printable
 from zoo.checkpoints.checkpoint_path import packaged_names, read_facts
-from zoo.commands.new import KINDS
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -54,10 +53,8 @@ def list_parts(*kind: Kind) -> None:
             for choice, path in sorted(choice_files(group).items()):
                 print(help_row(printable(choice), printable(description(path))))
             print()
-    words = {part.group: word for word, part in KINDS.items()}
-    for name in kind or [MODELS]:
-        if word := words.get(LISTED[name][0]):
-            print_next(f"drivezoo new {word} my_{word}", "write one of your own")
+    if not kind:
+        print_next("drivezoo new model my_net", "write one of your own")
 
 
 def print_models() -> None:

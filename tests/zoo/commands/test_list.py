@@ -34,21 +34,12 @@ def test_a_wrong_kind_names_the_right_one(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("kinds", "words"),
-    [
-        ([], ["model"]),
-        (["augmentations", "losses", "callbacks"], ["augmentation", "loss", "callback"]),
-        (["tracks", "recipes"], ["track"]),
-        (["optimizers", "metrics"], []),
-    ],
-)
-def test_the_next_command_writes_one_of_the_listed_kind(
-    kinds: list[str], words: list[str], capsys: pytest.CaptureFixture
+@pytest.mark.parametrize("kinds", [[], ["tracks", "recipes"], ["metrics"]])
+def test_a_list_of_all_ends_with_the_command_for_ones_own(
+    kinds: list[str], capsys: pytest.CaptureFixture
 ) -> None:
     list_parts.main(kinds)
-    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("next: ")]
-    assert lines == [f"next: drivezoo new {word} my_{word}" for word in words]
+    assert ("next: drivezoo new model my_net" in capsys.readouterr().out) == (not kinds)
 
 
 def test_a_finished_run_is_a_row_with_its_own_figures(run_folder: Path) -> None:
