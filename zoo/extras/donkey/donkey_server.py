@@ -153,13 +153,13 @@ def rig_line(rig: Rig, tub: str | None) -> str:
         if rig == RIGS[rig.name]:
             return f"read its recordings with data.rig={rig.name}"
         return f"it has a camera of its own; tub=FOLDER writes its {RIG_NAME}"
-    folder = Path(tub).expanduser()
     try:
+        folder = Path(tub).expanduser()
         folder.mkdir(parents=True, exist_ok=True)
         if (other := find_rig(folder)) and other.name != rig.name:
             return f"{folder / RIG_NAME}: is of another car, {other.name}, and stays"
         write_rig(folder, rig)
-    except (OSError, InputError) as error:
+    except (OSError, InputError, RuntimeError) as error:  # the last one for ~ of no user
         return f"tub={tub}: no {RIG_NAME} is written ({error})"
     return f"wrote {folder / RIG_NAME}"
 

@@ -233,6 +233,11 @@ def test_a_rig_of_another_car_in_the_tubs_folder_stays(tmp_path: Path) -> None:
     assert path.read_bytes() == before
 
 
+def test_a_tub_of_no_user_is_named() -> None:
+    line = rig_line(RIGS["donkey_sim"], "~nobodyx/tub")
+    assert re.search(r"tub=~nobodyx/tub: no rig\.yaml is written", line)
+
+
 def test_what_is_not_there_is_named(session: DonkeySession, notes: list[str]) -> None:
     say(session, "cam_config", **(NO_CAMERA | {"fish_eye_x": "0.4", "img_enc": "TGA"}))
     say(session, "lidar_config", maxRange="50.0")
