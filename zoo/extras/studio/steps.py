@@ -1,5 +1,6 @@
 """The steps of the page: fields that are checked here, and the commands that they are."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,10 +62,11 @@ def existing(folder: str) -> str:
     Raises:
         InputError: there is no such folder.
     """
-    if not folder or not Path(folder).expanduser().is_dir():
+    path = Path(os.path.expanduser(folder))  # noqa: PTH111 Path's raises for an unknown user
+    if not folder or not path.is_dir():
         raise InputError(f"{folder}: no such folder")
     # Else it would be a key.
-    return str(Path(folder).absolute()) if "=" in folder else folder
+    return str(path.absolute()) if "=" in folder else folder
 
 
 @dataclass(frozen=True, kw_only=True)

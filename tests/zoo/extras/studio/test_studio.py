@@ -111,6 +111,7 @@ def test_each_step_is_a_command(studio: Served, here: Path) -> None:
     ("step", "named"),
     [
         ({"step": "check", "folder": "missing"}, "missing: no such folder"),
+        ({"step": "edit", "folder": "~nobodyx/drives"}, "~nobodyx/drives: no such folder"),
         ({"step": "train", "recipe": "../x"}, "recipe=../x"),
         ({"step": "train", "augment": ["x,model=y"]}, "augment=x,model=y"),
         ({"step": "train", "seeds": 6}, "seeds"),
