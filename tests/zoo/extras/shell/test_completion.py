@@ -10,7 +10,7 @@ import pytest
 from tests.zoo.command_runs import only_line, run_here
 from zoo.base.compose import choices
 from zoo.base.console_script import commands, load
-from zoo.commands.completion import SCRIPTS, Words, command_words
+from zoo.extras.shell.completion import SCRIPTS, Words, command_words
 
 pytestmark = pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
 
@@ -80,6 +80,7 @@ def test_keys_of_a_command_are_completed(script: Path, tmp_path: Path) -> None:
         ("drivezoo simulator rec", ["record "]),
         ("drivezoo simulator record lap", ["laps="]),
         ("drivezoo evaluate tiny4", ["tiny41 "]),
+        ("drivezoo export lenet to=onn", ["onnx "]),
         ("drivezoo doctor --h", ["--help "]),
     ],
 )
@@ -116,6 +117,6 @@ def test_the_scripts_of_other_shells_have_every_command_and_model(shell: str) ->
 
 
 def test_an_unknown_shell_is_one_line(tmp_path: Path) -> None:
-    result = run_here(tmp_path, "bsh", module="zoo.commands.completion")
+    result = run_here(tmp_path, "bsh", module="zoo.extras.shell.completion")
     assert "did you mean bash?" in only_line(result)
     assert result.returncode == 2
