@@ -7,7 +7,7 @@ import numpy as np
 
 from datamodules.driving_log import CAMERAS
 from datamodules.recording import Recording
-from datamodules.split import rows_per_second
+from datamodules.split import recording_rates
 from datamodules.steering_label import in_label
 from datamodules.windows import SINGLE_FRAMES, Windows
 from zoo.base.errors import InputError, UsageError
@@ -30,7 +30,7 @@ class Samples:
         flipped: whether to mirror the sample before all else, bool [M] (`steering` is not yet
             negated).
         windows: rows of a sample; the columns are those of its newest frame's row.
-        rows_per_s: rows of a second of the recording.
+        row_rate: rows of a second in the recording of each row, float64 [rows].
         row_steering: recorded steering of all rows, float64 [N].
         row_correction: steering that each camera adds, float64 [N, 3].
         row_recovery_m: distance in which each camera's correction leads back to the line, float64
@@ -45,7 +45,7 @@ class Samples:
     speed_mph: np.ndarray
     flipped: np.ndarray
     windows: Windows
-    rows_per_s: float
+    row_rate: np.ndarray
     row_steering: np.ndarray
     row_correction: np.ndarray
     row_recovery_m: np.ndarray
@@ -76,12 +76,12 @@ class Samples:
         row, camera = self.row[numbers], self.camera[numbers]
         correction = self.row_correction[rows, camera[:, None]]
         newest = self.windows.sequence - 1
-        seconds = self.windows.stride * np.arange(self.windows.ahead + 1) / self.rows_per_s
+        steps = self.windows.stride * np.arange(self.windows.ahead + 1)
         correction[:, newest:] = recovery_course(
             self.row_recovery_m[row, camera],
             correction[:, newest],
             self.speed_mph[numbers],
-            seconds,
+            steps / self.row_rate[row][:, None],
         )
         steering = np.clip(self.row_steering[rows] + correction, -1, 1)
         return steering.astype(np.float32), self.row_throttle[rows]
@@ -151,7 +151,7 @@ def make_samples(
         speed_mph=recording.speed_mph[row].astype(np.float32),
         flipped=flipped,
         windows=windows,
-        rows_per_s=rows_per_second(recording),
+        row_rate=np.array(recording_rates(recording))[recording.recording],
         row_steering=recording.steering,
         row_correction=row_correction,
         row_recovery_m=row_recovery_m,
@@ -236,7 +236,7 @@ def recovery_course(
         distance_m: distance d in which the first arc meets the line, see `recovery_distance` [n].
         steering: steering, or its label, at the start, -1..1 [n].
         speed_mph: constant speeds [n].
-        seconds: times after the start [K].
+        seconds: times after the start [K], or those of each [n, K].
 
     Returns:
         Steering [n, K].
@@ -244,5 +244,5 @@ def recovery_course(
     >>> recovery_course(np.array([6.0]), np.array([0.3]), np.array([15.0]), np.array([0, 0.4]))
     array([[0.3       , 0.09006318]])
     """
-    way = np.outer(np.maximum(speed_mph, 0) * MPS_PER_MPH / distance_m, seconds)
+    way = (np.maximum(speed_mph, 0) * MPS_PER_MPH / distance_m)[:, None] * seconds
     return steering[:, None] * np.exp(-way) * (np.cos(way) - np.sin(way))

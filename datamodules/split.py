@@ -96,13 +96,18 @@ def rows_per_second(recording: Recording) -> float:
     return float(1 / np.median(steps)) if len(steps) else 15.0
 
 
+def recording_rates(recording: Recording) -> list[float]:
+    """Return the rows of a second in each of several recordings."""
+    numbers = range(len(recording.names))
+    return [rows_per_second(recording.keep(recording.recording == number)) for number in numbers]
+
+
 def block_rows(
     recording: Recording, block_s: float | None = None, gap_s: float | None = None
 ) -> tuple[list[int], list[int]]:
     """Return the rows of a block and of a gap in each of the recordings; see `split_rows`."""
     blocks, lengths, gaps = recording.blocks, [], []
-    for number in range(len(recording.names)):
-        rate = rows_per_second(recording.keep(recording.recording == number))
+    for rate in recording_rates(recording):
         wanted = rate * (blocks.block_s if block_s is None else block_s)
         # Blocks of a short recording are shorter, so that every part gets one.
         lengths.append(int(np.clip(wanted, 1, max(len(recording) // 20, 1))))
@@ -124,7 +129,7 @@ def split_words(
     """Return which split was chosen, and why."""
     if kind != "blocks":
         return kind
-    rate = rows_per_second(recording.keep(recording.recording == 0))
+    rate = recording_rates(recording)[0]
     length, gap = (rows[0] / rate for rows in block_rows(recording, block_s, gap_s))
     if changes := shard_changes(recording):
         return f"blocks of a shard each, {len(changes) + 1:,}, with gaps of {gap:.2g} s"

@@ -12,6 +12,7 @@ from datamodules.bend import Bend
 from datamodules.data_settings import DataSettings
 from datamodules.device_batches import DeviceBatches
 from datamodules.driving import DrivingData
+from datamodules.recording import Recording
 from datamodules.samples import make_samples
 from datamodules.split import PARTS
 from datamodules.windows import Windows
@@ -76,12 +77,12 @@ def test_a_window_is_a_row_those_before_it_and_targets_ahead(load, recover_s):
 def test_a_side_camera_returns_to_the_line_in_the_steps_ahead(load, settings):
     """Driven by the labels of a left camera on a straight, the car ends on the line."""
     data = load(flip=0.0, ahead=40, **settings)
-    assert abs(data.samples.rows_per_s - 15) < 0.1
+    assert (np.abs(data.samples.row_rate - 15) < 0.1).all()
     left = np.flatnonzero(data.samples.camera == 1)[:5]
     assert len(left) == 5
     steering = data.samples.labels(left)[0].astype(float)
     steering -= data.recording.steering[data.windows.targets(data.samples.row[left])]
-    step_m = data.samples.speed_mph[left][:, None] * MPS_PER_MPH / data.samples.rows_per_s
+    step_m = data.samples.speed_mph[left][:, None] * MPS_PER_MPH / data.samples.row_rate[0]
     bend = np.tan(np.radians(steering * UDACITY.steering_deg)) / UDACITY.wheelbase_m
     heading = np.cumsum((bend[:, 1:] + bend[:, :-1]) / 2 * step_m, axis=1)  # trapezoids
     right_m = UDACITY.cameras["left"].right_m + np.cumsum(heading * step_m, axis=1)
@@ -89,6 +90,18 @@ def test_a_side_camera_returns_to_the_line_in_the_steps_ahead(load, settings):
     assert (np.diff(steering[:, :5]) < 0).all()
     assert (np.abs(right_m[:, -1]) < 0.1).all()
     assert (np.abs(right_m).max(1) < 0.82).all()
+
+
+def test_a_joined_recording_keeps_its_own_steps_ahead():
+    joined = recording_in_memory(np.zeros(40), sizes=(20, 20))
+    joined.time_s[20:] = 9_000 + np.arange(20) / 60
+    alone = joined.keep(joined.recording == 1)
+
+    def left(recording: Recording, row: int) -> list[float]:
+        samples = make_samples(recording, np.array([row]), ["left"], 0.2, windows=Windows(ahead=3))
+        return samples.labels(np.array([0]))[0].tolist()
+
+    assert left(joined, 25) == left(alone, 5) != left(joined, 5)
 
 
 def test_windows_of_one_frame_are_single_frames(load):
