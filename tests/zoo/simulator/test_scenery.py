@@ -110,6 +110,20 @@ def test_no_tree_stands_on_the_road_or_in_the_water_and_simple_quality_has_fewer
     assert len(simple) < len(full) / 2
 
 
+@pytest.mark.parametrize(
+    ("surroundings", "kinds"),
+    [
+        ({"clear": 60}, {"pine", "tall_pine", "round_tree", "bush", "reeds", "tyres"}),
+        ({"lakes": [[50, 40, 2000]]}, {"tyres"}),
+    ],
+)
+def test_a_track_without_room_for_plants_has_fewer(surroundings: dict, kinds: set) -> None:
+    track = loop(surroundings=surroundings)
+    ground = Ground(track)
+    assert {plant.kind for plant in place_standing(track, ground, "simple")} == kinds
+    assert bool(boulder_meshes(track, ground, "simple")) == ("bush" in kinds)
+
+
 def across(track: Track, mesh: Mesh, distance: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the distances from the centreline, and the heights, of a mesh's points at a place."""
     here, heading = track.at(distance), float(track.heading_at(distance))

@@ -26,6 +26,7 @@ FOREST = ("pine", "tall_pine", "tall_pine", "round_tree")
 AUTUMN = ("red_tree", "red_tree", "brown_tree", "brown_tree", "tall_pine")
 BESIDE_M = 60.0
 FAR_M = 90.0  # distance from the road beyond which objects get bluish
+MOST_MISSES = 200_000  # places tried in a row without one for a plant
 
 
 @dataclass(frozen=True)
@@ -61,8 +62,8 @@ def place_standing(track: Track, ground: Ground, quality: str) -> list[Standing]
     low = scatter(ground, rng, bushes, low=9.5, high=45)
     row = _row_of_poles(track, ground, around.poles)
     kinds: list[tuple[str, ...]]
-    kinds = [AUTUMN if around.ground == "autumn" else FOREST] * trees
-    kinds += [("bush", "reeds")] * bushes + [("pylon",)] * len(row)
+    kinds = [AUTUMN if around.ground == "autumn" else FOREST] * (len(near) + len(far))
+    kinds += [("bush", "reeds")] * len(low) + [("pylon",)] * len(row)
     # Between parts of the road near each other there is no room for tyres.
     stacks = _beside_dirt(track) if ground.room is None else np.empty((0, 2))
     kinds += [("tyres",)] * len(stacks)
@@ -138,15 +139,19 @@ def boulder_meshes(track: Track, ground: Ground, quality: str) -> list[Mesh]:
 def scatter(
     ground: Ground, rng: np.random.Generator, count: int, low: float = 16.0, high: float = 150.0
 ) -> np.ndarray:
-    """Return places float [count, 2] on land, between `low` and `high` metres from the road."""
-    found = np.empty((0, 2))
-    while len(found) < count:
+    """Return places float [count, 2] on land, between `low` and `high` metres from the road.
+
+    There are fewer where a track leaves no room for them, such as on an island.
+    """
+    found, misses = np.empty((0, 2)), 0
+    while len(found) < count and misses < MOST_MISSES:
         xy = rng.uniform(ground.low + 8, ground.high - 8, (8 * count, 2))
         apart, _ = ground.near_road.query(xy)
         # Plants stand in groups, with clearings between them.
         dense = ground.density(xy) > rng.uniform(0.15, 0.65, len(xy))
         xy = xy[(apart > low) & (apart < high) & dense & ~ground.in_water(xy)]
         found = np.concatenate([found, xy])
+        misses = 0 if len(xy) else misses + 8 * count
     return found[:count]
 
 
