@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import torch
 from lightning import Callback, LightningModule, Trainer
 from rich.console import Console
 from torch import nn
@@ -76,6 +77,7 @@ class ClosedLoop(Callback):
         self.world: EmbeddedWorld | None = None
         self.drives, self.spent_s, self.last_s = 0, 0.0, 0.0
         self.frames = self.last_frames = 0  # driven in all, and in the last drive
+        self.figures: dict[str, float] = {}  # logged after the last drive, by name
         self.best_score = float("-inf")
         self.cost: dict[str, float] | None = None  # of all drives in training, set at its end
 
@@ -100,8 +102,12 @@ class ClosedLoop(Callback):
             Console(soft_wrap=True).print(line, highlight=False, markup=False)
 
     def on_train_start(self, trainer: Trainer, module: LightningModule) -> None:
-        """Start the clock."""
+        """Start the clock; restore the figures of the last drive of a resumed run."""
         self.started = time.perf_counter()
+        # Not logged: the loggers, too, hold figures of drives only.
+        trainer.callback_metrics.update(
+            {key: torch.tensor(value) for key, value in self.figures.items()}
+        )
 
     def on_train_epoch_end(self, trainer: Trainer, module: Any) -> None:
         """Drive if it is due; log the figures and keep the best weights."""
@@ -120,20 +126,21 @@ class ClosedLoop(Callback):
             )
         figures = trainer.strategy.broadcast(figures)
         if figures is not None:
-            logged = {f"{DROVE}{key}": float(value) for key, value in figures.items()}
-            module.log_dict(logged, on_step=False, on_epoch=True, sync_dist=True)
+            self.figures = {f"{DROVE}{key}": float(value) for key, value in figures.items()}
+            module.log_dict(self.figures, on_step=False, on_epoch=True, sync_dist=True)
             if figures["score"] > self.best_score:
                 self.best_score = figures["score"]
                 trainer.save_checkpoint(Path(trainer.default_root_dir) / "checkpoints" / DRIVEN)
 
     def state_dict(self) -> dict:
-        """Return the best score and the driven frames, for checkpoints."""
+        """Return the best score, the last figures and the driven frames, for checkpoints."""
         frames = {"frames": self.frames, "last_frames": self.last_frames}
-        return {"best_score": self.best_score, **frames}
+        return {"best_score": self.best_score, "figures": self.figures, **frames}
 
     def load_state_dict(self, state: dict) -> None:
-        """Restore the best score and the driven frames."""
+        """Restore the best score, the last figures and the driven frames."""
         self.best_score = state.get("best_score", float("-inf"))
+        self.figures = state.get("figures", {})
         self.frames, self.last_frames = state.get("frames", 0), state.get("last_frames", 0)
 
     def on_train_end(self, trainer: Trainer, module: LightningModule) -> None:
@@ -189,7 +196,7 @@ class ClosedLoop(Callback):
 
     def _due(self, epoch: int, images: int) -> bool:
         """Return whether to drive after an epoch, with so many images trained by its end."""
-        if not self.frames:
+        if not self.figures:  # none is monitored yet, or an earlier version's checkpoint had none
             return True
         if epoch % self.every_n_epochs:
             return False

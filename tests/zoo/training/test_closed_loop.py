@@ -13,7 +13,7 @@ from rich.console import Console
 
 from datamodules.view import View
 from tests.recordings import Written
-from tests.zoo.command_runs import only_line, run, run_here
+from tests.zoo.command_runs import only_line, run, run_here, succeed
 from tests.zoo.trainings import data_of, module_of
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
@@ -112,6 +112,7 @@ def test_its_share_of_the_work_is_kept_by_leaving_epochs_out() -> None:
     callback = ClosedLoop(every_n_epochs=2, share=0.2)
     assert callback._due(1, 0), "the first in any case: a checkpoint may monitor it"
     callback.frames = callback.last_frames = 1_000
+    callback.figures = {"drive/score": 1.0}
     for images, epoch, due in ((79_999, 2, False), (80_000, 3, False), (80_000, 4, True)):
         assert callback._due(epoch, images) == due
     resumed = ClosedLoop(every_n_epochs=2, share=0.2)
@@ -119,6 +120,31 @@ def test_its_share_of_the_work_is_kept_by_leaving_epochs_out() -> None:
     assert not resumed._due(2, 79_999)
     callback.share = None
     assert callback._due(2, 0)
+
+
+def test_a_resumed_run_monitors_the_last_drive_until_the_next(
+    recorded: Written, tmp_path: Path
+) -> None:
+    keys = small(recorded, "model=tiny", "data.crop=[50,0]", "callbacks=closed_loop")
+    keys += [f"callbacks.closed_loop.{key}" for key in ("starts=1", "metres=5", "quality=simple")]
+    keys += ["callbacks.best.monitor=drive/cte_mean"]
+    succeed(run_here(tmp_path, *keys, "trainer.max_epochs=1", "hydra.run.dir=run"))
+    last = tmp_path / "run" / "checkpoints" / "last.ckpt"
+    (figure,) = logged(tmp_path / "run", "drive/cte_mean").values()
+
+    def best(contents: dict) -> float:
+        states = contents["callbacks"]
+        monitors = [state for key, state in states.items() if "drive/cte_mean" in key]
+        return float(monitors[0]["best_model_score"])
+
+    succeed(run_here(tmp_path, "resume=run", "trainer.max_epochs=2"))
+    assert "drive/" not in (tmp_path / "run" / "metrics.csv").read_text(), "it drove again"
+    contents = torch.load(last, weights_only=True)
+    assert best(contents) == pytest.approx(figure)
+    contents["callbacks"]["ClosedLoop"].pop("figures")  # as a version before wrote it
+    torch.save(contents, last)
+    succeed(run_here(tmp_path, "resume=run", "trainer.max_epochs=3"))
+    assert list(logged(tmp_path / "run", "drive/cte_mean")) == [2]
 
 
 @pytest.mark.parametrize("setting", [{"starts": 0}, {"metres": 0}, {"share": -1}])
