@@ -35,6 +35,7 @@ BOUNDED["trainer.accumulate_grad_batches"] = Annotated[int, Field(ge=1)]
 BOUNDED |= dict.fromkeys(("optim.lr", "loss.delta", "loss.weight"), Annotated[float, Field(gt=0)])
 SET_BY_RUN = {"logger": "logger=NAME", "callbacks": "callbacks=NAME"}
 SET_BY_RUN["default_root_dir"] = "hydra.run.dir=FOLDER"
+SET_BY_RUN["overfit_batches"] = "trainer.limit_train_batches=N"  # which keeps our order of samples
 PLAIN = {NoneType, bool, int, float, str, list, tuple, dict, Sequence, Mapping}
 
 
@@ -49,7 +50,7 @@ def check_config(config: DictConfig) -> None:
     if plain["trainer"].get("precision") == AUTO:  # not Lightning's, see `choose_precision`
         del plain["trainer"]["precision"]
     for name in SET_BY_RUN.keys() & plain["trainer"].keys():
-        raise UsageError(f"trainer.{name}: a run sets it itself; type {SET_BY_RUN[name]} instead")
+        raise UsageError(f"trainer.{name}: cannot be set; type {SET_BY_RUN[name]} instead")
     for key, kind in BOUNDED.items():
         section, _, name = key.rpartition(".")
         if name in (values := plain[section] if section else plain):

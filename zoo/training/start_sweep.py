@@ -65,7 +65,10 @@ def sweep(arguments: list[str]) -> None:
             typed = command_line(record.arguments)
             raise InputError(f"{folder}: holds another sweep ({typed}); name another folder")
         _refuse_changed(folder, record)
-    finished = (folder / records.NAME).is_file() and _all_done(folder)
+    finished = False
+    if (folder / records.NAME).is_file():
+        what = records.in_its_order(records.read_record(folder), what)
+        finished = _all_done(folder)
     run_sweep(folder, what, console, finished)
 
 

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -103,6 +104,17 @@ class SteeringModule(RunModule):
     def targets_of(self, batch: Batch) -> Tensor:
         """Return the targets of the loss, [rows, columns of the network in training]."""
         return self._true(batch)
+
+    def on_save_checkpoint(self, checkpoint: dict) -> None:
+        """Add the card, and what was trained so far, to the checkpoint."""
+        super().on_save_checkpoint(checkpoint)
+        checkpoint["trained"] = [self.train_epochs, self.train_samples, self.train_seconds]
+
+    def on_load_checkpoint(self, checkpoint: dict) -> None:
+        """Restore what the resumed run had trained; checkpoints of before do not hold it."""
+        self.train_epochs, self._samples_before, self.train_seconds = checkpoint.get(
+            "trained", [0, 0, 0.0]
+        )
 
     def on_train_start(self) -> None:
         """Start the clock: an epoch that is resumed inside has no start."""
@@ -240,6 +252,8 @@ class SteeringModule(RunModule):
         entry: LRSchedulerConfigType = {"scheduler": self.schedule(optimizer), "interval": "epoch"}
         if isinstance(entry["scheduler"], torch.optim.lr_scheduler.ReduceLROnPlateau):
             entry["monitor"] = "val/mse"
+            with suppress(RuntimeError):  # settings are also checked without a trainer
+                entry["frequency"] = self.trainer.check_val_every_n_epoch or 1
         return entry
 
     def parameter_groups(self) -> list[dict]:

@@ -5,6 +5,7 @@ overrides may only name choices of this package, and each job's config is checke
 saved run.
 """
 
+import hashlib
 import json
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -18,11 +19,12 @@ from hydra.core.override_parser.types import Override
 from omegaconf import DictConfig, OmegaConf
 from pydantic import Field
 
+from datamodules.recording import LOG_NAME
 from zoo.base.bounded_files import check_version, hash_file, read_json
 from zoo.base.compose import choices, config_groups, hydra_overrides
 from zoo.base.errors import InputError
 from zoo.base.parts import KEY
-from zoo.base.whole_file import write_whole
+from zoo.base.whole_file import json_text, write_whole
 from zoo.runs.code_fingerprint import package_versions
 from zoo.runs.record_fields import Fields, Whole, check_fields
 from zoo.runs.saved_config import TRUST, check_saved_config
@@ -140,6 +142,17 @@ def is_same(record: SweepRecord, arguments: list[str]) -> bool:
     return _training_overrides(record.arguments) == _training_overrides(arguments)
 
 
+def in_its_order(record: SweepRecord, arguments: list[str]) -> list[str]:
+    """Return the record's overrides, whose order numbers the jobs, with the launcher's typed now.
+
+    >>> record = SweepRecord(format=1, arguments=["a=1,2", "hydra/launcher=joblib", "b=3,4"])
+    >>> in_its_order(record, ["b=3,4", "a=1,2"])
+    ['a=1,2', 'b=3,4']
+    """
+    typed = [word for word in arguments if _is_launch(word)]
+    return [*(word for word in record.arguments if not _is_launch(word)), *typed]
+
+
 def what_changed(record: SweepRecord) -> str | None:
     """Return which recording or package has changed since the sweep began; None if none has."""
     for root, digest in record.data.items():
@@ -154,17 +167,27 @@ def what_changed(record: SweepRecord) -> str | None:
 
 
 def log_digest(root: str) -> str | None:
-    """Return 16 hex digits of the hash of a recording's log; None if it cannot be read."""
+    """Return 16 hex digits of the hash of a recording's log; None if it cannot be read.
+
+    Of a folder without a log, such as a tub, it is that of the files' names and sizes.
+    """
     path = Path(root)
-    path = path / "driving_log.csv" if path.is_dir() else path
+    path = path / LOG_NAME if (path / LOG_NAME).exists() else path
     try:
-        return hash_file(path)[:16]
-    except InputError:
+        if not path.is_dir():
+            return hash_file(path)[:16]
+        files = sorted((file.name, file.stat().st_size) for file in path.rglob("*"))
+    except (InputError, OSError):
         return None
+    return hashlib.sha256(json_text(files).encode()).hexdigest()[:16]
 
 
 def _training_overrides(arguments: Iterable[str]) -> list[str]:
-    return sorted(word for word in arguments if not word.lstrip("+~").startswith(LAUNCH_KEYS))
+    return sorted(word for word in arguments if not _is_launch(word))
+
+
+def _is_launch(word: str) -> bool:
+    return word.lstrip("+~").startswith(LAUNCH_KEYS)
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from zoo.base.new_folder import hold_folder
 from zoo.base.process_ranks import needs_processes
 from zoo.commands.train import each_seed
 from zoo.runs.status import GONE_S, is_alive, read_status, write_status
+from zoo.training import start_sweep
 from zoo.training.start_sweep import find_unfinished, refuse_missing
 from zoo.training.sweep_jobs import Job, launch_all
 from zoo.training.sweep_record import (
@@ -152,17 +153,29 @@ def test_the_newest_unfinished_sweep_of_the_same_command_is_found(
     assert find_unfinished(["seed=1,2,3", "model=tiny"], console) is None
 
 
-@pytest.mark.parametrize("change", ["the recording", "a version"])
+def test_jobs_keep_their_numbers_whatever_the_order_of_the_words(
+    here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun(here / "s", ["seed=1,2", "optim.lr=0.1,0.2", "hydra/launcher=joblib"], ["failed"])
+    ran: list[list[str]] = []
+    monkeypatch.setattr(start_sweep, "run_sweep", lambda folder, words, *_: ran.append(words))
+    start_sweep.sweep(["optim.lr=0.1,0.2", "seed=1,2", "hydra.sweep.dir=s"])
+    assert ran == [["seed=1,2", "optim.lr=0.1,0.2"]]
+
+
+@pytest.mark.parametrize("change", ["the recording", "a recording without a log", "a version"])
 def test_a_sweep_whose_inputs_changed_is_not_resumed(
     change: str, here: Path, console: Console
 ) -> None:
-    log = here / "driving_log.csv"
+    root = here / "recording"
+    root.mkdir()
+    log = root / ("tub.catalog" if "without" in change else "driving_log.csv")
     log.write_text("one\n")
     folder = here / "outputs" / "sweeps" / "day" / "1"
-    begun(folder, ["seed=1,2"], ["failed"], data={str(here): log_digest(str(here))})
+    begun(folder, ["seed=1,2"], ["failed"], data={str(root): log_digest(str(root))})
     assert find_unfinished(["seed=1,2"], console) is not None
-    if change == "the recording":
-        log.write_text("two\n")
+    if "recording" in change:
+        log.write_text("other\n")
     else:
         add_to_record(folder, versions={"torch": "0.1"})
     assert find_unfinished(["seed=1,2"], console) is None

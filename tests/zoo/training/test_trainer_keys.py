@@ -32,6 +32,11 @@ def train(zoo: Zoo, recorded: Written):
     [
         ("trainer.check_val_every_n_epoch=2 trainer.max_epochs=4", 4, "lowest val/mse"),
         ("trainer.check_val_every_n_epoch=3 trainer.max_epochs=2", 2, "last epoch"),
+        (
+            "trainer.check_val_every_n_epoch=2 trainer.max_epochs=2 schedule=plateau",
+            2,
+            "lowest val/mse",
+        ),
         ("trainer.max_steps=3", 1, "epoch 1: last epoch"),
         pytest.param(
             *("trainer.max_steps=20 trainer.max_epochs=9", 2, "lowest val/mse"),
@@ -81,6 +86,7 @@ def test_a_trial_run_writes_no_checkpoint(train, tmp_path: Path) -> None:
         ("trainer.logger=false", "type logger=NAME"),
         ("trainer.callbacks=null", "type callbacks=NAME"),
         ("trainer.default_root_dir=x", "type hydra.run.dir=FOLDER"),
+        ("trainer.overfit_batches=2", "type trainer.limit_train_batches=N"),
         ("trainer.limit_val_batches=0", "trainer.limit_val_batches=0 leaves no validation rows"),
         ("trainer.limit_val_batches=0.5", "limit_val_batches=1.0"),
         ("trainer.accumulate_grad_batches=0", "a whole number of 1 or more"),
