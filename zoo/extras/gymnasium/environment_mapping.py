@@ -107,16 +107,16 @@ def find_environment(track: str) -> tuple[Environment, bool]:
     Raises:
         InputError: the file cannot be read, or a key or value is wrong.
     """
-    env, user_mapping = track, None
+    env, typed = track, {}
     if track.endswith((".yaml", ".yml")):
         user_mapping = _read_file(OwnEnvironment, Path(track))
         env = user_mapping.env
+        typed = {name: getattr(user_mapping, name) for name in user_mapping.model_fields_set}
     mapping = Environment(env=env)
     for path in choice_files("environment").values():
         if fnmatchcase(env, (shipped := _read_file(Environment, path)).env):
             mapping = shipped.model_copy(update={"env": env})
-    is_mapped = user_mapping is not None or mapping.package is not None
-    return mapping.model_copy(update=dict(user_mapping or {})), is_mapped
+    return mapping.model_copy(update=typed), bool(typed) or mapping.package is not None
 
 
 def _read_file(kind: Any, path: Path) -> Any:

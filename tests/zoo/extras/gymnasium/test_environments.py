@@ -218,6 +218,13 @@ def test_a_known_environment_is_mapped(name: str) -> None:
     assert mapping.env == env
 
 
+def test_a_file_for_a_known_environment_replaces_the_keys_that_it_has() -> None:
+    Path("own.yaml").write_text("env: CarRacing-v3\nseconds: 5\n")
+    own, _ = find_environment("own.yaml")
+    known, _ = find_environment("CarRacing-v3")
+    assert own == known.model_copy(update={"seconds": 5.0})
+
+
 @pytest.fixture
 def opened() -> Iterator[tuple[World, Scenario]]:
     scenario = Scenario("Lake-v0", world="gymnasium")
