@@ -49,7 +49,7 @@ class Weather:
     rain: Share = 0.0
     wet: Share = 0.0
     shadows: bool = True
-    texture_seed: int = 1
+    texture_seed: Annotated[int, Field(ge=0)] = 1
     camera: Annotated[CameraOffset, Section()] = field(default_factory=CameraOffset)
     noise: Annotated[float, Field(ge=0, le=100)] = 0.0
     blur: Annotated[float, Field(ge=0, le=20)] = 0.0

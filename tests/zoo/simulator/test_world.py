@@ -167,6 +167,7 @@ def test_the_words_of_the_commands() -> None:
         ("foggy", "must be clear, random or settings"),
         ("{fogg: 1}", "fogg: no such key; did you mean fog?"),
         ("{fog: 2}", "fog=2: must be a number in 0..1"),
+        ("{texture_seed: -5}", "texture_seed=-5: must be a whole number of 0 or more"),
         ("{fog: thick}", "fog=thick: must be a number"),
         ("{camera: {pich_deg: 2}}", "did you mean camera.pitch_deg?"),
         ("{camera: 3}", "camera: no such key; did you mean camera."),
