@@ -179,11 +179,12 @@ def read_centreline(keys: TrackKeys, folder: Path, tightest_m: float = TIGHTEST_
     kind, *others = [name for name in KINDS if getattr(keys, name) is not None] or ["points"]
     if others:
         raise InputError(f"{others[0]}: {kind} is given, too; keep one of them")
-    closed, turned, fine = keys.closed, 0.0, 200
+    closed, turned, fine, length = keys.closed, 0.0, 200, None
     follow: Callable[[bool], np.ndarray]
     if keys.segments is not None:
         moves, fine = [segment.move for segment in keys.segments], 20
         ends, turned = segment_points(moves), sum(turn for _, turn, _ in moves)
+        length = sum(math.hypot(metres, climb) for metres, _, climb in moves)
         follow = partial(follow_segments, moves)
     elif keys.survey is not None:
         survey, kind = read_survey(keys.survey, folder), f"survey {keys.survey}"
@@ -191,7 +192,7 @@ def read_centreline(keys: TrackKeys, folder: Path, tightest_m: float = TIGHTEST_
     else:
         points = _points(keys)
         ends, follow = np.vstack([points, points[:closed]]), lambda closed: points
-    _check_extent(kind, ends)
+    _check_extent(kind, ends, length)
     if closed:
         _check_closing(kind, ends[-1] - ends[0], math.degrees(turned))
     centreline = make_centreline(follow(closed), closed, fine)
@@ -238,10 +239,17 @@ def _check_closing(kind: str, gap: np.ndarray, turned: float) -> None:
             raise InputError(f"{kind}: the road {reason}: correct it, or set closed: false")
 
 
-def _check_extent(kind: str, points: np.ndarray) -> None:
-    """Raise InputError for points of a short road, or of one that would need gigabytes."""
+def _check_extent(kind: str, points: np.ndarray, length: float | None) -> None:
+    """Raise InputError for a short road, or for one that would need gigabytes.
+
+    Args:
+        kind: key of the points.
+        points: points of the road, float64 [N, 3].
+        length: length of the arcs between them in metres; None for straight lines.
+    """
     side = np.ptp(points[:, :2], axis=0).max()
-    length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    if length is None:
+        length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
     if side > MOST_SIDE_M:
         raise InputError(f"{kind}: extend over {side:,.0f} m; use at most {MOST_SIDE_M:,} m")
     if not SHORTEST_M <= length <= MOST_LENGTH_M:

@@ -57,6 +57,12 @@ def circle(radius: float, step: float, height: float = 0.0) -> str:
     )
 
 
+def test_a_circle_may_be_one_segment():
+    track = make_track("circle", {"segments": [{"left": 360, "radius": 50}]})
+    assert track.length == pytest.approx(100 * math.pi, rel=1e-3)
+    assert np.abs(track.curvature) == pytest.approx(1 / 50, rel=0.02)
+
+
 def test_segments_have_their_lengths_radii_and_climbs():
     track = make_track("oval", {"segments": OVAL})
     assert track.closed
@@ -183,6 +189,7 @@ def test_a_figure_of_eight_gets_a_bridge_over_its_lower_part():
         ({"segments": straights(9, 90000), "closed": False}, "extend over 810,000 m"),
         ({"segments": straights(MOST_POINTS + 1, 9)}, "segments: must have at most 10000 items"),
         ({"segments": [{"straight": 5}], "closed": False}, "5 m long; must be 20..100000 m"),
+        ({"segments": [{"left": 3590, "radius": 9000}], "closed": False}, "is 563,916 m long; mu"),
         (
             {"segments": [{"straight": 99}, {"left": 90, "radius": 5}], "closed": False},
             "m; the car",
