@@ -152,7 +152,8 @@ def test_keys_drive_in_a_browser(tmp_path, begin):
         browser.wait_for("Number(document.querySelector('[data-fact=rows]').textContent) > 15")
         assert browser.value("document.documentElement.scrollWidth <= innerWidth")
         for code in ("KeyW", "ArrowLeft"):
-            browser.call("Input.dispatchKeyEvent", type="keyUp", code=code, key=code)
+            release = {"type": "keyUp", "code": code, "key": code, "modifiers": 2}  # with Ctrl
+            browser.call("Input.dispatchKeyEvent", **release)
         browser.wait_for("document.querySelector('[data-fact=throttle]').textContent === '0.00'")
         browser.click("[data-press=escape]")
         browser.wait_for("document.querySelector('.notice').textContent.includes('ended')")

@@ -97,6 +97,7 @@ export class HandView {
   /** Take the keyboard for another drive. */
   begin() {
     this.ended = false;
+    this.release();
     this.stage.focus({ preventScroll: true });
     this.root.scrollIntoView({ block: "start" });
   }
@@ -109,6 +110,7 @@ export class HandView {
   }
 
   key(event, down) {
+    if (!down) this.hold(KEYS[event.code], false); // also with Ctrl, or once the view is hidden
     if (!this.takes(event)) return;
     if (event.code in KEYS) this.hold(KEYS[event.code], down);
     else if (event.code in PRESSES) down && !event.repeat && this.press(PRESSES[event.code]);
