@@ -295,6 +295,7 @@ def test_a_user_cleans_a_recording(served: ServedPage, tmp_path: Path) -> None:
         browser.click("#cancel")
         check_stale(browser, served)
         check_narrow(browser)
+        check_typed_row(browser)
         check_playback(browser, served)
         assert browser.errors == []
     assert 80 < len(read_recordings(str(tmp_path / "lap_edited"))) < 100
@@ -322,6 +323,17 @@ def check_narrow(browser: Browser) -> None:
     browser.wait_for("document.documentElement.scrollWidth <= 400")
     width = "document.querySelector('#{}').clientWidth".format
     assert browser.value(width("center")) > 1.5 * browser.value(width("left"))
+
+
+def check_typed_row(browser: Browser) -> None:
+    """Check that a fraction is rounded to a row, and that an empty field shows the row again."""
+    for typed in ("7.5", ""):
+        browser.value(
+            f"(() => {{ const field = document.querySelector('#row'); field.value = '{typed}';"
+            "field.dispatchEvent(new Event('change')); })()"
+        )
+        browser.wait_for("document.querySelector('#row').value === '8'")
+        browser.wait_for("document.querySelector('#center img').src.includes('row=7&')")
 
 
 def check_playback(browser: Browser, served: ServedPage) -> None:

@@ -153,7 +153,7 @@ function notify(line) {
 // --- rows and images ---
 
 function go(to) {
-  row = Math.min(Math.max(to, 0), about.rows - 1);
+  row = Math.min(Math.max(Math.round(to), 0), about.rows - 1);
   timeline.row = row;
   timeline.reveal(row);
   timeline.draw();
@@ -398,7 +398,10 @@ $("redo").onclick = () => send({ redo: true });
 $("play").onclick = () => play(!playing);
 $("back").onclick = () => go(row - 1);
 $("forth").onclick = () => go(row + 1);
-$("row").onchange = () => $("row").value !== "" && jump(Number($("row").value) - 1);
+$("row").onchange = () => {
+  if ($("row").value !== "") jump(Number($("row").value) - 1);
+  $("row").value = row + 1; // the field may hold a fraction, or nothing
+};
 const markFirst = () => select([row, Math.max(selection?.[1] ?? 0, row + 1)]);
 const markLast = () => select([Math.min(selection?.[0] ?? row, row), row + 1]);
 $("mark-first").onclick = markFirst;
