@@ -101,7 +101,8 @@ class ChildCommand:
         if not self.epochs:
             return {}
         first, last = self.epochs[0], self.epochs[-1]
-        begun = sum(number == 1 for _, number, *_ in self.epochs)
+        # A resumed training begins at a later epoch.
+        begun = 1 + sum(number == 1 for _, number, *_ in self.epochs[1:])
         left_s = None
         if len(self.epochs) > 1:
             epoch_s = (last[0] - first[0]) / (len(self.epochs) - 1)

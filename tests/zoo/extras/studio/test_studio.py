@@ -253,6 +253,9 @@ def test_the_time_left_counts_the_epochs_of_all_seeds(monkeypatch: pytest.Monkey
     facts = {"epoch": 2, "epochs": 4, "loss": 0.25, "rate": 1250.0}
     assert child.training() == facts | {"left_s": 16.0}
     assert child.training(3) == facts | {"left_s": 96.0}
+    resumed = ChildCommand.__new__(ChildCommand)
+    resumed.epochs = [(10.0, 2, 4, "0.5", ""), (20.0, 3, 4, "0.25", "1,250")]
+    assert resumed.training()["left_s"] == 6.0
 
 
 def test_the_log_of_a_sweeps_job_is_read_once(here: Path) -> None:
