@@ -61,6 +61,7 @@ class EnvironmentWorld(World):
         self.track = scenario.track
         self.shape: tuple[int, ...] | None = None
         self.steps, self.episodes, self.rewards = 0, 0, 0.0
+        self.laps = self.earlier_laps = 0  # of the drive, and of its earlier episodes
         self.sources: dict[str, Any] = {"env": self.environment.unwrapped}
         state = self._begin(seed=scenario.seed)
         self._check_action()
@@ -101,6 +102,7 @@ class EnvironmentWorld(World):
 
     def put_back(self, speed_mph: float) -> State:
         """Begin another episode, at the same time of the drive."""
+        self.earlier_laps = self.laps
         return self._begin()
 
     def close(self) -> None:
@@ -132,6 +134,8 @@ class EnvironmentWorld(World):
         stopped = [self._value(source) for source in mapping.interventions]
         is_stopped = any(value != "none" and bool(value) for value in stopped)
         lap = self._number(mapping.lap)
+        if lap is not None:
+            self.laps = self.earlier_laps + int(lap)
         return State(
             time_s=time_s,
             speed_mph=math.nan if speed_mph is None else speed_mph,
@@ -139,7 +143,7 @@ class EnvironmentWorld(World):
             cross_track_m=self._number(mapping.cross_track),
             width_m=self._number(mapping.width),
             distance_m=self._number(mapping.distance),
-            lap=None if lap is None else int(lap),
+            lap=None if lap is None else self.laps,
             contact=is_stopped if stopped else None,
             share=min(time_s / mapping.seconds, 1.0),
             episode_return=self.rewards / self.episodes,

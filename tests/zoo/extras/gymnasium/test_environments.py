@@ -81,7 +81,8 @@ class SmallCar(gymnasium.Env):
         return (np.zeros((rows, 12, 1 if self.fault == "grey" else 3), np.uint8),)
 
     def _info(self, hit: bool = False) -> dict[str, Any]:
-        return {"side": self.side, "road": {"width": 4.0}, "hit": "wall" if hit else "none"}
+        facts = {"side": self.side, "road": {"width": 4.0}, "lap": self.steps // 4}
+        return facts | {"hit": "wall" if hit else "none"}
 
 
 @pytest.fixture(autouse=True)
@@ -131,6 +132,11 @@ def test_an_intervention_begins_another_episode_of_the_same_drive() -> None:
     assert driven.episode_return == 30 / 4
     left, _ = straight(MAPPED + ROAD, steering=1.0)
     assert abs(left.cross_track_m[left.intervention]).min() > 2, "half of the width"
+
+
+def test_laps_are_counted_over_all_episodes_of_a_drive() -> None:
+    driven, _ = straight(MAPPED + ROAD + "lap: {place: info.lap}\n")
+    assert len(driven.lap_s) == 7, "two in each of three episodes, and one in the last"
 
 
 def test_a_drive_is_recorded_without_the_frames_of_its_interventions(tmp_path: Path) -> None:
