@@ -319,7 +319,8 @@ def _text_rows(state: Overlay) -> list[tuple[str, str, Colour]]:
         side = "right" if state.cte_m > 0 else "left"
         rows.append((name, f"{abs(state.cte_m):.2f} m {side}", WHITE))
     if state.time_s is not None:
-        clock = f"{int(state.time_s // 60)}:{state.time_s % 60:04.1f}"
+        minutes, seconds = divmod(round(state.time_s, 1), 60)
+        clock = f"{int(minutes)}:{seconds:04.1f}"
         rows.append(("TIME" if state.lap is None else f"LAP {state.lap}", clock, WHITE))
     return rows
 

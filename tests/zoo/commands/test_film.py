@@ -206,6 +206,11 @@ def test_the_overlay_draws_only_known_values() -> None:
     assert (draw_overlay(GREY, Overlay(0.0, 0.0, 9.0))[12:61] == 90).all()
 
 
+def test_the_time_never_has_sixty_seconds() -> None:
+    late, minute = (draw_overlay(GREY, Overlay(time_s=value)) for value in (59.96, 60.0))
+    assert np.array_equal(late, minute)
+
+
 def test_a_spread_is_drawn_as_a_band_around_the_steering() -> None:
     sure = draw_overlay(GREY, Overlay(0.4, None, None))
     assert np.array_equal(draw_overlay(GREY, Overlay(0.4, None, None, spread=float("nan"))), sure)
