@@ -47,10 +47,13 @@ def saliency(
 
         policy = load_policy(checkpoint)
         look = Saliency(policy, published)
-        pairs = [
-            _captioned(np.hstack([frame, overlay(frame, look(frame, speed))]), caption)
-            for frame, speed, caption in _frames(source)
-        ]
+        frames = _frames(source)
+        height, width = frames[0][0].shape[:2]
+        pairs = []
+        for frame, speed, caption in frames:
+            pair = np.hstack([frame, overlay(frame, look(frame, speed))])
+            # A recording may have images of two sizes; those drawn together need one.
+            pairs.append(_captioned(cv2.resize(pair, (2 * width, height)), caption))
     columns = 1 if len(pairs) < 3 else 2
     pairs += [np.zeros_like(pairs[0])] * (-len(pairs) % columns)
     rows = [np.hstack(pairs[start : start + columns]) for start in range(0, len(pairs), columns)]

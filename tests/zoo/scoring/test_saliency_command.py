@@ -1,5 +1,6 @@
 """Saliency maps of every model of the zoo, in the pixels of the frame."""
 
+import shutil
 from pathlib import Path
 
 import cv2
@@ -110,6 +111,18 @@ def test_the_command_draws_a_recording(checkpoint: str, recorded: Written, tmp_p
     result = run_here(tmp_path, checkpoint, str(recorded.folder), module="zoo.commands.saliency")
     assert result.stdout.splitlines()[0] == "wrote: saliency.png"
     assert cv2.imread(str(tmp_path / "saliency.png")).shape == (6 * (160 + CAPTION), 4 * 320, 3)
+
+
+def test_images_of_a_recording_are_drawn_in_the_first_ones_size(
+    checkpoint: str, recorded: Written, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(recorded.folder, tmp_path / "mixed")
+    large = next(folder.rglob(recorded.image(-1).name))
+    cv2.imwrite(str(large), cv2.resize(cv2.imread(str(large)), (400, 300)))
+
+    saliency_command.main([checkpoint, str(folder), f"out={tmp_path}/mixed.png"])
+
+    assert cv2.imread(f"{tmp_path}/mixed.png").shape == (6 * (160 + CAPTION), 4 * 320, 3)
 
 
 def test_it_draws_a_picture_beside_its_saliency(
