@@ -23,7 +23,7 @@ class RunModule(lightning.LightningModule):
             constructor may take the other arguments of `SteeringModule`, too.
 
     Attributes:
-        train_epochs, train_samples, train_seconds: of this process's training; 0 if not counted.
+        train_epochs, train_samples, train_seconds: of the training so far; 0 if not counted.
         validation: predicted and true steering of the last validation, to plot; None for none.
     """
 

@@ -322,6 +322,8 @@ def test_a_run_that_fails_inside_an_epoch_resumes_inside_it(
     # 17 batches an epoch: the last checkpoint follows step 24, the seventh of epoch 1.
     assert next(batch for batch in fed if batch[0] == 1) == (1, 7)
     assert next(batch for batch in fed if batch[0] == 2) == (2, 0), "a later epoch is whole"
+    samples = [metrics(tmp_path / run)["train_samples"] for run in ("failed", "whole")]
+    assert samples[0] == samples[1]
     for name in ("best", "last"):
         assert equal(weights(tmp_path / "failed", name), weights(tmp_path / "whole", name))
 
