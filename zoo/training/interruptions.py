@@ -96,7 +96,8 @@ class ResumePoint:
         stopping = [c for c in callbacks_of(trainer) if isinstance(c, EarlyStopping)]
         patience = [callback.patience for callback in stopping]
         if has_stopped_early(self.contents, max(patience, default=None)):
-            trainer.fit_loop.max_epochs = trained_epochs(self.contents)
+            # Not one more: `SteeringModule` would resume inside an epoch that was ended early.
+            trainer.fit_loop.max_epochs = self.contents["epoch"]
 
     def check_optimizer(self, module: RunModule) -> None:
         """Raise InputError if the new optimizer has other groups than the saved one."""

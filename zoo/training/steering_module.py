@@ -115,6 +115,14 @@ class SteeringModule(RunModule):
         self.train_epochs, self._samples_before, self.train_seconds = checkpoint.get(
             "trained", [0, 0, 0.0]
         )
+        loop = checkpoint["loops"]["fit_loop"]
+        epochs, batches = loop["epoch_progress"], loop["epoch_loop.batch_progress"]
+        ended = epochs["current"]["processed"] == epochs["current"]["started"]
+        # max_steps or max_time ended this epoch early: Lightning would skip the rest of its data.
+        if ended and not batches["is_last_batch"]:
+            for count in (epochs["current"], epochs["total"]):
+                count["processed"] = count["completed"] = count["started"] - 1
+            self.train_epochs -= 1
 
     def on_train_start(self) -> None:
         """Start the clock: an epoch that is resumed inside has no start."""

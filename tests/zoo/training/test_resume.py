@@ -328,6 +328,19 @@ def test_a_run_that_fails_inside_an_epoch_resumes_inside_it(
         assert equal(weights(tmp_path / "failed", name), weights(tmp_path / "whole", name))
 
 
+def test_more_steps_resume_inside_the_epoch_in_which_the_first_ones_ended(
+    zoo: Zoo, recorded: Written, tmp_path: Path
+) -> None:
+    overrides = (*SMALL, *data_of(recorded), "model.dropout=0.0", "trainer.max_epochs=3")
+    succeed(zoo(*overrides, "trainer.max_steps=40", "hydra.run.dir=whole"))
+    succeed(zoo(*overrides, "trainer.max_steps=24", "hydra.run.dir=run"))
+    assert metrics(tmp_path / "run")["epochs"] == 2, "the setting shows nothing"
+    succeed(zoo("resume=run", "trainer.max_steps=40"))
+    assert equal(weights(tmp_path / "run"), weights(tmp_path / "whole"))
+    for key in ("epochs", "train_samples"):
+        assert metrics(tmp_path / "run")[key] == metrics(tmp_path / "whole")[key]
+
+
 @pytest.mark.parametrize("trace", [".hydra", "status.json", "checkpoints"])
 def test_a_new_run_does_not_replace_another(trace: str, zoo: Zoo, tmp_path: Path) -> None:
     folder = tmp_path / "my run=1"
