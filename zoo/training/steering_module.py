@@ -117,7 +117,7 @@ class SteeringModule(RunModule):
         )
         loop = checkpoint["loops"]["fit_loop"]
         epochs, batches = loop["epoch_progress"], loop["epoch_loop.batch_progress"]
-        ended = epochs["current"]["processed"] == epochs["current"]["started"]
+        ended = 0 < epochs["current"]["started"] == epochs["current"]["processed"]
         # max_steps or max_time ended this epoch early: Lightning would skip the rest of its data.
         if ended and not batches["is_last_batch"]:
             for count in (epochs["current"], epochs["total"]):

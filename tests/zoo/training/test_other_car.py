@@ -163,7 +163,7 @@ def test_a_rig_is_added_to_a_finished_run_whose_replays_are_of_its_car(
         shutil.copytree(unknown / name, tmp_path / name)
     succeed(run_here(tmp_path, "rig", "my_car", module="zoo.commands.new"))
     path = tmp_path / "my_car.yaml"
-    assert "my_car.yaml: camera.size" in only_line(
+    assert "my_car.yaml: still null: camera.size, " in only_line(
         run_here(tmp_path, "run", "tub", "data.rig=my_car.yaml", module="zoo.commands.replay")
     ), "what is not filled in is named"
     numbers = iter(["[320, 160]", "60", "1.2", "2.87", "25"])

@@ -296,6 +296,16 @@ def test_a_moved_run_ends_with_the_best_checkpoint_of_an_unbroken_one(
     assert not (tmp_path / "old").exists()
 
 
+def test_a_run_without_an_epoch_resumes_at_the_first(
+    zoo: Zoo, recorded: Written, tmp_path: Path
+) -> None:
+    overrides = (*SMALL, *data_of(recorded))
+    for folder, epochs in (("whole", 1), ("part", 0)):
+        succeed(zoo(*overrides, f"trainer.max_epochs={epochs}", f"hydra.run.dir={folder}"))
+    succeed(zoo("resume=part", "trainer.max_epochs=1"))
+    assert equal(weights(tmp_path / "part", "last"), weights(tmp_path / "whole", "last"))
+
+
 def test_a_run_that_fails_inside_an_epoch_resumes_inside_it(
     zoo: Zoo, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
