@@ -296,6 +296,7 @@ def test_a_moved_run_ends_with_the_best_checkpoint_of_an_unbroken_one(
     assert not (tmp_path / "old").exists()
 
 
+@pytest.mark.slow  # a training of a study starts so, too
 def test_a_run_without_an_epoch_resumes_at_the_first(
     zoo: Zoo, recorded: Written, tmp_path: Path
 ) -> None:
