@@ -1,6 +1,5 @@
 """The split of rows into train, validation and test."""
 
-import itertools
 import re
 from collections import Counter
 from dataclasses import dataclass
@@ -191,8 +190,7 @@ def _split_blocks(
     else:
         counts = np.bincount(recording.recording, minlength=len(lengths)).tolist()
         pairs = zip(counts, lengths, strict=True)
-        blocks = (cut_rows(count, np.empty(0, int), length) for count, length in pairs)
-        sizes = np.array([len(rows) for rows in itertools.chain.from_iterable(blocks)])
+        sizes = np.array([min(n, count - at) for count, n in pairs for at in range(0, count, n)])
     # With few blocks the gaps can remove a whole part: deal again.
     for _ in range(REDEALS):
         part = np.repeat(_deal(sizes, shares, rng), sizes)
@@ -200,15 +198,6 @@ def _split_blocks(
         if all((kept == number).any() for number in np.flatnonzero(shares > 0)):
             break
     return kept
-
-
-def cut_rows(count: int, borders: np.ndarray, length: int) -> list[range]:
-    """Return rows 0 to `count`, cut at borders, and what is longer than `length` after each."""
-    return [
-        range(start, min(start + length, stop))
-        for first, stop in itertools.pairwise([0, *borders.tolist(), count])
-        for start in range(first, stop, length)
-    ]
 
 
 def without_gaps(part: np.ndarray, recording: np.ndarray, gaps: list[int]) -> np.ndarray:

@@ -1,11 +1,12 @@
 """Stretches and drives of a recording without a pause, and how steering returns in them."""
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 
 from datamodules.recording import GAP_S, Recording
-from datamodules.split import cut_rows, rows_per_second
+from datamodules.split import rows_per_second
 
 STRETCH_S = 3.0
 SLOWEST_MPH = 3.0
@@ -83,8 +84,12 @@ def continuous_drives(recording: Recording, most: int | None = None) -> list[ran
         recording: recording whose rows are numbered.
         most: largest number of rows in a drive; a longer one is cut.
     """
-    borders = np.flatnonzero(find_breaks(recording)) + 1
-    return cut_rows(len(recording), borders, most or len(recording))
+    borders, length = np.flatnonzero(find_breaks(recording)) + 1, most or len(recording)
+    return [
+        range(start, min(start + length, stop))
+        for first, stop in itertools.pairwise([0, *borders.tolist(), len(recording)])
+        for start in range(first, stop, length)
+    ]
 
 
 def long_stretches(recording: Recording, rows: np.ndarray) -> list[np.ndarray]:

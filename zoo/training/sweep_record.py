@@ -176,7 +176,8 @@ def log_digest(root: str) -> str | None:
     try:
         if not path.is_dir():
             return hash_file(path)[:16]
-        files = sorted((file.name, file.stat().st_size) for file in path.rglob("*"))
+        inside = (file for file in path.rglob("*") if file.is_file())
+        files = sorted((file.name, file.stat().st_size) for file in inside)
     except (InputError, OSError):
         return None
     return hashlib.sha256(json_text(files).encode()).hexdigest()[:16]
