@@ -131,8 +131,7 @@ class EnvironmentWorld(World):
         self.sources |= {"terminated": terminated, "truncated": truncated}
         mapping, speed_mph = self.known, self._number(self.known.speed)
         time_s = self.steps / self.frame_rate
-        stopped = [self._value(source) for source in mapping.interventions]
-        is_stopped = any(value != "none" and bool(value) for value in stopped)
+        is_stopped = any(self._is_stopped(source) for source in mapping.interventions)
         lap = self._number(mapping.lap)
         if lap is not None:
             self.laps = self.earlier_laps + int(lap)
@@ -144,7 +143,7 @@ class EnvironmentWorld(World):
             width_m=self._number(mapping.width),
             distance_m=self._number(mapping.distance),
             lap=None if lap is None else self.laps,
-            contact=is_stopped if stopped else None,
+            contact=is_stopped if mapping.interventions else None,
             share=min(time_s / mapping.seconds, 1.0),
             episode_return=self.rewards / self.episodes,
             done=time_s >= mapping.seconds or ((terminated or truncated) and not is_stopped),
@@ -155,6 +154,15 @@ class EnvironmentWorld(World):
             return value_at(source, self.sources)
         except InputError as error:
             raise self._fault(str(error)) from None
+
+    def _is_stopped(self, source: str) -> bool:
+        """Return whether a place of `interventions` says that the car has left the road."""
+        value = self._value(source)
+        try:
+            return bool(value) and value != "none"
+        except ValueError:  # an array of several
+            what = f"interventions: {source} has {np.size(value):,} values"
+            raise self._fault(f"{what}; name one of them, such as {source}.0") from None
 
     def _number(self, quantity: Quantity | None) -> float | None:
         """Return a quantity in mph or metres; None if the environment has none that is ordinary."""

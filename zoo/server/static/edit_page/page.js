@@ -126,9 +126,9 @@ function showSelection() {
 
 function clock(seconds) {
   if (Number.isNaN(seconds)) return dash;
-  const size = Math.abs(seconds);
-  const minutes = Math.floor(size / 60);
-  return `${seconds < 0 ? "−" : ""}${minutes}:${(size - 60 * minutes).toFixed(1).padStart(4, "0")}`;
+  const tenths = Math.round(Math.abs(seconds) * 10);
+  const minutes = Math.floor(tenths / 600);
+  return `${seconds < 0 ? "−" : ""}${minutes}:${(tenths / 10 - 60 * minutes).toFixed(1).padStart(4, "0")}`;
 }
 
 function showWriting(kept) {
