@@ -17,7 +17,7 @@ from zoo.base.errors import InputError
 def edit_log(folder: Path, old: str, new: str) -> None:
     log = folder / "driving_log.csv"
     assert old in log.read_text()
-    log.write_text(log.read_text().replace(old, new, 1))
+    log.write_text(log.read_text().replace(old, new))
 
 
 def refusal(*arguments, **settings) -> str:
@@ -36,15 +36,6 @@ def test_images_are_found_here_wherever_the_log_was_made(tmp_path, style, header
     for row in range(3):
         for camera, name in enumerate(("center", "left", "right")):
             assert written.image(row, name).samefile(recording.images[row, camera])
-
-
-@pytest.mark.parametrize("decimal_comma", [False, True])
-def test_labels_are_those_written(tmp_path, decimal_comma):
-    written = write_recording(tmp_path / "lake", rows=90, decimal_comma=decimal_comma)
-    assert (len(written.log.read_text().splitlines()[1].split(",")) > 7) == decimal_comma
-    recording = read_recordings(str(written.folder))
-    for name in ("steering", "throttle", "brake", "speed_mph"):
-        np.testing.assert_array_equal(getattr(recording, name), getattr(written, name))
 
 
 def test_a_fingerprint_holds_no_digits_that_processors_compute_differently(tmp_path):
@@ -74,10 +65,8 @@ def test_a_folder_or_log_with_an_awkward_name(tmp_path, name):
 def test_a_path_out_of_the_folder_is_not_followed(tmp_path):
     image = write_recording(tmp_path / "other", rows=1).image(0)
     (tmp_path / "lake").mkdir()
-    log = tmp_path / "lake" / "driving_log.csv"
-    log.write_text(f"../other/IMG/{image.name},,,0,0,0,9\n")
-    with pytest.raises(InputError, match=r"row 1: .*image"):
-        read_recordings(str(log.parent))
+    (tmp_path / "lake/driving_log.csv").write_text(f"../other/IMG/{image.name},,,0,0,0,9\n")
+    assert "row 1: no image" in refusal(str(tmp_path / "lake"))
 
 
 def test_several_folders_keep_which_is_which(tmp_path):
@@ -92,39 +81,13 @@ def test_several_folders_keep_which_is_which(tmp_path):
     assert recording.place(3) == f"{second.folder}/driving_log.csv, row 2"
 
 
-def five_columns(folder: Path) -> None:
-    log = folder / "driving_log.csv"
-    rows = [line.replace(",,,", ",") for line in log.read_text().splitlines()]
-    log.write_text("\n".join(["center,steering,throttle,brake,speed", *rows]))
-
-
-def without_side_images(folder: Path) -> None:
-    for image in folder.glob("IMG/[lr]*.jpg"):
-        image.unlink()
-
-
-@pytest.mark.parametrize(
-    ("cameras", "change"),
-    [
-        (("center",), lambda folder: None),
-        (("center",), five_columns),
-        (("center", "left", "right"), without_side_images),
-    ],
-    ids=["empty columns", "five columns", "deleted images"],
-)
-def test_a_centre_only_recording_has_no_side_images(tmp_path, cameras, change):
+@pytest.mark.parametrize("cameras", [("center",), ("center", "left", "right")])
+def test_a_recording_without_side_images_has_a_centre_camera_alone(tmp_path, cameras):
     written = write_recording(tmp_path / "lake", rows=2, cameras=cameras)
-    change(written.folder)
+    for image in written.folder.glob("IMG/[lr]*.jpg"):
+        image.unlink()
     recording = read_recordings(str(written.folder))
     assert recording.images[:, 1:].tolist() == [[None, None]] * 2
-    np.testing.assert_array_equal(recording.steering, written.steering)
-    np.testing.assert_array_equal(recording.speed_mph, written.speed_mph)
-
-
-def test_images_named_in_vain(tmp_path):
-    written = write_recording(tmp_path / "lake", rows=2)
-    message = refusal(str(written.folder), images=str(tmp_path / "nowhere"))
-    assert f"{tmp_path}/nowhere: no such folder" in message
 
 
 def beside_the_log(folder: Path) -> Path:
@@ -135,16 +98,14 @@ def beside_the_log(folder: Path) -> Path:
 
 def in_a_folder_per_lap(folder: Path) -> Path:
     (folder / "lap 1").mkdir()
-    log = folder / "driving_log.csv"
-    log.write_text(log.read_text().replace("\\IMG\\", "\\lap 1\\IMG\\"))
+    edit_log(folder, "\\IMG\\", "\\lap 1\\IMG\\")
     return (folder / "IMG").rename(folder / "lap 1" / "IMG")
 
 
 def where_the_log_says(folder: Path) -> Path:
     """Move the images to the place that the log of this machine names."""
     there = (folder / "IMG").rename(folder.parent / "there")
-    log = folder / "driving_log.csv"
-    log.write_text(log.read_text().replace(FOLDERS["linux"], f"{there}/"))
+    edit_log(folder, FOLDERS["linux"], f"{there}/")
     return there
 
 
@@ -167,8 +128,7 @@ def test_images_are_found_where_they_were_moved(tmp_path, style, move):
 def recorded_here(folder: Path, rows: int = 4):
     """Write a recording whose log has the absolute paths of this machine."""
     written = write_recording(folder, rows=rows, style="linux")
-    text = written.log.read_text().replace(FOLDERS["linux"], f"{folder}/IMG/")
-    written.log.write_text(text)
+    edit_log(folder, FOLDERS["linux"], f"{folder}/IMG/")
     return written
 
 
@@ -220,21 +180,17 @@ def unname(image: Path) -> None:
     ],
     ids=["no file", "pipe", "device", "folder", "no name"],
 )
-def test_a_missing_image_is_named_with_file_and_row_or_skipped(
-    tmp_path, camera, replace_image, words
-):
+def test_a_missing_image_is_named_or_skipped(tmp_path, camera, replace_image, words):
     written = write_recording(tmp_path / "lake", rows=4)
     image = written.image(2, camera)
     image.unlink()
     replace_image(image)
-    message = refusal(str(written.folder))
-    assert f"{written.log}, row 3: {words.format(image.name)}" in message
-    assert "(1 of 4 rows" in message
+    place = f"{written.log}, row 3: {words.format(image.name)}"
+    assert f"{place} in {written.folder}/IMG (1 of 4 rows" in refusal(str(written.folder))
     recording = read_recordings(str(written.folder), on_bad_image="skip")
     assert recording.line.tolist() == [1, 2, 4]
     np.testing.assert_array_equal(recording.steering, np.delete(written.steering, 2))
-    (line,) = recording.bad_images
-    assert f"row 3: {words.format(image.name)}" in line
+    assert recording.bad_images == (place,)
 
 
 def test_an_image_may_be_a_link(tmp_path):
@@ -244,10 +200,10 @@ def test_an_image_may_be_a_link(tmp_path):
     assert len(read_recordings(str(written.folder))) == 2
 
 
-def test_one_bad_folder_of_several_is_the_one_named(tmp_path):
-    written = write_recording(tmp_path / "lake", rows=2)
-    message = refusal([str(written.folder), str(tmp_path / "nowhere")])
-    assert message.startswith(f"{tmp_path}/nowhere: no such folder")
+def test_a_missing_folder_of_several_or_of_images_is_named(tmp_path):
+    lake, nowhere = str(write_recording(tmp_path / "lake", rows=2).folder), f"{tmp_path}/nowhere"
+    for message in (refusal([lake, nowhere]), refusal(lake, images=nowhere)):
+        assert message.startswith(f"{nowhere}: no such folder")
 
 
 def test_empty_list_of_folders():
@@ -273,9 +229,10 @@ def test_a_fingerprint_is_that_of_labels_and_names_wherever_the_folder_is(tmp_pa
     moved = one.folder.rename(tmp_path / "moved")
     assert read_recordings(str(moved)).fingerprint() == before
     for column in ("steering", "speed_mph"):
-        edit_log(moved, f"{getattr(one, column)[3]:.7G}", "0.987")
+        number = f",{getattr(one, column)[3]:.7G}"
+        edit_log(moved, number, ",0.987")
         assert read_recordings(str(moved)).fingerprint() != before
-        edit_log(moved, "0.987", f"{getattr(one, column)[3]:.7G}")
+        edit_log(moved, ",0.987", number)
 
 
 def test_times_are_those_in_the_file_names(recorded):
