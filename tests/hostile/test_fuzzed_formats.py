@@ -2,19 +2,21 @@
 
     python -m pytest tests/hostile/test_fuzzed_formats.py -m slow
 
-reads 2,800 of them, 400 of each way to store a recording.
+reads 7,000 of them, 1,000 of each way to store a recording.
 """
 
 import json
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from datamodules.format_options import ReadOptions
 from datamodules.known_formats import OWN
 from datamodules.recording_format import read_recordings
 from tests import foreign_recordings as foreign
@@ -27,10 +29,12 @@ from tests.hostile.mutations import (
     mutated_json,
     mutated_parquet,
 )
+from tests.hostile.test_fuzzed_recordings import converted
+from tests.recordings import convert_to_recording
 from zoo.base.errors import InputError
 from zoo.commands.check import check
 
-FEW_AND_MANY = pytest.mark.parametrize("count", [6, pytest.param(400, marks=pytest.mark.slow)])
+FEW_AND_MANY = pytest.mark.parametrize("count", [12, pytest.param(1000, marks=pytest.mark.slow)])
 DENIED = {"steering": {"unit": "share", "full": 1, "right": "positive"}}  # by the user
 # Contents of other kinds of files; None: the file is lost.
 OTHERS = st.sampled_from((None, b"", *(data for data, _ in KINDS.values())))
@@ -138,9 +142,10 @@ def check_damaged(
 
 
 def read_whole(folder: Path, said: dict) -> None:
-    """Check a recording, and decode an image of each camera."""
+    """Check a recording, decode an image of each camera, and convert it if no row is bad."""
     check(str(folder), **said)
     recording = read_recordings(str(folder), **said, on_bad_row="skip", on_bad_image="skip")
     for camera in np.flatnonzero(recording.images[0].astype(bool)).tolist():
         with suppress(OSError, ValueError):
             recording.image(0, camera)
+    converted(partial(convert_to_recording, options=ReadOptions(**said)), 0)(folder / "any")

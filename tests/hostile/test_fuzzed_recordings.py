@@ -1,4 +1,4 @@
-"""Damaged recordings, tracks, runs and drives, by the hundred: read, or refused in one line."""
+"""Damaged tracks, runs and drives, by the hundred: read, or refused in one line."""
 
 import json
 import shutil
@@ -9,10 +9,8 @@ import pytest
 import yaml
 from hypothesis import strategies as st
 
-from datamodules.recording_format import read_recordings
 from tests.hostile.mutations import FEW_AND_MANY, mutated_bytes, mutated_json, read_damaged
 from tests.hostile.test_damaged_files import write_drive
-from tests.recordings import Written, convert_to_recording, write_recording
 from tests.zoo.sweeps import write_run
 from zoo.base.errors import InputError
 from zoo.driving.drive_log import read_drive
@@ -24,13 +22,6 @@ from zoo.simulator.road_family import draw_road, find_family
 from zoo.simulator.track_file import read_track
 from zoo.simulator.track_names import track_folder
 from zoo.training.sweep_record import new_record, read_record, write_record
-
-NAMES = ("center", "left", "right", "steering", "throttle", "brake", "speed")
-
-
-@pytest.fixture
-def recording(tmp_path: Path) -> Written:
-    return write_recording(tmp_path / "recording", rows=4)
 
 
 def converted(convert: Callable, depth: int) -> Callable[[Path], object]:
@@ -50,47 +41,6 @@ def converted(convert: Callable, depth: int) -> Callable[[Path], object]:
             shutil.rmtree(out, ignore_errors=True)
 
     return read
-
-
-@FEW_AND_MANY
-def test_damaged_logs(recording: Written, count: int) -> None:
-    data = recording.log.read_bytes()
-    header = (",".join(NAMES) + "\n").encode()
-    path = recording.log
-    for valid in (data, header + data):
-        read_damaged(mutated_bytes(valid), lambda _: read_recordings(str(path)), path, count)
-
-
-@FEW_AND_MANY
-def test_damaged_logs_whose_bad_rows_are_skipped(recording: Written, count: int) -> None:
-    def read(path: Path) -> object:
-        return read_recordings(str(path), on_bad_image="skip", on_bad_row="skip")
-
-    read_damaged(mutated_bytes(recording.log.read_bytes()), read, recording.log, count)
-
-
-def write_tub(folder: Path, image: Path) -> Path:
-    (folder / "images").mkdir(parents=True)
-    records = []
-    for index in range(3):
-        shutil.copy(image, folder / "images" / f"{index}.jpg")
-        record = {"cam/image_array": f"{index}.jpg", "user/angle": 0.1, "user/throttle": 0.5}
-        records.append(record | {"user/mode": "user", "_timestamp_ms": 1_600_000_000_000 + index})
-    (folder / "c.catalog").write_text("".join(f"{json.dumps(record)}\n" for record in records))
-    catalogs = {"paths": ["c.catalog"], "deleted_indexes": [2]}
-    rows = [["cam/image_array"], ["image_array"], {}, {}, catalogs]
-    (folder / "manifest.json").write_text("".join(f"{json.dumps(row)}\n" for row in rows))
-    return folder
-
-
-@FEW_AND_MANY
-@pytest.mark.parametrize("file", ["c.catalog", "manifest.json"])
-def test_damaged_tubs(file: str, recording: Written, tmp_path: Path, count: int) -> None:
-    path = write_tub(tmp_path / "tub", recording.image(0)) / file
-    lines = path.read_bytes().splitlines(keepends=True)
-    last = mutated_json(json.loads(lines[-1])).map(lambda row: b"".join([*lines[:-1], row]))
-    damaged = mutated_bytes(path.read_bytes()) | last
-    read_damaged(damaged, converted(convert_to_recording, 0), path, count)
 
 
 @FEW_AND_MANY
