@@ -101,10 +101,5 @@ def test_climbs_slow_it_and_descents_speed_it_up():
     assert down.speed_mph > 15
 
 
-def test_off_the_road_it_slows_down():
-    on_road, off_road = drive(rolling(20), 2), drive(rolling(20), 2, surface=OFF_ROAD)
-    assert off_road.speed_mph < on_road.speed_mph - 8
-
-
 def test_commands_beyond_full_are_full():
     assert motion(drive(rolling(10), 1, 5, 7)) == motion(drive(rolling(10), 1, 1, 1))

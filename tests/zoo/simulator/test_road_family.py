@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from tests.slow_members import slow
+from tests.zoo.simulator.tracks import right_of
 from zoo.base.errors import InputError
 from zoo.simulator.expert import Expert
 from zoo.simulator.road_family import (
@@ -266,9 +267,7 @@ def test_the_mountain_is_one_course_with_two_looks():
 def test_both_levels_of_a_bridge_stay_apart(ahead, side, near):
     for level in (820.0, 1328.0):
         distance = level + ahead
-        heading = JUNGLE.heading_at(distance)
-        right = np.array([np.sin(heading), -np.cos(heading)])
-        x, y = JUNGLE.at(distance)[:2] + side * right
+        x, y, _ = right_of(JUNGLE, distance, side)
         place = JUNGLE.locate(x, y, distance + near)
         assert place.distance == pytest.approx(distance, abs=2)
         assert place.z == pytest.approx(JUNGLE.at(distance)[2], abs=0.6)

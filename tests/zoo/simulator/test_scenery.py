@@ -5,13 +5,12 @@ from typing import get_args
 
 import numpy as np
 import pytest
-import yaml
 from scipy.spatial import cKDTree
 
 from tests.slow_members import slow, slow_but
 from tests.zoo.simulator.surfaces import surfaces_at
 from tests.zoo.simulator.test_track_content import EIGHT
-from tests.zoo.simulator.tracks import OPEN, loop
+from tests.zoo.simulator.tracks import OPEN, loop, right_of
 from zoo.simulator.renderer import FAST_ALONG_M, Renderer, landscape
 from zoo.simulator.scenery.edges import DECK_M, bridge_meshes, edge_meshes
 from zoo.simulator.scenery.frame_effects import bonnet_image
@@ -25,7 +24,7 @@ from zoo.simulator.scenery.textures import MEANS, halvings, make_textures
 from zoo.simulator.simulated_world import Start, World, open_world
 from zoo.simulator.track import LEAVES_M, Track, VergeKind
 from zoo.simulator.track_content import make_track
-from zoo.simulator.track_file import read_track, track_folder, track_names
+from zoo.simulator.track_file import read_track, track_names
 from zoo.simulator.weather import Weather
 
 CLEARANCE_M = 3.5  # smallest height of a bridge's underside above the road below
@@ -41,10 +40,8 @@ def track(request: pytest.FixtureRequest):
 def road_places(track: Track) -> np.ndarray:
     """Return places float [N, 3] on the carriageway, every metre along and 7 across."""
     along = np.arange(0, track.length, 1.0)
-    heading = track.heading_at(along)
-    right = np.stack([np.sin(heading), -np.cos(heading), np.zeros_like(heading)], -1)
     lateral = np.linspace(-0.98, 0.98, 7)[:, None] * track.width_at(along) / 2
-    return (track.at(along) + lateral[..., None] * right).reshape(-1, 3)
+    return right_of(track, along, lateral).reshape(-1, 3)
 
 
 def solid_meshes(track: Track, fast: bool) -> list[Mesh]:
@@ -71,8 +68,7 @@ def check_nothing_covers_the_road(track: Track, fast: bool = False) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "fast"),
-    slow_but(PLAIN_CASES, product(track_names(), (False, True))),
+    ("name", "fast"), slow_but(PLAIN_CASES, product(track_names(), (False, True)))
 )
 def test_nothing_covers_the_road_but_bridges_and_tunnels(name: str, fast: bool) -> None:
     """Check the carriageway against every triangle of ground, verges, boulders and bridges."""
@@ -81,26 +77,14 @@ def test_nothing_covers_the_road_but_bridges_and_tunnels(name: str, fast: bool) 
 
 def test_the_ground_stays_below_the_shoulders(track) -> None:
     along = np.arange(0, track.length, 1.0)
-    heading = track.heading_at(along)
-    right = np.stack([np.sin(heading), -np.cos(heading)], -1)
     ground = Ground(track).meshes()[:1]
     for side in (-1, 1):
-        points = track.at(along)
-        points[:, :2] += side * (track.width_at(along)[:, None] / 2 + 1) * right
+        points = right_of(track, along, side * (track.width_at(along) / 2 + 1))
         number, height = surfaces_at(ground, points[:, :2])
         assert (height < points[number, 2]).all(), along[number[height.argmax()]]
 
 
-def test_the_road_is_where_the_track_is(track) -> None:
-    meshes = road_meshes(track)
-    asphalt = next(mesh for mesh in meshes if mesh.material == track.paving)
-    apart, _ = cKDTree(track.xyz).query(asphalt.points)
-    assert apart.max() < track.widths.max() / 2 + track.shoulder + 2
-
-
-def test_no_tree_stands_on_the_road_or_in_the_water_and_simple_quality_has_fewer_plants(
-    track,
-) -> None:
+def test_no_tree_stands_on_the_road_or_in_water_and_simple_quality_has_fewer(track) -> None:
     ground = Ground(track)
     full, simple = (place_standing(track, ground, quality) for quality in ("full", "simple"))
     feet = np.array([plant.foot[:2] for plant in full if "pine" in plant.kind])
@@ -215,10 +199,8 @@ def test_mounds_rise_beside_the_road_and_not_on_it() -> None:
 
 
 def test_a_bare_world_can_be_drawn() -> None:
-    content = yaml.safe_load((track_folder() / "zoo_lake.yaml").read_text())
-    content["surroundings"] = {"trees": 0, "bushes": 0, "rocks": 0, "poles": 0}
-    content["stretches"] = []
-    renderer = Renderer(make_track("bare", content), "software")
+    bare = loop(surroundings={"trees": 0, "bushes": 0, "rocks": 0, "poles": 0})
+    renderer = Renderer(bare, "software")
     assert renderer.frame((0.0, 0.0, 0.0, 0.0, 0.0), "center", 0).std() > 5
     renderer.close()
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.zoo.simulator.tracks import LOOP, loop, open_road, refusal
+from tests.zoo.simulator.tracks import LOOP, loop, open_road, refusal, write_track
 from zoo.base.errors import InputError
 from zoo.simulator.expert import Expert, ExpertSettings
 from zoo.simulator.simulated_world import Start, World
@@ -31,15 +31,6 @@ EIGHT = [
     {"right": 270, "radius": 60, "climb": -8},
     {"straight": 60},
 ]
-
-
-def write_track(folder, rows: str | None = None, **content) -> str:
-    if rows is not None:
-        (folder / "mine.csv").write_text(rows)
-        content = {"survey": "mine.csv", **content}
-    path = folder / "mine.yaml"
-    path.write_text(yaml.safe_dump(content))
-    return str(path)
 
 
 def straights(count: int, metres: float) -> list[dict]:

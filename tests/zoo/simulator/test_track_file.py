@@ -10,7 +10,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.zoo.simulator.tracks import refusal
+from tests.zoo.simulator.tracks import refusal, right_of, write_track
 from zoo.base.errors import InputError
 from zoo.simulator.centreline import STEP_M, make_centreline
 from zoo.simulator.track_content import TIGHTEST_RADIUS_M
@@ -26,12 +26,6 @@ from zoo.simulator.world_settings import WorldSettings
 
 FILES = sorted(track_folder().glob("*.yaml"))
 SQUARE = [[0, 0, 0], [60, 0, 0], [60, 60, 0], [0, 60, 0]]
-
-
-def write_track(folder, **content):
-    path = folder / "mine.yaml"
-    path.write_text(yaml.safe_dump({"points": SQUARE, **content}))
-    return str(path)
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
@@ -107,7 +101,7 @@ def test_a_bend_too_tight_for_the_car_is_refused_with_its_place(tmp_path):
     ],
 )
 def test_a_mistake_is_one_line_with_the_file_and_the_key(tmp_path, content, message):
-    assert message in refusal(write_track(tmp_path, **content))
+    assert message in refusal(write_track(tmp_path, **{"points": SQUARE, **content}))
 
 
 @pytest.mark.parametrize("text", ["", "- 1", "points: [", "\t"])
@@ -119,8 +113,8 @@ def test_a_file_that_is_not_a_track_is_refused(tmp_path, text):
 
 @pytest.mark.parametrize("key", ["verge", "stretches", "surroundings"])
 def test_a_key_without_a_value_counts_as_left_out(tmp_path, key):
-    track = read_track(write_track(tmp_path, **{key: None}))
-    assert getattr(track, key) == getattr(read_track(write_track(tmp_path)), key)
+    track = read_track(write_track(tmp_path, points=SQUARE, **{key: None}))
+    assert getattr(track, key) == getattr(read_track(write_track(tmp_path, points=SQUARE)), key)
 
 
 def test_an_unknown_track_names_the_known_ones():
@@ -157,22 +151,18 @@ beside = st.floats(-0.9, 0.9)  # share of the half width
 @given(lap=anywhere, side=beside, near=st.floats(-15, 15))
 def test_locate_finds_what_at_gave(track, lap, side, near):
     distance, cte = lap * track.length, side * track.width / 2
-    heading = track.heading_at(distance)
-    right = np.array([np.sin(heading), -np.cos(heading)])
-    place = track.locate(*(track.at(distance)[:2] + cte * right), distance + near)
+    place = track.locate(*right_of(track, distance, cte)[:2], distance + near)
     apart = (place.distance - distance + track.length / 2) % track.length - track.length / 2
     assert abs(apart) < 0.3
     assert place.cte == pytest.approx(cte, abs=0.02)
-    assert np.cos(place.heading - heading) > 0.999
+    assert np.cos(place.heading - track.heading_at(distance)) > 0.999
     assert place.z == pytest.approx(track.at(distance)[2], abs=0.05)
 
 
 @pytest.mark.parametrize("track", ON_ONE_LEVEL.values(), ids=ON_ONE_LEVEL)
 @given(lap=anywhere, side=beside)
 def test_locate_needs_no_hint(track, lap, side):
-    heading = track.heading_at(lap * track.length)
-    right = np.array([np.sin(heading), -np.cos(heading)])
-    x, y = track.at(lap * track.length)[:2] + side * track.width / 2 * right
+    x, y, _ = right_of(track, lap * track.length, side * track.width / 2)
     assert track.locate(x, y) == track.locate(x, y, lap * track.length)
 
 

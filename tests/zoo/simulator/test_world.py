@@ -16,7 +16,7 @@ from zoo.simulator.record import RecordOptions
 from zoo.simulator.simulated_world import Start, World, open_world
 from zoo.simulator.track import SOLID_M
 from zoo.simulator.udacity_car import WHEEL_TRACK_M
-from zoo.simulator.weather import CLEAR, Weather, random_weather, read_weather
+from zoo.simulator.weather import random_weather, read_weather
 
 
 def drive(world: World, seconds: float, steering: float = 0.0, throttle: float = 0.0) -> dict:
@@ -153,12 +153,6 @@ def test_a_wrong_option_is_refused(option, message):
 def test_a_world_without_a_renderer_has_no_frames():
     with pytest.raises(InputError, match="renderer=auto"):
         World(loop()).frame()
-
-
-def test_the_words_of_the_commands() -> None:
-    assert read_weather("clear") == CLEAR
-    assert read_weather("random") == "random"
-    assert read_weather("{fog: 0.4, shadows: false}") == Weather(fog=0.4, shadows=False)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,10 @@
 """Short tracks for tests: a loop of 440 m, driven counter-clockwise, and an open road of 214 m."""
 
+from pathlib import Path
+
+import numpy as np
 import pytest
+import yaml
 
 from zoo.base.errors import InputError
 from zoo.simulator.track import Track
@@ -23,6 +27,23 @@ def loop(**content) -> Track:
 
 def open_road(**content) -> Track:
     return make_track("road", {"segments": OPEN, "closed": False, **content})
+
+
+def right_of(track: Track, distance: float | np.ndarray, metres: float | np.ndarray) -> np.ndarray:
+    """Return places float [..., 3] some metres to the right of the centreline."""
+    heading = np.asarray(track.heading_at(distance))
+    right = np.stack([np.sin(heading), -np.cos(heading), np.zeros_like(heading)], -1)
+    return track.at(distance) + np.asarray(metres)[..., None] * right
+
+
+def write_track(folder: Path, rows: str | None = None, **content) -> str:
+    """Write a track and the rows of its survey, if any; return the track's path."""
+    if rows is not None:
+        (folder / "mine.csv").write_text(rows)
+        content = {"survey": "mine.csv", **content}
+    path = folder / "mine.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return str(path)
 
 
 def refusal(path: str) -> str:
