@@ -279,13 +279,6 @@ def test_a_bend_that_has_begun_steers_by_its_radius_and_a_later_one_not_yet() ->
     assert added == pytest.approx([angle, -angle, angle / 2, 0])
 
 
-def test_the_label_ends_at_full_lock() -> None:
-    augment = Augment([fitted(curvature=5.0, begun=1.0, p=1.0)], "gray")
-    images, steering = np.zeros((20, 8, 16, 1), np.uint8), np.full(20, 0.9, np.float32)
-    _, changed = augment(images, steering, seed=0)
-    assert np.abs(changed).max() == 1.0
-
-
 def test_near_rows_stay_until_the_bend_begins_and_far_ones_move_most() -> None:
     moved = aside(fitted(), 160, 0.05, 6.0, 20.0)
     assert moved[-1] == 0

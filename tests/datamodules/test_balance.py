@@ -227,31 +227,11 @@ def test_left_steers_right_and_right_steers_left_up_to_full_lock():
     np.testing.assert_allclose(samples.steering, steering, atol=1e-7)
 
 
-def test_samples_of_a_row_stand_together_in_the_order_of_the_cameras():
-    recording = recording_in_memory(np.zeros(5))
-    samples = make_samples(recording, np.array([1, 3]), ["right", "center"], 0.25)
+def test_each_row_has_its_recorded_cameras_in_their_order():
+    recording = recording_in_memory(np.zeros(5), cameras=("center", "right"))
+    samples = make_samples(recording, np.array([1, 3]), ["right", "center", "left"], 0.25)
     assert samples.row.tolist() == [1, 1, 3, 3]
-    assert samples.camera.tolist() == [CENTER, RIGHT, CENTER, RIGHT]
-
-
-def test_only_recorded_cameras_make_samples():
-    recording = recording_in_memory(np.zeros(3), cameras=("center", "right"))
-    samples = make_samples(recording, np.array([0, 2]), ALL, 0.25)
     assert samples.camera.tolist() == [CENTER, RIGHT] * 2
-
-
-def test_brake_is_throttle_below_zero():
-    recording = recording_in_memory(np.zeros(2))
-    recording.throttle[:], recording.brake[:] = [0.7, 0.0], [0.0, 0.4]
-    samples = make_samples(recording, np.arange(2), ["center"], 0.25)
-    np.testing.assert_allclose(samples.throttle, [0.7, -0.4])
-
-
-def test_columns_fit_their_rows():
-    recording = recording_in_memory(np.zeros(4), speed_mph=np.array([1.0, 2, 3, 4]))
-    samples = make_samples(recording, np.array([3, 1]), ["center", "left"], 0.25)
-    np.testing.assert_array_equal(samples.speed_mph, recording.speed_mph[samples.row])
-    assert samples.steering.dtype == samples.throttle.dtype == samples.speed_mph.dtype == np.float32
 
 
 def test_both_ways_is_everything_a_second_time_mirrored():

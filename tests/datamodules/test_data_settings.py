@@ -4,9 +4,7 @@ import re
 import runpy
 from pathlib import Path
 
-import lightning
 import pytest
-import torch
 from omegaconf import OmegaConf
 
 from datamodules.data_settings import DataSettings
@@ -89,40 +87,6 @@ def test_a_wrong_value_is_one_line_with_key_and_range(key: str, value: object, w
     with pytest.raises(InputError, match=rf"^data\.{key}\b[^\n]*{words}") as caught:
         DataSettings(**{"root": "lake", "colour": "rgb", "size": None} | {key: value})
     assert "\n" not in str(caught.value)
-
-
-class Line(lightning.LightningModule):
-    """A module of Lightning's alone, which knows nothing of drivezoo."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.layer = torch.nn.LazyLinear(1)
-
-    def loss(self, batch: dict) -> torch.Tensor:
-        predicted = self.layer(batch["images"].flatten(1) / 255)
-        return (predicted[:, 0] - batch["targets"][:, 0]).square().mean()
-
-    def training_step(self, batch: dict, number: int) -> torch.Tensor:
-        return self.loss(batch)
-
-    def validation_step(self, batch: dict, number: int) -> None:
-        self.log("val/mse", self.loss(batch), batch_size=len(batch["images"]))
-
-    def configure_optimizers(self) -> torch.optim.Optimizer:
-        return torch.optim.SGD(self.parameters(), lr=0.01)
-
-
-def test_a_trainer_of_lightnings_fits_any_module(recorded, tmp_path, console) -> None:
-    view = {"crop": (60, 25), "colour": "gray", "size": (8, 16)}
-    data = DataSettings(str(recorded.folder), cache=None, batch_size=16, **view).load(console)
-    module = Line()
-    module.layer(torch.zeros(1, 8 * 16))
-    trainer = lightning.Trainer(
-        max_epochs=1, logger=False, accelerator="cpu", default_root_dir=tmp_path
-    )
-    trainer.fit(module, datamodule=data)
-    assert trainer.callback_metrics["val/mse"] > 0
-    assert trainer.global_step == -(-data.count_samples() // 16)
 
 
 def test_the_training_in_the_manual_runs(recorded, here: Path) -> None:

@@ -1,15 +1,12 @@
 """Cached features of images, with a simple front that counts its calls."""
 
 import errno
-import os
-import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from datamodules import view_store
 from datamodules.data_settings import DataSettings
 from datamodules.driving import DrivingData
 from datamodules.features import (
@@ -110,24 +107,6 @@ def test_a_batch_holds_the_features_of_the_images_that_it_would_be_fed(recorded,
             np.testing.assert_array_equal(features[name], plain[name])
 
 
-def test_two_at_once_compute_each_image_once(recorded, tmp_path):
-    data, halves = data_of(recorded, tmp_path), Halves()
-    loaded = []
-
-    def load() -> None:
-        plan = plan_of(data, halves.front())
-        loaded.append(load_features(plan, data.views, Console(quiet=True)))
-
-    threads = [threading.Thread(target=load) for _ in range(2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(60)
-    assert halves.computed == 480
-    for file, other in zip(loaded[0].files, loaded[1].files, strict=True):
-        np.testing.assert_array_equal(file, other)
-
-
 def test_a_disk_that_fills_leaves_no_half_file(recorded, tmp_path, console):
     data, full = data_of(recorded, tmp_path), Halves(fail_after=150)
     before = set(tmp_path.iterdir())
@@ -138,15 +117,3 @@ def test_a_disk_that_fills_leaves_no_half_file(recorded, tmp_path, console):
     again = Halves()
     load_features(plan_of(data, again.front()), data.views, console)
     assert again.computed == 360, "the file that was whole is kept"
-
-
-def test_what_a_killed_build_left_is_written_over(recorded, tmp_path, console):
-    data, halves = data_of(recorded, tmp_path), Halves()
-    plan = plan_of(data, halves.front())
-    target = plan.files[0].target
-    target.with_name(f".{target.name}.{'0' * 16}.part").write_bytes(os.urandom(100_000))
-    features = load_features(plan, data.views, console)
-    images = data.views.take(np.arange(120), 0)
-    np.testing.assert_array_equal(features.take(np.arange(120), 0), Halves()(images))
-    assert not list(tmp_path.glob(".*.part"))
-    assert view_store.is_stored(plan.files[0].target)

@@ -223,16 +223,6 @@ def rename_time(written: Written, row: int, stem: str) -> None:
     written.log.write_text(written.log.read_text().replace(written.stems[row], stem))
 
 
-def test_figures_of_one_recording(recorded):
-    (report,) = report_recordings(read_recordings(str(recorded.folder)))
-    assert (report.name, report.rows, report.side_cameras) == (str(recorded.folder), 120, 120)
-    assert report.seconds == pytest.approx(119 / 15, abs=0.01)
-    assert report.fps == pytest.approx(15, abs=0.3)
-    assert report.gaps == 0
-    assert report.zero_share == (recorded.steering == 0).mean() > 0.1
-    assert report.mean_speed_mph == pytest.approx(np.mean(recorded.speed_mph))
-
-
 @pytest.mark.parametrize("hour", [18, 17], ids=["pause", "step back"])
 def test_a_pause_or_a_step_back_in_time_is_a_gap_and_no_driving(tmp_path, hour):
     written = write_recording(tmp_path / "lake", rows=30)
@@ -260,14 +250,5 @@ def test_a_line_a_recording_says_it_all(tmp_path):
     assert "0 gaps" in first
     assert "0 gaps" in second, "the time between two recordings is no gap of either"
     assert f"{(one.steering == 0).mean():.0%} of steering exactly 0" in first
-    assert re.search(r"mean (19|20|21)\.\d mph", first)
+    assert f"mean {one.speed_mph.mean():.1f} mph" in first
     assert second.startswith(f"{two.folder}: 3 rows, centre camera only")
-
-
-def test_skipped_rows_are_counted(tmp_path):
-    written = write_recording(tmp_path / "lake", rows=5)
-    written.image(1).unlink()
-    written.image(3).unlink()
-    lines = report_lines(read_recordings(str(written.folder), on_bad_image="skip"))
-    assert "skipped 2 rows with a bad image" in lines[-1]
-    assert "row 2" in lines[-1]

@@ -222,19 +222,15 @@ def test_the_batches_of_a_device_are_the_cpus(load, room):
             assert torch.equal(on_device.finish([on_device[key]])[0][name], tensor), name
 
 
-def test_every_feed_has_the_same_batches(load):
-    """A device, groups of batches, and processes that prepare them."""
-    data = load(batch_size=64, **WINDOWS)
-    wanted = list(data.train_dataloader())
-    device = torch.device("cpu")
+def test_groups_of_batches_on_a_device_are_the_same_batches(load):
+    data, device = load(batch_size=64, **WINDOWS), torch.device("cpu")
     feed = data.with_feed(device, 3)
     drawn = list(feed.train_dataloader())
     groups = [feed.transfer_batch_to_device(group, device, 0) for group in drawn]
     assert [len(group) for group in groups[:-1]] == [3] * (len(groups) - 1)
-    helped = load(batch_size=64, workers=1, **WINDOWS).train_dataloader()
-    for fed in ([batch for group in groups for batch in group], list(helped)):
-        for batch, other in zip(wanted, fed, strict=True):
-            assert all(torch.equal(tensor, other[name]) for name, tensor in batch.items())
+    fed = [batch for group in groups for batch in group]
+    for batch, other in zip(data.train_dataloader(), fed, strict=True):
+        assert all(torch.equal(tensor, other[name]) for name, tensor in batch.items())
 
 
 @pytest.mark.parametrize("world", [2, 3])
