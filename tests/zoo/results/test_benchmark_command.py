@@ -381,7 +381,6 @@ def test_wrong_drivers_get_one_line(
         ({"groups": {"a": [{"track": "alpine:1", "weather": {"fogg": 1}}]}}, "fogg: no such key"),
         ({"speed": 99}, "speed: .*30"),
         ({"mean_steering": None}, "mean: the suite tiny has no mean_steering"),
-        ({"marks": {"like": {"autonomy": 9}}}, "marks.like.autonomy: "),
     ],
 )
 def test_a_wrong_suite_gets_one_line(tmp_path: Path, changes: dict, words: str) -> None:

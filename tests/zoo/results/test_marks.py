@@ -3,11 +3,14 @@
 import hashlib
 import json
 import re
+from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
+from tests.zoo.results import synthetic_results
 from tests.zoo.results.test_benchmark_command import write_suite
 from zoo.base.compose import conf_folder
 from zoo.base.errors import InputError
@@ -32,63 +35,33 @@ def figure(value: float | None, low: float | None = 0.0, high: float | None = 1.
     return {"value": value, "low": low, "high": high}
 
 
-def drive(track: str, group: str, interventions: int, settings: dict) -> dict:
-    figures = {"autonomy": 0.9, "interventions": float(interventions), "cte_mean_m": 0.5}
-    figures["steering_per_s"] = 0.3
-    return {
-        "checkpoint": 0,
-        "group": group,
-        "track": track,
-        "settings": settings,
-        "figures": figures,
-        "digest": "0" * 16,
-    }
-
-
 @pytest.fixture
 def result() -> BenchmarkResult:
     """Return a result that reaches all marks but one, the autonomy of `looks`."""
-    shared = {"cte_mean_m": figure(0.5), "steering_per_s": figure(0.3)}
-    return BenchmarkResult.model_validate(
-        {
-            "version": 1,
-            "suite": "course",
-            "roads": "a" * 16,
-            "code": {"hash": "b2", "commit": None},
-            "entry": "<i>Ada's</i> net",
-            "checkpoints": [
-                {
-                    "file": "my run/best.ckpt",
-                    "sha256": "c" * 64,
-                    "model": "PilotNet",
-                    "parameters": 1,
-                    "training_seed": 1,
-                    "data": "",
-                }
-            ],
-            "drives": [
-                drive("lakeside:801", "like", 0, {}),
-                drive("lakeside:803", "looks", 1, {"delay_s": 0.2}),
-                drive("lakeside:802", "looks", 2, {"weather": {"fog": 0.5, "shadows": False}}),
-            ],
-            "groups": {
-                "like": {
-                    **shared,
-                    "autonomy": figure(0.9),
-                    "m_per_intervention": figure(None, 400.0, None),
-                    "without_intervention": figure(1.0),
-                },
-                "looks": {
-                    **shared,
-                    "autonomy": figure(0.65, 0.6, 0.7),
-                    "m_per_intervention": figure(90.0),
-                    "without_intervention": figure(0.5),
-                },
-                "all but laps": {"autonomy": figure(0.81)},
-            },
-            "digest": "d" * 16,
-        }
+    roads = (
+        *(("like", f"lakeside:{number}", {}) for number in (802, 803)),
+        ("looks", "lakeside:803", {"delay_s": 0.2}),
+        ("looks", "lakeside:802", {"weather": {"fog": 0.5, "shadows": False}}),
     )
+    content = synthetic_results.result(np.array([[1.0, 1.0, 0.9, 0.8]]), "<i>Ada's</i> net", roads)
+    content["checkpoints"][0]["file"] = "my run/best.ckpt"
+    shared = {"cte_mean_m": figure(0.5), "steering_per_s": figure(0.3)}
+    content["groups"] = {
+        "like": {
+            **shared,
+            "autonomy": figure(0.9),
+            "m_per_intervention": figure(None, 400.0, None),
+            "without_intervention": figure(1.0),
+        },
+        "looks": {
+            **shared,
+            "autonomy": figure(0.65, 0.6, 0.7),
+            "m_per_intervention": figure(90.0),
+            "without_intervention": figure(0.5),
+        },
+        "all but laps": {"autonomy": figure(0.81)},
+    }
+    return BenchmarkResult.model_validate(content)
 
 
 def test_a_figure_at_its_mark_passes_and_one_below_does_not(result: BenchmarkResult) -> None:
@@ -231,10 +204,7 @@ def test_a_suite_is_frozen(name: str) -> None:
 
 def test_v1_pairs_each_shifted_drive_with_a_clean_one() -> None:
     suite = read_suite("v1")
-    counts = {
-        group: sum(one.group == group for one in suite.drives)
-        for group in ("like", "sharp", "looks", "dynamics", "laps")
-    }
+    counts = Counter(one.group for one in suite.drives)
     assert counts == {"like": 22, "sharp": 8, "looks": 8, "dynamics": 8, "laps": 2}
     clean = {one.track for one in suite.drives if one.group == "like"}
     assert {one.track for one in suite.drives if one.settings} <= clean
