@@ -234,6 +234,13 @@ def test_each_row_has_its_recorded_cameras_in_their_order():
     assert samples.camera.tolist() == [CENTER, RIGHT] * 2
 
 
+def test_brake_is_throttle_below_zero():
+    recording = recording_in_memory(np.zeros(2))
+    recording.throttle[:], recording.brake[:] = [0.7, 0.0], [0.0, 0.4]
+    samples = make_samples(recording, np.arange(2), ["center"], 0.25)
+    np.testing.assert_allclose(samples.throttle, [0.7, -0.4])
+
+
 def test_both_ways_is_everything_a_second_time_mirrored():
     recording = recording_in_memory([0.1, -0.2])
     samples = make_samples(recording, np.arange(2), ALL, 0.25, both_ways=True)
