@@ -61,9 +61,7 @@ def make(tmp_path: Path) -> Make:
 
 
 @pytest.mark.parametrize(("shape", "reported"), [((320, 640), 0), ((120, 160), 1)])
-def test_frames_of_another_shape_than_the_trainings_are_reported(
-    shape: tuple[int, int], reported: int, make: Make
-) -> None:
+def test_another_shape_is_reported(shape: tuple[int, int], reported: int, make: Make) -> None:
     driver = make()
     driver.policy = Counting()
     driver.policy.view = View((40, 20), "rgb", (66, 200), frame=shape)
@@ -73,7 +71,7 @@ def test_frames_of_another_shape_than_the_trainings_are_reported(
     assert [driver.notices.counts[kind] for kind in kinds] == [1] * reported
 
 
-UNKNOWN = ["NaN", float("nan"), "1e308", 1e308, -1e308, "Infinity", 10**400, None, "fast", 250]
+UNKNOWN = ["NaN", float("nan"), "1e308", 1e308, -1e308, "Infinity", 10**400, None, "", [], 250]
 
 
 @pytest.mark.parametrize("speed", UNKNOWN, ids=str)
@@ -99,9 +97,7 @@ def test_a_paused_car_of_unknown_speed_does_not_reverse(make: Make) -> None:
 
 @pytest.mark.parametrize("value", [1e308, "1e308", "NaN", -1e308])
 @pytest.mark.parametrize("key", ["steering_angle", "cte", "lane", "lap", "x", "time", "wall"])
-def test_a_value_that_no_car_has_is_as_if_it_was_not_sent(
-    make: Make, key: str, value: object
-) -> None:
+def test_a_value_that_no_car_has_is_as_if_not_sent(make: Make, key: str, value: object) -> None:
     driver = make(PI(9, 0.1))
     sent, unsent = driver.connect("a"), driver.connect("b")
     usual = frame(0, cte=0.5, time=1.0, x=1.0, y=2.0)
@@ -248,9 +244,7 @@ def steer(driver: Driver, session: Session, data: object, now_s: float) -> float
     return float(driver.answer(session, data, now_s).values["steering_angle"])
 
 
-def test_a_policy_remembers_the_frames_of_its_own_simulator_until_a_person_drives(
-    remembering: Driver,
-) -> None:
+def test_a_policy_remembers_a_simulators_frames_until_a_person_drives(remembering: Driver) -> None:
     first, second = remembering.connect("a"), remembering.connect("b")
     assert [steer(remembering, first, frame(n), n / 15) for n in range(3)] == [0.01, 0.02, 0.03]
     assert steer(remembering, second, frame(9), 0.2) == 0.01
