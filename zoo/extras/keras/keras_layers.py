@@ -47,19 +47,22 @@ class ConvertedKeras:
 
     Attributes:
         layers: specs for `model.layers`.
-        state: state dict of `Sequential`.
+        network: network of these layers, with the file's weights.
         input_shape: `(height, width, channels)` of the images.
         scale: the network computes `pixel / scale[0] - scale[1]`; None if the file does not tell.
         notes: what was understood, layer by layer.
-        outputs: number of the outputs: steering, or steering and throttle.
     """
 
     layers: list[Spec]
-    state: dict[str, Tensor]
+    network: LayerChain
     input_shape: tuple[int, int, int]
     scale: Scale | None
     notes: list[LayerNote]
-    outputs: int
+
+    @property
+    def state(self) -> dict[str, Tensor]:
+        """Return the state dict of `Sequential`."""
+        return self.network.state_dict()
 
 
 def convert(
@@ -128,10 +131,7 @@ def convert(
     if line is not None:
         specs.append({"layer": "Dense", "units": network.facts.outputs})
         network.layers.append(_line_layer(network.facts.outputs, *line))
-    input_shape = (rows, columns, channels)
-    return ConvertedKeras(
-        specs, network.state_dict(), input_shape, chain.scale, notes, network.facts.outputs
-    )
+    return ConvertedKeras(specs, network, (rows, columns, channels), chain.scale, notes)
 
 
 def _line_layer(outputs: int, factor: float, offset: float) -> torch.nn.Linear:

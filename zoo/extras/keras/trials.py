@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 import torch
@@ -47,6 +48,7 @@ HOPELESS = 0.5  # of the best agreement in the first stage; another colour below
 NEAR_ROWS = 5  # difference of neighbouring crops, at the top and at the bottom
 BATCH = 64
 Network = Callable[[View, Scale], nn.Module]
+_score = attrgetter("score")
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,37 +250,26 @@ def _neighbours(finalists: list[Trial], possible: list[Combination]) -> list[Com
     return [other for other in possible if other not in tried and is_near(other)]
 
 
-def _score(trial: Trial) -> float:
-    return trial.score
-
-
 def try_all(
     network: Network,
     chosen: Sequence[Combination],
     frames: TrialFrames,
-    did: Callable[[int], None] = lambda images: None,
+    did: Callable[[int], None],
 ) -> list[Trial]:
     """Return the trial of each combination, the best first; each core tries another one.
 
     This is faster than to share each batch among the cores, most of all on a busy machine.
     """
+
+    @torch.inference_mode()
+    def try_one(choice: Combination) -> Trial:
+        module = network(choice.view, choice.scale)
+        outputs = [_steering(module, choice.view, camera, did) for camera in frames.cameras]
+        return Trial(choice, np.stack(outputs), frames.steering)
+
     threads = min(torch.get_num_threads(), usable_cores())
     with one_thread(), ThreadPoolExecutor(threads) as pool:
-        trials = list(pool.map(lambda choice: try_one(network, choice, frames, did), chosen))
-    return sorted(trials, key=_score, reverse=True)
-
-
-@torch.inference_mode()
-def try_one(
-    network: Network,
-    combination: Combination,
-    frames: TrialFrames,
-    did: Callable[[int], None] = lambda images: None,
-) -> Trial:
-    """Return the trial of a combination."""
-    module = network(combination.view, combination.scale)
-    outputs = [_steering(module, combination.view, camera, did) for camera in frames.cameras]
-    return Trial(combination, np.stack(outputs), frames.steering)
+        return sorted(pool.map(try_one, chosen), key=_score, reverse=True)
 
 
 def _steering(

@@ -56,10 +56,5 @@ def read(path: Path) -> nn.Module:
     """
     from zoo.extras.keras.keras_file import read_keras_apart
     from zoo.extras.keras.keras_layers import convert
-    from zoo.extras.keras.layer_chain import LayerChain
 
-    converted = convert(read_keras_apart(path))
-    rows, columns, channels = converted.input_shape
-    network = LayerChain((channels, rows, columns), converted.layers, converted.scale).eval()
-    network.load_state_dict(converted.state)
-    return network
+    return convert(read_keras_apart(path)).network.eval()

@@ -1,11 +1,9 @@
-"""Keras 2 files of small networks that steer, and of PilotNets that drivezoo trained."""
+"""Keras 2 files of small networks that steer."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from torch import nn
 
 from datamodules.image import read_image
 from datamodules.recording import Recording
@@ -21,27 +19,6 @@ SCALED: Layer = ("Lambda", lambda_config(lambda x: x / 127.5 - 1.0), [])
 def dense_layer(kernel: np.ndarray, bias: np.ndarray, activation: str = "linear") -> Layer:
     """Return a Dense with a kernel [in, out]."""
     return "Dense", {"units": kernel.shape[1], "activation": activation}, [kernel, bias]
-
-
-def pilotnet_layers(network: nn.Module, before: Sequence[Layer]) -> list[Layer]:
-    """Return the layers of a `PilotNet`, after those that are given, such as a Lambda."""
-    layers, channels = list(before), None
-    for module in network.modules():
-        if isinstance(module, nn.Conv2d):
-            kernel = module.weight.detach().numpy().transpose(2, 3, 1, 0)
-            config = {"filters": kernel.shape[3], "kernel_size": list(kernel.shape[:2])}
-            config |= {"strides": list(module.stride), "activation": "elu"}
-            layers.append(("Conv2D", config, [kernel, module.bias.detach().numpy()]))
-            channels = module.out_channels
-        elif isinstance(module, nn.Linear):
-            kernel = module.weight.detach().numpy()
-            if channels:  # torch flattens (channels, pixels), Keras (pixels, channels)
-                layers.append(("Flatten", {}, []))
-                kernel = kernel.reshape(len(kernel), channels, -1).transpose(0, 2, 1)
-                kernel, channels = kernel.reshape(len(kernel), -1), None
-            activation = "elu" if module.out_features > 1 else "linear"
-            layers.append(dense_layer(kernel.T, module.bias.detach().numpy(), activation))
-    return layers
 
 
 def fit_steering(recording: Recording, view: View, scale: tuple[float, float]) -> Layer:

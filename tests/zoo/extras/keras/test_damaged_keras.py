@@ -36,9 +36,8 @@ from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.extras.keras.keras_file import check_kind, read_keras
-from zoo.extras.keras.keras_lambda import describe_lambda, specs_of_word
+from zoo.extras.keras.keras_lambda import describe_lambda
 from zoo.extras.keras.keras_layers import convert
-from zoo.extras.keras.layer_spec import LayerSpec
 
 KERAS: list[Layer] = [
     ("Lambda", lambda_config(lambda x: x / 127.5 - 1.0), []),
@@ -165,11 +164,6 @@ def test_a_lambdas_ordinary_constants_are_read() -> None:
     assert describe_lambda(lambda_with(digits(11)))[0] is None
 
 
-@pytest.mark.parametrize("word", ["scale:nan:1", "scale:1e-320:1", "atan:inf", "scale:1:1e300"])
-def test_a_users_word_has_ordinary_numbers(word: str) -> None:
-    assert specs_of_word(word) is None
-
-
 SCALES = {
     "NaN": ("Rescaling", {"scale": math.nan}),
     "infinite": ("Rescaling", {"scale": math.inf, "offset": 0.0}),
@@ -208,11 +202,6 @@ def test_an_operators_constant_of_400_digits_is_named(tmp_path: Path) -> None:
     model = {"class_name": "Functional", "config": {"name": "f", "layers": layers}}
     with pytest.raises(InputError, match=r"m\.h5: layer 2 of 2, t "):
         convert(read_keras(write_h5(tmp_path / "m.h5", REST, config=model)), size=(20, 30))
-
-
-def test_a_specs_number_of_400_digits_is_named() -> None:
-    with pytest.raises(ValueError, match=r"layer 1: alpha="):
-        LayerSpec({"layer": "ELU", "alpha": 10**400}, "layer 1").number("alpha")
 
 
 @pytest.mark.parametrize(

@@ -69,12 +69,12 @@ def answers(found: ConvertedKeras) -> np.ndarray:
 
 
 @pytest.mark.parametrize("suffix", [".h5", ".keras"])
-@pytest.mark.parametrize("names", [LINEAR, BINS])
+@pytest.mark.parametrize("names", [LINEAR, BINS, LINEAR[:1]])
 def test_linear_outputs_are_steering_and_throttle(
-    names: tuple[str, str], suffix: str, tmp_path: Path
+    names: tuple[str, ...], suffix: str, tmp_path: Path
 ) -> None:
-    layers = donkeycar_layers(names, (1, 1), "linear")
-    found = convert(read_keras(write(tmp_path, layers, suffix)))
+    layers = donkeycar_layers(names, (1,) * len(names), "linear")
+    found = convert(read_keras(write(tmp_path, layers, suffix, len(names))))
     np.testing.assert_allclose(answers(found), np.hstack(expected(layers)), atol=1e-5)
     assert found.scale == (255.0, 0.0)
 
@@ -97,13 +97,6 @@ def test_outputs_are_in_the_order_of_the_model_not_of_its_layers(tmp_path: Path)
     found = convert(read_keras(write_h5(tmp_path / "pilot.h5", layers, config=config)))
     steering, throttle = expected(layers)[::-1]
     np.testing.assert_allclose(answers(found), np.hstack([steering, throttle]), atol=1e-5)
-
-
-def test_one_output_is_the_steering(tmp_path: Path) -> None:
-    layers = donkeycar_layers(LINEAR[:1], (1,), "linear")
-    found = convert(read_keras(write(tmp_path, layers, ends=1)))
-    np.testing.assert_allclose(answers(found), expected(layers)[0], atol=1e-5)
-    assert (found.scale, found.outputs) == ((255.0, 0.0), 1)
 
 
 def test_a_scale_inside_the_network_is_applied_after_donkeycars(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from zoo.checkpoints.network_files import read_network
 donkeycar_file = pytest.importorskip("zoo.extras.car.donkeycar_file", reason="an extra writes it")
 
 UNITS = {LINEAR: (1, 1), BINS: (15, 20), LINEAR[:1]: (1,)}
+TYPES = {LINEAR: "linear", BINS: "categorical", LINEAR[:1]: "inferred"}
 
 
 def imported(folder: Path, names: list[str], layers: list) -> Checkpoint:
@@ -28,20 +29,11 @@ def imported(folder: Path, names: list[str], layers: list) -> Checkpoint:
     return Checkpoint(network, View((0, 0), "rgb", None, frame=SHAPE[:2]), {"model": {}}, {})
 
 
-@pytest.mark.parametrize(
-    ("names", "activation", "model_type"),
-    [
-        (LINEAR, "linear", "linear"),
-        (BINS, "softmax", "categorical"),
-        (LINEAR[:1], "linear", "inferred"),
-    ],
-)
-def test_a_network_of_donkeycar_returns_as_it_came(
-    names: tuple[str, ...], activation: str, model_type: str, tmp_path: Path
-) -> None:
-    layers = donkeycar_layers(names, UNITS[names], activation)
-    contents, found = donkeycar_file.donkeycar_bytes(imported(tmp_path, names, layers))
-    assert found == model_type
+@pytest.mark.parametrize("names", TYPES)
+def test_a_network_of_donkeycar_returns_as_it_came(names: tuple[str, ...], tmp_path: Path) -> None:
+    layers = donkeycar_layers(names, UNITS[names], "softmax" if names == BINS else "linear")
+    contents, model_type = donkeycar_file.donkeycar_bytes(imported(tmp_path, names, layers))
+    assert model_type == TYPES[names]
     (tmp_path / "back.h5").write_bytes(contents)
     with h5py.File(tmp_path / "back.h5") as file:
         config = json.loads(file.attrs["model_config"])["config"]
@@ -88,23 +80,16 @@ def test_a_throttle_is_bounded_in_the_file(
         np.testing.assert_allclose(found[:, 1], most)
 
 
-@pytest.mark.parametrize(
-    ("names", "kind"),
-    [
-        (LINEAR, "tflite_linear"),
-        (BINS, "tflite_categorical"),
-        (LINEAR[:1], "tflite_inferred"),
-    ],
-)
+@pytest.mark.parametrize("names", TYPES)
 def test_litert_torch_writes_a_file_that_steers_the_same(
-    names: tuple[str, ...], kind: str, tmp_path: Path
+    names: tuple[str, ...], tmp_path: Path
 ) -> None:
     pytest.importorskip("litert_torch", reason="the converter is optional")
     checkpoint = imported(tmp_path, names, donkeycar_layers(names, UNITS[names], "linear"))
     path = tmp_path / "pilot.tflite"
     exported = import_module("zoo.extras.car.tflite_export").TfliteFile(checkpoint, path)
     path.write_bytes(exported.files("")[".tflite"])
-    assert exported.hints()[0].endswith(f"--type {kind}")
+    assert exported.hints()[0].endswith(f"--type tflite_{TYPES[names]}")
     found, expected = commands_of(exported.policy(path)), commands_of(CheckpointPolicy(checkpoint))
     np.testing.assert_allclose(found, expected, atol=1e-5)
 

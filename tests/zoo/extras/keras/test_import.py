@@ -9,7 +9,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-import torch
 
 from datamodules.image import read_image
 from datamodules.recording_format import read_recordings
@@ -21,7 +20,6 @@ from tests.zoo.extras.keras.keras_networks import (
     SCALED,
     SHORT_STRETCH,
     dense_layer,
-    pilotnet_layers,
     write_steering_h5,
 )
 from tests.zoo.extras.keras.test_donkeycar import BINS, donkeycar_layers
@@ -30,7 +28,6 @@ from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.extras.keras import tied_drives
-from zoo.models.pilotnet import PilotNet
 from zoo.server.input_checks import check_checkpoint
 
 VIEW = View((60, 25), "yuv_old", (12, 40))
@@ -149,17 +146,6 @@ def test_a_network_of_donkeycar_needs_no_key_and_drives_with_its_throttle(tmp_pa
     commands = [policy(np.tile(one, (160, 320, 1)), 9.0) for one in frames]
     assert {round(one.throttle / (0.5 / 20), 4) % 1 for one in commands} == {0}
     assert len({one.steering for one in commands}) > 1
-
-
-def test_a_pilotnet_of_keras_steers_as_ours(tmp_path: Path) -> None:
-    torch.manual_seed(0)
-    network = PilotNet((3, 66, 200)).eval()
-    write_h5(tmp_path / "nvidia.h5", pilotnet_layers(network, [SCALED]), shape=(66, 200, 3))
-    assert import_file(tmp_path, "nvidia.h5").returncode == 0
-    images = torch.randint(0, 256, (4, 3, 66, 200), dtype=torch.uint8)
-    with torch.no_grad():
-        imported = load_checkpoint(tmp_path / "nvidia.ckpt").network(images)
-        torch.testing.assert_close(imported, network(images), atol=1e-5, rtol=1e-5)
 
 
 def test_a_network_that_never_learned_is_not_certain(lake: Written, tmp_path: Path) -> None:

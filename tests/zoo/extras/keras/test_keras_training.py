@@ -13,8 +13,13 @@ from omegaconf import DictConfig, OmegaConf
 from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.command_runs import ROOT, run_here, succeed
-from tests.zoo.extras.keras.keras_files import INPUT, write_h5, write_json, write_keras
-from tests.zoo.extras.keras.keras_networks import pilotnet_layers
+from tests.zoo.extras.keras.keras_files import (
+    INPUT,
+    random_weights,
+    write_h5,
+    write_json,
+    write_keras,
+)
 from tests.zoo.extras.keras.test_keras_layers import IMAGES, REST, SCALE, UNCLEAR, expected
 from tests.zoo.trainings import SMALL
 from zoo.base.compose import compose_config
@@ -22,7 +27,6 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, make_card
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.extras.keras.sequential import Sequential
-from zoo.models.pilotnet import PilotNet
 from zoo.training.initial_weights import load_weights
 from zoo.training.run_config import with_file_settings
 
@@ -114,8 +118,8 @@ def test_what_is_missing_is_named(overrides: list[str], words: str, tmp_path: Pa
 
 @pytest.mark.parametrize("page", ["importing.md", "training.md"])
 def test_the_manuals_command_names_the_view(page: str, here: Path) -> None:
-    layers = pilotnet_layers(PilotNet((3, 66, 200)), [SCALE])
-    write_h5(here / "model.h5", layers, shape=(66, 200, 3))
+    dense = ("Dense", {"units": 1}, random_weights((66 * 200 * 3, 1), (1,)))
+    write_h5(here / "model.h5", [SCALE, ("Flatten", {}, []), dense], shape=(66, 200, 3))
     lines = (ROOT / "docs" / page).read_text(encoding="utf-8").splitlines()
     (line,) = (line for line in lines if line.startswith("drivezoo train model=keras "))
     config = with_file_settings(OmegaConf.create(compose_config(shlex.split(line)[2:])))

@@ -15,7 +15,7 @@ from tests.zoo.command_runs import only_line, run_here
 from tests.zoo.extras.keras.keras_files import write_h5, write_json, write_keras
 from tests.zoo.extras.keras.test_keras_file import LAYERS, check_layers
 from tests.zoo.written_checkpoints import write_constant
-from zoo.base.console_script import commands, place_of
+from zoo.base.console_script import commands
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.extras.keras.keras_file import read_keras_apart
@@ -24,7 +24,6 @@ from zoo.extras.keras.network_kind import IMPORTED, KINDS, network_kind
 Writer = Callable[[Path], object]
 
 READ = ("hdf5", "keras", "packed")
-needs_import = pytest.mark.skipif(not place_of("import"), reason="an extra imports networks")
 
 
 class Steering(nn.Module):
@@ -157,14 +156,12 @@ def test_a_command_of_a_checkpoint_names_the_import(name: str, tmp_path: Path) -
     assert result.returncode
 
 
-@needs_import
 def test_an_import_of_a_checkpoint_of_ours_is_not_needed(tmp_path: Path) -> None:
     write_constant(tmp_path / "model.h5", 0.1)
     line = only_line(run_here(tmp_path, "model.h5", module="zoo.extras.keras.import"))
     assert "drivezoo drive model.h5" in line
 
 
-@needs_import
 @pytest.mark.parametrize("name", ["state", "state in a checkpoint", "script"])
 def test_the_three_lines_of_the_message_drive_a_network_of_pytorch(
     name: str, here: Path, monkeypatch: pytest.MonkeyPatch

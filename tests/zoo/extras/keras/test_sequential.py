@@ -17,7 +17,6 @@ from zoo.extras.keras.keras_file import read_keras
 from zoo.extras.keras.keras_layers import convert
 from zoo.extras.keras.sequential import Sequential
 from zoo.models.make_network import make_network
-from zoo.models.network_facts import NetworkFacts
 from zoo.scoring.visual_backprop import Saliency
 
 W = random_weights
@@ -229,8 +228,3 @@ def test_a_strangers_specs_do_not_exhaust_the_machine(layers: list) -> None:
     model = {"_target_": "zoo.extras.keras.sequential.Sequential", "layers": layers}
     with pytest.raises(InputError, match=r"too large|1,000,000,000|outputs"):
         make_network(model, View([0, 0], "rgb", SHAPE[:2]))
-
-
-def test_two_outputs_are_steering_and_throttle() -> None:
-    network = Sequential((3, 13, 17), [{"layer": "Flatten"}, {"layer": "Dense", "units": 2}])
-    assert network.facts == NetworkFacts(outputs=2)
