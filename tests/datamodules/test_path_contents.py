@@ -2,9 +2,7 @@
 
 import json
 import shutil
-import tarfile
 import unicodedata
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -117,10 +115,8 @@ def test_a_table_has_the_command_that_reads_it(text: str, named: str, tmp_path: 
 
 
 def test_the_command_of_a_table_reads_it(here: Path) -> None:
-    foreign.table(here / "set")
-    (here / "set/my.csv").rename(here / "set/labels.csv")
-    text = (here / "set/labels.csv").read_text().replace("path,turn", "path,steering")
-    (here / "set/labels.csv").write_text(text)
+    table = foreign.table(here / "set") / "my.csv"
+    table.write_text(table.read_text().replace("path,turn", "path,steering"))
     line = only_line(run_here(here, "set", module="zoo.commands.check"))
     words = line.partition("type drivezoo check ")[2].partition(" (keys")[0]
     file, how, columns = words.split(" ", 2)
@@ -153,18 +149,12 @@ def test_tables_of_a_rosbag_are_named_with_their_columns(tmp_path: Path) -> None
 
 
 def packed(folder: Path, name: str) -> Path:
-    source = tub(folder / "source")
-    path = folder / "in" / name
-    path.parent.mkdir()
-    if name.lower().endswith(".zip"):
-        with zipfile.ZipFile(path, "w") as archive:
-            for file in source.rglob("*"):
-                archive.write(file, file.relative_to(source))
-    else:
-        with tarfile.open(path, "w:gz" if "gz" in name else "w") as archive:
-            archive.add(source, "tub")
-    shutil.rmtree(source)
-    return path
+    """Write an archive of a tub, alone in a folder."""
+    kind = "zip" if name.lower().endswith(".zip") else "gztar" if "gz" in name else "tar"
+    archive = shutil.make_archive(str(folder / "archive"), kind, tub(folder / "source"))
+    shutil.rmtree(folder / "source")
+    (folder / "in").mkdir()
+    return Path(archive).rename(folder / "in" / name)
 
 
 @pytest.mark.parametrize("name", ["tub.zip", "tub.tar.gz", "tub.tgz", "tub.tar", "TUB.ZIP"])
@@ -215,18 +205,13 @@ def test_a_web_page_beside_a_log_does_not_hide_it(tmp_path: Path) -> None:
     assert len(read_recordings(str(written.folder))) == 2
 
 
+COMPOSED, DECOMPOSED = (unicodedata.normalize(form, "Bäume_1.jpg") for form in ("NFC", "NFD"))
 # Images whose names differ in case or in Unicode's form, as other systems and tools write them.
 SPELLINGS = {
     "case": ("Frame_1.JPG", "frame_1.jpg"),
     "suffix": ("1.jpg", "1.JPG"),
-    "composed": (
-        unicodedata.normalize("NFC", "Bäume_1.jpg"),
-        unicodedata.normalize("NFD", "Bäume_1.jpg"),
-    ),
-    "decomposed": (
-        unicodedata.normalize("NFD", "Bäume_1.jpg"),
-        unicodedata.normalize("NFC", "Bäume_1.jpg"),
-    ),
+    "composed": (COMPOSED, DECOMPOSED),
+    "decomposed": (DECOMPOSED, COMPOSED),
 }
 
 
@@ -234,20 +219,17 @@ SPELLINGS = {
 @pytest.mark.parametrize("spelling", SPELLINGS)
 def test_an_image_is_found_by_another_spelling(kind: str, spelling: str, tmp_path: Path) -> None:
     written, there = SPELLINGS[spelling]
-    folder = tmp_path / "recording"
-    images = folder / ("images" if kind == "tub" else "IMG")
-    images.mkdir(parents=True)
+    images, said = tmp_path / ("images" if kind == "tub" else "IMG"), {}
+    images.mkdir()
     cv2.imwrite(str(images / there), foreign.frames()[1])
-    said: dict = {}
     if kind == "log":
-        (folder / "driving_log.csv").write_text(f"IMG/{written},,,0.1,0,0,1\n")
+        (tmp_path / "driving_log.csv").write_text(f"IMG/{written},,,0.1,0,0,1\n")
     elif kind == "table":
-        (folder / "labels.csv").write_text(f"image,steering\nIMG/{written},0.1\n")
+        (tmp_path / "labels.csv").write_text(f"image,steering\nIMG/{written},0.1\n")
         said = {"format": "table", "columns": {"image": "image", "steering": "steering"}}
         said |= {"steering": {"unit": "share", "full": 1}}
     else:
         record = {"cam/image_array": written, "user/angle": 0.1}
-        (folder / "catalog_0.catalog").write_text(json.dumps(record) + "\n")
-    file = folder / "labels.csv" if kind == "table" else folder
-    recording = read_recordings(str(file), **said)
+        (tmp_path / "catalog_0.catalog").write_text(json.dumps(record) + "\n")
+    recording = read_recordings(str(tmp_path), **said)
     assert Path(recording.images[0, 0]).name == there

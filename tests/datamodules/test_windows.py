@@ -10,7 +10,6 @@ from datamodules.augmented_batch import Augment
 from datamodules.balance import BatchKey
 from datamodules.bend import Bend
 from datamodules.data_settings import DataSettings
-from datamodules.device_batches import DeviceBatches
 from datamodules.driving import DrivingData
 from datamodules.recording import Recording
 from datamodules.samples import make_samples
@@ -209,17 +208,6 @@ def test_a_window_is_augmented_as_one(change, name):
         if at < 3:
             np.testing.assert_array_equal(changed[:, at], alone)
         np.testing.assert_array_equal(turned[:, at], angle)
-
-
-@pytest.mark.parametrize("room", [None, 0], ids=["resident", "copied"])
-def test_the_batches_of_a_device_are_the_cpus(load, room):
-    data = load(**WINDOWS)
-    ours = data.training_batches()
-    on_device = DeviceBatches(ours, torch.device("cpu"), room)
-    for rank in range(2):
-        key = some(data, rank, 2)
-        for name, tensor in ours[key].items():
-            assert torch.equal(on_device.finish([on_device[key]])[0][name], tensor), name
 
 
 def test_groups_of_batches_on_a_device_are_the_same_batches(load):
