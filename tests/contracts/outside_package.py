@@ -18,6 +18,22 @@ def manual_example(file: str) -> str:
     return page.partition(f"# {file}\n")[2].partition("```")[0]
 
 
+def write_manual_examples(folder: Path, *files: str) -> None:
+    """Write files of docs/extending.md below a folder."""
+    for file in files:
+        (folder / file).parent.mkdir(exist_ok=True, parents=True)
+        (folder / file).write_text(manual_example(file))
+
+
+def write_package(folder: Path, name: str, code: str, entry_points: str) -> None:
+    """Write an installed package of one module, and what its `entry_points.txt` says."""
+    about = folder / f"{name}-1.dist-info"
+    about.mkdir(parents=True)
+    (folder / f"{name}.py").write_text(code)
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1\n")
+    (about / "entry_points.txt").write_text(entry_points)
+
+
 @contextmanager
 def installed(
     folder: Path,
@@ -28,11 +44,7 @@ def installed(
     attribute: str = "",
 ) -> Iterator[None]:
     """Install a module, or its `:attribute`, as the entry point `mine`; remove it at the end."""
-    about = folder / f"{name}-1.dist-info"
-    about.mkdir(parents=True)
-    (folder / f"{name}.py").write_text(code)
-    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1\n")
-    (about / "entry_points.txt").write_text(f"[{group}]\nmine = {name}{attribute}\n")
+    write_package(folder, name, code, f"[{group}]\nmine = {name}{attribute}\n")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(folder)
         for registry in registries:

@@ -3,15 +3,15 @@
 import inspect
 import re
 import shutil
-import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
 import pytest
 from pydantic import TypeAdapter
 
-from tests.contracts.outside_package import manual_example
+from tests.contracts.outside_package import manual_example, write_package
 from tests.recordings import Written, write_recording
 from tests.zoo.command_runs import ROOT, only_line, run, run_here, run_words
 from tests.zoo.written_checkpoints import write_constant
@@ -209,39 +209,25 @@ def test_a_default_is_typed_as_users_type_it() -> None:
     assert typed({"fog": 0.4}) == "{fog: 0.4}"
 
 
-OUTSIDE = manual_example("lap_counter.py")
-
-
-def outside(place: Path, *arguments: str) -> subprocess.CompletedProcess:
-    """Run `drivezoo ARGUMENTS` with a package in `place`, which is not the checkout."""
-    info = place / "lap_counter-1.0.dist-info"
-    info.mkdir(parents=True, exist_ok=True)
-    (place / "lap_counter.py").write_text(OUTSIDE)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: lap_counter\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(
-        "[drivezoo.commands]\n"
-        "count_laps = lap_counter:count_laps\n"
-        "evaluate = lap_counter:count_laps\n"
-    )
-    code = "import sys; from zoo.base.console_script import main; sys.exit(main())"
-    words = (sys.executable, "-c", code, *arguments)
-    return run_words(place.parent, *words, PYTHONPATH=f"{place}:{ROOT}")
-
-
 def test_a_command_of_another_package_is_one_like_ours(tmp_path: Path) -> None:
-    place = tmp_path / "site"
-    shown = outside(place, "--help").stdout
+    site, code = tmp_path / "site", manual_example("lap_counter.py")
+    names = "".join(f"{name} = lap_counter:count_laps\n" for name in ("count_laps", "evaluate"))
+    write_package(site, "lap_counter", code, f"[drivezoo.commands]\n{names}")
+    main = "import sys; from zoo.base.console_script import main; sys.exit(main())"
+    outside = partial(run_words, tmp_path, sys.executable, "-c", main, PYTHONPATH=f"{site}:{ROOT}")
+
+    shown = outside("--help").stdout
     assert "count_laps  count the laps of a drive" in shown
     assert "  evaluate    score a checkpoint" in shown, "ours go first"
-    assert "lap_m=500.0" in outside(place, "count_laps", "--help").stdout
-    missing = outside(place, "count_laps", "no drive")
+    assert "lap_m=500.0" in outside("count_laps", "--help").stdout
+    missing = outside("count_laps", "no drive")
     assert missing.returncode == 1
     assert "no drive: no such folder" in only_line(missing)
-    wrong = outside(place, "count_laps", "a", "lap_m=0")
+    wrong = outside("count_laps", "a", "lap_m=0")
     assert wrong.returncode == 2
     assert "lap_m=0: must be a number above 0, up to 5000" in only_line(wrong)
-    assert "did you mean count_laps?" in outside(place, "count_lap").stderr
-    assert len(OUTSIDE.splitlines()) < 40
+    assert "did you mean count_laps?" in outside("count_lap").stderr
+    assert len(code.splitlines()) < 40
 
 
 # Commands whose output cannot be written: what is in the way, and the words.

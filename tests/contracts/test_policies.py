@@ -109,16 +109,6 @@ def test_a_file_of_an_installed_kind_drives(tmp_path: Path) -> None:
         load_policy(path)
 
 
-def test_a_kind_that_cannot_be_imported_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "table.ckpt"
-    torch.save({"steering": 0}, path)
-    with (
-        installed(tmp_path / "site", "import no_such_module", "drivezoo.policies"),
-        pytest.raises(InputError, match=r"^outside_part: the policy mine cannot be .*no_such"),
-    ):
-        load_policy(path)
-
-
 def test_a_file_of_a_kind_that_is_not_installed_names_what_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from datamodules.recording_format import read_recordings
-from tests.contracts.test_recordings import FORMATS, Example
+from tests.contracts.test_recordings import FORMATS, LOGS, Example
 from zoo.base.bounded_files import open_data, read_text
 from zoo.base.errors import InputError
 from zoo.commands.check import look_at_image
@@ -30,13 +30,7 @@ KINDS = {
     "zip": (b"PK\x03\x04" + bytes(2000), "archive .*unpack"),
     "gzip": (b"\x1f\x8b\x08" + bytes(2000), "archive .*unpack"),
 }
-# A file of each format that its reader opens; of images the first is a JPEG or PNG.
-FILES = {
-    "udacity": "driving_log.csv",
-    "donkeycar": "manifest.json",
-    "challenge2": "interpolated.csv",
-    "table": "my.csv",
-}
+FILES = LOGS | {"donkeycar": "manifest.json"}  # a file of each format that its reader opens
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -63,11 +63,6 @@ def test_a_failure_in_the_background_is_kept_for_the_page(recorded: Written) -> 
     assert "restore" in session.state()["failure"]
 
 
-def test_the_new_folder_is_named_after_the_recorded_one(recorded: Written) -> None:
-    name = f"{recorded.folder.name}_edited"
-    assert session_of(recorded).state()["out"] == str(recorded.folder.with_name(name))
-
-
 class Counting(Policy):
     """A policy with a memory: it steers by the number of frames since its last reset."""
 
