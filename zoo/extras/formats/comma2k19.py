@@ -16,7 +16,7 @@ from zoo.base.bounded_files import open_data
 from zoo.base.errors import InputError, library_errors
 from zoo.base.limits import MOST
 from zoo.base.rig import Camera, single_camera_rig
-from zoo.extras.formats.video_images import video_images
+from zoo.extras.formats.video_frames import video_images
 
 title = "segment of comma2k19"
 UNIT = SteeringUnit("deg", full=500.0, right="negative")

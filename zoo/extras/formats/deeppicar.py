@@ -14,7 +14,7 @@ from datamodules.formats.labels import collect, decimal, labelled_recording, rea
 from datamodules.recording import Recording
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.rig import Camera, single_camera_rig
-from zoo.extras.formats.video_images import video_images
+from zoo.extras.formats.video_frames import video_images
 
 title = "DeepPicar recording"
 KEYS, VIDEO = "out-key.csv", "out-video.avi"

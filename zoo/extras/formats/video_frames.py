@@ -1,13 +1,14 @@
 """Write and read videos frame by frame with the ffmpeg of imageio-ffmpeg."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import imageio_ffmpeg
 import numpy as np
 
-from datamodules.image import MOST_PIXELS
+from datamodules.image import MOST_PIXELS, StoredImage
+from datamodules.recording import ForwardReader
 from zoo.base.bounded_files import open_data
 from zoo.base.errors import InputError, library_errors
 from zoo.base.video import VideoWriter
@@ -63,3 +64,9 @@ def read_frames(path: Path) -> Iterator[np.ndarray]:
             )
         for data in reader:
             yield np.frombuffer(data, np.uint8).reshape(height, width, 3)
+
+
+def video_images(video: Path) -> Callable[[int], StoredImage]:
+    """Return a function from a frame's number, from 0, to the image in a video."""
+    reader = ForwardReader(read_frames)
+    return lambda number: StoredImage(str(video), number, reader)

@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import strategies as st
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from tests.hostile.mutations import mutated_bytes, mutated_json, read_damaged
 from tests.hostile.test_fuzzed_formats import FEW_AND_MANY, STRATEGIES, check_damaged
 from tests.hostile.test_fuzzed_recordings import converted
-from tests.recordings import Written, convert_to_recording, write_recording
+from tests.recordings import convert_to_recording
 from tests.zoo.extras.formats.rare_examples import RARE
 from tests.zoo.extras.formats.rare_recordings import described_images
 
@@ -83,21 +84,16 @@ def test_damaged_recordings(
 
 
 @pytest.fixture
-def recording(tmp_path: Path) -> Written:
-    return write_recording(tmp_path / "recording", rows=4)
-
-
-@pytest.fixture
-def dataset(recording: Written, tmp_path: Path) -> Path:
+def dataset(tmp_path: Path) -> Path:
     """Return a LeRobot dataset with images in its Parquet file."""
     pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     path = described_images(tmp_path / "dataset")
-    image = {"bytes": recording.image(0).read_bytes(), "path": "1.jpg"}
+    png = cv2.imencode(".png", np.full((16, 32, 3), 90, np.uint8))[1].tobytes()
     columns = {
         "episode_index": pa.array(np.zeros(3, int)),
         "timestamp": pa.array(np.arange(3) / 10),
         "action": pa.array([[0.1, 0.5]] * 3),
-        "observation.images.front": pa.array([image] * 3),
+        "observation.images.front": pa.array([{"bytes": png, "path": "1.png"}] * 3),
     }
     pq.write_table(pa.table(columns), path)
     return path.parents[2]
