@@ -36,13 +36,6 @@ def test_a_recording_becomes_a_tub_and_a_tub_a_recording(recorded: Written, tmp_
     assert again.steering.tolist() == recorded.steering.tolist()
 
 
-def test_an_existing_folder_is_never_written_to(recorded: Written, tmp_path: Path) -> None:
-    (tmp_path / "old").mkdir()
-    result = run_convert(tmp_path, str(recorded.folder), "to=donkeycar", "out=old")
-    assert "out=old: exists already" in only_line(result)
-    assert list((tmp_path / "old").iterdir()) == []
-
-
 def test_wrong_uses_name_the_right_one(recorded: Written, tmp_path: Path) -> None:
     for source, keys, kind, words in (
         (recorded.folder, [], UsageError, r"name another format: to=donkeycar"),

@@ -171,11 +171,8 @@ def test_a_driver_that_does_not_start_is_a_fault(tmp_path: Path) -> None:
     assert "absent.ckpt" in finding.found
 
 
-@pytest.mark.parametrize("arguments", [("a.ckpt", "b.ckpt"), ("port=none",)])
-def test_wrong_arguments_get_one_line(
-    arguments: tuple[str, ...], capsys: pytest.CaptureFixture
-) -> None:
-    assert run_command("zoo.commands.doctor", doctor.main, list(arguments)) in (1, 2)
+def test_two_checkpoints_get_one_line(capsys: pytest.CaptureFixture) -> None:
+    assert run_command("zoo.commands.doctor", doctor.main, ["a.ckpt", "b.ckpt"]) in (1, 2)
     printed = capsys.readouterr()
     assert len(printed.err.splitlines()) == 1
     assert not printed.out

@@ -165,15 +165,6 @@ def test_a_full_disk_during_a_scored_drive_gets_one_line(small_disk: Path) -> No
     assert not list(small_disk.glob("*.mp4"))
 
 
-def test_a_foreign_film_is_not_replaced(tmp_path: Path) -> None:
-    write_recording(tmp_path / "lake", rows=3)
-    (tmp_path / "lake.mp4").write_text("a wedding")
-    assert "lake.mp4: exists" in only_line(film(tmp_path, "lake"))
-    assert (tmp_path / "lake.mp4").read_text() == "a wedding"
-    assert film(tmp_path, "lake", "overwrite=true").returncode == 0
-    assert (tmp_path / "lake.mp4").read_bytes() != b"a wedding"
-
-
 def test_a_film_below_outputs_is_replaced_unless_it_is_named(tmp_path: Path) -> None:
     write_recording(tmp_path / "outputs" / "lake", rows=3)
     for _ in range(2):

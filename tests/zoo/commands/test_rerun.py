@@ -91,9 +91,7 @@ def test_other_code_is_named_in_one_line(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "usage: drivezoo rerun RUN"),
         (["nowhere"], "nowhere: "),
-        (["run", "in=x"], "in: no such key; "),
         (["run", "out=run"], "is not empty"),
     ],
 )

@@ -2,7 +2,6 @@
 
 import http.client
 import json
-import os
 import shutil
 import sys
 from dataclasses import replace
@@ -18,7 +17,7 @@ from datamodules.image import decode_image
 from datamodules.view import CONVERSIONS, View
 from tests.recordings import Written
 from tests.slow_members import slow, slow_but
-from tests.zoo.command_runs import only_line, run_here
+from tests.zoo.command_runs import run_here
 from tests.zoo.models.test_models_command import build
 from tests.zoo.server.serve import picture, served
 from zoo.base.compose import choices
@@ -81,14 +80,6 @@ def exported(checkpoint: Path, recorded: Written, tmp_path_factory: pytest.TempP
         assert text in result.stdout
     assert result.stdout.strip().endswith("drivezoo drive model.onnx")
     return cwd / "model.onnx"
-
-
-@pytest.mark.skipif(os.name != "posix", reason="makes a named pipe")
-def test_a_named_pipe_is_refused_without_waiting(checkpoint: Path, tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "model.onnx")
-    assert "out=model.onnx: exists" in only_line(
-        run_here(tmp_path, str(checkpoint), module="zoo.commands.export")
-    )
 
 
 @pytest.mark.parametrize("name", slow_but({*choices("model")} - SLOW, choices("model")))

@@ -238,17 +238,6 @@ def test_bad_input_is_one_line(tmp_path: Path, run_folder: Path) -> None:
             write_report(tmp_path / name)
 
 
-@pytest.mark.parametrize(
-    ("file", "said"),
-    [("metrics.json", "metrics.json: is not valid JSON"), (".hydra/config.yaml", "config.yaml")],
-)
-def test_a_damaged_file_is_named(file: str, said: str, undriven: Path) -> None:
-    (undriven / file).write_text("{half")
-    with pytest.raises(InputError, match=said):
-        write_report(undriven)
-    assert not (undriven / "report").exists()
-
-
 def test_a_report_that_cannot_be_written_is_one_line(undriven: Path) -> None:
     (undriven / "report").write_text("a file in the way")
     with pytest.raises(InputError, match="cannot be written"):

@@ -45,17 +45,6 @@ def test_the_parameters_of_the_layers_add_up(model: str) -> None:
     assert {layer.name for layer in layers} <= dict(network.named_modules()).keys()
 
 
-def test_the_published_table_of_pilotnet() -> None:
-    config = composed("model=nvidia")
-    view = view_of(config["model"], config["data"]["crop"])
-    layers = network_layers(make_network(config["model"], view), view.shape)
-    counts = [layer.parameters for layer in layers if layer.parameters]
-    assert counts == [1_824, 21_636, 43_248, 27_712, 36_928, 115_300, 5_050, 510, 11]
-    convolutions = [layer for layer in layers if layer.kind.startswith("Conv2d")]
-    assert [layer.shape for layer in convolutions][0::4] == [(24, 31, 98), (64, 1, 18)]
-    assert "Dropout (p=0.157)" in {layer.kind for layer in layers}
-
-
 class Odd(nn.Module):
     """A network with a layer that is used twice, and a parameter outside layers."""
 
@@ -193,11 +182,3 @@ def test_ten_moments_are_not_a_film(tmp_path: Path, console: Console) -> None:
     writer.close()
     with pytest.raises(InputError, match=r"worst moments; .*film=true"):
         make_film(tmp_path, tmp_path / "film.mp4", None, console)
-
-
-@pytest.mark.parametrize("speed", ["0.5", "101"])
-def test_a_wrong_film_speed_is_refused_before_driving(
-    speed: str, checkpoint: str, tmp_path: Path
-) -> None:
-    with pytest.raises(InputError, match=r"film_speed=.* 1\.\.100"):
-        command([checkpoint, "film=true", f"film_speed={speed}", f"out={tmp_path / 'out'}"])

@@ -107,12 +107,6 @@ def test_the_overlay_is_green_where_it_matters(frame: np.ndarray) -> None:
     assert np.array_equal(overlay(frame, where), frame)
 
 
-def test_the_command_draws_a_recording(checkpoint: str, recorded: Written, tmp_path: Path) -> None:
-    result = run_here(tmp_path, checkpoint, str(recorded.folder), module="zoo.commands.saliency")
-    assert result.stdout.splitlines()[0] == "wrote: saliency.png"
-    assert cv2.imread(str(tmp_path / "saliency.png")).shape == (6 * (160 + CAPTION), 4 * 320, 3)
-
-
 def test_images_of_a_recording_are_drawn_in_the_first_ones_size(
     checkpoint: str, recorded: Written, tmp_path: Path
 ) -> None:
@@ -120,9 +114,10 @@ def test_images_of_a_recording_are_drawn_in_the_first_ones_size(
     large = next(folder.rglob(recorded.image(-1).name))
     cv2.imwrite(str(large), cv2.resize(cv2.imread(str(large)), (400, 300)))
 
-    saliency_command.main([checkpoint, str(folder), f"out={tmp_path}/mixed.png"])
+    result = run_here(tmp_path, checkpoint, str(folder), module="zoo.commands.saliency")
 
-    assert cv2.imread(f"{tmp_path}/mixed.png").shape == (6 * (160 + CAPTION), 4 * 320, 3)
+    assert result.stdout.splitlines()[0] == "wrote: saliency.png"
+    assert cv2.imread(str(tmp_path / "saliency.png")).shape == (6 * (160 + CAPTION), 4 * 320, 3)
 
 
 def test_it_draws_a_picture_beside_its_saliency(
@@ -141,19 +136,13 @@ def test_it_draws_a_picture_beside_its_saliency(
     assert np.array_equal(drawn[:, 320:], overlay(frame, where))
 
 
-def test_an_image_is_replaced_only_with_overwrite(
-    checkpoint: str, recorded: Written, tmp_path: Path
-) -> None:
-    given = [checkpoint, str(recorded.image(3))]
-    out = tmp_path / "saliency.png"
-    out.write_text("mine")
-    with pytest.raises(InputError, match=r"out=.*saliency\.png: exists"):
-        saliency_command.main([*given, f"out={out}"])
-    assert out.read_text() == "mine"
-    saliency_command.main([*given, f"out={out}", "overwrite=true"])
-    assert out.read_bytes() != b"mine"
+def test_a_users_image_is_not_replaced(checkpoint: str, recorded: Written, tmp_path: Path) -> None:
+    (tmp_path / "mine.png").write_bytes(recorded.image(3).read_bytes())
+    given = [checkpoint, f"{tmp_path}/mine.png", f"out={tmp_path}/mine.png"]
     with pytest.raises(InputError, match="is an input of this command"):
-        saliency_command.main([given[0], str(out), f"out={out}", "overwrite=true"])
+        saliency_command.main([*given, "overwrite=true"])
+    with pytest.raises(InputError, match=r"out=.*mine\.png: exists"):
+        saliency_command.main([checkpoint, str(recorded.image(3)), given[2]])
 
 
 def test_a_mistake_is_said_with_what_to_do(checkpoint: str, tmp_path: Path) -> None:
