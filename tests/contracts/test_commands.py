@@ -74,9 +74,7 @@ def test_the_signature_and_the_docstring_say_the_same(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_the_help_has_a_row_for_each_argument_and_key(
-    name: str, capsys: pytest.CaptureFixture
-) -> None:
+def test_the_help_has_a_row_per_argument_and_key(name: str, capsys: pytest.CaptureFixture) -> None:
     one = COMMANDS[name]
     one.main(["--help"])
     printed = capsys.readouterr().out
@@ -189,9 +187,7 @@ def test_a_text_and_a_value_of_python_mean_the_same(
         (["drive", "x", "speed=constant", "speed.kp=1"], "speed.kp: no such key"),
     ],
 )
-def test_wrong_use_is_one_line_with_the_remedy(
-    arguments: list[str], words: str, tmp_path: Path
-) -> None:
+def test_wrong_use_prints_its_remedy(arguments: list[str], words: str, tmp_path: Path) -> None:
     module = PLACES[arguments[0]].partition(":")[0]
     result = run_here(tmp_path, *arguments[1:], module=module)
     assert result.returncode == 2
@@ -248,9 +244,7 @@ IN_THE_WAY = {
 
 
 @pytest.mark.parametrize("case", [case for case in IN_THE_WAY if case.partition(",")[0] in PLACES])
-def test_a_refused_output_names_a_key_that_the_command_has(
-    case: str, recorded: Written, tmp_path: Path
-) -> None:
+def test_a_refused_output_names_a_real_key(case: str, recorded: Written, tmp_path: Path) -> None:
     shutil.copytree(recorded.folder, tmp_path / "lake")
     for folder in ("full", "class"):
         (tmp_path / folder).mkdir()
@@ -267,11 +261,8 @@ def test_a_refused_output_names_a_key_that_the_command_has(
 
 
 @pytest.mark.parametrize("name", ["check", "edit", "convert"])
-def test_a_key_of_a_training_that_a_message_names_is_taken(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    folder = str(write_recording(tmp_path / "lake", rows=30).folder)
+def test_a_key_of_a_training_that_a_message_names_is_taken(name: str, here: Path) -> None:
+    folder = str(write_recording(here / "lake", rows=30).folder)
     given = {"edit": ["page=false", "out=a"], "convert": ["to=donkeycar", "out=a"]}.get(name, [])
     key = "data.steering={unit: share, right: negative}"
     COMMANDS[name].main([folder, *given, key])

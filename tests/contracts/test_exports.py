@@ -113,9 +113,7 @@ def test_a_file_of_a_diverged_network_is_not_written(
     assert not [*tmp_path.iterdir()]
 
 
-def test_a_file_of_the_user_is_not_replaced(
-    kind: type[ExportedFile], export: Export, tmp_path: Path
-) -> None:
+def test_a_users_file_is_kept(kind: type[ExportedFile], export: Export, tmp_path: Path) -> None:
     for ending in (Path(kind.default).suffix, *kind.beside):
         folder = tmp_path / ending.removeprefix(".")
         path = folder.joinpath(kind.default).with_suffix(ending)
@@ -127,9 +125,7 @@ def test_a_file_of_the_user_is_not_replaced(
         assert path.read_text() == "mine"
 
 
-def test_a_key_that_it_does_not_take_is_refused(
-    kind: type[ExportedFile], export: Export, tmp_path: Path
-) -> None:
+def test_a_foreign_key_is_refused(kind: type[ExportedFile], export: Export, tmp_path: Path) -> None:
     for key, value in {"calibration": "a", "throttle": 0.2}.items():
         if key not in kind.keys:
             with pytest.raises(UsageError, match=f"{key}: belongs to .*; leave it out"):

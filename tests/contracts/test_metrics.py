@@ -99,9 +99,7 @@ def test_a_benchmark_has_a_users_metric_with_its_interval() -> None:
     assert not {"latency_ms", "laps"} & figures.keys()
 
 
-def test_a_package_that_registers_nothing_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_package_without_parts_is_named(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     with installed(tmp_path, "def mine(drive):\n    return 1.0\n", "drivezoo.metrics", METRICS):
         assert list(METRICS) == METRICS.own()
     assert capsys.readouterr().err == "outside_part: registers no metric\n"

@@ -109,9 +109,7 @@ def test_a_file_of_an_installed_kind_drives(tmp_path: Path) -> None:
         load_policy(path)
 
 
-def test_a_file_of_a_kind_that_is_not_installed_names_what_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_kind_names_those_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(policy_kinds, "installed_entries", lambda group: [])
     torch.save({"drivezoo": {"format": 1, "other": {}}, "members": []}, tmp_path / "x.ckpt")
     with pytest.raises(InputError, match=r"x\.ckpt: .*installed kind of policy \(none\)"):

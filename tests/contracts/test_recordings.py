@@ -43,9 +43,7 @@ def source(tmp_path: Path) -> Recording:
 
 @pytest.mark.usefixtures("outside")
 @pytest.mark.parametrize("name", WRITTEN)
-def test_what_a_format_writes_is_detected_and_read_back_equal(
-    name: str, source: Recording, tmp_path: Path
-) -> None:
+def test_a_written_format_is_read_back_equal(name: str, source: Recording, tmp_path: Path) -> None:
     check_written(name, source, tmp_path, EXACT[name])
 
 
@@ -76,9 +74,7 @@ def test_the_written_formats_are_all_that_write() -> None:
 
 
 @pytest.mark.parametrize("name", ["donkeycar", "udacity"])
-def test_a_writer_replaces_nothing_and_leaves_nothing_behind(
-    name: str, source: Recording, tmp_path: Path
-) -> None:
+def test_a_writer_replaces_and_leaves_nothing(name: str, source: Recording, tmp_path: Path) -> None:
     check_writer(name, source, tmp_path)
 
 
@@ -240,9 +236,7 @@ def check_a_half_written_line(example: Example, file: str, tmp_path: Path) -> No
 
 
 @pytest.mark.usefixtures("outside")
-def test_damage_is_one_line_with_the_place_and_the_remedy(
-    source: Recording, tmp_path: Path
-) -> None:
+def test_damage_is_one_line_with_place_and_remedy(source: Recording, tmp_path: Path) -> None:
     write_as("mine", source, tmp_path / "mine")
     (tmp_path / "mine/00003_7.5.jpg").write_bytes(b"")
     with pytest.raises(InputError, match=r"00003_7\.5\.jpg: steering is 7\.5.*on_bad_row=skip"):

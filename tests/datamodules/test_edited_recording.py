@@ -46,9 +46,7 @@ def contents(folder: Path) -> dict[str, tuple[bytes, int]]:
     return {str(path): (path.read_bytes(), path.stat().st_mtime_ns) for path in files}
 
 
-def test_kept_rows_are_the_recorded_ones_to_the_bit(
-    recording: Recording, source: Written, tmp_path: Path
-) -> None:
+def test_kept_rows_are_as_recorded(recording: Recording, source: Written, tmp_path: Path) -> None:
     before = contents(source.folder)
     written = write_edited(recording, drop(Edits(ROWS), (5, 30)), tmp_path / "new")
     assert (written.folders, written.rows) == ((tmp_path / "new",), (15,))
@@ -95,9 +93,7 @@ def test_images_are_links_or_else_copies(
     assert len(images(tmp_path / "copied")) == 6
 
 
-def test_mirrored_rows_turn_images_cameras_and_steering(
-    recording: Recording, tmp_path: Path
-) -> None:
+def test_mirroring_turns_images_cameras_and_steering(recording: Recording, tmp_path: Path) -> None:
     write_edited(recording, mirror(drop(Edits(ROWS), (0, 10)), (20, 30)), tmp_path / "new")
     again = read_recordings(str(tmp_path / "new"))
     np.testing.assert_array_equal(
@@ -112,9 +108,7 @@ def test_mirrored_rows_turn_images_cameras_and_steering(
     assert find_breaks(again)[19], "no window of frames has rows of both kinds"
 
 
-def test_several_recordings_become_one_although_names_repeat(
-    source: Written, tmp_path: Path
-) -> None:
+def test_recordings_become_one_although_names_repeat(source: Written, tmp_path: Path) -> None:
     shutil.copytree(source.folder, tmp_path / "other")
     both = read_recordings([str(source.folder), str(tmp_path / "other")])
     Path(both.images[ROWS, 0]).write_bytes(source.image(3).read_bytes())

@@ -215,28 +215,18 @@ def test_what_is_no_image_has_no_thumbnail(tmp_path, recorded: Written) -> None:
     assert thumbnail(str(tmp_path / "small.png")).shape == (20, 40)
 
 
-def rename_time(written: Written, row: int, stem: str) -> None:
-    """Give a row another time, in its images' names and in the log."""
-    for camera in ("center", "left", "right"):
-        image = written.image(row, camera)
-        image.rename(image.with_name(f"{camera}_{stem}.jpg"))
-    written.log.write_text(written.log.read_text().replace(written.stems[row], stem))
-
-
-@pytest.mark.parametrize("hour", [18, 17], ids=["pause", "step back"])
-def test_a_pause_or_a_step_back_in_time_is_a_gap_and_no_driving(tmp_path, hour):
-    written = write_recording(tmp_path / "lake", rows=30)
-    rename_time(written, 29, f"2018_07_16_{hour}_00_00_000")
-    (report,) = report_recordings(read_recordings(str(written.folder)))
+@pytest.mark.parametrize("seconds", [3600, -3600], ids=["pause", "step back"])
+def test_a_pause_or_a_step_back_in_time_is_a_gap_and_no_driving(seconds):
+    recording = recording_in_memory(np.zeros(30))
+    recording.time_s[29] += seconds
+    (report,) = report_recordings(recording)
     assert report.gaps == 1
     assert report.seconds == pytest.approx(28 / 15, abs=0.01)
 
 
-def test_names_without_times_have_no_seconds(tmp_path):
-    written = write_recording(tmp_path / "lake", rows=3)
-    for row in range(3):
-        rename_time(written, row, str(row))
-    recording = read_recordings(str(written.folder))
+def test_rows_without_times_have_no_seconds():
+    recording = recording_in_memory(np.zeros(3))
+    recording.time_s[:] = np.nan
     (report,) = report_recordings(recording)
     assert np.isnan([report.seconds, report.fps]).all()
     assert "no times in the file names" in report_lines(recording)[0]

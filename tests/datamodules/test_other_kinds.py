@@ -35,9 +35,7 @@ FILES = LOGS | {"donkeycar": "manifest.json"}  # a file of each format that its 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", FILES)
-def test_a_file_of_another_kind_is_named_by_its_contents(
-    name: str, kind: str, tmp_path: Path
-) -> None:
+def test_a_file_of_another_kind_is_named_by_contents(name: str, kind: str, tmp_path: Path) -> None:
     check_another_kind(name, FORMATS[name], FILES[name], kind, tmp_path)
 
 

@@ -79,9 +79,7 @@ def test_one_more_recording_leaves_the_others_views_alone(two, tmp_path, console
 
 @pytest.mark.parametrize("resident", [True, False])
 @pytest.mark.parametrize("size", [(33, 100), (6, 20)], ids=["large", "small"])
-def test_images_by_row_and_camera_also_mirrored(
-    two, tmp_path, console, monkeypatch, size, resident
-):
+def test_plain_and_mirrored_images_by_row(two, tmp_path, console, monkeypatch, size, resident):
     if not resident:
         monkeypatch.setattr(row_views, "RESIDENT_BYTES", 0)
     view = View((60, 25), "rgb", size)

@@ -139,23 +139,6 @@ def test_the_cap_and_the_histogram_are_of_the_newest_frame(load):
         np.testing.assert_array_equal(batches.steering(key), targets)
 
 
-class Turn(albumentations.ImageOnlyTransform):
-    """A transform as of another package, which steers."""
-
-    @property
-    def targets(self) -> dict:
-        return {**super().targets, "steering": self.apply_to_steering}
-
-    def get_params(self) -> dict:
-        return {"value": self.py_random.randrange(50)}
-
-    def apply(self, img: np.ndarray, value: int, **_: object) -> np.ndarray:
-        return img + np.uint8(value)
-
-    def apply_to_steering(self, steering: float, value: int, **_: object) -> float:
-        return steering + value / 100
-
-
 def fitted_bend() -> Bend:
     bend = Bend(p=0.6)
     bend.fit((0, 0), UDACITY)
@@ -169,7 +152,6 @@ TRANSFORMS = {
     "bend": fitted_bend,
     "blur": lambda: albumentations.GaussianBlur(p=0.6),
     "noise": lambda: albumentations.GaussNoise(p=0.6),
-    "turn": lambda: Turn(p=0.6),
 }
 
 

@@ -124,20 +124,13 @@ def test_no_window_reaches_over_a_bad_row(tmp_path: Path) -> None:
     assert np.flatnonzero(missing_rows(recording)).tolist() == [9]
 
 
-def test_a_table_in_the_current_folder_has_its_own_images(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = write(tmp_path / "set", HEADER, "{}.jpg").parent
-    for image in (folder / "IMG").iterdir():
-        image.rename(folder / f"1{image.name}")  # 10.jpg and 110.jpg, of which one is a part
-    table = folder / "labels.csv"
+def test_a_table_in_the_current_folder_has_its_own_images(here: Path) -> None:
+    table = write(here, HEADER, "{}.jpg")
+    for image in (here / "IMG").iterdir():
+        image.rename(here / f"1{image.name}")  # 10.jpg and 110.jpg, of which one is a part
     table.write_text(table.read_text().replace("\n", "\n1"))
-    whole = read(table)
-    monkeypatch.chdir(folder)
-    here = read(Path(table.name))
-    assert [file_name(image) for image in here.images[:, 0]] == [
-        file_name(image) for image in whole.images[:, 0]
-    ]
+    names = [list(map(file_name, read(path).images[:, 0])) for path in (table, Path(table.name))]
+    assert names[0] == names[1]
 
 
 def test_the_path_itself_comes_first(tmp_path: Path) -> None:
@@ -171,9 +164,7 @@ def test_an_absolute_path_of_this_machine_is_not_followed_out_of_the_folder(tmp_
         ("", NAMED, "a table without a header, of columns 0,1, has no"),
     ],
 )
-def test_a_column_that_is_not_there_is_named(
-    header: str, columns: dict, words: str, tmp_path: Path
-) -> None:
+def test_a_missing_column_is_named(header: str, columns: dict, words: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=rf"labels\.csv, row 1: {words}"):
         read(write(tmp_path / "set", header), columns)
 

@@ -165,9 +165,7 @@ def test_a_tub_of_donkeycar_3_is_read(tmp_path: Path) -> None:
     assert np.diff(new.time_s) == pytest.approx([0.1, 0.8])
 
 
-def test_a_tub_says_that_its_car_is_another_unless_drivezoo_wrote_it(
-    tub: Path, tmp_path: Path
-) -> None:
+def test_a_tub_is_of_another_car_unless_drivezoo_wrote_it(tub: Path, tmp_path: Path) -> None:
     convert_to_recording(tub, tmp_path / "ours")
     convert_to_recording(write_tub(tmp_path / "tub", [record(0), record(1)]), tmp_path / "theirs")
     assert read_source([tmp_path / "ours"]) is None

@@ -156,9 +156,7 @@ def test_another_site_cannot_send_commands(served: ServedPage, headers: dict[str
 
 
 @pytest.mark.parametrize("site", ["cross-site", "same-site"])
-def test_another_site_can_link_to_the_page_and_show_nothing_else(
-    served: ServedPage, site: str
-) -> None:
+def test_another_site_can_link_to_the_page_and_no_more(served: ServedPage, site: str) -> None:
     """A browser sends these headers, and no Origin, for another site's image or link."""
     image = {"Sec_Fetch_Site": site, "Sec_Fetch_Mode": "no-cors"}
     link = {"Sec_Fetch_Site": site, "Sec_Fetch_Mode": "navigate"}
@@ -217,9 +215,7 @@ def test_a_strange_head_is_refused_without_a_traceback(
     assert "Traceback" not in capfd.readouterr().err
 
 
-def test_a_request_that_drips_is_closed(
-    served: ServedPage, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_dripping_request_is_closed(served: ServedPage, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each byte comes in time, and the whole request does not."""
     monkeypatch.setattr("zoo.base.page_server.PATIENCE_S", 0.2)
     with begin(served.port, b"GET / HTTP/1.1\r\nX: ") as connection:
@@ -243,9 +239,7 @@ def test_unfinished_requests_do_not_keep_others_out(served: ServedPage) -> None:
         one.close()
 
 
-def test_a_written_recording_loads_and_the_next_gets_another_name(
-    served: ServedPage, tmp_path: Path
-) -> None:
+def test_written_recordings_load_under_different_names(served: ServedPage, tmp_path: Path) -> None:
     served.order(drop=[0, 100])
     for name in ("lap_edited", "lap_edited_2"):
         assert served.order(write="anywhere/else")[0] == 200, "the value is no path"
