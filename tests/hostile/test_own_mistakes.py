@@ -27,43 +27,36 @@ from zoo.simulator.track_file import read_track
 FIRST = "_socket|_queue"
 
 
-@pytest.mark.parametrize(
-    ("error", "words"),
-    [
-        (MemoryError("Unable to allocate 52.0 GiB"), "memory"),
-        (RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory: 9"), "memory"),
-        (RecursionError("maximum recursion depth exceeded"), "nested"),
-        (OSError(28, "No space left on device", "/disk/x.json"), "/disk/x.json: "),
-    ],
-)
-def test_lack_of_memory_or_disk_gets_one_line(
-    error: Exception, words: str, refusal: Refusal
-) -> None:
+Fail = Callable[[list[str]], object]
+
+
+def raising(error: Exception) -> Fail:
+    """Return a command that raises an error."""
+
     def fail(_: list[str]) -> None:
         raise error
 
-    assert words in refusal("zoo", fail, [])
+    return fail
 
 
 @pytest.mark.parametrize(
     ("fail", "words"),
     [
+        (raising(MemoryError("Unable to allocate 52.0 GiB")), "memory"),
+        (raising(RuntimeError("[enforce fail] Allocator: can't allocate memory: 9")), "memory"),
+        (raising(RecursionError("maximum recursion depth exceeded")), "nested"),
+        (raising(OSError(28, "No space left on device", "/disk/x.json")), "/disk/x.json: "),
         (lambda _: Path("~no.such.user/x").expanduser(), "a path begins with ~"),
         (lambda _: socket.getaddrinfo("a..b", 80), "a host's name"),
         (lambda _: socket.getaddrinfo("a" * 70, 80), "a host's name"),
     ],
 )
-def test_what_pythons_own_errors_mean_is_said(
-    fail: Callable[[list[str]], object], words: str, refusal: Refusal
-) -> None:
+def test_an_error_of_python_is_one_line(fail: Fail, words: str, refusal: Refusal) -> None:
     assert words in refusal("zoo", fail, [])
 
 
 def test_a_bug_keeps_its_traceback_and_asks_for_a_report(capsys: pytest.CaptureFixture) -> None:
-    def fail(_: list[str]) -> None:
-        raise ZeroDivisionError("of ours")
-
-    assert run_command("zoo.commands.film", fail, []) == 1
+    assert run_command("zoo.commands.film", raising(ZeroDivisionError("of ours")), []) == 1
     lines = capsys.readouterr().err.strip().splitlines()
     assert lines[0].startswith("Traceback")
     assert "ZeroDivisionError: of ours" in lines[-2]

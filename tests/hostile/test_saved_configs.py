@@ -28,12 +28,10 @@ from tests.zoo.command_runs import (
     train_in_fork,
 )
 from tests.zoo.compositions import composed
-from tests.zoo.sweeps import write_run
 from tests.zoo.trainings import SMALL
 from zoo.base.compose import choices, compose_config, config_groups
 from zoo.base.errors import InputError
 from zoo.commands.rerun import rerun
-from zoo.commands.results import results
 from zoo.commands.sweep import sweep
 from zoo.commands.train import train_or_sweep as zoo
 from zoo.models.make_network import make_network
@@ -177,17 +175,6 @@ def test_values_for_a_large_machine_and_own_tracks_are_allowed(key: str, value: 
     check_saved_config(config, "x.ckpt")
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_a_strangers_network_does_not_exhaust_the_machine(
-    name: str, strangers: Path, refusal: Refusal
-) -> None:
-    change(strangers, "model.width", 1e9)
-    start, arguments = COMMANDS[name]
-    line = refusal(name, start, arguments)
-    # A repeated run is another process, which prints the reason in a line above.
-    assert ("see above" if name == "zoo.commands.rerun" else "parameters") in line
-
-
 @pytest.mark.parametrize(
     ("model", "settings"),
     [
@@ -209,12 +196,6 @@ def test_a_network_of_too_many_parameters_is_refused_before_it_takes_memory(
     make_network(config, view)
     with pytest.raises(InputError, match=r"1,000,000,000|infinity"):
         make_network(config | settings, view)
-
-
-@pytest.mark.parametrize("file", ["metrics.json", ".hydra/config.yaml", ".hydra/hydra.yaml"])
-def test_a_damaged_file_of_a_run_gets_one_line(file: str, here: Path, refusal: Refusal) -> None:
-    (write_run(here / "run") / file).write_text("[1")
-    assert "run" in refusal("zoo.commands.results", results.main, ["run"])
 
 
 @pytest.mark.parametrize("most", [2, pytest.param(None, marks=pytest.mark.slow)])
