@@ -106,9 +106,7 @@ def test_the_format_is_read(run: Run, tmp_path: Path) -> None:
     assert "all images are whole" in printed
 
 
-def test_the_track_is_an_environment_and_the_perturbation_is_known(
-    run: Run, tmp_path: Path
-) -> None:
+def test_the_track_and_the_perturbation_are_known(run: Run, tmp_path: Path) -> None:
     (tmp_path / "printed.py").write_text(
         "import gymnasium, zoo.simulator\n"
         "from zoo.scoring.robustness import perturbations_named\n"

@@ -13,7 +13,7 @@ CHOICES = (
 
 
 @pytest.mark.parametrize("overrides", CHOICES, ids=" ".join)
-def test_a_kept_config_is_the_composed_one(
+def test_a_kept_config_is_as_composed(
     overrides: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     compose_config(overrides[:1])  # the same files, other values

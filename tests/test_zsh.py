@@ -127,7 +127,7 @@ ODD = [
 ]
 
 
-def test_a_printed_command_is_read_by_zsh_as_it_stands(
+def test_zsh_reads_a_printed_command_as_it_stands(
     tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
     for word in ODD:

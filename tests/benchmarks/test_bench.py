@@ -18,8 +18,7 @@ def bench(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
 
 
 @pytest.mark.parametrize(
-    ("parts", "rows"),
-    [("feed", 1), pytest.param("feed,cache,tiny", 3, marks=pytest.mark.slow)],
+    ("parts", "rows"), [("feed", 1), pytest.param("feed,cache,tiny", 3, marks=pytest.mark.slow)]
 )
 def test_the_short_version_measures_what_it_says(parts: str, rows: int, tmp_path: Path) -> None:
     page = tmp_path / "docs" / "performance.md"

@@ -153,9 +153,7 @@ def test_figures_are_measured_from_a_commit(
         study.main(["claims", *arguments])
 
 
-def test_rows_of_two_versions_of_the_code_make_no_table(
-    pages: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_rows_of_two_versions_make_no_table(pages: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     opened = Study("claims", [])
     rows = [CLAIM, CLAIM | CLEAN]
     for row, code in zip(rows, ("aaaa", "bbbb"), strict=True):
@@ -294,9 +292,7 @@ def test_a_finished_run_is_not_repeated_and_a_failed_entry_not_the_last(
     assert committed.read_text() == "{}"
 
 
-def test_an_interrupted_training_is_resumed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_stopped_training_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     asked = []
     monkeypatch.setattr(study_grid, "run_logged", lambda log, words, threads: asked.append(words))
@@ -461,9 +457,7 @@ def test_an_entry_trained_on_other_rows_is_refused(pages: Path) -> None:
     ("changes", "named"),
     [({}, r"card\.md"), ({"entry": "a | <b>"}, "letters"), ({"suite": "v1-quick"}, "quick")],
 )
-def test_a_submission_that_lacks_something_is_refused(
-    changes: dict, named: str, pages: Path
-) -> None:
+def test_an_incomplete_submission_is_refused(changes: dict, named: str, pages: Path) -> None:
     """A name stands in Markdown; an entry of another suite is no line of the board."""
     with pytest.raises(InputError, match=named):
         study.main(["board", f"add={write_entry(pages / 'entry', **changes)}"])

@@ -194,7 +194,7 @@ def added(session: onnxruntime.InferenceSession) -> float:
     return float(session.run(None, {"x": np.zeros(400, np.float32)})[0][0])
 
 
-def test_an_onnx_file_is_run_as_it_was_checked(
+def test_an_onnx_file_runs_as_it_was_checked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "x.onnx"

@@ -62,9 +62,7 @@ def test_a_child_process_runs_none_of_its_files(stranger: Path) -> None:
     assert "lake" in run(stranger, *module_command("zoo.commands.list", "tracks"))
 
 
-def test_a_spawned_process_runs_none_of_its_files_where_python_lacks_safe_path(
-    stranger: Path,
-) -> None:
+def test_a_spawned_process_runs_none_of_its_files_without_safe_path(stranger: Path) -> None:
     """Python 3.10 knows no PYTHONSAFEPATH: this script sets none, either."""
     script = stranger.with_name("spawn.py")
     script.write_text(SPAWN)

@@ -119,9 +119,7 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize("name", DAMAGE)
-def test_a_damaged_run_is_named_with_its_field_and_the_others_are_ranked(
-    name: str, tmp_path: Path
-) -> None:
+def test_a_damaged_field_is_named_and_the_other_runs_are_ranked(name: str, tmp_path: Path) -> None:
     file, damage, words = DAMAGE[name]
     good = write_run(tmp_path / "good", 0.9, overrides=("x=1",))
     bad = write_run(tmp_path / "bad", 1.0, overrides=("x=2",))
@@ -308,9 +306,7 @@ def test_curves_in_files_of_other_names_are_ignored(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("key", "name"), [("points", "mine.yaml"), ("length", "mine.yaml:17")])
-def test_a_track_or_family_of_base_60_numbers_is_refused(
-    key: str, name: str, tmp_path: Path
-) -> None:
+def test_a_track_of_base_60_numbers_is_refused(key: str, name: str, tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text(f"closed: true\n{key}: {BASE_60}\n")
     with pytest.raises(InputError, match=r"mine\.yaml.*line 2.*digits"):
         read_track(str(tmp_path / name))

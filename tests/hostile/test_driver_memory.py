@@ -5,14 +5,7 @@ import contextlib
 import psutil
 import pytest
 
-from tests.hostile.attacker import (
-    ATTACKS,
-    HALF,
-    MOST_GROWTH_MB,
-    POST,
-    Attacker,
-    megabytes,
-)
+from tests.hostile.attacker import ATTACKS, HALF, MOST_GROWTH_MB, POST, Attacker, megabytes
 from tests.hostile.attacker import LARGE as LONGEST
 from tests.hostile.test_driver_sessions import FINE, RED, assert_drives, assert_steered, closed
 from tests.zoo.server.old_client import OldClient

@@ -124,9 +124,7 @@ def test_a_current_client_is_driven_beyond_the_time_limit(impatient: Served) -> 
         (b"Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: navigate\r\n", b"403"),
     ],
 )
-def test_a_page_of_another_site_opens_no_session(
-    driver: Served, headers: bytes, status: bytes
-) -> None:
+def test_another_sites_page_opens_no_session(driver: Served, headers: bytes, status: bytes) -> None:
     assert poll(driver.port, headers).split()[1] == status
 
 
@@ -221,9 +219,7 @@ def test_an_invalid_packet_ends_the_session(fresh: Served) -> None:
 
 @pytest.mark.parametrize("auth", [{"token": "x"}, {}, ["x"], "x"])
 @pytest.mark.parametrize("transports", [["polling", "websocket"], ["websocket"]])
-def test_a_current_client_with_auth_is_driven(
-    driver: Served, auth: object, transports: list[str]
-) -> None:
+def test_a_client_with_auth_is_driven(driver: Served, auth: object, transports: list[str]) -> None:
     client = socketio.SimpleClient()
     client.connect(f"http://127.0.0.1:{driver.port}", auth=auth, transports=transports)
     client.emit("telemetry", telemetry(jpeg=RED))

@@ -173,11 +173,8 @@ EXPENSIVE = {name: (image, f"{MOST_PIXELS:,}") for name, image in LARGE.items()}
 
 
 @pytest.mark.parametrize("name", EXPENSIVE)
-def test_an_expensive_image_is_refused_undecoded_by_check_and_training_alike(
-    name: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    recwarn: pytest.WarningsRecorder,
+def test_check_and_training_refuse_an_expensive_image_undecoded(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, recwarn: pytest.WarningsRecorder
 ) -> None:
     monkeypatch.setattr("cv2.imdecode", None)
     path = tmp_path / "image.jpg"
@@ -223,9 +220,7 @@ def test_an_image_at_the_limit_is_decoded() -> None:
 
 
 @pytest.mark.parametrize("name", [*ENDLESS, "kernel", "large"])
-def test_an_image_that_never_ends_is_named_by_check_and_training_alike(
-    name: str, tmp_path: Path
-) -> None:
+def test_check_and_training_name_an_endless_image(name: str, tmp_path: Path) -> None:
     more = {
         "kernel": (lambda path: path.symlink_to(KERNEL), "empty"),
         "large": (sparse(MOST_IMAGE_BYTES + 1), "32,000,001"),

@@ -76,7 +76,7 @@ def test_a_kill_while_saving_leaves_the_last_whole_checkpoint(place: Path, tmp_p
     assert not list(tmp_path.glob("*.part"))
 
 
-def test_a_training_that_is_killed_several_times_resumes(
+def test_a_training_killed_several_times_resumes(
     place: Path, recorded: Written, tmp_path: Path
 ) -> None:
     folder = place / "run"
@@ -109,9 +109,7 @@ def test_a_training_that_is_killed_several_times_resumes(
     assert {path.name for path in last.parent.iterdir()} == {"best.ckpt", "last.ckpt"}
 
 
-def test_a_run_killed_between_its_checkpoints_names_the_one_it_has(
-    recorded: Written, tmp_path: Path
-) -> None:
+def test_a_run_killed_between_checkpoints_names_one(recorded: Written, tmp_path: Path) -> None:
     base = [*SMALL, f"data.root={recorded.folder}", "trainer.max_epochs=1", "hydra.run.dir=run"]
     assert run(tmp_path, *base).returncode == 0
     checkpoints = tmp_path / "run" / "checkpoints"

@@ -104,9 +104,7 @@ def test_a_link_that_leads_out_is_refused_by_name(
     assert not (here / "again").exists()
 
 
-def test_a_sweep_with_a_link_that_leads_out_is_not_resumed(
-    mine: Path, here: Path, refusal: Refusal
-) -> None:
+def test_a_sweep_with_a_link_out_is_not_resumed(mine: Path, here: Path, refusal: Refusal) -> None:
     (here / "sweep" / "0").mkdir(parents=True)
     write_record(here / "sweep", new_record(["seed=1,2"]))
     (here / "sweep" / "0" / "log.txt").symlink_to(mine)

@@ -122,9 +122,7 @@ class ReadingFile:
 PATTERNS = [
     # A trainer looks for every accelerator when it is constructed, which takes seconds.
     pytest.param(
-        pattern,
-        id=place_of(pattern),
-        marks=[pytest.mark.slow] if pattern == ("trainer",) else [],
+        pattern, id=place_of(pattern), marks=[pytest.mark.slow] if pattern == ("trainer",) else []
     )
     for pattern, allowed in ALLOWED.items()
     if allowed.package
@@ -172,7 +170,5 @@ def test_no_class_touches_a_file_a_process_or_the_network(
         ("logger.x", "lightning.pytorch.loggers.MLFlowLogger", False),
     ],
 )
-def test_only_a_class_that_needs_only_yaml_may_be_named(
-    place: str, target: str, allowed: bool
-) -> None:
+def test_a_named_class_needs_only_yaml(place: str, target: str, allowed: bool) -> None:
     assert is_allowed(tuple(place.split(".")), target) == allowed

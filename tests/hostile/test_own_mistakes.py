@@ -64,9 +64,7 @@ def test_a_bug_keeps_its_traceback_and_asks_for_a_report(capsys: pytest.CaptureF
     assert "report" in lines[-1]
 
 
-def test_a_stream_that_lacks_a_character_prints_another(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_character_that_a_stream_lacks_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     printed = io.BytesIO()
     monkeypatch.setattr("sys.stdout", io.TextIOWrapper(printed, "ascii"))
     assert run_command("zoo", lambda _: print("12 m → läuft", flush=True), []) == 0

@@ -174,7 +174,7 @@ def test_the_ranking_shows_hostile_names_as_text(runs: list[Path], tmp_path: Pat
 
 @needs_chromium
 @pytest.mark.parametrize("number", [0, 2])
-def test_the_report_shows_hostile_names_as_text(
+def test_a_report_shows_hostile_names_as_text(
     number: int, runs: list[Path], tmp_path: Path
 ) -> None:
     shown = check_harmless(write_report(runs[number]), 0, 0, tmp_path / "profile")

@@ -256,7 +256,7 @@ def test_the_next_commands_hold_a_recording_without_bends(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("write", "reason"), [(write_short, "no training yet: data.split"), (write_cut_off, "60 bad")]
 )
-def test_no_command_is_offered_that_would_stop(
+def test_no_next_command_would_stop(
     write: Callable[[Path], Path], reason: str, tmp_path: Path
 ) -> None:
     printed = run_check(write(tmp_path / "recording")).stdout

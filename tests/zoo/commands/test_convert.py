@@ -28,10 +28,7 @@ def test_a_recording_becomes_a_tub_and_a_tub_a_recording(recorded: Written, tmp_
         f"next: donkey train --tub {tmp_path / 'tub'}",
         "      in your car's folder",
     ]
-    assert back.splitlines()[-2:] == [
-        "wrote: tub_udacity",
-        "next: drivezoo check tub_udacity",
-    ]
+    assert back.splitlines()[-2:] == ["wrote: tub_udacity", "next: drivezoo check tub_udacity"]
     again = read_recordings(str(tmp_path / "tub_udacity"))
     assert again.steering.tolist() == recorded.steering.tolist()
 

@@ -49,9 +49,7 @@ def row(result: subprocess.CompletedProcess, what: str) -> str:
     return "\n".join(lines)
 
 
-def test_a_healthy_checkpoint_and_recording_are_ok(
-    tmp_path: Path, run_folder: Path, recorded: Written
-) -> None:
+def test_a_healthy_checkpoint_is_ok(tmp_path: Path, run_folder: Path, recorded: Written) -> None:
     result = run_doctor(tmp_path, run_folder, recorded.folder)
 
     assert result.returncode == 0, result.stdout
@@ -98,9 +96,7 @@ def test_every_fault_is_named_with_its_fix(tmp_path: Path) -> None:
     assert result.stdout.splitlines()[-1].startswith("faults: 3, warnings: 0,")
 
 
-def test_a_package_that_carries_malware_is_a_fault(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_package_with_malware_is_a_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     info = tmp_path / "bad" / "lightning-2.6.2.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: lightning\nVersion: 2.6.2\n")
@@ -192,7 +188,7 @@ def test_the_supported_pythons_are_those_of_pyproject() -> None:
         (("best.ckpt", "laps"), "drivezoo evaluate best.ckpt"),
     ],
 )
-def test_the_next_command_is_for_what_was_checked(
+def test_the_next_command_fits_the_checked(
     given: tuple[str | None, str | None], command: str
 ) -> None:
     assert doctor.next_step(*given)[0] == command

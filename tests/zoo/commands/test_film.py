@@ -58,9 +58,7 @@ def test_a_recording_becomes_h264_in_real_time(recorded: Written, tmp_path: Path
     assert meta["fps"] == pytest.approx(15, abs=0.2)
 
 
-def test_a_folder_of_images_is_filmed_in_the_order_of_time(
-    recorded: Written, tmp_path: Path
-) -> None:
+def test_images_are_filmed_in_the_order_of_time(recorded: Written, tmp_path: Path) -> None:
     folder = tmp_path / "a=[run] 1"
     folder.mkdir()
     for row in (7, 3, 5):
@@ -173,9 +171,7 @@ def test_a_film_below_outputs_is_replaced_unless_it_is_named(tmp_path: Path) -> 
     assert "out=outputs/lake.mp4: exists" in line
 
 
-def test_a_film_shows_no_autonomy_where_it_is_not_measured(
-    recorded: Written, tmp_path: Path
-) -> None:
+def test_an_autonomy_that_is_not_measured_is_not_shown(recorded: Written, tmp_path: Path) -> None:
     writer = DriveWriter(tmp_path)
     for row in range(10):
         writer.add([DriveRow(row / 10, frame=str(recorded.image(row)), intervention=row == 5)])

@@ -35,9 +35,7 @@ def test_a_wrong_kind_names_the_right_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kinds", [[], ["tracks", "recipes"], ["metrics"]])
-def test_a_list_of_all_ends_with_the_command_for_ones_own(
-    kinds: list[str], capsys: pytest.CaptureFixture
-) -> None:
+def test_a_list_of_all_ends_with_a_command(kinds: list[str], capsys: pytest.CaptureFixture) -> None:
     list_parts.main(kinds)
     assert ("next: drivezoo new model my_net" in capsys.readouterr().out) == (not kinds)
 

@@ -100,9 +100,7 @@ def test_the_written_tests_pass(written: New) -> None:
     written.run("pytest", "-q", "-p", "no:cacheprovider", "--basetemp=temporary", *files)
 
 
-def test_the_printed_commands_show_train_and_drive_the_parts(
-    written: New, recorded: Written
-) -> None:
+def test_the_printed_commands_train_and_drive_the_parts(written: New, recorded: Written) -> None:
     here = (f"data.root={recorded.folder}", "data.cache=null")
     (preview,) = written.commands("drivezoo", "preview")
     written.run("zoo.commands.preview", *preview, *here)
@@ -127,9 +125,7 @@ def test_the_printed_commands_show_train_and_drive_the_parts(
     written.run("zoo.commands.simulator", "record", *record, "laps=0.01")
 
 
-def test_the_printed_commands_write_a_recording_and_check_it(
-    written: New, recorded: Written
-) -> None:
+def test_the_printed_commands_write_and_check_a_recording(written: New, recorded: Written) -> None:
     (convert,) = written.commands("drivezoo", "convert")
     (check,) = written.commands("drivezoo", "check")
     given = [str(recorded.folder), *convert[1:], "out=converted"]
@@ -221,9 +217,7 @@ def test_a_wrong_kind_or_name_is_refused(kind: str, name: str, found: str, tmp_p
         ("conf", "conf/model/my_net.yaml"),
     ],
 )
-def test_all_files_are_written_or_none_and_none_is_overwritten(
-    name: str, words: str, tmp_path: Path
-) -> None:
+def test_all_files_are_written_or_none_is(name: str, words: str, tmp_path: Path) -> None:
     if name == "my_net.py" and os.name == "posix":
         (tmp_path / name).symlink_to("nowhere")  # a broken link exists, too
     else:

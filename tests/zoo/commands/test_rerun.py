@@ -75,7 +75,7 @@ def test_differences_are_named_and_times_are_ignored() -> None:
         (None, False),
     ],
 )
-def test_other_code_is_named_in_one_line(
+def test_other_code_is_named(
     code: dict | None, is_named: bool, capsys: pytest.CaptureFixture
 ) -> None:
     """The hash decides, not the commit."""
@@ -89,11 +89,7 @@ def test_other_code_is_named_in_one_line(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["nowhere"], "nowhere: "),
-        (["run", "out=run"], "is not empty"),
-    ],
+    ("arguments", "words"), [(["nowhere"], "nowhere: "), (["run", "out=run"], "is not empty")]
 )
 def test_bad_input_gets_one_line(arguments: list[str], words: str, tmp_path: Path) -> None:
     write_run(tmp_path / "run")

@@ -147,7 +147,7 @@ def test_an_interrupted_benchmark_resumes_and_has_the_same_digest(
 
 
 @pytest.mark.parametrize("small_disk", ["64k"], indirect=True)
-def test_a_full_disk_keeps_the_finished_drives(
+def test_a_full_disk_keeps_finished_drives(
     interrupted: Path, suite: Path, small_disk: Path
 ) -> None:
     out = small_disk / "out"
@@ -173,7 +173,7 @@ def test_damaged_drives_are_not_resumed(interrupted: Path, suite: Path, line: st
         drive(["zero"], suite, interrupted)
 
 
-def test_verify_repeats_the_drives(
+def test_verify_repeats_drives(
     entry: Path, suite: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     verify(entry, suite)

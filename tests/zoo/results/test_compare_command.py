@@ -52,9 +52,7 @@ def change(folder: Path, **fields: object) -> None:
     path.write_text(json.dumps(json.loads(path.read_text()) | fields))
 
 
-def test_it_names_the_better_entry_and_writes_all_figures(
-    folders: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_the_better_entry_is_named(folders: tuple[Path, Path], tmp_path: Path) -> None:
     first, second = folders
     printed = succeed(compare(tmp_path, first.name, str(second / "result.json")))
     assert "verdict: B drives better" in printed
@@ -225,9 +223,7 @@ def test_results_of_other_roads_or_with_wrong_drives_are_refused(
     assert "\n" not in line
 
 
-def test_a_result_without_some_of_its_suites_roads_is_refused(
-    folders: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_a_result_without_all_roads_is_refused(folders: tuple[Path, Path], tmp_path: Path) -> None:
     for folder in folders:
         change(folder, suite="v1-quick")
     line = only_line(compare(tmp_path, *map(str, folders)))
@@ -235,9 +231,7 @@ def test_a_result_without_some_of_its_suites_roads_is_refused(
     assert not (tmp_path / "compare.json").exists()
 
 
-def test_a_folder_without_a_result_and_a_networks_name_are_explained(
-    folders: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_what_has_no_result_is_explained(folders: tuple[Path, Path], tmp_path: Path) -> None:
     first, _ = folders
     line = only_line(compare(tmp_path, str(first), str(tmp_path)))
     assert str(tmp_path / "result.json") in line
@@ -245,9 +239,7 @@ def test_a_folder_without_a_result_and_a_networks_name_are_explained(
     assert line.startswith("drivezoo compare: lenet: no such file; drivezoo benchmark CKPT")
 
 
-def test_neither_an_input_nor_a_foreign_file_is_replaced(
-    folders: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_no_input_or_foreign_file_is_replaced(folders: tuple[Path, Path], tmp_path: Path) -> None:
     arguments = [*map(str, folders)]
     keys = ("out=mine.json", "table=thesis.tex")
     paths = [tmp_path / key.partition("=")[2] for key in keys]
@@ -264,9 +256,7 @@ def test_neither_an_input_nor_a_foreign_file_is_replaced(
     assert "mine" not in {path.read_text() for path in paths}
 
 
-def test_names_of_a_result_cannot_write_to_the_terminal(
-    folders: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_a_name_cannot_control_the_terminal(folders: tuple[Path, Path], tmp_path: Path) -> None:
     first, second = folders
     change(first, entry="[red]evil\x1b[2J")
     printed = succeed(compare(tmp_path, str(first), str(second)))

@@ -59,7 +59,7 @@ def test_autonomy_ranks_first_then_error_then_validation(tmp_path: Path) -> None
         ),
     ],
 )
-def test_the_heading_says_what_the_order_is(
+def test_the_heading_names_the_order(
     runs: list[dict], words: str, tmp_path: Path, console: Console
 ) -> None:
     folders = [
@@ -228,9 +228,7 @@ def test_a_drive_is_measured_where_its_file_lacks_figures(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(("file", "text"), [("drive.json", "[]"), ("result.json", "{}")])
-def test_what_is_damaged_is_named_and_the_others_are_ranked(
-    file: str, text: str, tmp_path: Path
-) -> None:
+def test_what_is_damaged_is_named_the_others_ranked(file: str, text: str, tmp_path: Path) -> None:
     good, bad = write_socket_drive(tmp_path / "a"), tmp_path / "b"
     if file == "drive.json":
         write_socket_drive(bad)
@@ -268,9 +266,7 @@ def test_repeats_with_other_seeds_are_one_entry_with_a_spread(tmp_path: Path) ->
         ((None, "32-true"), "1, 2\n(n = 2)"),
     ],
 )
-def test_repeats_in_several_precisions_are_marked(
-    precisions: tuple, text: str, tmp_path: Path
-) -> None:
+def test_several_precisions_are_marked(precisions: tuple, text: str, tmp_path: Path) -> None:
     for seed, precision in enumerate(precisions, 1):
         write_run(tmp_path / str(seed), 0.9, seed=seed, root="/a/lake", precision=precision)
     entries = rank(read_scored(sorted(tmp_path.iterdir()))[0])
@@ -549,7 +545,7 @@ def test_a_package_adds_files_to_a_paper(here: Path, monkeypatch: pytest.MonkeyP
     assert "1 training seeds" in ranking.notes
 
 
-def test_without_a_writer_of_papers_nothing_is_written(
+def test_without_a_papers_writer_none_is_written(
     here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_run(Path("sweep/a"), 0.9)

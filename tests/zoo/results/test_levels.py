@@ -40,7 +40,7 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("v3", "1b2c79d07725de54", 3, 20),
     ],
 )
-def test_each_level_is_driven_on_the_same_places(
+def test_levels_are_driven_on_the_same_places(
     name: str, roads: str, levels: int, count: int
 ) -> None:
     suite, dev = read_suite(name), read_suite(name, "dev")

@@ -84,7 +84,7 @@ def test_a_figure_at_its_mark_passes_and_one_below_does_not(result: BenchmarkRes
         ((0.8, None, None), "missed"),
     ],
 )
-def test_a_mark_within_the_interval_is_open(
+def test_a_mark_in_the_interval_is_open(
     result: BenchmarkResult, interval: tuple, status: str
 ) -> None:
     result.groups["like"]["autonomy"] = Interval(**figure(*interval))

@@ -37,9 +37,7 @@ def drives_of(folder: Path) -> list[dict]:
 
 
 @pytest.mark.slow
-def test_the_figures_do_not_depend_on_the_number_of_workers(
-    checkpoint: str, tmp_path: Path
-) -> None:
+def test_figures_do_not_depend_on_the_number_of_workers(checkpoint: str, tmp_path: Path) -> None:
     options = ("laps=0.01", "seeds=2", "speed=25", "weather=random", "quality=simple")
     one = (*options, "workers=1", f"out={tmp_path / 'a=1'}")
     printed = succeed(evaluate(tmp_path, checkpoint, *one))
@@ -118,9 +116,7 @@ def test_a_road_is_driven_once_under_one_name(typed: str, tracks: list[str]) -> 
     assert read_options(EvaluateOptions, [f"track={typed}"]).tracks == tracks
 
 
-def test_folders_of_drives_have_names_that_every_system_allows(
-    tmp_path: Path, console, monkeypatch
-) -> None:
+def test_every_system_allows_the_names_of_drives(tmp_path: Path, console, monkeypatch) -> None:
     family = tmp_path / "own.yaml"
     family.write_text((road_folder() / "alpine.yaml").read_text())
     found = []
@@ -165,9 +161,7 @@ def test_a_mistake_is_one_line_before_anything_drives(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_network_that_steers_nan_is_said_when_all_is_written(
-    checkpoint: str, tmp_path: Path
-) -> None:
+def test_a_network_that_steers_nan_is_named_at_the_end(checkpoint: str, tmp_path: Path) -> None:
     """Load a network with finite weights that overflow."""
     contents = torch.load(checkpoint, weights_only=True)
     for name, one in contents["state_dict"].items():

@@ -71,11 +71,7 @@ def exported(checkpoint: Path, recorded: Written, tmp_path_factory: pytest.TempP
     result = run_here(cwd, *arguments, module="zoo.commands.export")
     assert (result.returncode, result.stderr) == (0, "")
     assert (cwd / "secret.txt").read_text() == "mine"
-    assert {one.name for one in cwd.iterdir()} == {
-        "model.onnx",
-        "model.onnx.part",
-        "secret.txt",
-    }
+    assert {one.name for one in cwd.iterdir()} == {"model.onnx", "model.onnx.part", "secret.txt"}
     for text in ("PilotNet", "252,219 parameters", "difference", str(recorded.folder)):
         assert text in result.stdout
     assert result.stdout.strip().endswith("drivezoo drive model.onnx")
@@ -126,12 +122,7 @@ def test_the_file_describes_its_network(exported: Path, checkpoint: Path) -> Non
 
 @pytest.mark.parametrize(
     ("colour", "resize"),
-    [
-        ("gray", "area"),
-        ("yuv_old", "area_first"),
-        ("yuv_old", "linear_first"),
-        *slow(*SLOW_VIEWS),
-    ],
+    [("gray", "area"), ("yuv_old", "area_first"), ("yuv_old", "linear_first"), *slow(*SLOW_VIEWS)],
 )
 def test_the_file_keeps_the_view_and_the_scale(
     colour: str, resize: str, frames: Frames, tmp_path: Path
@@ -167,7 +158,7 @@ def test_a_file_that_steers_differently_is_removed(
     assert not list(tmp_path.glob("*.onnx"))
 
 
-def test_frames_are_those_of_training_or_else_rendered(
+def test_frames_are_of_training_or_rendered(
     checkpoint: Path, recorded: Written, here: Path
 ) -> None:
     loaded = load_checkpoint(checkpoint)

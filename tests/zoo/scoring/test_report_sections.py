@@ -124,9 +124,7 @@ FRAME = np.zeros((160, 320, 3), np.uint8)
     st.lists(st.tuples(st.floats(-4, 4), st.booleans()), min_size=1, max_size=200),
     st.integers(1, 5),
 )
-def test_the_worst_moment_is_kept_and_no_two_are_near(
-    drive: list[tuple[float, bool]], count: int
-) -> None:
+def test_the_worst_moments_are_not_near(drive: list[tuple[float, bool]], count: int) -> None:
     rows = [
         DriveRow(time_s=number / 15, cross_track_m=error, intervention=lost)
         for number, (error, lost) in enumerate(drive)
@@ -148,9 +146,7 @@ def test_an_intervention_is_worse_than_any_distance() -> None:
     assert [row.intervention for _, row, _ in moments.moments] == [True]
 
 
-def test_a_scored_drive_is_filmed_on_request(
-    checkpoint: str, tmp_path: Path, console: Console
-) -> None:
+def test_a_scored_drive_can_be_filmed(checkpoint: str, tmp_path: Path, console: Console) -> None:
     options = ("laps=0.015", "speed=25", "quality=simple", "workers=1")
     filmed = (*options, "film=true", "film_speed=3", "out=filmed")
     printed = succeed(run_here(tmp_path, checkpoint, *filmed, module="zoo.commands.evaluate"))

@@ -34,9 +34,7 @@ def frame(recorded: Written) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", slow_but({*choices("model")} - {"vgg"}, choices("model")))
-def test_every_model_has_a_map_in_the_coordinates_of_the_frame(
-    name: str, frame: np.ndarray
-) -> None:
+def test_every_model_has_a_map_of_the_frame(name: str, frame: np.ndarray) -> None:
     policy = policy_of(name)
     steering = policy(frame, 9.0)
     for published in (False, True):
@@ -120,7 +118,7 @@ def test_images_of_a_recording_are_drawn_in_the_first_ones_size(
     assert cv2.imread(str(tmp_path / "saliency.png")).shape == (6 * (160 + CAPTION), 4 * 320, 3)
 
 
-def test_it_draws_a_picture_beside_its_saliency(
+def test_an_image_stands_beside_its_map(
     run_folder: Path, recorded: Written, tmp_path: Path
 ) -> None:
     checkpoint, picture = run_folder / "checkpoints" / "best.ckpt", recorded.image(3)

@@ -200,9 +200,7 @@ def test_start_seeds_of_one_track_have_a_count_and_no_interval() -> None:
         ),
     ],
 )
-def test_a_likely_cause_is_named_with_a_command_against_it(
-    known: Evidence, cause: str, typed: str
-) -> None:
+def test_a_likely_cause_is_named_with_a_remedy(known: Evidence, cause: str, typed: str) -> None:
     verdict = judge([drive(20)], known)
     assert cause in " ".join(verdict.causes)
     commands = words_of(verdict)
@@ -212,9 +210,7 @@ def test_a_likely_cause_is_named_with_a_command_against_it(
         assert commands[-1][:3] == ["drivezoo", "correct", known.checkpoint]
 
 
-def test_a_network_that_fails_is_watched_where_no_command_corrects_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_where_no_command_corrects_a_network_it_is_watched(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("zoo.scoring.verdict.place_of", lambda name: None)
     assert words_of(judge([drive(20)], evidence()))[-1][:2] == ["drivezoo", "drive"]
 
