@@ -33,22 +33,6 @@ class LimitFiles(lightning.Callback):
             resource.setrlimit(resource.RLIMIT_FSIZE, (self.limit, hard))
 
 
-class FillDisk(lightning.Callback):
-    """A callback that fills the disk of the run's folder at the start of an epoch."""
-
-    def __init__(self, epoch: int) -> None:
-        self.epoch = epoch
-
-    def on_train_epoch_start(self, trainer: lightning.Trainer, module: object) -> None:
-        if trainer.current_epoch == self.epoch:
-            try:
-                with (Path(trainer.default_root_dir) / "filler").open("wb", buffering=0) as file:
-                    while True:
-                        file.write(bytes(4096))
-            except OSError:
-                return
-
-
 class Interrupt(lightning.Callback):
     """A callback that raises KeyboardInterrupt, as Ctrl-C does, at the start of an epoch."""
 

@@ -1,5 +1,6 @@
 """Trainings in the tests' process: without callbacks and loggers, or as the command does."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,24 +28,16 @@ def train_here(
     recorded: Written,
     folder: Path,
     *overrides: str,
-    together: int | None = None,
-    captured: int | None = None,
     console: Console | None = None,
+    **changes: object,
 ) -> tuple[SteeringModule, DrivingData]:
-    """Train, and return the module and the data.
-
-    `together` sets the batches per step, and `captured` the size of the batches that are captured.
-    """
-    base = (
-        *data_of(recorded),
-        "data.block_s=0.5",
-        "data.gap_s=0.1",
-    )
+    """Train, and return the module and the data; `changes` are fields of the plan."""
+    base = (*data_of(recorded), "data.block_s=0.5", "data.gap_s=0.1")
     config = OmegaConf.create(compose_config([*base, *overrides]))
     config.callbacks = config.logger = {}
     data = load_data(config, Console(quiet=True))
     folder.mkdir(exist_ok=True)
-    module, data, trainer = planned(config, data, folder, console, together, captured)
+    module, data, trainer = planned(config, data, folder, console, **changes)
     trainer.fit(module, datamodule=data)
     return module, data
 
@@ -61,18 +54,13 @@ def planned(
     data: DrivingData,
     folder: Path,
     console: Console | None = None,
-    together: int | None = None,
-    captured: int | None = None,
+    **changes: object,
 ) -> tuple[SteeringModule, DrivingData, lightning.Trainer]:
-    """Return module, data and trainer, as the command builds them."""
+    """Return module, data and trainer, as the command builds them; `changes` as above."""
     console = console or Console(quiet=True)
     network = build_network(config, data.view, console)
     trainer = build_trainer(config, folder, has_validation=True)
-    plan = make_plan(config, data, network, trainer, console)
-    if together:
-        plan = replace(plan, batches_per_step=together)
-    if captured:
-        plan = replace(plan, captured_batch=captured)
+    plan = replace(make_plan(config, data, network, trainer, console), **changes)
     module = build_module(config, network, plan, {}, console)
     set_up_process(plan.threads)
     return module, build_feed(data, plan, console), trainer
@@ -82,17 +70,16 @@ def weights(run_folder: Path, name: str = "last") -> dict[str, torch.Tensor]:
     return torch.load(run_folder / "checkpoints" / f"{name}.ckpt", weights_only=True)["state_dict"]
 
 
+def metrics(run_folder: Path) -> dict:
+    return json.loads((run_folder / "metrics.json").read_text())
+
+
 def equal(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> bool:
     return one.keys() == other.keys() and all(torch.equal(one[key], other[key]) for key in one)
 
 
 # A training of seconds; the blocks are short, since the recording is.
 SMALL = (
-    "model=tiny",
-    "data.crop=[50,0]",
-    "data.block_s=0.5",
-    "data.gap_s=0.1",
-    "data.batch_size=16",
-    "callbacks=checkpoints",
-    "score=none",
+    *("model=tiny", "data.crop=[50,0]", "data.block_s=0.5", "data.gap_s=0.1"),
+    *("data.batch_size=16", "callbacks=checkpoints", "score=none"),
 )

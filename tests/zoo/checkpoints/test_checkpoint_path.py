@@ -12,6 +12,7 @@ import drivezoo
 from benchmarks.study_grid import Study
 from tests.slow_members import slow_but
 from tests.zoo.command_runs import only_line, run, run_here, succeed
+from tests.zoo.trainings import equal, weights
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import (
@@ -143,8 +144,11 @@ def odd(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("named", [f"outputs/{ODD}", "latest"])
-def test_python_loads_a_run(named: str, odd: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_python_and_the_doctor_load_a_run(
+    named: str, odd: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(odd)
+    assert doctor.sort_paths([named]) == (f"outputs/{ODD}/checkpoints/best.ckpt", None)
     assert load_policy(named).name == "PilotNet"
     assert load_checkpoint(named).config["model"]["name"] == "nvidia"
 
@@ -159,14 +163,6 @@ def test_evaluate_takes_the_latest_run_and_keeps_which_it_was(
         "unicode_escape"
     )
     assert capsys.readouterr().err == f"latest: {checkpoint}\n"
-
-
-@pytest.mark.parametrize("named", [f"outputs/{ODD}", "latest"])
-def test_the_doctor_knows_a_run(named: str, odd: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(odd)
-    checkpoint, recording = doctor.sort_paths([named])
-    assert checkpoint == f"outputs/{ODD}/checkpoints/best.ckpt"
-    assert recording is None
 
 
 @pytest.mark.parametrize(
@@ -194,11 +190,12 @@ def test_report_takes_the_latest_run(odd: Path) -> None:
     assert f"outputs/{ODD}/report/index.html" in printed
 
 
-def test_weights_come_from_the_latest_run(odd: Path, recorded) -> None:
+def test_weights_come_from_the_latest_run(odd: Path, run_folder: Path, recorded) -> None:
     keys = ("model=nvidia", "model.weights=latest", "trainer.max_epochs=0", "score=none")
     data = (f"data.root={recorded.folder}", "data.block_s=0.5", "data.gap_s=0.1")
     printed = succeed(run(odd, *keys, *data, "hydra.run.dir=fine"))
     assert f"tensors from outputs/{ODD}/checkpoints/best.ckpt" in printed
+    assert equal(weights(odd / "fine", "best"), weights(run_folder, "best"))
 
 
 MOST_BYTES = 3_000_000  # of the wheel

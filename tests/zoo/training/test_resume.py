@@ -1,32 +1,27 @@
 """Resuming a run: finished, moved, trained by another process, or after its disk was full."""
 
-import json
 import os
 import shutil
-import subprocess
-import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import psutil
 import pytest
+import torch
 from omegaconf import OmegaConf
 
 from datamodules.balance import BalancedBatches, BatchKey
 from tests.recordings import Written, write_recording
-from tests.zoo.command_runs import Zoo, command, environment, only_line, run, run_here, succeed
-from tests.zoo.sweeps import change_status
-from tests.zoo.trainings import SMALL, data_of, equal, weights
+from tests.zoo.command_runs import Zoo, only_line, run, run_here, start, succeed
+from tests.zoo.sweeps import change_status, status
+from tests.zoo.trainings import SMALL, data_of, equal, metrics, weights
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.results.scored import read_scored
 from zoo.runs.status import read_status, write_status
 
 INTERRUPT = "tests.zoo.spoil.Interrupt"
-
-
-def metrics(run_folder: Path) -> dict:
-    return json.loads((run_folder / "metrics.json").read_text())
+Train = Callable[..., str]  # of the fixture
 
 
 def times(folder: Path) -> dict[str, int]:
@@ -46,14 +41,6 @@ def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path
 def two_epochs(trained: Path, tmp_path: Path) -> Path:
     """Copy the finished run of two epochs for one test."""
     return Path(shutil.copytree(trained, tmp_path / "run"))
-
-
-@pytest.fixture
-def other_process() -> Iterator[int]:
-    """Yield the number of a process that runs during the test."""
-    process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    yield process.pid
-    process.communicate()
 
 
 def test_a_finished_run_is_left_as_it_is(two_epochs: Path, zoo: Zoo) -> None:
@@ -94,21 +81,23 @@ def test_a_run_that_was_stopped_early_is_finished(two_epochs: Path, zoo: Zoo) ->
 
 
 def test_a_finished_run_that_fails_to_train_further_keeps_its_figures_and_rank(
-    two_epochs: Path, zoo: Zoo, tmp_path: Path
+    two_epochs: Path, trained: Path, zoo: Zoo, tmp_path: Path
 ) -> None:
     before = metrics(two_epochs)
-    other = write_recording(tmp_path / "other", seed=1)
-    only_line(zoo("resume=run", "trainer.max_epochs=3", f"data.root={other.folder}"), 1)
+    other = write_recording(tmp_path / "other", rows=110)
+    line = only_line(zoo("resume=run", "trainer.max_epochs=3", f"data.root={other.folder}"), 1)
+    assert "was trained on 120 rows" in line
+    assert "now holds 110" in line
     assert metrics(two_epochs) == before
-    status = read_status(two_epochs)
-    assert (status["status"], status["finished_epochs"]) == ("failed", 2)
+    assert equal(weights(two_epochs), weights(trained))
+    assert status(two_epochs) == "failed"
+    assert read_status(two_epochs)["finished_epochs"] == 2
     (run,), unranked = read_scored([two_epochs])
     assert (run.folder, unranked) == (two_epochs, [])
     succeed(zoo("resume=run", "trainer.max_epochs=3"))
     assert metrics(two_epochs)["epochs"] == 3
-    status = read_status(two_epochs)
-    assert status["status"] == "finished"
-    assert "finished_epochs" not in status
+    assert status(two_epochs) == "finished"
+    assert "finished_epochs" not in read_status(two_epochs)
     config = OmegaConf.load(two_epochs / ".hydra" / "config.yaml")
     assert config.trainer.max_epochs == 3, "a run that is stopped again needs it"
 
@@ -132,22 +121,16 @@ def test_ctrl_c_while_training_further_names_the_figures_that_stand(
 # Of each kind: optimizer, schedule, loss, data, view, network, seed, trainer, callbacks' state.
 FORBIDDEN = {
     "optim.lr": "1e-9",
-    "optim.l2": "0.1",
     "+optim.betas": "[0.8,0.9]",
     "schedule.factor": "0.5",
     "loss._target_": "torch.nn.L1Loss",
     "seed": "2",
     "data.crop": "[40,20]",
     "data.flip": "0",
-    "data.batch_size": "8",
-    "data.samples_per_epoch": "50",
     "data.val_share": "0.2",
-    "data.offset": "0.3",
     "data.augment.brightness.p": "0.5",
     "model.size": "[10,30]",
     "trainer.gradient_clip_val": "1",
-    "trainer.accumulate_grad_batches": "2",
-    "trainer.limit_train_batches": "3",
     "trainer.precision": "bf16-mixed",
     "callbacks.best.monitor": "val/mae",
     "callbacks.best": "null",
@@ -173,13 +156,9 @@ def test_keys_that_change_no_finished_epoch_are_obeyed(
     two_epochs: Path, zoo: Zoo, recorded: Written, tmp_path: Path
 ) -> None:
     moved = shutil.copytree(recorded.folder, tmp_path / "moved")
-    more = [
-        f"data.root={moved}",
-        "data.workers=0",
-        "trainer.log_every_n_steps=1",
-        "logger.tensorboard=null",
-    ]
-    succeed(zoo("resume=run", "trainer.max_epochs=3", *more, "callbacks.progress=null"))
+    machine = (f"data.root={moved}", "data.workers=0", "trainer.max_epochs=3")
+    logged = ("trainer.log_every_n_steps=1", "logger.tensorboard=null", "callbacks.progress=null")
+    succeed(zoo("resume=run", *machine, *logged))
     config = OmegaConf.load(two_epochs / ".hydra" / "config.yaml")
     assert (config.data.root, config.callbacks.progress) == (str(moved), None)
 
@@ -190,6 +169,24 @@ def test_a_schedule_that_ends_with_the_epochs_is_not_drawn_out(two_epochs: Path,
     line = only_line(zoo("resume=run", "trainer.max_epochs=4"), 2)
     assert "trainer.max_epochs=4: schedule.T_max was 2 " in line
     assert "train further" not in succeed(zoo("resume=run")), "it names what is refused"
+
+
+def test_a_loss_that_is_not_finite_stops_and_keeps_the_last_good_checkpoint(
+    two_epochs: Path, trained: Path, zoo: Zoo
+) -> None:
+    # Resume with a rate at which weights overflow.
+    checkpoint = two_epochs / "checkpoints" / "last.ckpt"
+    contents = torch.load(checkpoint, weights_only=True)
+    for group in contents["optimizer_states"][0]["param_groups"]:
+        group["lr"] = group["initial_lr"] = 1e38
+    contents["lr_schedulers"][0]["_last_lr"] = [1e38, 1e38]
+    contents["lr_schedulers"][0]["base_lrs"] = [1e38, 1e38]
+    torch.save(contents, checkpoint)
+    line = only_line(zoo("resume=run", "trainer.max_epochs=4"))
+    assert "the loss is not finite in epoch 3" in line
+    assert equal(weights(two_epochs), weights(trained))
+    assert status(two_epochs) == "failed"
+    assert "not finite" in read_status(two_epochs)["reason"]
 
 
 def test_fewer_epochs_than_are_finished_are_refused(two_epochs: Path, zoo: Zoo) -> None:
@@ -279,12 +276,12 @@ def test_a_finished_run_without_its_last_checkpoint_does_not_begin_again(
 
 
 def test_a_moved_run_ends_with_the_best_checkpoint_of_an_unbroken_one(
-    zoo: Zoo, recorded: Written, tmp_path: Path, capfd: pytest.CaptureFixture
+    train: Train, zoo: Zoo, tmp_path: Path, capfd: pytest.CaptureFixture
 ) -> None:
     # The greatest error counts as best, so that the best epoch is the first, before the move.
-    overrides = (*SMALL, *data_of(recorded), "callbacks.best.mode=max")
     for folder, epochs in (("whole", 4), ("old", 2)):
-        succeed(zoo(*overrides, f"trainer.max_epochs={epochs}", f"hydra.run.dir={folder}"))
+        keys = (f"trainer.max_epochs={epochs}", f"hydra.run.dir={folder}")
+        train("callbacks.best.mode=max", *keys)
     shutil.move(tmp_path / "old", tmp_path / "new")
     capfd.readouterr()
     succeed(zoo("resume=new", "trainer.max_epochs=4"))
@@ -298,11 +295,10 @@ def test_a_moved_run_ends_with_the_best_checkpoint_of_an_unbroken_one(
 
 @pytest.mark.slow  # a training of a study starts so, too
 def test_a_run_without_an_epoch_resumes_at_the_first(
-    zoo: Zoo, recorded: Written, tmp_path: Path
+    train: Train, zoo: Zoo, tmp_path: Path
 ) -> None:
-    overrides = (*SMALL, *data_of(recorded))
     for folder, epochs in (("whole", 1), ("part", 0)):
-        succeed(zoo(*overrides, f"trainer.max_epochs={epochs}", f"hydra.run.dir={folder}"))
+        train(f"trainer.max_epochs={epochs}", f"hydra.run.dir={folder}")
     succeed(zoo("resume=part", "trainer.max_epochs=1"))
     assert equal(weights(tmp_path / "part", "last"), weights(tmp_path / "whole", "last"))
 
@@ -340,11 +336,11 @@ def test_a_run_that_fails_inside_an_epoch_resumes_inside_it(
 
 
 def test_more_steps_resume_inside_the_epoch_in_which_the_first_ones_ended(
-    zoo: Zoo, recorded: Written, tmp_path: Path
+    train: Train, zoo: Zoo, tmp_path: Path
 ) -> None:
-    overrides = (*SMALL, *data_of(recorded), "model.dropout=0.0", "trainer.max_epochs=3")
-    succeed(zoo(*overrides, "trainer.max_steps=40", "hydra.run.dir=whole"))
-    succeed(zoo(*overrides, "trainer.max_steps=24", "hydra.run.dir=run"))
+    keys = ("model.dropout=0.0", "trainer.max_epochs=3")
+    train(*keys, "trainer.max_steps=40", "hydra.run.dir=whole")
+    train(*keys, "trainer.max_steps=24")
     assert metrics(tmp_path / "run")["epochs"] == 2, "the setting shows nothing"
     succeed(zoo("resume=run", "trainer.max_steps=40"))
     assert equal(weights(tmp_path / "run"), weights(tmp_path / "whole"))
@@ -352,11 +348,10 @@ def test_more_steps_resume_inside_the_epoch_in_which_the_first_ones_ended(
         assert metrics(tmp_path / "run")[key] == metrics(tmp_path / "whole")[key]
 
 
-@pytest.mark.parametrize("trace", [".hydra", "status.json", "checkpoints"])
+@pytest.mark.parametrize("trace", [".hydra", "status.json", "checkpoints", "metrics.json"])
 def test_a_new_run_does_not_replace_another(trace: str, zoo: Zoo, tmp_path: Path) -> None:
     folder = tmp_path / "my run=1"
-    folder.mkdir()
-    (folder / trace).mkdir()
+    (folder / trace).mkdir(parents=True)
     before = times(folder)
     line = only_line(zoo("model=tiny", f"hydra.run.dir={folder}"), 1)
     assert str(folder) in line
@@ -365,33 +360,24 @@ def test_a_new_run_does_not_replace_another(trace: str, zoo: Zoo, tmp_path: Path
     assert times(folder) == before
 
 
-def test_a_folder_without_a_run_takes_one(zoo: Zoo, recorded: Written, tmp_path: Path) -> None:
+def test_a_folder_without_a_run_takes_one(train: Train, tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "log.txt").write_text("mine")
-    arguments = (*SMALL, f"data.root={recorded.folder}", "trainer.max_epochs=0")
-    succeed(zoo(*arguments, "hydra.run.dir=run"))
+    train("trainer.max_epochs=0")
     assert (tmp_path / "run" / "log.txt").read_text() == "mine"
 
 
-def test_a_run_replaces_no_file_that_is_there(zoo: Zoo, recorded: Written, tmp_path: Path) -> None:
-    (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "metrics.json").write_text("mine")
-    only_line(zoo(*SMALL, f"data.root={recorded.folder}", "hydra.run.dir=run"), 1)
-    (path,) = (tmp_path / "run").iterdir()
-    assert (path.name, path.read_text()) == ("metrics.json", "mine")
-
-
 def test_a_run_that_another_process_trains_is_not_resumed(
-    two_epochs: Path, zoo: Zoo, other_process: int
+    two_epochs: Path, zoo: Zoo, other_process: psutil.Process
 ) -> None:
+    pid, started = other_process.pid, other_process.create_time()
     write_status(two_epochs, "running")
-    started = psutil.Process(other_process).create_time()
-    change_status(two_epochs, pid=other_process, process_started=started)
+    change_status(two_epochs, pid=pid, process_started=started)
     before = weights(two_epochs)
     line = only_line(zoo("resume=run", "trainer.max_epochs=3"), 1)
-    assert f"process {other_process} on {os.uname().nodename}" in line
+    assert f"process {pid} on {os.uname().nodename}" in line
     assert "hydra.run.dir=FOLDER" in line
-    assert read_status(two_epochs)["pid"] == other_process
+    assert read_status(two_epochs)["pid"] == pid
     assert equal(weights(two_epochs), before)
 
 
@@ -425,11 +411,8 @@ def test_a_name_that_no_run_can_have_is_refused(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_no_checkpoint_is_named_that_is_not_there(
-    zoo: Zoo, recorded: Written, tmp_path: Path
-) -> None:
-    arguments = (*SMALL, *data_of(recorded), "trainer.max_epochs=1")
-    assert "best.ckpt" not in succeed(zoo(*arguments, "callbacks.best=null", "hydra.run.dir=run"))
+def test_no_checkpoint_is_named_that_is_not_there(train: Train, zoo: Zoo) -> None:
+    assert "best.ckpt" not in train("trainer.max_epochs=1", "callbacks.best=null")
     assert "best.ckpt" not in succeed(zoo("resume=run"))
 
 
@@ -447,38 +430,15 @@ def test_two_processes_train_in_a_folder_with_an_odd_name(
 @pytest.mark.slow
 def test_of_two_new_runs_in_one_folder_one_is_refused(recorded: Written, tmp_path: Path) -> None:
     arguments = (*SMALL, f"data.root={recorded.folder}", "trainer.max_epochs=1")
-    processes = [
-        subprocess.Popen(
-            command("zoo", *arguments, "hydra.run.dir=run", f"seed={seed}"),
-            cwd=tmp_path,
-            env=environment(),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        for seed in (1, 2)
-    ]
-    said = [process.communicate(timeout=120)[1] for process in processes]
+    arguments += ("hydra.run.dir=run",)
+    processes = [start(tmp_path, "zoo", *arguments, f"seed={seed}") for seed in (1, 2)]
+    said = [process.communicate(timeout=120)[0] for process in processes]
     codes = [process.returncode for process in processes]
     assert sorted(codes) == [0, 1], said
     trained = codes.index(0) + 1
-    assert "run: " in said[codes.index(1)]
+    assert said[codes.index(1)].startswith("drivezoo train: run: ")
     assert OmegaConf.load(tmp_path / "run" / ".hydra" / "config.yaml").seed == trained
     assert metrics(tmp_path / "run")["seed"] == trained
-
-
-posix = pytest.mark.skipif(os.name != "posix", reason="limits the size of files")
-
-
-def spoiled(name: str, **settings: object) -> list[str]:
-    given = [f"+callbacks.spoil.{key}={value}" for key, value in settings.items()]
-    return [f"+callbacks.spoil._target_=tests.zoo.spoil.{name}", *given]
-
-
-@pytest.fixture
-def arguments(recorded: Written, tmp_path: Path) -> list[str]:
-    cache = f"data.cache={tmp_path / 'cache'}"
-    return [*SMALL, f"data.root={recorded.folder}", cache, "trainer.max_epochs=4"]
 
 
 @pytest.fixture
@@ -491,13 +451,17 @@ def unlimited() -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-@posix
+SPOIL = "+callbacks.spoil"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits the size of files")
 @pytest.mark.usefixtures("unlimited")
 def test_a_checkpoint_that_cannot_be_written_is_named_and_the_last_one_kept(
-    arguments: list[str], tmp_path: Path, zoo: Zoo
+    recorded: Written, tmp_path: Path, zoo: Zoo
 ) -> None:
-    limit = spoiled("LimitFiles", epoch=2, limit=5_000)
-    line = only_line(zoo(*arguments, *limit, "hydra.run.dir=run"), 1)
+    limit = (f"{SPOIL}._target_=tests.zoo.spoil.LimitFiles", f"{SPOIL}.limit=5000")
+    keys = (*data_of(recorded), *limit, f"{SPOIL}.epoch=2", "trainer.max_epochs=4")
+    line = only_line(zoo(*SMALL, *keys, "hydra.run.dir=run"), 1)
     checkpoints = tmp_path / "run" / "checkpoints"
     assert f"{checkpoints}/" in line
     assert "File too large" in line
@@ -505,28 +469,14 @@ def test_a_checkpoint_that_cannot_be_written_is_named_and_the_last_one_kept(
     assert f"resume={tmp_path / 'run'}" in line
     assert {path.name for path in checkpoints.iterdir()} == {"best.ckpt", "last.ckpt"}
     assert load_checkpoint(checkpoints / "last.ckpt").network is not None
-    assert json.loads((tmp_path / "run" / "status.json").read_text())["status"] == "failed"
-
-
-@pytest.mark.parametrize("small_disk", ["8m"], indirect=True)
-def test_a_full_disk_is_named_and_the_run_resumed_when_there_is_room(
-    arguments: list[str], small_disk: Path, zoo: Zoo
-) -> None:
-    run = small_disk / "run"
-    more = ("callbacks=checkpoints", "logger=csv", *spoiled("FillDisk", epoch=2))
-    line = only_line(zoo(*arguments, *more, f"hydra.run.dir={run}"), 1)
-    assert f"{run}/" in line
-    assert "No space left on device" in line
-    assert f"{run / 'checkpoints' / 'last.ckpt'} is kept" in line
-    (run / "filler").unlink()
-    succeed(zoo(f"resume={run}", "callbacks.spoil=null"))
-    assert json.loads((run / "metrics.json").read_text())["epochs"] == 4
+    assert status(tmp_path / "run") == "failed"
 
 
 def test_a_folder_removed_in_the_middle_is_named_in_one_line(
-    arguments: list[str], tmp_path: Path, zoo: Zoo
+    recorded: Written, tmp_path: Path, zoo: Zoo
 ) -> None:
-    remove = spoiled("RemoveFolder", epoch=1)
-    line = only_line(zoo(*arguments, *remove, "hydra.run.dir=run"), 1)
+    remove = (f"{SPOIL}._target_=tests.zoo.spoil.RemoveFolder", f"{SPOIL}.epoch=1")
+    keys = (*data_of(recorded), *remove, "trainer.max_epochs=4")
+    line = only_line(zoo(*SMALL, *keys, "hydra.run.dir=run"), 1)
     assert f"{tmp_path / 'run'} was removed" in line
     assert not (tmp_path / "run").exists()

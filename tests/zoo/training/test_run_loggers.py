@@ -11,33 +11,16 @@ from omegaconf import OmegaConf
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from tests.recordings import Written
-from tests.zoo.command_runs import Zoo, succeed
-from tests.zoo.trainings import SMALL, data_of
 from zoo.training.run_loggers import final_scores, log_results, naming_arguments
 
 CONFIG = {"model": {"name": "lenet"}, "quick": False, "logger": {"mine": {"key": "secret"}}}
-METRICS = {
-    "open_loop": {"val": {"mse": 0.5}},
-    "drive": {
-        "tracks": {
-            "lake": {
-                "drives": 3,
-                "drives_without_intervention": 3,
-                "autonomy": [0.9, 0.1],
-                "lap_s": [90.0, None],
-                "recovery_s": None,
-            }
-        }
-    },
-}
+LAKE = {"drives": 3, "drives_without_intervention": 3, "autonomy": [0.9, 0.1]}
+LAKE |= {"lap_s": [90.0, None], "recovery_s": None}
+METRICS = {"open_loop": {"val": {"mse": 0.5}}, "drive": {"tracks": {"lake": LAKE}}}
 
 
-def test_tensorboard_has_the_config_the_scores_and_the_report(
-    recorded: Written, tmp_path: Path, zoo: Zoo
-) -> None:
-    small = (*SMALL, *data_of(recorded), "trainer.max_epochs=1", "optim.lr=0.002")
-    succeed(zoo(*small, "hydra.run.dir=run"))
+def test_tensorboard_has_the_config_the_scores_and_the_report(train, tmp_path: Path) -> None:
+    train("trainer.max_epochs=1", "optim.lr=0.002")
     stored = yaml.safe_load((tmp_path / "run" / "hparams.yaml").read_text())
     assert (stored["optim.lr"], stored["model.name"]) == (0.002, "tiny")
     events = EventAccumulator(str(tmp_path / "run"))
@@ -46,12 +29,9 @@ def test_tensorboard_has_the_config_the_scores_and_the_report(
     assert any("report" in one for one in events.Tags()["tensors"])
 
 
-def test_mlflow_has_the_name_the_config_the_scores_and_the_report(
-    recorded: Written, tmp_path: Path, zoo: Zoo
-) -> None:
+def test_mlflow_has_the_name_the_config_the_scores_and_the_report(train, tmp_path: Path) -> None:
     mlflow = pytest.importorskip("mlflow")
-    small = (*SMALL, *data_of(recorded), "trainer.max_epochs=1", "logger=mlflow")
-    succeed(zoo(*small, "hydra.run.dir=run"))
+    train("trainer.max_epochs=1", "logger=mlflow")
     client = mlflow.MlflowClient(f"sqlite:///{tmp_path}/outputs/mlflow.db")
     (run,) = client.search_runs([client.get_experiment_by_name("drivezoo").experiment_id])
     assert (run.info.run_name, run.data.tags["model"]) == ("run", "tiny")

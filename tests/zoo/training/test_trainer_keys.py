@@ -1,6 +1,5 @@
 """Keys of Lightning's Trainer in a whole run: rarer validations, precisions, profilers, limits."""
 
-import csv
 import signal
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import torch
 
 from datamodules.view import View
 from tests.recordings import Written
+from tests.slow_members import slow
 from tests.zoo.command_runs import Zoo, only_line, succeed
 from tests.zoo.compositions import composed
 from tests.zoo.trainings import SMALL, data_of, equal, weights
@@ -19,29 +19,17 @@ from zoo.models.make_network import make_network
 from zoo.runs.run_record import Run
 from zoo.training import conclusion
 from zoo.training.closed_loop import ClosedLoop
-
-
-@pytest.fixture
-def train(zoo: Zoo, recorded: Written):
-    """Return a function that trains with more keys in `run`, and returns what was printed."""
-    return lambda *keys: succeed(zoo(*SMALL, *data_of(recorded), "hydra.run.dir=run", *keys))
+from zoo.training.conclusion import read_curves
 
 
 @pytest.mark.parametrize(
     ("keys", "epochs", "best"),
     [
         ("trainer.check_val_every_n_epoch=2 trainer.max_epochs=4", 4, "lowest val/mse"),
-        ("trainer.check_val_every_n_epoch=3 trainer.max_epochs=2", 2, "last epoch"),
-        (
-            "trainer.check_val_every_n_epoch=2 trainer.max_epochs=2 schedule=plateau",
-            2,
-            "lowest val/mse",
-        ),
+        ("trainer.check_val_every_n_epoch=3", 2, "last epoch"),
+        ("trainer.check_val_every_n_epoch=2 schedule=plateau", 2, "lowest val/mse"),
         ("trainer.max_steps=3", 1, "epoch 1: last epoch"),
-        pytest.param(
-            *("trainer.max_steps=20 trainer.max_epochs=9", 2, "lowest val/mse"),
-            marks=pytest.mark.slow,
-        ),
+        *slow(("trainer.max_steps=20 trainer.max_epochs=9", 2, "lowest val/mse")),
         ("trainer.val_check_interval=0.5 trainer.max_epochs=1", 1, "lowest val/mse"),
         ("trainer.max_epochs=0", 0, "epoch 0: the initial weights"),
     ],
@@ -49,7 +37,7 @@ def train(zoo: Zoo, recorded: Written):
 def test_a_run_ends_whole_however_rare_validations_are(
     keys: str, epochs: int, best: str, train, tmp_path: Path
 ) -> None:
-    printed = train(*keys.split(), "callbacks=early_stopping")
+    printed = train("callbacks=early_stopping", "trainer.max_epochs=2", *keys.split())
     (line,) = [one for one in printed.splitlines() if one.startswith("best.ckpt is of epoch")]
     assert best in line
     assert Run(tmp_path / "run").metrics["epochs"] == epochs
@@ -59,14 +47,9 @@ def test_a_run_ends_whole_however_rare_validations_are(
 
 def test_a_figure_between_validations_counts_once_for_early_stopping(train, tmp_path: Path) -> None:
     keys = ("callbacks=early_stopping", "callbacks.early_stopping.patience=2", "optim.lr=0.5")
-    train(
-        *keys,
-        "data.samples_per_epoch=64",
-        "trainer.check_val_every_n_epoch=2",
-        "trainer.max_epochs=40",
-    )
-    with (tmp_path / "run" / "metrics.csv").open(newline="") as file:
-        errors = [float(row["val/mse"]) for row in csv.DictReader(file) if row.get("val/mse")]
+    keys += ("data.samples_per_epoch=64", "trainer.check_val_every_n_epoch=2")
+    train(*keys, "trainer.max_epochs=40")
+    errors = [*read_curves(tmp_path / "run")["val/mse"].values()]
     assert len(errors) == errors.index(min(errors)) + 1 + 2
     assert Run(tmp_path / "run").metrics["epochs"] == 2 * len(errors)
 
@@ -98,16 +81,9 @@ def test_a_trainers_key_that_cannot_be_obeyed_is_one_line(
     assert words in only_line(zoo(*SMALL, *data_of(recorded), *keys.split()))
 
 
-@pytest.mark.parametrize(
-    "precision",
-    [
-        "bf16-true",
-        pytest.param("bf16-mixed", marks=pytest.mark.slow),
-        pytest.param("64-true", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize("precision", ["bf16-true", *slow("bf16-mixed", "64-true")])
 def test_a_run_in_another_precision_ends_with_figures_and_resumes(
-    precision: str, train, zoo: Zoo, recorded: Written, tmp_path: Path
+    precision: str, train, zoo: Zoo, tmp_path: Path
 ) -> None:
     key = f"trainer.precision={precision}"
     train(key, "trainer.max_epochs=2")
@@ -115,8 +91,7 @@ def test_a_run_in_another_precision_ends_with_figures_and_resumes(
     assert np.isfinite(run.metrics["open_loop"]["val"]["mse"])
     assert run.metrics["precision"] == precision
     succeed(zoo("resume=run", "trainer.max_epochs=3"))
-    base = (*SMALL, *data_of(recorded), key, "trainer.max_epochs=3", "hydra.run.dir=whole")
-    succeed(zoo(*base))
+    train(key, "trainer.max_epochs=3", "hydra.run.dir=whole")
     assert equal(weights(tmp_path / "run"), weights(tmp_path / "whole"))
 
 
@@ -132,9 +107,7 @@ def test_a_drive_between_epochs_takes_a_network_of_any_precision(dtype: torch.dt
     assert next(network.parameters()).dtype == dtype
 
 
-@pytest.mark.parametrize(
-    "name", ["SIGINT", "SIGHUP", pytest.param("SIGUSR1", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("name", ["SIGINT", "SIGHUP", *slow("SIGUSR1")])
 def test_a_stop_while_it_is_scored_names_the_command_that_resumes(
     name: str, zoo: Zoo, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
