@@ -69,9 +69,9 @@ def test_a_training_that_cannot_be_captured_is_the_plain_one(
 ) -> None:
     words = (*LENET, "trainer.accelerator=cpu", "data.augment_on=device")
     console = Console(file=StringIO(), width=300)
-    group = {"together": 4, "captured": 16}
+    group = {"batches_per_step": 4, "captured_batch": 16}
     captured, data = train_here(recorded, tmp_path / "a", *words, **group, console=console)
-    plain, _ = train_here(recorded, tmp_path / "b", *words, together=4)
+    plain, _ = train_here(recorded, tmp_path / "b", *words, batches_per_step=4)
     assert captured.train_samples == plain.train_samples == 2 * len(data.samples)
     assert float(captured.mean_loss()) == pytest.approx(float(plain.mean_loss()), rel=1e-4)
     for name, weight in plain.state_dict().items():

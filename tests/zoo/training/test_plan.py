@@ -9,11 +9,13 @@ import lightning
 import pytest
 import torch
 from lightning.pytorch.loggers import TensorBoardLogger
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.batches import GROUP
+from datamodules.driving import DrivingData
 from tests.recordings import Written
+from tests.slow_members import slow
 from tests.zoo.command_runs import run_here, succeed
 from tests.zoo.trainings import SMALL, data_of, equal, planned, train_here
 from zoo.base.compose import compose_config
@@ -22,45 +24,41 @@ from zoo.training import plan
 from zoo.training.build import load_data
 from zoo.training.compiled_loss import compile_step, compiles
 
-CPU = torch.device("cpu")
+MINE = "tests.zoo.training.test_plan"
 
 
 def train(
-    recorded: Written, folder: Path, *overrides: str, together: int | None = None
+    recorded: Written, folder: Path, *overrides: str, **changes: int
 ) -> tuple[dict[str, torch.Tensor], int]:
     """Train for two epochs; return the weights and the number of batches in a group."""
-    module, data = train_here(
-        recorded,
-        folder,
-        "data.batch_size=16",
-        "trainer.max_epochs=2",
-        "trainer.accelerator=cpu",
-        "augment=[brightness,shift]",
-        *overrides,
-        together=together,
-    )
+    keys = ("data.batch_size=16", "trainer.max_epochs=2", "trainer.accelerator=cpu")
+    keys += ("augment=[brightness,shift]", *overrides)
+    module, data = train_here(recorded, folder, *keys, **changes)
     assert module.train_samples == 2 * len(data.samples)
     return module.state_dict(), data.batches_per_step
 
 
-@pytest.mark.parametrize("schedule", [pytest.param("constant", marks=pytest.mark.slow), "cosine"])
+def loaded(recorded: Written, *overrides: str) -> tuple[DictConfig, DrivingData]:
+    """Return the config of a small training, and its data."""
+    small = [*(word for word in SMALL if not word.startswith("callbacks")), *data_of(recorded)]
+    config = OmegaConf.create(compose_config([*small, "trainer.accelerator=cpu", *overrides]))
+    return config, load_data(config, Console(quiet=True))
+
+
+@pytest.mark.parametrize("schedule", [*slow("constant"), "cosine"])
 def test_batches_that_come_together_are_a_step_each(
     schedule: str, recorded: Written, tmp_path: Path
 ) -> None:
     overrides = ("model=tiny", "data.crop=[50,0]", f"schedule={schedule}")
     together, count = train(recorded, tmp_path / "a", *overrides)
-    alone, _ = train(recorded, tmp_path / "b", *overrides, together=1)
+    alone, _ = train(recorded, tmp_path / "b", *overrides, batches_per_step=1)
     assert count == GROUP
     assert equal(together, alone)
 
 
 @pytest.mark.parametrize(
     "override",
-    [
-        "trainer.gradient_clip_val=1.0",
-        "trainer.accumulate_grad_batches=2",
-        pytest.param("model=nvidia", marks=pytest.mark.slow),
-    ],
+    ["trainer.gradient_clip_val=1.0", "trainer.accumulate_grad_batches=2", *slow("model=nvidia")],
 )
 def test_what_lightning_does_by_the_step_keeps_steps_apart(
     override: str, recorded: Written, tmp_path: Path
@@ -76,28 +74,19 @@ def test_what_lightning_does_by_the_step_keeps_steps_apart(
         ((), GROUP),
         (("callbacks=closed_loop",), GROUP),
         (("trainer.group_batches=false",), 1),
-        (
-            (
-                "+logger.mine._target_=tests.zoo.training.test_plan.StepLogger",
-                "+logger.mine.save_dir=.",
-            ),
-            1,
-        ),
+        ((f"+logger.mine._target_={MINE}.StepLogger", "+logger.mine.save_dir=."), 1),
         (("callbacks.learning_rate.logging_interval=step",), 1),
         (("+callbacks.last.every_n_train_steps=5",), 1),
         (("+callbacks.last.train_time_interval.hours=1",), 1),
         (("+callbacks.mine._target_=lightning.pytorch.callbacks.Timer",), 1),
-        (("+callbacks.mine._target_=tests.zoo.training.test_plan.QuietCallback",), GROUP),
+        ((f"+callbacks.mine._target_={MINE}.QuietCallback",), GROUP),
     ],
     ids=lambda one: one[0] if isinstance(one, tuple) and one else "",
 )
 def test_what_looks_at_batches_or_steps_keeps_them_apart(
     overrides: tuple[str, ...], count: int, recorded: Written, tmp_path: Path
 ) -> None:
-    overrides += ("model=tiny", "data.crop=[50,0]", "trainer.accelerator=cpu", *data_of(recorded))
-    config = OmegaConf.create(compose_config([*overrides]))
-    config.data.update(block_s=0.5, gap_s=0.1, batch_size=16)
-    data = load_data(config, Console(quiet=True))
+    config, data = loaded(recorded, *overrides)
     assert planned(config, data, tmp_path)[1].batches_per_step == count
 
 
@@ -159,14 +148,11 @@ def test_bf16_that_the_processor_does_not_know_is_said(
 
 def test_a_plan_finishes_the_constructors(recorded: Written, tmp_path: Path) -> None:
     """The built objects follow the plan; the loaded data do not change."""
-    overrides = ("model=tiny", "data.crop=[50,0]", "trainer.accelerator=cpu")
-    config = OmegaConf.create(compose_config([*overrides, *data_of(recorded)]))
-    config.data.update(block_s=0.5, gap_s=0.1, batch_size=16)
-    loaded = load_data(config, Console(quiet=True))
+    config, given = loaded(recorded)
     before = config.copy()
-    module, data, _ = planned(config, loaded, tmp_path)
-    assert (loaded.batches_per_step, data.batches_per_step) == (1, GROUP)
-    assert data.recording is loaded.recording
+    module, data, _ = planned(config, given, tmp_path)
+    assert (given.batches_per_step, data.batches_per_step) == (1, GROUP)
+    assert data.recording is given.recording
     assert not module.skips_front
     assert torch.get_num_threads() == 1
     assert config == before
@@ -204,20 +190,12 @@ ALL = "augment=[brightness,shadow,shift,bend]"
 
 
 def train_lenet(
-    recorded: Written, folder: Path, *overrides: str, together: int = 1
+    recorded: Written, folder: Path, *overrides: str, batches_per_step: int = 1
 ) -> tuple[dict[str, torch.Tensor], float]:
     """Train for an epoch; return the weights and the mean loss."""
-    module, _ = train_here(
-        recorded,
-        folder,
-        "data.batch_size=32",
-        "data.samples_per_epoch=128",
-        "model=lenet",
-        "trainer=cpu",
-        "trainer.max_epochs=1",
-        *overrides,
-        together=together,
-    )
+    keys = ("model=lenet", "data.batch_size=32", "data.samples_per_epoch=128")
+    keys += ("trainer=cpu", "trainer.max_epochs=1", *overrides)
+    module, _ = train_here(recorded, folder, *keys, batches_per_step=batches_per_step)
     return module.state_dict(), float(module.mean_loss())
 
 
@@ -226,16 +204,13 @@ def test_without_augmentation_it_learns_the_same_to_the_bit(
 ) -> None:
     """Mirroring and balance are the same; batches come in groups, as on a GPU."""
     plain, _ = train_lenet(recorded, tmp_path, "augment=[]", "data.augment_on=cpu")
-    for together in (1, GROUP):
-        there, _ = train_lenet(
-            recorded, tmp_path, "augment=[]", "data.augment_on=device", together=together
-        )
+    for count in (1, GROUP):
+        keys = ("augment=[]", "data.augment_on=device")
+        there, _ = train_lenet(recorded, tmp_path, *keys, batches_per_step=count)
         assert equal(there, plain)
 
 
-@pytest.mark.parametrize(
-    "precision", ["32-true", pytest.param("bf16-mixed", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("precision", ["32-true", *slow("bf16-mixed")])
 def test_with_augmentation_it_learns_as_on_the_cpu(
     precision: str, recorded: Written, tmp_path: Path
 ) -> None:
