@@ -5,8 +5,16 @@ from pathlib import Path
 import torch
 
 from datamodules.view import View
-from zoo.checkpoints.checkpoint import make_card
+from tests.zoo.models.test_models_command import build
+from zoo.checkpoints.checkpoint import Checkpoint, make_card
 from zoo.models.make_network import make_network
+
+
+def checkpoint_of(name: str, *overrides: str, seed: int = 1) -> Checkpoint:
+    """Return a checkpoint of a network of the zoo with random weights."""
+    torch.manual_seed(seed)
+    network, view = build(name, *overrides)
+    return Checkpoint(network.eval(), view, {}, {"rows_per_s": 15.0})
 
 
 def write_constant(path: Path, steering: float, epoch: int = 0, **config: object) -> Path:

@@ -11,19 +11,18 @@ import numpy as np
 import pytest
 import torch
 from omegaconf import DictConfig, OmegaConf
-from rich.console import Console
 
 from datamodules.balance import BatchKey
-from datamodules.view import CONVERSIONS, View
+from datamodules.view import CONVERSIONS
 from tests.recordings import Written, write_resized
 from tests.slow_members import slow
 from tests.zoo.bomb import Bomb
 from tests.zoo.command_runs import run, succeed
 from tests.zoo.server.old_client import telemetry
-from tests.zoo.written_checkpoints import write_constant
+from tests.zoo.written_checkpoints import write_constant, write_network
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
-from zoo.checkpoints.checkpoint import load_checkpoint, make_card, read_checkpoint_file
+from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.server.telemetry_message import read_telemetry
@@ -35,8 +34,13 @@ def best(run_folder: Path) -> Path:
     return run_folder / "checkpoints" / "best.ckpt"
 
 
-def test_a_checkpoint_holds_plain_containers_its_view_and_its_data(best: Path) -> None:
-    contents = torch.load(best, weights_only=True)
+@pytest.fixture
+def contents(best: Path) -> dict:
+    """Return what a checkpoint holds, which a test may change."""
+    return torch.load(best, weights_only=True)
+
+
+def test_a_checkpoint_holds_plain_containers_its_view_and_its_data(contents: dict) -> None:
     card = contents["drivezoo"]
     view = {"crop": [40, 20], "colour": "rgb", "size": [66, 200], "resize": "area"}
     assert card["view"] == view | {"frame": [160, 320]}
@@ -74,13 +78,7 @@ def test_a_checkpoint_needs_nothing_but_its_path(best: Path, tmp_path: Path) -> 
     ],
 )
 def test_training_validation_driving_and_export_see_the_same_bits(
-    colour: str,
-    resize: str,
-    width: int,
-    height: int,
-    recorded: Written,
-    tmp_path: Path,
-    console: Console,
+    colour: str, resize: str, width: int, height: int, recorded: Written, tmp_path: Path, console
 ) -> None:
     """One JPEG through the cache, both kinds of batches, the driver, a checkpoint and ONNX."""
     if (width, height) != (320, 160):
@@ -91,7 +89,9 @@ def test_training_validation_driving_and_export_see_the_same_bits(
     rows = [*data.samples.row[:5], *data.split.val[:5]]
     cameras = [*data.samples.camera[:5], *[0] * 5]
     fed = torch.cat([training, data.evaluation_batches("val")[0]["images"][:5]])
-    checkpoint = write_checkpoint(tmp_path / "x.ckpt", config, data.view)
+    network = build_network(config, data.view, console)
+    plain = OmegaConf.to_container(config, resolve=True)
+    checkpoint = write_network(tmp_path / "x.ckpt", network, data.view, plain)
     policy = load_policy(checkpoint)
     (tmp_path / "x.onnx").write_bytes(onnx_bytes(load_checkpoint(checkpoint)))
     exported = load_policy(tmp_path / "x.onnx")
@@ -110,36 +110,14 @@ def test_training_validation_driving_and_export_see_the_same_bits(
 
 
 def view_config(recorded: Written, folder: Path, colour: str, resize: str) -> DictConfig:
-    return OmegaConf.create(
-        compose_config(
-            [
-                "model=lenet",
-                f"model.colour={colour}",
-                f"model.resize={resize}",
-                "model.scale=[255,0.5]",
-                "augment=[]",
-                "data.flip=0",
-                "data.batch_size=5",
-                f"data.root={recorded.folder}",
-                f"data.cache={folder / 'cache'}",
-            ]
-        )
-    )
-
-
-def write_checkpoint(path: Path, config: DictConfig, view: View) -> Path:
-    """Write a checkpoint of the config's network with random weights."""
-    network = build_network(config, view, Console(quiet=True))
-    plain = OmegaConf.to_container(config, resolve=True)
-    card = make_card(plain, view, {"fingerprint": "0" * 16, "rows": 120})
-    state = {f"network.{name}": one for name, one in network.state_dict().items()}
-    torch.save({"drivezoo": card, "state_dict": state}, path)
-    return path
+    model = ["model=lenet", f"model.colour={colour}", f"model.resize={resize}"]
+    data = [f"data.root={recorded.folder}", f"data.cache={folder / 'cache'}", "data.batch_size=5"]
+    more = ["model.scale=[255,0.5]", "augment=[]", "data.flip=0"]
+    return OmegaConf.create(compose_config([*model, *data, *more]))
 
 
 @pytest.mark.parametrize("scale", [[0, 1], [1e-300, 0], [float("nan"), 1], "x", [1, 2, 3], {}])
-def test_a_checkpoints_wrong_scale_is_named(scale: object, best: Path, tmp_path: Path) -> None:
-    contents = torch.load(best, weights_only=True)
+def test_a_checkpoints_wrong_scale_is_named(scale: object, contents: dict, tmp_path: Path) -> None:
     contents["drivezoo"]["config"]["model"]["scale"] = scale
     torch.save(contents, tmp_path / "x.ckpt")
     with pytest.raises(InputError, match=r"x\.ckpt: .*model\.scale=.*set 'model\.scale=\["):
@@ -165,36 +143,24 @@ def test_what_is_no_checkpoint_is_named(tmp_path: Path) -> None:
         load_checkpoint(tmp_path / "foreign.ckpt")
 
 
-def changed(best: Path, path: Path, change: Callable[[dict], object]) -> Path:
-    """Write a copy of a checkpoint with other contents."""
-    contents = torch.load(best, weights_only=True)
-    change(contents)
-    torch.save(contents, path)
-    return path
-
-
 def test_weights_that_do_not_fit_their_config_name_the_tensor_and_its_shapes(
-    best: Path, tmp_path: Path
+    contents: dict, tmp_path: Path
 ) -> None:
-    def widen(contents: dict) -> None:
-        contents["drivezoo"]["config"]["model"]["width"] = 2.0
-
-    wide = changed(best, tmp_path / "wide.ckpt", widen)
+    contents["drivezoo"]["config"]["model"]["width"] = 2.0
+    torch.save(contents, tmp_path / "wide.ckpt")
     words = r"wide\.ckpt: \S+\.weight is \[24, 3, 5, 5\] in the file, \[48, 3, 5, 5\] in PilotNet"
     with pytest.raises(InputError, match=words):
-        load_checkpoint(wide)
+        load_checkpoint(tmp_path / "wide.ckpt")
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
 def test_weights_that_are_not_finite_are_refused_with_their_tensor(
-    value: float, best: Path, tmp_path: Path
+    value: float, contents: dict, tmp_path: Path
 ) -> None:
-    def spoil(contents: dict) -> None:
-        contents["state_dict"]["network.head.0.weight"][0, 0] = value
-
-    path = changed(best, tmp_path / "diverged.ckpt", spoil)
+    contents["state_dict"]["network.head.0.weight"][0, 0] = value
+    torch.save(contents, tmp_path / "diverged.ckpt")
     with pytest.raises(InputError, match=r"diverged\.ckpt: head\.0\.weight .*optim\.lr"):
-        load_policy(path)
+        load_policy(tmp_path / "diverged.ckpt")
 
 
 @pytest.mark.parametrize(

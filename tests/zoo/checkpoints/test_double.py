@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from datamodules.view import View
 from tests.slow_members import slow_but
-from tests.zoo.models.test_models_command import build
+from tests.zoo.written_checkpoints import checkpoint_of
 from zoo.base.compose import choices
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
@@ -19,12 +19,6 @@ from zoo.checkpoints.policy_base import Policy, PolicyWrapper, as_policy
 
 NAMES = [name for name in choices("model") if name != "vgg"]
 FRAMES = np.random.default_rng(3).integers(0, 256, (4, 160, 320, 3), np.uint8)
-
-
-def checkpoint_of(name: str) -> Checkpoint:
-    torch.manual_seed(1)
-    network, view = build(name)
-    return Checkpoint(network.eval(), view, {}, {"rows_per_s": 15.0})
 
 
 def commands(policy: Policy) -> np.ndarray:
@@ -57,21 +51,17 @@ def check_scored(policy: Policy) -> None:
     assert np.allclose(commands(scored), commands(policy), atol=1e-5)
 
 
-class Single(nn.Module):
+class Single(nn.Linear):
     """A network that takes no other numbers than those of single precision."""
 
     takes_speed, outputs = False, 1
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.head = nn.Linear(3, 1)
-
     def forward(self, images: Tensor) -> Tensor:
-        return self.head(images.float().mean((2, 3)) / 255)
+        return super().forward(images.float().mean((2, 3)) / 255)
 
 
 def test_a_network_that_refuses_drives_as_it_is_and_says_so() -> None:
-    policy = CheckpointPolicy(Checkpoint(Single().eval(), View([60, 20], "rgb", None), {}, {}))
+    policy = CheckpointPolicy(Checkpoint(Single(3, 1), View([60, 20], "rgb", None), {}, {}))
     scored = policy.scored()
     assert "Single computes in single precision alone" in scored.tied
     assert (commands(scored) == commands(policy)).all()

@@ -1,27 +1,18 @@
 """The engine that runs a network: torch or onnxruntime, by time and only if both steer the same."""
 
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from tests.zoo.models.test_memory import NAMES
-from tests.zoo.models.test_models_command import build
+from tests.zoo.written_checkpoints import checkpoint_of
 from zoo.base.errors import InputError
 from zoo.checkpoints import engine
-from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.policy_base import Policy
 
 FRAMES = np.random.default_rng(3).integers(0, 256, (4, 160, 320, 3), np.uint8)
-
-
-def checkpoint_of(name: str, seed: int = 1) -> Checkpoint:
-    torch.manual_seed(seed)
-    network, view = build(name, *(["model.sequence=4"] if name in NAMES else []))
-    return Checkpoint(network.eval(), view, {}, {"rows_per_s": 15.0})
 
 
 @pytest.fixture
@@ -32,7 +23,7 @@ def large(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("name", ["lenet", "nvidia_speed", *NAMES])
 def test_onnxruntime_steers_as_torch(name: str, large: None) -> None:
-    checkpoint = checkpoint_of(name)
+    checkpoint = checkpoint_of(name, *(["model.sequence=4"] if name in NAMES else []))
     check_engines([CheckpointPolicy(checkpoint, engine) for engine in ("torch", "auto")])
 
 
@@ -66,11 +57,7 @@ def test_an_engine_that_steers_differently_does_not_drive(
     large: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write, other = engine.graph_bytes, checkpoint_of("lenet", seed=2)
-    monkeypatch.setattr(
-        engine,
-        "graph_bytes",
-        lambda one, **keys: write(replace(one, network=other.network), **keys),
-    )
+    monkeypatch.setattr(engine, "graph_bytes", lambda _, **keys: write(other, **keys))
     policy = CheckpointPolicy(checkpoint_of("lenet"), "auto")
     assert policy.engine["name"] == "torch"
     assert "more than 0.0001" in policy.engine["note"]

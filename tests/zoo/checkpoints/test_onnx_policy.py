@@ -12,10 +12,10 @@ import torch
 from datamodules.image import read_image
 from tests.recordings import Written
 from tests.zoo.command_runs import ROOT, only_line, run
-from tests.zoo.models.test_models_command import build
+from tests.zoo.written_checkpoints import checkpoint_of
 from zoo.base.errors import InputError
 from zoo.checkpoints import onnx_policy
-from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
+from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_path import PACKAGED
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.onnx_file import onnx_bytes
@@ -66,10 +66,7 @@ def test_another_programs_file_is_refused_in_one_line(tmp_path: Path) -> None:
         ("{}", "format"),
         ('{"format": 99}', "has format version 99"),
         ('{"format": 1, "view": {"crop": [999, 0], "colour": "rgb", "size": null}}', "crop"),
-        (
-            '{"format": 1, "view": {"crop": [40, 20], "colour": "rgb", "size": [66, 200]}}',
-            "200 x 66 rgb",
-        ),
+        ('{"format": 1, "view": {"crop": [9, 9], "colour": "rgb", "size": [6, 20]}}', "20 x 6 rgb"),
     ],
 )
 def test_metadata_that_do_not_fit_are_refused(card: str, words: str, tmp_path: Path) -> None:
@@ -81,8 +78,7 @@ def test_metadata_that_do_not_fit_are_refused(card: str, words: str, tmp_path: P
 
 
 def test_a_damaged_file_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture) -> None:
-    network, view = build("lenet")
-    whole = onnx_bytes(Checkpoint(network.eval(), view, {}, {}))
+    whole = onnx_bytes(checkpoint_of("lenet"))
     scrambled = bytearray(whole)
     scrambled[:2000:7] = bytes(len(scrambled[:2000:7]))
     cuts = [whole[: len(whole) * tenth // 10] for tenth in range(10)]
@@ -116,9 +112,9 @@ HARMFUL = {
 
 def write_harmful(path: Path, operations: str) -> Path:
     """Write a file with drivezoo's card whose network has other operations."""
-    network, view = build("tiny")
-    model = onnx.load_from_string(onnx_bytes(Checkpoint(network.eval(), view, {"model": {}}, {})))
-    height, width, channels = view.shape
+    checkpoint = checkpoint_of("tiny")
+    model = onnx.load_from_string(onnx_bytes(checkpoint))
+    height, width, channels = checkpoint.view.shape
     graph = f"""g (uint8[batch, {channels}, {height}, {width}] images) => (float[batch, 1] controls)
         <int64[1] ones = {{1}}, int64 trips = {{4611686018427387904}}, bool always = {{1}},
         float none = {{0}}, float half = {{0.5}}, int64[1] zero = {{0}},
@@ -158,8 +154,7 @@ LIMITS = {
 def test_a_file_is_read_within_its_limits(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    network, view = build("tiny")
-    (tmp_path / "a.onnx").write_bytes(onnx_bytes(Checkpoint(network.eval(), view, {}, {})))
+    (tmp_path / "a.onnx").write_bytes(onnx_bytes(checkpoint_of("tiny")))
     assert load_policy(tmp_path / "a.onnx").outputs == 1
     value, words = LIMITS[name]
     monkeypatch.setattr(name, value)
@@ -176,18 +171,18 @@ def test_a_folder_and_nothing_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_file_that_steers_nan_is_refused(tmp_path: Path) -> None:
-    network, view = build("lenet")
+    checkpoint = checkpoint_of("lenet")
     with torch.no_grad():
-        network.head[-1].bias[:] = float("nan")
-    (tmp_path / "nan.onnx").write_bytes(onnx_bytes(Checkpoint(network.eval(), view, {}, {})))
+        checkpoint.network.head[-1].bias[:] = float("nan")
+    (tmp_path / "nan.onnx").write_bytes(onnx_bytes(checkpoint))
     with pytest.raises(InputError, match=r"nan\.onnx: returns NaN.*optim\.lr"):
         load_policy(tmp_path / "nan.onnx")
 
 
 @pytest.fixture(scope="module")
 def remembering() -> onnx.ModelProto:
-    network, view = build("cnn_gru", "model.width=0.1", "model.neurons=3")
-    return onnx.load_from_string(onnx_bytes(Checkpoint(network.eval(), view, {}, {})))
+    checkpoint = checkpoint_of("cnn_gru", "model.width=0.1", "model.neurons=3")
+    return onnx.load_from_string(onnx_bytes(checkpoint))
 
 
 @pytest.mark.parametrize(

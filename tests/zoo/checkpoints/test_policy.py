@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from datamodules.view import View
 from tests.zoo.compositions import composed
-from tests.zoo.models.test_models_command import build
+from tests.zoo.written_checkpoints import checkpoint_of
 from zoo.base.compose import choices
 from zoo.base.errors import UsageError
 from zoo.base.rig import CURVATURE, UDACITY, Camera, single_camera_rig
@@ -35,6 +35,7 @@ from zoo.models.pilotnet import PilotNet
 # which is not equal to the bit.
 MODELS = [name for name in choices("model") if name not in ("vgg", "efficientnet_lite0")]
 SPEED = 20.0
+WHOLE = View((60, 25), "rgb", None)  # without a smaller size
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -76,17 +77,14 @@ class Moody(LeNet):
 
 
 def test_a_network_that_no_graph_repeats_drives_as_it_is() -> None:
-    view = View((60, 25), "rgb", None)
     network = Moody((3, 75, 320)).eval()
-    pictures = np.random.default_rng(0).integers(0, 256, (3, *view.shape), np.uint8)
+    pictures = np.random.default_rng(0).integers(0, 256, (3, *WHOLE.shape), np.uint8)
     network.threshold = float(np.sort([one.mean() for one in pictures])[:2].mean())
-    assert quick_forward(network, view) is network
+    assert quick_forward(network, WHOLE) is network
     assert all(one.is_contiguous() for one in network.parameters())
 
 
 class Failing(nn.Module):
-    takes_speed, outputs = False, 1
-
     def forward(self, images: Tensor) -> Tensor:
         if torch.jit.is_tracing():
             raise RuntimeError("not so")
@@ -95,7 +93,7 @@ class Failing(nn.Module):
 
 def test_a_network_that_cannot_be_traced_drives_as_it_is() -> None:
     network = Failing()
-    assert quick_forward(network, View((60, 25), "rgb", None)) is network
+    assert quick_forward(network, WHOLE) is network
 
 
 def test_a_newer_torch_prints_no_warning_of_its_tracer(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -109,7 +107,7 @@ def test_a_newer_torch_prints_no_warning_of_its_tracer(monkeypatch: pytest.Monke
     monkeypatch.setattr(torch.jit, "freeze", freeze_as_in_2_15)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        forward = quick_forward(LeNet((3, 75, 320)).eval(), View((60, 25), "rgb", None))
+        forward = quick_forward(LeNet((3, 75, 320)).eval(), WHOLE)
     assert isinstance(forward, torch.jit.ScriptModule)
     assert not caught
 
@@ -119,7 +117,7 @@ def test_a_torch_without_torchscript_drives_with_the_network(
 ) -> None:
     monkeypatch.delattr(torch.jit, "trace")
     network = LeNet((3, 75, 320)).eval()
-    assert quick_forward(network, View((60, 25), "rgb", None)) is network
+    assert quick_forward(network, WHOLE) is network
     assert next(network.parameters()).is_contiguous(memory_format=torch.channels_last)
 
 
@@ -171,10 +169,8 @@ def test_a_drive_resets_the_policy_at_its_start_and_after_each_intervention() ->
 FRAMES = np.random.default_rng(3).integers(0, 256, (6, 160, 320, 3), np.uint8)
 
 
-def policy_of(name: str, *overrides: str, **data: float) -> CheckpointPolicy:
-    torch.manual_seed(1)
-    network, view = build(name, *overrides)
-    return CheckpointPolicy(Checkpoint(network.eval(), view, {}, dict(data)))
+def policy_of(name: str, *overrides: str) -> CheckpointPolicy:
+    return CheckpointPolicy(checkpoint_of(name, *overrides))
 
 
 def steering(policy: CheckpointPolicy, frames: np.ndarray = FRAMES) -> list[float]:
@@ -190,11 +186,12 @@ def test_with_a_stride_each_state_sees_every_second_frame() -> None:
 
 
 def test_the_steering_is_that_of_the_time_at_which_it_reaches_the_wheels() -> None:
-    policy = policy_of("action_chunk", "model.ahead=3", "model.stride=3", rows_per_s=15.0)
+    policy = policy_of("action_chunk", "model.ahead=3", "model.stride=3")
     with torch.no_grad():
         images = torch.from_numpy(policy.view(FRAMES[0])).permute(2, 0, 1)[None]
         steps = policy.network.step(images, *policy.network.first_state())[0][0, :, 0]
     now, *later = steps.clamp(-1, 1).tolist()
+    assert policy.latency_s == 0.0
     asked = {0.0: now, 0.2: later[0], 0.3: (later[0] + later[1]) / 2, 0.6: later[2], 9.0: later[2]}
     for latency_s, wanted in asked.items():
         policy.latency_s = latency_s
@@ -203,16 +200,10 @@ def test_the_steering_is_that_of_the_time_at_which_it_reaches_the_wheels() -> No
 
 
 def test_without_the_recordings_rate_the_latency_changes_nothing() -> None:
-    policy = policy_of("action_chunk")
+    policy = CheckpointPolicy(replace(checkpoint_of("action_chunk"), data={}))
     before = policy(FRAMES[0], 9.0)
     policy.latency_s = 0.5
     assert policy(FRAMES[0], 9.0) == before
-
-
-@pytest.mark.parametrize("name", ["nvidia", "cnn_gru"])
-def test_only_policies_that_predict_ahead_have_a_latency(name: str) -> None:
-    assert policy_of(name).latency_s is None
-    assert policy_of("action_chunk").latency_s == 0.0
 
 
 SHORT = single_camera_rig("short", Camera(0, 1.2, 0), wheelbase_m=1.0, steering_deg=60.0)
@@ -226,37 +217,32 @@ def checkpoint(run_folder: Path) -> Checkpoint:
     return replace(found, data=found.data | {CURVATURE: SCALE})
 
 
-@pytest.fixture
-def frame() -> np.ndarray:
-    return np.random.default_rng(0).integers(0, 256, (160, 320, 3), np.uint8)
-
-
 @pytest.mark.parametrize("rig", [UDACITY, SHORT], ids=lambda rig: rig.name)
-def test_the_command_is_the_steering_of_the_driven_car(checkpoint, frame, rig) -> None:
-    output = CheckpointPolicy(replace(checkpoint, data={}))(frame, 9.0).steering
+def test_the_command_is_the_steering_of_the_driven_car(checkpoint, rig) -> None:
+    output = CheckpointPolicy(replace(checkpoint, data={}))(FRAMES[0], 9.0).steering
     policy = CheckpointPolicy(checkpoint)
     policy.rig = rig
-    assert rig.curvature(policy(frame, 9.0).steering) == pytest.approx(SCALE * output)
+    assert rig.curvature(policy(FRAMES[0], 9.0).steering) == pytest.approx(SCALE * output)
     assert output != 0
 
 
-def test_an_onnx_file_steers_as_its_checkpoint(checkpoint, frame, tmp_path: Path) -> None:
+def test_an_onnx_file_steers_as_its_checkpoint(checkpoint, tmp_path: Path) -> None:
     (tmp_path / "model.onnx").write_bytes(onnx_bytes(checkpoint))
     policies = [CheckpointPolicy(checkpoint), OnnxPolicy(tmp_path / "model.onnx")]
     for policy in policies:
         policy.rig = SHORT
-    expected, found = (policy(frame, 9.0).steering for policy in policies)
+    expected, found = (policy(FRAMES[0], 9.0).steering for policy in policies)
     assert found == pytest.approx(expected, abs=1e-5)
     import onnx
 
     assert f"in {SCALE} 1/m" in onnx.load(tmp_path / "model.onnx").doc_string
 
 
-def test_a_car_of_unknown_rig_is_refused_with_the_key(checkpoint, frame) -> None:
+def test_a_car_of_unknown_rig_is_refused_with_the_key(checkpoint) -> None:
     policy = CheckpointPolicy(checkpoint)
     policy.rig = None
     with pytest.raises(UsageError, match=r"data.label=curvature.*rig.yaml.*data.label=steering"):
-        policy(frame, 9.0)
+        policy(FRAMES[0], 9.0)
 
 
 def test_a_spread_becomes_one_of_the_steering() -> None:
