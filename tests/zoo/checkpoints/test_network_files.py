@@ -7,15 +7,12 @@ import numpy as np
 import pytest
 import torch
 
-from tests.contracts.outside_package import installed
+from tests.contracts.outside_package import installed, manual_example
 from tests.zoo.models.test_models_command import build
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.network_files import GROUP, read_network
 from zoo.training.initial_weights import load_weights
-
-PAGE = Path(__file__).parents[3] / "docs" / "extending.md"
-CODE = PAGE.read_text().partition("# my_weights.py\n")[2].partition("```")[0]
 
 
 @pytest.fixture
@@ -31,7 +28,7 @@ def test_an_installed_package_loads_and_describes_its_files(archive: Path, tmp_p
     with torch.no_grad():
         for tensor in network.parameters():
             tensor.zero_()
-    with installed(tmp_path / "site", CODE, GROUP):
+    with installed(tmp_path / "site", manual_example("my_weights.py"), GROUP):
         loaded = load_weights(network, str(archive))
         with pytest.raises(InputError, match=r"net\.npz: is an archive of NumPy; train with"):
             load_checkpoint(archive)
