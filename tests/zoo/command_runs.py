@@ -65,7 +65,8 @@ def run(
     with tempfile.NamedTemporaryFile("r") as output, tempfile.NamedTemporaryFile("r") as errors:
         files = Path(output.name), Path(errors.name)
         words = [module, *last_of_each(module, arguments)]
-        status = forked_commands(code).run(words, cwd, variables, timeout, *files)
+        pid = forked_commands(code).start(words, cwd, variables, timeout, *files)
+        status = forked_commands(code).wait(pid)
         if status == -signal.SIGALRM:
             raise subprocess.TimeoutExpired([module, *arguments], timeout)
         return subprocess.CompletedProcess(arguments, status, output.read(), errors.read())

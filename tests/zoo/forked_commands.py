@@ -50,21 +50,6 @@ class ForkedCommands:
             cwd=code,
         )
 
-    def run(
-        self,
-        arguments: list[str],
-        cwd: Path,
-        environment: dict[str, str],
-        timeout_s: int,
-        output: Path,
-        errors: Path,
-    ) -> int:
-        """Return the exit status of `python -m ARGUMENTS`; its output goes to the two files.
-
-        A first argument that ends with `.py` is a script: `python ARGUMENTS`.
-        """
-        return self.wait(self.start(arguments, cwd, environment, timeout_s, output, errors))
-
     def start(
         self,
         arguments: list[str],
@@ -74,7 +59,10 @@ class ForkedCommands:
         output: Path,
         errors: Path,
     ) -> int:
-        """Start `python -m ARGUMENTS` and return its process id."""
+        """Start `python -m ARGUMENTS` and return its process id; its output goes to the two files.
+
+        A first argument that ends with `.py` is a script: `python ARGUMENTS`.
+        """
         return self._ask(arguments, str(cwd), environment, timeout_s, str(output), str(errors))
 
     def wait(self, pid: int) -> int:
