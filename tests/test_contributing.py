@@ -55,12 +55,8 @@ def test_each_recipe_writes_a_file_and_a_yaml() -> None:
 
 def test_the_help_lists_the_choices(run: Run) -> None:
     lines = run("zoo", "--help").splitlines()
-    for group, name in (
-        ("model", "strip"),
-        ("augment", "invert"),
-        ("loss", "fourth_power"),
-        ("callbacks", "weight_norm"),
-    ):
+    parts = {"model": "strip", "augment": "invert", "loss": "fourth_power"}
+    for group, name in (parts | {"callbacks": "weight_norm"}).items():
         (choices,) = [line for line in lines if line.startswith(f"{group}: ")]
         assert name in choices.removeprefix(f"{group}: ").split(", ")
 
@@ -120,14 +116,7 @@ def test_the_track_and_the_perturbation_are_known(run: Run, tmp_path: Path) -> N
 @pytest.mark.slow
 def test_the_perturbation_is_driven_on_the_track(run: Run, tmp_path: Path) -> None:
     write_constant(tmp_path / "it.ckpt", 0.0)
-    run(
-        "zoo.commands.evaluate",
-        "it.ckpt",
-        "track=oval",
-        "perturb=aslant",
-        "laps=0.1",
-        "out=a",
-        "workers=1",
-    )
+    words = ["it.ckpt", "track=oval", "perturb=aslant", "laps=0.1", "out=a", "workers=1"]
+    run("zoo.commands.evaluate", *words)
     perturbed = json.loads((tmp_path / "a" / "metrics.json").read_text())["perturbed"]
     assert [one["value"] for one in perturbed["aslant"]] == [-1.5, 0.0, 1.5]

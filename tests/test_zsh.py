@@ -111,18 +111,7 @@ def test_every_key_and_example_of_help_is_read_by_zsh_as_it_stands(tmp_path: Pat
 
 
 ODD = [
-    "a [b]",
-    "=c",
-    "d?",
-    "e*",
-    "~f",
-    "g!",
-    "it's",
-    "{h,i}",
-    "x=[1,2]",
-    "j#k",
-    "# l",
-    "a=$m",
+    *("a [b]", "=c", "d?", "e*", "~f", "g!", "it's", "{h,i}", "x=[1,2]", "j#k", "# l", "a=$m"),
     "(n)",
 ]
 

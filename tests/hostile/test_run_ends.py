@@ -58,17 +58,6 @@ def test_a_recording_whose_folder_is_not_utf_8(recorded: Written, tmp_path: Path
 
 @posix
 @pytest.mark.slow
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
-def test_an_output_of_few_characters(encoding: str, recorded: Written, tmp_path: Path) -> None:
-    root = tmp_path / "Fahrt \N{SNOWMAN}"
-    shutil.copytree(recorded.folder, root)
-    ended, err = train(tmp_path, *arguments(str(root)), PYTHONIOENCODING=encoding)
-    assert (ended, err) == (0, "")
-    check_whole(tmp_path / "run")
-
-
-@posix
-@pytest.mark.slow
 @pytest.mark.parametrize("buffered", ["", "1"])
 def test_a_standard_output_that_is_full(buffered: str, recorded: Written, tmp_path: Path) -> None:
     with Path("/dev/full").open("w") as full:

@@ -296,11 +296,6 @@ def test_equal_entries_are_seldom_told_apart(seeds: int, by_seed: float) -> None
     assert found.count(CANNOT_TELL) / len(found) > 0.92
 
 
-def test_a_great_difference_is_told_both_ways() -> None:
-    assert set(verdicts(3.0, 3, 0.2, 20)) == {A_BETTER}
-    assert set(verdicts(-3.0, 3, 0.2, 20)) == {B_BETTER}
-
-
 def test_the_seeds_needed_decide_in_80_of_100_cases() -> None:
     # Five training seeds and 20 roads with exactly the variances of `drawn`.
     of_seeds, own = np.array([-1, -1, 0, 1, 1]), np.linspace(-1, 1, 20)
