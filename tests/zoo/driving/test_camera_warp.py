@@ -51,9 +51,7 @@ def test_where_a_side_camera_was_its_own_frame_is_seen():
     aside=st.floats(-0.5, 0.5),
     camera=st.sampled_from(CAMERAS),
 )
-def test_a_point_on_the_ground_is_looked_up_where_the_camera_saw_it(
-    right_m, heading_rad, ahead, aside, camera
-):
+def test_a_point_is_looked_up_where_the_camera_saw_it(right_m, heading_rad, ahead, aside, camera):
     turn = camera_matrix(0, np.degrees(heading_rad), 0)
     seen_from = turn @ PLACES["center"] + (right_m, 0, 0)
     point = seen_from * (1, 0, 1) + turn @ (aside * ahead, 0, ahead)

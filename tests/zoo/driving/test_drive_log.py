@@ -75,14 +75,10 @@ def test_what_is_no_drive_is_named(tmp_path: Path) -> None:
         DriveWriter(tmp_path)
 
 
-def test_a_drive_that_was_cut_off_has_no_summary_and_a_damaged_row_is_named(tmp_path: Path) -> None:
+def test_a_drive_that_was_cut_off_has_no_summary(tmp_path: Path) -> None:
     DriveWriter(tmp_path).add(ROWS)
-    assert read_drive(tmp_path).summary == {}, "the drive was cut off"
+    assert read_drive(tmp_path).summary == {}
     assert len(read_drive(tmp_path)) == 2
-    log = tmp_path / "drive.csv"
-    log.write_text(log.read_text().replace("-0.25000", "left"))
-    with pytest.raises(InputError, match=r"drive\.csv, row 2: steering is 'left', not a number"):
-        read_drive(tmp_path)
 
 
 def test_the_same_picture_is_recorded_once(tmp_path: Path) -> None:
@@ -111,9 +107,7 @@ def test_images_have_the_times_of_the_drive(tmp_path: Path) -> None:
     assert named[0] == pytest.approx(time.time() + time.localtime().tm_gmtoff, abs=60)
 
 
-def test_a_disk_that_hangs_does_not_keep_the_driver(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_that_hangs_keeps_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answers = threading.Event()
     monkeypatch.setattr(DriveWriter, "add", lambda self, rows: answers.wait(60))
     writer = BackgroundWriter(tmp_path / "drive", Notices())
@@ -122,12 +116,6 @@ def test_a_disk_that_hangs_does_not_keep_the_driver(
     assert not writer.close({}, timeout_s=0.05)
     assert "the end of the drive is not written: the disk does not answer" in writer.notices.counts
     answers.set()
-
-
-def test_a_folder_that_cannot_be_made_is_named_before_the_drive(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match=r"Not a directory\); name another folder"):
-        BackgroundWriter(tmp_path / "file" / "drive", Notices()).prepare()
 
 
 def test_a_disk_that_is_too_slow_delays_nobody(tmp_path: Path) -> None:

@@ -4,8 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.contracts.outside_package import installed
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError, UsageError
+from zoo.base.process_pool import EXECUTORS
 from zoo.driving.run_drives import all_drives
 from zoo.driving.scenario import Scenario
 
@@ -20,22 +22,17 @@ def opened():
 """
 
 
-def test_an_executor_of_another_package_runs_the_drives(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-) -> None:
-    about = tmp_path / "site" / "my_cluster-1.dist-info"
-    about.mkdir(parents=True)
-    (tmp_path / "site" / "my_cluster.py").write_text(CODE)
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: my_cluster\nVersion: 1\n")
-    group = "[drivezoo.executors]\nmine = my_cluster:opened\nlost = no_such_module:opened\n"
-    (about / "entry_points.txt").write_text(group)
-    monkeypatch.syspath_prepend(tmp_path / "site")
+def test_an_executor_of_a_package_drives(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     checkpoint = str(write_constant(tmp_path / "best.ckpt", 0.05))
     scenario = Scenario("lake", laps=0.005)
-    (drive,) = all_drives(checkpoint, [scenario], executor="mine")
-    assert len(drive)
-    assert "opened outside" in capsys.readouterr().out
-    with pytest.raises(InputError, match=r"^no_such_module:opened: the executor lost cannot"):
-        all_drives(checkpoint, [scenario], executor="lost")
-    with pytest.raises(UsageError, match=r"executor=mina: no such executor; did you mean mine\?"):
-        all_drives(checkpoint, [scenario], executor="mina")
+    with installed(tmp_path / "site", CODE, EXECUTORS, attribute=":opened"):
+        (drive,) = all_drives(checkpoint, [scenario], executor="mine")
+        assert len(drive)
+        assert "opened outside" in capsys.readouterr().out
+        with pytest.raises(UsageError, match=r"executor=mina: no such .*; did you mean mine\?"):
+            all_drives(checkpoint, [scenario], executor="mina")
+    with (
+        installed(tmp_path / "lost", "import no_such_module", EXECUTORS, attribute=":opened"),
+        pytest.raises(InputError, match=r"^outside_part:opened: the executor mine cannot"),
+    ):
+        all_drives(checkpoint, [scenario], executor="mine")

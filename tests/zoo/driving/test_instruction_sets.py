@@ -12,8 +12,8 @@ import torch
 
 from tests.zoo.driving.driven_digests import driven_digests
 from tests.zoo.models.test_models_command import build
+from tests.zoo.written_checkpoints import write_network
 from zoo.base.compose import compose_config
-from zoo.checkpoints.checkpoint import make_card
 from zoo.checkpoints.checkpoint_policy import load_policy
 
 FOUND = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
@@ -49,11 +49,8 @@ def with_memory(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with torch.no_grad():
         network.head.weight *= 20
     config = compose_config(["model=cnn_gru"])
-    data = {"fingerprint": "0" * 16, "rows": 100, "rows_per_s": 15.0, "speed_mph": 15.0}
-    state = {f"network.{name}": one for name, one in network.state_dict().items()}
     path = tmp_path_factory.mktemp("memory") / "cnn_gru.ckpt"
-    torch.save({"drivezoo": make_card(config, view, data), "state_dict": state}, path)
-    return path
+    return write_network(path, network, view, config)
 
 
 @pytest.mark.parametrize(
@@ -64,9 +61,7 @@ def with_memory(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.param("AVX2", ["lenet", "tiny41"], marks=pytest.mark.slow),
     ],
 )
-def test_fewer_instructions_give_one_digest(
-    fewer: str, names: list[str], with_memory: Path
-) -> None:
+def test_fewer_instructions_drive_the_same(fewer: str, names: list[str], with_memory: Path) -> None:
     files = [*names, str(with_memory)]
     words = [sys.executable, "-m", "tests.zoo.driving.driven_digests", *files]
     variables = os.environ | SETTINGS[fewer]

@@ -77,9 +77,7 @@ def judge(rule: InterventionRule, seconds: float, **moment: float) -> list[str]:
 
 
 @pytest.mark.parametrize("moment", [{"cross_track_m": 3.1}, {"cross_track_m": -3.1}])
-def test_beyond_the_margin_is_off_the_road_and_so_is_a_wall_that_holds_the_car(
-    moment: dict,
-) -> None:
+def test_beyond_the_margin_is_off_the_road_and_so_is_a_wall_that_holds_it(moment: dict) -> None:
     rule = InterventionRule(3.0)
     assert judge(rule, 1, **moment) == [OFF_ROAD]
     assert rule.state == OFF_ROAD
@@ -141,9 +139,8 @@ def test_leaving_the_road_is_counted_shown_and_written(begin: Begin) -> None:
         (None, {"lane": "3.2000", "wall": "1.0000"}, True),
     ],
 )
-def test_the_margin_is_the_clients_lane_or_its_wall_or_what_was_asked_for(
-    begin: Begin, margin_m: float | None, lane: dict, lost: bool
-) -> None:
+def test_which_margin_counts(begin: Begin, margin_m: float | None, lane: dict, lost: bool) -> None:
+    """The given one, or else the client's lane and its wall."""
     drive = begin(margin_m=margin_m)
     drive.send(1, cte="2.5000", **lane)
     assert drive.driver.latest().off_road == lost

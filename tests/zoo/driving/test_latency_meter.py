@@ -62,13 +62,6 @@ def test_a_drive_finds_the_delay_of_its_world(delay_s: float) -> None:
     assert np.abs(np.array(policy.latencies[60:]) - delay_s).max() < 0.021
 
 
-def test_a_policy_that_is_watched_knows_the_latency() -> None:
-    world = lake(0.4)
-    policy = Ahead(world)
-    drive(PolicyWrapper(policy), world, Scenario("lake", 1, laps=0.1, speed=12))
-    assert policy.latencies[-1] == 0.4
-
-
 def test_a_policy_that_does_not_predict_ahead_needs_no_meter() -> None:
     policy = as_policy(lambda frame, mph: (0.0, None))
     assert latency_meter(policy) is None

@@ -130,9 +130,7 @@ def test_steering_is_clamped_and_changed_by_no_default() -> None:
         ({"low_pass_s": 1.0}, pytest.approx(0.632, abs=1e-3)),
     ],
 )
-def test_the_rate_limit_and_the_low_pass_go_by_the_clock(
-    options: dict, reached: object, hz: int
-) -> None:
+def test_rate_limit_and_low_pass_go_by_the_clock(options: dict, reached: object, hz: int) -> None:
     steer = SteeringFilter(**options)
     steer(0.0, 0)
     assert [steer(1.0, (row + 1) / hz) for row in range(hz)][-1] == reached
