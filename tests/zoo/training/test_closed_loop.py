@@ -1,7 +1,6 @@
 """Driving while training: it changes nothing, costs what it may, and can be monitored."""
 
 import csv
-import json
 from pathlib import Path
 
 import lightning
@@ -14,28 +13,20 @@ from rich.console import Console
 from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.command_runs import only_line, run, run_here, succeed
-from tests.zoo.trainings import data_of, module_of
+from tests.zoo.models.test_models_command import build
+from tests.zoo.trainings import data_of, equal, metrics, module_of
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.models.make_network import make_network
-from zoo.training.build import build_data, build_trainer, load_data
+from zoo.training.build import build_trainer, load_data
 from zoo.training.closed_loop import ClosedLoop
 
 SHORT = ("callbacks.closed_loop.starts=2", "callbacks.closed_loop.metres=10")
 
 
 def small(recorded: Written, *overrides: str) -> list[str]:
-    return [
-        *data_of(recorded),
-        "data.block_s=0.5",
-        "data.gap_s=0.1",
-        "data.batch_size=16",
-        "trainer=cpu",
-        "trainer.max_epochs=2",
-        "logger=csv",
-        "score=none",
-        *overrides,
-    ]
+    data = (*data_of(recorded), "data.block_s=0.5", "data.gap_s=0.1", "data.batch_size=16")
+    return [*data, "trainer=cpu", "trainer.max_epochs=2", "logger=csv", "score=none", *overrides]
 
 
 def fit(
@@ -71,31 +62,26 @@ def test_training_goes_on_as_if_nobody_had_driven(
     )
     _, plain = fit(recorded, tmp_path / "b", console, "model=nvidia")
 
-    assert all(torch.equal(weights[key], plain[key]) for key in plain)
+    assert equal(weights, plain)
     errors = logged(tmp_path / "a", "drive/cte_mean")
     assert list(errors) == list(logged(tmp_path / "a", "drive/autonomy")) == [0, 1]
     assert set(logged(tmp_path / "a", "drive/interventions").values()) == {0.0}
-    assert float(driven.checkpoint_callback.best_model_score) == pytest.approx(
-        min(errors.values()), rel=1e-5
-    )
+    best = float(driven.checkpoint_callback.best_model_score)
+    assert best == pytest.approx(min(errors.values()), rel=1e-5)
     assert driver_of(driven).cost["drives"] == 2
 
 
-def test_a_drive_leaves_mode_gradients_and_chance_as_they_were(
-    recorded: Written, console: Console
-) -> None:
-    config = OmegaConf.create(compose_config(small(recorded, "model=nvidia")))
-    data = build_data(config)
-    network = module_of(config, data.view).network.train()
-    height, width, channels = data.view.shape
-    network(torch.zeros(2, channels, height, width, dtype=torch.uint8)).sum().backward()
+def test_a_drive_leaves_mode_gradients_and_chance_as_they_were() -> None:
+    network, view = build("nvidia")
+    height, width, channels = view.shape
+    network.train()(torch.zeros(2, channels, height, width, dtype=torch.uint8)).sum().backward()
     gradients = [weight.grad.clone() for weight in network.parameters()]
     chance, numbers = torch.get_rng_state(), np.random.get_state()[1].copy()  # noqa: NPY002
     threads = torch.get_num_threads()
     callback = ClosedLoop(starts=1, metres=5)
     callback._open()
 
-    figures = [callback.drive(network, data.view, {}) for _ in range(2)]
+    figures = [callback.drive(network, view, {}) for _ in range(2)]
 
     assert figures[0] == figures[1]
     assert set(figures[0]) == {"autonomy", "interventions", "cte_mean", "cte_max", "score"}
@@ -205,22 +191,15 @@ def test_on_an_open_road_every_drive_has_its_length(tmp_path: Path) -> None:
 def test_two_processes_share_one_drive_and_metrics_json_holds_the_best(
     recorded: Written, tmp_path: Path
 ) -> None:
-    result = run(
-        tmp_path,
-        *small(recorded, "model=tiny", "data.crop=[50,0]", "trainer=ddp_cpu"),
-        "callbacks=closed_loop",
-        *SHORT,
-        "callbacks.early_stopping.monitor=drive/cte_mean",
-        "callbacks.best.monitor=drive/cte_mean",
-        "hydra.run.dir=run",
-    )
-    assert result.returncode == 0, result.stderr
-    metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
-    assert metrics["closed_loop"]["track"] == "lake"
-    assert metrics["closed_loop"]["metres"] == 20
-    errors = logged(tmp_path / "run", "drive/cte_mean")
-    assert metrics["closed_loop"]["cte_mean"] == pytest.approx(min(errors.values()), rel=1e-5)
-    assert metrics["best_epoch"] == min(errors, key=errors.get) + 1
-    assert metrics["closed_loop"]["in_training"]["drives"] == len(errors)
-    assert result.stdout.count("closed loop: ") == 1, "one process speaks"
+    keys = small(recorded, "model=tiny", "data.crop=[50,0]", "trainer=ddp_cpu")
+    keys += ["callbacks=closed_loop", *SHORT]
+    keys += [f"callbacks.{name}.monitor=drive/cte_mean" for name in ("early_stopping", "best")]
+    result = run(tmp_path, *keys, "hydra.run.dir=run")
+    printed, figures = succeed(result), metrics(tmp_path / "run")
+    driven, errors = figures["closed_loop"], logged(tmp_path / "run", "drive/cte_mean")
+    assert (driven["track"], driven["metres"]) == ("lake", 20)
+    assert driven["cte_mean"] == pytest.approx(min(errors.values()), rel=1e-5)
+    assert figures["best_epoch"] == min(errors, key=errors.get) + 1
+    assert driven["in_training"]["drives"] == len(errors)
+    assert printed.count("closed loop: ") == 1, "one process speaks"
     assert "PossibleUserWarning" not in result.stderr

@@ -1,6 +1,5 @@
 """`trainer.precision=auto`: what it chooses, prints and keeps."""
 
-import json
 import subprocess
 import sys
 from io import StringIO
@@ -16,7 +15,7 @@ from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.command_runs import run_here, succeed
 from tests.zoo.training.test_sweep_command import SMALL
-from tests.zoo.trainings import data_of, train_here
+from tests.zoo.trainings import data_of, equal, metrics, train_here
 from zoo.base.compose import compose_config
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.commands.rerun import _report
@@ -94,7 +93,7 @@ def test_the_choice_stands_in_every_file_and_is_kept(
     assert "plan: bf16-mixed on cpu" in printed
     card = read_checkpoint_file(folder / "checkpoints" / "last.ckpt")["drivezoo"]
     assert (card["precision"], card["config"]["trainer"]["precision"]) == 2 * ("bf16-mixed",)
-    assert json.loads((folder / "metrics.json").read_text())["precision"] == "bf16-mixed"
+    assert metrics(folder)["precision"] == "bf16-mixed"
     assert saved(folder) == "bf16-mixed"
 
     monkeypatch.setattr(precision, "multiplies_bf16", lambda: False)
@@ -111,10 +110,9 @@ def test_the_first_machine_of_a_sweep_chooses_for_the_others(
     monkeypatch.setattr(precision, "multiplies_bf16", lambda: False)
     monkeypatch.setattr("zoo.training.sweep_record.multiplies_bf16", lambda: True)
     words = (*SMALL, *data_of(recorded), "data.samples_per_epoch=48", CPU)
-    sweep = tmp_path / "sweep"
-    named = f"hydra.sweep.dir={sweep}"
-    succeed(run_here(tmp_path, "-m", *words, "trainer.max_epochs=1", "seed=1,2", named))
-    assert [saved(sweep / name) for name in "01"] == 2 * ["bf16-mixed"]
+    words += ("trainer.max_epochs=1", "seed=1,2", "hydra.sweep.dir=sweep")
+    succeed(run_here(tmp_path, "-m", *words))
+    assert [saved(tmp_path / "sweep" / name) for name in "01"] == 2 * ["bf16-mixed"]
 
 
 @pytest.mark.slow
@@ -135,7 +133,7 @@ def test_load_changes_no_weight(
                 other.kill()
                 other.wait()
         weights.append(read_checkpoint_file(folder / "checkpoints" / "last.ckpt")["state_dict"])
-    assert all(torch.equal(tensor, weights[1][key]) for key, tensor in weights[0].items())
+    assert equal(*weights)
 
 
 @pytest.mark.parametrize(("algorithm", "order"), [("norm", 2), ("value", torch.inf)])

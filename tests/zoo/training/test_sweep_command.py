@@ -219,11 +219,7 @@ def test_a_job_on_two_devices_does_not_start_the_sweep_again(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (
-            ["-m", "hydra/launcher=joblb"],
-            "hydra/launcher=joblb: no such choice; did you mean jobli",
-        ),
-        (["-m", "modle=a,b"], "modle: no such key; did you mean model"),
+        (["-m", "hydra/launcher=joblb"], "joblb: no such choice; did you mean jobli"),
         (["-m", "model=tiny,nvidai"], "model=nvidai: no such choice; did you mean nvidia?"),
         (["-m", "optim.lr=interval(1,2)"], "optim.lr: "),
         (["-m", "hydra.sweep.subdir=x"], "hydra.sweep.subdir: "),
@@ -293,28 +289,6 @@ def test_every_yaml_of_hydras_own_groups_composes(group: str) -> None:
         assert config.hydra[group]["_target_"].startswith("hydra_plugins.")
 
 
-def test_help_and_typos_do_not_import_torch(tmp_path: Path) -> None:
-    code = (
-        "import sys; from zoo.base.run_command import run_command;"
-        "from zoo.commands.sweep import sweep; from zoo.commands.rerun import rerun;"
-        "from zoo.commands.leaderboard import leaderboard;"
-        "run_command('a', sweep.main, ['resume=no']); run_command('b', leaderboard.main, ['no']);"
-        "run_command('c', rerun.main, ['no']); sys.exit('torch' in sys.modules)"
-    )
-    result = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=tmp_path,
-        env=environment(),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert result.returncode == 0, result.stderr
-    assert len(result.stderr.strip().splitlines()) == 3
-    line = only_line(run(tmp_path, "resume=no", module="zoo.commands.sweep"))
-    assert line.startswith("drivezoo sweep: no: ")
-
-
 def test_the_process_of_a_run_is_known_by_its_number_and_start(tmp_path: Path) -> None:
     write_status(tmp_path, "running")
     assert is_alive(tmp_path)
@@ -380,20 +354,15 @@ def test_a_launcher_that_starts_no_job_is_an_error(tmp_path: Path, console: Cons
 
 
 def test_a_job_that_a_living_process_trains_is_not_started_twice(
-    tmp_path: Path, console: Console
+    tmp_path: Path, console: Console, other_process: psutil.Process
 ) -> None:
     (job,) = jobs_in(tmp_path, 1)
-    other = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
-    try:
-        write_status(job.folder, "running")
-        started = psutil.Process(other.pid).create_time()
-        change_status(job.folder, pid=other.pid, process_started=started)
-        threading.Timer(0.3, lambda: write_status(job.folder, "finished")).start()
-        launch_all(lambda some: pytest.fail("started twice"), [job], console)
-    finally:
-        other.kill()
-        other.wait()
-    assert f"waiting for process {other.pid}" in console.file.getvalue()
+    pid, started = other_process.pid, other_process.create_time()
+    write_status(job.folder, "running")
+    change_status(job.folder, pid=pid, process_started=started)
+    threading.Timer(0.3, lambda: write_status(job.folder, "finished")).start()
+    launch_all(lambda some: pytest.fail("started twice"), [job], console)
+    assert f"waiting for process {pid}" in console.file.getvalue()
     assert status(job.folder) == "finished"
 
 

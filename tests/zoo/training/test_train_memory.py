@@ -28,24 +28,11 @@ QUICK = ("action_chunk",)
 
 @pytest.mark.parametrize("name", slow_but(QUICK, NAMES))
 def test_it_trains_and_drives(name: str, recorded: Written, tmp_path: Path, console) -> None:
-    succeed(
-        run_here(
-            tmp_path,
-            f"experiment={name}",
-            "model.width=0.25",
-            *data_of(recorded),
-            "callbacks=checkpoints",
-            "data.block_s=1",
-            "data.gap_s=0.1",
-            "data.samples_per_epoch=32",
-            "data.batch_size=16",
-            "trainer.max_epochs=1",
-            "score.laps=0.01",
-            "score.film=false",
-            "hydra.run.dir=run",
-            *SMALL[name],
-        )
-    )
+    network = (f"experiment={name}", "model.width=0.25", *SMALL[name])
+    data = (*data_of(recorded), "data.block_s=1", "data.gap_s=0.1", "data.batch_size=16")
+    keys = ("data.samples_per_epoch=32", "callbacks=checkpoints", "trainer.max_epochs=1")
+    score = ("score.laps=0.01", "score.film=false")
+    succeed(run_here(tmp_path, *network, *data, *keys, *score, "hydra.run.dir=run"))
     metrics = read_metrics_file(tmp_path / "run")
     assert metrics["drive"]["drives"], "not driven"
     assert np.isfinite(metrics["open_loop"]["val"]["mse"])
