@@ -20,6 +20,7 @@ from zoo.scoring.exported_file import FLOAT, GROUP, ExportedFile, export_names, 
 from zoo.scoring.parity import Parity, take_frames
 
 Export = Callable[..., Path]
+Kind = type[ExportedFile]
 KINDS = [(name, weights) for weights in (FLOAT, "int8") for name, _ in exports(weights=weights)]
 KINDS.append(("mine", FLOAT))
 
@@ -43,7 +44,7 @@ def named(request: pytest.FixtureRequest) -> tuple[str, str]:
 
 
 @pytest.fixture
-def kind(named: tuple[str, str]) -> type[ExportedFile]:
+def kind(named: tuple[str, str]) -> Kind:
     ((_, kind),) = exports(*named)
     if missing := [package for package in kind.packages if not find_spec(package)]:
         pytest.skip(f"needs {' and '.join(missing)}")
@@ -58,7 +59,7 @@ def export(named: tuple[str, str], checkpoint: str, recorded: Written) -> Export
 
 
 def test_the_file_steers_as_its_checkpoint(
-    kind: type[ExportedFile], export: Export, tmp_path: Path, capsys: pytest.CaptureFixture
+    kind: Kind, export: Export, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
     out = tmp_path / kind.default
     assert export(out) == out
@@ -75,9 +76,7 @@ def test_the_file_steers_as_its_checkpoint(
         export(out)
 
 
-def test_a_network_is_not_changed(
-    kind: type[ExportedFile], checkpoint: str, recorded: Written, tmp_path: Path
-) -> None:
+def test_the_network_stays(kind: Kind, checkpoint: str, recorded: Written, tmp_path: Path) -> None:
     loaded = load_checkpoint(checkpoint)
     before = {name: tensor.clone() for name, tensor in loaded.network.state_dict().items()}
     exported = kind(loaded, tmp_path / kind.default, str(recorded.folder))
@@ -87,11 +86,7 @@ def test_a_network_is_not_changed(
 
 
 def test_a_file_that_steers_differently_is_not_written(
-    kind: type[ExportedFile],
-    checkpoint: str,
-    export: Export,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    kind: Kind, checkpoint: str, export: Export, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(parity, "compare", lambda *_: Parity(0.5, 0.5, 1.0, 1.0))
     monkeypatch.setattr(kind, "policy", lambda *_: load_policy(checkpoint))
@@ -113,7 +108,7 @@ def test_a_file_of_a_diverged_network_is_not_written(
     assert not [*tmp_path.iterdir()]
 
 
-def test_a_users_file_is_kept(kind: type[ExportedFile], export: Export, tmp_path: Path) -> None:
+def test_a_users_file_is_kept(kind: Kind, export: Export, tmp_path: Path) -> None:
     for ending in (Path(kind.default).suffix, *kind.beside):
         folder = tmp_path / ending.removeprefix(".")
         path = folder.joinpath(kind.default).with_suffix(ending)
@@ -125,7 +120,7 @@ def test_a_users_file_is_kept(kind: type[ExportedFile], export: Export, tmp_path
         assert path.read_text() == "mine"
 
 
-def test_a_foreign_key_is_refused(kind: type[ExportedFile], export: Export, tmp_path: Path) -> None:
+def test_a_foreign_key_is_refused(kind: Kind, export: Export, tmp_path: Path) -> None:
     for key, value in {"calibration": "a", "throttle": 0.2}.items():
         if key not in kind.keys:
             with pytest.raises(UsageError, match=f"{key}: belongs to .*; leave it out"):
@@ -133,7 +128,7 @@ def test_a_foreign_key_is_refused(kind: type[ExportedFile], export: Export, tmp_
 
 
 def test_a_missing_package_is_named_with_its_command(
-    kind: type[ExportedFile], export: Export, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kind: Kind, export: Export, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(kind, "packages", ("nowhere", *kind.packages))
     with pytest.raises(InputError, match=rf"nowhere.*: {re.escape(kind.install)}"):

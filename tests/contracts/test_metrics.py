@@ -143,15 +143,3 @@ def test_a_command_measures_and_perturbs_with_the_users_files(workers: int, tmp_
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert metrics["tracks"]["lake"]["my_metric"][0] > 0.9
     assert len(metrics["perturbed"]["my_perturbation"]) == 3
-
-
-def test_a_mistake_in_a_users_metric_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "my_metric.py").write_text(
-        template("metric", "my_metric").replace("np.mean", "1/0*")
-    )
-    write_constant(tmp_path / "it.ckpt", 0.0)
-    options = ("parts=my_metric.py", "laps=0.01", "quality=simple", "workers=1", "out=out")
-    done = run(tmp_path, "it.ckpt", *options, module="zoo.commands.evaluate")
-    assert done.returncode == 1
-    assert "my_metric.py: line 11: ZeroDivisionError" in done.stderr
-    assert "Traceback" not in done.stderr

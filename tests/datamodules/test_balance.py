@@ -174,10 +174,6 @@ def test_a_cap_without_a_curved_sample_cannot_be_held():
         epoch_batches(samples_of(np.zeros(50)), 10, 0, 1)
 
 
-def times(batches: list[np.ndarray], count: int) -> np.ndarray:
-    return np.bincount(np.concatenate(batches), minlength=count)
-
-
 @given(
     weights=st.lists(st.floats(0.05, 7), min_size=1, max_size=60).map(np.array),
     batch_size=st.integers(1, 20),
@@ -186,7 +182,7 @@ def times(batches: list[np.ndarray], count: int) -> np.ndarray:
 def test_a_sample_comes_its_weight_rounded_up_or_down(weights, batch_size, epoch):
     samples = samples_of(np.zeros(len(weights)))
     batches = epoch_batches(samples, batch_size, epoch, 1, weights=weights, **FREE)
-    found = times(batches, len(weights))
+    found = np.bincount(np.concatenate(batches), minlength=len(weights))
     assert found.sum() == max(1, round(weights.sum()))
     scaled = weights * (found.sum() / weights.sum())
     assert (found >= np.floor(scaled - 1e-6)).all()

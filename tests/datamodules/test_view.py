@@ -74,15 +74,6 @@ def test_resize_is_opencvs_before_or_after_the_colour(recorded, colour, resize):
     np.testing.assert_array_equal(ours, wanted.reshape(ours.shape))
 
 
-def test_each_resize_gives_another_image_of_an_edge():
-    """Between pure red and blue, U and V are clipped before the resize, but not after it."""
-    frame = np.zeros((160, 320, 3), np.uint8)
-    frame[:, :161] = (255, 0, 0)
-    frame[:, 161:] = (0, 0, 255)
-    images = [View((0, 0), "yuv", (66, 200), resize)(frame) for resize in RESIZES]
-    assert len({image.tobytes() for image in images}) == len(RESIZES)
-
-
 def test_survives_a_checkpoint():
     for view in (
         View((60, 25), "yuv", (66, 200)),
