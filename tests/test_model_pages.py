@@ -43,7 +43,7 @@ def test_one_page_has_the_layers_of_a_network(name: str, networks: dict[str, Net
     assert f"`model={name}`" in text
 
 
-def test_the_index_has_the_figures_that_the_command_prints(
+def test_the_index_has_the_commands_figures(
     networks: dict[str, NetworkFacts], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(PAGES.parents[1])

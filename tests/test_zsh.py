@@ -116,9 +116,7 @@ ODD = [
 ]
 
 
-def test_zsh_reads_a_printed_command_as_it_stands(
-    tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_zsh_reads_a_printed_command(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     for word in ODD:
         print_next(command_line(["drivezoo", "train", word, f"data.root={word}"]), "train it")
     for kind in KINDS:

@@ -195,7 +195,7 @@ def test_a_packaged_network_has_a_recipe_of_the_results() -> None:
     assert packaged["tiny41"] == (*results["tiny-no_bonnet"], "data=bench_v1")
 
 
-def test_an_entry_that_an_expert_corrects_starts_from_committed_checkpoints(
+def test_a_corrected_entry_starts_from_committed_checkpoints(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

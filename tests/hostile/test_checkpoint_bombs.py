@@ -159,7 +159,7 @@ def swapping(monkeypatch: pytest.MonkeyPatch, place: object, name: str, path: Pa
 
 
 @pytest.mark.parametrize("other", ["checkpoint", "code", "pipe"])
-def test_a_checkpoint_is_loaded_as_it_was_checked(
+def test_a_checkpoint_is_as_checked(
     other: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "x.ckpt"
@@ -194,9 +194,7 @@ def added(session: onnxruntime.InferenceSession) -> float:
     return float(session.run(None, {"x": np.zeros(400, np.float32)})[0][0])
 
 
-def test_an_onnx_file_runs_as_it_was_checked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_onnx_file_runs_as_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "x.onnx"
     path.write_bytes(adding(1.0))
     path.with_name("other").write_bytes(adding(2.0))

@@ -134,8 +134,6 @@ def refuse(path: Path) -> None:
 
 
 @pytest.mark.parametrize(("read", "error"), [(parse, ValueError), (refuse, AssertionError)])
-def test_a_reader_that_raises_another_error_or_names_no_file_fails(
-    read: object, error: type[Exception], tmp_path: Path
-) -> None:
+def test_a_wrong_reader_fails(read: object, error: type[Exception], tmp_path: Path) -> None:
     with pytest.raises(error):
         read_damaged(mutated_bytes(b'{"a": [1]}'), read, tmp_path / "a.json", 50)

@@ -135,9 +135,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_an_expensive_image_is_refused_before_it_is_decoded(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_expensive_image_is_not_decoded(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(telemetry_module, "decode_image", None)
     jpeg, words = HOSTILE[name]
     with pytest.raises(TelemetryError, match=words) as error:

@@ -76,9 +76,7 @@ def test_a_kill_while_saving_leaves_the_last_whole_checkpoint(place: Path, tmp_p
     assert not list(tmp_path.glob("*.part"))
 
 
-def test_a_training_killed_several_times_resumes(
-    place: Path, recorded: Written, tmp_path: Path
-) -> None:
+def test_a_training_killed_thrice_resumes(place: Path, recorded: Written, tmp_path: Path) -> None:
     folder = place / "run"
     shm = {"TMPDIR": str(SHM)} if SHM.is_dir() else {}
     base = [*SMALL, f"data.root={recorded.folder}", f"data.cache={tmp_path / 'cache'}"]
@@ -122,7 +120,7 @@ def test_a_run_killed_between_checkpoints_names_one(recorded: Written, tmp_path:
 
 
 @pytest.mark.parametrize("small_disk", ["5500k"], indirect=True)
-def test_a_disk_too_small_for_a_checkpoint_is_named_and_the_run_resumes_with_room(
+def test_a_full_disk_is_named_and_the_run_resumes(
     recorded: Written, small_disk: Path, tmp_path: Path
 ) -> None:
     """The first checkpoint has 3 MB, the second does not fit; all loggers are on."""

@@ -88,7 +88,7 @@ COMMANDS = {
 
 @pytest.mark.parametrize("link", ["report", "plots", "hparams.yaml", ".hydra/x", "split.csv"])
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_link_that_leads_out_is_refused_by_name(
+def test_a_link_out_is_refused_by_name(
     name: str, link: str, mine: Path, here: Path, refusal: Refusal
 ) -> None:
     run = write_run(here / "run")

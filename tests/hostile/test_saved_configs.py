@@ -242,7 +242,7 @@ def test_a_network_of_another_module_is_refused(target: str) -> None:
         make_network({"_target_": target}, None)
 
 
-def test_a_strangers_recording_is_not_written_to_its_folder(
+def test_a_strangers_recording_is_not_written(
     strangers: Path, tmp_path: Path, refusal: Refusal
 ) -> None:
     """Recording there would remove a folder that ends in .part and empty a .lock file."""
@@ -275,7 +275,7 @@ def test_a_checkpoint_does_not_name_files_to_delete(
 
 
 @pytest.mark.slow
-def test_a_rerun_does_not_enter_the_folder_that_a_config_names(
+def test_a_rerun_enters_no_folder_of_a_config(
     strangers: Path, recorded: Written, tmp_path: Path
 ) -> None:
     """Python would import a module there instead of ours."""

@@ -157,7 +157,7 @@ def check_harmless(page: Path, images: int, scripts: int, profile: Path) -> str:
 
 
 @needs_chromium
-def test_the_ranking_shows_hostile_names_as_text(runs: list[Path], tmp_path: Path) -> None:
+def test_the_ranking_shows_names_as_text(runs: list[Path], tmp_path: Path) -> None:
     page = Ranking.read(runs, tmp_path).write_page(tmp_path / "page.html", HOSTILE)
     shown = check_harmless(page, 0, 2, tmp_path / "profile")
     for text in (HOSTILE, IMAGE, NAME):
@@ -166,9 +166,7 @@ def test_the_ranking_shows_hostile_names_as_text(runs: list[Path], tmp_path: Pat
 
 @needs_chromium
 @pytest.mark.parametrize("number", [0, 2])
-def test_a_report_shows_hostile_names_as_text(
-    number: int, runs: list[Path], tmp_path: Path
-) -> None:
+def test_a_report_shows_names_as_text(number: int, runs: list[Path], tmp_path: Path) -> None:
     shown = check_harmless(write_report(runs[number]), 0, 0, tmp_path / "profile")
     assert IMAGE in shown
     assert PLACEHOLDER in shown

@@ -69,7 +69,7 @@ def test_left_and_right_are_compared_with_the_images_of_every_recording(
 
 @pytest.mark.parametrize("given", [[], ["steering={unit: share, right: positive}"]])
 @pytest.mark.parametrize("others", [(), (1.0,)])
-def test_the_next_command_after_an_exchange_turns_the_sign(
+def test_the_next_command_turns_the_sign(
     tmp_path: Path, given: list[str], others: tuple[float, ...]
 ) -> None:
     folders = [driving_log(tmp_path / "wrong", -1.0)]
@@ -256,9 +256,7 @@ def test_the_next_commands_hold_a_recording_without_bends(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("write", "reason"), [(write_short, "no training yet: data.split"), (write_cut_off, "60 bad")]
 )
-def test_no_next_command_would_stop(
-    write: Callable[[Path], Path], reason: str, tmp_path: Path
-) -> None:
+def test_no_next_command_stops(write: Callable[[Path], Path], reason: str, tmp_path: Path) -> None:
     printed = run_check(write(tmp_path / "recording")).stdout
     assert reason in printed
     assert "next: drivezoo train" not in printed

@@ -65,9 +65,7 @@ def test_a_healthy_checkpoint_is_ok(tmp_path: Path, run_folder: Path, recorded: 
     assert not list(tmp_path.iterdir()), "the doctor leaves no files"
 
 
-def test_it_prints_the_size_of_the_cache_and_how_to_empty_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_size_of_the_cache_is_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert not list(machine.check_cache())
     machine.CACHE.mkdir(parents=True)
@@ -188,9 +186,7 @@ def test_the_supported_pythons_are_those_of_pyproject() -> None:
         (("best.ckpt", "laps"), "drivezoo evaluate best.ckpt"),
     ],
 )
-def test_the_next_command_fits_the_checked(
-    given: tuple[str | None, str | None], command: str
-) -> None:
+def test_the_next_command_fits(given: tuple[str | None, str | None], command: str) -> None:
     assert doctor.next_step(*given)[0] == command
 
 

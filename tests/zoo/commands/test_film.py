@@ -106,7 +106,7 @@ def test_a_drive_shows_autonomy_and_distance_from_the_centre(
     assert len(decode(make_film(folder, None, None, console))[1]) == 120
 
 
-def test_images_that_cannot_be_read_are_skipped_and_names_with_rich_markup_are_unchanged(
+def test_unreadable_images_are_skipped_and_odd_names_are_kept(
     recorded: Written, tmp_path: Path
 ) -> None:
     folder = tmp_path / "[brightness] [red] :car:"
@@ -256,9 +256,7 @@ def test_pilots_steer_beside_the_recorded_driver(tmp_path: Path) -> None:
     assert (tmp_path / "pilots.mp4").stat().st_size
 
 
-def test_pilots_drive_the_recorded_car_and_forget_at_pauses(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pilots_forget_at_pauses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     frames = 0
 
     def drive(frame: np.ndarray, mph: float) -> tuple[float, None]:

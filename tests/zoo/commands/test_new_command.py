@@ -169,7 +169,7 @@ def test_in_a_checkout_a_part_leaves_the_projects_files_alone(tmp_path: Path) ->
     assert "parts=my_parts/its_net.py" in following[1][0]
 
 
-def test_a_part_at_the_top_of_a_checkout_brings_no_yaml_files(
+def test_a_part_in_a_checkout_brings_no_yaml(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "my_net.py").write_text("")

@@ -136,7 +136,7 @@ def interrupted(suite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_an_interrupted_benchmark_resumes_and_has_the_same_digest(
-    interrupted: Path, suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    interrupted: Path, suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
     kept = interrupted / UNFINISHED
     kept.write_text(kept.read_text() + '{"job": 1, "dri')  # as a killed process leaves it
@@ -147,9 +147,7 @@ def test_an_interrupted_benchmark_resumes_and_has_the_same_digest(
 
 
 @pytest.mark.parametrize("small_disk", ["64k"], indirect=True)
-def test_a_full_disk_keeps_finished_drives(
-    interrupted: Path, suite: Path, small_disk: Path
-) -> None:
+def test_a_full_disk_keeps_the_drives(interrupted: Path, suite: Path, small_disk: Path) -> None:
     out = small_disk / "out"
     shutil.copytree(interrupted, out)
     kept = (out / UNFINISHED).read_bytes()
@@ -173,9 +171,7 @@ def test_damaged_drives_are_not_resumed(interrupted: Path, suite: Path, line: st
         drive(["zero"], suite, interrupted)
 
 
-def test_verify_repeats_drives(
-    entry: Path, suite: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_verify_repeats_drives(entry: Path, suite: Path, capsys: pytest.CaptureFixture) -> None:
     verify(entry, suite)
     printed = capsys.readouterr().out
     assert "4 of 4 drives repeated: all digests are equal; 4 of 4 are clean or failed" in printed
@@ -201,7 +197,7 @@ def test_verify_names_why_digests_may_differ(entry: Path) -> None:
     [({"digest": "0" * 16}, f"digest {'0' * 16} -> "), ({}, "cte_mean_m 0.001 -> ")],
 )
 def test_verify_prints_how_a_drive_differs(
-    suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], update: dict, words: str
+    suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture, update: dict, words: str
 ) -> None:
     """All sums of the changed result fit its drives."""
     result = read_result(drive(["expert"], suite, tmp_path / "honest"))
@@ -260,9 +256,7 @@ def test_figures_of_an_older_analysis_are_computed_again(entry: Path, tmp_path: 
     assert read_result(changed(entry, tmp_path, age)).groups == read_result(entry).groups
 
 
-def test_verify_refuses_a_checkpoint_that_stands_for_two_seeds(
-    entry: Path, suite: Path, tmp_path: Path
-) -> None:
+def test_verify_refuses_a_checkpoint_of_two_seeds(entry: Path, suite: Path, tmp_path: Path) -> None:
     result = read_result(entry)
     first = [driven for driven in result.drives if not driven.checkpoint]
     drives = [*first, *(driven.model_copy(update={"checkpoint": 1}) for driven in first)]
@@ -274,7 +268,7 @@ def test_verify_refuses_a_checkpoint_that_stands_for_two_seeds(
 
 
 def test_a_checkpoint_is_found_in_the_results_folder(
-    entry: Path, suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    entry: Path, suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
     files = [Path(one.file) for one in read_result(entry).checkpoints]
     hashes = [one.sha256 for one in read_result(entry).checkpoints]

@@ -59,9 +59,7 @@ def test_autonomy_ranks_first_then_error_then_validation(tmp_path: Path) -> None
         ),
     ],
 )
-def test_the_heading_names_the_order(
-    runs: list[dict], words: str, tmp_path: Path, console: Console
-) -> None:
+def test_the_order_is_named(runs: list[dict], words: str, tmp_path: Path, console: Console) -> None:
     folders = [
         write_run(tmp_path / str(number), overrides=(f"x={number}",), **run)
         for number, run in enumerate(runs)
@@ -536,9 +534,7 @@ def test_a_package_adds_files_to_a_paper(here: Path, monkeypatch: pytest.MonkeyP
     assert "1 training seeds" in ranking.notes
 
 
-def test_without_a_papers_writer_none_is_written(
-    here: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_writer_no_paper_is_written(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_run(Path("sweep/a"), 0.9)
     monkeypatch.setattr("zoo.commands.leaderboard.installed_entries", lambda group: [])
     with pytest.raises(UsageError, match="paper=paper: nothing that is installed writes papers"):

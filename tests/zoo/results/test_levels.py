@@ -40,9 +40,7 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("v3", "1b2c79d07725de54", 3, 20),
     ],
 )
-def test_levels_are_driven_on_the_same_places(
-    name: str, roads: str, levels: int, count: int
-) -> None:
+def test_levels_are_on_the_same_places(name: str, roads: str, levels: int, count: int) -> None:
     suite, dev = read_suite(name), read_suite(name, "dev")
     assert suite.roads == roads
     assert {planned.scenario.quality for planned in suite.drives} == {"fast"}

@@ -84,7 +84,7 @@ def test_a_figure_at_its_mark_passes_and_one_below_does_not(result: BenchmarkRes
         ((0.8, None, None), "missed"),
     ],
 )
-def test_a_mark_in_the_interval_is_open(
+def test_a_mark_in_its_interval_is_open(
     result: BenchmarkResult, interval: tuple, status: str
 ) -> None:
     result.groups["like"]["autonomy"] = Interval(**figure(*interval))
@@ -101,7 +101,7 @@ def test_a_mark_in_the_interval_is_open(
         ("m_per_intervention", 0, "unknown"),
     ],
 )
-def test_a_lower_error_passes_and_an_unknown_figure_does_not(
+def test_a_lower_error_passes_an_unknown_figure_not(
     result: BenchmarkResult, figure: str, mark: float, words: str
 ) -> None:
     result.groups["like"]["m_per_intervention"] = Interval(value=None, low=None, high=None)

@@ -152,7 +152,7 @@ def test_every_system_allows_the_names_of_drives(tmp_path: Path, console, monkey
         ("perturb=fgo", "perturb=fgo: no such choice; did you mean fog?"),
     ],
 )
-def test_a_mistake_is_one_line_before_anything_drives(
+def test_a_mistake_is_one_line_before_a_drive(
     option: str, said: str, checkpoint: str, tmp_path: Path
 ) -> None:
     with pytest.raises(InputError) as error:

@@ -158,7 +158,7 @@ def test_a_file_that_steers_differently_is_removed(
     assert not list(tmp_path.glob("*.onnx"))
 
 
-def test_frames_are_of_training_or_rendered(
+def test_frames_are_of_the_training_or_drawn(
     checkpoint: Path, recorded: Written, here: Path
 ) -> None:
     loaded = load_checkpoint(checkpoint)

@@ -105,7 +105,7 @@ def test_the_overlay_is_green_where_it_matters(frame: np.ndarray) -> None:
     assert np.array_equal(overlay(frame, where), frame)
 
 
-def test_images_of_a_recording_are_drawn_in_the_first_ones_size(
+def test_a_recordings_images_get_one_size(
     checkpoint: str, recorded: Written, tmp_path: Path
 ) -> None:
     folder = shutil.copytree(recorded.folder, tmp_path / "mixed")
@@ -118,9 +118,7 @@ def test_images_of_a_recording_are_drawn_in_the_first_ones_size(
     assert cv2.imread(str(tmp_path / "saliency.png")).shape == (6 * (160 + CAPTION), 4 * 320, 3)
 
 
-def test_an_image_stands_beside_its_map(
-    run_folder: Path, recorded: Written, tmp_path: Path
-) -> None:
+def test_an_image_is_beside_its_map(run_folder: Path, recorded: Written, tmp_path: Path) -> None:
     checkpoint, picture = run_folder / "checkpoints" / "best.ckpt", recorded.image(3)
 
     saliency_command.main([str(checkpoint), str(picture), f"out={tmp_path}/new/one.png"])

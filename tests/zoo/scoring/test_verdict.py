@@ -278,9 +278,7 @@ def test_what_a_stranger_wrote_into_a_checkpoint_breaks_no_verdict(config: dict)
         (["data.root=['one','two laps']"], {}, "'data.root=[one,two laps]'"),
     ],
 )
-def test_the_command_repeats_what_was_typed_with_the_quotes_of_the_shell_and_a_key_changed(
-    typed: list[str], changes: dict, shown: str
-) -> None:
+def test_the_command_repeats_what_was_typed(typed: list[str], changes: dict, shown: str) -> None:
     assert training_command(typed, changes) == f"drivezoo train {shown}"
 
 
