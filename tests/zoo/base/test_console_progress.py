@@ -7,7 +7,7 @@ import pty
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -20,12 +20,6 @@ from zoo.base.console_progress import loading, progress_bar, working
 from zoo.base.errors import InputError
 from zoo.base.run_command import run_command
 from zoo.base.terminal import VARIABLE, is_quiet, is_verbose, print_written
-
-
-@pytest.fixture
-def log() -> Console:
-    """Return a console that writes to a file."""
-    return Console(file=io.StringIO(), width=100)
 
 
 @pytest.fixture
@@ -43,30 +37,28 @@ def test_a_terminal_shows_a_bar_that_leaves_nothing(terminal: Console) -> None:
     assert terminal.file.getvalue().endswith("\x1b[2K"), "the line is erased"
 
 
-def test_a_log_gets_a_line_at_intervals(log: Console, monkeypatch: pytest.MonkeyPatch) -> None:
-    with progress_bar("driving", log) as show:
+def test_a_log_gets_a_line_at_intervals(console: Console, monkeypatch: pytest.MonkeyPatch) -> None:
+    with progress_bar("driving", console) as show:
         for share in (0.1, 0.2):
             show(share)
-    assert not log.file.getvalue(), "short work needs no line"
+    assert not console.file.getvalue(), "short work needs no line"
     monkeypatch.setattr(console_progress, "LINE_EVERY_S", 0.0)
-    with progress_bar("driving [/red]", log) as show:
+    with progress_bar("driving [/red]", console) as show:
         show(0.0)
         show(0.5)
-    first, second = log.file.getvalue().splitlines()
+    first, second = console.file.getvalue().splitlines()
     assert first.startswith("driving [/red]: 0%")
     assert second.startswith("driving [/red]: 50%")
     assert "left" in second
 
 
-def test_the_time_left_counts_from_the_first_work(
-    log: Console, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_time_left_begins_at_first_work(console: Console, monkeypatch: pytest.MonkeyPatch) -> None:
     times = iter([0.0, 20.0, 30.0])  # it begins, its processes have started, half is done
     monkeypatch.setattr(console_progress.time, "monotonic", lambda: next(times))
-    with progress_bar("driving", log) as show:
+    with progress_bar("driving", console) as show:
         show(0.0)
         show(0.5)
-    assert "driving: 50% after 30 s, 10 s left" in log.file.getvalue()
+    assert "driving: 50% after 30 s, 10 s left" in console.file.getvalue()
 
 
 def test_a_notebook_gets_one_line_that_changes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -86,14 +78,14 @@ def test_a_notebook_gets_one_line_that_changes(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_work_without_a_share_is_shown_only_on_a_terminal(
-    log: Console, terminal: Console, capsys: pytest.CaptureFixture
+    console: Console, terminal: Console, capsys: pytest.CaptureFixture
 ) -> None:
-    for console in (log, terminal):
-        with working("writing the report", console):
+    for shown in (console, terminal):
+        with working("writing the report", shown):
             pass
     with loading():
         pass
-    assert not log.file.getvalue()
+    assert not console.file.getvalue()
     assert "writing the report" in terminal.file.getvalue()
     assert capsys.readouterr() == ("", "")
 
@@ -104,8 +96,11 @@ def on_a_terminal(cwd: Path, *words: str) -> str:
     env = environment() | {"TERM": "xterm"}
     process = subprocess.Popen(words, cwd=cwd, env=env, stdout=theirs, stderr=theirs)
     os.close(theirs)
+    printed = b""
     try:
-        printed = b"".join(_chunks(ours))
+        with suppress(OSError):  # raised by Linux when the other side is closed
+            while chunk := os.read(ours, 65_536):
+                printed += chunk
     finally:
         process.kill()
         process.wait()
@@ -113,20 +108,7 @@ def on_a_terminal(cwd: Path, *words: str) -> str:
     return printed.decode(errors="replace")
 
 
-def _chunks(descriptor: int) -> Iterator[bytes]:
-    while True:
-        try:
-            chunk = os.read(descriptor, 65_536)
-        except OSError:  # raised by Linux when the other side is closed
-            return
-        if not chunk:
-            return
-        yield chunk
-
-
-def test_evaluate_shows_what_it_does_from_loading_to_the_last_drive(
-    run_folder: Path, tmp_path: Path
-) -> None:
+def test_evaluate_shows_its_work_from_loading_on(run_folder: Path, tmp_path: Path) -> None:
     options = ("laps=0.03", "quality=simple", f"out={tmp_path / 'out'}")
     printed = on_a_terminal(tmp_path, *command("zoo.commands.evaluate", str(run_folder), *options))
     loads, drives, table = (
@@ -205,9 +187,7 @@ def work(arguments: list[str]) -> None:
     print_written([Path("a.csv")], ["report"], console)
 
 
-def test_quiet_leaves_progress_and_hints_out(
-    capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_quiet_prints_less(capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("zoo.base.console_progress.LINE_EVERY_S", 0)
     assert run_command("work", work, []) == 0
     usual = capsys.readouterr().out
@@ -219,9 +199,7 @@ def test_quiet_leaves_progress_and_hints_out(
     assert not is_verbose()
 
 
-def test_verbose_adds_the_traceback_to_the_line_of_an_error(
-    capsys: pytest.CaptureFixture,
-) -> None:
+def test_verbose_adds_the_traceback_to_the_line_of_an_error(capsys: pytest.CaptureFixture) -> None:
     assert run_command("work", work, ["x"]) == 1
     assert capsys.readouterr().err == "work: x: is wrong\n"
     assert run_command("work", work, ["-v", "x"]) == 1

@@ -78,26 +78,15 @@ def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
     ("status", "command", "remedy"),
     [
         (WRONG_USE, "zoo model=lenett", "did you mean lenet"),
-        (WRONG_USE, "zoo.commands.evaluate", "usage"),
         (WRONG_USE, "zoo.commands.drive drive.port=1", "drivezoo drive CKPT"),
-        (WRONG_USE, "zoo.commands.doctor port=0", "1..65535"),
-        (WRONG_USE, "zoo.commands.demo x", "no arguments"),
-        (WRONG_USE, "zoo.commands.report", "usage"),
-        (WRONG_USE, "zoo.commands.results", "usage"),
         (WRONG_USE, "zoo.commands.simulator recrd", "did you mean record"),
-        (WRONG_USE, "zoo.commands.check", "usage"),
         (1, "zoo data.root=nowhere", "nowhere"),
         (1, "zoo.commands.evaluate no.ckpt", "no.ckpt"),
-        (1, "zoo.commands.drive no.ckpt", "no.ckpt"),
-        (1, "zoo.commands.report nowhere", "nowhere"),
         (1, "zoo.commands.leaderboard nowhere", "nowhere"),
         (1, "zoo.commands.simulator record out=x track=nowhere", "nowhere"),
-        (1, "zoo.commands.check nowhere", "nowhere"),
     ],
 )
-def test_the_exit_status_tells_wrong_use_from_failure(
-    status: int, command: str, remedy: str, tmp_path: Path
-) -> None:
+def test_wrong_use_is_no_failure(status: int, command: str, remedy: str, tmp_path: Path) -> None:
     module, *arguments = command.split()
     result = run_here(tmp_path, *arguments, module=module)
     assert result.returncode == status, result.stderr

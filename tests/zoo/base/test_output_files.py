@@ -25,13 +25,10 @@ def test_a_file_that_exists_is_replaced_only_with_overwrite(tmp_path: Path) -> N
         write_output(path, "its second", "table")
 
 
-def test_a_default_name_is_replaced_below_outputs_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_default_name_is_replaced_below_outputs_alone(here: Path) -> None:
     for folder in ("outputs/preview", "site"):
         Path(folder).mkdir(parents=True)
-    Path("outputs/site").symlink_to(tmp_path / "site")
+    Path("outputs/site").symlink_to(here / "site")
     write_output(Path("outputs/preview/a.png"), "first", key="")
     write_output(Path("outputs/preview/a.png"), "second", key="")
     assert Path("outputs/preview/a.png").read_text() == "second"
@@ -114,17 +111,13 @@ def open_for(monkeypatch: pytest.MonkeyPatch, tries: int) -> None:
     monkeypatch.setattr(whole_file, "RETRY_S", 0.001)
 
 
-def test_a_file_that_is_closed_in_time_is_replaced(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_closed_in_time_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_whole(tmp_path / "a.txt", "old")
     open_for(monkeypatch, tries=3)
     assert write_whole(path, "new").read_text() == "new"
 
 
-def test_a_file_that_stays_open_is_named_and_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_stays_open_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_whole(tmp_path / "a.txt", "old")
     open_for(monkeypatch, tries=10_000)
     monkeypatch.setattr(whole_file, "REPLACE_S", 0.01)
@@ -132,16 +125,6 @@ def test_a_file_that_stays_open_is_named_and_kept(
         write_whole(path, "new")
     assert path.read_text() == "old"
     assert not list(tmp_path.glob(".a.txt.*"))
-
-
-def test_a_folder_that_is_not_empty_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "mine.txt").write_text("mine")
-    with (
-        pytest.raises(InputError, match="is not empty; name another folder with out="),
-        command_folder(tmp_path, "evaluations"),
-    ):
-        pass
-    assert [one.name for one in tmp_path.iterdir()] == ["mine.txt"]
 
 
 def test_a_folder_with_the_file_to_resume_need_not_be_empty(tmp_path: Path) -> None:

@@ -56,22 +56,27 @@ def named_here(monkeypatch: pytest.MonkeyPatch) -> Iterator[NameFile]:
     sys.modules.pop("my_net", None)
 
 
-def test_the_environment_variable_names_it_for_all_commands(
-    place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def named(tmp_path: Path, named_here: NameFile) -> Path:
+    """Return a file with a network, which is named in this process."""
+    path = write_network(tmp_path)
+    named_here(path)
+    return path
+
+
+def test_the_variable_names_a_folder(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DRIVEZOO_PARTS", str(place))  # a folder: all its files
     succeed(run(place, "resume=run", "trainer.max_epochs=2"))
     assert json.loads((place / "run" / "metrics.json").read_text())["epochs"] == 2
 
 
-@pytest.mark.parametrize("arguments", [("zoo.commands.evaluate", "run"), ("zoo", "resume=run")])
-def test_a_checkpoint_or_run_runs_no_code_that_the_user_did_not_name(
-    arguments: tuple[str, str], place: Path
-) -> None:
+@pytest.mark.parametrize(
+    "words", [("zoo.commands.evaluate", "run"), ("zoo", "resume=run", "trainer.max_epochs=2")]
+)
+def test_a_run_runs_no_code_that_the_user_did_not_name(words: tuple, place: Path) -> None:
     (place / "my_net.py").write_text("raise SystemExit('it ran')\n")
-    module, named = arguments
-    more = ["trainer.max_epochs=2"] if module == "zoo" else []
-    line = only_line(run(place, named, *more, module=module))
+    module, *arguments = words
+    line = only_line(run(place, *arguments, module=module))
     assert "my_net.MyNet" in line
     assert NAMED in line
 
@@ -96,9 +101,7 @@ def test_a_changed_file_is_reported_and_used(
     assert "best.ckpt: my_net.py has changed" in line
 
 
-def test_a_changed_file_whose_weights_do_not_fit_is_refused(
-    place: Path, named_here: NameFile
-) -> None:
+def test_a_changed_file_that_does_not_fit_is_refused(place: Path, named_here: NameFile) -> None:
     code = (place / "my_net.py").read_text().replace("self.head", "self.last")
     (place / "my_net.py").write_text(code)
     named_here(place / "my_net.py")
@@ -130,9 +133,7 @@ def test_a_wrong_name_is_refused(named: str, found: str, here: Path) -> None:
     assert named.removeprefix("parts=")[:20] in str(failed.value) or len(named) > 200
 
 
-def test_a_saved_sweep_may_name_a_choice_of_a_named_part(
-    tmp_path: Path, named_here: NameFile
-) -> None:
+def test_a_saved_sweep_may_choose_a_named_part(tmp_path: Path, named_here: NameFile) -> None:
     sweep = SavedSweep(tmp_path / "sweep.json", ())
     with pytest.raises(InputError, match=r"model=my_net.*parts=FILE\.py"):
         check_overrides(["model=my_net"], sweep)
@@ -140,9 +141,8 @@ def test_a_saved_sweep_may_name_a_choice_of_a_named_part(
     check_overrides(["model=my_net"], sweep)
 
 
-def test_an_installed_package_names_parts_but_not_one_in_the_current_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_installed_package_names_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One in the current folder does not."""
     package = tmp_path / "drivezoo_nets"
     write_network(package)
     (package / "__init__.py").touch()
@@ -166,14 +166,11 @@ def test_an_installed_package_names_parts_but_not_one_in_the_current_folder(
         _installed.cache_clear()
 
 
-def test_the_environment_variable_takes_whole_paths(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_variable_takes_whole_paths(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Else a file of that name in a downloaded folder would run."""
-    write_network(tmp_path)
-    monkeypatch.chdir(tmp_path)
+    write_network(here)
     monkeypatch.setenv("DRIVEZOO_PARTS", "my_net.py")
-    with pytest.raises(InputError, match=f"whole path; write {re.escape(str(tmp_path))}"):
+    with pytest.raises(InputError, match=f"whole path; write {re.escape(str(here))}"):
         take_parts([])
 
 
@@ -186,32 +183,20 @@ def test_the_environment_variable_takes_whole_paths(
         ((".flatten(1))", ".flatten(1))[:, 0]"), "MyNet.forward returns [2] for 2 images"),
         (("class MyNet", "class YourNet"), "defines no class MyNet"),
         (("def __init__(self,", "def __init__(self, depth,"), "argument: 'shape'"),
-        (
-            ("class MyNet", "import sys; sys.exit(3)\nclass MyNet"),
-            "line 6: SystemExit: 3",
-        ),
-        (
-            ("super()", "raise BaseException('no'); super()"),
-            "line 13: BaseException: no",
-        ),
+        (("class MyNet", "import sys; sys.exit(3)\nclass MyNet"), "line 6: SystemExit: 3"),
+        (("super()", "raise BaseException('no'); super()"), "line 13: BaseException: no"),
         (("self.head(", "exit(self.head)("), "line 17: SystemExit: "),
         (("class MyNet(nn.Module)", "class MyNet"), "derive the class from torch.nn.Module"),
     ],
 )
-def test_a_mistake_in_the_file_is_one_line(
-    change: tuple[str, str], found: str, tmp_path: Path, named_here: NameFile
-) -> None:
-    path = write_network(tmp_path)
-    path.write_text(path.read_text().replace(*change))
-    named_here(path)
+def test_a_mistake_in_the_file_is_one_line(change: tuple, found: str, named: Path) -> None:
+    named.write_text(named.read_text().replace(*change))
     with pytest.raises(InputError, match=re.escape(found)):
         make_network({"_target_": "my_net.MyNet"}, VIEW)
 
 
-def test_an_error_of_a_part_while_a_command_runs_is_one_line(
-    tmp_path: Path, named_here: NameFile, capsys: pytest.CaptureFixture[str]
-) -> None:
-    named_here(write_network(tmp_path))
+@pytest.mark.usefixtures("named")
+def test_an_error_of_a_part_in_a_command_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     network = make_network({"_target_": "my_net.MyNet"}, VIEW)
 
     def command(_: list[str]) -> None:
@@ -238,36 +223,28 @@ def test_a_part_without_a_network_is_named(module: str, place: Path) -> None:
     assert "my_net.py defines no such network" in result.stderr
 
 
-def test_a_file_with_the_name_of_an_installed_module_is_refused(
-    tmp_path: Path, named_here: NameFile
-) -> None:
+def test_a_file_named_as_another_module_is_refused(tmp_path: Path, named_here: NameFile) -> None:
     path = write_network(tmp_path)
     named_here(path.rename(path.with_name("wave.py")))  # the name of one of Python's own modules
     with pytest.raises(InputError, match=r"another module wave .*; rename"):
         make_network({"_target_": "wave.MyNet"}, VIEW)
 
 
-def test_a_class_that_the_file_only_imports_is_refused(
-    tmp_path: Path, named_here: NameFile
-) -> None:
-    named_here(write_network(tmp_path))
+@pytest.mark.usefixtures("named")
+def test_a_class_that_the_file_only_imports_is_refused() -> None:
     for name in ("my_net.Tensor", "my_net.nn.Linear", "my_net.nn"):
         with pytest.raises(InputError, match=r"my_net"):
             make_network({"_target_": name}, VIEW)
 
 
-@pytest.mark.parametrize(
-    ("section", "allowed"), [("model", True), ("loss", True), ("optim", False), ("trainer", False)]
-)
-def test_a_saved_config_may_name_a_parts_class_of_the_sections_kind(
-    section: str, allowed: bool, tmp_path: Path, named_here: NameFile
-) -> None:
-    config = {section: {"_target_": "my_net.MyNet"}}
-    assert list(find_refusals(config)), "no part is named yet"
+def test_a_saved_config_names_a_part_where_it_belongs(tmp_path: Path, named_here: NameFile) -> None:
+    network = {"_target_": "my_net.MyNet"}
+    config = dict.fromkeys(("model", "loss", "optim", "trainer"), network)
+    config["callbacks"] = {"mine": network}
+    assert len(list(find_refusals(config))) == 5, "no part is named yet"
     named_here(write_network(tmp_path))
-    assert allowed is not bool(list(find_refusals(config)))
-    callback = {"callbacks": {"mine": {"_target_": "my_net.MyNet"}}}
-    assert list(find_refusals(callback)), "a network is no callback"
+    refused = [refusal.key for refusal in find_refusals(config)]
+    assert refused == ["optim._target_", "trainer._target_", "callbacks.mine._target_"]
 
 
 def test_a_choice_of_a_part_that_is_not_named_says_what_to_add(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from tests.zoo.command_runs import ROOT, environment
+from tests.zoo.command_runs import ROOT, environment, run_words
 from zoo.base import machine, process_pool
 from zoo.base.errors import InputError, UsageError
 from zoo.base.process_pool import Pool, opened_pool, run_jobs
@@ -53,9 +53,7 @@ def refuse(number: int, report: Callable[[float], None]) -> None:
 def stop_half_way(go_on: Path, report: Callable[[float], None]) -> None:
     """Report half of the drive, then wait for a file."""
     report(0.5)
-    end_s = time.monotonic() + 60
-    while not go_on.exists() and time.monotonic() < end_s:
-        time.sleep(0.01)
+    wait_until(go_on.exists)
 
 
 def never_end(begun: Path, report: Callable[[float], None]) -> None:
@@ -71,9 +69,7 @@ def stop(number: int, report: Callable[[float], None]) -> None:
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_progress_moves_within_a_drive(
-    workers: int, pools: dict[int, Pool], tmp_path: Path
-) -> None:
+def test_progress_moves_in_a_drive(workers: int, pools: dict[int, Pool], tmp_path: Path) -> None:
     """The drives end only after a half finished one was shown as such."""
     go_on = tmp_path / "go on"
     shown = []
@@ -127,9 +123,7 @@ def test_a_drive_that_exits_ends_no_process_silently(workers: int, pools: dict[i
         dict(run_jobs(pools[workers], stop, [(3,)]))
 
 
-def test_what_a_drive_raises_is_raised_with_its_place_in_the_other_process(
-    pools: dict[int, Pool],
-) -> None:
+def test_what_a_drive_raises_is_raised_with_its_place(pools: dict[int, Pool]) -> None:
     with pytest.raises(InputError, match=r"drive \d cannot be") as found:
         dict(run_jobs(pools[2], refuse, [(1,)]))
     assert "in refuse" in str(found.value.__cause__)
@@ -148,17 +142,10 @@ except KeyboardInterrupt:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="sends POSIX signals")
 @pytest.mark.parametrize(
-    ("number", "to_all", "status"),
-    [
-        pytest.param(signal.SIGINT, False, 130, marks=pytest.mark.slow),
-        (signal.SIGINT, True, 130),
-        pytest.param(signal.SIGTERM, False, -signal.SIGTERM, marks=pytest.mark.slow),
-        (signal.SIGKILL, False, -signal.SIGKILL),
-    ],
+    ("send", "number", "status"),
+    [(os.killpg, signal.SIGINT, 130), (os.kill, signal.SIGKILL, -signal.SIGKILL)],
 )
-def test_processes_end_with_their_parent(
-    number: int, to_all: bool, status: int, tmp_path: Path
-) -> None:
+def test_all_end_with_the_parent(send: Callable, number: int, status: int, tmp_path: Path) -> None:
     """Signal the parent, or as a terminal does all processes, in the middle of two drives."""
     begun = [tmp_path / "1", tmp_path / "2"]
     parent = subprocess.Popen(
@@ -170,7 +157,7 @@ def test_processes_end_with_their_parent(
     )
     try:
         wait_until(lambda: all(one.exists() for one in begun))
-        (os.killpg if to_all else os.kill)(parent.pid, number)
+        send(parent.pid, number)
         # The pipe of errors ends when the last process has ended.
         _, errors = parent.communicate(timeout=60)
     finally:
@@ -211,12 +198,7 @@ def test_a_command_ends_with_the_command_that_started_it(number: int) -> None:
 def test_a_process_that_another_one_started_is_left_alone(tmp_path: Path) -> None:
     """A variable that was inherited over a further process ends nothing."""
     quiet = "import zoo, time; time.sleep(0.9)"  # it looks after its parent every half second
-    found = subprocess.run(
-        [sys.executable, "-c", quiet],
-        cwd=ROOT,
-        env=environment() | {"DRIVEZOO_PARENT": "1"},
-        check=False,
-    )
+    found = run_words(ROOT, sys.executable, "-c", quiet, DRIVEZOO_PARENT="1")
     assert found.returncode == 0
 
 

@@ -60,11 +60,10 @@ def test_a_new_rig_names_each_null(here: Path) -> None:
         read_rig(here / "my_car.yaml")
 
 
-def test_a_rig_has_a_name_or_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_rig_has_a_name_or_a_file(here: Path) -> None:
     assert named_rig("donkey_sim").steering_deg == 16
     assert named_rig("udacity") == UDACITY
-    (tmp_path / "mine.yaml").write_text(TEXT)
+    (here / "mine.yaml").write_text(TEXT)
     assert named_rig("mine.yaml").name == "my car"
     with pytest.raises(InputError, match=r"^rig=donkey_sin: .*donkey_sim\?.*drivezoo new rig"):
         named_rig("donkey_sin")
@@ -74,12 +73,11 @@ def test_a_rig_has_a_name_or_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_a_rig_that_is_written_drives_the_same(name: str, tmp_path: Path) -> None:
     write_rig(tmp_path, RIGS[name])
     again = read_rig(tmp_path / "rig.yaml")
-    assert (again.steering_deg, again.wheelbase_m) == (
-        RIGS[name].steering_deg,
-        pytest.approx(RIGS[name].wheelbase_m),
-    )
-    lens, own = again.cameras["center"], RIGS[name].cameras["center"]
-    assert lens.ahead_m + again.rear_axle_m == pytest.approx(own.ahead_m + RIGS[name].rear_axle_m)
+    rig = RIGS[name]
+    assert again.steering_deg == rig.steering_deg
+    assert again.wheelbase_m == pytest.approx(rig.wheelbase_m)
+    lens, own = again.cameras["center"], rig.cameras["center"]
+    assert lens.ahead_m + again.rear_axle_m == pytest.approx(own.ahead_m + rig.rear_axle_m)
 
 
 BONNET = "own_car: [[[0, 480], [320, 400.5], [640, 480]]]"
