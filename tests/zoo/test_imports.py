@@ -1,27 +1,34 @@
-"""Which libraries a command imports."""
+"""Which libraries a command imports, and a user's own `zoo` or `datamodules` that hides ours."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
-from tests.zoo.command_runs import environment
+import pytest
+
+from tests.zoo.command_runs import ROOT, environment
 from zoo.base.console_script import commands
 
 DRIVING = """
-import sys
 import zoo.checkpoints.checkpoint_policy, zoo.server.live_page, zoo.scoring.evaluation
 import zoo.scoring.visual_backprop
-print(*{"albumentations", "lightning", "torchmetrics"} & {*sys.modules})
 """
 
 
-def test_driving_imports_no_library_that_only_training_needs() -> None:
-    """They would make `zoo.commands.drive` and `zoo.commands.evaluate` start two seconds later."""
-    done = subprocess.run(
-        [sys.executable, "-c", DRIVING], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.split() == []
+@pytest.mark.parametrize(
+    ("code", "slow"),
+    [
+        ("import drivezoo", {"torch", "hydra", "matplotlib", "cv2"}),
+        # They would make `drivezoo drive` and `drivezoo evaluate` start two seconds later.
+        (DRIVING, {"albumentations", "lightning", "torchmetrics"}),
+    ],
+)
+def test_only_what_needs_a_slow_library_imports_it(code: str, slow: set[str]) -> None:
+    command = [sys.executable, "-c", f"{code}\nimport sys; print(*sys.modules)"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert not slow & {*done.stdout.split()}
 
 
 WRONG = """
@@ -41,6 +48,7 @@ TYPOS = (
     *("grade nowhere", "report nowhere", "import nowhere.h5", "compare nowhere nowhere"),
     *("preview data.root=nowhere", "train data.root=nowhere"),
     *("benchmark lenet suite=nowhere", "evaluate lenet track=nowhere"),
+    *("sweep resume=nowhere", "leaderboard nowhere", "rerun nowhere"),
 )
 
 
@@ -50,3 +58,46 @@ def test_a_wrong_path_is_reported_before_torch_is_imported(tmp_path: Path) -> No
     subprocess.run(command, cwd=tmp_path, env=environment(), check=True, timeout=60)
     status = next(tmp_path.glob("outputs/*/*/status.json"))
     assert json.loads(status.read_text())["status"] == "failed"
+
+
+SCRIPT = "import drivezoo\ndrivezoo.evaluate\nprint('works')\n"
+STARTS = {
+    "a script": ("script.py",),
+    "a notebook": ("-c", SCRIPT),  # whose folder is the first on the path
+    "python -m": ("-m", "zoo", "--help"),
+    "a test of a part": ("-m", "pytest", "-q", "test_part.py"),
+}
+
+
+def start(folder: Path, how: str) -> subprocess.CompletedProcess:
+    (folder / "script.py").write_text(SCRIPT)
+    (folder / "test_part.py").write_text("import drivezoo\n\ndef test(): drivezoo.evaluate\n")
+    given = os.environ | {"PYTHONPATH": str(ROOT)}
+    given.pop("PYTHONSAFEPATH", None)
+    return subprocess.run(
+        [sys.executable, *STARTS[how]], cwd=folder, env=given, capture_output=True, text=True
+    )
+
+
+@pytest.mark.parametrize("how", STARTS)
+@pytest.mark.parametrize("hidden", ["zoo/__init__.py", "zoo.py", "datamodules/__init__.py"])
+def test_what_hides_a_package_is_named(hidden: str, how: str, tmp_path: Path) -> None:
+    if how == "python -m" and hidden.startswith("zoo"):
+        pytest.skip("starts the user's own")
+    (tmp_path / hidden).parent.mkdir(exist_ok=True)
+    (tmp_path / hidden).write_text("")
+    result = start(tmp_path, how)
+    assert result.returncode
+    said = result.stdout + result.stderr
+    assert "hides drivezoo's own package" in said
+    assert str(tmp_path / hidden) in said
+    assert "rename it" in said
+
+
+@pytest.mark.parametrize("how", STARTS)
+def test_what_hides_nothing_is_left_alone(how: str, tmp_path: Path) -> None:
+    for beside in ("simulator.py", "simulator/__init__.py", "zoo/notes.txt"):
+        (tmp_path / beside).parent.mkdir(exist_ok=True)
+        (tmp_path / beside).write_text("")
+    result = start(tmp_path, how)
+    assert result.returncode == 0, result.stderr
