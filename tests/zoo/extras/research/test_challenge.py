@@ -14,7 +14,7 @@ from tests.foreign_recordings import challenge2_test
 from zoo.base.errors import InputError, UsageError
 from zoo.checkpoints.policy_base import Command, Policy
 from zoo.commands.evaluate import evaluate_or_replay as command
-from zoo.extras.research.challenge_score import block_rmse, read_test
+from zoo.extras.research.challenge_score import block_rmse
 
 TEST = "CH2_final_evaluation.csv"
 
@@ -79,10 +79,6 @@ def test_odd_files_of_teams_are_left_out(folder: Path, tmp_path: Path) -> None:
     result = drivezoo.challenge(RightHalf(), folder, out=tmp_path / "out")
     assert result.rmse["policy"]["private"].value > 0.1
     assert "example" not in result.rmse
-
-
-def test_the_true_angles_come_back_from_the_recording(folder: Path) -> None:
-    assert read_test(folder).angles == pytest.approx(frames_of(folder)[1])
 
 
 def test_blocks_of_frames_are_resampled_and_not_frames() -> None:

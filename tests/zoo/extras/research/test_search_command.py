@@ -111,9 +111,7 @@ def test_the_search_is_the_same_for_every_number_of_workers(
         (["x=bent"], "x=bent", "bend"),
         (["x=width"], "y=width", "another"),
         (["weather=random"], "weather=random", "vary"),
-        (["weather={fgo: 1}"], "fgo", "fog"),
         (["weather=clear", "x=fog"], "x=fog: no such feature", "bend"),
-        (["quality=best"], "quality=best", "simple"),
     ],
 )
 def test_a_wrong_option_is_named_in_one_line(

@@ -15,7 +15,6 @@ from rich.console import Console
 
 from datamodules.balance import epoch_batches, shard_windows, share_of
 from datamodules.driving import DrivingData
-from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.samples import make_samples
 from tests.contracts.test_recordings import ROWS as CONTRACT_ROWS
@@ -122,12 +121,8 @@ def cached(cache: Path) -> int:
     return sum(one.stat().st_size for one in cache.rglob("*.bin"))
 
 
-def test_labels_come_back_to_the_bit_and_images_as_they_were_stored(
-    source: Written, shards: Path
-) -> None:
+def test_images_come_back_as_they_were_stored(source: Written, shards: Path) -> None:
     before, after = read_recordings(str(source.folder)), read_recordings(str(shards))
-    for name in ("steering", "throttle", "brake", "speed_mph", "time_s"):
-        np.testing.assert_array_equal(getattr(after, name), getattr(before, name), name)
     for row, camera in itertools.product((ROWS - 1, 0), range(3)):
         assert after.stored(row, camera) == before.stored(row, camera)
     assert after.rig == before.rig
@@ -335,14 +330,9 @@ def test_shards_are_not_mixed_with_a_log(source: Written, shards: Path, tmp_path
         loaded(f"[{shards},{source.folder}]", tmp_path / "cache")
 
 
-def joined(recording: Recording) -> set[str]:
-    return {image.file for image in recording.images[:, 0]}
-
-
-def test_several_sources_and_several_folders(source: Written, shards: Path, tmp_path: Path) -> None:
+def test_several_folders_of_shards_are_read(source: Written, shards: Path, tmp_path: Path) -> None:
     both = read_recordings([str(source.folder), str(source.folder)])
     write_as("shards", both, tmp_path / "both", shard_mb=SHARD_MB)
-    assert len(read_recordings(str(tmp_path / "both"))) == 2 * ROWS
-    two = read_recordings([str(shards), str(tmp_path / "both")])
-    assert (len(two), len(two.names)) == (3 * ROWS, 3)
-    assert len({Path(one).parent for one in joined(two)}) == 2
+    recording = read_recordings([str(shards), str(tmp_path / "both")])
+    assert (len(recording), len(recording.names)) == (3 * ROWS, 3)
+    assert len({Path(image.file).parent for image in recording.images[:, 0]}) == 2

@@ -5,12 +5,13 @@ import json
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from datamodules.recording_format import read_recordings
+from tests.zoo.base.test_process_pool import wait_until
 from tests.zoo.command_runs import only_line, run_here, start
 from tests.zoo.simulator.person import Person
 from zoo.base.page_server import PageServer
@@ -50,12 +51,8 @@ class Served:
         assert status == 200, lines
         return lines
 
-    def until(self, reached: Callable[[dict], object], seconds: float = 60) -> dict:
-        ends = time.monotonic() + seconds
-        while not reached(state := json.loads(self.ask("GET", "/state.json")[1])):
-            assert time.monotonic() < ends, state
-            time.sleep(0.1)
-        return state
+    def state(self) -> dict:
+        return json.loads(self.ask("GET", "/state.json")[1])
 
 
 def serve(key: str | None = None) -> Iterator[Served]:
@@ -195,14 +192,15 @@ def test_a_person_drives_and_records(studio: Served, here: Path) -> None:
     person.hold("arrow_up")
     person.until(lambda now: now["rows"] > 20)
     person.send(press="escape")
-    state = studio.until(lambda now: not now["drive"]["running"])
-    assert any(line.startswith("rows") for line in state["drive"]["lines"])
-    folder = state["drive"]["folder"]
+    wait_until(lambda: not studio.state()["drive"]["running"])
+    drive = studio.state()["drive"]
+    assert any(line.startswith("rows") for line in drive["lines"])
+    folder = drive["folder"]
     assert len(read_recordings(folder)) > 20
     assert json.loads(studio.ask("GET", "/choices.json")[1])["recordings"] == [folder]
     studio.post(start={"step": "check", "folder": folder})
-    state = studio.until(lambda now: now["check"]["status"] is not None)
-    assert "all images are whole" in state["check"]["lines"]
+    wait_until(lambda: studio.state()["check"]["status"] is not None)
+    assert "all images are whole" in studio.state()["check"]["lines"]
 
 
 @pytest.mark.parametrize(
@@ -217,14 +215,9 @@ def test_networks_drive_side_by_side_and_a_broken_file_says_so(
     start_together(networks)
     try:
         first, *broken = networks
-        ends = time.monotonic() + 60
-        while b'"time_s": 1.' not in first.frame.answer({})[0]:
-            assert time.monotonic() < ends, first.failure
-            time.sleep(0.02)
+        wait_until(lambda: b'"time_s": 1.' in first.frame.answer({})[0])
         for network in broken:
-            while not network.failure:
-                assert time.monotonic() < ends
-                time.sleep(0.1)
+            wait_until(lambda network=network: network.failure)
             assert "broken.ckpt" in network.failure
             assert "Traceback" not in network.failure
         assert not first.failure
@@ -237,10 +230,7 @@ def test_networks_drive_side_by_side_and_a_broken_file_says_so(
 def test_a_network_that_is_silent_is_ended(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(watched_network, "LOADS_S", 0.0)
     network = Watched("lenet", "lenet", {})
-    ends = time.monotonic() + 30
-    while network.running:
-        assert time.monotonic() < ends
-        time.sleep(0.05)
+    wait_until(lambda: not network.running)
     assert "gives no frame" in network.failure
 
 
