@@ -29,9 +29,9 @@ from zoo.base.key_values import read_options
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import STARTED_IN
 from zoo.checkpoints.policy_base import as_policy
-from zoo.driving.drive_log import DriveWriter
+from zoo.driving.drive_log import write_drive
 from zoo.driving.drive_loop import drive
-from zoo.driving.drive_record import PERSON, DriveRow
+from zoo.driving.drive_record import PERSON, Drive, DriveRow
 from zoo.driving.embedded_world import EmbeddedWorld, open_embedded
 from zoo.driving.run_drives import all_drives
 from zoo.driving.scenario import Scenario
@@ -195,23 +195,20 @@ def overridden(recorded: Written, tmp_path: Path) -> Path:
     """Write a drive with takeovers at 4 s and, without an image in between, at 4.3 s."""
     folder = tmp_path / "drive"
     shutil.copytree(recorded.folder / "IMG", folder / "IMG")
-    writer = DriveWriter(folder)
+    rows = []
     for number in range(70):
         person = 60 <= number < 63 or number >= 65
-        writer.add(
-            [
-                DriveRow(
-                    time_s=number / 15,
-                    driver=PERSON if person else "policy",
-                    frame="" if number >= 60 else f"IMG/{recorded.image(number).name}",
-                    steering=0.0 if person else -0.25,
-                    throttle=0.2,
-                    speed_mph=20.0,
-                    intervention=number in (60, 65),
-                )
-            ]
+        row = DriveRow(
+            time_s=number / 15,
+            driver=PERSON if person else "policy",
+            frame="" if number >= 60 else f"IMG/{recorded.image(number).name}",
+            steering=0.0 if person else -0.25,
+            throttle=0.2,
+            speed_mph=20.0,
+            intervention=number in (60, 65),
         )
-    writer.close()
+        rows.append(row)
+    write_drive(folder, Drive.of(rows))
     return folder
 
 
@@ -263,10 +260,8 @@ def test_a_persons_recording_gets_other_file_names(
     ("option", "text"),
     [
         ("track=nowhere", "nowhere"),
-        ("rounds=0", "rounds=0: "),
         ("weather=hail", "weather=hail"),
         ("throttle=network", "throttle"),
-        ("rouds=2", "did you mean rounds?"),
         ("data.rooot=x", "data.rooot: "),
         ("data.root=nowhere", "data.root=FOLDER"),
         ("drive=nowhere", "nowhere: "),
@@ -341,9 +336,7 @@ def test_a_drive_without_takeovers_or_images_is_refused(checkpoint: str, tmp_pat
     calm = [DriveRow(time_s=1.0)]
     blind = [*calm, DriveRow(time_s=1.1, driver=PERSON, intervention=True)]
     for name, rows, words in (("calm", calm, "takeover"), ("blind", blind, "record=FOLDER")):
-        writer = DriveWriter(tmp_path / name)
-        writer.add(rows)
-        writer.close()
+        write_drive(tmp_path / name, Drive.of(rows))
         with pytest.raises(InputError, match=rf"{name}: .*{words}"):
             correct.main([checkpoint, f"drive={tmp_path / name}"])
 
