@@ -140,6 +140,13 @@ def write_resized(source: Written, folder: Path, width: int, height: int) -> Wri
     return replace(source, folder=folder)
 
 
+def replace_in(path: Path, old: str, new: str) -> None:
+    """Replace a text that a file has, wherever it stands."""
+    text = path.read_text()
+    assert old in text, old
+    path.write_text(text.replace(old, new))
+
+
 def format_number(value: float) -> str:
     """Return a float as C# writes it: up to seven digits, `5E-05` if small, no trailing zeros.
 

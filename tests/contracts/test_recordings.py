@@ -18,7 +18,7 @@ from datamodules.recording_edits import Edits
 from datamodules.recording_format import find_format, read_recordings
 from tests import foreign_recordings as foreign
 from tests.contracts.outside_package import installed, manual_example
-from tests.recordings import convert_to_recording, write_as, write_recording
+from tests.recordings import convert_to_recording, replace_in, write_as, write_recording
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import UDACITY
 
@@ -114,13 +114,7 @@ def check_recording(recording: Recording, source: Recording) -> None:
 
 def replace_once(old: str, new: str, file: str) -> Callable[[Path], None]:
     """Return a function that changes a text of a recording's file."""
-
-    def change(folder: Path) -> None:
-        text = (folder / file).read_text()
-        assert text.count(old) == 1, old
-        (folder / file).write_text(text.replace(old, new))
-
-    return change
+    return lambda folder: replace_in(folder / file, old, new)
 
 
 def cut_fourth_row(folder: Path) -> None:

@@ -10,14 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from datamodules.balance import BalancedBatches, epoch_batches
-from datamodules.samples import (
-    CENTER,
-    LEFT,
-    RIGHT,
-    Samples,
-    make_samples,
-    recovery_steering,
-)
+from datamodules.samples import CENTER, LEFT, RIGHT, Samples, make_samples, recovery_steering
 from datamodules.windows import Windows
 from tests.recordings import recording_in_memory
 from zoo.base.errors import InputError, UsageError

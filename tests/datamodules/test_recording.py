@@ -10,14 +10,8 @@ import pytest
 
 from datamodules.formats.udacity import times_from_names
 from datamodules.recording_format import read_recordings
-from tests.recordings import FOLDERS, write_recording
+from tests.recordings import FOLDERS, replace_in, write_recording
 from zoo.base.errors import InputError
-
-
-def edit_log(folder: Path, old: str, new: str) -> None:
-    log = folder / "driving_log.csv"
-    assert old in log.read_text()
-    log.write_text(log.read_text().replace(old, new))
 
 
 def refusal(*arguments, **settings) -> str:
@@ -98,14 +92,14 @@ def beside_the_log(folder: Path) -> Path:
 
 def in_a_folder_per_lap(folder: Path) -> Path:
     (folder / "lap 1").mkdir()
-    edit_log(folder, "\\IMG\\", "\\lap 1\\IMG\\")
+    replace_in(folder / "driving_log.csv", "\\IMG\\", "\\lap 1\\IMG\\")
     return (folder / "IMG").rename(folder / "lap 1" / "IMG")
 
 
 def where_the_log_says(folder: Path) -> Path:
     """Move the images to the place that the log of this machine names."""
     there = (folder / "IMG").rename(folder.parent / "there")
-    edit_log(folder, FOLDERS["linux"], f"{there}/")
+    replace_in(folder / "driving_log.csv", FOLDERS["linux"], f"{there}/")
     return there
 
 
@@ -128,7 +122,7 @@ def test_images_are_found_where_they_were_moved(tmp_path, style, move):
 def recorded_here(folder: Path, rows: int = 4):
     """Write a recording whose log has the absolute paths of this machine."""
     written = write_recording(folder, rows=rows, style="linux")
-    edit_log(folder, FOLDERS["linux"], f"{folder}/IMG/")
+    replace_in(folder / "driving_log.csv", FOLDERS["linux"], f"{folder}/IMG/")
     return written
 
 
@@ -166,7 +160,7 @@ def test_two_logs_joined_read_the_images_of_both(tmp_path):
 
 
 def unname(image: Path) -> None:
-    edit_log(image.parents[1], f"{FOLDERS['windows']}{image.name}", "")
+    replace_in(image.parents[1] / "driving_log.csv", f"{FOLDERS['windows']}{image.name}", "")
 
 
 @pytest.mark.parametrize(
@@ -227,12 +221,13 @@ def test_a_fingerprint_is_that_of_labels_and_names_wherever_the_folder_is(tmp_pa
     assert read_recordings(str(two.folder)).fingerprint() == before, "the log of another machine"
     assert recording.keep(np.arange(5) != 2).fingerprint() != before
     moved = one.folder.rename(tmp_path / "moved")
+    log = moved / "driving_log.csv"
     assert read_recordings(str(moved)).fingerprint() == before
     for column in ("steering", "speed_mph"):
         number = f",{getattr(one, column)[3]:.7G}"
-        edit_log(moved, number, ",0.987")
+        replace_in(log, number, ",0.987")
         assert read_recordings(str(moved)).fingerprint() != before
-        edit_log(moved, ",0.987", number)
+        replace_in(log, ",0.987", number)
 
 
 def test_times_are_those_in_the_file_names(recorded):

@@ -8,14 +8,8 @@ import pytest
 from datamodules.recording_format import read_recordings
 from tests import foreign_recordings as foreign
 from tests.datamodules.test_path_contents import tub
-from tests.recordings import write_recording
+from tests.recordings import replace_in, write_recording
 from zoo.base.errors import InputError
-
-
-def replace_in(path: Path, old: str, new: str) -> None:
-    text = path.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new))
 
 
 def notes(folder: Path, **said: object) -> str:

@@ -15,14 +15,7 @@ from datamodules.looking.findings import find_oddities
 from datamodules.looking.sign_evidence import find_sign_evidence
 from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.recording_format import find_format, read_recordings
-from tests.foreign_recordings import (
-    NS,
-    ROWS,
-    STEERING,
-    challenge2_test,
-    challenge2_training,
-    table,
-)
+from tests.foreign_recordings import NS, ROWS, STEERING, challenge2_test, challenge2_training, table
 from zoo.base.errors import InputError
 
 

@@ -109,9 +109,7 @@ def test_a_column_of_another_type_is_named(name: str, kind: str, tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    "kind",
-    [pa.float32(), pa.float16(), pa.decimal128(20, 9), pa.large_string()],
-    ids=str,
+    "kind", [pa.float32(), pa.float16(), pa.decimal128(20, 9), pa.large_string()], ids=str
 )
 def test_steering_of_every_type_is_read(kind: object, images: list, tmp_path: Path) -> None:
     numbers = np.round(foreign.STEERING, 3)
