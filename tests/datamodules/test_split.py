@@ -210,16 +210,13 @@ def write_rows(path: Path, rows: list[list[str]]) -> str:
     return str(path)
 
 
-def test_a_split_file_with_an_unknown_part_names_the_row(small, tmp_path):
-    name = Path(small.images[0, 0]).name
-    path = write_rows(tmp_path / "split.csv", [["image", "part"], [name, "train"], [name, "dev"]])
-    with pytest.raises(InputError, match=r"split\.csv, row 3: .*train, val, test"):
-        split_rows(small, path)
-
-
-def test_a_split_file_of_another_recording(small, tmp_path):
-    path = write_rows(tmp_path / "split.csv", [["center_other.jpg", "train"]])
-    with pytest.raises(InputError, match="names no image of this recording"):
+@pytest.mark.parametrize(
+    ("part", "words"),
+    [("train", "names no image of this recording"), ("dev", r"row 2: .*train, val, test")],
+)
+def test_a_split_file_of_other_images_or_parts_is_refused(small, tmp_path, part, words):
+    path = write_rows(tmp_path / "split.csv", [["image", "part"], ["center_other.jpg", part]])
+    with pytest.raises(InputError, match=rf"split\.csv.*{words}"):
         split_rows(small, path)
 
 
