@@ -6,20 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from zoo.base.rig import MPS_PER_MPH
-from zoo.simulator.car import OFF_ROAD, ROAD, Car, Surface
+from zoo.simulator.car import OFF_ROAD, ROAD, Car
 from zoo.simulator.udacity_car import MAX_STEERING_DEG, PHYSICS_STEP_S, WHEELBASE_M
 
 commands = st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=1, max_size=20)
 
 
-def drive(
-    car: Car,
-    seconds: float,
-    steering: float = 0.0,
-    throttle: float = 0.0,
-    grade: float = 0.0,
-    surface: Surface = ROAD,
-) -> Car:
+def drive(car: Car, seconds: float, steering=0.0, throttle=0.0, grade=0.0, surface=ROAD) -> Car:
     for _ in range(round(seconds / PHYSICS_STEP_S)):
         car.step(steering, throttle, grade, surface)
     return car

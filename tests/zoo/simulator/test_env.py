@@ -9,12 +9,11 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
-import yaml
 from gymnasium.utils.env_checker import check_env
 
 import zoo.simulator  # noqa: F401 - registers Lake-v0
 from tests.slow_members import slow_but
-from tests.zoo.simulator.tracks import LOOP
+from tests.zoo.simulator.tracks import LOOP, write_track
 from zoo.base.errors import InputError
 from zoo.simulator.env import DrivingEnv
 from zoo.simulator.expert import Expert
@@ -30,13 +29,12 @@ Opened = Callable[..., DrivingEnv]
 @pytest.fixture
 def opened(tmp_path: Path) -> Iterator[Opened]:
     """Return a function that opens an environment on a short loop until the test ends."""
-    track = tmp_path / "loop.yaml"
     bare = {"trees": 5, "bushes": 0, "rocks": 5}
-    track.write_text(yaml.safe_dump({"points": LOOP, "surroundings": bare}))
+    track = write_track(tmp_path, points=LOOP, surroundings=bare)
     envs = []
 
     def make(**arguments) -> DrivingEnv:
-        envs.append(DrivingEnv(str(track), renderer="software", **arguments))
+        envs.append(DrivingEnv(track, renderer="software", **arguments))
         return envs[-1]
 
     yield make

@@ -44,9 +44,7 @@ class Drive:
 
 
 @functools.cache
-def drive(
-    track: str, direction: int, laps: float = 1.0, settings: ExpertSettings | None = None, **options
-) -> Drive:
+def drive(track: str, direction: int, laps=1.0, settings=None, **options) -> Drive:
     world = open_world(track, renderer="none", direction=direction, **options)
     expert = Expert(world.track, settings)
     rows = []

@@ -5,7 +5,6 @@ import re
 from pathlib import Path
 
 import cv2
-import imageio_ffmpeg
 import numpy as np
 import pytest
 
@@ -31,13 +30,8 @@ def grey(level: int, height: int = 160, width: int = 320) -> np.ndarray:
     return np.full((height, width, 3), level, np.uint8)
 
 
-def test_a_film_is_h264_that_a_browser_plays_before_it_has_the_whole_file(tmp_path: Path) -> None:
-    path = write(tmp_path / "lap.mp4", *[grey(100)] * 5)
-    facts = next(imageio_ffmpeg.read_frames(str(path)))
-    assert facts["codec"] == "h264"
-    assert facts["pix_fmt"].startswith("yuv420p")
-    assert facts["fps"] == 20
-    data = path.read_bytes()
+def test_a_browser_plays_a_film_before_it_has_the_whole_file(tmp_path: Path) -> None:
+    data = write(tmp_path / "lap.mp4", *[grey(100)] * 5).read_bytes()
     assert data.index(b"moov") < data.index(b"mdat")
 
 

@@ -6,10 +6,9 @@ import math
 import gymnasium
 import numpy as np
 import pytest
-import yaml
 
 from tests.zoo.simulator.test_record import GreyRenderer
-from tests.zoo.simulator.tracks import OPEN, open_road
+from tests.zoo.simulator.tracks import OPEN, open_road, write_track
 from zoo.base.errors import InputError
 from zoo.simulator.client import Client
 from zoo.simulator.command_options import ClientOptions
@@ -30,9 +29,7 @@ both_ways = pytest.mark.parametrize("way", [1, -1])
 
 @pytest.fixture
 def road_file(tmp_path) -> str:
-    path = tmp_path / "road.yaml"
-    path.write_text(yaml.safe_dump({"segments": OPEN, "closed": False, "surroundings": BARE}))
-    return str(path)
+    return write_track(tmp_path, segments=OPEN, closed=False, surroundings=BARE)
 
 
 def drive(world: World, laps: float, noise: float = 0.0) -> None:

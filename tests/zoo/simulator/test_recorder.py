@@ -3,7 +3,6 @@
 import os
 import resource
 import signal
-import subprocess
 import sys
 
 import cv2
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 
 from datamodules.recording_format import read_recordings
-from tests.zoo.command_runs import environment
+from tests.zoo.command_runs import run_words
 from zoo.base.errors import InputError
 from zoo.simulator.recorder import Recorder, split_pedals
 from zoo.simulator.udacity_car import CAMERAS
@@ -98,9 +97,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 
 
 def test_a_killed_recorder_leaves_every_row_it_was_given(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", KILLED, str(tmp_path)], env=environment(), timeout=60, check=False
-    )
+    done = run_words(tmp_path, sys.executable, "-c", KILLED, str(tmp_path))
     assert done.returncode == -signal.SIGKILL
     assert len(read_recordings(str(tmp_path))) == 7
 

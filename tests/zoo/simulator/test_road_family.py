@@ -1,7 +1,6 @@
 """Families of roads, the same for the same seed, and the surveyed roads of the originals."""
 
 import hashlib
-import math
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from tests.slow_members import slow
-from tests.zoo.simulator.tracks import right_of
+from tests.zoo.simulator.tracks import right_of, write_track
 from zoo.base.errors import InputError
 from zoo.simulator.expert import Expert
 from zoo.simulator.road_family import (
@@ -57,10 +56,9 @@ def test_a_digest_of_roads_changes_with_their_content(tmp_path):
     assert roads_digest(["alpine:1"]) != roads_digest(["alpine:2"])
     assert roads_digest(["alpine:1", "udacity_lake"]) == roads_digest(["alpine:1"])
     content = yaml.safe_load(find_family("alpine").path.read_text())
-    own = tmp_path / "own.yaml"
-    own.write_text(yaml.safe_dump(content))
+    own = write_track(tmp_path, **content)
     before = roads_digest([f"{own}:1"])
-    own.write_text(yaml.safe_dump(content | {"width": [5.0, 6.0]}))
+    write_track(tmp_path, **content | {"width": [5.0, 6.0]})
     assert roads_digest([f"{own}:1"]) != before
 
 
@@ -124,11 +122,10 @@ def test_loops_close(family):
 )
 def test_wrong_families_name_file_and_key(tmp_path, key, value, named):
     content = yaml.safe_load((find_family("country").path).read_text())
-    path = tmp_path / "own.yaml"
-    path.write_text(yaml.safe_dump(content | {key: value}))
+    path = write_track(tmp_path, **content | {key: value})
     with pytest.raises(InputError, match=named) as caught:
-        find_family(str(path))
-    assert str(path) in str(caught.value)
+        find_family(path)
+    assert path in str(caught.value)
 
 
 def test_ranges_without_a_road_say_so():
@@ -177,9 +174,7 @@ def test_a_road_is_named_wherever_a_track_is():
 def test_a_road_written_to_a_file_is_the_same_road(tmp_path, family):
     for seed in range(5):
         content, road = draw_content(family, seed)
-        path = tmp_path / "own.yaml"
-        path.write_text(yaml.safe_dump(content))
-        again = read_track(str(path))
+        again = read_track(write_track(tmp_path, **content))
         np.testing.assert_array_equal(again.xyz, road.xyz)
         assert again.surroundings == road.surroundings
         assert again.stretches == road.stretches
@@ -198,25 +193,15 @@ JUNGLE = TRACKS["udacity_jungle"]
 by_track = pytest.mark.parametrize("track", TRACKS.values(), ids=TRACKS)
 
 
-def survey(name: str) -> list[list[float]]:
-    lines = (track_folder() / "surveys" / f"{name}.csv").read_text().splitlines()
-    return [[float(cell) for cell in line.split(",")] for line in lines[1:]]
-
-
 def reckon(name: str) -> np.ndarray:
     """Return places on the survey's pieces, float64 [N, 3], added up from the first station."""
-    rows = survey(name)
-    x = y = 0.0
-    corners = [(x, y, rows[0][2])]
-    stations = [one[0] for one in rows] + [rows[-1][0] + LAST_PIECES_M[name]]
-    for (station, heading, _), end, after in zip(
-        rows, stations[1:], [*rows[1:], rows[0]], strict=True
-    ):
-        x += (end - station) * math.cos(math.radians(heading))
-        y += (end - station) * math.sin(math.radians(heading))
-        corners.append((x, y, after[2]))
-    corners = np.array(corners)
-    assert math.hypot(x, y) < 0.6  # the gap of a lap, spread over its length
+    survey = np.loadtxt(track_folder() / "surveys" / f"{name}.csv", delimiter=",", skiprows=1)
+    station, heading, height = survey.T
+    pieces = np.diff(station, append=station[-1] + LAST_PIECES_M[name])
+    steps = pieces * np.array([np.cos(np.radians(heading)), np.sin(np.radians(heading))])
+    corners = np.stack([*steps.cumsum(1), np.roll(height, -1)], -1)
+    corners = np.concatenate([[(0, 0, height[0])], corners])
+    assert np.hypot(*corners[-1, :2]) < 0.6  # the gap of a lap, spread over its length
     share = np.linspace(0, 1, len(corners))[:, None]
     corners[:, :2] -= share * corners[-1, :2]
     parts = np.linspace(0, 1, 50, endpoint=False)[:, None]

@@ -137,14 +137,10 @@ def test_walls_stand_at_the_edge_of_the_width():
 @pytest.mark.parametrize("noise", [0, 1])
 @pytest.mark.parametrize("way", [1, -1])
 def test_the_expert_follows_bends_of_the_tightest_radius(way, noise):
-    bends = [
-        {"straight": 60},
-        {"left": 180, "radius": 1.01 * TIGHTEST_RADIUS_M},
-        {"straight": 20},
-        {"right": 180, "radius": 1.01 * TIGHTEST_RADIUS_M},
-        {"straight": 60},
-    ]
-    track = make_track("bends", {"segments": bends, "closed": False, "width": 5.6})
+    tight, straight = 1.01 * TIGHTEST_RADIUS_M, {"straight": 60}
+    bends = [{"left": 180, "radius": tight}, {"straight": 20}, {"right": 180, "radius": tight}]
+    content = {"segments": [straight, *bends, straight], "closed": False, "width": 5.6}
+    track = make_track("bends", content)
     world = World(track, direction=way)
     expert = Expert(track, ExpertSettings(noise=noise, seed=2))
     while not world.is_complete(1):

@@ -10,7 +10,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.zoo.simulator.tracks import refusal, right_of, write_track
+from tests.zoo.simulator.tracks import loop, refusal, right_of, write_track
 from zoo.base.errors import InputError
 from zoo.simulator.centreline import STEP_M, make_centreline
 from zoo.simulator.track_content import TIGHTEST_RADIUS_M
@@ -196,18 +196,11 @@ def test_a_long_track_is_accepted():
 
 
 def test_stretches_differ_from_the_rest():
-    track = make_track(
-        "square",
-        {
-            "points": [[0, 0, 0], [90, 0, 0], [90, 90, 0], [0, 90, 0]],
-            "verge": {"left": "rock"},
-            "paving": "worn",
-            "stretches": [
-                {"from": 100, "to": 150, "paving": "cobbles", "right": "wall"},
-                {"from": 200, "to": 250, "right": "wall"},
-            ],
-        },
-    )
+    stretches = [
+        {"from": 100, "to": 150, "paving": "cobbles", "right": "wall"},
+        {"from": 200, "to": 250, "right": "wall"},
+    ]
+    track = loop(verge={"left": "rock"}, paving="worn", stretches=stretches)
     assert [track.stretch_at(distance).paving for distance in (120.0, 220.0)] == ["cobbles", "worn"]
     both = [track.verge_at(distance) for distance in (120.0 + track.length, 150.0)]
     assert [(one.left, one.right) for one in both] == [("rock", "wall"), ("rock", "paved")]
