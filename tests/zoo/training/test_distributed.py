@@ -17,11 +17,10 @@ from rich.console import Console
 from datamodules.balance import BatchKey
 from datamodules.driving import DrivingData
 from tests.recordings import Written
-from tests.zoo.command_runs import command, environment, run, succeed
-from tests.zoo.trainings import module_of
+from tests.zoo.command_runs import command, environment, run, run_words, succeed
+from tests.zoo.trainings import module_of, weights
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
-from zoo.models.losses import SteeringWeightedMSE
 from zoo.runs.status import read_status
 from zoo.training.build import load_data
 from zoo.training.conclusion import read_curves
@@ -34,16 +33,9 @@ from zoo.training.run import run_experiment
 # LeNet has no dropout, whose draws differ from process to process. Adam would divide a gradient
 # near 0 by its own size, and so turn its rounding error into a step of the full learning rate.
 SETTINGS = (
-    "model=lenet",
-    "data.block_s=0.5",
-    "data.gap_s=0.1",
-    "data.batch_size=19",
-    "augment=[brightness,shadow,shift,blur]",
-    "loss=weighted",
-    "optim=sgd",
-    "score=none",
-    "logger=csv",
-    "callbacks=published",
+    *("model=lenet", "data.block_s=0.5", "data.gap_s=0.1", "data.batch_size=19"),
+    *("augment=[brightness,shadow,shift,blur]", "loss=weighted", "optim=sgd"),
+    *("score=none", "logger=csv", "callbacks=published"),
 )
 # Sums in another order, in single precision, through 30 steps: 0.00000001 was measured.
 TOLERANCE = 1e-6
@@ -65,17 +57,13 @@ def test_shares_put_together_are_the_batch_of_one_process(
     batches = data.training_batches()
     for number, size in enumerate((19, 2, 1)):
         samples = np.arange(3 * size, 4 * size)
-        whole = batches[BatchKey(0, number, samples)]
-        shares = [batches[BatchKey(0, number, samples, rank, world)] for rank in range(world)]
-        for name, tensor in whole.items():
+        whole_key = BatchKey(0, number, samples)
+        keys = [replace(whole_key, rank=rank, world=world) for rank in range(world)]
+        shares = [batches[key] for key in keys]
+        for name, tensor in batches[whole_key].items():
             assert torch.equal(torch.cat([one[name] for one in shares]), tensor), name
-        steering = [
-            batches.steering(BatchKey(0, number, samples, rank, world)) for rank in range(world)
-        ]
-        assert (
-            np.concatenate(steering).tolist()
-            == batches.steering(BatchKey(0, number, samples)).tolist()
-        )
+        steering = [batches.steering(key) for key in keys]
+        assert np.array_equal(np.concatenate(steering), batches.steering(whole_key))
 
 
 @pytest.mark.parametrize("world", [1, 2, 3, 13])
@@ -154,14 +142,6 @@ def kept(path: Path) -> list[np.ndarray]:
         return list(file.values())
 
 
-def test_the_divisor_of_a_weighted_loss_is_what_it_divides_by() -> None:
-    predicted, true = torch.randn(2, 7, 2, generator=torch.Generator().manual_seed(0))
-    loss = SteeringWeightedMSE(4.0)
-    parts = [slice(0, 3), slice(3, 7)]
-    whole = sum(loss(predicted[at], true[at]) * loss.divisor(true[at]) for at in parts)
-    assert whole / loss.divisor(true) == pytest.approx(loss(predicted, true))
-
-
 @pytest.mark.slow
 def test_two_processes_come_to_the_same_as_one(recorded: Written, tmp_path: Path) -> None:
     more = [*SETTINGS, f"data.root={recorded.folder}", "trainer.max_epochs=2"]
@@ -172,10 +152,7 @@ def test_two_processes_come_to_the_same_as_one(recorded: Written, tmp_path: Path
     result = run(tmp_path, *more, "trainer=ddp_cpu", "hydra.run.dir=two")
     assert (result.returncode, result.stderr) == (0, "")
     assert result.stdout.count(" train, ") == 1, "one process speaks"
-    one, two = (
-        torch.load(tmp_path / name / "checkpoints" / "last.ckpt", weights_only=True)["state_dict"]
-        for name in ("one", "two")
-    )
+    one, two = (weights(tmp_path / name) for name in ("one", "two"))
     assert one.keys() == two.keys()
     for name in one:
         torch.testing.assert_close(two[name], one[name], rtol=0, atol=TOLERANCE)
@@ -289,14 +266,7 @@ def test_a_process_that_waits_for_ever_is_ended(tmp_path: Path) -> None:
         "watch._start(watch._failed_other)\n"
         "time.sleep(60)\n"
     )
-    result = subprocess.run(
-        [sys.executable, "-c", source],
-        env=environment(),
-        capture_output=True,
-        text=True,
-        timeout=50,
-        check=False,
-    )
+    result = run_words(tmp_path, sys.executable, "-c", source)
     assert result.returncode == 1
     assert "process 2 of the 2 that train together ended (exit status 3)" in result.stderr
     assert read_status(tmp_path)["status"] == "failed"

@@ -2,12 +2,12 @@
 
 import os
 import platform
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from tests.zoo.command_runs import ROOT, run_words, succeed
 from zoo.training.host_settings import SPINS, limit_spinning, multiplies_bf16
 
 # Takes and gives back the blocks of a training step, and says how often the kernel had to help.
@@ -25,21 +25,12 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
 """
 
 
-def run(code: str, *arguments: str) -> str:
-    result = subprocess.run(
-        [sys.executable, "-c", code, *arguments],
-        cwd=Path(__file__).parents[3],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return result.stdout.strip()
-
-
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc alone gives memory back")
 @pytest.mark.slow
 def test_freed_memory_is_kept() -> None:
-    assert int(run(STEPS, "keep")) < 0.1 * int(run(STEPS))
+    words = (sys.executable, "-c", STEPS)
+    faults = [int(succeed(run_words(ROOT, *words, *more))) for more in (["keep"], [])]
+    assert faults[0] < 0.1 * faults[1]
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from datamodules.recording_format import read_recordings
 from datamodules.split import split_rows
 from tests.recordings import Written, write_as, write_recording
 from tests.zoo.command_runs import only_line, run, run_here, succeed
+from tests.zoo.trainings import metrics
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.command import Command
 from zoo.base.errors import InputError, UsageError
@@ -62,23 +63,22 @@ def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 def test_it_is_judged_by_a_replay_of_its_held_out_drives(trained: Path) -> None:
-    metrics = json.loads((trained / "metrics.json").read_text())
-
-    (drive,) = metrics["drive"]["drives"]
+    figures, verdict = metrics(trained)["drive"], metrics(trained)["verdict"]
+    (drive,) = figures["drives"]
     assert drive["laps"] is None
     assert 12 <= drive["driven_s"] <= 20  # a fifth of 80 s, without gaps
-    assert list(metrics["drive"]["tracks"]) == ["replay of drives"]
+    assert list(figures["tracks"]) == ["replay of drives"]
     for words in ("held-out stretch", "drives", "my car", "guessed: camera"):
-        assert words in metrics["drive"]["replayed"]
-        assert words in metrics["verdict"]["certainty"]
-    assert "replay of drives" in metrics["verdict"]["tracks"][0]
-    commands = [shlex.split(command) for _, command in metrics["verdict"]["commands"]]
+        assert words in figures["replayed"]
+        assert words in verdict["certainty"]
+    assert "replay of drives" in verdict["tracks"][0]
+    commands = [shlex.split(command) for _, command in verdict["commands"]]
     assert commands[-1][1] == "replay"
     assert not any("lake" in word for command in commands for word in command)
 
 
 def test_its_output_and_report_say_what_was_judged(trained: Path) -> None:
-    replayed = json.loads((trained / "metrics.json").read_text())["drive"]["replayed"]
+    replayed = metrics(trained)["drive"]["replayed"]
     for file in ("stdout.txt", "report/index.html", "report/report.md"):
         text = (trained / file).read_text()
         assert replayed in text
@@ -92,7 +92,7 @@ def test_on_a_track_it_is_another_cars_network(trained: Path) -> None:
     printed = succeed(run_here(trained, checkpoint, *words, module="zoo.commands.evaluate"))
     assert "another car's network drives lake" in printed
     assert "my car" in printed
-    verdict = json.loads((trained / "out" / "metrics.json").read_text())["verdict"]
+    verdict = metrics(trained / "out")["verdict"]
     assert (verdict["level"], verdict["causes"]) == ("unknown", [])
 
 
@@ -110,16 +110,15 @@ def check_no_track_is_driven(command: Command, trained: Path, tmp_path: Path) ->
 
 def test_no_command_suggests_a_track_for_another_cars_network(trained: Path) -> None:
     checkpoint = str(trained / "checkpoints" / "best.ckpt")
-    assert (
-        next_step(checkpoint, None, load_checkpoint(checkpoint).data)[0]
-        == f"drivezoo replay {checkpoint} FOLDER"
-    )
-    metrics = json.loads((trained / "metrics.json").read_text())
-    metrics |= {"drive": None, "not_replayed": "no stretch is long enough"}
-    (trained / "undriven").mkdir()
-    (trained / "undriven" / "metrics.json").write_text(json.dumps(metrics))
+    step, *_ = next_step(checkpoint, None, load_checkpoint(checkpoint).data)
+    assert step == f"drivezoo replay {checkpoint} FOLDER"
+
+
+def test_a_report_without_a_replay_says_why_and_suggests_one(trained: Path, tmp_path: Path) -> None:
+    undriven = {"drive": None, "not_replayed": "no stretch is long enough"}
+    (tmp_path / "metrics.json").write_text(json.dumps(metrics(trained) | undriven))
     with pytest.raises(InputError, match=r"no stretch is long enough.*drivezoo replay"):
-        scores(ReportedRun(trained / "undriven"))
+        scores(ReportedRun(tmp_path))
 
 
 def test_a_replay_of_another_cars_drives_says_so(short: Written, tmp_path: Path) -> None:

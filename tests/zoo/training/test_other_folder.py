@@ -1,6 +1,5 @@
 """A training on relative paths, and what wants its recording in another folder afterwards."""
 
-import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from omegaconf import OmegaConf
 
 from tests.datamodules.exchange.test_tub import record, write_tub
 from tests.zoo.command_runs import run_here, succeed
+from tests.zoo.trainings import metrics
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import STARTED_IN
 from zoo.checkpoints.checkpoint_policy import load_policy
@@ -49,10 +49,6 @@ def checkpoint(begun: Path, here: Path) -> Checkpoint:
     return load_checkpoint(begun / "run")
 
 
-def test_frames_of_an_export_are_the_recordings(begun: Path, checkpoint: Checkpoint) -> None:
-    assert take_frames(None, checkpoint).source == f"of {begun}/laps/tub"
-
-
 def test_a_replay_and_a_report_read_recording_and_rig(begun: Path, here: Path) -> None:
     tub = str(begun / "laps" / "tub")
     typed = read_as_trained(load_policy(begun / "run"), tub, ReplayOptions())
@@ -82,7 +78,7 @@ def test_it_resumes_in_another_folder(begun: Path, tmp_path: Path) -> None:
     shutil.copytree(begun / "run", tmp_path / "run")
     (tmp_path / "elsewhere").mkdir()
     succeed(run_here(tmp_path / "elsewhere", "resume=../run", "trainer.max_epochs=2"))
-    assert json.loads((tmp_path / "run" / "metrics.json").read_text())["epochs"] == 2
+    assert metrics(tmp_path / "run")["epochs"] == 2
 
 
 def test_a_moved_recording_is_replaced_by_frames_of_the_networks_size(
