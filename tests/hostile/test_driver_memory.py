@@ -1,25 +1,99 @@
 """The driver's memory while clients hold requests, messages and WebSockets open."""
 
 import contextlib
+import json
+import socket
+import urllib.request
+from collections import deque
+from collections.abc import Callable
 
 import psutil
 import pytest
+import websocket
+from websocket import ABNF
 
-from tests.hostile.attacker import ATTACKS, HALF, MOST_GROWTH_MB, POST, Attacker, megabytes
-from tests.hostile.attacker import LARGE as LONGEST
 from tests.hostile.test_driver_sessions import FINE, RED, assert_drives, assert_steered, closed
+from tests.slow_members import slow_but
 from tests.zoo.server.old_client import OldClient
 from tests.zoo.server.serve import Served
 from zoo.server.connections import MOST_HELD, MOST_QUIET_WEBSOCKETS
 
-# Each attack would take over 150 MB of a driver without its limits.
-LARGE = {
-    "half-sent messages": 90,
-    "half-sent after telemetry": 90,
-    "half-sent polling requests": 90,
-    "whole large messages": 60,
-    "missing attachments": 60,
+MOST_GROWTH_MB = 100
+MOST_OPEN = 500  # connections that an attack holds at a time; the driver allows 512
+POST = (
+    b"POST /socket.io/?EIO=4&transport=polling&sid=%s HTTP/1.1\r\nHost: 127.0.0.1\r\n"
+    b"Content-Length: %d\r\n\r\n"
+)
+LARGE = 2 << 20  # bytes; the longest message that the driver reads
+
+
+def message(text: str) -> bytes:
+    """Return a text message of a WebSocket."""
+    return ABNF.create_frame(text, ABNF.OPCODE_TEXT).format()
+
+
+HALF = message("4" * LARGE)[:-1]
+WHOLE = message('42["x","' + "y" * (LARGE - 10) + '"]')
+DRIVING = message('42["telemetry",{}]')
+# One of two large attachments of a telemetry.
+ATTACHED = message('452-["telemetry",{}]')
+ATTACHED += ABNF.create_frame(bytes(LARGE - 1000), ABNF.OPCODE_BINARY).format()
+
+
+class Attacker:
+    """Connections to a driver; beyond `MOST_OPEN` the oldest are closed.
+
+    Args:
+        port: port of the driver on this machine.
+    """
+
+    def __init__(self, port: int) -> None:
+        self.port, self.url = port, f"://127.0.0.1:{port}/socket.io/?EIO=4&transport="
+        self._open: deque[socket.socket] = deque()
+
+    def connect(self, sent: bytes) -> socket.socket:
+        """Open a connection, send the beginning of a request, and leave it open."""
+        connection = self._keep(socket.create_connection(("127.0.0.1", self.port), 5))
+        connection.sendall(sent)
+        return connection
+
+    def websocket(self) -> socket.socket:
+        """Open a WebSocket and leave it open."""
+        try:
+            return self._keep(websocket.create_connection(f"ws{self.url}websocket", 5).sock)
+        except websocket.WebSocketException as error:
+            raise ConnectionError(str(error)) from None
+
+    def half_post(self) -> None:
+        """Send all but the last byte of the longest polling request."""
+        with urllib.request.urlopen(f"http{self.url}polling", timeout=5) as answer:
+            sid = json.loads(answer.read()[1:])["sid"]
+        self.connect(POST % (sid.encode(), LARGE) + b"4" * (LARGE - 1))
+
+    def close(self) -> None:
+        """Close all connections."""
+        for connection in self._open:
+            connection.close()
+
+    def _keep(self, connection: socket.socket) -> socket.socket:
+        if len(self._open) >= MOST_OPEN:
+            self._open.popleft().close()
+        self._open.append(connection)
+        return connection
+
+
+ATTACKS: dict[str, Callable[[Attacker], None]] = {
+    "half-sent messages": lambda attacker: attacker.websocket().sendall(HALF),
+    "half-sent after telemetry": lambda attacker: attacker.websocket().sendall(DRIVING + HALF),
+    "half-sent polling requests": Attacker.half_post,
+    "whole large messages": lambda attacker: attacker.websocket().sendall(WHOLE),
+    "missing attachments": lambda attacker: attacker.websocket().sendall(ATTACHED),
 }
+
+
+def megabytes(process: psutil.Process) -> float:
+    """Return the resident memory of a process."""
+    return process.memory_info().rss / 1e6
 
 
 def grown(driver: Served, name: str, requests: int) -> float:
@@ -34,18 +108,14 @@ def grown(driver: Served, name: str, requests: int) -> float:
     return peak - before
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        # In the sum that the driver limits, as those before telemetry.
-        pytest.param(name, marks=[pytest.mark.slow] * (name == "half-sent after telemetry"))
-        for name in LARGE
-    ],
-)
+# In the sum that the driver limits, these are as those before telemetry.
+@pytest.mark.parametrize("name", slow_but({*ATTACKS} - {"half-sent after telemetry"}, ATTACKS))
 def test_large_messages_do_not_fill_the_memory(fresh: Served, name: str) -> None:
     with OldClient(fresh.port, timeout_s=10) as steady:
         assert_steered(steady)
-        assert grown(fresh, name, LARGE[name]) < MOST_GROWTH_MB
+        # Each attack would take over 150 MB of a driver without its limits.
+        requests = 90 if name.startswith("half") else 60
+        assert grown(fresh, name, requests) < MOST_GROWTH_MB
         assert_steered(steady)
     assert_drives(fresh)
 
@@ -77,7 +147,7 @@ def test_the_largest_unfinished_message_is_closed_and_logged(fresh: Served) -> N
     attacker = Attacker(fresh.port)
     oldest = attacker.websocket()
     oldest.sendall(HALF)
-    for _ in range(MOST_HELD // LONGEST + 4):
+    for _ in range(MOST_HELD // LARGE + 4):
         with contextlib.suppress(OSError):
             ATTACKS["half-sent messages"](attacker)
     assert closed(oldest)
@@ -90,9 +160,9 @@ def test_the_largest_unfinished_message_is_closed_and_logged(fresh: Served) -> N
 
 def test_a_request_that_is_itself_the_largest_is_closed(fresh: Served) -> None:
     attacker = Attacker(fresh.port)
-    for _ in range(MOST_HELD // LONGEST - 1):
+    for _ in range(MOST_HELD // LARGE - 1):
         ATTACKS["half-sent messages"](attacker)
-    post = attacker.connect(POST % (b"none", LONGEST))
+    post = attacker.connect(POST % (b"none", LARGE))
     assert closed(post)
     attacker.close()
     assert_drives(fresh)

@@ -3,7 +3,6 @@
 import io
 import os
 import re
-import resource
 import shutil
 import signal
 import socket
@@ -137,20 +136,9 @@ def test_too_little_memory_gets_one_line(limit_mb: int, tmp_path: Path) -> None:
     """The limit is half of what importing torch takes."""
     write_constant(tmp_path / "x.ckpt", 0.0)
     before = sorted(tmp_path.iterdir())
-
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_AS, (limit_mb * 1_000_000, limit_mb * 1_000_000))
-
-    result = subprocess.run(
-        command("zoo.commands.export", "x.ckpt", "out=x.onnx"),
-        cwd=tmp_path,
-        env=environment() | {"OPENBLAS_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        preexec_fn=limit,
-        check=False,
-    )
+    limited = ("sh", "-c", f'ulimit -v {limit_mb}000; exec "$@"', "sh")
+    words = command("zoo.commands.export", "x.ckpt", "out=x.onnx")
+    result = run_words(tmp_path, *limited, *words, OPENBLAS_NUM_THREADS="1")
     line = only_line(result)
     assert line.startswith("drivezoo export: ")
     assert "memory" in line

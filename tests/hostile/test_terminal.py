@@ -29,7 +29,6 @@ REFUSED = {
     "check's folder": ("zoo.commands.check", [f"{EVIL}\nall images are whole"]),
     "recording": ("zoo", ["model=tiny", f"data.root='{EVIL}'"]),
     "track": ("zoo.commands.evaluate", ["x.ckpt", f"track={EVIL}\nx"]),
-    "simulator's track": ("zoo.commands.simulator", ["record", "out=x", f"track={EVIL}"]),
     "simulator's command": ("zoo.commands.simulator", [f"{EVIL}\nx"]),
 }
 
