@@ -13,8 +13,7 @@ import torch
 from datamodules.view import View
 from tests.recordings import Written
 from tests.slow_members import slow
-from tests.zoo.command_runs import only_line, run_here, succeed
-from tests.zoo.written_checkpoints import write_constant
+from tests.zoo.command_runs import run_here, succeed
 from zoo.base.console_script import place_of
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
@@ -86,7 +85,7 @@ def test_donkeycars_own_throttle_is_that_of_its_formula() -> None:
 
 
 @needs_reader
-def test_the_command_prints_the_throttle_and_the_key_that_bounds_it(
+def test_the_command_prints_the_throttle_its_key_and_what_to_set_in_donkeycar(
     recorded: Written, tmp_path: Path
 ) -> None:
     words = ("pilotnet", f"frames={recorded.folder}", "to=donkeycar", "out=pilot.h5")
@@ -97,12 +96,12 @@ def test_the_command_prints_the_throttle_and_the_key_that_bounds_it(
     words = (*words, "throttle=0.15", "overwrite=true")
     printed = succeed(run_here(tmp_path, *words, module="zoo.commands.export"))
     assert "Throttle: 0.15 to 0.15" in printed
-    assert "--type linear" in printed
+    for text in ("IMAGE_W = 320", "IMAGE_H = 160", "--model pilot.h5 --type linear"):
+        assert text in printed
 
 
-@pytest.mark.parametrize("words", ["to=onnx throttle=0.2", "to=c throttle=0.2", "throttle=1.5"])
-def test_a_throttle_that_cannot_be_is_refused(words: str, tmp_path: Path) -> None:
-    result = run_here(tmp_path, "pilotnet", *words.split(), module="zoo.commands.export")
+def test_a_throttle_that_cannot_be_is_refused(tmp_path: Path) -> None:
+    result = run_here(tmp_path, "pilotnet", "throttle=1.5", module="zoo.commands.export")
     assert result.returncode == 2
     assert "drivezoo export: throttle" in result.stderr
     assert not [*tmp_path.iterdir()]
@@ -120,14 +119,6 @@ def test_a_throttle_that_cannot_be_is_refused(words: str, tmp_path: Path) -> Non
 def test_what_donkeycar_cannot_compute_is_refused(checkpoint: Checkpoint, words: str) -> None:
     with pytest.raises(InputError, match=words):
         donkeycar_bytes(checkpoint)
-
-
-def test_a_refused_export_leaves_nothing(tmp_path: Path) -> None:
-    write_constant(tmp_path / "constant.ckpt", 0.1)
-    words = ("constant.ckpt", "out=pilot.h5")
-    line = only_line(run_here(tmp_path, *words, module="zoo.commands.export"))
-    assert "hsv_s" in line
-    assert not list(tmp_path.glob("*pilot.h5*"))
 
 
 @needs_reader

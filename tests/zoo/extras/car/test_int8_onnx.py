@@ -3,13 +3,11 @@
 from pathlib import Path
 
 import pytest
-import torch
 from rich.console import Console
 
 from tests.recordings import Written
-from tests.zoo.models.test_models_command import build
+from tests.zoo.written_checkpoints import checkpoint_of
 from zoo.base.errors import InputError
-from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy, load_policy
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.extras.car.car_exports import Int8OnnxFile
@@ -21,15 +19,13 @@ from zoo.scoring.parity import compare, take_frames
 def test_a_file_of_8_bits_steers_nearly_as_its_checkpoint(
     name: str, recorded: Written, tmp_path: Path
 ) -> None:
-    torch.manual_seed(1)
-    network, view = build(name, *(["model.sequence=4"] if name == "cnn_gru" else []))
-    checkpoint = Checkpoint(network.eval(), view, {}, {"rows": 3})
+    checkpoint = checkpoint_of(name, *["model.sequence=4"] * (name == "cnn_gru"))
     kind = Int8OnnxFile(checkpoint, tmp_path / "model.onnx", str(recorded.folder))
     contents = kind.files("# card")[".onnx"]
     assert len(contents) < 0.4 * len(onnx_bytes(checkpoint))
     (tmp_path / "model.onnx").write_bytes(contents)
     policy = load_policy(tmp_path / "model.onnx")
-    assert policy.view == view
+    assert policy.view == checkpoint.view
     frames = take_frames(str(recorded.folder), checkpoint, 6)
     assert 0 < compare(CheckpointPolicy(checkpoint), policy, frames).difference < 0.1
 

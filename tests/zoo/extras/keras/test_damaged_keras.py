@@ -48,15 +48,29 @@ KERAS: list[Layer] = [
 ]
 
 
+# Layers with most settings, before those of `KERAS` but the scale.
+SET: list[Layer] = [
+    ("Resizing", {"height": 20, "width": 30, "interpolation": "nearest"}, []),
+    KERAS[0],
+    ("ZeroPadding2D", {"padding": [[1, 0], [0, 1]]}, []),
+    ("ReLU", {"max_value": 1.0, "negative_slope": 0.1, "threshold": 0.1}, []),
+    ("MaxPooling2D", {"pool_size": [2, 2], "strides": [1, 1], "padding": "same"}, []),
+    ("Cropping2D", {"cropping": [[1, 0], [0, 1]]}, []),
+    ("Dropout", {"rate": 0.1}, []),
+    ("Reshape", {"target_shape": [20, 30, 3]}, []),
+    *KERAS[1:],
+]
+
+
 def imported(path: Path) -> None:
     convert(read_keras(path))
 
 
 @FEW_AND_MANY
 def test_a_damaged_keras_architecture_is_named(count: int, tmp_path: Path) -> None:
-    write_h5(tmp_path / "m.h5", KERAS)
-    path = tmp_path / "m.json"
-    read_damaged(mutated_json(model_config(KERAS)), imported, path, count)
+    path = write_json(tmp_path / "m.json", SET)
+    imported(path)
+    read_damaged(mutated_json(model_config(SET)), imported, path, count)
 
 
 @FEW_AND_MANY
@@ -232,9 +246,9 @@ def test_a_network_larger_than_its_weights_is_not_built(tmp_path: Path) -> None:
 
 
 @FEW_AND_MANY
-@pytest.mark.parametrize("suffix", [".h5", ".pb", ".ckpt"])
+@pytest.mark.parametrize("suffix", [".h5", ".keras", ".json", ".ckpt"])
 def test_a_damaged_file_of_another_kind_is_named(suffix: str, count: int, tmp_path: Path) -> None:
-    damaged = st.sampled_from(KIND_BEGINS).flatmap(mutated_bytes)
+    damaged = st.sampled_from((*KIND_BEGINS, b"", b"no model")).flatmap(mutated_bytes)
     for read in (imported, check_kind):
         read_damaged(damaged, read, tmp_path / f"x{suffix}", count // 3)
 

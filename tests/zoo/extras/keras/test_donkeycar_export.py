@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 from datamodules.view import View
-from tests.recordings import Written
-from tests.zoo.command_runs import run_here, succeed
 from tests.zoo.extras.keras.test_donkeycar import BINS, LINEAR, SHAPE, donkeycar_layers
 from tests.zoo.extras.keras.test_donkeycar import write as write_donkeycar
 from zoo.checkpoints.checkpoint import Checkpoint
@@ -92,14 +90,3 @@ def test_litert_torch_writes_a_file_that_steers_the_same(
     assert exported.hints()[0].endswith(f"--type tflite_{TYPES[names]}")
     found, expected = commands_of(exported.policy(path)), commands_of(CheckpointPolicy(checkpoint))
     np.testing.assert_allclose(found, expected, atol=1e-5)
-
-
-def test_the_command_prints_what_to_set_in_donkeycar(recorded: Written, tmp_path: Path) -> None:
-    write_donkeycar(tmp_path, donkeycar_layers(LINEAR, (1, 1), "linear"))
-    module = "zoo.extras.keras.import"
-    succeed(run_here(tmp_path, "pilot.h5", module=module))
-    arguments = ("pilot.ckpt", "out=back.h5", f"frames={recorded.folder}")
-    printed = succeed(run_here(tmp_path, *arguments, module="zoo.commands.export"))
-    for text in ("IMAGE_W = 16", "IMAGE_H = 12", "--model back.h5 --type linear"):
-        assert text in printed
-    succeed(run_here(tmp_path, "back.h5", "out=again.ckpt", module=module))

@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import torch
 
 from datamodules.image import read_image
 from datamodules.recording_format import read_recordings
@@ -28,6 +29,8 @@ from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.extras.keras import tied_drives
+from zoo.extras.keras.sequential import Sequential
+from zoo.runs.saved_config import find_refusals
 from zoo.server.input_checks import check_checkpoint
 
 VIEW = View((60, 25), "yuv_old", (12, 40))
@@ -104,13 +107,19 @@ def test_every_command_takes_the_checkpoint(
     succeed(run_here(tmp_path, str(imported), *arguments, module=module))
 
 
-def test_the_export_drives_the_same(imported: Path, lake: Written, tmp_path: Path) -> None:
-    words = (str(imported), f"frames={lake.folder}")
-    printed = succeed(run_here(tmp_path, *words, module="zoo.commands.export"))
-    assert "yuv_old" in printed
+def test_a_checkpoint_of_version_0_1_drives_the_same(
+    imported: Path, lake: Written, tmp_path: Path
+) -> None:
+    contents, earlier = torch.load(imported, weights_only=True), tmp_path / "earlier.ckpt"
+    card = contents["drivezoo"]
+    assert "parts" not in card  # as in version 0.1: the extra's code is drivezoo's
+    card["config"]["model"]["_target_"] = "zoo.models.sequential.Sequential"
+    torch.save(contents, earlier)
+    checkpoint = load_checkpoint(earlier)
+    assert type(checkpoint.network) is Sequential
+    assert list(find_refusals(checkpoint.config)) == []
     frame = read_image(lake.image(7))
-    ours, theirs = (load_policy(one)(frame, 9.0)[0] for one in (imported, tmp_path / "model.onnx"))
-    assert ours == pytest.approx(theirs, abs=1e-5)
+    assert load_policy(earlier)(frame, 9.0) == load_policy(imported)(frame, 9.0)
 
 
 def test_without_a_recording_guesses_are_named(keras_file: Path, tmp_path: Path) -> None:

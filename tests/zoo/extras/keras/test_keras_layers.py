@@ -2,7 +2,6 @@
 
 import base64
 import marshal
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -489,41 +488,6 @@ def test_weights_without_their_architecture_are_refused(tmp_path: Path) -> None:
     (tmp_path / "other.json").unlink()
     with pytest.raises(InputError, match=r"without the architecture; name the model's \.json"):
         convert(read_keras(tmp_path / "other.h5"))
-
-
-VALUES = [None, 0, -1, 2.5, 1e308, 10**12, "x", "", [], [1], [1, 2], [[1, 2], [3, 4]], {}, True,
-          [None], ["a"], float("nan"), "same", {"class_name": "Conv2D", "config": {}}]  # fmt: skip
-
-
-@pytest.mark.slow
-def test_a_changed_config_converts_or_is_refused_in_one_line(tmp_path: Path) -> None:
-    """Every setting of every layer is replaced by values of other types."""
-    layers: list[Layer] = [
-        ("Resizing", {"height": 20, "width": 30, "interpolation": "nearest"}, []),
-        SCALE,
-        ("ZeroPadding2D", {"padding": [[1, 0], [0, 1]]}, []),
-        CONV,
-        ("BatchNormalization", {"axis": -1, "epsilon": 0.1, "momentum": 0.9}, W(*[(4,)] * 4)),
-        ("ReLU", {"max_value": 1.0, "negative_slope": 0.1, "threshold": 0.1}, []),
-        ("MaxPooling2D", {"pool_size": [2, 2], "strides": [1, 1], "padding": "same"}, []),
-        ("Reshape", {"target_shape": [60, 10]}, []),
-        ("Flatten", {}, []),
-        ("Dropout", {"rate": 0.1}, []),
-        ("Dense", {"units": 1, "activation": "tanh"}, W((600, 1), (1,))),
-    ]
-    model = read(tmp_path, layers)
-    assert convert(model).scale == (127.5, 1.0)
-    refused = 0
-    for index, layer in enumerate(model.layers):
-        for key in layer.config:
-            for value in VALUES:
-                changed = replace(layer, config=layer.config | {key: value})
-                others = [*model.layers[:index], changed, *model.layers[index + 1 :]]
-                try:
-                    convert(replace(model, layers=others))
-                except InputError as error:
-                    refused += len(str(error).splitlines()) == 1
-    assert refused > 200
 
 
 def test_an_activation_that_is_a_layer(tmp_path: Path) -> None:

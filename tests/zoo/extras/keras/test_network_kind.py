@@ -94,7 +94,7 @@ CASES: list[tuple[str, str, Writer]] = [
 
 
 @pytest.mark.parametrize(("kind", "name", "write"), CASES)
-def test_a_kind_is_told_by_the_content_and_named_with_its_remedy(
+def test_a_kind_is_told_by_the_content_and_read_or_named_with_its_remedy(
     kind: str, name: str, write: Writer, tmp_path: Path
 ) -> None:
     path = tmp_path / name
@@ -106,6 +106,8 @@ def test_a_kind_is_told_by_the_content_and_named_with_its_remedy(
     assert line.startswith(f"{path}: is ")
     if kind in IMPORTED:
         assert f"drivezoo import {path}" in line
+        if kind in READ:
+            check_layers(path)
         return
     if kind in KINDS and kind not in ("torch", "pickle"):
         assert KINDS[kind][1] in line
@@ -116,14 +118,6 @@ def test_a_kind_is_told_by_the_content_and_named_with_its_remedy(
         assert line.startswith(f"{path}: is ")
         assert "HDF5" not in line
         assert "copy it again" not in line or kind == "empty"
-
-
-@pytest.mark.parametrize(
-    ("name", "write"), [(name, write) for kind, name, write in CASES if kind in READ]
-)
-def test_an_import_reads_a_network_under_any_name(name: str, write: Writer, tmp_path: Path) -> None:
-    write(tmp_path / name)
-    check_layers(tmp_path / name)
 
 
 def test_an_import_reads_the_only_network_of_a_folder(tmp_path: Path) -> None:
