@@ -37,14 +37,10 @@ class Browser:
             raise
         self.call("Runtime.enable")
         self.call("Log.enable")
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=False,
-        )
-        self.prefer(scheme)
+        page = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        self.call("Emulation.setDeviceMetricsOverride", **page)
+        feature = {"name": "prefers-color-scheme", "value": scheme}
+        self.call("Emulation.setEmulatedMedia", features=[feature])
 
     def _page(self) -> str:
         line = next(one for one in self._process.stderr if "DevTools listening on" in one)
@@ -84,10 +80,6 @@ class Browser:
             entry = event["params"]["entry"]
             self.errors.append(f"{entry['text']} ({entry.get('url')})")
 
-    def prefer(self, scheme: str) -> None:
-        feature = {"name": "prefers-color-scheme", "value": scheme}
-        self.call("Emulation.setEmulatedMedia", features=[feature])
-
     def open(self, url: str) -> None:
         self.call("Page.navigate", url=url)
 
@@ -113,9 +105,6 @@ class Browser:
         x, y = self.value(script)
         for kind in ("mousePressed", "mouseReleased"):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
-
-    def type(self, text: str) -> None:
-        self.call("Input.insertText", text=text)
 
     def screenshot(self, path: Path) -> None:
         path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot")["data"]))

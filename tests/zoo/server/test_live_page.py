@@ -128,13 +128,6 @@ def test_what_it_looks_at_is_green(driver: Served) -> None:
     assert greener.max() > 80
 
 
-def test_pause_brakes_and_each_telemetry_is_answered(driver: Served) -> None:
-    assert order(driver, pause=True)[0] == 200
-    state = until(driver, lambda now: now["throttle"] <= 0)
-    assert state["paused"]
-    until(driver, lambda now: now["telemetry"] > state["telemetry"] + 10)
-
-
 def test_set_speed(driver: Served) -> None:
     assert order(driver, set_mph=12)[1]["set_mph"] == 12
     assert order(driver, set_mph=9)[1]["set_mph"] == 9
