@@ -64,13 +64,12 @@ def test_batches_are_as_documented(load, view):
     assert sum(len(batch["speed"]) for batch in batches) == len(data.samples)
     height, width, channels = view.shape
     first = batches[0]
-    assert first["images"].shape == (16, channels, height, width)
-    assert first["images"].dtype == torch.uint8
+    assert {name: (tuple(tensor.shape), tensor.dtype) for name, tensor in first.items()} == {
+        "images": ((16, channels, height, width), torch.uint8),
+        "speed": ((16,), torch.float32),
+        "targets": ((16, 2), torch.float32),
+    }
     assert first["images"].is_contiguous(memory_format=torch.channels_last)
-    assert first["speed"].shape == (16,)
-    assert first["speed"].dtype == torch.float32
-    assert first["targets"].shape == (16, 2)
-    assert first["targets"].dtype == torch.float32
     assert first["targets"].abs().max() <= 1
 
 

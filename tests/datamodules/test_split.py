@@ -227,9 +227,11 @@ def test_rate_is_the_medians_and_without_times_the_simulators(small):
     assert rows_per_second(recording) == 15.0
 
 
-def test_seconds_to_the_nearest_training_row() -> None:
+def test_seconds_to_the_nearest_training_row_are_unknown_without_times() -> None:
     recording = recording_in_memory(np.zeros(100))
     assert seconds_apart(recording, np.arange(0, 41), np.array([70])) == pytest.approx(30 / 15)
+    recording.time_s[:] = np.nan
+    assert np.isnan(seconds_apart(recording, np.arange(0, 41), np.array([70])))
 
 
 def test_seconds_do_not_count_across_recordings() -> None:
@@ -237,12 +239,6 @@ def test_seconds_do_not_count_across_recordings() -> None:
     recording = recording_in_memory(np.zeros(100), sizes=(50, 50))
     train = np.concatenate([np.arange(50), np.arange(65, 100)])
     assert seconds_apart(recording, train, np.array([50])) == pytest.approx(1.0)
-
-
-def test_seconds_are_unknown_without_times() -> None:
-    recording = recording_in_memory(np.zeros(20))
-    recording.time_s[:] = np.nan
-    assert np.isnan(seconds_apart(recording, np.arange(10), np.arange(10, 20)))
 
 
 def test_a_format_of_long_drives_states_longer_blocks_and_the_user_wins() -> None:

@@ -228,9 +228,7 @@ def test_evaluation_has_the_rows_whose_past_is_in_their_part(load):
             past = torch.stack([frames[row - 4], frames[row - 2], frames[row]])
             assert torch.equal(window, past)
         targets = torch.cat([batch["targets"] for batch in batches])
-        assert torch.equal(
-            targets[:, 0].double(), torch.tensor(data.recording.steering[wanted]).float().double()
-        )
+        assert torch.equal(targets[:, 0], torch.tensor(data.recording.steering[wanted]).float())
 
 
 def test_shards_of_the_evaluation_together_are_all_rows(load):

@@ -99,8 +99,7 @@ def test_skipping_bad_images_is_offered_if_others_are_left(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("stored", [False, True])
 def test_a_parquet_table_names_or_holds_its_images(stored: bool, tmp_path: Path) -> None:
-    pa = pytest.importorskip("pyarrow")
-    parquet = pytest.importorskip("pyarrow.parquet")
+    pa, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     folder = table(tmp_path / "recording")
     names = [f"pics/{row}.png" for row in range(ROWS)]
     data = [{"bytes": (folder / name).read_bytes(), "path": "x"} for name in names]
@@ -146,8 +145,7 @@ def test_bad_rows_alone_are_named(tmp_path: Path) -> None:
 
 
 def test_a_parquet_table_that_repeats_a_long_text_is_refused(tmp_path: Path) -> None:
-    pa = pytest.importorskip("pyarrow")
-    parquet = pytest.importorskip("pyarrow.parquet")
+    pa, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     rows, file = 350, tmp_path / "rows.parquet"
     columns = {"turn": np.zeros(rows), "view": ["a" * 200_000] * rows}
     parquet.write_table(pa.table(columns), file)
