@@ -4,6 +4,7 @@ import base64
 import contextlib
 import hashlib
 import json
+import re
 import socket
 import struct
 import subprocess
@@ -76,11 +77,9 @@ class RawDriver(Listening):
         self.frames.append([])
         self.messages.append([])
         self.times.append([])
-        lines = request.decode().split("\r\n")
-        headers = dict(line.lower().split(": ", 1) for line in lines[1:] if ": " in line)
-        key = next(v for v in request.split(b"\r\n") if v.lower().startswith(b"sec-websocket-key"))
-        accept = base64.b64encode(hashlib.sha1(key.split(b": ")[1] + GUID).digest())
-        assert headers["upgrade"] == "websocket"
+        assert b"upgrade: websocket" in request.lower()
+        (key,) = re.findall(rb"(?i)^sec-websocket-key: (\S+)", request, re.MULTILINE)
+        accept = base64.b64encode(hashlib.sha1(key + GUID).digest())
         connection.sendall(
             b"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
             b"Sec-WebSocket-Accept: " + accept + b"\r\n\r\n"
@@ -178,15 +177,11 @@ def serve_modern(reply: list) -> None:
 def steering_driver(steering: str = "0.0000", throttle: str = "0.3000") -> Callable:
     """Return a function that answers pings and telemetry, and opens the session at first."""
     reply = '42["steer",' + json.dumps({"steering_angle": steering, "throttle": throttle}) + "]"
-    opened = False
+    opening = iter(['0{"sid":"x","upgrades":[],"pingInterval":25000,"pingTimeout":60000}'])
 
     def answer(text: str) -> list[str]:
-        nonlocal opened
         if text == "2":
-            first, opened = not opened, True
-            return [
-                '0{"sid":"x","upgrades":[],"pingInterval":25000,"pingTimeout":60000}'
-            ] * first + ["3"]
+            return [*opening, "3"]
         if text == '42["telemetry",null]':
             return ['42["manual",{}]']
         return [reply] if text.startswith('42["telemetry"') else []

@@ -33,11 +33,8 @@ class Person:
         return self.state
 
     def send(self, **command: object) -> dict:
-        request = urllib.request.Request(
-            f"{self.url}/command",
-            json.dumps(command).encode(),
-            {"Content-Type": "application/json"},
-        )
+        kind, sent = {"Content-Type": "application/json"}, json.dumps(command).encode()
+        request = urllib.request.Request(f"{self.url}/command", sent, kind)
         with urllib.request.urlopen(request, timeout=10) as answer:
             return json.load(answer)
 

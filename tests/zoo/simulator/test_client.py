@@ -92,9 +92,7 @@ def test_the_summary_has_the_drives_figures(driven) -> None:
         ('["steer",{"steering_angle":', "not an event with a name"),
     ],
 )
-def test_a_reply_that_the_original_discards_is_not_answered_and_is_reported(
-    world: World, reply: str, words: str
-) -> None:
+def test_a_reply_that_the_original_discards_is_named(world: World, reply: str, words: str) -> None:
     console = recorder()
     with RawDriver(lambda text: ["42" + reply] * text.startswith('42["telemetry"')) as driver:
         link = LegacySocket(driver.url)

@@ -106,9 +106,7 @@ def test_blur_spreads_a_lines_edge_and_keeps_the_brightness(lake: World) -> None
 
 
 @pytest.mark.parametrize("change", [{"rain": 0.7}, {"noise": 5.0}])
-def test_rain_and_noise_differ_from_frame_to_frame_and_not_from_run_to_run(
-    lake: World, change: dict
-) -> None:
+def test_rain_and_noise_differ_between_frames_but_not_runs(lake: World, change: dict) -> None:
     runs = []
     for _ in range(2):
         lake.reset(3, Start(330), replace(CLEAR, **change))
@@ -147,9 +145,7 @@ def test_a_wider_angle_of_view_shows_the_same_things_smaller(lake: World) -> Non
 @pytest.mark.parametrize("name", slow_but(["zoo_lake"], track_names()))
 @pytest.mark.parametrize("every_m", [70.0, pytest.param(5.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("quality", ["simple", "fast"])
-def test_the_camera_sees_the_road_before_it_along_the_lap(
-    name: str, every_m: float, quality: str
-) -> None:
+def test_the_camera_sees_the_road_along_the_lap(name: str, every_m: float, quality: str) -> None:
     """Check a world in which the road is red and everything else is blue."""
     world = open_world(name, renderer="software", quality=quality)
     for path in world.renderer.root.findAllMatches("**/+GeomNode"):
