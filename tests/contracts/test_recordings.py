@@ -134,31 +134,17 @@ def ours(name: str) -> Callable[[Path], Path]:
     return write_from_log
 
 
+spoil_a_record = replace_once('"_index": 3,', '"_index": 3', "catalog_0.catalog")
+spoil_an_angle = replace_once(f"{foreign.NS}.jpg,-", f"{foreign.NS}.jpg,x", "interpolated.csv")
+spoil_a_turn = replace_once("\\3.png,", "\\3.png,x", "my.csv")
 COLUMNS = {"columns": {"image": "path", "steering": "turn"}, "format": "table"}
 # A writer of a format, what makes one row bad, its place, and what the user says.
 Example = tuple[Callable[[Path], Path], Callable[[Path], None], str, dict]
 FORMATS: dict[str, Example] = {
     "udacity": (ours("udacity"), cut_fourth_row, r"driving_log\.csv, row 4", {}),
-    "donkeycar": (
-        ours("donkeycar"),
-        replace_once('"_index": 3,', '"_index": 3', "catalog_0.catalog"),
-        r"catalog_0\.catalog, row 4",
-        {},
-    ),
-    "challenge2": (
-        foreign.challenge2_training,
-        replace_once(
-            f"center/{foreign.NS}.jpg,-", f"center/{foreign.NS}.jpg,x", "interpolated.csv"
-        ),
-        r"interpolated\.csv, row 62",
-        {},
-    ),
-    "table": (
-        foreign.table,
-        replace_once("\npics\\3.png,", "\npics\\3.png,x", "my.csv"),
-        r"my\.csv, row 5",
-        COLUMNS,
-    ),
+    "donkeycar": (ours("donkeycar"), spoil_a_record, r"catalog_0\.catalog, row 4", {}),
+    "challenge2": (foreign.challenge2_training, spoil_an_angle, r"interpolated\.csv, row 62", {}),
+    "table": (foreign.table, spoil_a_turn, r"my\.csv, row 5", COLUMNS),
 }
 
 
