@@ -22,9 +22,9 @@ from tests.zoo.notebooks import FOLDER as NOTEBOOKS
 from tests.zoo.notebooks import run_notebook
 from tests.zoo.results.synthetic_results import ROADS, figures, result, write
 from tests.zoo.written_checkpoints import write_constant
-from zoo.results.benchmarked import Benchmarked
 from zoo.runs.table_files import write_plot
 
+TINY = {"EPOCHS": 0, "LAPS": 0.01, "SEEDS": 1}  # of a notebook
 SHORT = {"laps": 0.02, "workers": 1}  # the expert of this setup drives once for all tests
 
 mpl.use("Agg")  # notebooks import pyplot, which would look for a display
@@ -92,8 +92,6 @@ def test_a_checkpoint_and_its_policy_drive_alike(here: Path) -> None:
         (lambda: drivezoo.evaluate(None), drivezoo.UsageError, "None: is no driver"),
         (lambda: drivezoo.benchmark(), drivezoo.UsageError, "not given: CKPT"),
         (lambda: drivezoo.train(resume="no"), drivezoo.InputError, "no: is no run"),
-        (lambda: drivezoo.evaluate("no.ckpt", trakc="x"), drivezoo.UsageError, "mean track"),
-        (lambda: drivezoo.evaluate("no.ckpt", laps="x"), drivezoo.UsageError, "laps=x: must be"),
     ],
 )
 def test_a_wrong_call_raises_one_line(call, kind: type[Exception], words: str, here: Path) -> None:
@@ -104,16 +102,6 @@ def test_a_wrong_call_raises_one_line(call, kind: type[Exception], words: str, h
     assert "\n" not in str(failed.value)
     assert len(failed.traceback) < 5  # the test, the call and the function
     assert sys.argv is before
-
-
-def test_the_import_is_cheap() -> None:
-    source = (
-        "import sys, drivezoo; print(*{'torch', 'hydra', 'matplotlib', 'cv2'} & {*sys.modules})"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", source], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.split() == []
 
 
 def test_a_policy_drives_an_environment(tmp_path: Path) -> None:
@@ -157,15 +145,21 @@ def test_a_recording_is_replayed(tmp_path: Path) -> None:
     assert "autonomy" in (tmp_path / "a.tex").read_text()
 
 
-def test_results_of_the_benchmark_are_compared(here: Path) -> None:
+@pytest.fixture
+def results(here: Path) -> Path:
+    """Write two results of the benchmark, of which `b` drives better; return their folder."""
     rng = np.random.default_rng(1)
     for name, autonomy in (("a", 0.6), ("b", 0.8)):
         write(here / name, result(figures(rng, autonomy, 3, 0.01, np.zeros(len(ROADS))), name))
+    return here
+
+
+def test_results_of_the_benchmark_are_compared(results: Path) -> None:
     found = drivezoo.compare("a", "b", table="ab.csv", plot="ab.svg")
     assert "B drives better" in repr(found)
     assert [row["group"] for row in found.table()][-1] == "all but laps"
-    assert len((here / "ab.csv").read_text().splitlines()) == 1 + len(found.table())
-    assert "<svg" in (here / "ab.svg").read_text()
+    assert len((results / "ab.csv").read_text().splitlines()) == 1 + len(found.table())
+    assert "<svg" in (results / "ab.svg").read_text()
 
 
 def test_runs_are_ranked_and_listed(run: Training, here: Path) -> None:
@@ -174,37 +168,23 @@ def test_runs_are_ranked_and_listed(run: Training, here: Path) -> None:
     assert drivezoo.results(run).table() == run.table()
 
 
-def test_a_table_becomes_a_data_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(1)
-    write(tmp_path / "a", result(figures(rng, 0.6, 3, 0.01, np.zeros(len(ROADS))), "a"))
-    found = Benchmarked.read(tmp_path / "a")
+@pytest.mark.usefixtures("results")
+def test_a_result_is_shown_and_becomes_a_plot_and_a_data_frame(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = drivezoo.read_benchmark("a")
+    found.show()
+    printed = capsys.readouterr().out
+    assert "digest of the drives" in printed
+    assert "next: drivezoo benchmark verify a\n" in printed
+    text = write_plot(found.plot(), Path("a.svg")).read_text()
+    assert all(f"<!-- {group} -->" in text for group in found.result.groups)
     # In place of pandas, which is not among the tests' packages.
     monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=lambda rows: ("of", rows)))
     assert found.to_pandas() == ("of", found.table())
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(drivezoo.InputError, match="pip install pandas"):
         found.to_pandas()
-
-
-def test_a_benchmark_that_is_read_is_shown(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    rng = np.random.default_rng(1)
-    write(tmp_path / "a", result(figures(rng, 0.6, 3, 0.01, np.zeros(len(ROADS))), "a"))
-    drivezoo.read_benchmark(tmp_path / "a").show()
-    printed = capsys.readouterr().out
-    assert "digest of the drives" in printed
-    assert f"next: drivezoo benchmark verify {tmp_path / 'a'}" in printed
-
-
-def test_a_benchmark_is_plotted(tmp_path: Path) -> None:
-    rng = np.random.default_rng(1)
-    write(tmp_path / "a", result(figures(rng, 0.6, 3, 0.01, np.zeros(len(ROADS))), "a"))
-    found = Benchmarked.read(tmp_path / "a")
-    written = write_plot(found.plot(), tmp_path / "a.svg")
-    text = written.read_text()
-    for group in found.result.groups:
-        assert f"<!-- {group} -->" in text
 
 
 def test_a_served_drive_returns_its_figures(tmp_path: Path) -> None:
@@ -245,11 +225,7 @@ def test_parquet_without_its_library_names_the_extra(tmp_path: Path, monkeypatch
 
 
 def test_the_manual_and_the_notebooks_use_names_that_exist() -> None:
-    pages = [
-        commands.ROOT / "docs" / "python.md",
-        *sorted((commands.ROOT / "notebooks").glob("*.ipynb")),
-    ]
-    for page in pages:
+    for page in [commands.ROOT / "docs" / "python.md", *NOTEBOOKS.glob("*.ipynb")]:
         used = set(re.findall(r"\bzoo\.(\w+)\(", page.read_text()))
         assert used
         assert used <= set(drivezoo.__all__), page
@@ -268,8 +244,7 @@ def test_a_function_takes_the_users_own_parts(
 
 
 def test_the_quickstart_trains_and_drives(recorded: Written, here: Path) -> None:
-    tiny = {"RECORDING": str(recorded.folder), "EPOCHS": 0, "LAPS": 0.01, "SEEDS": 1}
-    found = run_notebook("quickstart.ipynb", **tiny)
+    found = run_notebook("quickstart.ipynb", RECORDING=str(recorded.folder), **TINY)
     assert found["rows"][0]["drives"] == 1
     assert found["run"].checkpoint.is_file()
     assert "autonomy" in (here / "driving.tex").read_text()
@@ -292,8 +267,8 @@ def test_the_notebook_for_colab_installs_trains_films_and_keeps(
 
     monkeypatch.setattr(subprocess, "run", install)
     source = "/content/drive/MyDrive/drivezoo"
-    tiny = {"RECORDING": str(recorded.folder), "EPOCHS": 0, "LAPS": 0.01, "SEEDS": 1}
-    found = run_notebook("colab.ipynb", SOURCE=source, KEEP=str(here / "kept"), **tiny)
+    keys = {"RECORDING": str(recorded.folder), "SOURCE": source, "KEEP": str(here / "kept")}
+    found = run_notebook("colab.ipynb", **keys, **TINY)
     assert mounted == ["/content/drive"]
     assert typed == [["-m", "pip", "install", "--quiet", source]]
     (film,) = (one for one in found["shown"] if type(one).__name__ == "Film")
