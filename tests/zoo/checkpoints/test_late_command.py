@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from zoo.base.rig import MPS_PER_MPH, UDACITY
-from zoo.checkpoints.frame_memory import RETURN_M, SessionPolicy, outputs_at, returning
+from zoo.checkpoints.frame_memory import RETURN_M, SessionPolicy, returning
 from zoo.driving.latency_meter import LatencyMeter
 from zoo.models.frame_window import Window
 
@@ -116,8 +116,3 @@ def test_a_session_and_a_reset_have_no_commands_before() -> None:
     assert policy.session().in_time(outputs, 15.0)[0] == 0
     policy.reset()
     assert policy.in_time(outputs, 15.0)[0] == 0
-
-
-def test_between_two_steps_the_outputs_are_interpolated() -> None:
-    outputs = np.array([[0.0, 1.0], [0.4, 0.0]])
-    assert outputs_at(outputs, 0.25).tolist() == pytest.approx([0.1, 0.75])

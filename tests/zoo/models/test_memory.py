@@ -15,9 +15,9 @@ FILES = choice_files("model")
 NAMES = [name for name, path in sorted(FILES.items()) if "sequence" in OmegaConf.load(path)]
 
 
-def windows(network: Memory, count: int = 2, seed: int = 1) -> torch.Tensor:
+def windows(network: Memory, count: int = 2) -> torch.Tensor:
     channels, height, width = network.shape if hasattr(network, "shape") else (3, 66, 200)
-    generator = torch.Generator().manual_seed(seed)
+    generator = torch.Generator().manual_seed(1)
     shape = (count, network.sequence, channels, height, width)
     return torch.randint(0, 256, shape, dtype=torch.uint8, generator=generator)
 
@@ -52,14 +52,6 @@ def test_stepping_through_a_window_gives_its_last_row(name: str, sequence: int) 
     torch.testing.assert_close(out[:, 0], network.newest(predicted))
     if network.ahead:
         torch.testing.assert_close(out, predicted)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_frames_before_change_the_steering(name: str) -> None:
-    network = memory_of(name, "model.sequence=4")
-    images, others = windows(network), windows(network, seed=2)
-    others[:, -1] = images[:, -1]
-    assert not torch.equal(stepped(network, images), stepped(network, others))
 
 
 @pytest.mark.parametrize("name", NAMES)
