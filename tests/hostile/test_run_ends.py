@@ -10,30 +10,16 @@ from pathlib import Path
 import pytest
 
 from tests.recordings import Written
-from tests.zoo.command_runs import command, environment, run_here, run_words, succeed
+from tests.zoo.command_runs import command, environment, only_line, run_here, run_words, succeed
 from tests.zoo.trainings import SMALL
 from zoo.training import conclusion
 
+FULL = Path("/dev/full")
 posix = pytest.mark.skipif(os.name != "posix", reason="names of any bytes, /dev/full")
 
 
-def arguments(root: str, *more: str) -> list[str]:
-    base = [*SMALL, f"data.root={root}", "trainer.max_epochs=1", "hydra.run.dir=run"]
-    return [*base, *more]
-
-
-def train(cwd: Path, *given: str, stdout: object = subprocess.PIPE, **more: str) -> tuple[int, str]:
-    """Return the exit status and the text on stderr."""
-    result = subprocess.run(
-        command("zoo", *given),
-        cwd=cwd,
-        env=environment() | more,
-        stdout=stdout,
-        stderr=subprocess.PIPE,
-        timeout=120,
-        check=False,
-    )
-    return result.returncode, result.stderr.decode(errors="backslashreplace")
+def arguments(root: str) -> list[str]:
+    return [*SMALL, f"data.root={root}", "trainer.max_epochs=1", "hydra.run.dir=run"]
 
 
 def check_whole(run: Path) -> None:
@@ -49,23 +35,20 @@ def check_whole(run: Path) -> None:
 def test_a_recording_whose_folder_is_not_utf_8(recorded: Written, tmp_path: Path) -> None:
     root = tmp_path / os.fsdecode(b"laps\xff\xe4")
     shutil.copytree(recorded.folder, root)
-    ended, err = train(tmp_path, *arguments(str(root)))
-    assert (ended, err) == (0, "")
+    result = run_words(tmp_path, *command("zoo", *arguments(str(root))))
+    assert (result.returncode, result.stderr) == (0, "")
     check_whole(tmp_path / "run")
-    ended, err = train(tmp_path, "resume=run", "trainer.max_epochs=2")
-    assert (ended, err) == (0, "")
+    result = run_words(tmp_path, *command("zoo", "resume=run", "trainer.max_epochs=2"))
+    assert (result.returncode, result.stderr) == (0, "")
 
 
 @posix
 @pytest.mark.slow
 @pytest.mark.parametrize("buffered", ["", "1"])
 def test_a_standard_output_that_is_full(buffered: str, recorded: Written, tmp_path: Path) -> None:
-    with Path("/dev/full").open("w") as full:
-        more = {"PYTHONUNBUFFERED": buffered}
-        ended, err = train(tmp_path, *arguments(str(recorded.folder)), stdout=full, **more)
-    (line,) = err.strip().splitlines()
-    assert "No space left on device" in line
-    assert ended == 1
+    line = ["sh", "-c", f'"$@" >{FULL}', "sh", *command("zoo", *arguments(str(recorded.folder)))]
+    result = run_words(tmp_path, *line, PYTHONUNBUFFERED=buffered)
+    assert "No space left on device" in only_line(result, 1)
     check_whole(tmp_path / "run")
 
 
@@ -99,7 +82,6 @@ def test_a_recording_that_is_removed_while_it_trains(
     check_whole(tmp_path / "run")
 
 
-FULL = Path("/dev/full")
 SCRIPT = [
     sys.executable,
     "-c",

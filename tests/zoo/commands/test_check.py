@@ -226,14 +226,6 @@ def test_the_next_command_names_several_folders_in_hydras_grammar(tmp_path):
     assert (override.key_or_group, override.value()) == ("data.root", folders)
 
 
-def write_straight(folder: Path) -> Path:
-    """Write a log of one camera without a bend."""
-    log = driving_log(folder) / "driving_log.csv"
-    rows = [line.split(",") for line in log.read_text().splitlines()]
-    log.write_text("".join(f"{row[0]},,,0.01,0.2,0,9\n" for row in rows))
-    return folder
-
-
 def write_short(folder: Path) -> Path:
     log = driving_log(folder) / "driving_log.csv"
     log.write_text("".join(log.read_text().splitlines(keepends=True)[:2]))
@@ -247,7 +239,10 @@ def write_cut_off(folder: Path) -> Path:
 
 
 def test_the_next_commands_hold_a_recording_without_bends(tmp_path: Path) -> None:
-    see, train = run_check(write_straight(tmp_path / "straight")).stdout.splitlines()[-2:]
+    log = driving_log(tmp_path / "straight") / "driving_log.csv"
+    images = [line.split(",")[0] for line in log.read_text().splitlines()]
+    log.write_text("".join(f"{image},,,0.01,0.2,0,9\n" for image in images))
+    see, train = run_check(log.parent).stdout.splitlines()[-2:]
     assert see.endswith(" data.straight_cap=null")
     assert train.endswith(" data.straight_cap=null")
     assert "straight_cap" not in run_check(driving_log(tmp_path / "bends")).stdout.splitlines()[-1]

@@ -20,14 +20,8 @@ from zoo.base.terminal import print_next
 from zoo.commands.new import write_part
 
 PACKAGES = ("drivezoo", "zoo", "datamodules", "hydra_plugins")
-PARTS = {
-    "model": "my_net",
-    "augmentation": "my_augmentation",
-    "loss": "my_loss",
-    "callback": "my_callback",
-    "format": "my_format",
-    "track": "my_track",
-}
+KINDS = ("augmentation", "loss", "callback", "format", "track")
+PARTS = {"model": "my_net"} | {kind: f"my_{kind}" for kind in KINDS}
 
 
 def as_checkout(folder: Path) -> Path:

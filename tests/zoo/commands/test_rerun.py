@@ -27,15 +27,9 @@ def test_a_run_is_repeated_to_the_digit(
     folder = tmp_path / "run"
     arguments = [
         *(one for one in SMALL if not one.startswith(("model", "score"))),
-        *[
-            "model=lenet",
-            "score=lake",
-            "score.laps=0.02",
-            "score.quality=simple",
-            "score.film=false",
-        ],
-        *("data.root=lake", f"data.cache={tmp_path}/cache", "trainer.max_epochs=2"),
-        f"hydra.run.dir={folder}",
+        *("model=lenet", "score=lake", "score.laps=0.02", "score.quality=simple"),
+        *("score.film=false", "data.root=lake", f"data.cache={tmp_path}/cache"),
+        *("trainer.max_epochs=2", f"hydra.run.dir={folder}"),
     ]
     monkeypatch.setattr("sys.argv", ["zoo", *arguments])
     assert run_command("zoo", zoo, arguments) == 0
