@@ -71,10 +71,6 @@ def constructed(kind: type, bait: Path) -> Iterator[object]:
                 continue
 
 
-def place_of(pattern: tuple[str, ...]) -> str:
-    return ".".join(pattern)
-
-
 @pytest.fixture
 def bait(tmp_path: Path) -> Path:
     path = tmp_path / "bait.png"
@@ -122,7 +118,7 @@ class ReadingFile:
 PATTERNS = [
     # A trainer looks for every accelerator when it is constructed, which takes seconds.
     pytest.param(
-        pattern, id=place_of(pattern), marks=[pytest.mark.slow] if pattern == ("trainer",) else []
+        pattern, id=".".join(pattern), marks=[pytest.mark.slow] if pattern == ("trainer",) else []
     )
     for pattern, allowed in ALLOWED.items()
     if allowed.package
@@ -146,7 +142,7 @@ def test_no_class_touches_a_file_a_process_or_the_network(
     classes = public_classes(ALLOWED[pattern])
     assert classes
     for name, kind in classes.items():
-        assert not touched(place_of(pattern), kind, bait, monkeypatch), name
+        assert not touched(".".join(pattern), kind, bait, monkeypatch), name
     assert sorted(bait.parent.iterdir()) == before
 
 

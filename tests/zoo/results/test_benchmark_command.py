@@ -257,14 +257,11 @@ def test_figures_of_an_older_analysis_are_computed_again(entry: Path, tmp_path: 
 
 
 def test_verify_refuses_a_checkpoint_of_two_seeds(entry: Path, suite: Path, tmp_path: Path) -> None:
-    result = read_result(entry)
-    first = [driven for driven in result.drives if not driven.checkpoint]
-    drives = [*first, *(driven.model_copy(update={"checkpoint": 1}) for driven in first)]
-    sums = vars(summarize_drives(drives)) | {"digest": digest_of_drives(drives)}
-    twice = {"drives": drives, "checkpoints": result.checkpoints[:1] * 2}
-    write_result(tmp_path, result.model_copy(update=twice | sums))
+    def repeat(found: dict) -> None:
+        found["checkpoints"] = 2 * found["checkpoints"][:1]
+
     with pytest.raises(InputError, match="named twice"):
-        verify(tmp_path, suite)
+        verify(changed(entry, tmp_path, repeat), suite)
 
 
 def test_a_checkpoint_is_found_in_the_results_folder(
