@@ -7,7 +7,6 @@ import signal
 import socket
 import sys
 import time
-import urllib.request
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from tests.recordings import Written
 from tests.zoo.command_runs import only_line, run, succeed
 from tests.zoo.server.old_client import OldClient
 from tests.zoo.server.serve import served
+from tests.zoo.server.test_live_page import until
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.commands.drive import EmbeddedClient
 from zoo.driving.drive_log import read_drive
@@ -178,12 +178,7 @@ def test_a_bad_network_scores_as_in_an_evaluation(off_the_road: Path, tmp_path: 
 def test_a_car_that_is_not_put_back_costs_ever_more(off_the_road: Path, tmp_path: Path) -> None:
     options = ("drive.port=0", "drive.sim=lake", "drive.laps=0.03", "drive.put_back=false")
     with served(tmp_path / "x", "zoo.commands.drive", str(off_the_road), *options) as driver:
-        url = f"http://127.0.0.1:{driver.port}/state.json"
-        deadline_s, state = time.monotonic() + 60, {}
-        while state.get("telemetry", 0) < 200 and time.monotonic() < deadline_s:
-            with urllib.request.urlopen(url, timeout=10) as answer:
-                state = json.load(answer)
-            time.sleep(0.1)
+        state = until(driver, lambda now: now["telemetry"] >= 200, seconds=60)
         assert state["lost"] == "off_road"
         assert driver.stop() == 0
     (folder,) = (tmp_path / "outputs" / "drives").glob("*/*")
