@@ -7,15 +7,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-import torch
 from hydra.core.plugins import Plugins
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
-from rich.console import Console
 
 from tests.slow_members import slow_but
 from tests.zoo.compositions import composed
 from tests.zoo.training.test_config_values import check
+from tests.zoo.trainings import module_of
 from zoo.base.compose import choices, compose_config, conf_folder, config_groups
 from zoo.base.errors import InputError, UsageError
 from zoo.checkpoints.checkpoint import load_checkpoint
@@ -25,8 +24,7 @@ from zoo.results.suite import read_suite
 from zoo.scoring.track_scores import run_options
 from zoo.simulator.track_file import read_track
 from zoo.simulator.world_settings import WorldSettings
-from zoo.training.build import build_data, build_module, build_network, build_trainer
-from zoo.training.plan import TrainingPlan
+from zoo.training.build import build_data, build_trainer
 
 CONF = conf_folder()
 FILES = [path.relative_to(CONF) for path in sorted(CONF.rglob("*.yaml"))]
@@ -145,11 +143,8 @@ def _construct(group: str, name: str, folder: Path) -> None:
         model = OmegaConf.to_container(config.model)
         make_network(model, data.view)
     elif group in ("loss", "optim", "schedule"):
-        console = Console(quiet=True)
-        network = build_network(config, data.view, console)
-        plan = TrainingPlan(torch.device("cpu"))
-        module = build_module(config, network, plan, {}, console)
-        assert module.configure_optimizers()["optimizer"].param_groups
+        optimizers = module_of(config, data.view).configure_optimizers()
+        assert optimizers["optimizer"].param_groups
     elif name == "gpu":
         instantiate(config.trainer, _partial_=True)  # a whole construction needs a GPU
     else:
