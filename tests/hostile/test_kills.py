@@ -39,6 +39,15 @@ for number in range(1, 10_000):
 """
 
 
+def start(
+    cwd: Path, *words: str, stdout: int = subprocess.DEVNULL, **variables: str
+) -> subprocess.Popen:
+    """Start a program in a session and an environment of its own."""
+    streams = {"stdout": stdout, "stderr": subprocess.PIPE, "text": True}
+    known = environment() | variables
+    return subprocess.Popen(words, cwd=cwd, env=known, start_new_session=True, **streams)
+
+
 @pytest.fixture(params=["tmp", "shm"])
 def place(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Path]:
     """Return a folder on the disk of temporary files, and one on another disk."""
@@ -57,12 +66,8 @@ def test_a_kill_while_saving_leaves_the_last_whole_checkpoint(place: Path, tmp_p
     path = place / "checkpoints" / "last.ckpt"
     moments = random.Random(0)
     for _ in range(4):
-        saver = subprocess.Popen(
-            [sys.executable, "-c", SAVER, str(path)],
-            env=environment() | {"TMPDIR": str(tmp_path)},
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+        words = (sys.executable, "-c", SAVER, str(path))
+        saver = start(tmp_path, *words, stdout=subprocess.PIPE, TMPDIR=str(tmp_path))
         first = int(saver.stdout.readline())
         time.sleep(moments.uniform(0, 0.2))
         saver.kill()
@@ -84,14 +89,8 @@ def test_a_training_killed_thrice_resumes(place: Path, recorded: Written, tmp_pa
     last, epochs = folder / "checkpoints" / "last.ckpt", []
     moments = random.Random(1)
     for number in range(3):
-        training = subprocess.Popen(
-            begin if not number else command("zoo", f"resume={folder}"),
-            env=environment() | shm,
-            cwd=tmp_path,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        words = begin if not number else command("zoo", f"resume={folder}")
+        training = start(tmp_path, *words, **shm)
         before = last.stat().st_mtime_ns if last.is_file() else 0
         while training.poll() is None and (not last.is_file() or last.stat().st_mtime_ns == before):
             time.sleep(0.02)
@@ -161,15 +160,7 @@ HOW = {
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_stopped_command_leaves_no_process(name: str, how: str, tmp_path: Path) -> None:
     send, number = HOW[how]
-    process = subprocess.Popen(
-        command(*COMMANDS[name], f"out={tmp_path / 'out'}"),
-        cwd=tmp_path,
-        env=environment(),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    process = start(tmp_path, *command(*COMMANDS[name], f"out={tmp_path / 'out'}"))
     try:
         time.sleep(random.uniform(2, 15))  # while it imports, starts processes, or drives
         send(process.pid, number)
