@@ -116,7 +116,6 @@ def test_a_wrong_option_is_named(arguments: list[str], named: str) -> None:
     [
         ("zoo/policy.py", [], "zoo/policy.py: differs from the commit"),
         ("docs/claims.csv", [], "docs/claims.csv: differs from the commit"),
-        ("zoo/checkpoints/packaged/lenet.ckpt", [], "lenet.ckpt: differs from the commit"),
         ("zoo/policy.py", ["quick=true"], "no entry Z"),
         ("zoo/policy.py", ["drive=false"], "no entry Z"),
     ],

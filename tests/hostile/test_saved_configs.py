@@ -4,7 +4,6 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Callable
 from itertools import zip_longest
 from pathlib import Path
 from types import SimpleNamespace
@@ -82,7 +81,7 @@ def listed(folder: Path) -> set[str]:
 
 # Without that which sets the others.
 GROUPS = [group for group in config_groups() if group != "experiment"]
-COMMANDS: dict[str, tuple[Callable[[list[str]], None], list[str]]] = {
+COMMANDS = {
     "zoo": (zoo, ["resume=run", "trainer.max_epochs=2"]),
     "zoo.commands.rerun": (rerun.main, ["run", "out=again"]),
 }
@@ -97,8 +96,7 @@ def test_a_function_in_a_strangers_config_is_not_called(
     loss = {"_target_": "torch.load", "f": str(tmp_path / "x.pt"), "weights_only": False}
     change(strangers, "loss", loss)
     before = listed(tmp_path)
-    start, arguments = COMMANDS[name]
-    line = refusal(name, start, arguments)
+    line = refusal(name, *COMMANDS[name])
     assert "loss._target_='torch.load'" in line
     assert "trust=torch.load" in line
     assert not ran.exists()
