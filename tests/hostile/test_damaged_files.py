@@ -131,18 +131,6 @@ def test_a_damaged_field_is_named_and_the_other_runs_are_ranked(name: str, tmp_p
     assert len(damaged.reason) < 300
 
 
-def test_the_leaderboard_prints_all_damaged_runs_and_the_table(tmp_path: Path) -> None:
-    write_run(tmp_path / "good", 0.9)
-    for name in ("alias bomb", "NaN", "folder", "deep"):
-        file, damage, _ = DAMAGE[name]
-        damage(write_run(tmp_path / name, 1.0) / file)
-    result = run_here(tmp_path, ".", module="zoo.commands.leaderboard")
-    assert (result.returncode, result.stderr) == (0, "")
-    assert "90.0%" in result.stdout
-    assert "4 damaged: " in result.stdout
-    assert "drive.tracks.lake.autonomy.0: " in " ".join(result.stdout.split())
-
-
 def test_files_with_fewer_and_other_keys_are_read(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run", 0.9)
     found = json.loads((folder / METRICS).read_text())
