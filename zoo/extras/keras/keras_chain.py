@@ -6,6 +6,7 @@ import numpy as np
 
 from zoo.base.errors import InputError
 from zoo.base.limits import is_ordinary
+from zoo.base.terminal import printable
 from zoo.extras.keras.keras_lambda import LEAST, WORDS, describe_lambda, specs_of_word
 from zoo.extras.keras.keras_model import KerasLayer, KerasModel
 from zoo.extras.keras.keras_specs import (
@@ -76,8 +77,8 @@ class Chain:
     def label(self, index: int) -> str:
         """Return a layer's position, name and class, for messages."""
         layer = self.model.layers[index]
-        total = len(self.model.layers)
-        return f"layer {index + 1} of {total}, {layer.name!s:.60} ({layer.kind!s:.60})"
+        total, name, kind = len(self.model.layers), printable(layer.name), printable(layer.kind)
+        return f"layer {index + 1} of {total}, {name:.60} ({kind:.60})"
 
     def _layer(self, layer: KerasLayer, label: str) -> tuple[list[Spec], str]:
         """Return a layer's specs, and a text on it."""

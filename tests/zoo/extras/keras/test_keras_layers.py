@@ -443,6 +443,7 @@ def test_a_network_of_another_task_is_refused(tmp_path: Path) -> None:
         (("LSTM", {"units": 4}, []), r"layer 2 of 6, lstm_1 \(LSTM\): needs several frames"),
         (("ConvLSTM2D", {}, []), "needs several frames"),
         (("Highway", {}, []), r"layer 2 of 6, highway_1 \(Highway\): is an unknown layer"),
+        (("Highway", {"name": "my\nlayer"}, []), r"layer 2 of 6, my\\nlayer \(Highway\)"),
         (("TFOpLambda", {"function": "os.system"}, []), "unknown layer"),
         (("Activation", {"activation": "my_own"}, []), "its activation is my_own"),
         (("BatchNormalization", {"mode": 1}, W(*[(3,)] * 4)), "mode is 1"),
