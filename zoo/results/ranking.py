@@ -15,6 +15,7 @@ from zoo.driving.drive_record import EMBEDDED
 from zoo.driving.drives_table import mean_and_deviation, with_deviation
 from zoo.driving.intervals import Estimate, mean_over_seeds
 from zoo.driving.metrics import LOWER, Metric, leaderboard_metrics
+from zoo.results.result import SCORES
 from zoo.results.scored import Scored
 from zoo.runs.record_fields import Spread
 from zoo.runs.result_table import (
@@ -51,6 +52,11 @@ class Entry:
     counts: dict[str, tuple[int, int]]
 
     @property
+    def score(self) -> Spread | None:
+        """Return the figure that ranks the entry, one of `SCORES`, over its tracks."""
+        return next(filter(None, (self.figures[key] for key in SCORES)), None)
+
+    @property
     def first(self) -> Scored:
         """Return the run with the lowest training seed."""
         return self.runs[0]
@@ -76,7 +82,7 @@ class Entry:
 
 
 def rank(runs: Sequence[Scored]) -> list[Entry]:
-    """Sort runs by autonomy, then cross-track error, then validation MSE.
+    """Sort runs by `Entry.score`, then cross-track error, then validation MSE.
 
     Drives of less than a lap come after all that are longer: most roads are easy at their start.
     Repeats with other training seeds form one entry. Where runs were driven on different tracks,
@@ -96,7 +102,7 @@ def _entry(runs: Sequence[Scored], shared: set[str]) -> Entry:
         key: _spread([getattr(run, key) for run in runs])
         for key in ("val_mse", "test_mse", "wall_s")
     }
-    figures["autonomy"] = _spread([run.mean("autonomy", shared) for run in runs])
+    figures |= {key: _spread([run.mean(key, shared) for run in runs]) for key in SCORES}
     figures["cte_m"] = _spread([run.mean("cte_mean_m", shared) for run in runs])
     counts = {}
     for track in dict.fromkeys(name for run in runs for name in run.tracks):
@@ -116,11 +122,11 @@ def _spread(values: Sequence[float | None]) -> Spread | None:
 
 
 def _order(entry: Entry) -> tuple:
-    autonomy, cte, mse = (entry.figures[key] for key in ("autonomy", "cte_m", "val_mse"))
+    score, cte, mse = entry.score, entry.figures["cte_m"], entry.figures["val_mse"]
     return (
-        autonomy is None,
+        score is None,
         bool(entry.short_drive()),
-        -autonomy[0] if autonomy else LAST,
+        -score[0] if score else LAST,
         cte[0] if cte else LAST,
         mse[0] if mse else LAST,
         str(entry.first.folder),
@@ -146,9 +152,9 @@ class Figure:
     less: bool = False
 
     @property
-    def is_autonomy(self) -> bool:
-        """Return whether it is an autonomy, which has a length and an interval."""
-        return self.key.rpartition("/")[2] == "autonomy"
+    def is_score(self) -> bool:
+        """Return whether it is one of `SCORES`, which have a length and an interval."""
+        return self.key.rpartition("/")[2] in SCORES
 
     @property
     def values(self) -> list[float | None]:
@@ -159,7 +165,7 @@ class Figure:
 
     @property
     def texts(self) -> list[str]:
-        """Return the texts: an autonomy with its 95 % interval, others with their deviation."""
+        """Return the texts: a score with its 95 % interval, others with their deviation."""
         return [self._text(entry) for entry in self.entries]
 
     def _text(self, entry: Entry) -> str:
@@ -168,7 +174,7 @@ class Figure:
             return "-"
         if not self.form:
             return "{} of {}".format(*entry.counts[track])
-        if not self.is_autonomy:
+        if not self.is_score:
             return with_deviation(value, self.form)
         text, length = with_interval(self.interval(entry), self.form), entry.short_drive(track)
         return f"{text} of {length}" if length else text
@@ -176,7 +182,7 @@ class Figure:
     def interval(self, entry: Entry) -> Estimate:
         """Return an entry's mean with its 95 % interval over training seeds."""
         value, deviation = entry.figures.get(self.key) or (math.nan, None)
-        greatest = 1 if self.is_autonomy else math.inf
+        greatest = 1 if self.is_score else math.inf
         return mean_over_seeds(value, deviation, len(entry.runs), (0, greatest))
 
     def column(self, short: bool) -> Column:
@@ -194,7 +200,7 @@ class Figure:
                 name: [drives for _, drives in counts],
                 f"{name}_without_intervention": clean,
             }
-        if self.is_autonomy:
+        if self.is_score:
             figures |= interval_figures(name, [self.interval(entry) for entry in self.entries])
         return Column(name, self.heading, self.texts, figures, short)
 
@@ -216,8 +222,12 @@ def ranked_figures(entries: Sequence[Entry]) -> list[Figure]:
         figure(f"drives without intervention, {label}", f"{track}/drives", "")
         for track, label in labels.items()
     ]
-    figures = [of_track(first, track) for track in tracks]
-    overall = [figure(first.label, first.name, first.form)]
+    figures = [
+        figure(f"{label}, {labels[track]}", f"{track}/{key}", first.form)
+        for track in tracks
+        for key, label in SCORES.items()
+    ]
+    overall = [figure(label, key, first.form) for key, label in SCORES.items()]
     figures = [*overall, *drives, *figures] if len(tracks) > 1 else [*figures, *drives]
     for track, label in labels.items():
         figures += [of_track(metric, track) for metric in others]
@@ -236,10 +246,10 @@ def ranked_figures(entries: Sequence[Entry]) -> list[Figure]:
 def short_figures(figures: Sequence[Figure]) -> set[str]:
     """Return the keys of the figures that a TeX table shows by default.
 
-    They are the autonomy, on one track also the drives and the error; or the errors of the steering
+    They are the scores, on one track also the drives and the error; or the errors of the steering
     of runs without drives.
     """
-    driven = [figure.key for figure in figures if figure.is_autonomy]
+    driven = [figure.key for figure in figures if figure.is_score]
     if len(driven) == 1:
         driven += [
             figure.key for figure in figures if figure.key.endswith(("/drives", "/cte_mean_m"))
@@ -294,7 +304,7 @@ def seeds_column(entries: Sequence[Entry]) -> Column:
 
     The second line names the precisions where they differ, as in runs of older versions.
     """
-    counts = [len(entry.runs) for entry in entries]
+    counts = [sum(run.trainings for run in entry.runs) for entry in entries]
     texts = []
     for entry, count in zip(entries, counts, strict=True):
         listed = ", ".join("-" if run.seed is None else str(run.seed) for run in entry.runs)
@@ -334,7 +344,7 @@ def ranking_table(
 def _narrow_column(figure: Figure) -> Column:
     """Return a figure's texts with the deviation or the length in a second line."""
     heading = figure.heading.replace(", ", ",\n").replace("without ", "without\n")
-    cells = [two_lines(text).replace(" of ", "\nof ", figure.is_autonomy) for text in figure.texts]
+    cells = [two_lines(text).replace(" of ", "\nof ", figure.is_score) for text in figure.texts]
     return Column(figure.key, heading, cells)
 
 

@@ -87,10 +87,10 @@ class Ranking(Result):
         """Return which entry comes first, in words; see `rank`."""
         if not self.entries:
             return "no run has finished"
-        autonomy, mse = (self.entries[0].figures[key] for key in ("autonomy", "val_mse"))
-        if autonomy and autonomy[0] > 0:
+        score, mse = self.entries[0].score, self.entries[0].figures["val_mse"]
+        if score and score[0] > 0:
             return "the best driver first"
-        if autonomy:
+        if score:
             return "none drives: the smallest cross-track error first"
         driven = any(run.tracks for entry in self.entries for run in entry.runs)
         why = "no autonomy was measured" if driven else "nothing was driven"

@@ -35,13 +35,15 @@ class Scored:
 
     Attributes:
         name: name of the experiment, of the model or of the checkpoint.
-        tracks: by track, the leaderboard's metrics and `LENGTHS`, each a mean over the drives.
+        tracks: by track, the leaderboard's metrics and `LENGTHS`, each a mean over the drives; of
+            levels, `BenchmarkResult.score` in place of the autonomy.
         counts: by track, number of drives without an intervention and of drives, where known.
         source: source of the drives, as in `Drive`, or BENCHMARK; empty without a drive.
         settings: what a run's repeats have in common, such as the config without the training
             seed; empty for what is not a run.
         overrides: overrides that the user typed, by key, without those of Hydra itself.
         seed: training seed.
+        trainings: number of trainings that drove.
         precision: precision of the training; empty where it is unknown.
         trained_on: recordings of the training.
         wall_s: seconds of training; None for what is not a run.
@@ -57,6 +59,7 @@ class Scored:
     settings: str = ""
     overrides: dict[str, str] = field(default_factory=dict)
     seed: int | None = None
+    trainings: int = 1
     precision: str = ""
     trained_on: TrainedOn = field(default_factory=TrainedOn)
     val_mse: float | None = None
@@ -258,19 +261,20 @@ def load_benchmark(folder: Path) -> Scored:
 
     result = read_result(folder)
     records = drives_of(result.drives, OVERALL) or result.drives
-    drives = [record.figures for record in records]
+    drives = [record.figures | {"without_intervention": record.is_clean} for record in records]
     figures = {
         name: sum(float(drive[name] or 0) for drive in drives) / len(drives)
-        for name in ("autonomy", "cte_mean_m", "interventions", "driven_s")
+        for name in (result.score, "cte_mean_m", "interventions", "driven_s")
     }
     suite = f"{result.suite} {result.roads[:6]}"
-    clean = sum(not drive["interventions"] for drive in drives)
+    clean = sum(record.is_clean for record in records)
     return Scored(
         folder=folder,
         name=result.entry,
         tracks={suite: figures},
         counts={suite: (clean, len(drives))},
         source=BENCHMARK,
+        trainings=sum(driver.sha256 is not None for driver in result.checkpoints),
     )
 
 

@@ -69,6 +69,15 @@ def result(autonomy: np.ndarray, entry: str = "lenet", roads: Sequence = ROADS) 
     return summed(found)
 
 
+def of_levels(autonomy: np.ndarray, entry: str, roads: Sequence) -> dict:
+    """Return a result of roads whose names have their level, such as `bends_1:17`."""
+    found = result(autonomy, entry, roads)
+    for drive in found["drives"]:
+        drive["level"] = int(drive["track"][6])
+        drive["figures"]["cte_max_m"] = 1.0
+    return summed(found)
+
+
 def summed(found: dict) -> dict:
     """Return a result with the figures and the digest of its drives."""
     drives = [DriveRecord(**one) for one in found["drives"]]

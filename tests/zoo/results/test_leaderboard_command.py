@@ -13,7 +13,7 @@ from rich.console import Console
 
 from tests.contracts.outside_package import installed, manual_example
 from tests.zoo.command_runs import only_line, run_here, succeed
-from tests.zoo.results.synthetic_results import ROADS, figures, result, write
+from tests.zoo.results.synthetic_results import ROADS, figures, of_levels, result, write
 from tests.zoo.server.browser import CHROMIUM, Browser
 from tests.zoo.sweeps import change_status, write_run
 from zoo.base.entry_points import installed_entries
@@ -146,6 +146,16 @@ def test_results_of_the_benchmark_are_ranked(capsys: pytest.CaptureFixture) -> N
     assert best.autonomy == pytest.approx(own["autonomy"].value)
     leaderboard.main(["marks"])
     assert "next: drivezoo compare marks/good marks/bad" in capsys.readouterr().out
+
+
+def test_drives_of_levels_are_ranked_by_the_share_of_clean_ones(tmp_path: Path) -> None:
+    roads = [("bends", f"bends_{level}:{place}", {}) for level in (1, 2) for place in range(4)]
+    for name, autonomy in (("late", [0.99] * 8), ("half", [1.0] * 4 + [0.5] * 4)):
+        write(tmp_path / name, of_levels(np.array([autonomy] * 3), name, roads))
+    first, second = leaderboard(tmp_path).table()
+    assert (first["run"], first["training_seeds"], second["run"]) == ("half", 3, "late")
+    assert list(first)[5] == "own 012345_without_intervention"
+    assert first["own 012345_without_intervention"] == 0.5
 
 
 @pytest.mark.usefixtures("here")

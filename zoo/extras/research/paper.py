@@ -221,6 +221,8 @@ def _entries_table(entries: Sequence[Entry], names: Sequence[str], ranks: Sequen
         "seeds": [entry.seeds for entry in entries],
         "drives": [entry.seeds * len(entry.roads) for entry in entries],
     }
+    first = results[0].score if results[0].has_levels else SHORT[0]  # that of the order
+    figures = figure_columns([overall(result) for result in results])
     columns = [
         Column("rank", "rank", ranks),
         Column("entry", "entry", names),
@@ -228,7 +230,7 @@ def _entries_table(entries: Sequence[Entry], names: Sequence[str], ranks: Sequen
             number_column(name, name, numbers, "{:,}", short=name != "drives")
             for name, numbers in counts.items()
         ),
-        *figure_columns([overall(result) for result in results]),
+        *sorted(figures, key=lambda column: column.name != first),
     ]
     for group in dict.fromkeys(road.group for road in entries[0].drives):
         columns += figure_columns([result.groups[group] for result in results], group)

@@ -13,7 +13,7 @@ from tests.contracts.outside_package import installed, manual_example
 from tests.recordings import Written
 from tests.zoo.base.test_file_text import ODD_NAMES, check_shown_name
 from tests.zoo.notebooks import run_notebook
-from tests.zoo.results.synthetic_results import ROADS, figures, result, summed, write
+from tests.zoo.results.synthetic_results import ROADS, figures, of_levels, result, write
 from tests.zoo.results.test_benchmark_command import write_suite
 from tests.zoo.sweeps import write_run
 from zoo.base.errors import InputError, UsageError
@@ -86,12 +86,13 @@ def test_drives_of_levels_give_a_curve_for_each_axis() -> None:
     axis = [("geometry", f"bends_{level}:{place}", {}) for level in (1, 2) for place in range(4)]
     axis += [("camera", f"bends_{level}:{place}", {}) for level in (1, 2, 3) for place in range(4)]
     failed = np.array([[0.0] * 4 + [1.0, 0, 0, 1] + [0.0] * 12] * 3)
-    found = result(1 - failed, roads=axis)
-    for drive in found["drives"]:
-        drive["level"] = int(drive["track"][6])
-        drive["figures"]["cte_max_m"] = 1.0
-    write(Path("marks"), summed(found))
-    figure = of_results(read_entries(Path("marks"))).plots["profiles"]
+    write(Path("marks/half"), of_levels(1 - failed, "half", axis))
+    write(Path("marks/late"), of_levels(np.full_like(failed, 0.99), "late", axis))
+    shown = leaderboard("marks", paper="paper")
+    table = rows("paper/table.csv")
+    assert [entry.first.name for entry in shown.entries] == [row["entry"] for row in table]
+    assert list(table[0])[5] == "without_intervention"
+    figure = of_results(read_entries(Path("marks/half"))).plots["profiles"]
     panel, other = figure.axes
     assert (panel.get_title(), other.get_title()) == ("geometry", "camera")
     assert len(other.lines[0].get_ydata()) == 3
