@@ -358,8 +358,8 @@ def _cropped(value: _Value, index: tuple, rows: int | None) -> _Value:
         stop -= rows if rows is not None else -1  # unknown rows leave it above 0
     # A stop past the last column or channel keeps all.
     keeps_all = all(
-        not first and (last is None or last >= most)
-        for (first, last, _), most in zip(others, (320, 3), strict=False)
+        not first and not step and (last is None or last >= most)
+        for (first, last, step), most in zip(others, (320, 3), strict=False)
     )
     if any(images) or kept[2] or top < 0 or stop > 0 or len(others) > 2 or not keeps_all:
         raise ValueError("no crop of rows")

@@ -232,6 +232,7 @@ def scaled_by_local_variables(x):
         (lambda x: x[:, 60:135, 0:320, :], None),
         (lambda x: x[:, 60:-25, 100:200], None),
         (lambda x: x[:, ::2], None),
+        (lambda x: x[:, 60:-25, :, ::-1], None),
         (lambda x: x[0, 60:-25], None),
         (lambda x: my_module.tanh(x), None),
         (lambda x, y=2: x / y, None),
