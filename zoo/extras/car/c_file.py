@@ -257,7 +257,9 @@ class _Graph:
             target = start + done
             self.out.calls.append(f"copy(work + {flat[done]}, {step}, {count}, work + {target});")
             done += count
-        return start + np.arange(len(flat)).reshape(places.shape)
+        copied, name = start + np.arange(len(flat)).reshape(places.shape), f"copied to {start}"
+        self.places[name], self.last[name] = copied, self.number  # no result may stand there
+        return copied
 
     def _each(self, result: str, name: str, expression: str) -> None:
         """Write a function of each value, in place where no other operation needs it."""

@@ -143,6 +143,14 @@ def test_other_layers_are_exact_too(tmp_path: Path) -> None:
     assert difference(whole(Various(*layers), view), tmp_path) < 1e-6
 
 
+def test_no_result_stands_where_a_copied_image_is_read(tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    convolutions = nn.Conv2d(48, 5, 3), nn.Tanh(), nn.Conv2d(5, 4, 3), nn.Flatten()
+    layers = Normalize(), nn.PixelUnshuffle(4), *convolutions, nn.Linear(4 * 6 * 11, 1)
+    view = View((0, 0), "rgb", None, frame=(40, 60))
+    assert difference(whole(Various(*layers), view), tmp_path) < 1e-6
+
+
 @pytest.mark.parametrize("name", ["tiny", "lenet"])
 def test_weights_of_8_bits_steer_as_the_rounded_network(name: str, tmp_path: Path) -> None:
     checkpoint = checkpoint_of(name)
