@@ -75,9 +75,15 @@ class DonkeycarFile(ExportedFile):
 
     def hints(self) -> list[str]:
         """Return what to type in Donkeycar, see `ExportedFile`."""
+        from zoo.extras.car.donkeycar_file import bins_of
+
         rows, columns = self.checkpoint.view.frame
+        settings = [f"IMAGE_W = {columns}", f"IMAGE_H = {rows}"]
+        for bins in bins_of(self.checkpoint.network):
+            count, low, step = bins.groups[1]
+            settings.append(f"MODEL_CATEGORICAL_MAX_THROTTLE_RANGE = {low + count * step:g}")
         return [
-            f"in Donkeycar: IMAGE_W = {columns} and IMAGE_H = {rows} in myconfig.py; python "
+            f"in Donkeycar: {' and '.join(settings)} in myconfig.py; python "
             f"manage.py drive --model {self.out} --type {self._written[1]}"
         ]
 

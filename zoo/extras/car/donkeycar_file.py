@@ -56,7 +56,7 @@ def bounded(checkpoint: Checkpoint, most: float) -> Checkpoint:
     """
     network = copy.deepcopy(checkpoint.network)
     layers: list[nn.Module] = [network]
-    bins = [module for module in network.modules() if isinstance(module, Unbin)]
+    bins = bins_of(network)
     with torch.no_grad():
         if bins:
             steering, (count, low, step) = bins[0].groups
@@ -96,14 +96,15 @@ def donkeycar_bytes(checkpoint: Checkpoint, keras: int = 2) -> tuple[bytes, str]
             in Keras.
     """
     network = checkpoint.network
-    name = type(network).__name__
-    if isinstance(network, Memory) or facts_of(network).takes_speed:
+    trained = network[0] if isinstance(network, BoundedThrottle) else network
+    name = type(trained).__name__
+    if isinstance(trained, Memory) or facts_of(trained).takes_speed:
         raise InputError(f"{name} takes more than an image, which Donkeycar does not pass to it")
     resizing, contents = FORMS[keras]
-    layers = [*_view_layers(checkpoint.view, resizing), *_network_layers(network)]
+    layers = [*_view_layers(checkpoint.view, resizing), *_network_layers(network, name)]
     kind, config, weights = layers.pop()
     units = [1] * facts_of(network).outputs
-    bins = [module for module in network.modules() if isinstance(module, Unbin)]
+    bins = bins_of(network)
     if bins:
         units = [group[0] for group in bins[0].groups]
         config["activation"] = "softmax"
@@ -121,6 +122,11 @@ def donkeycar_bytes(checkpoint: Checkpoint, keras: int = 2) -> tuple[bytes, str]
     return contents(layers, len(units), (*checkpoint.view.frame, 3)), model_type
 
 
+def bins_of(network: nn.Module) -> list[Unbin]:
+    """Return the layer of a network that reads bins, if it has one."""
+    return [module for module in network.modules() if isinstance(module, Unbin)]
+
+
 def whole_view(view: View) -> View:
     """Return the view of Donkeycar's frames, without crop and colour; a view's frames have it."""
     return View((0, 0), "rgb", None, frame=view.frame)
@@ -129,6 +135,8 @@ def whole_view(view: View) -> View:
 def donkeycar_policy(checkpoint: Checkpoint, path: Path) -> CheckpointPolicy:
     """Return the policy of a written file, as `drivezoo import` reads it."""
     network, view = read_network(path), whole_view(checkpoint.view)
+    for read, own in zip(bins_of(network), bins_of(checkpoint.network), strict=True):
+        read.groups = own.groups  # no file says how fast its bins are
     return CheckpointPolicy(replace(checkpoint, network=network, view=view))
 
 
@@ -157,7 +165,7 @@ def _h5_resizing(view: View) -> list[Layer]:
     return [("Resizing", config | {"interpolation": way}, [])]
 
 
-def _network_layers(network: nn.Module) -> list[Layer]:
+def _network_layers(network: nn.Module, name: str) -> list[Layer]:
     """Return the layers of a network whose modules are called in their order.
 
     Raises:
@@ -183,7 +191,7 @@ def _network_layers(network: nn.Module) -> list[Layer]:
             config = {"filters": channels, "kernel_size": list(module.kernel_size)}
             config |= {"strides": list(module.stride), "dilation_rate": list(module.dilation)}
             layers.append(("Conv2D", config, [_array(module.weight).transpose(2, 3, 1, 0), bias]))
-        elif type(module) in ACTIVATIONS and layers[-1][2]:
+        elif _is_activation(module) and layers[-1][2] and "activation" not in layers[-1][1]:
             layers[-1][1]["activation"] = ACTIVATIONS[type(module)]
         elif isinstance(module, Normalize):  # of pixels; Donkeycar divides them by 255
             config = {"scale": 255 / module.divisor, "offset": -module.shift}
@@ -196,10 +204,15 @@ def _network_layers(network: nn.Module) -> list[Layer]:
             layers.append(("Cropping2D", {"cropping": edges}, []))
         elif not isinstance(module, (*IGNORED, Unbin)):
             raise InputError(
-                f"{type(network).__name__}: its layer {type(module).__name__} cannot be written "
+                f"{name}: its layer {type(module).__name__} cannot be written "
                 "for Donkeycar; train model=lenet, nvidia or tiny63, or a network of Donkeycar"
             )
     return layers
+
+
+def _is_activation(module: nn.Module) -> bool:
+    """Return whether Keras computes a module by a name; it does an ELU of alpha 1 alone."""
+    return type(module) in ACTIVATIONS and getattr(module, "alpha", 1.0) == 1.0
 
 
 def _leaves(module: nn.Module) -> Iterator[nn.Module]:

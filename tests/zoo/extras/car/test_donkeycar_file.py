@@ -3,12 +3,14 @@
 import json
 import re
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import torch
+from torch import nn
 
 from datamodules.view import View
 from tests.recordings import Written
@@ -19,6 +21,7 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.extras.car.donkeycar_file import (
+    bounded,
     donkeycar_bytes,
     donkeycar_policy,
     inferred_throttle,
@@ -107,13 +110,24 @@ def test_a_throttle_that_cannot_be_is_refused(tmp_path: Path) -> None:
     assert not [*tmp_path.iterdir()]
 
 
+RGB = View((0, 0), "rgb", (66, 200))
+SPEED = random_checkpoint(RGB, PilotNet, speed=True)
+
+
+def with_elu(shape: tuple[int, int, int], before: Sequence = (), alpha: float = 1.0) -> nn.Module:
+    return nn.Sequential(nn.Conv2d(shape[0], 4, 3), *before, nn.ELU(alpha))
+
+
 @pytest.mark.parametrize(
     ("checkpoint", "words"),
     [
         (random_checkpoint(View((60, 40), "hsv_s", (32, 64))), "colour=hsv_s"),
         (random_checkpoint(View((0, 0), "rgb", (66, 200), "blur_linear")), "resize=blur_linear"),
-        (random_checkpoint(View((0, 0), "rgb", (66, 200)), PilotNet, speed=True), "more than"),
-        (random_checkpoint(View((0, 0), "rgb", (66, 200)), CommaAi, width=0.25), "CommaAi"),
+        (SPEED, "PilotNet takes more than"),
+        (bounded(SPEED, 0.2), "PilotNet takes more than"),
+        (random_checkpoint(RGB, CommaAi, width=0.25), "CommaAi"),
+        (random_checkpoint(RGB, with_elu, alpha=0.3), "its layer ELU"),
+        (random_checkpoint(RGB, with_elu, before=[nn.ReLU()]), "its layer ELU"),
     ],
 )
 def test_what_donkeycar_cannot_compute_is_refused(checkpoint: Checkpoint, words: str) -> None:

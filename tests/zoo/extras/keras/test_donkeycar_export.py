@@ -22,17 +22,25 @@ TYPES = {LINEAR: "linear", BINS: "categorical", LINEAR[:1]: "inferred"}
 
 
 def imported(folder: Path, names: list[str], layers: list) -> Checkpoint:
-    """Return a checkpoint of a written network of Donkeycar."""
+    """Return a checkpoint of a written network of Donkeycar; the last bin's throttle is 0.5."""
     network = read_network(write_donkeycar(folder, layers, ends=len(names)))
+    for bins in donkeycar_file.bins_of(network):
+        bins.groups[1] = (20, 0.0, 0.5 / 20)
     return Checkpoint(network, View((0, 0), "rgb", None, frame=SHAPE[:2]), {"model": {}}, {})
 
 
 @pytest.mark.parametrize("names", TYPES)
 def test_a_network_of_donkeycar_returns_as_it_came(names: tuple[str, ...], tmp_path: Path) -> None:
     layers = donkeycar_layers(names, UNITS[names], "softmax" if names == BINS else "linear")
-    contents, model_type = donkeycar_file.donkeycar_bytes(imported(tmp_path, names, layers))
+    checkpoint = imported(tmp_path, names, layers)
+    contents, model_type = donkeycar_file.donkeycar_bytes(checkpoint)
     assert model_type == TYPES[names]
     (tmp_path / "back.h5").write_bytes(contents)
+    policies = (
+        CheckpointPolicy(checkpoint),
+        donkeycar_file.donkeycar_policy(checkpoint, tmp_path / "back.h5"),
+    )
+    np.testing.assert_allclose(*map(commands_of, policies), atol=1e-6)
     with h5py.File(tmp_path / "back.h5") as file:
         config = json.loads(file.attrs["model_config"])["config"]
         assert [name for name, *_ in config["output_layers"]] == list(names)
