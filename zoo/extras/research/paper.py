@@ -55,7 +55,7 @@ RANKS = (
 )
 PAIRS = (
     "A minus B on the same roads, all but the laps. In brackets: 95 % interval over roads and "
-    "training seeds, of each pair alone. p: of the autonomy, corrected for the number of pairs "
+    "training seeds, of each pair alone. p: of the difference, corrected for the number of pairs "
     "(Holm)."
 )
 
