@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from zoo.base.errors import InputError, UsageError, hint
+from zoo.base.errors import InputError, UsageError, hint, placed_errors
 from zoo.base.registry import Registry
 from zoo.driving.scenario import Scenario
 from zoo.simulator.weather import Weather, random_weather
@@ -123,12 +123,17 @@ def perturbations_named(text: str | None, throttle: str = "hold") -> list[str]:
 
 
 def sweeps(names: list[str], usual: Scenario) -> dict[str, dict[float, Scenario]]:
-    """Return by perturbation and value, in rising order, the scenarios; the usual one included."""
+    """Return by perturbation and value, in rising order, the scenarios; the usual one included.
+
+    Raises:
+        InputError: a perturbation changes nothing in the scenario's world.
+    """
     scenarios = {}
     for name in names:
         change = PERTURBATIONS[name]
         values = sorted({*change.values, change.usual(usual)})
-        scenarios[name] = {value: change.apply(usual, value) for value in values}
+        with placed_errors(f"perturb={name}"):
+            scenarios[name] = {value: change.apply(usual, value) for value in values}
     return scenarios
 
 

@@ -69,6 +69,14 @@ def test_a_perturbation_changes_one_thing_and_passes_the_usual(name: str) -> Non
     assert len(set(by_value.values())) == len(by_value)
 
 
+@pytest.mark.parametrize("world", ["gymnasium:Lake-v0", "donkey", "replay"])
+def test_a_key_that_changes_nothing_in_a_world_is_refused(world: str) -> None:
+    with pytest.raises(InputError, match=r"^delay_s: .* world=.*; drop one$"):
+        EvaluateOptions(world=world, delay_s=0.5)
+    with pytest.raises(InputError, match=r"^perturb=fog: weather: "):
+        sweeps(["fog"], Scenario(world=world))
+
+
 def test_the_speed_is_not_swept_where_none_is_held() -> None:
     assert "speed" in perturbations_named("all")
     assert set(PERTURBATIONS) - set(perturbations_named("all", "network")) == {"speed"}
