@@ -69,6 +69,7 @@ class StudioPage(ServedPage):
     def __init__(self, key: str | None = None) -> None:
         self.seat = hand_page.Seat()
         self.children: dict[str, ChildCommand] = {}
+        self.editors: dict[str, ChildCommand] = {}  # by line; each may have unwritten edits
         self.trainings = 1
         self.watched: list[Watched] = []
         self.drive: dict[str, Any] = {}
@@ -88,12 +89,15 @@ class StudioPage(ServedPage):
         super().__init__(static, answers, key, [hand_page.HAND_FILES])
 
     def close(self) -> None:
-        """End the drive, and stop what runs as Ctrl-C does."""
+        """End the drive, and stop what runs as Ctrl-C does; print what it says then."""
         self.seat.take("press", "escape")
         for network in self.watched:
             network.stop()
-        for child in self.children.values():
+        for child in dict.fromkeys([*self.children.values(), *self.editors.values()]):
+            child.lines.clear()
             child.stop()
+            for line in child.lines:  # how to resume a training, or an editor with its edits
+                print(line)
         if self._driving:
             self._driving.join()
 
@@ -135,6 +139,11 @@ class StudioPage(ServedPage):
             paths = [(name, str(find_checkpoint(name))) for name in step.drivers]
             self.watched = [Watched(name, path, step.keys()) for name, path in paths]
             start_together(self.watched)
+        elif step.step == "edit":
+            line = command_line(["drivezoo", *words[0]])
+            if line not in self.editors or not self.editors[line].running:
+                self.editors[line] = ChildCommand(words[0])
+            self.children["edit"] = self.editors[line]
         else:
             earlier = self.children.get(step.step)
             if step.step == "train" and earlier and earlier.running:

@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import re
 import signal
 import threading
 import time
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from datamodules.recording_format import read_recordings
+from tests.recordings import write_recording
 from tests.zoo.base.test_process_pool import wait_until
 from tests.zoo.command_runs import only_line, run_here, start
 from tests.zoo.simulator.person import Person
@@ -102,6 +104,29 @@ def test_each_step_is_a_command(studio: Served, here: Path) -> None:
         "drivezoo evaluate lenet 'replay=my laps'"
     ]
     assert studio.line(step="rank") == ["drivezoo leaderboard"]
+
+
+def test_an_open_editor_keeps_its_edits_and_prints_them_at_the_end(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    served = serve()
+    studio = next(served)
+    for name in "ab":
+        write_recording(here / name, rows=40)
+
+    def open_editor(name: str) -> str:
+        studio.post(start={"step": "edit", "folder": name})
+        address = re.compile(r"http://127.0.0.1:(\d+)")
+        wait_until(lambda: address.search("\n".join(studio.state()["edit"]["lines"])))
+        return address.search("\n".join(studio.state()["edit"]["lines"]))[1]
+
+    port = open_editor("a")
+    status, _ = Served(studio.page, int(port)).post(drop=[3, 34])
+    assert status == 200
+    assert open_editor("b") != port
+    assert open_editor("a") == port
+    assert next(served, None) is None
+    assert "next: drivezoo edit a drop=4-34" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
