@@ -84,7 +84,7 @@ def figures_by_track(drives: Sequence[Mapping]) -> Figure:
     """Draw autonomy and mean cross-track error of each drive, and their means, by track.
 
     Args:
-        drives: figures of each drive, with `track`.
+        drives: figures of each drive, with `track`; a figure that is None leaves a gap.
     """
     tracks = list(dict.fromkeys(str(drive["track"]) for drive in drives))
     figure = NotebookFigure(figsize=(7, 0.9 + 0.45 * len(tracks)), layout="constrained")
@@ -92,9 +92,9 @@ def figures_by_track(drives: Sequence[Mapping]) -> Figure:
     panels = (("autonomy", 100, "autonomy (%)"), ("cte_mean_m", 1, "mean cross-track error (m)"))
     for axis, (key, factor, label) in zip(axes, panels, strict=True):
         for row, track in enumerate(tracks):
-            values = [factor * drive[key] for drive in drives if drive["track"] == track]
-            axis.plot(values, [row] * len(values), "o", color=BLUE, alpha=0.5, mew=0)
-            axis.plot(np.mean(values), row, marker="|", ms=16, mew=2, color=ORANGE)
+            values = np.array([drive[key] for drive in drives if drive["track"] == track], float)
+            axis.plot(factor * values, [row] * len(values), "o", color=BLUE, alpha=0.5, mew=0)
+            axis.plot(factor * np.mean(values), row, marker="|", ms=16, mew=2, color=ORANGE)
         axis.set(xlabel=label, ylim=(len(tracks) - 0.5, -0.5))
         axis.set_yticks(range(len(tracks)), map(plot_text, tracks))
         axis.grid(axis="x", alpha=0.2)
@@ -110,7 +110,7 @@ def degradation_curves(
     """Draw autonomy and mean cross-track error over the values of each perturbation.
 
     Args:
-        curves: figures of the drives by label of the panel, then by value.
+        curves: figures of the drives by label of the panel, then by value; None leaves a gap.
         usual: value of an unperturbed drive by label, marked by a line.
         title: title of the figure.
     """
@@ -119,11 +119,11 @@ def degradation_curves(
     size = max(4.5, 3.4 * columns), 2.7 * rows + 0.6
     figure = NotebookFigure(figsize=size, layout="constrained")
     axes = np.atleast_1d(figure.subplots(rows, columns, sharey=True)).ravel()
-    worst = max(drive["cte_mean_m"] for by_value in curves.values() for drive in by_value.values())
+    worst = max(drive["cte_mean_m"] or 0 for drives in curves.values() for drive in drives.values())
     for axis in axes[len(curves) :]:
         axis.axis("off")
     for axis, (label, by_value) in zip(axes, curves.items(), strict=False):
-        share = [100 * drive["autonomy"] for drive in by_value.values()]
+        share = 100 * np.array([drive["autonomy"] for drive in by_value.values()], float)
         error = [drive["cte_mean_m"] for drive in by_value.values()]
         axis.axvline(usual[label], color=GREY, ls=":", lw=1)
         axis.plot(list(by_value), share, color=BLUE, marker="o", lw=2)

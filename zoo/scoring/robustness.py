@@ -57,6 +57,7 @@ def _drawn(scenario: Scenario, path: str) -> Scenario:
     return replace(scenario, weather=random_weather(np.random.default_rng(scenario.seed)))
 
 
+SHOWN = {"autonomy": "{:.0%}", "cte_mean_m": "{:.2f}"}
 LOW_SUN = "sun's elevation, deg (low: long shadows)"
 _OWN = {
     "brightness": _of("brightness, factor", "weather.brightness", 0.3, 0.6, 1.0, 1.5, 2.0),
@@ -144,10 +145,10 @@ def sweep_table(results: dict[str, dict[float, dict]], usual: Scenario) -> Table
         table.add_column(justify="right")
     for name, by_value in results.items():
         normal = PERTURBATIONS[name].usual(usual)
-        cells = [
-            f"{value:g}{'*' if value == normal else ''}\n"
-            f"{figures['autonomy']:.0%}\n{figures['cte_mean_m']:.2f}"
-            for value, figures in by_value.items()
-        ]
+        cells = []
+        for value, figures in by_value.items():
+            known = [(form, figures[key]) for key, form in SHOWN.items()]
+            texts = ["-" if figure is None else form.format(figure) for form, figure in known]
+            cells.append("\n".join([f"{value:g}{'*' if value == normal else ''}", *texts]))
         table.add_row(f"{name}\n  autonomy\n  mean error, m", *cells)
     return table

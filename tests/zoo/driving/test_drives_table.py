@@ -10,11 +10,12 @@ from zoo.driving import drive_loop
 from zoo.driving.drives_table import mean_and_spread, print_drives
 from zoo.driving.embedded_world import open_embedded
 from zoo.driving.scenario import Scenario
-from zoo.scoring.drive_plots import birds_eye
+from zoo.scoring.drive_plots import birds_eye, degradation_curves, figures_by_track
+from zoo.scoring.robustness import sweep_table
 from zoo.simulator.expert import Expert
 
 
-def drive(autonomy: float = 1.0, interventions: int = 0, **figures: object) -> dict:
+def drive(autonomy: float | None = 1.0, interventions: int = 0, **figures: object) -> dict:
     return {
         "track": "lake",
         "seed": 0,
@@ -55,6 +56,13 @@ def test_one_drive_has_no_spread_nor_has_a_figure_that_some_drives_lack() -> Non
 
     drives = [drive(lap_s=None), drive(lap_s=80.0), drive(lap_s=90.0)]
     assert mean_and_spread(drives)["lap_s"] == (85.0, None)
+
+
+def test_an_unknown_figure_leaves_a_gap_in_plots_and_sweeps() -> None:
+    swept = {"speed": {15.0: drive(None, cte_mean_m=None)}}
+    assert figures_by_track([*swept["speed"].values()]).axes
+    assert degradation_curves(swept, {"speed": 15.0}, "lake").axes
+    assert list(sweep_table(swept, Scenario()).columns[1].cells) == ["15*\n-\n-"]
 
 
 def test_metres_per_intervention_are_of_all_drives_together() -> None:
