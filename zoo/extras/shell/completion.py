@@ -163,8 +163,11 @@ def fish_script(words: Mapping[str, Words]) -> str:
     names = shell_words(words)
     lines.append(f"complete -c drivezoo -n __fish_use_subcommand -f -a {names}")
     for name, entry in words.items():
-        seen = " ".join(f"__fish_seen_subcommand_from {part}; and" for part in name.split())
-        condition = shlex.quote(seen.removesuffix("; and"))
+        seen = [f"__fish_seen_subcommand_from {part}" for part in name.split()]
+        # As the drive of the simulator, which is not the command of that name.
+        groups = [other.split()[0] for other in words if other.endswith(f" {name}")]
+        seen += [f"not __fish_seen_subcommand_from {group}" for group in groups]
+        condition = shlex.quote("; and ".join(seen))
         values = [f"{key}={value}" for key, texts in entry.keys.items() for value in texts]
         typed = shell_words([*_words_of(entry), *values])
         lines.append(f"complete -c drivezoo -n {condition} -a {typed}")

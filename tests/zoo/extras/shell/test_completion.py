@@ -116,6 +116,13 @@ def test_the_scripts_of_other_shells_have_every_command_and_model(shell: str) ->
         assert re.search(rf"\b{name}\b", text), name
 
 
+def test_fish_tells_the_simulators_drive_from_the_command_of_that_name() -> None:
+    (line,) = re.findall(
+        r".*'__fish_seen_subcommand_from drive;.*", SCRIPTS["fish"](command_words())
+    )
+    assert "drive; and not __fish_seen_subcommand_from simulator'" in line
+
+
 def test_an_unknown_shell_is_one_line(tmp_path: Path) -> None:
     result = run_here(tmp_path, "bsh", module="zoo.extras.shell.completion")
     assert "did you mean bash?" in only_line(result)
