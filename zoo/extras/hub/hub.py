@@ -40,8 +40,8 @@ def hub(
 
     Args:
         action: what to do.
-        name: push: checkpoint: a .ckpt or .onnx file, a run's folder, latest, or a network that
-            comes with drivezoo, such as lenet; pull: repository, user/name.
+        name: push: checkpoint: a .ckpt file, a run's folder, latest, or a network that comes with
+            drivezoo, such as lenet; pull: repository, user/name.
         repo: push: repository to send to, user/name; or a folder, such as ./card, to write the
             files to instead.
         send: push: true: send the files; false: only show what would be sent.
@@ -79,12 +79,15 @@ def hub(
 def _push(named: str, repo: str, license_name: str | None, private: bool, send: bool) -> None:
     """Show a checkpoint and its card; write them to a folder, or send them to a repository."""
     path = find_checkpoint(named)
+    if path.suffix == ".onnx":
+        raise UsageError(f"{named}: is an export; name the checkpoint that it was exported from")
     with loading():
         from zoo.extras.hub.card import CARD, shared_files, write_files
 
+    keys = [f"license={license_name}"] * bool(license_name) + ["private=true"] * private
     if _is_folder(repo):
         print_written(write_files(shared_files(path, None, license_name), repo))
-        line = command_line(["drivezoo", "hub", "push", named, "repo=USER/NAME"])
+        line = command_line(["drivezoo", "hub", "push", named, "repo=USER/NAME", *keys])
         print_next(line, "show it for a repository")
         return
     from zoo.extras.hub import repository
@@ -98,7 +101,6 @@ def _push(named: str, repo: str, license_name: str | None, private: bool, send: 
         print_written([repository.send(repo, files, private)])
         print_next(f"drivezoo hub pull {repo}", "fetch it on another machine")
         return
-    keys = [f"license={license_name}"] * bool(license_name) + ["private=true"] * private
     print_written([], ["hub", "push", named, f"repo={repo}", *keys, "send=true"])
 
 

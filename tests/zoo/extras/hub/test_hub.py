@@ -79,7 +79,8 @@ def test_what_was_sent_is_fetched_and_is_the_same_network(
 def test_the_card_says_what_it_is_and_how_it_drives(ran: Path, tmp_path: Path) -> None:
     from huggingface_hub import ModelCard
 
-    succeed(hub(tmp_path, "push", str(ran), "repo=./card", "license=cc-by-4.0"))
+    printed = succeed(hub(tmp_path, "push", str(ran), "repo=./card", "license=cc-by-4.0"))
+    assert "repo=USER/NAME license=cc-by-4.0" in printed
     _, header, text = (tmp_path / "card" / "README.md").read_text().split("---\n", 2)
     header = yaml.safe_load(header)
     assert header["library_name"] == "drivezoo"
@@ -202,9 +203,11 @@ def test_errors_of_the_hub_are_one_line(shared: StandIn, tmp_path: Path) -> None
         (("push", "CKPT"), "repo=user/name"),
         (("push", "CKPT", "repo=tiny"), "write user/name"),
         (("push", "CKPT", "repo=./card", "license=MIT License"), "abbreviation"),
+        (("push", "lenet.onnx", "repo=./card"), "name the checkpoint that it was exported from"),
     ],
 )
 def test_wrong_words_are_one_line(words: tuple[str, ...], part: str, tmp_path: Path) -> None:
+    (tmp_path / "lenet.onnx").touch()
     result = hub(tmp_path, *words)
     assert part in only_line(result)
     assert result.returncode == 2
