@@ -244,26 +244,32 @@ def difference_line(old: DriveRecord, new: DriveRecord) -> str:
     return f"{old.group} {old.track}: digest {old.digest} -> {new.digest}; {what}"
 
 
+def files_beside(record: Driver, folder: Path) -> list[Path]:
+    """Return the files that a driver may have in the result's folder.
+
+    They have the name that the result gives it, or the first digits of its hash.
+    """
+    named = PureWindowsPath(record.file)  # its separators are those of all systems
+    return [folder / named.name, folder / f"{(record.sha256 or '')[:16]}{named.suffix}"]
+
+
 def _driver(record: Driver, folder: Path, path: Path) -> Driver:
     """Return the driver of a result.
 
-    Its file has the name that the result gives it, or the first digits of its hash; it lies in the
-    result's folder, or where it was. No other file is read.
+    Its file lies in the result's folder (`files_beside`), or where it was. No other file is read.
     """
     from zoo.results.suite_drives import read_driver
 
     if record.file in NO_CHECKPOINT and record.sha256 is None:
         return record
-    named = PureWindowsPath(record.file)  # its separators are those of all systems
-    digits = (record.sha256 or "")[:16]
-    beside = [folder / named.name, folder / f"{digits}{named.suffix}"]
+    beside = files_beside(record, folder)
     files = (path for path in beside if path.is_file())
     file = next((path for path in files if hash_file(path) == record.sha256), None)
     file = file or find_checkpoint(record.file)
     if (digest := hash_file(file)) != record.sha256:
         raise InputError(
             f"{path}: checkpoints: {file} is another file than the one that drove (SHA-256 "
-            f"{digest[:16]} instead of {digits}); put the right one into {folder}, named "
+            f"{digest[:16]} instead of {beside[1].stem}); put the right one into {folder}, named "
             f"{beside[0].name} or {beside[1].name}"
         )
     driver = read_driver(file)

@@ -29,6 +29,7 @@ from zoo.extras.research.share_panels import share_panels
 from zoo.results import differences
 from zoo.results import ranking as of
 from zoo.results.benchmarked import INTERVALS, SHORT, figure_columns
+from zoo.results.checked_result import files_beside
 from zoo.results.differences import Comparison, Entry
 from zoo.results.ranking_page import Ranking
 from zoo.results.result import NAME, SCORES, code_name
@@ -296,23 +297,27 @@ def _share(kept: np.ndarray, roads: list[Road]) -> Estimate:
 
 def _add_entry(paper: Paper, name: str, position: str, entry: Entry) -> None:
     """Add the commands, facts and files of a result."""
-    result, commands, missing = entry.result, paper.commands.setdefault(name, []), []
+    result, commands = entry.result, paper.commands.setdefault(name, [])
+    checkpoints, missing = [], []
     inside, folder = f"results/{position}", entry.path if entry.path.is_dir() else entry.path.parent
     for file in (NAME, COMMAND):
         paper.add_file(f"{inside}/{file}", folder / file)
     for number, driver in enumerate(result.checkpoints, 1):
-        path, digits = Path(driver.file), (driver.sha256 or "")[:16]
-        if digits and path.is_file() and hash_file(path) == driver.sha256:
+        digits = (driver.sha256 or "")[:16]
+        places = [*files_beside(driver, folder), Path(driver.file)]
+        files = (path for path in places if path.is_file() and hash_file(path) == driver.sha256)
+        path = next(files, None)
+        checkpoints.append(str(path or driver.file))
+        if path:
             # So named, `drivezoo benchmark verify` finds it.
             paper.add_file(f"{inside}/{digits}{path.suffix}", path, MOST_CHECKPOINT_BYTES)
-            run = Run(path.parent.parent)
-            if (run.folder / OF_RUN[0]).is_file():
-                commands.append(paper.add_run(f"{position}-{number}", run))
         elif digits:
-            missing.append(str(path))
-            if text := paper.files.get(f"{inside}/{COMMAND}"):
-                command = text.decode(errors="replace").strip()
-                commands.append(f"{command} seed={driver.training_seed}")
+            missing.append(driver.file)
+        if path and (run := Run(path.parent.parent)).folder.joinpath(OF_RUN[0]).is_file():
+            commands.append(paper.add_run(f"{position}-{number}", run))
+        elif digits and (text := paper.files.get(f"{inside}/{COMMAND}")):
+            command = text.decode(errors="replace").strip()
+            commands.append(f"{command} seed={driver.training_seed}")
         facts = {"seed": driver.training_seed, "network": driver.model, "checkpoint": digits}
         facts |= {"data": driver.data, "code": code_name(result.code), "drives": result.digest}
         paper.rows.append({"entry": name} | {key: str(fact or "-") for key, fact in facts.items()})
@@ -326,7 +331,6 @@ def _add_entry(paper: Paper, name: str, position: str, entry: Entry) -> None:
         suite, split = f"{result.suite}.yaml", "test"
         line = f"not in {ARCHIVE}: the file of your suite {result.suite}; publish it, too"
         paper.notes += [line] if line not in paper.notes else []
-    checkpoints = [checkpoint.file for checkpoint in result.checkpoints]
     words = ["drivezoo", "benchmark", *checkpoints, f"suite={suite}"]
     words += ["split=dev"] if split == "dev" else []
     commands.append(command_line([*words, f"entry={result.entry}"]))

@@ -82,6 +82,20 @@ def test_results_give_tables_plots_and_an_archive_that_gives_the_same(
     assert Path("paper/pairs.tex").read_text() == Path("../paper/pairs.tex").read_text()
 
 
+def test_checkpoints_beside_a_result_are_in_the_archive() -> None:
+    checkpoint = Path("1.ckpt")
+    checkpoint.write_bytes(b"weights")
+    write_entry("good", 0.9, seeds=1, checkpoint=checkpoint)
+    checkpoint.rename("marks/good/1.ckpt")
+    shown = leaderboard("marks", paper="paper")
+    assert not any("not in repeat.zip, since" in line for line in shown.notes)
+    names = zipfile.ZipFile("paper/repeat.zip").namelist()
+    assert f"results/1_good/{hashlib.sha256(b'weights').hexdigest()[:16]}.ckpt" in names
+    text = Path("paper/appendix.md").read_text()
+    assert "drivezoo benchmark marks/good/1.ckpt suite=" in text
+    assert "drivezoo benchmark verify results/1_good" in text
+
+
 def test_drives_of_levels_give_a_curve_for_each_axis() -> None:
     axis = [("geometry", f"bends_{level}:{place}", {}) for level in (1, 2) for place in range(4)]
     axis += [("camera", f"bends_{level}:{place}", {}) for level in (1, 2, 3) for place in range(4)]
