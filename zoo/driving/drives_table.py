@@ -47,12 +47,9 @@ def mean_and_spread(drives: list[dict]) -> dict[str, Spread | int | None]:
     ):
         lost = [drive["interventions"] for drive in drives]
         figures["drives_without_intervention"] = sum(not count for count in lost)
-    for key in drives[0]:
-        if key not in METRICS:
-            continue
-        values = [
-            drive[key] for drive in drives if drive[key] is not None and math.isfinite(drive[key])
-        ]
+    for key in dict.fromkeys(key for drive in drives for key in drive if key in METRICS):
+        shown = [drive[key] for drive in drives if drive.get(key) is not None]
+        values = [value for value in shown if math.isfinite(value)]
         mean, deviation = mean_and_deviation(values) if values else (math.nan, None)
         figures[key] = (mean, deviation if len(values) == len(drives) else None) if values else None
     for key, metric in METRICS.items():
