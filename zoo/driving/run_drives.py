@@ -82,7 +82,7 @@ def run_drives(
     what: str = "",
     console: Console | None = None,
     renderer: str = "auto",
-    first_only: bool = False,
+    first_only: bool | Sequence[bool] = False,
     world: World | None = None,
     pool: Pool | None = None,
     executor: str = PROCESSES,
@@ -101,7 +101,7 @@ def run_drives(
         what: text beside the progress; empty shows none.
         console: console that shows the progress.
         renderer: auto, software (the same frames on all machines) or none.
-        first_only: end each drive at its first intervention.
+        first_only: whether drives end at their first intervention, one for all or one for each.
         world: open world to drive in, in this process, which is not closed; None opens one for each
             drive.
         pool: open pool of processes, in place of `workers`.
@@ -115,8 +115,9 @@ def run_drives(
     """
     each_driver = [drivers] * len(scenarios) if isinstance(drivers, Driver) else list(drivers)
     keeps = [keep or Keep()] * len(scenarios) if not isinstance(keep, Sequence) else list(keep)
-    parts = zip(each_driver, scenarios, keeps, speeds or [None] * len(each_driver), strict=True)
-    jobs = [(*part, renderer, first_only, world) for part in parts]
+    firsts = [first_only] * len(scenarios) if isinstance(first_only, bool) else first_only
+    parts = zip(each_driver, scenarios, keeps, speeds or [None] * len(firsts), firsts, strict=True)
+    jobs = [(*part, renderer, world) for part in parts]
     if world is not None or any(isinstance(driver, Policy) for driver in each_driver):
         pool = ThisProcess()  # a policy or a world may not fit through a pipe
     with ExitStack() as stack:
@@ -172,8 +173,8 @@ def _drive_once(
     scenario: Scenario,
     keep: Keep,
     speed: SpeedController | None,
-    renderer: str,
     first_only: bool,
+    renderer: str,
     world: World | None,
     report: Callable[[float], None],
 ) -> Any:

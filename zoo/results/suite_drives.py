@@ -68,7 +68,7 @@ def drive_suite(
         console=console,
         # Other renderers draw other frames: the digest would depend on the machine.
         renderer="none" if is_baseline else "software",
-        first_only=any(drive.level for _, drive in jobs),
+        first_only=[jobs[number][1].level > 0 for number in order],
         executor=executor,
     ):
         driver, planned = jobs[order[index]]

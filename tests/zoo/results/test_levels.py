@@ -73,6 +73,16 @@ def test_drives_of_levels_end_at_their_first_intervention(suite: Path, tmp_path:
     assert compared.result_table().columns[2].figures["without_intervention_a"][-1] == 1
 
 
+def test_other_drives_of_the_suite_drive_the_whole_road(suite: Path, tmp_path: Path) -> None:
+    content = yaml.safe_load(suite.read_text())
+    track = f"{content['axes']['dynamics'][0]['family']}:1"
+    path = tmp_path / "mixed.yaml"
+    path.write_text(yaml.safe_dump(content | {"roads": 1, "groups": {"plain": [{"track": track}]}}))
+    plain, *levels = read_result(drive(["zero"], path, tmp_path / "out")).drives
+    assert plain.figures["driven_m"] > 55
+    assert min(level.figures["driven_m"] for level in levels) < 50
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
@@ -80,6 +90,10 @@ def test_drives_of_levels_end_at_their_first_intervention(suite: Path, tmp_path:
         ("like: [v2]\n", r"like: \['v2'\] is not included"),
         ("name: a\naxes: {sharp: [{family: alpine}]}\n", "axes.sharp: "),
         ("name: a\naxes: {sharp: [{family: alpin}, {family: alpin}]}\n", "sharp: alpin:.*alpine"),
+        (
+            "like: v2\ngroups: {laps: [{track: lake}]}\n",
+            r"groups\.laps: is reserved; choose another",
+        ),
         ("like: v2\nroads: 100000000\n", "roads: .*1000"),
     ],
 )
