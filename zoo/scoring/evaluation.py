@@ -14,7 +14,7 @@ from zoo.checkpoints.policy_base import Policy, PolicyFunction, as_policy
 from zoo.driving.drives_table import COUNTS, DEVIATION, figure_columns, nan_line, print_drives
 from zoo.driving.metrics import METRICS
 from zoo.driving.run_drives import check_throttle
-from zoo.driving.scenario import Scenario
+from zoo.driving.scenario import IGNORED, Scenario
 from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.plots import save_figure
 from zoo.runs.result_table import Column, Table
@@ -82,7 +82,7 @@ class Evaluation(Result):
         """Return a row of figures for each track."""
         columns = [Column("track", "track", list(self.tracks)), *figure_columns(self.tracks)]
         name = Path(str(self.metrics["checkpoint"])).name
-        caption = f"{name} in the embedded world, {_how(self.usual)}. {DEVIATION}."
+        caption = f"{name} in the {self.usual.world} world, {_how(self.usual)}. {DEVIATION}"
         return Table(columns, caption)
 
     def plot(self) -> Figure:
@@ -170,7 +170,7 @@ def curves(swept: By, usual: Scenario) -> Figure:
 
 
 def _how(usual: Scenario) -> str:
-    laps = counted(usual.laps, "lap")
+    laps = "drives" if "laps" in IGNORED.get(usual.world, ()) else counted(usual.laps, "lap")
     if usual.throttle == "network":
         return f"{laps} with its own throttle"
     return f"{laps} at {usual.speed:g} mph"

@@ -18,6 +18,7 @@ from zoo.driving.drives_table import table_rows
 from zoo.driving.scenario import Scenario
 from zoo.scoring import track_scores
 from zoo.scoring.evaluate_options import EvaluateOptions
+from zoo.scoring.evaluation import Evaluation
 from zoo.scoring.robustness import PERTURBATIONS, perturbations_named, sweeps
 from zoo.scoring.write_up import write_report
 from zoo.simulator.track_names import road_folder
@@ -167,6 +168,16 @@ def test_a_mistake_is_one_line_before_a_drive(
         command([checkpoint, option, f"out={tmp_path / 'out'}"])
     assert said in str(error.value)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("world", "how"), [("embedded", "1 lap at 15 mph"), ("gymnasium:Lake-v0", "drives at 15 mph")]
+)
+def test_a_caption_names_the_world_and_ends_in_one_dot(world: str, how: str) -> None:
+    metrics = {"checkpoint": "a.ckpt", "tracks": {"lake": {"autonomy": (1.0, None)}}}
+    caption = Evaluation(Path(), metrics, None, Scenario(world=world)).result_table().caption
+    assert caption.startswith(f"a.ckpt in the {world.split(':')[0]} world, {how}. ")
+    assert caption.endswith("no interval.")
 
 
 def test_a_network_that_steers_nan_is_named_at_the_end(checkpoint: str, tmp_path: Path) -> None:
