@@ -94,6 +94,7 @@ def test_other_drives_of_the_suite_drive_the_whole_road(suite: Path, tmp_path: P
             "like: v2\ngroups: {laps: [{track: lake}]}\n",
             r"groups\.laps: is reserved; choose another",
         ),
+        ("like: v2\ngroups: {laps: [{track: lake}]}\n", r"groups\.laps: is reserved; choose"),
         ("like: v2\nroads: 100000000\n", "roads: .*1000"),
     ],
 )
