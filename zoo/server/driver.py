@@ -7,6 +7,7 @@ import traceback
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
+from itertools import chain
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -74,6 +75,7 @@ class Driver:
         self.sessions: dict[str, Session] = {}
         self.clients = 0  # number of simulators that have connected so far
         self._controller, self._steer, self._margin_m = controller, steer, margin_m
+        self._engines: dict[str, list[dict]] = {}  # of each checkpoint that drove, in their order
         self._began_s: float | None = None
         self._frame: np.ndarray | None = None
         self._lap: float | None = None
@@ -172,6 +174,9 @@ class Driver:
     def _drive(
         self, session: Session, telemetry: Telemetry, now_s: float, lost: str | None
     ) -> Reply:
+        if self.checkpoint not in self._engines:
+            engines = (member.engine for member in self.policy.members)
+            self._engines[self.checkpoint] = [dict(facts) for facts in engines if facts]
         self._check_shape(*telemetry.frame.shape[:2])
         command = session.predict(self.policy, telemetry, now_s)
         if not math.isfinite(command.steering) or not math.isfinite(command.throttle or 0.0):
@@ -249,8 +254,8 @@ class Driver:
         """Write `drive.json` and print the summary; return the folder, None without a frame."""
         figures = self.tally.figures() | {
             "track": self.track,
-            "checkpoint": self.checkpoint,
-            "engines": [dict(member.engine) for member in self.policy.members if member.engine],
+            "checkpoint": ", ".join(self._engines) or self.checkpoint,
+            "engines": list(chain.from_iterable(self._engines.values())),
             "began": began.isoformat(timespec="seconds"),
             "clients": self.clients,
             "set_mph": self.set_mph,

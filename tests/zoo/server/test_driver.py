@@ -1,6 +1,7 @@
 """Commands of the live page, and the state that it shows."""
 
 from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from tests.zoo.server.serve import picture, red_policy
 from zoo.base.errors import InputError
 from zoo.base.notices import Notices
 from zoo.checkpoints.policy_base import Command, Policy, as_policy
+from zoo.driving.drive_log import SUMMARY_NAME, read_summary
 from zoo.driving.drive_record import FALLBACK
 from zoo.driving.speed_controller import PI, Constant, SpeedController, SteeringFilter
 from zoo.server.drive_writer import BackgroundWriter
@@ -146,6 +148,17 @@ def test_switching_keeps_the_old_checkpoint_if_the_new_does_not_load(make: Make)
     driver.switch("good")
     assert driver.answer(session, MOVING).values["steering_angle"] == "-1.0000"
     assert driver.latest().checkpoint == "good"
+
+
+def test_a_drive_names_each_network_that_drove(make: Make) -> None:
+    driver = make(load=lambda path: Counting(), checkpoint="first")
+    session = driver.connect("a")
+    for name in ("second", "first", "unused"):
+        driver.sent(driver.answer(session, MOVING), 1.0)
+        driver.switch(name)
+    driver.policy.engine = {"name": "unused"}
+    summary = read_summary(driver.end(datetime.now()) / SUMMARY_NAME)
+    assert (summary["checkpoint"], summary["engines"]) == ("first, second", [])
 
 
 def test_the_latest_state_is_that_of_the_first_simulator_that_drives(make: Make) -> None:
