@@ -104,7 +104,7 @@ class EditPage(ServedPage):
             data = read_stored(path)
         except (OSError, ValueError) as error:
             line = f"{path}: {getattr(error, 'strerror', None) or error}"
-            raise RequestError(HTTPStatus.NOT_FOUND, line) from None
+            raise RequestError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, line) from None
         if not isinstance(data, bytes):
             return encode_image(data), "image/jpeg"
         # A log may name any file of the user; only images leave the process.

@@ -295,6 +295,18 @@ def test_a_user_cleans_a_recording(served: ServedPage, tmp_path: Path) -> None:
     assert 80 < len(read_recordings(str(tmp_path / "lap_edited"))) < 100
 
 
+@needs_chromium
+def test_a_row_is_dropped_for_damage_not_for_a_camera(served: ServedPage, tmp_path: Path) -> None:
+    images = served.page.recording.images
+    Path(images[3, 2]).unlink()
+    images[3, 1] = None
+    text = "document.querySelector('#{} p').textContent".format
+    with Browser(tmp_path / "profile", 1400, 900) as browser:
+        browser.open(f"{served.url}/#4")
+        browser.wait_for(f"{text('right')}.includes('drop the row')")
+        browser.wait_for(f"{text('left')}.includes('no image')")
+
+
 def check_stale(browser: Browser, served: ServedPage) -> None:
     """Check that edits of another tab are shown in place of a writing that would have them."""
     rows = served.order(drop=[100, 110])[1]["parts"][0]

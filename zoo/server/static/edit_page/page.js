@@ -187,9 +187,13 @@ function loadImage(name, at, camera) {
   const image = $(name).querySelector("img");
   return new Promise((done) => {
     image.onload = () => done((image.hidden = false));
-    image.onerror = () => {
+    image.onerror = async () => {
       image.hidden = true;
-      $(name).querySelector("p").textContent = "This image cannot be read; drop the row";
+      const { status } = await fetch(image.src).catch(() => ({}));
+      $(name).querySelector("p").textContent =
+        status === 404 ? "This camera has no image in this row"
+        : status === undefined ? "The page's server does not answer"
+        : "This image cannot be read; drop the row";
       done();
     };
     image.src = `image?row=${at}&camera=${camera}`;
