@@ -37,7 +37,7 @@ class Difference:
         figure: difference with its 95 % interval; no bounds for fewer than three units.
         p: p-value, corrected for the number of pairs (Holm); 1 without bounds.
         needed: `rollouts` in each scene, `scenes` or `trainings` that would tell them apart with a
-            probability of 80 %; None where more of these alone do not.
+            probability of 80 %, as the only pair; None where more of these alone do not.
     """
 
     a: str
@@ -102,7 +102,10 @@ def compare_policies(policies: dict[str, list[Rollout]], paired: bool = False) -
             for a, b in combinations(policies, 2)
         ]
         p_values = holm([row.p for row in of_scope])
-        rows += [replace(row, p=p) for row, p in zip(of_scope, p_values, strict=True)]
+        rows += [
+            replace(row, p=p, needed=row.needed if p >= SIGNIFICANT else {})
+            for row, p in zip(of_scope, p_values, strict=True)
+        ]
     return rows
 
 
@@ -114,7 +117,7 @@ def _difference(a: list[Rollout], b: list[Rollout], scope: str, paired: bool) ->
     figure = clustered(values, places=names, groups=groups, limits=limits)
     p = p_value(values, names, groups) if len(order) >= FEWEST_ROADS else 1.0
     needed = {}
-    if p >= SIGNIFICANT and len(order) >= FEWEST_ROADS and abs(figure.value) > EQUAL:
+    if len(order) >= FEWEST_ROADS and abs(figure.value) > EQUAL:
         needed = _needed(a, b, scope, paired)
     return Difference(a[0].policy, b[0].policy, named, figure, p, needed)
 

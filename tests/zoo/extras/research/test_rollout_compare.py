@@ -177,6 +177,17 @@ def test_several_pairs_are_corrected(won: np.ndarray) -> None:
     assert len(third) == 6
 
 
+def test_a_pair_that_only_the_correction_leaves_undecided_has_a_need() -> None:
+    shares = np.array([0.75, 0.5, 0.5])[:, None, None]
+    won = np.random.default_rng(9).random((3, 8, 6)) < shares
+    policies = {name: rollouts(name, won[n]) for n, name in enumerate("abc")}
+    pair = compare_policies(policies)[0]
+    assert pair.verdict == "not told apart"
+    assert pair.needed["rollouts"] > 6
+    del policies["c"]
+    assert compare_policies(policies)[0].needed == {}, "a is better"
+
+
 def test_an_interval_without_scenes_is_as_wide_as_wilsons() -> None:
     won = np.random.default_rng(1).random((1, 100)) < 0.7
     figure = mean_score(rollouts("a", won), THESE)
