@@ -79,7 +79,7 @@ def convert(
         else:
             said = {**asdict(read), "on_bad_image": "skip"}
             recording = read_recordings([source, *sources], **said)
-            skipped = skipped_lines(recording)
+            skipped = [*recording.notes, *skipped_lines(recording)]
         recording, chosen = chosen_recording(recording, write)
         result = writers[to].write(recording, out, write, report)
     drives = counted(result.drives, "continuous drive")

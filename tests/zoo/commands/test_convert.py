@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from datamodules.recording_format import read_recordings
+from tests.foreign_recordings import table
 from tests.recordings import Written
 from tests.zoo.command_runs import only_line, run_here, succeed
 from zoo.base.errors import InputError, UsageError
@@ -60,6 +61,14 @@ def check_rows_and_size(to: str, recorded: Written, tmp_path: Path) -> None:
     np.testing.assert_array_equal(after.steering, before.steering[1:9])
     small = cv2.resize(before.image(1), (64, 48), interpolation=cv2.INTER_AREA)
     assert np.abs(after.image(0).astype(int) - small).mean() < 4
+
+
+@pytest.mark.parametrize("to", ["udacity", "donkeycar"])
+def test_what_reading_assumed_is_printed(to: str, tmp_path: Path) -> None:
+    columns = "columns={image: path, steering: turn}"
+    words = (str(table(tmp_path / "table")), "format=table", columns, f"to={to}", "out=new")
+    printed = succeed(run_convert(tmp_path, *words))
+    assert printed.count(" steering: ") == 1
 
 
 def test_rows_that_are_none_are_refused(recorded: Written, tmp_path: Path) -> None:
