@@ -68,7 +68,7 @@ def whole_rows(recording: Recording, cameras: int = len(CAMERAS)) -> tuple[Recor
 def chosen_recording(
     recording: Recording, options: WriteOptions
 ) -> tuple[Recording, tuple[str, ...]]:
-    """Return the rows of `keep` with images of `size`, and a line on what that changes.
+    """Return the rows of `keep` with images of `size`, and a line on each change of the copy.
 
     Raises:
         InputError: no row has whole images.
@@ -90,6 +90,8 @@ def chosen_recording(
         recording = replace(recording, images=images, rig=None, rigs=())
         height, width = options.size
         notes.append(f"images resized to {width} x {height}: the car's rig is not written")
+    if np.isnan(recording.time_s).any():
+        notes.append("times are missing: the copy's are made up, evenly spaced in the rows' order")
     return recording, tuple(notes)
 
 

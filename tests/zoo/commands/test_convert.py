@@ -69,6 +69,7 @@ def test_what_reading_assumed_is_printed(to: str, tmp_path: Path) -> None:
     words = (str(table(tmp_path / "table")), "format=table", columns, f"to={to}", "out=new")
     printed = succeed(run_convert(tmp_path, *words))
     assert printed.count(" steering: ") == 1
+    assert "times are missing" in printed
 
 
 def test_rows_that_are_none_are_refused(recorded: Written, tmp_path: Path) -> None:
