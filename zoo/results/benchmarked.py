@@ -118,9 +118,7 @@ class Benchmarked(Result):
         if self.reached:
             shown = marks.marks_table(self.reached).printed(title="Marks", box=SIMPLE_HEAD)
             console.print(shown, highlight=False)
-        # A suite of the user's is named to verify it.
-        named = [f"suite={self.suite}"] if self.suite.endswith((".yaml", ".yml")) else []
-        verify = ["benchmark", "verify", [*self.written, self.folder][0], *named]
+        verify = marks.verify_words([*self.written, self.folder][0], self.suite)
         by_hand = self.result.checkpoints[0].file == HUMAN  # nobody can repeat it
         print_written(self.written, [] if by_hand else verify, console)
 
@@ -188,7 +186,7 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
                 for group, number in marks.failures(result, reached).items()
             }
             drive_again(drivers, worst, suite.mean_steering, console)
-            written += marks.write_marks(folder, result, reached)
+            written += marks.write_marks(folder, result, reached, suite, options.suite)
         benchmarked = Benchmarked(folder, result, reached, written, options.suite)
         written += options.write_files(benchmarked)
         return benchmarked

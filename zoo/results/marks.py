@@ -14,8 +14,8 @@ from pathlib import Path
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import json_text, write_whole
 from zoo.driving.metrics import DRIVES, METRICS
-from zoo.results.result import BenchmarkResult, DriveRecord, Interval, code_name
-from zoo.results.suite import Marks
+from zoo.results.result import NAME, BenchmarkResult, DriveRecord, Interval, code_name
+from zoo.results.suite import Marks, Suite, road_of
 from zoo.results.summary import FIGURES, drives_of
 from zoo.runs.result_table import Table, with_interval
 from zoo.scoring.blocks import Block, Box, Bullets, Code, Rows, Section, Text, to_html
@@ -30,7 +30,6 @@ TITLES = {
     OPEN: ("almost", "Open: more roads would tell"),
     MISSED: ("missed", "Not passed"),
 }
-VERIFY = "drivezoo benchmark verify result.json"
 MEANING = (
     "The figure itself is compared with the mark. Its 95 % interval shows how much it would change "
     "on other roads of the same kind. A figure below its mark is open, not missed, where its "
@@ -124,8 +123,24 @@ def marks_table(reached: Sequence[Reached]) -> Table:
     return Table.of(["group", "figure", "mark", "reached (95 % interval)", ""], rows)
 
 
-def write_marks(folder: Path, result: BenchmarkResult, reached: Sequence[Reached]) -> list[Path]:
-    """Write `marks.json` for an autograder and `marks.html` for the student; return the paths."""
+def verify_words(path: Path, suite: str) -> list[str]:
+    """Return the command that repeats drives of a result; it names a suite of the user's."""
+    named = [f"suite={suite}"] if suite.endswith((".yaml", ".yml")) else []
+    return ["benchmark", "verify", str(path), *named]
+
+
+def write_marks(
+    folder: Path, result: BenchmarkResult, reached: Sequence[Reached], suite: Suite, named: str
+) -> list[Path]:
+    """Write `marks.json` for an autograder and `marks.html` for the student; return the paths.
+
+    Args:
+        folder: folder of the result.
+        result: drives of the suite.
+        reached: marks of the suite.
+        suite: suite that was driven.
+        named: suite as the user named it.
+    """
     content = {
         "version": VERSION,
         **result.model_dump(include={"entry", "suite", "roads", "digest"}),
@@ -140,10 +155,7 @@ def write_marks(folder: Path, result: BenchmarkResult, reached: Sequence[Reached
         ],
     }
     worst = [
-        Section(
-            f"Worst drives: {group}",
-            [*_worst(result, group), *failure(failure_folder(folder, group), with_path=True)],
-        )
+        Section(f"Worst drives: {group}", _worst(folder, result, group, suite))
         for group in _missed_groups(reached)
     ]
     facts = [
@@ -152,7 +164,8 @@ def write_marks(folder: Path, result: BenchmarkResult, reached: Sequence[Reached
     ]
     facts += [f"roads {result.roads}", f"drives {result.digest}", f"code {code_name(result.code)}"]
     check = "drives some of the roads again and compares the digests."
-    how = Section("How to check this result", [Code(VERIFY), Text(check), Bullets(facts)])
+    verify = Code(command_line(["drivezoo", *verify_words(folder / NAME, named)]))
+    how = Section("How to check this result", [verify, Text(check), Bullets(facts)])
     return [
         write_whole(folder / "marks.json", json_text(content)),
         write_whole(folder / "marks.html", marks_page(result, reached, [*worst, how])),
@@ -176,7 +189,7 @@ def drives_table(drives: Sequence[DriveRecord]) -> Table:
         [
             drive.group,
             drive.track,
-            ", ".join(typed_settings(drive)) or "-",
+            ", ".join(typed_settings(drive.settings)) or "-",
             str(drive.checkpoint + 1),
             *(form.format(drive.figures[name]) for name, (_, form) in shown.items()),
             drive.digest,
@@ -187,9 +200,9 @@ def drives_table(drives: Sequence[DriveRecord]) -> Table:
     return Table.of(["group", "road", "settings", "checkpoint", *headings, "digest"], rows)
 
 
-def typed_settings(drive: DriveRecord) -> list[str]:
+def typed_settings(settings: Mapping[str, object]) -> list[str]:
     """Return a drive's settings as they are typed in a command: weather={fog: 0.4, wet: 1}."""
-    return [f"{key}={json.dumps(value)}".replace('"', "") for key, value in drive.settings.items()]
+    return [f"{key}={json.dumps(value)}".replace('"', "") for key, value in settings.items()]
 
 
 def failures(result: BenchmarkResult, reached: Sequence[Reached]) -> dict[str, int]:
@@ -220,13 +233,15 @@ def _worst_first(result: BenchmarkResult, group: str) -> list[DriveRecord]:
     )
 
 
-def _worst(result: BenchmarkResult, group: str) -> list[Block]:
-    """Return a group's worst drives, and how to film the first."""
+def _worst(folder: Path, result: BenchmarkResult, group: str, suite: Suite) -> list[Block]:
+    """Return a group's worst drives, how to film the first, and its failure."""
     drives = _worst_first(result, group)
     blocks: list[Block] = [Rows(drives_table(drives[:WORST]), left=4)]
     first, checkpoint = drives[0], result.checkpoints[drives[0].checkpoint]
-    words = [checkpoint.file, f"track={first.track}", *typed_settings(first), "film=true"]
+    scenario = next(drive.scenario for drive in suite.drives if drive.key == road_of(first))
+    driven = first.settings | {"speed": scenario.speed, "quality": scenario.quality}
+    words = [checkpoint.file, f"track={first.track}", *typed_settings(driven), "film=true"]
     if checkpoint.sha256:
         command = command_line(["drivezoo", "evaluate", *words])
         blocks += [Text("A film of the whole first one:"), Code(command)]
-    return blocks
+    return [*blocks, *failure(failure_folder(folder, group), with_path=True)]

@@ -155,7 +155,12 @@ def test_an_autograder_and_a_student_get_files(result: BenchmarkResult, tmp_path
     assert marks_table(reached).columns[-1].cells == [
         *("passed", "passed", "passed", "open", "passed", "passed")
     ]
-    graded, page = write_marks(tmp_path, result, reached)
+    groups = {
+        "like": [],
+        "looks": [{"track": one.track} | one.settings for one in result.drives[2:]],
+    }
+    path = str(write_suite(tmp_path, speed=28, groups=groups))
+    graded, page = write_marks(tmp_path, result, reached, read_suite(path), path)
     found = json.loads(graded.read_text())
     assert not found["passed"]
     assert found["marks_passed"] == 5
@@ -174,14 +179,17 @@ def test_an_autograder_and_a_student_get_files(result: BenchmarkResult, tmp_path
     assert hash_source(style) in text.replace("&#39;", "'")
     assert "<script" not in text
     assert text.index("lakeside:802") < text.index("lakeside:803")  # the worst drive first
-    command = "'my run/best.ckpt' track=lakeside:802 'weather={fog: 0.5, shadows: false}' film=true"
-    assert command in text.replace("&#39;", "'")
+    command = (
+        "'my run/best.ckpt' track=lakeside:802 'weather={fog: 0.5, shadows: false}' speed=28.0"
+    )
+    assert f"{command} quality=simple film=true" in text.replace("&#39;", "'")
+    assert f"drivezoo benchmark verify {tmp_path / 'result.json'} suite={path}" in text
 
 
 def test_reached_marks_leave_no_worst_drives(result: BenchmarkResult, tmp_path: Path) -> None:
     reached = reached_marks(result, marks_of({"like": {"autonomy": 0.9}}))
     assert missed_line(reached) == ""
-    graded, page = write_marks(tmp_path, result, reached)
+    graded, page = write_marks(tmp_path, result, reached, read_suite("quick"), "quick")
     assert json.loads(graded.read_text())["passed"]
     assert "Worst drives" not in page.read_text()
 
