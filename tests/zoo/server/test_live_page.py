@@ -272,6 +272,13 @@ def test_a_person_watches_and_commands_in_a_browser(driver: Served, tmp_path: Pa
         # Only the command that the test made fail has failed.
         assert [line for line in browser.errors if "/command" not in line] == []
 
+        browser.call("Network.enable")
+        browser.call("Network.setBlockedURLs", urls=["*/frame.jpg*"])
+        shown = read_state(driver)["telemetry"]
+        until(driver, lambda state: state["telemetry"] > shown + 20)
+        width = browser.value("document.getElementById('frame').naturalWidth")
+        assert width == 320, "the last frame stays"
+
 
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed; apt install chromium")
 def test_the_page_turns_red_when_the_car_leaves_the_road(folder: Path, tmp_path: Path) -> None:

@@ -316,7 +316,7 @@ async function pollState() {
 async function pollFrame() {
   if (document.hidden || !state?.has_frame || state.telemetry === shownFrame) return;
   const n = state.telemetry;
-  await load($("frame"), `frame.jpg?n=${n}`);
+  await load($("frame"), await getBlob(`frame.jpg?n=${n}`));
   shownFrame = n;
   $("no-frame").hidden = true;
 }
@@ -325,25 +325,28 @@ async function pollSaliency() {
   if (!looking || document.hidden || !state?.has_frame) return;
   let blob;
   try {
-    blob = await (await get(`saliency.jpg?n=${state.telemetry}`)).blob();
+    blob = await getBlob(`saliency.jpg?n=${state.telemetry}`);
   } catch (error) {
     if (looking) notify(error.message, true);
     look(false);
     return;
   }
-  const url = URL.createObjectURL(blob);
-  await load($("saliency"), url);
-  URL.revokeObjectURL(url);
+  await load($("saliency"), blob);
   $("saliency").hidden = !looking;
   $("camera").classList.toggle("looking", looking);
 }
 
-async function load(image, url) {
+// An image whose address cannot be fetched would replace the last one by a broken icon.
+const getBlob = async (path) => (await get(path)).blob();
+
+async function load(image, blob) {
+  const url = URL.createObjectURL(blob);
   await new Promise((done, fail) => {
     image.onload = done;
     image.onerror = fail;
     image.src = url;
   });
+  URL.revokeObjectURL(url);
   image.hidden = false;
 }
 
