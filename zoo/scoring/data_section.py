@@ -9,6 +9,7 @@ from datamodules.looking.findings import report_lines
 from datamodules.recording import Recording
 from datamodules.samples import make_samples
 from datamodules.stretches import LEAST_CHANGE, STRETCH_S, find_stretches, steering_returns
+from zoo.base.command_keys import typed
 from zoo.base.errors import InputError
 from zoo.scoring.blocks import Block, Bullets, Heading, Image, Images, Text
 from zoo.scoring.reported_run import ReportedRun
@@ -56,7 +57,7 @@ def balance(run: ReportedRun) -> list[Block]:
     """Return the histogram of the steering before and after balancing."""
     data = run.config["data"]
     caption = (
-        f"Steering before and after balancing (data.straight_cap={data.get('straight_cap')} "
+        f"Steering before and after balancing (data.straight_cap={typed(data.get('straight_cap'))} "
         f"data.flip={data['flip']})."
     )
     return [Heading("Balance"), Images([run.plot("steering_histogram", caption)])]
@@ -93,7 +94,7 @@ def cameras(run: ReportedRun) -> list[Block]:
         Text(
             f"{recording.place(int(row))}, which steers more than three of four rows: "
             f"{signed(recording.steering[row])}. Side cameras: data.offset={data['offset']:g} "
-            f"data.recover_s={data.get('recover_s')}."
+            f"data.recover_s={typed(data.get('recover_s'))}."
         ),
         Images(images, columns=3),
     ]

@@ -141,6 +141,7 @@ def test_the_settings_name_the_recording(markdown: str, recorded: Written) -> No
 
 
 def test_side_cameras_are_shown_with_their_labels(markdown: str) -> None:
+    assert re.search(r"recover\\?_s=null", markdown)
     labels = dict(re.findall(r"(left|center|right): label ([+-][\d.]+)", markdown))
     assert float(labels["left"]) == pytest.approx(float(labels["center"]) + 0.275, abs=0.0011)
     assert float(labels["right"]) == pytest.approx(float(labels["center"]) - 0.275, abs=0.0011)
