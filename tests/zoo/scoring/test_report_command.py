@@ -129,7 +129,7 @@ def test_the_headline_has_no_whole_path(markdown: str, recorded: Written) -> Non
 def test_the_command_repeats_the_run(markdown: str) -> None:
     (line,) = re.findall(r"^drivezoo train .*$", markdown, re.MULTILINE)
     words = shlex.split(line)
-    assert words[2] == "model=nvidia"
+    assert "model=nvidia" in words
     assert "data.batch_size=16" in words
     assert any(word.startswith("data.root=") and word.endswith("lake") for word in words)
 
