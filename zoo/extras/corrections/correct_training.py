@@ -9,9 +9,11 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.driving_log import read_log
+from datamodules.format_options import OWN_KEYS, ReadOptions
 from datamodules.recording import LOG_NAME, file_name
 from datamodules.split import write_split
-from zoo.base.compose import escape_interpolation
+from datamodules.steering_unit import keys_and_values
+from zoo.base.compose import escape_interpolation, plain_dict
 from zoo.base.errors import InputError
 from zoo.base.file_text import csv_text
 from zoo.base.terminal import counted
@@ -47,7 +49,7 @@ def own_config(
             "next to its log; move them there and add data.images=null"
         )
     for root in own_roots(config):
-        if not (Path(root).expanduser() / LOG_NAME).is_file() and not root.endswith(".csv"):
+        if not Path(root).expanduser().exists():
             raise InputError(
                 f"{root}: the checkpoint's recording is missing; name its new folder with "
                 "data.root=FOLDER"
@@ -116,6 +118,7 @@ def training_config(
     roots = own_roots(config)
     before = config.data.get("weights") or [1.0] * len(roots)
     config.data.root = [*roots, *map(str, corrections)]
+    config.data = for_own_roots(plain_dict(config.data), len(roots))
     config.data.weights = [*before, *[float(options.weight)] * len(corrections)]
     split.parent.mkdir(parents=True, exist_ok=True)
     logs = [row for folder in corrections for row in read_log(folder / LOG_NAME)]
@@ -135,6 +138,19 @@ def training_config(
         config.callbacks.best.update(monitor=None, mode="max")
     config.score = {}
     return config
+
+
+def for_own_roots(data: dict, roots: int) -> dict:
+    """Return `data` with what it says about reading said of its first recordings alone.
+
+    The corrections after them are a log in drivezoo's own units.
+    """
+    usual = {key: getattr(ReadOptions, key) for key in OWN_KEYS if key in data}
+    own = {key: data[key] for key, value in usual.items() if data[key] != value}
+    each = keys_and_values("each", data.get("each") or {}) or {}
+    each = {str(number): said for number, said in each.items()}
+    each = {number: own | each.get(str(number), {}) for number in range(1, roots + 1)}
+    return data | usual | {"each": {number: said for number, said in each.items() if said} or None}
 
 
 def train_round(config: DictConfig, folder: Path, own_run: Path) -> Path:

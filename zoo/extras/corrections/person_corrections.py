@@ -13,10 +13,11 @@ import cv2
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, BadRows, read_fields
-from datamodules.formats.recording_writer import write_log
-from datamodules.image import link_or_copy, read_image
+from datamodules.formats.recording_writer import image_stems, put_image, write_log
+from datamodules.image import read_image
 from datamodules.recording import IMAGE_FOLDER
 from datamodules.recording_format import read_recordings
+from datamodules.stretches import complete_times
 from zoo.base.errors import InputError
 from zoo.base.file_text import csv_text
 from zoo.base.new_folder import whole_folder
@@ -84,6 +85,9 @@ def corrections_of_a_person(options: CorrectOptions, out: Path, folder: Path) ->
     """Write the person's corrections to `folder` as a recording; return its number of rows.
 
     Its images get new names: other recordings of the same simulator can have the same names.
+
+    Raises:
+        InputError: an image cannot be read.
     """
     rows = _recorded(options.recording) if options.recording else []
     if options.drive:
@@ -91,13 +95,13 @@ def corrections_of_a_person(options: CorrectOptions, out: Path, folder: Path) ->
     lines = []
     with whole_folder(folder) as whole:
         (whole / IMAGE_FOLDER).mkdir()
-        for images, numbers in rows:
-            names = [""] * len(CAMERAS)
-            for number, (camera, image) in enumerate(zip(CAMERAS, images, strict=True)):
-                if image:
-                    name = Path(image).name.removeprefix(f"{camera}_")
-                    names[number] = f"{IMAGE_FOLDER}/{camera}_person_{name}"
-                    link_or_copy(image, whole / names[number])
+        stems = image_stems(np.array([time_s for time_s, *_ in rows]))
+        for number, ((_, images, numbers), stem) in enumerate(zip(rows, stems, strict=True), 1):
+            targets = [whole / IMAGE_FOLDER / f"{camera}_person_{stem}" for camera in CAMERAS]
+            names = [
+                put_image(image, target, f"row {number}") if image else ""
+                for image, target in zip(images, targets, strict=True)
+            ]
             lines.append((names, numbers))
         write_log(whole, lines)
     return len(lines)
@@ -189,14 +193,17 @@ def _labelled(folder: str, before_s: float, out: Path) -> list[tuple]:
             steering = float(np.interp(drive.time_s[row], drive.time_s[filled], values))
             pedals = split_pedals(drive.throttle[row])
             image = str(drive.folder / drive.frame[row])
-            rows.append(((image, None, None), (steering, *pedals, drive.speed_mph[row])))
+            numbers = steering, *pedals, drive.speed_mph[row]
+            rows.append((drive.time_s[row], (image, None, None), numbers))
     if not rows:
         raise InputError(f"{out / LABELS}: names no image of {folder}; delete the file")
     return rows
 
 
 def _recorded(folder: str) -> list[tuple]:
-    """Return the images and numbers of each row of a recording."""
+    """Return the time, images and numbers of each row of a recording."""
     recording = read_recordings(folder)
+    times_s = complete_times(recording).tolist()
     columns = (recording.steering, recording.throttle, recording.brake, recording.speed_mph)
-    return list(zip(recording.images.tolist(), np.stack(columns, 1).tolist(), strict=True))
+    numbers = np.stack(columns, 1).tolist()
+    return list(zip(times_s, recording.images.tolist(), numbers, strict=True))

@@ -14,10 +14,12 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
+from datamodules.image import read_image
 from datamodules.recording_format import read_recordings
 from tests.contracts.test_policies import check_wrapper, of_model
+from tests.datamodules.exchange.test_tub import write_tub
 from tests.hostile.test_saved_configs import change, listed
-from tests.recordings import Written, write_recording
+from tests.recordings import Written
 from tests.zoo.bomb import Bomb
 from tests.zoo.command_runs import run_here, succeed
 from tests.zoo.simulator.tracks import loop
@@ -29,6 +31,7 @@ from zoo.base.key_values import read_options
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import STARTED_IN
 from zoo.checkpoints.policy_base import as_policy
+from zoo.commands.convert import convert
 from zoo.driving.drive_log import write_drive
 from zoo.driving.drive_loop import drive
 from zoo.driving.drive_record import PERSON, Drive, DriveRow
@@ -43,7 +46,8 @@ from zoo.extras.corrections.collecting import (
 )
 from zoo.extras.corrections.correct import correct
 from zoo.extras.corrections.correct_options import CorrectOptions
-from zoo.extras.corrections.correct_training import own_config, own_roots
+from zoo.extras.corrections.correct_training import for_own_roots, own_config, own_roots
+from zoo.extras.corrections.person_corrections import corrections_of_a_person
 from zoo.simulator.recorder import JPEG_QUALITY
 from zoo.simulator.simulated_world import World
 from zoo.simulator.weather import CLEAR
@@ -253,6 +257,25 @@ def test_a_persons_recording_gets_other_file_names(
     assert rounds_of(tmp_path / "out")[1]["corrections"] == 120
 
 
+def test_images_in_larger_files_are_corrections_too(recorded: Written, tmp_path: Path) -> None:
+    pytest.importorskip("zoo.extras.formats.lerobot", reason="an extra reads and writes it")
+    convert(recorded.folder, to="lerobot", out=tmp_path / "set")
+    options = CorrectOptions(recording=str(tmp_path / "set"))
+    assert corrections_of_a_person(options, tmp_path, tmp_path / "new") == 120
+    recording = read_recordings(str(tmp_path / "new"))
+    assert recording.steering == pytest.approx(recorded.steering, abs=1e-6)
+    assert not np.isnan(recording.time_s).any()
+    assert read_image(recording.images[0, 0]).shape == (160, 320, 3)
+
+
+def test_what_a_config_says_of_its_recordings_is_not_said_of_corrections() -> None:
+    degrees, keys = {"unit": "deg", "full": 25}, {"format": None, "speed_unit": "mps"}
+    data = for_own_roots({**keys, "steering": degrees, "each": {2: {"format": "table"}}}, 2)
+    second = {"steering": degrees, "format": "table"}
+    assert data == {**keys, "steering": None, "each": {1: {"steering": degrees}, 2: second}}
+    assert for_own_roots({**keys, "each": None}, 2) == {**keys, "each": None}
+
+
 # Errors.
 
 
@@ -319,7 +342,7 @@ def test_a_correction_adds_to_the_recording_in_the_trainings_folder(
     checkpoint: str, tmp_path: Path
 ) -> None:
     loaded = load_checkpoint(checkpoint)
-    log = write_recording(tmp_path / "there" / "lake", rows=4).folder
+    log = write_tub(tmp_path / "there" / "lake", [])
     config = loaded.config | {"data": loaded.config["data"] | {"root": "lake"}}
     moved = replace(loaded, config=config, data={STARTED_IN: str(log.parent)})
     assert own_roots(own_config(moved, [], "a.ckpt")) == [str(log)]
