@@ -109,6 +109,8 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
 
             def keep(drives: list[Driven]) -> None:
                 report.drives = drives
+                if report.mildest is not None:
+                    _write_mildest(report, report.mildest)
                 write_whole(folder / RESULT, json_text(result_of(report)))
                 show(len(drives) / options.budget)
 
@@ -117,7 +119,7 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
         mildest, table = report.mildest, features_table(report)
         written = [folder / RESULT, save_figure(draw_map(report), folder / MAP)]
         if mildest is not None:
-            written.append(_write_mildest(report, mildest))
+            written.append(folder / MILDEST)
         console.print(table.printed())
         cells, drives = archive.cells**2, len(report.drives)
         console.print(
@@ -191,7 +193,7 @@ def draw_map(report: Report) -> Figure:
     return failure_map(archive, points, mildest.candidate.features if mildest else None, title)
 
 
-def _write_mildest(report: Report, mildest: Driven) -> Path:
+def _write_mildest(report: Report, mildest: Driven) -> None:
     features = ", ".join(f"{key} {value:g}" for key, value in mildest.candidate.features.items())
     lines = [
         f"The mildest road of family={report.options.family} on which a search found a failure,",
@@ -201,7 +203,7 @@ def _write_mildest(report: Report, mildest: Driven) -> Path:
     ]
     text = "".join(f"# {printable(line)}\n" for line in lines)
     content = yaml_text(mildest.candidate.content)
-    return write_whole(report.folder / MILDEST, text + content)
+    write_whole(report.folder / MILDEST, text + content)
 
 
 def features_table(report: Report) -> Table:

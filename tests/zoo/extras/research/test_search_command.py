@@ -20,6 +20,7 @@ from zoo.commands.evaluate import evaluate_or_replay as evaluate
 from zoo.driving.drive_log import read_drive
 from zoo.driving.run_drives import all_drives
 from zoo.driving.scenario import Scenario
+from zoo.extras.research import search_report
 from zoo.extras.research.failure_map import Archive
 from zoo.extras.research.search_options import SearchOptions
 from zoo.extras.research.search_report import search_and_report
@@ -190,6 +191,23 @@ def test_an_archive_counts_cells() -> None:
     archive.add({"bend": 50.0, "width": 5.0}, False)
     assert (len(archive.driven), len(archive.failed)) == (2, 1)
     assert archive.failed[archive.cell({"bend": 8.0, "width": 5.0})] == 2
+
+
+def test_a_stopped_search_has_the_road_that_it_names(
+    checkpoint: Path, tmp_path: Path, console: Console, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(search_report, "draw_map", stop)
+    options = read_options(
+        SearchOptions, [*SHORT, "budget=4", "workers=1", f"out={tmp_path / 's'}"]
+    )
+    with pytest.raises(KeyboardInterrupt):
+        search_and_report(str(checkpoint), options, console)
+    command = json.loads((tmp_path / "s" / "search.json").read_text())["mildest"]["command"]
+    (track,) = [word for word in command if word.startswith("track=")]
+    assert Path(track.partition("=")[2]).is_file()
 
 
 def test_the_usual_road_is_the_mildest() -> None:
