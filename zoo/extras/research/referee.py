@@ -205,6 +205,8 @@ def needed_text(row: Difference) -> str:
         return ""
     if abs(row.figure.value) <= EQUAL:
         return "both have the same score"
+    if not row.needed:
+        return f"{SMALLEST} or more rollouts in each scene, to estimate how many"
     enough = [WAYS[way].format(count) for way, count in row.needed.items() if count]
     alone = [way for way, count in row.needed.items() if not count]
     texts = [f"about {' or '.join(enough)}"] if enough else []

@@ -110,7 +110,8 @@ def compare_policies(policies: dict[str, list[Rollout]], paired: bool = False) -
 
 
 def _difference(a: list[Rollout], b: list[Rollout], scope: str, paired: bool) -> Difference:
-    named, scope = scope, NEW if is_thin(a, b) else scope
+    named, thin = scope, is_thin(a, b)
+    scope = NEW if thin else scope
     values, order, groups = _linear_parts(a, b, scope, paired)
     limits = (-1.0, 1.0) if limits_of([*a, *b]) == SHARE else ANY
     names = list(map(repr, order))
@@ -119,6 +120,10 @@ def _difference(a: list[Rollout], b: list[Rollout], scope: str, paired: bool) ->
     needed = {}
     if len(order) >= FEWEST_ROADS and abs(figure.value) > EQUAL:
         needed = _needed(a, b, scope, paired)
+    if thin:  # how much the rollouts in a scene differ is not known
+        needed.pop("rollouts", None)
+    if thin and named == THESE:
+        needed = {}
     return Difference(a[0].policy, b[0].policy, named, figure, p, needed)
 
 

@@ -11,6 +11,7 @@ from scipy import special
 import drivezoo
 from zoo.base.errors import InputError, UsageError
 from zoo.driving.intervals import share_interval
+from zoo.extras.research.referee import needed_text
 from zoo.extras.research.rollout_differences import NEW, THESE, compare_policies, mean_score
 from zoo.extras.research.rollouts import Rollout
 
@@ -186,6 +187,15 @@ def test_a_pair_that_only_the_correction_leaves_undecided_has_a_need() -> None:
     assert pair.needed["rollouts"] > 6
     del policies["c"]
     assert compare_policies(policies)[0].needed == {}, "a is better"
+
+
+def test_one_rollout_a_scene_does_not_tell_how_many_are_needed() -> None:
+    rng = np.random.default_rng(0)
+    policies = {name: rollouts(name, rng.random((30, 1)) < 0.5) for name in "ab"}
+    these, new = compare_policies(policies)
+    assert (these.verdict, new.verdict) == ("not told apart", "not told apart")
+    assert needed_text(these) == "5 or more rollouts in each scene, to estimate how many"
+    assert list(new.needed) == ["scenes"]
 
 
 def test_an_interval_without_scenes_is_as_wide_as_wilsons() -> None:
