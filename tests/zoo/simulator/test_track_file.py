@@ -163,7 +163,10 @@ def test_locate_finds_what_at_gave(track, lap, side, near):
 @given(lap=anywhere, side=beside)
 def test_locate_needs_no_hint(track, lap, side):
     x, y, _ = right_of(track, lap * track.length, side * track.width / 2)
-    assert track.locate(x, y) == track.locate(x, y, lap * track.length)
+    both = track.locate(x, y), track.locate(x, y, lap * track.length)
+    found, hinted = ((place.x, place.y, place.cte) for place in both)
+    # Where two segments meet, either may be the nearest one.
+    assert found == pytest.approx(hinted, abs=1e-5)
 
 
 @pytest.mark.parametrize("track", TRACKS.values(), ids=TRACKS)
