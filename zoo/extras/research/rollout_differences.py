@@ -110,20 +110,15 @@ def compare_policies(policies: dict[str, list[Rollout]], paired: bool = False) -
 
 
 def _difference(a: list[Rollout], b: list[Rollout], scope: str, paired: bool) -> Difference:
-    named, thin = scope, is_thin(a, b)
-    scope = NEW if thin else scope
+    named, scope = scope, NEW if is_thin(a, b) else scope
     values, order, groups = _linear_parts(a, b, scope, paired)
     limits = (-1.0, 1.0) if limits_of([*a, *b]) == SHARE else ANY
     names = list(map(repr, order))
     figure = clustered(values, places=names, groups=groups, limits=limits)
     p = p_value(values, names, groups) if len(order) >= FEWEST_ROADS else 1.0
     needed = {}
-    if len(order) >= FEWEST_ROADS and abs(figure.value) > EQUAL:
+    if scope == named and len(order) >= FEWEST_ROADS and abs(figure.value) > EQUAL:
         needed = _needed(a, b, scope, paired)
-    if thin:  # how much the rollouts in a scene differ is not known
-        needed.pop("rollouts", None)
-    if thin and named == THESE:
-        needed = {}
     return Difference(a[0].policy, b[0].policy, named, figure, p, needed)
 
 
@@ -210,7 +205,9 @@ def _needed(a: list[Rollout], b: list[Rollout], scope: str, paired: bool) -> dic
         each = [(part * present / count, count - 1.0) for part, present in trained]
         return [*each, (variance, freedom)]
 
-    ways: dict[str, tuple[int, Callable[[int], Parts]]] = {"rollouts": (rollouts, of_rollouts)}
+    ways: dict[str, tuple[int, Callable[[int], Parts]]] = {}
+    if not is_thin(a, b):  # else it is not known how much the rollouts in a scene differ
+        ways["rollouts"] = (rollouts, of_rollouts)
     if scope == NEW:
         ways["scenes"] = (scenes, of_scenes)
     if min(values.shape[:-1]) > 1:
