@@ -3,6 +3,7 @@
 import os
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,19 @@ SCENARIOS = {
     "embedded": Scenario("lake", laps=0.02, quality="simple"),
     "replay": Scenario("recording", world="replay"),
     "outside": Scenario(world="straight"),
+}
+
+OTHER_VALUES = {
+    "direction": "backward",
+    "weather": "{fog: 0.4}",
+    "delay_s": 0.5,
+    "quality": "fast",
+    "offset": 0.5,
+    "heading": 2.0,
+    "start": 3.0,
+    "laps": 2.0,
+    "frame_rate": 7.0,
+    "speed": 9.0,
 }
 
 
@@ -72,6 +86,13 @@ def test_a_drive_ends_and_is_the_same_twice(opened: tuple[World, Scenario]) -> N
     for column in ("time_s", "steering", "speed_mph", "cross_track_m", "intervention"):
         first, second = (getattr(driven, column) for driven in drives)
         np.testing.assert_array_equal(first, second)
+
+
+def test_a_key_that_a_world_ignores_is_refused(opened: tuple[World, Scenario]) -> None:
+    world, scenario = opened
+    for key in world.ignores:
+        with pytest.raises(InputError, match=f"^{key}: changes nothing in world=.*; drop one$"):
+            open_world(replace(scenario, **{key: OTHER_VALUES[key]}))
 
 
 def test_a_world_of_another_package_is_named_by_its_entry_point(folder: Path) -> None:

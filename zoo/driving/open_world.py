@@ -52,8 +52,15 @@ def open_world(scenario: Scenario, renderer: str = "auto") -> World:
         renderer: auto, software or none, for a world that renders.
 
     Raises:
-        InputError: there is no such world, or it cannot be opened.
+        InputError: there is no such world, it cannot be opened, or it ignores a key of the
+            scenario.
     """
     if scenario.world not in WORLDS:
         raise InputError(f"world={scenario.world}: no such world; {hint(scenario.world, WORLDS)}")
-    return WORLDS[scenario.world](scenario, renderer)
+    opened = WORLDS[scenario.world](scenario, renderer)
+    try:
+        scenario.check_ignored(opened.ignores)
+    except InputError:
+        opened.close()
+        raise
+    return opened

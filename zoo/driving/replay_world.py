@@ -35,7 +35,7 @@ from zoo.base.rig import MPS_PER_MPH, RIG_KEYS, UDACITY, Rig
 from zoo.driving.camera_warp import Warp
 from zoo.driving.drive_record import REPLAY
 from zoo.driving.interventions import INTERVENTION_S
-from zoo.driving.scenario import Scenario
+from zoo.driving.scenario import SIMULATED, Scenario
 from zoo.driving.world import State, World
 
 MARGIN_M = 1.0  # NVIDIA's margin; on a car with a lower camera, such as a toy, the camera's height
@@ -43,7 +43,7 @@ GREATEST_MARGIN_M = 2.0  # farther off the path, a warped frame differs much fro
 LOST_RAD = math.radians(45)  # heading error of an intervention
 STEP_S = 0.02  # longest step of the car's motion
 # Metres off the path up to which networks steer by a warped frame as by a real one, by the rig;
-# measured by `python benchmarks/measurements.py warp`.
+# measured on docs/offline_metrics.md.
 BELIEVABLE_M = {UDACITY.name: 1.5}
 SHORTEST_S = 2 * INTERVENTION_S  # in a shorter replay one intervention decides the score
 
@@ -119,6 +119,7 @@ class ReplayWorld(World):
     """
 
     rig: Rig
+    ignores = (*SIMULATED, "laps", "frame_rate", "speed")
 
     def __init__(
         self,

@@ -16,13 +16,8 @@ Laps = Annotated[float, Field(gt=0, le=1000)]
 SpeedMph = Annotated[float, Field(ge=1, le=30)]
 Throttle = Literal["hold", "network"]
 Margin = Annotated[float, Field(ge=LEAST_MARGIN_M, allow_inf_nan=False)]
+# Keys that change the embedded simulator alone.
 SIMULATED = "direction", "weather", "delay_s", "quality", "offset", "heading", "start"
-# Keys that change nothing in a world, so that a figure beside them would mislead.
-IGNORED = {
-    "gymnasium": (*SIMULATED, "laps"),
-    "donkey": (*SIMULATED, "frame_rate"),
-    "replay": (*SIMULATED, "laps", "frame_rate", "speed"),
-}
 
 
 @dataclass(frozen=True)
@@ -69,15 +64,12 @@ class Scenario(WorldSettings):
         """Write `gymnasium:ID` and `FILE.yaml` as the world gymnasium, and its track.
 
         Raises:
-            InputError: a track is named, too, or a key that changes nothing in this world.
+            InputError: a track is named, too.
         """
         super().__post_init__()
         kind, colon, name = str(self.world).partition(":")
         if str(self.world).endswith((".yaml", ".yml")):
             kind, colon, name = "gymnasium", ":", self.world
-        for key in IGNORED.get(kind, ()):
-            if getattr(self, key) != getattr(type(self)(), key):
-                raise InputError(f"{key}: changes nothing in world={self.world}; drop one")
         if kind == "gymnasium" and colon:
             if self.track not in ("", Scenario.track):
                 raise InputError(
@@ -90,6 +82,12 @@ class Scenario(WorldSettings):
         """Return the scenario without the further keys of a subclass, with some values changed."""
         values = {key.name: getattr(self, key.name) for key in fields(Scenario)}
         return Scenario(**values | {"weather": read_weather(self.weather)} | changes)
+
+    def check_ignored(self, keys: Sequence[str]) -> None:
+        """Raise InputError if a key that its world ignores is changed: figures would mislead."""
+        for key in keys:
+            if getattr(self, key) != getattr(Scenario(), key):
+                raise InputError(f"{key}: changes nothing in world={self.world}; drop one")
 
     @property
     def start_mph(self) -> float:

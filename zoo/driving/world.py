@@ -60,10 +60,12 @@ class World(ABC):
     Attributes:
         rig: car that is driven; None if it is unknown.
         frame_rate: frames per second of the world's time, at which a film plays.
+        ignores: keys of a scenario that change nothing here, and are refused.
         tied: why the same commands give other frames on another processor; empty if they do not.
     """
 
     rig: Rig | None = None
+    ignores: tuple[str, ...] = ()
     tied: str = ""
     frame_rate: float = Scenario.frame_rate
 

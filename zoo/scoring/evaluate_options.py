@@ -106,8 +106,14 @@ def track_names(text: str) -> list[str]:
     return list(dict.fromkeys(name for name in names if name))
 
 
-def check_world(options: WorldSettings) -> None:
-    """Raise UsageError if a world of the options cannot be opened; nothing is rendered."""
+def check_world(options: WorldSettings) -> tuple[str, ...]:
+    """Open the world of each track, and return the keys of a scenario that it ignores.
+
+    Nothing is rendered.
+
+    Raises:
+        UsageError: a world cannot be opened, or ignores a key of the options.
+    """
     from zoo.driving.open_world import open_world
 
     names = track_names(options.track)
@@ -115,9 +121,13 @@ def check_world(options: WorldSettings) -> None:
         raise UsageError("track=: no track named; try track=lake,mountain")
     try:
         options.check()
-        world = options.world if isinstance(options, Scenario) else Scenario.world
         for name in names:
-            scenario = Scenario(**replace(options, track=name).place, world=world)
-            open_world(scenario, renderer="none").close()
+            if isinstance(options, Scenario):
+                scenario = options.one_drive(track=name)
+            else:
+                scenario = Scenario(**replace(options, track=name).place)
+            world = open_world(scenario, renderer="none")
+            world.close()
     except InputError as error:
         raise UsageError(str(error)) from None
+    return world.ignores

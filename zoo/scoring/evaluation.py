@@ -14,7 +14,7 @@ from zoo.checkpoints.policy_base import Policy, PolicyFunction, as_policy
 from zoo.driving.drives_table import COUNTS, DEVIATION, figure_columns, nan_line, print_drives
 from zoo.driving.metrics import METRICS
 from zoo.driving.run_drives import check_throttle
-from zoo.driving.scenario import IGNORED, Scenario
+from zoo.driving.scenario import Scenario
 from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.plots import save_figure
 from zoo.runs.result_table import Column, Table
@@ -111,7 +111,7 @@ def score_driver(
     name = path or policy.name
     # Report wrong input before processes start.
     options = with_track(options, name, policy.data)
-    check_world(options)
+    ignores = check_world(options)
     check_throttle(policy, options.throttle)
     options.check_files(("track", *COUNTS, *METRICS))
     if options.world == "embedded" and (line := other_car_line(policy.data, options.track)):
@@ -119,7 +119,7 @@ def score_driver(
     names = perturbations_named(options.perturb, options.throttle)
     scenarios = options.scenarios
     usual = scenarios[0]
-    swept = sweeps(names, usual)
+    swept = sweeps(names, usual, ignores)
     perturbed = [scenario for by_value in swept.values() for scenario in by_value.values()]
     with command_folder(options.out, "evaluations") as folder:
         scores = score_on_tracks(
@@ -170,7 +170,7 @@ def curves(swept: By, usual: Scenario) -> Figure:
 
 
 def _how(usual: Scenario) -> str:
-    laps = "drives" if "laps" in IGNORED.get(usual.world, ()) else counted(usual.laps, "lap")
+    laps = counted(usual.laps, "lap") if usual.world == "embedded" else "drives"
     if usual.throttle == "network":
         return f"{laps} with its own throttle"
     return f"{laps} at {usual.speed:g} mph"

@@ -123,11 +123,18 @@ def perturbations_named(text: str | None, throttle: str = "hold") -> list[str]:
     return names
 
 
-def sweeps(names: list[str], usual: Scenario) -> dict[str, dict[float, Scenario]]:
+def sweeps(
+    names: list[str], usual: Scenario, ignores: Sequence[str] = ()
+) -> dict[str, dict[float, Scenario]]:
     """Return by perturbation and value, in rising order, the scenarios; the usual one included.
 
+    Args:
+        names: names of perturbations.
+        usual: scenario that they change.
+        ignores: keys that change nothing in its world.
+
     Raises:
-        InputError: a perturbation changes nothing in the scenario's world.
+        InputError: a perturbation changes one of these keys.
     """
     scenarios = {}
     for name in names:
@@ -135,6 +142,8 @@ def sweeps(names: list[str], usual: Scenario) -> dict[str, dict[float, Scenario]
         values = sorted({*change.values, change.usual(usual)})
         with placed_errors(f"perturb={name}"):
             scenarios[name] = {value: change.apply(usual, value) for value in values}
+            for scenario in scenarios[name].values():
+                scenario.check_ignored(ignores)
     return scenarios
 
 

@@ -9,6 +9,7 @@ import pytest
 import torch
 from PIL import Image
 
+from tests.recordings import write_recording
 from tests.zoo.command_runs import only_line, run_here, succeed
 from zoo.base.errors import InputError
 from zoo.base.key_values import read_options
@@ -70,12 +71,14 @@ def test_a_perturbation_changes_one_thing_and_passes_the_usual(name: str) -> Non
     assert len(set(by_value.values())) == len(by_value)
 
 
-@pytest.mark.parametrize("world", ["gymnasium:Lake-v0", "donkey", "replay"])
-def test_a_key_that_changes_nothing_in_a_world_is_refused(world: str) -> None:
-    with pytest.raises(InputError, match=r"^delay_s: .* world=.*; drop one$"):
-        EvaluateOptions(world=world, delay_s=0.5)
-    with pytest.raises(InputError, match=r"^perturb=fog: weather: "):
-        sweeps(["fog"], Scenario(world=world))
+def test_a_perturbation_that_changes_nothing_in_a_world_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_recording(tmp_path / "log", rows=190)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"^perturb=fog: weather: .* world=replay; drop one$"):
+        command(["lenet", "world=replay", "track=log", "perturb=fog"])
+    assert not (tmp_path / "outputs").exists()
 
 
 def test_the_speed_is_not_swept_where_none_is_held() -> None:

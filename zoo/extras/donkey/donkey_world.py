@@ -21,7 +21,7 @@ from zoo.base.limits import MOST_MPH, MOST_REPORTED, parse_number
 from zoo.base.rig import MPS_PER_MPH
 from zoo.base.rig_file import make_rig
 from zoo.driving.open_world import world
-from zoo.driving.scenario import Scenario
+from zoo.driving.scenario import SIMULATED, Scenario
 from zoo.driving.world import State, World
 
 ADDRESS = re.compile(r"(?:(?P<host>[\w.-]+)(?::(?P<port>\d{1,5}))?/)?(?P<scene>\w+(?::\d{1,10})?)")
@@ -64,6 +64,7 @@ class DonkeyWorld(World):
     """
 
     frame_rate = RATE
+    ignores = (*SIMULATED, "frame_rate")
     tied = "another program's world"
 
     def __init__(self, address: str, sockets: Any = socket) -> None:

@@ -11,7 +11,7 @@ from zoo.base.errors import InputError, hint
 from zoo.base.limits import parse_number
 from zoo.base.parts import import_part, registering_parts
 from zoo.driving.open_world import world
-from zoo.driving.scenario import Scenario
+from zoo.driving.scenario import SIMULATED, Scenario
 from zoo.driving.world import State, World
 from zoo.extras.gymnasium.environment_mapping import (
     Control,
@@ -40,6 +40,7 @@ class EnvironmentWorld(World):
     """
 
     tied = "another program's world"
+    ignores: tuple[str, ...] = (*SIMULATED, "laps")
 
     def __init__(
         self,
@@ -48,7 +49,10 @@ class EnvironmentWorld(World):
         frame_rate: float = 15.0,
     ) -> None:
         self.environment, self.mapping = environment, mapping
-        self.frame_rate = (mapping and mapping.frame_rate) or frame_rate
+        self.frame_rate = frame_rate
+        if mapping and mapping.frame_rate:
+            self.frame_rate = mapping.frame_rate
+            self.ignores += ("frame_rate",)
         unwrapped = environment.unwrapped
         self.rig = unwrapped.rig if isinstance(unwrapped, DrivingEnv) else None
 

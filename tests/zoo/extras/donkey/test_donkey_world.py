@@ -8,6 +8,7 @@ import pytest
 
 from tests.contracts.test_worlds import (  # noqa: F401  the contract, with the fixture below
     test_a_drive_ends_and_is_the_same_twice,
+    test_a_key_that_a_world_ignores_is_refused,
     test_a_world_is_reset_stepped_and_put_back,
 )
 from tests.zoo.extras.donkey.donkey_process import donkey_simulator

@@ -15,6 +15,7 @@ from datamodules.recorded_car import other_car
 from datamodules.recording_format import read_recordings
 from tests.contracts.test_worlds import (  # noqa: F401  the contract, with the fixture below
     test_a_drive_ends_and_is_the_same_twice,
+    test_a_key_that_a_world_ignores_is_refused,
     test_a_world_is_reset_stepped_and_put_back,
 )
 from zoo.base.conf_files import choice_files
@@ -111,6 +112,13 @@ def test_a_file_maps_image_speed_and_action() -> None:
     _, world = straight(MAPPED, speed=4)
     assert world.environment.unwrapped.actions[0][0] == 0
     assert world.environment.unwrapped.actions[0][2] > 0, "the brake is a component of its own"
+
+
+def test_a_key_that_changes_nothing_is_refused() -> None:
+    with pytest.raises(InputError, match=r"^frame_rate: changes nothing in world=gymnasium"):
+        straight(MAPPED, frame_rate=7)
+    _, world = straight(MAPPED.replace("frame_rate: 10", ""), frame_rate=7)
+    assert world.frame_rate == 7
 
 
 def test_no_cross_track_error_leaves_the_autonomy_unmeasured() -> None:
