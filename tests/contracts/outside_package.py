@@ -46,10 +46,11 @@ def installed(
     """Install a module, or its `:attribute`, as the entry point `mine`; remove it at the end."""
     write_package(folder, name, code, f"[{group}]\nmine = {name}{attribute}\n")
     with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(folder)
         for registry in registries:
+            len(registry)  # what is imported below would be registered in the copy alone
             patch.setattr(registry, "_entries", dict(registry._entries))
             patch.setattr(registry, "_imported", set())
+        patch.syspath_prepend(folder)
         _installed.cache_clear()
         try:
             yield
