@@ -74,5 +74,7 @@ def _lines(log: Path) -> Iterator[tuple[str, str]]:
 def _time(text: str | None) -> float:
     if text is None:
         return float("nan")
-    moment = datetime.strptime(text, "%Y-%m-%d %H:%M:%S:%f")
+    # The release of 2018 writes 11 ms as `:11`, which strptime's %f takes for 110 ms.
+    second, _, milliseconds = text.rpartition(":")
+    moment = datetime.strptime(f"{second}:{milliseconds:0>3}", "%Y-%m-%d %H:%M:%S:%f")
     return moment.replace(tzinfo=timezone.utc).timestamp()

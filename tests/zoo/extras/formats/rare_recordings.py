@@ -38,7 +38,7 @@ def kept(write: Callable[[Path], Path]) -> Callable[[Path], Path]:
 def sullychen(folder: Path, right: float = 1.0, full: float = 540.0, zero: float = 0.0) -> Path:
     names = [f"{row}.jpg" for row in range(ROWS)]
     write_frames(folder, names, right)
-    moments = [f"2018-07-01 17:09:{44 + row // 20}:{row % 20 * 50:03d}" for row in range(ROWS)]
+    moments = [f"2018-07-01 17:09:{44 + row // 20}:{row % 20 * 50}" for row in range(ROWS)]
     rows = zip(names, zero + full * STEERING, moments, strict=True)
     lines = [f"{name} {degrees:.6f},{moment}\n" for name, degrees, moment in rows]
     (folder / "data.txt").write_text("".join(lines))

@@ -118,6 +118,13 @@ def test_steering_is_a_share_of_full_lock_with_right_positive_and_long_drives_ha
     assert (recording.blocks == LONG_DRIVE) == (write is not deeppicar)
 
 
+def test_a_time_of_50_milliseconds_without_a_leading_zero_is_not_half_a_second(
+    tmp_path: Path,
+) -> None:
+    times = read(sullychen(tmp_path / "recording")).time_s
+    assert np.diff(times) == pytest.approx(np.full(ROWS - 1, 0.05), abs=1e-6)
+
+
 def test_points_of_a_jetracer_are_shares_of_half_the_width(tmp_path: Path) -> None:
     recording = read(jetracer(tmp_path / "recording"))
     points = [int(Path(path).name.partition("_")[0]) for path in recording.images[:, 0]]
