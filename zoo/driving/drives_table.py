@@ -150,7 +150,7 @@ def figure_columns(tracks: Mapping[str, Mapping], table: str = DRIVES) -> list[C
     columns = []
     for key, (label, form) in rows.items():
         if any(key in figures for figures in tracks.values()):
-            texts = [_cell(figures, key, form) for figures in tracks.values()]
+            texts = [figure_text(figures, key, form) for figures in tracks.values()]
             numbers = [figures.get(key) for figures in tracks.values()]
             values: dict[str, Sequence[float | int | None]] = {key: numbers}
             if key in METRICS:
@@ -161,11 +161,12 @@ def figure_columns(tracks: Mapping[str, Mapping], table: str = DRIVES) -> list[C
     return columns
 
 
-def _cell(figures: Mapping, key: str, form: str) -> str:
+def figure_text(figures: Mapping, key: str, form: str, drives: int | None = None) -> str:
+    """Return a figure of `mean_and_spread` as `with_deviation`, or what stands for none."""
     if figures.get(key) is None:
         return METRICS[key].without if key in METRICS else "-"
     if key == "drives":
         return str(figures[key])
     if key == "drives_without_intervention":
         return f"{figures[key]} of {figures['drives']}"
-    return with_deviation(figures[key], form)
+    return with_deviation(figures[key], form, drives)

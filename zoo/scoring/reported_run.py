@@ -68,7 +68,7 @@ class ReportedDrives(ABC):
             except InputError as error:
                 damaged.append(str(error))
                 continue
-            if len(drive) and None not in map(drive.summary.get, ("track", "autonomy")):
+            if len(drive) and None not in map(drive.summary.get, ("track", "interventions")):
                 drives.append(drive)
         return sorted(drives, key=lambda drive: (drive.track, drive.seed)), damaged
 

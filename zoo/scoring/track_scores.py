@@ -130,7 +130,8 @@ class KeptDrive(KeptFigures):
         if isinstance(world, EmbeddedWorld) and drive.xy is not None:
             track = birds_eye(world.simulated.track, drive.xy, drive, title)
             save_figure(track, self.folder / TRACK_PLOT)
-        save_figure(error_over_distance(drive, title), self.folder / ERROR_PLOT)
+        if figures["cte_max_m"] is not None:
+            save_figure(error_over_distance(drive, title), self.folder / ERROR_PLOT)
         return figures
 
 

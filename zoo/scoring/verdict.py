@@ -199,7 +199,7 @@ def _replayed_s(drives: Sequence[Mapping]) -> float:
 def _track_line(track: str, level: str, drives: Sequence[Mapping]) -> str:
     laps, replayed_s = sum(drive.get("laps") or 0 for drive in drives), _replayed_s(drives)
     lost = sum(int(drive["interventions"]) for drive in drives)
-    autonomy = f"autonomy {_autonomy(drives):.1%}, " if lost else ""
+    autonomy = f"autonomy {_autonomy(drives):.1%}, " if lost and level != UNKNOWN else ""
     how_far = f"{replayed_s:.0f} s" if replayed_s else f"{laps:.2f} laps"
     level_words = WORDS[level].removesuffix(",")
     return f"{track}: {level_words}, {autonomy}interventions: {lost} in {how_far}"

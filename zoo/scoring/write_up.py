@@ -6,7 +6,7 @@ from typing import Any
 
 from zoo.base.errors import InputError, file_errors
 from zoo.base.whole_file import refuse_links_out, write_whole
-from zoo.driving.drives_table import with_deviation
+from zoo.driving.drives_table import figure_text
 from zoo.runs.metrics_file import NAME
 from zoo.runs.page import last_folders
 from zoo.runs.run_record import HYDRA
@@ -68,10 +68,10 @@ def main_figures(run: ReportedDrives) -> list[tuple[str, str, str]]:
         details = f"interventions: {figures['interventions'][0]:.3g} in {how_far}"
         if drives and clean is not None:
             details += f" (means); drives without intervention: {clean} of {drives}"
-        autonomy = with_deviation(figures["autonomy"], "{:.1%}", drives)
+        autonomy = figure_text(figures, "autonomy", "{:.1%}", drives)
         first.append((f"Autonomy, {track}", autonomy, details))
-        error = f"{figures['cte_mean_m'][0]:.2f} m"
-        most = f"{figures['cte_max_m'][0]:.2f} m"
+        keys = "cte_mean_m", "cte_max_m"
+        error, most = (figure_text(figures, key, "{:.2f} m", drives) for key in keys)
         second.append((f"Cross-track error, {track}", error, f"on average; maximum: {most}"))
     figures = {} if first else run.metrics.get("open_loop") or {}  # driving is what counts
     if part := next((name for name in ("test", "val") if name in figures), None):

@@ -100,6 +100,11 @@ def test_a_line_of_a_track_has_each_comma_once() -> None:
     assert line.startswith("lake: drove, with interventions, autonomy ")
 
 
+def test_an_autonomy_that_is_not_measured_is_not_printed_as_0() -> None:
+    (line,) = judge([drive(1) | {"autonomy": None}], evidence()).tracks
+    assert line == "lake: unknown, interventions: 1 in 1.00 laps"
+
+
 def test_a_network_of_another_car_gets_no_verdict_by_driving() -> None:
     known = replace(evidence({"data": {"root": "my laps"}}, ("quick=true",)), source="donkeycar")
     verdict = judge([drive(20)], known)

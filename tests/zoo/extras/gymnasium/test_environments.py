@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 from omegaconf import OmegaConf
+from rich.console import Console
 
 from datamodules.recorded_car import other_car
 from datamodules.recording_format import read_recordings
@@ -29,6 +30,8 @@ from zoo.driving.run_drives import all_drives
 from zoo.driving.scenario import Scenario
 from zoo.driving.world import World
 from zoo.extras.gymnasium.environment_mapping import find_environment
+from zoo.scoring.evaluate_options import EvaluateOptions
+from zoo.scoring.evaluation import score_driver
 from zoo.scoring.track_scores import KeptDrive, how_well
 
 MAPPED = """
@@ -130,6 +133,20 @@ def test_no_cross_track_error_leaves_the_autonomy_unmeasured() -> None:
     pooled = mean_and_spread([known])
     assert "drives_without_intervention" not in pooled
     assert how_well(pooled) == "autonomy not measured, return 8.0"
+
+
+def test_a_report_without_a_cross_track_error_has_its_verdict_and_its_drives(
+    tmp_path: Path,
+) -> None:
+    Path("small.yaml").write_text(MAPPED)
+    options = EvaluateOptions(world="small.yaml", seeds=2, film=True, out=tmp_path / "a")
+    evaluation = score_driver(as_policy(lambda frame, mph: (0.0, None)), options, Console())
+    markdown = (evaluation.folder / "report" / "report.md").read_text()
+    assert "**Unknown whether it drives.**" in markdown
+    assert "| Autonomy, small.yaml | not measured |" in markdown
+    assert "[Film of the scored drive.]" in markdown
+    assert "could not be written" not in markdown
+    assert ".png" not in markdown, "a plot of no error"
 
 
 def test_an_intervention_begins_another_episode_of_the_same_drive() -> None:
