@@ -10,6 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from datamodules.driving_log import CAMERAS, IMAGE, BadRows, read_fields
 from datamodules.format_options import MPS_PER, ReadOptions
 from datamodules.formats.labels import collect, decimal, inside, labelled_recording, read_csv
@@ -43,8 +45,9 @@ NUMBERS = {
 STEERING_WORD = re.compile(r"steer|(^|[/_. ])angle($|[/_. ])", re.IGNORECASE)
 _IMAGE_WORD = re.compile(r"image|img|frame|file|path|cent(er|re)", re.IGNORECASE)
 ROWS_AT_ONCE = 256  # each cell may repeat a long text that stands in the file once
-# A time of at least so much is counted in so many parts of a second since 1970.
-PARTS = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3))
+# Times with a usual step of at least so much are counted in so many parts of a second: a camera
+# takes 0.2 to 200 frames in one.
+PARTS = ((5e6, 1e9), (5e3, 1e6), (5.0, 1e3))
 
 
 def detect(path: Path) -> bool:
@@ -93,8 +96,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
     if "speed_mps" in rows:
         rows["speed_mps"] = [MPS_PER[options.speed_unit] * speed for speed in rows["speed_mps"]]
     if "time_s" in rows:
-        largest = max(rows["time_s"], default=0.0)
-        parts = next((parts for least, parts in PARTS if largest >= least), 1.0)
+        step = np.median(np.diff(np.unique(rows["time_s"]), prepend=min(rows["time_s"])))
+        parts = next((parts for least, parts in PARTS if step >= least), 1.0)
         rows["time_s"] = [time / parts for time in rows["time_s"]]
     return labelled_recording(folder, rows, UNIT, options, bad, is_stated=False)
 

@@ -79,6 +79,22 @@ def test_a_number_that_marks_rows_of_a_table_is_no_unit(tmp_path: Path) -> None:
     assert len(read_recordings(str(folder), **options, on_bad_row="skip")) == (marked > -3).sum()
 
 
+@pytest.mark.parametrize("first_s", [0, 1_700_000_000])
+@pytest.mark.parametrize("unit_s", [1, 1e-3, 1e-6, 1e-9])
+def test_the_unit_of_a_tables_times_follows_from_their_steps(
+    unit_s: float, first_s: int, tmp_path: Path
+) -> None:
+    log = table(tmp_path / "recording") / "my.csv"
+    head, *rows = log.read_text().splitlines()
+    times = [f"{round(first_s / unit_s) + row / 20 / unit_s:.2f}" for row in range(ROWS)]
+    timed = [f"{row},{time}" for row, time in zip(rows, times, strict=True)]
+    log.write_text("\n".join([f"{head},at", *timed, ""]))
+    how = {"format": "table", "steering": {"unit": "share"}}
+    recording = read_recordings(str(log), columns=COLUMNS | {"time": "at"}, **how)
+    assert recording.time_s[0] == pytest.approx(first_s)
+    assert np.diff(recording.time_s) == pytest.approx(np.full(ROWS - 1, 0.05), abs=1e-6)
+
+
 def test_skipping_bad_images_is_offered_if_others_are_left(tmp_path: Path) -> None:
     folder = table(tmp_path / "some")
     how = {"format": "table", "columns": COLUMNS, "steering": {"unit": "share"}}
