@@ -345,5 +345,5 @@ def how_well(figures: dict) -> str:
     return (
         f"autonomy {autonomy}, {lost} interventions, drives without intervention {kept}, "
         f"cross-track error {with_deviation(figures['cte_mean_m'], '{:.2f}', count)} m on average, "
-        f"{figures['cte_max_m'][0]:.2f} m at most"
+        f"maximum {with_deviation(figures['cte_max_m'], '{:.2f}', count)} m"
     )

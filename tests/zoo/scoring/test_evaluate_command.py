@@ -15,7 +15,7 @@ from zoo.base.errors import InputError
 from zoo.base.key_values import read_options
 from zoo.commands.evaluate import evaluate_or_replay as command
 from zoo.driving.baseline import Baseline
-from zoo.driving.drives_table import table_rows
+from zoo.driving.drives_table import mean_and_spread, table_rows
 from zoo.driving.scenario import Scenario
 from zoo.scoring import track_scores
 from zoo.scoring.evaluate_options import EvaluateOptions
@@ -36,6 +36,13 @@ def evaluate(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
 def drives_of(folder: Path) -> list[dict]:
     drives = json.loads((folder / "metrics.json").read_text())["drives"]
     return [{key: one[key] for key in one if key != "latency_ms"} for one in drives]
+
+
+def test_the_maxima_of_several_drives_are_shown_as_a_mean_with_its_deviation() -> None:
+    about = {"autonomy": 1.0, "interventions": 0, "cte_mean_m": 0.5}
+    drives = [about | {"cte_max_m": most} for most in (1.0, 3.0)]
+    words = track_scores.how_well(mean_and_spread(drives))
+    assert words.endswith("maximum 2.00 ± 1.41 (n = 2) m")
 
 
 @pytest.mark.slow
