@@ -89,7 +89,7 @@ class DataSettings(BatchOptions):
     test_share: Least0 = SHARE
     block_s: Least0 | None = None
     gap_s: Least0 | None = None
-    split_seed: int = 0
+    split_seed: Annotated[int, Field(ge=0)] = 0
     augment: Mapping[str, Any] = field(default_factory=dict)
     sequence: Annotated[int, Field(ge=1, le=MOST_WINDOW)] | None = None
     stride: Annotated[int, Field(ge=1, le=MOST_WINDOW)] | None = None

@@ -10,11 +10,12 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from types import NoneType
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from omegaconf import DictConfig
 from pydantic import Field
 
+from datamodules.balance import Count
 from zoo.base.command_keys import choices_of, typed, wanted
 from zoo.base.compose import LISTS_ALL, plain_dict
 from zoo.base.errors import UsageError, hint
@@ -29,9 +30,10 @@ TARGET, HYDRA = "_target_", ("_target_", "_partial_", "_convert_", "_recursive_"
 # Keys that the section's constructor does not take: drivezoo reads them.
 OWN = {"model": BORDER_KEYS, "trainer": OWN_KEYS, "optim": ("l2", "backbone_lr", "lr_batch")}
 BOUNDED: dict[str, Any] = dict.fromkeys(("seed", "trainer.max_epochs"), Annotated[int, Field(ge=0)])
-BOUNDED |= {"optim.l2": float, "optim.backbone_lr": float | None}
-BOUNDED["optim.lr_batch"] = Annotated[int, Field(ge=1)] | None
-BOUNDED["trainer.accumulate_grad_batches"] = Annotated[int, Field(ge=1)]
+BOUNDED |= {"optim.l2": float, "optim.backbone_lr": float | None, "optim.lr_batch": Count | None}
+BOUNDED |= dict.fromkeys(("trainer.accumulate_grad_batches", "schedule.step_size"), Count)
+# datamodules.balance shards each batch: Lightning's sampler would shard the batches again.
+BOUNDED |= dict.fromkeys(("trainer.use_distributed_sampler", "trainer.barebones"), Literal[False])
 BOUNDED |= dict.fromkeys(("optim.lr", "loss.delta", "loss.weight"), Annotated[float, Field(gt=0)])
 SET_BY_RUN = {"logger": "logger=NAME", "callbacks": "callbacks=NAME"}
 SET_BY_RUN["default_root_dir"] = "hydra.run.dir=FOLDER"

@@ -9,7 +9,7 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from datamodules.balance import BatchKey
+from datamodules.balance import BatchKey, Count
 from datamodules.driving import DrivingData
 from zoo.base.terminal import counted
 from zoo.runs import plots
@@ -23,7 +23,7 @@ class FedBatch(Callback):
         count: number of samples.
     """
 
-    def __init__(self, count: int = 32) -> None:
+    def __init__(self, count: Count = 32) -> None:
         self.count = count
 
     def on_train_start(self, trainer: Trainer, module: LightningModule) -> None:
@@ -50,7 +50,7 @@ class PredictedAgainstTrue(Callback):
         every_n_epochs: number of epochs between two plots.
     """
 
-    def __init__(self, every_n_epochs: int = 5) -> None:
+    def __init__(self, every_n_epochs: Count = 5) -> None:
         self.every_n_epochs = every_n_epochs
 
     def on_validation_end(self, trainer: Trainer, module: Any) -> None:

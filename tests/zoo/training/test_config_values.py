@@ -31,6 +31,12 @@ def check(config: dict) -> None:
         ("optim.lr", float("nan"), "optim.lr=nan: must be a finite number"),
         ("optim.lr", float("inf"), "optim.lr=inf: must be a finite number"),
         ("optim.eps", "'1'", "optim.eps='1': must be a number"),
+        ("schedule.step_size", 0, "schedule.step_size=0: must be a whole number of 1 or more"),
+        ("data.split_seed", -1, "split_seed=-1: must be a whole number of 0 or more"),
+        ("callbacks.fed_batch.count", 0, "count=0: must be a whole number of 1 or more"),
+        ("callbacks.predicted_against_true.every_n_epochs", 0, "must be a whole number of 1 or"),
+        ("trainer.use_distributed_sampler", True, "use_distributed_sampler=true: must be False"),
+        ("trainer.barebones", True, "trainer.barebones=true: must be False"),
         ("data.flip", 2, "data.flip=2: must be a number in 0..1, or both"),
         ("callbacks.best.save_top_k", 1.5, "save_top_k=1.5: must be a whole number"),
         ("trainer.precision", "fp16", "trainer.precision=fp16: must be "),
@@ -54,7 +60,7 @@ def test_a_wrong_value_or_key_is_named(key: str, value: object, words: str) -> N
         check(OmegaConf.to_container(config))
 
 
-@pytest.mark.parametrize("key", ["seed=one", "+optim.foo=1"])
+@pytest.mark.parametrize("key", ["seed=one", "+optim.foo=1", "callbacks.best.save_top_k=2"])
 def test_a_wrong_value_is_named_before_the_lake_is_recorded(key: str, tmp_path: Path) -> None:
     assert key.lstrip("+").partition("=")[0] in only_line(run_here(tmp_path, key), 2)
     assert not (tmp_path / "outputs" / "recordings").exists()
