@@ -19,6 +19,8 @@ class TrainingProgress(Callback):
         refresh_s: seconds between two updates of the bar.
     """
 
+    validated = -1  # epoch of the newest validation
+
     def __init__(self, refresh_s: float = 0.2) -> None:
         self.refresh_s = refresh_s
         self.progress: Progress | None = None
@@ -65,6 +67,10 @@ class TrainingProgress(Callback):
             figures=f"{rate:,.0f} samples/s",
         )
 
+    def on_validation_end(self, trainer: Trainer, module: LightningModule) -> None:
+        """Note the epoch: Lightning keeps the figures until the next validation."""
+        self.validated = trainer.current_epoch
+
     def on_train_epoch_end(self, trainer: Trainer, module: Any) -> None:
         """Print the epoch's line."""
         if not trainer.is_global_zero or is_quiet():
@@ -73,7 +79,7 @@ class TrainingProgress(Callback):
         line = f"epoch {trainer.current_epoch + 1:>3}/{trainer.max_epochs}"
         line += f"  train/loss {float(module.mean_loss()):.4f}"
         for name in ("val/mse", "val/mae"):
-            if name in metrics:
+            if name in metrics and self.validated == trainer.current_epoch:
                 line += f"  {name} {float(metrics[name]):.4f}"
         if module.train_seconds:
             line += f"  {module.train_samples / module.train_seconds:,.0f} samples/s"

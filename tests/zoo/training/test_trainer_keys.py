@@ -48,9 +48,10 @@ def test_a_run_ends_whole_however_rare_validations_are(
 def test_a_figure_between_validations_counts_once_for_early_stopping(train, tmp_path: Path) -> None:
     keys = ("callbacks=early_stopping", "callbacks.early_stopping.patience=2", "optim.lr=0.5")
     keys += ("data.samples_per_epoch=64", "trainer.check_val_every_n_epoch=2")
-    train(*keys, "trainer.max_epochs=40")
+    printed = train(*keys, "trainer.max_epochs=40")
     errors = [*read_curves(tmp_path / "run")["val/mse"].values()]
     assert len(errors) == errors.index(min(errors)) + 1 + 2
+    assert printed.count("  val/mse ") == len(errors), "an old figure is printed again"
     assert Run(tmp_path / "run").metrics["epochs"] == 2 * len(errors)
 
 
