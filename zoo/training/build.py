@@ -146,9 +146,8 @@ def build_network(
     network = make_network(plain_dict(config.model), view)
     if weights is not None:
         load_weights(network, str(weights))
-    elif config.model.weights is not None:
-        loaded = load_weights(network, str(config.model.weights))
-        print_line(console, f"weights: {loaded}")
+    elif source := config.model.get("weights"):
+        print_line(console, f"weights: {load_weights(network, str(source))}")
     # The images' layout: weights in another layout would be converted at every step.
     return network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
@@ -161,10 +160,10 @@ def build_module(
     console: Console,
 ) -> RunModule:
     """Return the LightningModule around a network."""
-    optim, slow = dict(config.optim), config.optim.backbone_lr
+    optim = dict(config.optim)
+    l2, slow = optim.pop("l2", 0.0), optim.pop("backbone_lr", None)
     scale = lr_scale(optim["_target_"], optim.pop("lr_batch", None), config.data.get("batch_size"))
-    rates = {"lr": optim["lr"] * scale} if "lr" in optim else {}
-    optim = {key: v for key, v in optim.items() if key not in ("l2", "backbone_lr")} | rates
+    optim |= {"lr": optim["lr"] * scale} if "lr" in optim else {}
     loss = construct("loss", config.loss)
     _check_spread(network, loss)
     chosen = config.get("module") or {"_target_": OWN}
@@ -176,7 +175,7 @@ def build_module(
         "loss": loss,
         "optimizer": construct("optim", optim),
         "schedule": construct("schedule", config.schedule),
-        "l2": config.optim.l2,
+        "l2": l2,
         "backbone_lr": slow and slow * scale,
         "seed": config.seed,
         "card": card,

@@ -68,9 +68,9 @@ def print_start(
         lines.append(
             f"{' and '.join(near)} rows lie {max(near.values()):.2f} s from training rows: they "
             "are almost copies, and errors on them look too small; data.split=blocks keeps them "
-            "apart"
+            "apart in a longer recording"
         )
-    if model["weights"] is None and facts_of(network).frozen_front is not None:
+    if model.get("weights") is None and facts_of(network).frozen_front is not None:
         lines.append(
             "frozen blocks keep their random weights (model.weights=null): random features; "
             "a larger model.trainable_blocks trains them"

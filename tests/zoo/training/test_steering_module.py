@@ -204,3 +204,12 @@ def test_the_learning_rate_follows_the_batch_that_it_is_for(
     (group,) = module.configure_optimizers()["optimizer"].param_groups
     assert group["lr"] == pytest.approx(rate)
     assert module.backbone_lr == pytest.approx(rate * 0.1 / config.optim.lr)
+
+
+def test_a_users_files_need_none_of_drivezoos_own_keys() -> None:
+    config = OmegaConf.create(compose_config(["model=tiny"]))
+    for key in ("l2", "lr_batch", "backbone_lr"):
+        del config.optim[key]
+    del config.model.weights
+    module = module_of(config, view_of(config.model, config.data.crop))
+    assert (module.l2, module.backbone_lr) == (0.0, None)
