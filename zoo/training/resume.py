@@ -156,7 +156,8 @@ def _finished_lines(
 def _further(config: DictConfig, epochs: int) -> list[str]:
     """Return the overrides that train a finished run further; empty where none would be obeyed."""
     if epochs < _max_epochs(config):
-        return [f"{STOPPING}=null"] if _patience(config) is not None else []
+        limits = [key for key in ("max_steps", "max_time") if key in config.trainer]
+        return [f"{STOPPING}=null"] if _patience(config) is not None and not limits else []
     keys = [f"trainer.max_epochs={2 * max(epochs, 1)}"]
     if config.quick:
         samples = _settled(config)["data.samples_per_epoch"]

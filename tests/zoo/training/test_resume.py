@@ -171,6 +171,17 @@ def test_a_schedule_that_ends_with_the_epochs_is_not_drawn_out(two_epochs: Path,
     assert "train further" not in succeed(zoo("resume=run")), "it names what is refused"
 
 
+@pytest.mark.parametrize("limit", [{}, {"max_steps": 4}, {"max_time": "00:01:00:00"}])
+def test_early_stopping_is_left_out_of_no_run_that_a_limit_ended(
+    limit: dict, two_epochs: Path, zoo: Zoo
+) -> None:
+    stopping = {"_target_": "lightning.pytorch.callbacks.EarlyStopping", "monitor": "val/mse"}
+    change_config(
+        two_epochs, trainer={"max_epochs": 9, **limit}, callbacks={"early_stopping": stopping}
+    )
+    assert ("callbacks.early_stopping=null" in succeed(zoo("resume=run"))) is not bool(limit)
+
+
 def test_a_loss_that_is_not_finite_stops_and_keeps_the_last_good_checkpoint(
     two_epochs: Path, trained: Path, zoo: Zoo
 ) -> None:
