@@ -165,7 +165,8 @@ class DrivingEnv(gymnasium.Env):
         options = dict(options or {})
         weather = read_weather(options.pop("weather", self.weather))
         if self.family:
-            drawn = int(self.np_random.integers(2**31)) if seed is None else seed
+            # A road's number has 31 bits, and seeds that stable-baselines3 draws have 32.
+            drawn = int(self.np_random.integers(2**31)) if seed is None else seed % 2**31
             self._open(f"{self.family}:{options.pop('seed', drawn)}")
         elif self.world.renderer is None:
             self._open(self.track)

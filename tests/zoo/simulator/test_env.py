@@ -173,10 +173,10 @@ def test_off_the_road_there_is_no_reward_and_then_no_more_time(opened, off_road_
 def test_the_seed_chooses_a_familys_road_and_an_option_another():
     env = DrivingEnv("alpine:*", renderer="software", quality="simple", width=64, height=32)
     roads = []
-    for seed, options in ((17, {}), (None, {}), (17, {"seed": 5}), (17, {})):
+    for seed, options in ((17, {}), (None, {}), (17, {"seed": 5}), (2**31 + 17, {}), (17, {})):
         frame, _ = env.reset(seed=seed, options=options)
         roads.append(env.world.track.name)
-    assert roads[0] == roads[3] == "alpine:17"
+    assert roads[0] == roads[3] == roads[4] == "alpine:17"
     assert roads[2] == "alpine:5"
     assert roads[1] not in roads[2:]
     assert np.array_equal(env.reset(seed=17)[0]["image"], frame["image"])
