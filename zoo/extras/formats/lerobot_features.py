@@ -20,7 +20,7 @@ WORDS = {
     "steering": STEERING_WORD,
     "throttle": re.compile(r"throttle|gas\b|gas[ _]pedal|accelerator", re.IGNORECASE),
     "brake": re.compile(r"brake", re.IGNORECASE),
-    "speed": re.compile(r"speed|velocity", re.IGNORECASE),
+    "speed": re.compile(r"(?<!angular[ _./])(?<!yaw[ _./])(speed|velocity)", re.IGNORECASE),
 }
 _UNITS = {
     "mph": re.compile(r"(?<!k)mph|mi/h", re.IGNORECASE),

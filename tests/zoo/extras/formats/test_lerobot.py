@@ -243,9 +243,10 @@ def test_what_no_name_tells_is_asked_for(tmp_path: Path) -> None:
         ("speed_mps", 1.0),
     ],
 )
-def test_a_speeds_name_has_its_unit(name: str, mps: float) -> None:
+def test_a_speeds_name_has_its_unit_and_a_turns_velocity_is_none(name: str, mps: float) -> None:
+    names = ["steering", "angular_velocity", "yaw_velocity", name]
     features = {
-        "action": {"dtype": "float32", "shape": [2], "names": ["steering", name]},
+        "action": {"dtype": "float32", "shape": [4], "names": names},
         "observation.images.front": {"dtype": "video"},
     }
     meaning = find_meaning(features, "info.json", None, None, "mps")
