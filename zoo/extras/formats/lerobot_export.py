@@ -48,6 +48,7 @@ MOST_FPS = 1000
 CHUNK = 1000  # files in a folder
 FIRST_FILE = "chunk-000/file-000.parquet"
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+MOST_STRETCH = 0.05  # of a video's images, beyond the rounding to even numbers
 SAMPLED_FRAMES, SAMPLED_PIXELS = 10, 2  # every tenth frame, every second row and column
 
 
@@ -70,12 +71,13 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
         episodes = continuous_drives(kept, most=MOST_S * rate)
         columns = _columns(kept, episodes, rate)
         counts: dict[str, list[np.ndarray]] = {camera: [] for camera in cameras}
+        stretched: list[str] = []
         for number, rows in enumerate(episodes):
             for camera in cameras:
                 path = part / video_file(CAMERA_PREFIX + camera, *divmod(number, CHUNK))
                 path.parent.mkdir(parents=True, exist_ok=True)
                 counts[camera].append(
-                    _write_video(path, kept, camera, rows, size, rate, options.crf)
+                    _write_video(path, kept, camera, rows, size, rate, options.crf, stretched)
                 )
                 progress(rows.stop / len(kept))
         about = [
@@ -103,6 +105,11 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
         for camera, paths in images.items()
         if 0 < paths.count(None) < len(kept)
     ]
+    if stretched:
+        notes.append(
+            f"{len(stretched):,} images of another shape are stretched to {size[0]} x {size[1]} "
+            f"(the first: {stretched[0]}); convert recordings of each shape alone"
+        )
     if abs((real := mean_rate(kept)) / rate - 1) > 0.001:
         notes.append(
             f"recorded at {real:.2f} frames/s, the dataset has {rate}: recorded times are in {TIME}"
@@ -150,18 +157,25 @@ def _write_video(
     size: tuple[int, int],
     rate: int,
     crf: int,
+    stretched: list[str],
 ) -> np.ndarray:
-    """Write a video; return counts of the sampled frames' levels, int64 [3, 256], RGB."""
+    """Write a video; return counts of the sampled frames' levels, int64 [3, 256], RGB.
+
+    The places of images in another shape than `size` are added to `stretched`.
+    """
     counts = np.zeros((3, 256), np.int64)
     with video_writer(path, size, rate, crf) as video:
         for frame, row in enumerate(rows):
             image_path = recording.images[row, CAMERAS.index(camera)]
             try:
-                image = cv2.resize(read_image(image_path), size, interpolation=cv2.INTER_AREA)
+                image = read_image(image_path)
             except ValueError as error:
                 raise InputError(
                     f"{recording.place(row)}: {image_path}: {error}; drop the row: drivezoo edit"
                 ) from None
+            if abs(image.shape[1] * size[1] / (image.shape[0] * size[0]) - 1) > MOST_STRETCH:
+                stretched.append(recording.place(row))
+            image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
             video.add(image)
             if frame % SAMPLED_FRAMES == 0:
                 pixels = image[::SAMPLED_PIXELS, ::SAMPLED_PIXELS].reshape(-1, 3)

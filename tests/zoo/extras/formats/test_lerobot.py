@@ -87,6 +87,15 @@ def test_images_of_one_camera_keep_their_size_but_for_an_odd_column(tmp_path: Pa
     assert again.images[0, 1] is None
 
 
+def test_images_of_another_shape_are_stretched_and_counted(tmp_path: Path) -> None:
+    written = write_recording(tmp_path / "one", 8, cameras=("center",))
+    square = write_resized(written, tmp_path / "square", 160, 160)
+    both = read_recordings([str(written.folder), str(square.folder)])
+    (note,) = write_as("lerobot", both, tmp_path / "dataset", crf=30).notes
+    assert note.startswith("8 images of another shape are stretched to 320 x 160 (the first: ")
+    assert "square/driving_log.csv, row 1" in note
+
+
 def test_the_tables_are_lerobots(source: Recording, dataset: Path) -> None:
     info = json.loads((dataset / "meta/info.json").read_text())
     assert (info["codebase_version"], info["fps"], info["total_episodes"]) == ("v3.0", 15, 2)
