@@ -91,6 +91,12 @@ def test_a_checkpoint_and_its_policy_drive_alike(here: Path) -> None:
         (lambda: drivezoo.evaluate("no.ckpt"), drivezoo.InputError, "no.ckpt: no such checkpoint"),
         (lambda: drivezoo.evaluate(None), drivezoo.UsageError, "None: is no driver"),
         (lambda: drivezoo.benchmark(), drivezoo.UsageError, "not given: CKPT"),
+        (lambda: drivezoo.benchmark(len), drivezoo.UsageError, "len>: is no path"),
+        (lambda: drivezoo.drive(None), drivezoo.UsageError, "None: is no path"),
+        (lambda: drivezoo.replay("lenet", None), drivezoo.UsageError, "None: is no path"),
+        (lambda: drivezoo.results(["a", "b"]), drivezoo.UsageError, "['a', 'b']: is no path"),
+        (lambda: drivezoo.leaderboard(["a"]), drivezoo.UsageError, "['a']: is no path"),
+        (lambda: drivezoo.compare(["a"], "b"), drivezoo.UsageError, "['a']: is no path"),
         (lambda: drivezoo.train(resume="no"), drivezoo.InputError, "no: is no run"),
     ],
 )

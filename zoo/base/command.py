@@ -211,6 +211,10 @@ class Command(Generic[Made]):
         parameters = [*self.arguments.values()]
         for number, argument in enumerate(arguments[: None if parameters else 0]):
             parameter = parameters[min(number, len(parameters) - 1)]
+            if parameter.annotation in (str, str | Path) and not isinstance(argument, str):
+                raise UsageError(
+                    f"{argument!r:.80}: is no path; name each file or folder as an argument"
+                )
             choices = command_keys.choices_of(parameter.annotation)
             if choices and argument not in choices:
                 raise UsageError(

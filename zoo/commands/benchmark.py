@@ -47,8 +47,6 @@ def benchmark(ckpt: str, *ckpts: str, options: BenchmarkOptions) -> "Benchmarked
 
         verify(Path(ckpts[0]), options.suite, options.drives, options.workers, console)
         return None
-    if not all(isinstance(name, str) for name in (ckpt, *ckpts)):
-        raise UsageError("benchmark: name checkpoints or a baseline; a result holds their files")
     from zoo.results.suite import suite_path
 
     # Report a wrong path or suite before torch is imported.

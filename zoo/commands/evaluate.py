@@ -1,7 +1,7 @@
 """`drivezoo evaluate`: score a checkpoint by driving."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @command(outputs=True)
-def evaluate(ckpt: str, *, options: EvaluateOptions) -> "Evaluation":
+def evaluate(ckpt: Any, *, options: EvaluateOptions) -> "Evaluation":
     """Score a checkpoint by driving.
 
     Drives it in the embedded world, with several drives in parallel and without a display, and

@@ -1,6 +1,6 @@
 """`drivezoo replay`: score a checkpoint on any recording."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @command(outputs=True)
-def replay(ckpt: str, recording: str, *, options: ReplayOptions) -> "Replay":
+def replay(ckpt: Any, recording: str, *, options: ReplayOptions) -> "Replay":
     """Score a checkpoint on any recording.
 
     Needs no simulator: warps the recorded frames to the position that the network steers to.

@@ -1,6 +1,6 @@
 """`drivezoo evaluate challenge=ch2`: score a checkpoint on an official test."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @command(outputs=True)
-def challenge(ckpt: str, data: str, *, options: ChallengeOptions) -> "Challenge":
+def challenge(ckpt: Any, data: str, *, options: ChallengeOptions) -> "Challenge":
     """Score a checkpoint on the official test of Udacity's Challenge 2.
 
     Writes the error of the steering wheel's angle on both halves of the test, beside baselines and

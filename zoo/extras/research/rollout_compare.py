@@ -19,7 +19,8 @@ def detect(files: Sequence[str | Path]) -> bool:
     """Return whether a file or folder can hold rollouts of another program."""
     from zoo.extras.research.rollouts import rollouts_path
 
-    paths = [rollouts_path(Path(file).expanduser()) for file in files]
+    named = [Path(file).expanduser() for file in files if isinstance(file, str | Path)]
+    paths = map(rollouts_path, named)
     return any(path.is_file() and not _is_result(path) for path in paths)
 
 
