@@ -18,6 +18,7 @@ import numpy as np
 from zoo.base.errors import InputError
 from zoo.base.rig import MPS_PER_MPH, RIGS, UDACITY, Rig, centred, donkey_sim
 from zoo.base.rig_file import rig_fields
+from zoo.simulator.road_family import MOST_SEED
 from zoo.simulator.simulated_world import Start, World, open_world
 from zoo.simulator.track_names import DRAWN, family_names, recorded_name, track_names
 from zoo.simulator.udacity_car import FOV_DEG, PIXELS
@@ -36,6 +37,7 @@ SCENES = {
     "thunderhill": "udacity_jungle",
     "circuit_launch": "lakeside:16",
 }
+STYLES = "alpine", "country", "lakeside"  # families of `road_style` 0, 1 and 2
 STEERING_DEG = RIGS["donkey_sim"].steering_deg  # of the wheels at a steering of 1
 RATE = 20.0  # telemetry messages per second
 NODE_M = 2.0  # between two nodes of a road
@@ -274,10 +276,9 @@ class DonkeySession:
         if not DRAWN.fullmatch(track_of(self.scene)):
             self.note(f"regen_road: {self.scene} is no drawn road; load generated_road")
             return
-        families = family_names()
         style = int(_number(message, "road_style", 0, 1e6, default=0))
-        seed = int(_number(message, "rand_seed", 0, 2**31, default=0))
-        self._open(f"{families[style % len(families)]}:{seed}")
+        seed = int(_number(message, "rand_seed", 0, MOST_SEED, default=0))
+        self._open(f"{STYLES[style % len(STYLES)]}:{seed}")
 
     def _set_position(self, world: World, message: Message) -> None:
         x, y = (_number(message, key, -1e5, 1e5) for key in ("pos_x", "pos_z"))

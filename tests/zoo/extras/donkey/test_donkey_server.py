@@ -255,6 +255,17 @@ def test_a_road_is_drawn_from_a_seed(notes: list[str]) -> None:
     session.close()
 
 
+@pytest.mark.parametrize(("style", "family"), [(0, "alpine"), (1, "country"), (2, "lakeside")])
+def test_a_style_of_roads_is_the_family_of_the_manual(
+    style: int, family: str, notes: list[str]
+) -> None:
+    session = DonkeySession("generated_road", 20.0, True, "none", notes.append)
+    for seed, number in ((7, 7), (2**31, 2**31 - 1)):
+        say(session, "regen_road", road_style=str(style), rand_seed=str(seed))
+        assert session.scene == f"{family}:{number}"
+    session.close()
+
+
 def test_a_node_is_a_place_to_put_the_car(session: DonkeySession) -> None:
     drive(session, 60, throttle=1)
     put_on_node(session, 40)
