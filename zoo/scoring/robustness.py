@@ -67,7 +67,7 @@ _OWN = {
     "shadow": _of(LOW_SUN, "weather.sun_elevation_deg", 8.0, 15.0, 25.0, 42.0, 80.0),
     "shift": _of("camera to the right, m", "weather.camera.right_m", -0.6, -0.3, 0.0, 0.3, 0.6),
     "tilt": _of("camera tilted up, deg", "weather.camera.pitch_deg", -4.0, -2.0, 0.0, 2.0, 4.0),
-    "latency": _of("added latency, s", "delay_s", 0.0, 0.1, 0.2, 0.4, 0.6),
+    "latency": _of("latency, s", "delay_s", 0.0, 0.1, 0.2, 0.4, 0.6),
     "frame_rate": _of("frames per second", "frame_rate", 5.0, 10.0, 15.0, 20.0, 30.0),
     "speed": _of("speed, mph", "speed", 10.0, 15.0, 20.0, 25.0, 30.0),
     "offset": _of("start to the right, m", "offset", -2.0, -1.0, 0.0, 1.0, 2.0),
