@@ -106,6 +106,23 @@ def test_a_package_with_malware_is_a_fault(tmp_path: Path, monkeypatch: pytest.M
     assert "pip uninstall lightning" in fault.fix
 
 
+@pytest.mark.parametrize(
+    ("name", "version"), [("lightning", "2.5.6"), ("opencv_python_headless", "4.10.0.84")]
+)
+def test_a_package_without_what_drivezoo_calls_is_a_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, version: str
+) -> None:
+    """2.5 has no Trainer.fit(weights_only=...), 4.10 no IMREAD_COLOR_RGB."""
+    info = tmp_path / f"{name}-{version}.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    (fault,) = (one for one in machine.check_packages() if one.state == FAULT)
+
+    assert f" {version} is installed, " in fault.found
+
+
 def test_without_packages_it_names_them_and_how_to_install(tmp_path: Path) -> None:
     words = ("-S", "-m", "zoo.commands.doctor", str(tmp_path), free_port())
     result = run_words(tmp_path, sys.executable, *words, COLUMNS="400")
