@@ -34,6 +34,7 @@ NO_IMAGE = "the file is no JPEG or PNG"
 # Errors after which a link is replaced by a copy: another file system, or one without links; a
 # file of another user; too many links.
 _NO_LINK = {errno.EXDEV, errno.EPERM, errno.EACCES, errno.EMLINK, errno.ENOTSUP, errno.ENOSYS}
+_NO_LINK |= {errno.EINVAL}  # on Windows: a disk of exFAT, or too many links
 
 
 Stored = np.ndarray | bytes  # pixels, uint8 [H, W, 3] RGB, or a JPEG or PNG
