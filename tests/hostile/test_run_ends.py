@@ -1,17 +1,20 @@
 """The end of a run, and standard output that fails: no figures or checkpoints are lost."""
 
+import errno
 import json
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from tests.recordings import Written
 from tests.zoo.command_runs import command, environment, only_line, run_here, run_words, succeed
 from tests.zoo.trainings import SMALL
+from zoo.base.run_command import ForgivingOutput
 from zoo.training import conclusion
 
 FULL = Path("/dev/full")
@@ -138,3 +141,15 @@ def test_an_output_that_is_closed_or_ends_early_is_no_error(
     name: str, shell: str, close: bool, recorded: Written, tmp_path: Path
 ) -> None:
     assert printing(name, recorded, tmp_path, shell, close) == (0, "")
+
+
+def test_an_output_that_ends_early_is_no_error_on_windows(tmp_path: Path) -> None:
+    """Writing to a broken pipe is EINVAL there."""
+
+    def write(_: str) -> None:
+        raise OSError(errno.EINVAL, "Invalid argument")
+
+    with (tmp_path / "pipe").open("w") as file:
+        output = ForgivingOutput(SimpleNamespace(write=write, fileno=file.fileno))
+        output.write("a line")
+    assert output.failure is None

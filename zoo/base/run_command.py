@@ -1,6 +1,7 @@
 """Run of a command: Ctrl-C, standard output, one-line errors and exit statuses."""
 
 import atexit
+import errno
 import os
 import re
 import signal
@@ -258,5 +259,5 @@ class ForgivingOutput:
     def _failed(self, error: OSError) -> None:
         # The rest of the buffer would fail again, at the latest when Python exits.
         os.dup2(os.open(os.devnull, os.O_WRONLY), self.stream.fileno())
-        if not isinstance(error, BrokenPipeError):
+        if error.errno not in (errno.EPIPE, errno.EINVAL):  # the latter for a pipe on Windows
             self.failure = self.failure or error

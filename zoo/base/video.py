@@ -71,7 +71,7 @@ class VideoWriter(contextlib.AbstractContextManager):
             raise InputError(f"{self.name}: {frames}")
         try:
             self._pipe.write(np.ascontiguousarray(frame).data)
-        except BrokenPipeError:
+        except OSError:  # a broken pipe, which is EINVAL on Windows
             self._ffmpeg.wait()
             raise self._failed() from None
 
@@ -79,7 +79,7 @@ class VideoWriter(contextlib.AbstractContextManager):
         is_complete = error[0] is None
         if not is_complete:
             self._ffmpeg.kill()
-        with contextlib.suppress(BrokenPipeError):  # ffmpeg has ended; its status is read below
+        with contextlib.suppress(OSError):  # ffmpeg has ended; its status is read below
             self._pipe.close()
         with self._messages:
             if self._ffmpeg.wait() and is_complete:

@@ -1,8 +1,10 @@
 """Films: an .mp4 that a browser plays."""
 
 import contextlib
+import errno
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -109,3 +111,19 @@ def test_an_ffmpeg_that_is_killed_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"lap\.mp4.*signal: Killed"):
         film.__exit__(None, None, None)
     assert not list(tmp_path.iterdir())
+
+
+def test_an_ffmpeg_that_ends_is_named_on_windows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Writing to a broken pipe is EINVAL there."""
+    film = Film(tmp_path / "lap.mp4", 20)
+    film.add(grey(0))
+    film._video._ffmpeg.kill()
+
+    def write(*_: object) -> None:
+        raise OSError(errno.EINVAL, "Invalid argument")
+
+    monkeypatch.setattr(film._video, "_pipe", SimpleNamespace(write=write, close=write))
+    with pytest.raises(InputError, match=r"lap\.mp4.*signal: Killed"), film:
+        film.add(grey(0))
