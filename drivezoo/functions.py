@@ -235,7 +235,8 @@ def drive(driver: str | os.PathLike[str], **keys: Any) -> ServedDrive | None:
         folder = drive_command(driver, **keys)
     finally:
         for number, handler in handlers.items():
-            signal.signal(number, handler)
+            if signal.getsignal(number) != handler:  # as set in the main thread alone
+                signal.signal(number, handler)
     return None if folder is None else ServedDrive.read(folder)
 
 

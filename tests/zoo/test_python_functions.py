@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,6 +23,7 @@ from tests.zoo.notebooks import FOLDER as NOTEBOOKS
 from tests.zoo.notebooks import run_notebook
 from tests.zoo.results.synthetic_results import ROADS, figures, result, write
 from tests.zoo.written_checkpoints import write_constant
+from zoo.commands.drive import StopOnSignal
 from zoo.runs.table_files import write_plot
 
 TINY = {"EPOCHS": 0, "LAPS": 0.01, "SEEDS": 1}  # of a notebook
@@ -108,6 +110,13 @@ def test_a_wrong_call_raises_one_line(call, kind: type[Exception], words: str, h
     assert "\n" not in str(failed.value)
     assert len(failed.traceback) < 5  # the test, the call and the function
     assert sys.argv is before
+
+
+def test_a_thread_other_than_the_main_one_can_drive(here: Path) -> None:
+    with ThreadPoolExecutor(1) as pool:
+        assert not pool.submit(StopOnSignal).result().asked
+        with pytest.raises(drivezoo.InputError, match=r"no\.ckpt: no such checkpoint"):
+            pool.submit(drivezoo.drive, "no.ckpt").result()
 
 
 def test_a_policy_drives_an_environment(tmp_path: Path) -> None:

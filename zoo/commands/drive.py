@@ -5,6 +5,7 @@ import functools
 import secrets
 import signal
 import subprocess
+import threading
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -181,12 +182,15 @@ class EmbeddedClient:
 
 
 class StopOnSignal:
-    """A handler of Ctrl-C and SIGTERM that sets `asked`; a second Ctrl-C interrupts."""
+    """A handler of Ctrl-C and SIGTERM that sets `asked`; a second Ctrl-C interrupts.
+
+    Signals reach the main thread alone: a drive of another thread ends by itself.
+    """
 
     def __init__(self) -> None:
         self.asked = False
         for name in ("SIGINT", "SIGTERM", "SIGBREAK"):  # the last on Windows only
-            if hasattr(signal, name):
+            if hasattr(signal, name) and threading.current_thread() is threading.main_thread():
                 signal.signal(getattr(signal, name), self._ask)
 
     def _ask(self, number: int, frame: object) -> None:
