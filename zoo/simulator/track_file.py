@@ -36,8 +36,8 @@ def read_track(name: str) -> Track:
         name = ascii(name[:MOST_PATH])[1:-1] if "\0" in name else name[:MOST_PATH]
         names, families = sorted(map(recorded_name, track_names())), family_names()
         raise InputError(
-            f"there is no track {name}; {hint(name, names)} Or a .yaml file, or a road of a "
-            f"family and a number, such as {families[0]}:17 ({', '.join(families)})"
+            f"there is no track {name}, .yaml file, or road of a family and a number, "
+            f"such as {families[0]}:17 ({', '.join(families)}); {hint(name, names)}"
         )
     content = read_yaml(path)
     is_included = path.resolve().parent == track_folder().resolve()

@@ -121,7 +121,7 @@ def test_an_unknown_track_names_the_known_ones():
     names = "lake, mountain, research_mountain, udacity_jungle, udacity_lake, udacity_mountain"
     with pytest.raises(InputError, match=r"did you mean lake\?"):
         read_track("laek")
-    with pytest.raises(InputError, match=rf"there is no track mine\.yaml.*{names}"):
+    with pytest.raises(InputError, match=rf"there is no track mine\.yaml, .*; available: {names}$"):
         read_track("mine.yaml")
 
 
