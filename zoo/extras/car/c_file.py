@@ -81,20 +81,22 @@ def c_source(checkpoint: Checkpoint, name: str, weights: str) -> str:
             operation that the file lacks; names the layer.
     """
     network, out = checkpoint.network, CSource()
+    facts = facts_of(network)
     kind, upper = type(network).__name__, name.upper()
     if isinstance(network, Memory):
         raise InputError(f"{kind} keeps earlier frames, which a C file does not; {OTHERWISE}")
-    if facts_of(network).predicts_spread:
+    if facts.predicts_spread:
         raise InputError(f"{kind} returns a spread, which a C file does not; {OTHERWISE}")
     write_view(checkpoint.view, out)
     out.need(f"type {weights}")
     graph = graph_bytes(checkpoint, one_frame=True)
     steering, *throttle = _Graph(graph, kind, out, weights).write()
     out.need("end")
+    unknown = " || speed_mph != speed_mph" if facts.takes_speed else ""  # NaN
     lines = [
         f"float {name}(const uint8_t *rgb, int width, int height, float speed_mph)",
         "{",
-        f"    if (!rgb || width != {upper}_WIDTH || height != {upper}_HEIGHT) {{",
+        f"    if (!rgb || width != {upper}_WIDTH || height != {upper}_HEIGHT{unknown}) {{",
         "        return not_a_number();",
         "    }",
         "    view(rgb, work);",
@@ -119,7 +121,7 @@ def c_header(checkpoint: Checkpoint, name: str, model_card: str) -> str:
         "card": c_comment(model_card),
         "rows": rows,
         "columns": columns,
-        "speed": "the car's speed" if facts.takes_speed else "not used by this network",
+        "speed": "the car's speed, not NaN" if facts.takes_speed else "not used by this network",
     }
     parts = read_parts()
     text = Template(parts["header"]).substitute(values)

@@ -362,7 +362,8 @@ extern "C" {
  * width, height: size of the frame
  * speed_mph: miles per hour; $speed
  *
- * Returns NaN, which is not equal to itself, if rgb is null or the frame has another size.
+ * Returns NaN, which is not equal to itself, if rgb is null, the frame has another size, or the
+ * network takes the speed and that is NaN.
  * Values between the layers are static: a second call must not begin before the first one returns.
  */
 float $name(const uint8_t *rgb, int width, int height, float speed_mph);
