@@ -1,6 +1,6 @@
 """`drivezoo evaluate`: the drives of a checkpoint, their figures, table and plot."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,7 @@ from rich.console import Console
 
 from zoo.base.new_folder import command_folder
 from zoo.base.terminal import counted, print_written
-from zoo.checkpoints.checkpoint_policy import load_policy
+from zoo.checkpoints.checkpoint_policy import CheckpointPolicy, load_policy
 from zoo.checkpoints.policy_base import Policy, PolicyFunction, as_policy
 from zoo.driving.drives_table import COUNTS, DEVIATION, figure_columns, nan_line, print_drives
 from zoo.driving.metrics import METRICS
@@ -149,6 +149,7 @@ def score_driver(
         evidence = Evidence(None, policy.config)
         if path:
             evidence = read_evidence(path, policy.config, policy.data)
+            evidence = replace(evidence, can_train=isinstance(policy, CheckpointPolicy))
         verdict = judge(scores.drives, evidence, options.tracks, options.world)
         metrics["verdict"] = verdict.plain()
         write_metrics_file(folder, metrics)

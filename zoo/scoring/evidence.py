@@ -37,6 +37,7 @@ class Evidence:
         overrides: arguments of `drivezoo train` that started the run; None if unknown.
         has_rig: whether the camera and the car of its recording are known.
         facts: facts on its recording, see `trained_data`; None if unknown.
+        can_train: whether its file can be trained further, unlike one that only drives.
     """
 
     checkpoint: str | None
@@ -46,6 +47,7 @@ class Evidence:
     source: str | None = None
     has_rig: bool = True
     facts: object = None
+    can_train: bool = True
 
     @property
     def root(self) -> object:

@@ -265,7 +265,8 @@ def _commands(
         following = [("drive it from other starts", words)]
     elif level in (ALMOST, FAILS):
         correct = ("or let the expert correct it", ["correct", *on_track])
-        following = [correct if place_of("correct") else watch]  # an extra's
+        corrects = evidence.can_train and place_of("correct")  # an extra's
+        following = [correct if corrects else watch]
     elif level == UNKNOWN:
         following = [("drive it", ["evaluate", *on_track])]
     else:

@@ -12,6 +12,8 @@ from rich.console import Console
 from tests.zoo.command_runs import run_here, succeed
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.console_script import place_of
+from zoo.checkpoints.checkpoint import load_checkpoint
+from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.driving.intervals import ONE_TRACK
 from zoo.scoring.evidence import Evidence, has_rig, read_evidence, training_command
 from zoo.scoring.verdict import Verdict, judge, print_verdict
@@ -308,6 +310,15 @@ def test_an_evaluation_ends_with_the_verdict(tmp_path: Path) -> None:
     assert written["level"] == "fails"
     assert "It does not drive zoo_lake." in printed
     assert f"next: {written['commands'][-1][1]}" in printed.splitlines()
+
+
+def test_a_file_that_only_drives_is_watched(tmp_path: Path) -> None:
+    pytest.importorskip("onnxruntime")
+    path = write_constant(tmp_path / "left.ckpt", steering=-1.0)
+    (tmp_path / "left.onnx").write_bytes(onnx_bytes(load_checkpoint(path)))
+    words = ("left.onnx", "laps=0.01", "quality=simple", "out=out")
+    printed = succeed(run_here(tmp_path, *words, module="zoo.commands.evaluate"))
+    assert "next: drivezoo drive left.onnx sim=lake" in printed.splitlines()
 
 
 def test_a_run_ends_with_the_verdict_and_its_report_begins_with_it(run_folder: Path) -> None:
