@@ -38,7 +38,7 @@ KINDS = {
     TORCH: ("PyTorch's, whose layers are code", "drivezoo import tells how it drives"),
     "onnx": (
         "an ONNX file; only those that drivezoo export wrote drive, with a name in .onnx",
-        "import the network of Keras that it was exported from",
+        "name the checkpoint, or import the network of Keras, that it was exported from",
     ),
     "model": ("a SavedModel or a graph of TensorFlow, which is not read", f"load it and {SAVE}"),
     "tensors": (

@@ -17,6 +17,7 @@ from tests.zoo.extras.keras.test_keras_file import LAYERS, check_layers
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.console_script import commands
 from zoo.base.errors import InputError
+from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.extras.keras.keras_file import read_keras_apart
 from zoo.extras.keras.network_kind import IMPORTED, KINDS, network_kind
@@ -179,3 +180,10 @@ def test_the_three_lines_of_the_message_drive_a_network_of_pytorch(
     )
     exec(code, {})
     assert len(driven) == 1
+
+
+def test_where_an_onnx_file_does_not_do_its_checkpoint_is_to_be_named(tmp_path: Path) -> None:
+    path = tmp_path / "model.onnx"
+    path.write_bytes(b"\x08\x07\x12\x07pytorch")
+    with pytest.raises(InputError, match=r"model\.onnx: .*name the checkpoint"):
+        load_checkpoint(path)
