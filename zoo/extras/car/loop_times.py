@@ -151,11 +151,12 @@ def _of_table(path: str, text: str, rate: float) -> LoopTimes:
                 values.append(_milliseconds(f"{path}, row {line}", name, cell))
     latency_ms, loop_ms = np.array(columns[LATENCY]), np.array(columns[LOOP])
     lost = np.isnan(latency_ms)
-    if not lost.all() and 0 < (median := float(np.nanmedian(latency_ms))) < SECONDS_BELOW_MS:
-        raise InputError(
-            f"{path}: {LATENCY} is {median:g} in the median, as of seconds; write milliseconds "
-            f"({1000 * median:g}), or 0 for a delay that is shorter than one"
-        )
+    for name, times in ((LATENCY, latency_ms[~lost]), (LOOP, loop_ms)):
+        if times.size and 0 < (median := float(np.median(times))) < SECONDS_BELOW_MS:
+            raise InputError(
+                f"{path}: {name} is {median:g} in the median, as of seconds; write milliseconds "
+                f"({1000 * median:g}), or 0 for a delay that is shorter than one"
+            )
     if LOOP not in names:
         loop_ms = np.fmax(latency_ms, 1000 / rate)
     words = f"{len(rows):,} times" + (f", of which {lost.sum():,} lost" if lost.any() else "")

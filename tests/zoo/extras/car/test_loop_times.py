@@ -121,6 +121,7 @@ def test_an_improvement_changes_one_property(tmp_path: Path) -> None:
         ("speed,time\n5,6\n", ("latency_ms", "speed")),
         ("latency_ms\n0.2\n0.25\nlost\n1.5\n", ("seconds", "milliseconds (250)", "0 for")),
         ("latency_ms,loop_ms\n0.2,0.3\n", ("seconds", "milliseconds (200)")),
+        ("latency_ms,loop_ms\n50,0.3\n", ("loop_ms is 0.3", "seconds", "milliseconds (300)")),
         ("lost\nlost\n", ("all frames are lost",)),
         ("", ("0 times",)),
         (PROFILE.replace("280.00", "-3"), ("part Pilot", "min")),
