@@ -10,7 +10,7 @@ from datamodules.recording_format import read_recordings
 from zoo.base.command import command
 from zoo.base.console_progress import loading
 from zoo.base.errors import InputError
-from zoo.base.output_files import check_output
+from zoo.base.output_files import checked_file
 from zoo.base.terminal import print_written
 from zoo.base.whole_file import write_output
 from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
@@ -38,9 +38,8 @@ def saliency(
         published: true: VisualBackProp to the letter; false: weighted by the effect on the
             steering.
     """
-    checkpoint, image = find_checkpoint(ckpt), Path(out).expanduser()
-    source = Path(image_or_recording).expanduser()
-    check_output(image, inputs=[checkpoint, source])
+    checkpoint, source = find_checkpoint(ckpt), Path(image_or_recording).expanduser()
+    image = checked_file(out, (".png",), inputs=[checkpoint, source])
     with loading():
         from zoo.checkpoints.checkpoint_policy import load_policy
         from zoo.scoring.visual_backprop import Saliency, overlay

@@ -14,7 +14,7 @@ from tests.slow_members import slow_but
 from tests.zoo.command_runs import run_here
 from tests.zoo.models.test_models_command import build
 from zoo.base.compose import choices
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, UsageError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy, load_policy
 from zoo.commands.saliency import CAPTION
@@ -147,3 +147,8 @@ def test_a_mistake_is_said_with_what_to_do(checkpoint: str, tmp_path: Path) -> N
     (tmp_path / "no.png").write_bytes(b"no picture")
     with pytest.raises(InputError, match=r"no\.png: the file is no JPEG or PNG"):
         saliency_command.main([checkpoint, str(tmp_path / "no.png")])
+
+
+def test_a_map_is_written_as_png_alone(recorded: Written) -> None:
+    with pytest.raises(UsageError, match=r"out=look\.jpg: must end in \.png"):
+        saliency_command("lenet", recorded.image(3), out="look.jpg")
