@@ -30,7 +30,8 @@ TARGET, HYDRA = "_target_", ("_target_", "_partial_", "_convert_", "_recursive_"
 # Keys that the section's constructor does not take: drivezoo reads them.
 OWN = {"model": BORDER_KEYS, "trainer": OWN_KEYS, "optim": ("l2", "backbone_lr", "lr_batch")}
 BOUNDED: dict[str, Any] = dict.fromkeys(("seed", "trainer.max_epochs"), Annotated[int, Field(ge=0)])
-BOUNDED |= {"optim.l2": float, "optim.backbone_lr": float | None, "optim.lr_batch": Count | None}
+BOUNDED |= {"optim.l2": float, "optim.backbone_lr": float | None}
+BOUNDED |= dict.fromkeys(("optim.lr_batch", "trainer.check_val_every_n_epoch"), Count | None)
 BOUNDED |= dict.fromkeys(("trainer.accumulate_grad_batches", "schedule.step_size"), Count)
 # datamodules.balance shards each batch: Lightning's sampler would shard the batches again.
 BOUNDED |= dict.fromkeys(("trainer.use_distributed_sampler", "trainer.barebones"), Literal[False])

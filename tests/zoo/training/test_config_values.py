@@ -32,6 +32,7 @@ def check(config: dict) -> None:
         ("optim.lr", float("inf"), "optim.lr=inf: must be a finite number"),
         ("optim.eps", "'1'", "optim.eps='1': must be a number"),
         ("schedule.step_size", 0, "schedule.step_size=0: must be a whole number of 1 or more"),
+        ("trainer.check_val_every_n_epoch", 0, "trainer.check_val_every_n_epoch=0: must be"),
         ("data.split_seed", -1, "split_seed=-1: must be a whole number of 0 or more"),
         ("callbacks.fed_batch.count", 0, "count=0: must be a whole number of 1 or more"),
         ("callbacks.predicted_against_true.every_n_epochs", 0, "must be a whole number of 1 or"),
