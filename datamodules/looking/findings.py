@@ -117,8 +117,8 @@ def _no_rig(recording: Recording) -> Iterator[str]:
 
 
 def _two_speeds(recording: Recording) -> Iterator[str]:
-    if all(image is None for image in recording.images[:, 1:].flat):
-        return  # no side camera, no offset
+    if recording.without_speed or all(image is None for image in recording.images[:, 1:].flat):
+        return  # no speed to tell apart, or no side camera, and so no offset
     speed = recording.speed_mph
     first = _usual_speed(speed)
     far = speed[np.abs(speed - first) >= SPEEDS_APART_MPH]

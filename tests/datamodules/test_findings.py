@@ -118,6 +118,10 @@ def test_a_remedy_for_side_cameras_is_not_offered_without_them_or_their_places()
     assert "data.recover_s" not in texts(replace(with_sides, rig=None))["two_speeds"]
     centre = replace(with_sides, images=np.where([True, False, False], with_sides.images, None))
     assert "two_speeds" not in texts(centre)
+    half = np.arange(2_000) < 1_000
+    one_without = recording_in_memory(SMOOTH, np.where(half, 25, 0))
+    one_without = replace(one_without, names=("a", "b"), recording=np.where(half, 0, 1))
+    assert "two_speeds" not in texts(one_without)
 
 
 def test_an_image_that_several_rows_name_is_a_duplicate():

@@ -155,7 +155,7 @@ def _of_table(path: str, text: str, rate: float) -> LoopTimes:
         if times.size and 0 < (median := float(np.median(times))) < SECONDS_BELOW_MS:
             raise InputError(
                 f"{path}: {name} is {median:g} in the median, as of seconds; write milliseconds "
-                f"({1000 * median:g}), or 0 for a delay that is shorter than one"
+                f"({1000 * median:g}), or latency_ms 0 for a delay that is shorter than one"
             )
     if LOOP not in names:
         loop_ms = np.fmax(latency_ms, 1000 / rate)
