@@ -137,6 +137,11 @@ class Recording:
         return self.rigs or (self.rig,) * len(self.names)
 
     @property
+    def recordings(self) -> list["Recording"]:
+        """Return the rows of each of `names`."""
+        return [self.keep(self.recording == number) for number in range(len(self.names))]
+
+    @property
     def without_speed(self) -> list[str]:
         """Return the names of the recordings whose speed is 0 in each row."""
         moving = set(self.recording[self.speed_mph != 0].tolist())

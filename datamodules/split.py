@@ -97,8 +97,7 @@ def rows_per_second(recording: Recording) -> float:
 
 def recording_rates(recording: Recording) -> list[float]:
     """Return the rows of a second in each of several recordings."""
-    numbers = range(len(recording.names))
-    return [rows_per_second(recording.keep(recording.recording == number)) for number in numbers]
+    return list(map(rows_per_second, recording.recordings))
 
 
 def block_rows(

@@ -77,10 +77,7 @@ def find_sign_evidence(recording: Recording) -> SignEvidence:
 
 def find_signs(recording: Recording) -> list[SignEvidence]:
     """Return the evidence of each of the recordings."""
-    return [
-        find_sign_evidence(recording.keep(recording.recording == number))
-        for number in range(len(recording.names))
-    ]
+    return list(map(find_sign_evidence, recording.recordings))
 
 
 def sign_line(name: str, evidence: SignEvidence) -> str:

@@ -133,6 +133,14 @@ def test_an_image_that_several_rows_name_is_a_duplicate():
     assert "delete" in text
 
 
+def test_a_copied_folder_of_a_recording_is_a_duplicate(tmp_path):
+    folders = [str(write_recording(tmp_path / name, rows=6).folder) for name in ("a", "b")]
+    text = texts(read_recordings(folders))["duplicates"]
+    assert text.startswith(f"{folders[1]} is a copy of {folders[0]}: ")
+    other = write_recording(tmp_path / "c", rows=6, seed=1).folder
+    assert "is a copy" not in str(texts(read_recordings([folders[0], str(other)])))
+
+
 def test_an_image_that_repeats_the_row_befores_is_a_duplicate(tmp_path):
     written = write_recording(tmp_path / "lake", rows=6)
     for row in range(1, 6):
