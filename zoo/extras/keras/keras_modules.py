@@ -11,7 +11,6 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from zoo.models.layers import InKerasOrder
 
 Pads = tuple[int, int, int, int]  # left, right, top, bottom, as in F.pad
 
@@ -195,7 +194,7 @@ ACTIVATIONS: dict[str, Callable[[], nn.Module]] = {
     "mish": nn.Mish,
     "gelu": nn.GELU,
     "leaky_relu": lambda: nn.LeakyReLU(0.2),
-    "softmax": lambda: InKerasOrder(nn.Softmax(-1)),
+    "softmax": nn.Softmax,  # `spec_builders` names its axis
     "hard_sigmoid": lambda: Lambda(lambda x: (0.2 * x + 0.5).clamp(0, 1)),  # of Keras 1 and 2
     "exponential": lambda: Lambda(torch.exp),
     "atan": lambda: Lambda(torch.atan),

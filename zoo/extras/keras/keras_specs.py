@@ -139,9 +139,11 @@ def specs_of(kind: str, config: dict, version: int) -> list[Spec] | None:
     if kind in IDENTITIES:
         return []
     kind = plain_kind(kind)
-    if kind in ("Activation", "Softmax"):
-        name = "softmax" if kind == "Softmax" else config.get("activation")
-        return activation_specs(name, version)
+    if kind == "Softmax":
+        axis = {"axis": config["axis"]} if config.get("axis", -1) != -1 else {}
+        return [{"layer": "Activation", "activation": "softmax", **axis}]
+    if kind == "Activation":
+        return activation_specs(config.get("activation"), version)
     if kind not in (*SETTINGS, "Resizing"):
         return None
     if kind == "BatchNormalization" and config.get("mode") not in (None, 0):
@@ -155,7 +157,7 @@ def specs_of(kind: str, config: dict, version: int) -> list[Spec] | None:
     after = []
     if kind in WITH_ACTIVATION:
         after = activation_specs(config.get("activation"), version)
-        if len(after) == 1 and after[0]["layer"] == "Activation":
+        if len(after) == 1 and [*after[0]] == ["layer", "activation"]:
             spec["activation"], after = after[0]["activation"], []
     return [{key: value for key, value in spec.items() if value is not None}, *after]
 

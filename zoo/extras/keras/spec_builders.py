@@ -46,10 +46,27 @@ def _shape_of(rows: int, columns: int, channels: int, first: bool) -> Shape:
     return (channels, rows, columns) if first else (rows, columns, channels)
 
 
-def _activated(module: nn.Module, spec: LayerSpec) -> nn.Module:
-    """Return a module with the activation of its spec after it."""
-    name = spec.word("activation", list(ACTIVATIONS), "linear")
-    return module if name == "linear" else nn.Sequential(module, ACTIVATIONS[name]())
+def _axis(spec: LayerSpec, shape: Shape, first: bool) -> tuple[int, int]:
+    """Return a layer's axis, by default the last one of Keras, in Keras' and in torch's order."""
+    axis = spec.whole("axis", -1, least=-3, most=3)
+    axis = axis if axis > 0 else len(shape) + 1 + axis
+    if not 1 <= axis <= len(shape):
+        raise spec.wrong("axis", f"is not an axis of {by(shape)}")
+    return axis, axis % 3 + 1 if len(shape) == 3 and not first else axis
+
+
+def _activation(spec: LayerSpec, shape: Shape, first: bool, default: str | None = None) -> Built:
+    name = spec.word("activation", list(ACTIVATIONS), default)
+    if name == "softmax":
+        return nn.Softmax(_axis(spec, shape, first)[1]), shape
+    return ACTIVATIONS[name](), shape
+
+
+def _activated(module: nn.Module, spec: LayerSpec, shape: Shape, first: bool) -> Built:
+    """Return a module with the activation of its spec after it, and its output's shape."""
+    activation, shape = _activation(spec, shape, first, "linear")
+    is_linear = isinstance(activation, nn.Identity)
+    return module if is_linear else nn.Sequential(module, activation), shape
 
 
 def _window(
@@ -97,7 +114,7 @@ def _convolution(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     if separable:
         inner, filters = filters, spec.whole("filters")
         module = nn.Sequential(module, nn.Conv2d(inner, filters, 1, bias=bias))
-    return _activated(module, spec), _shape_of(*out, filters, first)
+    return _activated(module, spec, _shape_of(*out, filters, first), first)
 
 
 def _pool(spec: LayerSpec, shape: Shape, first: bool) -> Built:
@@ -131,7 +148,7 @@ def _dense(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     module: nn.Module = nn.Linear(shape[-1], units, bias=spec.flag("use_bias", True))
     if len(shape) == 3 and not first:  # on every pixel; channels first, it is on the columns
         module = InKerasOrder(module)
-    return _activated(module, spec), (*shape[:-1], units)
+    return _activated(module, spec, (*shape[:-1], units), first)
 
 
 def _flatten(spec: LayerSpec, shape: Shape, first: bool) -> Built:
@@ -162,17 +179,12 @@ def _permute(spec: LayerSpec, shape: Shape, first: bool) -> Built:
 
 
 def _batch_norm(spec: LayerSpec, shape: Shape, first: bool) -> Built:
-    axis = spec.whole("axis", -1, least=-3, most=3)
-    axis = axis if axis > 0 else len(shape) + 1 + axis
-    if not 1 <= axis <= len(shape):
-        raise spec.wrong("axis", f"is not an axis of {by(shape)}")
+    axis, torch_axis = _axis(spec, shape, first)
     module: nn.Module = BatchNorm(
         shape[axis - 1], spec.number("epsilon", 1e-3), spec.number("momentum", 0.99),
         spec.flag("center", True), spec.flag("scale", True),
     )  # fmt: skip
-    if len(shape) == 3 and not first:
-        axis = axis % 3 + 1  # of rows, columns, channels in torch's order
-    return module if axis == 1 else OnAxis(module, axis), shape
+    return module if torch_axis == 1 else OnAxis(module, torch_axis), shape
 
 
 def _prelu(spec: LayerSpec, shape: Shape, first: bool) -> Built:
@@ -279,9 +291,7 @@ BUILDERS: dict[str, Builder] = {
     "GlobalAveragePooling2D": _global_pool,
     "GlobalMaxPooling2D": _global_pool,
     "BatchNormalization": _batch_norm,
-    "Activation": _elementwise(
-        lambda spec: ACTIVATIONS[spec.word("activation", list(ACTIVATIONS))]()
-    ),
+    "Activation": _activation,
     "ELU": _elementwise(lambda spec: nn.ELU(spec.number("alpha", 1.0))),
     "LeakyReLU": _elementwise(lambda spec: nn.LeakyReLU(spec.number("alpha", 0.3))),
     "PReLU": _prelu,

@@ -22,6 +22,8 @@ from zoo.base.errors import InputError
 from zoo.extras.keras.keras_file import read_keras
 from zoo.extras.keras.keras_lambda import describe_lambda, specs_of_word
 from zoo.extras.keras.keras_layers import ConvertedKeras, convert
+from zoo.extras.keras.keras_specs import specs_of
+from zoo.extras.keras.layer_chain import build_layers
 from zoo.extras.keras.sequential import Sequential
 
 W = random_weights
@@ -131,6 +133,22 @@ def test_a_flatten_of_channels_first_puts_the_channels_last(tmp_path: Path) -> N
     shape = (INPUT[2], *INPUT[:2])
     found = convert(read(tmp_path, layers, shape=shape))
     np.testing.assert_allclose(predict(found), expected(REST), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("config", "first", "axis"),
+    [({}, False, 1), ({}, True, 3), ({"axis": 1}, False, 2), ({"axis": 1}, True, 1)],
+)
+@pytest.mark.parametrize("kind", ["Softmax", "Conv2D"])
+def test_a_softmax_is_over_the_axis_of_keras(
+    kind: str, config: dict, first: bool, axis: int
+) -> None:
+    activation = {"class_name": "Softmax", "config": config}
+    conv = {"filters": 4, "kernel_size": [1, 1], "activation": activation}
+    specs = specs_of(kind, config if kind == "Softmax" else conv, 3)
+    modules, _ = build_layers(specs, (4, 4, 4), first)
+    values = torch.nn.Sequential(*modules)(torch.rand(1, 4, 4, 4))
+    torch.testing.assert_close(values.sum(axis), torch.ones(1, 4, 4))
 
 
 LAMBDAS = {
