@@ -189,6 +189,7 @@ class SampledNetwork(nn.Module):
                 "above 0 where the model has it, or name several checkpoints for an ensemble"
             )
 
+        self.eval()  # with its new layers, too: only such a network is frozen
         blank = network_inputs(np.zeros(view.shape, np.uint8), 0.0 if self.takes_speed else None)
         with torch.no_grad():  # the first call draws the masks
             try:

@@ -58,6 +58,7 @@ def test_the_checkpoints_network_stays_as_it_was(frame: np.ndarray) -> None:
     before = checkpoint.network(*inputs)
     policy = DropoutPolicy(checkpoint, 5, seed=1)
     assert torch.equal(policy.network(*inputs), before)
+    assert not any(module.training for module in policy.sampled.modules())
     assert sum(p.numel() for p in policy.network.parameters()) == policy.parameters
 
 
