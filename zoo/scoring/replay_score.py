@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from datamodules.format_options import said_in
+from datamodules.format_options import ReadOptions, said_in
 from datamodules.formats.recording_writer import write_frame
 from datamodules.looking.findings import KEYBOARD_SHARE, report_recordings
 from datamodules.recorded_car import other_car
@@ -175,11 +175,13 @@ def held_out_replay(recording: Recording, split: Split, speed_mph: float | None)
 def read_as_trained(policy: Policy, folder: str, options: ReplayOptions) -> dict[str, Any]:
     """Return what the training said of a recording, if it trained on it, and the user's keys."""
     data = trained_data(policy.config, policy.data)
-    root = data.get("root")
-    said: dict[str, Any] = {}
-    if isinstance(root, str) and Path(root).expanduser().resolve() == Path(folder).resolve():
-        said = said_in(data)
-    return said | options.data.given()
+    root, said = data.get("root"), ReadOptions()
+    roots = root if isinstance(root, list) else [root]
+    paths = [Path(str(each)).expanduser().resolve() for each in roots]
+    if (path := Path(folder).expanduser().resolve()) in paths:
+        each = ReadOptions(**said_in(data)).of_each(len(paths))[paths.index(path)]
+        said = replace(each, each=None)
+    return said.given() | options.data.given()
 
 
 def keyboard_lines(recording: Recording, on_track: bool) -> list[str]:

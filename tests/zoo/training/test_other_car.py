@@ -215,3 +215,7 @@ def test_a_replay_reads_a_recording_as_in_training_unless_the_user_says_otherwis
     assert said("drives", steering="{unit: deg}") == {"format": "table", "steering": "{unit: deg}"}
     table = {"rig": "my.yaml", "format": "table", "columns": "{image: path, steering: angle}"}
     assert said("others", **table) == table
+    several = {"root": ["drives", "others"], "each": {2: {"steering": "{unit: deg}"}}}
+    trained.config["data"] |= several
+    assert said("drives") == {"format": "table", "steering": "{unit: rad}"}
+    assert said("others") == {"format": "table", "steering": "{unit: deg}"}
