@@ -160,8 +160,9 @@ def _one_direction(recording: Recording) -> Iterator[str]:
 
 
 def _backward_times(recording: Recording) -> Iterator[str]:
-    same = recording.recording[1:] == recording.recording[:-1]
-    rows = np.flatnonzero(same & (np.diff(recording.time_s) < 0)) + 1
+    # An edited recording's mirrored and merged rows follow an empty line, whatever their times.
+    follows = (np.diff(recording.recording) == 0) & (np.diff(recording.line) == 1)
+    rows = np.flatnonzero(follows & (np.diff(recording.time_s) < 0)) + 1
     if len(rows):
         yield (
             f"{recording.place(rows[0])}: its time is before the row above's ({len(rows):,} such "

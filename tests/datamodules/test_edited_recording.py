@@ -11,6 +11,7 @@ import pytest
 
 from datamodules.edited_recording import write_edited
 from datamodules.image import read_image
+from datamodules.looking.findings import find_oddities
 from datamodules.recording import Recording
 from datamodules.recording_edits import (
     Edits,
@@ -109,6 +110,7 @@ def test_mirroring_turns_images_cameras_and_steering(recording: Recording, tmp_p
         assert np.abs(new.astype(int) - old[:, ::-1]).mean() < 3, "only the JPEG differs"
     assert again.time_s[20] == recording.time_s[20]
     assert find_breaks(again)[19], "no window of frames has rows of both kinds"
+    assert "backward_times" not in {oddity.kind for oddity in find_oddities(again)}
 
 
 def test_recordings_become_one_although_names_repeat(source: Written, tmp_path: Path) -> None:
