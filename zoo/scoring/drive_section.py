@@ -146,7 +146,7 @@ def _worst(run: ReportedDrives, track: str, drives: list[WrittenDrive]) -> list[
     """Return the worst moments of a track's drives, each with its saliency map if there is one."""
     moments = [(drive, row) for drive in drives for row in _moments(drive)]
     if not moments:
-        raise InputError("The drive saved no images of its worst moments.")
+        raise InputError("No worst moments: the drive saved no images, or no cross-track error.")
     moments.sort(key=lambda moment: badness(moment[1]), reverse=True)
     saliency, why = None, "The right half shows in green what the steering depends on."
     try:

@@ -145,6 +145,8 @@ def test_a_report_without_a_cross_track_error_has_its_verdict_and_its_drives(
     assert "**Unknown whether it drives.**" in markdown
     assert "| Autonomy, small.yaml | not measured |" in markdown
     assert "[Film of the scored drive.]" in markdown
+    assert "No worst moments: " in markdown
+    assert "or no cross-track error." in markdown
     assert "could not be written" not in markdown
     assert ".png" not in markdown, "a plot of no error"
 
