@@ -16,6 +16,7 @@ Laps = Annotated[float, Field(gt=0, le=1000)]
 SpeedMph = Annotated[float, Field(ge=1, le=30)]
 Throttle = Literal["hold", "network"]
 Margin = Annotated[float, Field(ge=LEAST_MARGIN_M, allow_inf_nan=False)]
+LAPPED = "embedded", "donkey"  # worlds whose drives end after laps
 # Keys that change the embedded simulator alone.
 SIMULATED = "direction", "weather", "delay_s", "quality", "offset", "heading", "start"
 

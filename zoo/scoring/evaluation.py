@@ -14,7 +14,7 @@ from zoo.checkpoints.policy_base import Policy, PolicyFunction, as_policy
 from zoo.driving.drives_table import COUNTS, DEVIATION, figure_columns, nan_line, print_drives
 from zoo.driving.metrics import METRICS
 from zoo.driving.run_drives import check_throttle
-from zoo.driving.scenario import Scenario
+from zoo.driving.scenario import LAPPED, Scenario
 from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.plots import save_figure
 from zoo.runs.result_table import Column, Table
@@ -171,7 +171,7 @@ def curves(swept: By, usual: Scenario) -> Figure:
 
 
 def _how(usual: Scenario) -> str:
-    laps = counted(usual.laps, "lap") if usual.world == "embedded" else "drives"
+    laps = counted(usual.laps, "lap") if usual.world in LAPPED else "drives"
     if usual.throttle == "network":
         return f"{laps} with its own throttle"
     return f"{laps} at {usual.speed:g} mph"

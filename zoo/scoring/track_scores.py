@@ -31,7 +31,7 @@ from zoo.driving.embedded_world import EmbeddedWorld
 from zoo.driving.metrics import steering_per_s
 from zoo.driving.replay_world import ReplayWorld
 from zoo.driving.run_drives import Keep, all_drives
-from zoo.driving.scenario import Scenario
+from zoo.driving.scenario import LAPPED, Scenario
 from zoo.driving.world import World
 from zoo.runs.plots import save_figure
 from zoo.scoring.drive_plots import birds_eye, error_over_distance, road_line
@@ -236,10 +236,9 @@ def score_on_tracks(
 
 
 def driving_line(scenarios: Sequence[Scenario]) -> str:
-    """Return the text beside the progress of drives of equal laps."""
-    laps = scenarios[0].laps
-    each = " each" * (len(scenarios) > 1)
-    return f"{counted(len(scenarios), 'drive')} of {counted(laps, 'lap')}{each}"
+    """Return the text beside the progress of drives of equal laps, or of a world without laps."""
+    laps = f" of {counted(scenarios[0].laps, 'lap')}" + " each" * (len(scenarios) > 1)
+    return counted(len(scenarios), "drive") + laps * (scenarios[0].world in LAPPED)
 
 
 NOT_OF_RUNS = ("out", "perturb", "record", "page", "replay", "table", "columns", "plot", "executor")

@@ -25,6 +25,7 @@ def test_one_alone_has_no_plural(count: float, text: str) -> None:
 
 def test_lines_of_one_drive_and_one_thread() -> None:
     assert driving_line([Scenario("lake", laps=1)]) == "1 drive of 1 lap"
+    assert driving_line([Scenario(world="gymnasium:Lake-v0")]) == "1 drive"
     assert driving_line([Scenario("lake", laps=2)] * 2) == "2 drives of 2 laps each"
     assert "on cpu, 1 thread" in TrainingPlan("cpu", threads=1).line()
     assert "on cpu, 2 threads" in TrainingPlan("cpu", threads=2).line()

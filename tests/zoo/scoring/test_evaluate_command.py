@@ -181,12 +181,13 @@ def test_a_mistake_is_one_line_before_a_drive(
 
 
 @pytest.mark.parametrize(
-    ("world", "how"), [("embedded", "1 lap at 15 mph"), ("gymnasium:Lake-v0", "drives at 15 mph")]
+    ("world", "how"),
+    [("embedded", "1 lap at"), ("donkey", "1 lap at"), ("gymnasium:Lake-v0", "drives at")],
 )
 def test_a_caption_names_the_world_and_ends_in_one_dot(world: str, how: str) -> None:
     metrics = {"checkpoint": "a.ckpt", "tracks": {"lake": {"autonomy": (1.0, None)}}}
     caption = Evaluation(Path(), metrics, None, Scenario(world=world)).result_table().caption
-    assert caption.startswith(f"a.ckpt in the {world.split(':')[0]} world, {how}. ")
+    assert caption.startswith(f"a.ckpt in the {world.split(':')[0]} world, {how} 15 mph. ")
     assert caption.endswith("no interval.")
 
 
