@@ -82,13 +82,16 @@ class SearchOptions(TableFiles):
         """Return the cells of the map, without a drive.
 
         Raises:
-            UsageError: there is no such feature, or both are the same.
+            UsageError: there is no such feature, it is one number, or both are the same.
         """
         from zoo.extras.research.failure_map import Archive  # slow import
 
         for key, name in (("x", self.x), ("y", self.y)):
             if name not in space.features:
                 raise UsageError(f"{key}={name}: no such feature; {hint(name, space.features)}")
+            if (scale := space.features[name].scale).low == scale.high:
+                what = f"is {scale.low:g} on each road of {self.family}; name another feature"
+                raise UsageError(f"{key}={name}: {what}")
         if self.x == self.y:
             raise UsageError(f"y={self.y}: is the same feature as x; name another")
         return Archive(self.x, self.y, space.features, self.cells)

@@ -111,6 +111,7 @@ def test_the_search_is_the_same_for_every_number_of_workers(
         (["family=alpin"], "alpin", "available"),
         (["x=bent"], "x=bent", "bend"),
         (["x=width"], "y=width", "another"),
+        (["family=bends_1"], "y=width: is 6", "another"),
         (["weather=random"], "weather=random", "vary"),
         (["weather=clear", "x=fog"], "x=fog: no such feature", "bend"),
     ],
