@@ -11,7 +11,6 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-
 Pads = tuple[int, int, int, int]  # left, right, top, bottom, as in F.pad
 
 
