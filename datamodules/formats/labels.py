@@ -189,11 +189,12 @@ def _agreement(folder: Path, recording: Recording, unit: SteeringUnit) -> str:
     if not evidence.is_clear:  # of images that cannot be read nothing is
         with library_errors(recording.place(0), "its image is bad", "copy the images again"):
             recording.image(0)
-    what = "deny" if evidence.is_clear else "do not settle"
+    turned = replace(unit, right="positive" if unit.right == "negative" else "negative")
+    what, likely = ("deny", turned) if evidence.is_clear else ("do not settle", unit)
     raise InputError(
         f"{folder}: the format does not say what its steering is, and the images {what} that it is "
         f"{unit.words()} ({evidence.words()}); look at them, and name what is right, such as "
-        f"'data.{unit.key()}'"
+        f"'data.{likely.key()}'"
     )
 
 

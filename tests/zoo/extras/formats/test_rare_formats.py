@@ -125,6 +125,19 @@ def test_a_time_of_50_milliseconds_without_a_leading_zero_is_not_half_a_second(
     assert np.diff(times) == pytest.approx(np.full(ROWS - 1, 0.05), abs=1e-6)
 
 
+@pytest.mark.parametrize("full", [1, 100])
+def test_a_later_deeppicar_has_another_clocks_name_and_a_throttle(
+    full: float, tmp_path: Path
+) -> None:
+    folder = deeppicar(tmp_path / "recording")
+    times, (_, *rows) = read(folder).time_s, (folder / "out-key.csv").read_text().splitlines()
+    lines = ["ts,frame,wheel,ai,throttle", *(f"{row},0.1,{0.5 * full}" for row in rows)]
+    (folder / "out-key.csv").write_text("\n".join(lines) + "\n")
+    recording = read(folder)
+    assert (recording.throttle == 0.5).all()
+    assert (recording.time_s == times).all()
+
+
 def test_points_of_a_jetracer_are_shares_of_half_the_width(tmp_path: Path) -> None:
     recording = read(jetracer(tmp_path / "recording"))
     points = [int(Path(path).name.partition("_")[0]) for path in recording.images[:, 0]]
@@ -142,9 +155,9 @@ def test_images_with_capital_suffixes_are_detected(tmp_path: Path) -> None:
 
 def test_images_that_deny_the_sign_stop_and_name_the_key(tmp_path: Path) -> None:
     folder = sullychen(tmp_path / "recording", right=-1.0)
-    with pytest.raises(InputError, match=r"images deny .*data\.steering=\{unit: deg, full: 540"):
+    unit = "{unit: deg, full: 540.0, right: negative}"
+    with pytest.raises(InputError, match=rf"images deny .*'data\.steering={unit}'"):
         read(folder)
-    unit = "{unit: deg, full: 540, right: negative}"
     assert read(folder, steering=unit).steering == pytest.approx(-STEERING, abs=1e-6)
 
 
