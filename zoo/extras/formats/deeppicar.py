@@ -1,14 +1,15 @@
 """Recordings of a DeepPicar: `out-video.avi` and `out-key.csv`.
 
 https://github.com/mbechtel2/DeepPicar-v3, deeppicar.py: radians of the front wheels, 30 degrees at
-full lock, positive to the right; frames are counted from 1.
+full lock, positive to the right; frames are counted from 1. https://github.com/heechul/
+DeepPicar-ESP32S3 calls the time `ts`, and has forks with a `throttle`, 0..1 or in percent.
 """
 
 import math
 from pathlib import Path
 from typing import Any
 
-from datamodules.driving_log import BadRows
+from datamodules.driving_log import BadRows, read_fields
 from datamodules.format_options import ReadOptions
 from datamodules.formats.labels import collect, decimal, labelled_recording, read_csv
 from datamodules.recording import Recording
@@ -41,18 +42,22 @@ def read(path: Path, options: ReadOptions) -> Recording:
         InputError: a row is bad, or the steering is not in radians of the wheels.
     """
     image = video_images(path / VIDEO)
+    header = next((fields for _, fields in read_fields(path / KEYS, BadRows())), [])
+    clock = "ts" if "ts" in header else "ts_micro"
 
     def parse(fields: dict[str, str]) -> dict[str, Any]:
         frame = decimal(fields, "frame")
         if frame < 1 or frame % 1:
             raise ValueError(f"frame is {fields['frame']:.20}, not a number from 1")
-        time_s = decimal(fields, "ts_micro") / 1000  # it is in milliseconds, despite its name
-        return {
+        throttle = {"throttle": decimal(fields, "throttle")} if "throttle" in fields else {}
+        return throttle | {
             "steering": decimal(fields, "wheel"),
-            "time_s": time_s,
+            "time_s": decimal(fields, clock) / 1000,  # milliseconds, also those of `ts_micro`
             "center": image(int(frame) - 1),
         }
 
     bad = BadRows(options.on_bad_row)
-    rows = collect(read_csv(path / KEYS, ("ts_micro", "frame", "wheel"), bad), parse, bad)
+    rows = collect(read_csv(path / KEYS, (clock, "frame", "wheel"), bad), parse, bad)
+    if max(map(abs, rows.get("throttle", [])), default=0) > 1:
+        rows["throttle"] = [percent / 100 for percent in rows["throttle"]]
     return labelled_recording(path, rows, UNIT, options, bad, rig=RIG)
