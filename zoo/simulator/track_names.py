@@ -7,7 +7,8 @@ from zoo.base.conf_files import conf_folder
 
 # Records and figures keep the older names of these tracks, so that no road is ranked as two.
 ALIASES = {"lake": "zoo_lake", "mountain": "zoo_mountain"}
-DRAWN = re.compile(r"(.+):(\d{1,10})")  # a road of a family: the family and a number
+# A road of a family: the family and a number, of which `017` would be a second name.
+DRAWN = re.compile(r"(.+):(0|[1-9]\d{0,9})")
 ANY_ROAD = "*"  # in place of the number: an environment draws another road for each seed
 RECORDED = {name: alias for alias, name in ALIASES.items()}
 

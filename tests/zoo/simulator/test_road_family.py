@@ -169,6 +169,8 @@ def test_a_road_is_named_wherever_a_track_is():
     assert road.name == "alpine:17"
     path = find_family("alpine").path
     np.testing.assert_array_equal(read_track(f"{path}:17").xyz, road.xyz)
+    with pytest.raises(InputError, match=r"no track alpine:017, .* such as alpine:17"):
+        read_track("alpine:017")  # it would count as another road
 
 
 def test_a_road_written_to_a_file_is_the_same_road(tmp_path, family):
