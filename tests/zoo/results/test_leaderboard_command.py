@@ -55,7 +55,7 @@ def test_autonomy_ranks_first_then_error_then_validation(tmp_path: Path) -> None
         ([{"autonomy": None}, {"autonomy": None}], "nothing was driven: the lowest validation MSE"),
         (
             [{"autonomy": 0.9, "tracks": ("lake",)}, {"autonomy": 0.8, "tracks": ("mountain",)}],
-            "the best driver first",
+            "the best driver first, but on different tracks",
         ),
     ],
 )
