@@ -66,7 +66,7 @@ class Timing(Result):
     @property
     def advice(self) -> str:
         """Return which one improvement raises the speed most, if any surely does."""
-        if min(self.speeds[MEASURED]) >= int(self.options.most):
+        if min(self.speeds[MEASURED]) >= self.options.most:
             return "it drives the highest speed that was tried on each road: nothing to improve"
         gains = {name: self.gain(name) for name in self.speeds if name != MEASURED}
         surely = {name: gain for name, gain in gains.items() if gain.low > 0 and name != "both"}
@@ -210,9 +210,7 @@ def find_highest_speeds(
             opened_pool(options.workers, most=len(scenarios)) as pool,
             progress_bar("search for the highest speed", console) as show,
         ):
-            speeds = highest_speeds(
-                checkpoint, scenarios, int(options.least), int(options.most), pool, show
-            )
+            speeds = highest_speeds(checkpoint, scenarios, options.least, options.most, pool, show)
         by_name = np.array(speeds).reshape(len(times), options.roads).tolist()
         result = Timing(
             short_name(Path(checkpoint)), options, times, dict(zip(times, by_name, strict=True))

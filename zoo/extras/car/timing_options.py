@@ -6,12 +6,13 @@ from typing import Annotated
 from pydantic import Field
 
 from zoo.base.errors import InputError, UsageError
-from zoo.driving.scenario import Scenario, SpeedMph
+from zoo.driving.scenario import Scenario
 from zoo.runs.table_files import ResultFiles
 from zoo.scoring.evaluate_options import Workers
 from zoo.simulator.weather import read_weather
 from zoo.simulator.world_settings import Quality, WorldSettings
 
+WholeMph = Annotated[int, Field(ge=1, le=30)]
 LEAST_ROADS = 6  # of fewer, no 95 % interval of a median exists
 
 
@@ -27,8 +28,8 @@ class TimingOptions(ResultFiles):
             DRIVE_LOOP_HZ is 20.
         part: row of Donkeycar's profile that is the pilot; null: found by its name.
         delay_s: seconds that the camera and the servo add, 0..2.
-        least: lowest speed to try, mph.
-        most: highest speed to try, mph.
+        least: lowest speed to try, whole mph.
+        most: highest speed to try, whole mph.
         weather: clear, random (drawn from the seed), or settings such as {fog: 0.4, wet: 1}.
         quality: full, or fast (about twice as fast, less detail far away), or simple.
         seed: number of the first road.
@@ -42,8 +43,8 @@ class TimingOptions(ResultFiles):
     rate: Annotated[float, Field(ge=1, le=50)] = 20.0
     part: str | None = None
     delay_s: float = 0.0
-    least: SpeedMph = 5.0
-    most: SpeedMph = 30.0
+    least: WholeMph = 5
+    most: WholeMph = 30
     weather: str = "clear"
     quality: Quality = "full"
     seed: Annotated[int, Field(ge=0)] = 1
@@ -58,8 +59,8 @@ class TimingOptions(ResultFiles):
         """
         from zoo.simulator.road_family import draw_road, find_family  # slow import: scipy
 
-        if int(self.most) <= int(self.least):
-            raise UsageError(f"most={self.most:g}: must be above least={self.least:g}")
+        if self.most <= self.least:
+            raise UsageError(f"most={self.most}: must be above least={self.least}")
         try:
             WorldSettings(delay_s=self.delay_s, quality=self.quality).check()
             family, weather = find_family(self.family), read_weather(self.weather)

@@ -82,7 +82,7 @@ def test_a_search_writes_its_figures_and_its_plot(
         assert min(image.size) > 300
 
 
-@pytest.mark.parametrize("key", ["most=4", "family=alpin", "roads=5", "part=Pilot"])
+@pytest.mark.parametrize("key", ["most=4", "least=5.5", "family=alpin", "roads=5", "part=Pilot"])
 def test_a_wrong_key_is_named_before_anything_is_driven(key: str, tmp_path: Path) -> None:
     (tmp_path / "times.csv").write_text("100\n")
     checkpoint = write_constant(tmp_path / "best.ckpt", 0.4)
