@@ -145,6 +145,11 @@ def _of_table(path: str, text: str, rate: float) -> LoopTimes:
         raise InputError(f"{path}: has {len(rows):,} times; keep 1 to {MOST_TIMES:,}")
     columns: dict[str, list[float]] = {LATENCY: [], LOOP: []}
     for line, row in enumerate(rows, first):
+        if len(row) > len(names):
+            raise InputError(
+                f"{path}, row {line}: has {len(row)} columns, expected {', '.join(names)}; name "
+                f"each in the first row, such as {LATENCY},{LOOP}"
+            )
         for name, values in columns.items():
             if name in names:
                 cell = row[names.index(name)] if len(row) == len(names) else ""

@@ -118,6 +118,7 @@ def test_an_improvement_changes_one_property(tmp_path: Path) -> None:
         ("latency_ms\nnan\n", ("row 2", "milliseconds")),
         ("latency_ms,loop_ms\n5,0\n", ("row 2", "loop_ms", "milliseconds")),
         ("latency_ms,loop_ms\n5\n", ("row 2", "milliseconds")),
+        ("30,50\n35,55\n", ("row 1", "2 columns", "latency_ms,loop_ms")),
         ("speed,time\n5,6\n", ("latency_ms", "speed")),
         ("latency_ms\n0.2\n0.25\nlost\n1.5\n", ("seconds", "milliseconds (250)", "0 for")),
         ("latency_ms,loop_ms\n0.2,0.3\n", ("seconds", "milliseconds (200)")),
