@@ -12,7 +12,7 @@ from contextlib import suppress
 from types import NoneType
 from typing import Annotated, Any, Literal
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 from pydantic import Field
 
 from datamodules.balance import Count
@@ -36,6 +36,7 @@ BOUNDED |= dict.fromkeys(("trainer.accumulate_grad_batches", "schedule.step_size
 # datamodules.balance shards each batch: Lightning's sampler would shard the batches again.
 BOUNDED |= dict.fromkeys(("trainer.use_distributed_sampler", "trainer.barebones"), Literal[False])
 BOUNDED |= dict.fromkeys(("optim.lr", "loss.delta", "loss.weight"), Annotated[float, Field(gt=0)])
+BOUNDED["callbacks.best.save_top_k"] = Literal[1]  # of several, the newest would be in best.ckpt
 SET_BY_RUN = {"logger": "logger=NAME", "callbacks": "callbacks=NAME"}
 SET_BY_RUN["default_root_dir"] = "hydra.run.dir=FOLDER"
 SET_BY_RUN["overfit_batches"] = "trainer.limit_train_batches=N"  # which keeps our order of samples
@@ -56,7 +57,7 @@ def check_config(config: DictConfig) -> None:
         raise UsageError(f"trainer.{name}: cannot be set; type {SET_BY_RUN[name]} instead")
     for key, kind in BOUNDED.items():
         section, _, name = key.rpartition(".")
-        if name in (values := plain[section] if section else plain):
+        if name in (values := OmegaConf.select(config, section) or {}):
             convert(key, kind, values[name])
     for key, settings in _parts(plain):
         function = _named(key, settings.get(TARGET))
