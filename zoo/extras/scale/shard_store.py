@@ -62,7 +62,6 @@ class ShardStore(ImageStore):
     def __init__(self, path: Path, cache: Path | None, cache_bytes: int) -> None:
         self.source, self.folder, self.cache_bytes = str(path), path, cache_bytes
         self.is_remote = is_address(path)
-        index = path / INDEX
         if self.is_remote:
             self.source = f"s3://{'/'.join(path.parts[1:])}"
             if cache is None:
@@ -75,9 +74,10 @@ class ShardStore(ImageStore):
                 key = hashlib.sha256(self.source.encode() + index.read_bytes()).hexdigest()[:16]
                 self.folder = self.cache / key
                 self.folder.mkdir(exist_ok=True)
-                index = index.replace(self.folder / INDEX)
+                shards = self._read_index(index)
                 self._make_room(0)  # an earlier command may have had a larger cache
-        shards = self._read_index(index)
+        else:
+            shards = self._read_index(path / INDEX)
         self.bytes = {name: int(size) for name, (size, _) in shards.items()}
         self.images = {name: int(count) for name, (_, count) in shards.items()}
         for name in () if self.is_remote else self.bytes:
@@ -117,7 +117,11 @@ class ShardStore(ImageStore):
                 part = self.folder / f".{name}.part"
                 self._download(name, part)
                 self._check_size(name, part)
-                part.replace(path)
+                try:
+                    part.replace(path)
+                except PermissionError:  # Windows: another process reads it now
+                    if not path.exists():
+                        raise
         return path
 
     def fetch_ahead(self, names: list[str]) -> None:

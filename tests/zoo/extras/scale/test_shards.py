@@ -220,6 +220,19 @@ def test_corrected_labels_of_the_same_shards_are_fetched(
     np.testing.assert_array_equal(after.steering, before.steering / 2)
 
 
+def test_files_that_another_process_reads_on_windows_are_kept(
+    server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(part: Path, path: Path) -> None:
+        raise PermissionError(13, "The process cannot access the file", str(path))
+
+    address, cache = "s3://bucket/shards", str(tmp_path / "cache")
+    before = read_recordings(address, cache=cache)
+    monkeypatch.setattr(Path, "replace", refuse)
+    after = read_recordings(address, cache=cache)
+    np.testing.assert_array_equal(after.steering, before.steering)
+
+
 def test_an_epoch_fetches_a_shard_once(shards: Path, server: Server, tmp_path: Path) -> None:
     data = loaded("s3://bucket/shards", tmp_path / "cache")
     server.asked.clear()
