@@ -1,8 +1,9 @@
 """A folder for PYTHONPATH with which Python lacks what it lacks on Windows, in all child processes.
 
 It hides modules and functions, spawns processes, refuses to replace or remove a file that is open
-here or to open a folder, and reads and writes text in the encodings of an English Windows. The
-names of system and paths stay those of this machine: paths with backslashes are not emulated.
+here, to rename a folder with such a file or to open a folder, and reads and writes text in the
+encodings of an English Windows. The names of system and paths stay those of this machine: paths
+with backslashes are not emulated.
 """
 
 import os
@@ -42,7 +43,7 @@ def is_open(path):
             return True
     for one in os.listdir("/proc/self/fd"):
         try:
-            if os.readlink("/proc/self/fd/" + one) == path:
+            if os.path.join(os.readlink("/proc/self/fd/" + one), "").startswith(path + "/"):
                 return True
         except OSError:
             pass

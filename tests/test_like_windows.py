@@ -27,6 +27,17 @@ assert (load_views(paths, view, Path("cache")).views == kept).all()
 """
 
 
+RENAMED = """
+from pathlib import Path
+Path("lake").mkdir()
+with Path("lake/log.csv").open("w"):
+    try:
+        Path("lake").rename("hill")
+    except PermissionError:
+        print("refused")
+"""
+
+
 class Windows:
     """A folder in which commands run without what Windows lacks."""
 
@@ -64,6 +75,10 @@ def test_every_module_can_be_imported(windows: Windows) -> None:
 
 def test_threads_write_the_cache_of_views(windows: Windows, recorded: Written) -> None:
     windows.run("-c", CACHED, str(recorded.folder))
+
+
+def test_a_folder_with_an_open_file_keeps_its_name(windows: Windows) -> None:
+    assert windows.run("-c", RENAMED) == "refused\n"
 
 
 @pytest.mark.slow
