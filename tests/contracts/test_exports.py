@@ -94,6 +94,7 @@ def test_a_file_that_steers_differently_is_not_written(
     monkeypatch.setattr(kind, "files", lambda *_: dict.fromkeys(endings, b"not read"))
     with pytest.raises(InputError, match=re.escape(kind.remedy)):
         export(tmp_path / kind.default)
+    assert kind.drives != ("out=model.onnx" in kind.remedy)
     assert not [*tmp_path.iterdir()]
 
 

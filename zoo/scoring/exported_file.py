@@ -56,7 +56,7 @@ class ExportedFile:
     engine: str
     not_run = "nothing here runs it"
     tolerance = TOLERANCE
-    remedy = "try another version of what runs it"
+    remedy = "name another kind of file, such as out=model.onnx"
 
     def __init__(
         self,
@@ -107,6 +107,7 @@ class OnnxFile(ExportedFile):
     packages = ("onnx", "onnxruntime")
     drives = True
     engine = "onnxruntime"
+    remedy = "try another version of onnxruntime"
     graph = b""
 
     def files(self, model_card: str) -> Mapping[str, bytes]:
