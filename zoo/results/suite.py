@@ -189,10 +189,8 @@ def read_suite(name: str, split: str = "test") -> Suite:
     """
     path = suite_path(name)
     file = read_suite_file(path)
-    names = Counter([LAPS, DEV, OVERALL, *file.groups, *file.axes])
-    if (taken := names.most_common(1)[0])[1] > 1:
-        what = "is reserved, or stands twice"
-        raise InputError(f"{path}: groups.{taken[0]}: {what}; choose another name")
+    if taken := {LAPS, DEV, OVERALL} & {*file.groups, *file.axes} | {*file.groups} & {*file.axes}:
+        raise InputError(f"{path}: groups.{min(taken)}: is taken; choose another name")
     if split == DEV and not (file.dev or file.axes):
         raise UsageError(f"split=dev: the suite {file.name} has no dev roads; use split=test")
     count = sum(map(len, file.groups.values())) + len(file.dev) + len(file.laps)
