@@ -90,10 +90,9 @@ class Ranking(Result):
         score, mse = self.entries[0].score, self.entries[0].figures["val_mse"]
         driven = [set(run.tracks) for entry in self.entries for run in entry.runs if run.tracks]
         apart = ", but on different tracks" if driven and not set.intersection(*driven) else ""
-        if score and score[0] > 0:
-            return f"the best driver first{apart}"
         if score:
-            return f"none drives: the smallest cross-track error first{apart}"
+            error = "none drives: the smallest cross-track error"
+            return f"{'the best driver' if score[0] > 0 else error} first{apart}"
         why = "no autonomy was measured" if driven else "nothing was driven"
         return f"{why}: {'the lowest validation MSE first' if mse else 'sorted by folder'}"
 
