@@ -75,11 +75,6 @@ def find_sign_evidence(recording: Recording) -> SignEvidence:
     return SignEvidence(float(correlations[0]), float(chance), len(turns))
 
 
-def find_signs(recording: Recording) -> list[SignEvidence]:
-    """Return the evidence of each of the recordings."""
-    return list(map(find_sign_evidence, recording.recordings))
-
-
 def sign_line(name: str, evidence: SignEvidence) -> str:
     """Return a line on whether a recording's images agree with its steering's sign."""
     agreement = "left and right fit the images"

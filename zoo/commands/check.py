@@ -19,7 +19,7 @@ from datamodules.format_options import ReadOptions
 from datamodules.image import AnyImage, checked_size, read_stored, reading_threads
 from datamodules.looking.findings import find_oddities, report_lines
 from datamodules.looking.leak import leak_lines
-from datamodules.looking.sign_evidence import SignEvidence, find_signs, sign_line
+from datamodules.looking.sign_evidence import SignEvidence, find_sign_evidence, sign_line
 from datamodules.recorded_car import other_car
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
@@ -82,7 +82,7 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
     whole = recording.keep(is_whole)
     car = other_car(recording)
     is_each = bool(np.bincount(whole.recording, minlength=len(whole.names)).all())
-    signs = find_signs(whole) if is_each else []
+    signs = list(map(find_sign_evidence, whole.recordings)) if is_each else []
     for line in [*map(sign_line, whole.names, signs), *leak_lines(whole)]:
         _print(console, line)
     if recording.bad_rows:
