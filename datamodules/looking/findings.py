@@ -184,10 +184,7 @@ def _duplicates(recording: Recording) -> Iterator[str]:
     for name, part in zip(recording.names, recording.recordings, strict=True):
         digest = replace(part, recording=0 * part.recording).fingerprint()
         if len(part) and (other := first.setdefault(digest, name)) != name:
-            yield (
-                f"{name} is a copy of {other}: its rows count twice and can be in both training "
-                "and validation; name one of them"
-            )
+            yield f"{name} is a copy of {other}: its rows count twice; name one of them"
             return
     centre, moving = recording.images[:, 0], recording.speed_mph[1:] > STANDSTILL_MPH
     same = sum(_is_copy(centre[row], centre[row + 1]) for row in np.flatnonzero(moving))
