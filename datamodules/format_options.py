@@ -73,7 +73,7 @@ class ReadOptions:
                 key: convert(f"each: {number}: {key}", kinds[key], value)
                 for key, value in said.items()
             }
-            options.append(replace(self, **values))
+            options.append(replace(self, **values, each=None))
         if keys:
             raise UsageError(
                 f"each: {', '.join(keys)}: data.root names {counted(roots, 'recording')}; their "

@@ -179,8 +179,7 @@ def read_as_trained(policy: Policy, folder: str, options: ReplayOptions) -> dict
     roots = root if isinstance(root, list) else [root]
     paths = [Path(str(each)).expanduser().resolve() for each in roots]
     if (path := Path(folder).expanduser().resolve()) in paths:
-        each = ReadOptions(**said_in(data)).of_each(len(paths))[paths.index(path)]
-        said = replace(each, each=None)
+        said = ReadOptions(**said_in(data)).of_each(len(paths))[paths.index(path)]
     return said.given() | options.data.given()
 
 
