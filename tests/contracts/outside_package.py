@@ -49,7 +49,6 @@ def installed(
         for registry in registries:
             len(registry)  # what is imported below would be registered in the copy alone
             patch.setattr(registry, "_entries", dict(registry._entries))
-            patch.setattr(registry, "_imported", set())
         patch.syspath_prepend(folder)
         _installed.cache_clear()
         try:

@@ -85,7 +85,7 @@ def take_parts(arguments: Sequence[str]) -> list[str]:
         raise UsageError(f"{typed[0]}: names no part; write {KEY}=FILE.py")
     name_parts(names)
     for name in names:
-        parts = _parts_of(_absolute(name, name), Path.cwd())
+        parts = _parts_of(_absolute(name, name))
         if not any(part.conf or part.matches(_CLASS, _REGISTERS, _FORMAT) for part in parts):
             print(
                 f"{name}: registers nothing: it has no class, no function with @metric, "
@@ -99,7 +99,7 @@ def name_parts(names: Iterable[str]) -> None:
     """Add parts to those of the environment variable, for this process and those it starts.
 
     Raises:
-        InputError: see `take_parts`.
+        InputError: see `take_parts`; or a file was edited after this process had imported it.
     """
     whole = dict.fromkeys(filter(None, os.environ.get(VARIABLE, "").split(os.pathsep)))
     for name in names:
@@ -109,7 +109,10 @@ def name_parts(names: Iterable[str]) -> None:
         whole[path] = None
     if whole:
         os.environ[VARIABLE] = os.pathsep.join(whole)
-        named_parts()
+        for part in named_parts():
+            spec = getattr(sys.modules.get(part.module), "__spec__", None)
+            if spec and part.file and spec.loader_state not in (None, part.file.read_bytes()):
+                raise InputError(f"{part.file}: was edited after its import; restart Python")
 
 
 def typed_parts() -> list[str]:
@@ -149,7 +152,7 @@ def format_parts() -> list[Part]:
 
 
 def _users_parts() -> tuple[Part, ...]:
-    return _parts_of(os.environ.get(VARIABLE, ""), Path.cwd())
+    return _parts_of(os.environ.get(VARIABLE, ""))
 
 
 def part_of(target: object) -> Part | None:
@@ -195,7 +198,11 @@ def import_part(part: Part, module: str) -> object:
                 f"{part.file}: Python has another module {module} ({source}); rename the file"
             )
     with part_errors(part):
-        return importlib.import_module(module)
+        imported = importlib.import_module(module)
+    if part.file is not None:
+        spec = vars(imported)["__spec__"]  # a reload makes another one
+        spec.loader_state = spec.loader_state or part.file.read_bytes()
+    return imported
 
 
 @contextmanager
@@ -268,8 +275,7 @@ def _absolute(name: str, source: str) -> str:
     return name
 
 
-@functools.lru_cache
-def _parts_of(named: str, here: Path) -> tuple[Part, ...]:
+def _parts_of(named: str) -> tuple[Part, ...]:
     parts: list[Part] = []
     for text in filter(None, named.split(os.pathsep)):
         name = _absolute(text, f"{VARIABLE}: {text}")

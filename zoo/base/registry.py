@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from typing import TypeVar
 
-from zoo.base.parts import Part, import_part, registering_parts
+from zoo.base.parts import import_part, registering_parts
 
 Entry = TypeVar("Entry")
 
@@ -22,7 +22,6 @@ class Registry(Mapping[str, Entry]):
     def __init__(self, kind: str) -> None:
         self.kind = kind
         self._entries: dict[str, tuple[str, Entry]] = {}  # module and entry, by name
-        self._imported: set[Part] = set()
 
     def add(self, name: str, entry: Entry, module: str) -> None:
         """Add an entry that a module registers.
@@ -62,9 +61,6 @@ class Registry(Mapping[str, Entry]):
         """
         named, installed = registering_parts(f"drivezoo.{self.kind}s")
         for part in (*named, *installed):
-            if part in self._imported:
-                continue
-            self._imported.add(part)  # before the import, which may read the registry
             count, is_known = len(self._entries), part.module in sys.modules
             import_part(part, part.module)
             if part in installed and not is_known and len(self._entries) == count:

@@ -1,5 +1,6 @@
 """Parts outside drivezoo: named by the user, never by a checkpoint or a run's folder."""
 
+import importlib
 import json
 import re
 import shutil
@@ -17,10 +18,11 @@ from tests.zoo.command_runs import only_line, run, succeed
 from tests.zoo.trainings import SMALL
 from zoo.base.compose import choices, compose_config
 from zoo.base.errors import InputError
-from zoo.base.parts import _installed, take_parts
+from zoo.base.parts import _installed, name_parts, take_parts
 from zoo.base.run_command import run_command
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_policy import load_policy
+from zoo.driving.metrics import METRICS
 from zoo.models.make_network import make_network
 from zoo.runs.saved_config import find_refusals
 from zoo.training.sweep_record import SavedSweep, check_overrides
@@ -193,6 +195,36 @@ def test_a_mistake_in_the_file_is_one_line(change: tuple, found: str, named: Pat
     named.write_text(named.read_text().replace(*change))
     with pytest.raises(InputError, match=re.escape(found)):
         make_network({"_target_": "my_net.MyNet"}, VIEW)
+
+
+def test_a_file_that_is_edited_after_its_import_is_refused_until_a_reload(named: Path) -> None:
+    make_network({"_target_": "my_net.MyNet"}, VIEW)
+    named.write_text(named.read_text().replace("bias: bool = True", "bias: bool = False"))
+    with pytest.raises(InputError, match=r"my_net\.py: was edited .* restart Python"):
+        name_parts([])
+    importlib.reload(sys.modules["my_net"])
+    name_parts([])
+    assert make_network({"_target_": "my_net.MyNet"}, VIEW).head.bias is None
+
+
+def test_a_metric_whose_file_is_mended_is_measured(tmp_path: Path, named_here: NameFile) -> None:
+    path = tmp_path / "my_net.py"
+    path.write_text("import no_module\n\n\n@metric\ndef turns(): ...\n")
+    named_here(path)
+    for _ in range(2):
+        with pytest.raises(InputError, match=r"my_net\.py: line 1: .*no_module"):
+            list(METRICS)
+    path.write_text("# no @metric\n")
+    assert list(METRICS)
+
+
+def test_a_yaml_file_that_is_added_later_is_a_choice(tmp_path: Path, named_here: NameFile) -> None:
+    path = write_network(tmp_path)
+    conf = (tmp_path / "conf").rename(tmp_path / "later")
+    named_here(path)
+    assert "my_net" not in choices("model")
+    conf.rename(tmp_path / "conf")
+    assert "my_net" in choices("model")
 
 
 @pytest.mark.usefixtures("named")
