@@ -190,7 +190,7 @@ def build_module(
     if type(module) is SteeringModule:  # a schedule of the user's may need the trainer
         try:
             module.configure_optimizers()  # to report wrong settings before training starts
-        except (TypeError, ValueError) as error:
+        except (LookupError, RuntimeError, TypeError, ValueError) as error:
             raise InputError(f"optim or schedule: {error}; correct its settings") from None
     return module
 

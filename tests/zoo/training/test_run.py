@@ -141,6 +141,8 @@ def test_several_recordings_train_together(recorded: Written, tmp_path: Path, zo
     ("override", "words"),
     [
         ("schedule.factor=7", "optim or schedule: "),
+        ("+optim.betas=[0.9]", "optim or schedule: "),
+        ("+optim.foreach=true", "optim or schedule: "),
         ("trainer.max_epochs=many", "max_epochs"),
         ("data.val_share=0", "monitors val/mse"),
         ("callbacks.early_stopping.patience=3", "a part that is not chosen"),
