@@ -118,11 +118,13 @@ class SteeringModule(RunModule):
         loop = checkpoint["loops"]["fit_loop"]
         epochs, batches = loop["epoch_progress"], loop["epoch_loop.batch_progress"]
         ended = 0 < epochs["current"]["started"] == epochs["current"]["processed"]
+        left = checkpoint["global_step"] != self.trainer.max_steps
         # max_steps or max_time ended this epoch early: Lightning would skip the rest of its data.
-        if ended and not batches["is_last_batch"]:
+        # Without a step left it would not count the epoch.
+        if ended and not (left and batches["is_last_batch"]):
             for count in (epochs["current"], epochs["total"]):
-                count["processed"] = count["completed"] = count["started"] - 1
-            self.train_epochs -= 1
+                count["processed"] = count["completed"] = count["started"] - left
+            self.train_epochs -= left
 
     def on_train_start(self) -> None:
         """Start the clock: an epoch that is resumed inside has no start."""

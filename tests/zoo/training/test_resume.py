@@ -353,6 +353,9 @@ def test_more_steps_resume_inside_the_epoch_in_which_the_first_ones_ended(
     train(*keys, "trainer.max_steps=40", "hydra.run.dir=whole")
     train(*keys, "trainer.max_steps=24")
     assert metrics(tmp_path / "run")["epochs"] == 2, "the setting shows nothing"
+    change_status(tmp_path / "run", status="stopped")
+    succeed(zoo("resume=run"))
+    assert metrics(tmp_path / "run")["epochs"] == 2, "no step is left to take"
     succeed(zoo("resume=run", "trainer.max_steps=40"))
     assert equal(weights(tmp_path / "run"), weights(tmp_path / "whole"))
     for key in ("epochs", "train_samples"):
