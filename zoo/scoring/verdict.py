@@ -262,7 +262,7 @@ def _commands(
     watch = ("watch it drive", ["drive", evidence.checkpoint, f"sim={track}"])
     if world != "embedded":  # the only world that `correct` and `drive` have
         words = ["evaluate", *on_track, f"world={world}", "seeds=3"]
-        following = [("drive it from other starts", words)]
+        following = [("drive it three times", words)]
     elif level in (ALMOST, FAILS):
         correct = ("or let the expert correct it", ["correct", *on_track])
         corrects = evidence.can_train and place_of("correct")  # an extra's

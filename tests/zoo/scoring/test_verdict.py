@@ -162,7 +162,8 @@ def test_the_next_command_names_a_track_as_the_user_typed_it() -> None:
 
 def test_the_next_command_after_another_world_names_it() -> None:
     verdict = judge([drive(0, "Lake-v0")], evidence(), ["Lake-v0"], "gymnasium")
-    command = verdict.commands[-1][1]
+    why, command = verdict.commands[-1]
+    assert why == "drive it three times", "a Donkeycar scene has one start for all seeds"
     assert "evaluate" in command
     assert "track=Lake-v0 world=gymnasium" in command
 
