@@ -23,6 +23,7 @@ import numpy as np
 from gymnasium import spaces
 
 from zoo.base.errors import InputError
+from zoo.base.key_values import constructed
 from zoo.base.rig import UDACITY
 from zoo.simulator import udacity_car as rig
 from zoo.simulator.reward import REWARDS, TERMINATIONS, Info, Reward, Termination, named_function
@@ -178,9 +179,7 @@ class DrivingEnv(gymnasium.Env):
             start["distance"] = self.world.draw_distance(self.np_random)
             start["cte"] = self.np_random.uniform(-0.5, 0.5)
         world_seed = int(self.np_random.integers(2**31))
-        begin = Start(**{**start, **options})
-        if not 0 <= begin.speed_mph <= rig.TOP_SPEED_MPH:
-            raise InputError(f"speed_mph={begin.speed_mph}: must be in 0..{rig.TOP_SPEED_MPH:g}")
+        begin = Start(**{**start, **constructed(Start, options)})
         self.world.reset(world_seed, begin, weather)
         self.off_since: float | None = None
         self.info = self._about(0.0)

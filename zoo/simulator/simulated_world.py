@@ -4,16 +4,17 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from pydantic import Field
 
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY, Rig
 from zoo.simulator.car import OFF_ROAD, ROAD, Car
 from zoo.simulator.track import SOLID_M, Place, Track
 from zoo.simulator.track_file import read_track
-from zoo.simulator.udacity_car import PHYSICS_STEP_S, WHEEL_TRACK_M
+from zoo.simulator.udacity_car import PHYSICS_STEP_S, TOP_SPEED_MPH, WHEEL_TRACK_M
 from zoo.simulator.weather import CLEAR, Weather, random_weather
 from zoo.simulator.world_settings import Quality, WorldSettings
 
@@ -40,7 +41,7 @@ class Start:
     distance: float | None = None
     cte: float = 0.0
     heading_deg: float = 0.0
-    speed_mph: float = 0.0
+    speed_mph: Annotated[float, Field(ge=0, le=TOP_SPEED_MPH)] = 0.0
 
 
 class World:

@@ -310,7 +310,8 @@ def test_a_wrong_argument_is_refused(argument, message):
     ("option", "message"),
     [
         ({"speed": 5}, "unknown option speed; available: cte, distance"),
-        ({"speed_mph": 70}, "speed_mph=70: must be in 0..30"),
+        ({"speed_mph": 70}, "speed_mph=70: must be a number in 0..30"),
+        ({"distance": "far"}, "distance=far: must be a number"),
         ({"cte": np.nan}, "nan: must be a finite number"),
     ],
 )
