@@ -46,9 +46,11 @@ class CompiledPolicy(NetworkPolicy, SessionPolicy):
         with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
             library = Path(folder, "steer.so")
             words = [compiler, *flags, "-shared", "-fPIC", str(path), "-o", str(library)]
-            finished = subprocess.run(words, capture_output=True, text=True, timeout=WAIT_S)
+            finished = subprocess.run(words, capture_output=True, timeout=WAIT_S)
             if finished.returncode:
-                reason = next(iter(finished.stderr.splitlines()), "without a message")
+                # On Windows, in the code page of its terminal.
+                lines = finished.stderr.decode(errors="replace").splitlines()
+                reason = next(iter(lines), "without a message")
                 raise InputError(f"{path}: {compiler} refuses it ({reason:.200})")
             self._library = ctypes.CDLL(str(library))
         self._steer = self._library[path.stem]

@@ -215,6 +215,17 @@ def test_the_command_writes_both_files_with_the_card(recorded: Written, tmp_path
     assert "Latency: a frame takes" in header
 
 
+def test_a_compilers_message_may_have_any_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiler = tmp_path / "cc"
+    compiler.write_text("#!/bin/sh\nprintf 'ung\\201ltig' >&2\nexit 1\n")
+    compiler.chmod(0o700)
+    monkeypatch.setattr(compiled_policy, "COMPILERS", (str(compiler),))
+    with pytest.raises(InputError, match=r"refuses it .ung.ltig"):
+        CompiledPolicy(load_checkpoint("tiny41"), tmp_path / "steer.c")
+
+
 def test_without_a_compiler_it_says_that_nothing_was_compared(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
