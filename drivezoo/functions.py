@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     import gymnasium
     import numpy as np
 
+    from zoo.checkpoints.policy_base import Policy
     from zoo.driving.drive_loop import EnvironmentPolicy
     from zoo.results.benchmarked import Benchmarked
     from zoo.scoring.driven_road import DrivenRoad
@@ -262,29 +263,25 @@ def drive_road(
         InputError: the road cannot be driven, or the checkpoint cannot be loaded.
         UsageError: a key or value is wrong.
     """
-    from zoo.checkpoints.checkpoint_path import find_driver
-    from zoo.checkpoints.policy_base import as_policy
     from zoo.scoring.driven_road import drive_road as drive
 
-    named = find_driver(driver)
-    policy = named if isinstance(named, str) else as_policy(named)
-    return drive(policy, points, width, **keys)
+    return drive(load_policy(driver), points, width, **keys)
 
 
 @one_line_errors
-def load_policy(path: str | Path | Training) -> Callable[..., Any]:
-    """Return a checkpoint's policy, a function of a frame and mph; see `zoo.policy`.
+def load_policy(path: str | Path | Training | Callable[..., Any]) -> Policy:
+    """Return a driver's policy, a function of a frame and mph; see `zoo.policy`.
 
     Args:
-        path: checkpoint's path, run's folder, `latest`, or what `train` returned.
+        path: checkpoint's path, run's folder, `latest`, what `train` returned, or a function.
 
     Raises:
         InputError: the checkpoint cannot be loaded.
     """
     from zoo.checkpoints.checkpoint_path import find_driver
-    from zoo.checkpoints.checkpoint_policy import load_policy
+    from zoo.checkpoints.checkpoint_policy import load_policy as load
 
-    return load_policy(find_driver(path))
+    return load(find_driver(path))
 
 
 @one_line_errors
@@ -310,18 +307,13 @@ def policy(
         UsageError: a value is wrong.
     """
     from zoo.base.rig import UDACITY
-    from zoo.checkpoints.checkpoint_path import find_driver
-    from zoo.checkpoints.checkpoint_policy import load_policy
-    from zoo.checkpoints.policy_base import as_policy
     from zoo.driving.drive_loop import EnvironmentPolicy, speed_controller
     from zoo.driving.run_drives import check_throttle
     from zoo.scoring.evaluate_options import EvaluateOptions
 
     keys = {"speed": speed, "throttle": throttle, "frame_rate": frame_rate}
     settings = EvaluateOptions(**constructed(EvaluateOptions, keys))
-    named = find_driver(driver)
-    steering = load_policy(named) if isinstance(named, str) else as_policy(named)
-    steering.in_car(UDACITY)
+    steering = load_policy(driver).in_car(UDACITY)
     check_throttle(steering, settings.throttle)
     return EnvironmentPolicy(steering, speed_controller(settings), settings.frame_rate)
 

@@ -119,6 +119,12 @@ def test_a_thread_other_than_the_main_one_can_drive(here: Path) -> None:
             pool.submit(drivezoo.drive, "no.ckpt").result()
 
 
+def test_a_function_is_loaded_as_a_policy() -> None:
+    steer = drivezoo.load_policy(lambda frame, mph: (mph / 100, None))
+    assert steer(None, 25.0).steering == 0.25
+    assert drivezoo.load_policy(steer) is steer
+
+
 def test_a_policy_drives_an_environment(tmp_path: Path) -> None:
     env = gymnasium.make("Lake-v0", quality="simple")
     act = drivezoo.policy(write_constant(tmp_path / "best.ckpt", 0.25), speed=12)

@@ -18,7 +18,7 @@ from zoo.checkpoints.engine import Engine, chosen_forward
 from zoo.checkpoints.frame_memory import FrameMemory, SessionPolicy
 from zoo.checkpoints.frozen_graph import NetworkPolicy, network_inputs
 from zoo.checkpoints.onnx_policy import OnnxPolicy, is_onnx, run_once
-from zoo.checkpoints.policy_base import Command, Policy, output_command
+from zoo.checkpoints.policy_base import Command, Policy, PolicyFunction, as_policy, output_command
 from zoo.checkpoints.policy_kinds import policy_kind
 from zoo.models.memory import Memory
 
@@ -69,11 +69,13 @@ class CheckpointPolicy(NetworkPolicy, SessionPolicy):
         return Command(*self.in_time(steps, speed_mph).tolist())
 
 
-def load_policy(path: str | Path, threads: int = 1, engine: Engine = "torch") -> Policy:
+def load_policy(
+    path: str | Path | Policy | PolicyFunction, threads: int = 1, engine: Engine = "torch"
+) -> Policy:
     """Return the policy of a checkpoint, an ONNX file, or a file of an installed kind.
 
     Args:
-        path: file, run's folder, or `latest`; see `find_checkpoint`.
+        path: file, run's folder, or `latest`; see `find_checkpoint`. A function becomes a policy.
         threads: number of onnxruntime's threads; `torch.set_num_threads` sets torch's.
         engine: engine that runs a checkpoint's network, see `chosen_forward`; torch gives the same
             figures on each call.
@@ -82,6 +84,8 @@ def load_policy(path: str | Path, threads: int = 1, engine: Engine = "torch") ->
         InputError: see `zoo.checkpoints.checkpoint.load_checkpoint`, `OnnxPolicy`, `PolicyKind` and
             `chosen_forward`.
     """
+    if not isinstance(path, str | Path):
+        return as_policy(path)
     if is_onnx(path):
         read_apart(run_once, Path(path))
         return OnnxPolicy(path, threads)

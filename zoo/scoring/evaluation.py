@@ -10,7 +10,7 @@ from rich.console import Console
 from zoo.base.new_folder import command_folder
 from zoo.base.terminal import counted, print_written
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy, load_policy
-from zoo.checkpoints.policy_base import Policy, PolicyFunction, as_policy
+from zoo.checkpoints.policy_base import Policy, PolicyFunction
 from zoo.driving.drives_table import COUNTS, DEVIATION, figure_columns, nan_line, print_drives
 from zoo.driving.metrics import METRICS
 from zoo.driving.run_drives import check_throttle
@@ -107,7 +107,7 @@ def score_driver(
             wrong.
     """
     path = driver if isinstance(driver, str) else None
-    policy = load_policy(driver) if isinstance(driver, str) else as_policy(driver)
+    policy = load_policy(driver)
     name = path or policy.name
     # Report wrong input before processes start.
     options = with_track(options, name, policy.data)

@@ -22,7 +22,7 @@ from zoo.base.terminal import counted, print_written
 from zoo.checkpoints.checkpoint import added_rig
 from zoo.checkpoints.checkpoint_path import trained_data
 from zoo.checkpoints.checkpoint_policy import load_policy
-from zoo.checkpoints.policy_base import Policy, PolicyFunction, as_policy
+from zoo.checkpoints.policy_base import Policy, PolicyFunction
 from zoo.driving.drive_log import write_drive
 from zoo.driving.drive_record import Drive, DriveRow
 from zoo.driving.drives_table import (
@@ -112,7 +112,7 @@ def replay_recording(
             replayed, or an option is wrong.
     """
     options.check_files(METRICS, [recording_folder])
-    policy = load_policy(driver) if isinstance(driver, str) else as_policy(driver)
+    policy = load_policy(driver)
     name = driver if isinstance(driver, str) else policy.name
     recording = read_recordings(
         recording_folder, **read_as_trained(policy, recording_folder, options)

@@ -32,7 +32,7 @@ from zoo.base.terminal import print_written
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.checkpoints.checkpoint_policy import load_policy
-from zoo.checkpoints.policy_base import Policy, PolicyFunction, as_policy
+from zoo.checkpoints.policy_base import Policy, PolicyFunction
 from zoo.driving.intervals import Estimate, bootstrap
 from zoo.driving.run_drives import one_thread
 from zoo.extras.research.challenge_options import ChallengeOptions
@@ -161,7 +161,7 @@ def score_challenge(
     """
     options.check_files(inputs=[folder])
     test = read_test(folder)
-    policy = load_policy(driver) if isinstance(driver, str) else as_policy(driver)
+    policy = load_policy(driver)
     name = short_name(Path(driver)) if isinstance(driver, str) else policy.name
     rows = scored_rows(policy, test.recording, options.split)
     car = car_of(policy, test, name)
