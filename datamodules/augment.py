@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from torch import Tensor
 
+from datamodules.balance import Least0, Share
 from datamodules.device_augment import darkened, lit, moved
 from datamodules.view import FRAME
 from zoo.base.rig import UDACITY, Rig
@@ -68,8 +69,8 @@ class Brightness(Change):
 
     lighting = True
 
-    def __init__(self, scale: tuple[float, float] = (0.25, 1.25), p: float = 1.0) -> None:
-        self.scale, self.p = tuple(scale), p
+    def __init__(self, scale: tuple[float, float] = (0.25, 1.25), p: Share = 1.0) -> None:
+        self.scale, self.p = sorted(scale), p
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
         """Return factors."""
@@ -113,7 +114,7 @@ class Shadow(Change):
         num_shadows_limit: tuple[int, int] = (1, 2),
         shadow_dimension: int = 5,
         shadow_intensity_range: tuple[float, float] = (0.5, 0.5),
-        p: float = 0.5,
+        p: Share = 0.5,
     ) -> None:
         from albumentations import RandomShadow
 
@@ -171,10 +172,10 @@ class Shift(Change):
 
     def __init__(
         self,
-        pixels: float = 40.0,
-        rows: float = 0.0,
+        pixels: Least0 = 40.0,
+        rows: Least0 = 0.0,
         steering_per_pixel: float = 0.004,
-        p: float = 0.5,
+        p: Share = 0.5,
     ) -> None:
         self.pixels, self.rows, self.p = pixels, rows, p
         self.steering_per_pixel = steering_per_pixel

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from datamodules.augment import Change
+from datamodules.balance import Least0, Share
 from datamodules.device_augment import moved
 from datamodules.view import FRAME
 from zoo.base.errors import InputError
@@ -92,13 +93,13 @@ class Bend(Change):
 
     def __init__(
         self,
-        curvature: float = 0.12,
+        curvature: Least0 = 0.12,
         length_m: tuple[float, float] = (8.0, 30.0),
-        ahead_m: float = 10.0,
-        begun: float = 0.5,
-        p: float = 0.5,
+        ahead_m: Least0 = 10.0,
+        begun: Share = 0.5,
+        p: Share = 0.5,
     ) -> None:
-        self.curvature, self.length_m, self.ahead_m = curvature, tuple(length_m), ahead_m
+        self.curvature, self.length_m, self.ahead_m = curvature, sorted(length_m), ahead_m
         self.begun, self.p = begun, p
 
     def fit(self, crop: tuple[int, int], rig: Rig | None) -> None:
@@ -206,14 +207,14 @@ class Pose(Bend):
 
     def __init__(
         self,
-        curvature: float = 0.16,
+        curvature: Least0 = 0.16,
         length_m: tuple[float, float] = (8.0, 30.0),
-        ahead_m: float = 10.0,
-        begun: float = 0.5,
-        aside_m: float = 1.2,
-        turn_deg: float = 8.0,
-        pursuit_m: float = 4.3,
-        p: float = 0.7,
+        ahead_m: Least0 = 10.0,
+        begun: Share = 0.5,
+        aside_m: Least0 = 1.2,
+        turn_deg: Least0 = 8.0,
+        pursuit_m: Least0 = 4.3,
+        p: Share = 0.7,
     ) -> None:
         super().__init__(curvature, length_m, ahead_m, begun, p)
         self.aside_m, self.turn_deg, self.pursuit_m = aside_m, turn_deg, pursuit_m

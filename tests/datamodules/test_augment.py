@@ -56,7 +56,7 @@ def test_brightness_scales_v_of_hsv(scale):
 
 def test_brightness_draws_from_the_whole_range():
     white = np.full((400, 2, 2, 3), 200, np.uint8)
-    changed, _ = Augment([Brightness(scale=(0.25, 1.25))], "rgb")(white, zeros(white), seed=1)
+    changed, _ = Augment([Brightness(scale=(1.25, 0.25))], "rgb")(white, zeros(white), seed=1)
     factors = changed[:, 0, 0, 0] / 200
     assert 0.25 <= factors.min() < 0.3
     assert 1.2 < factors.max() <= 1.25

@@ -20,6 +20,9 @@ def check(config: dict) -> None:
     check_config(with_quick(settle_windows(created)))
 
 
+POSE = {"_target_": "datamodules.bend.Pose", "aside_m": -1}
+
+
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
@@ -41,6 +44,8 @@ def check(config: dict) -> None:
         ("data.flip", 2, "data.flip=2: must be a number in 0..1, or both"),
         ("callbacks.best.every_n_epochs", 1.5, "every_n_epochs=1.5: must be a whole number"),
         ("callbacks.best.save_top_k", 3, "callbacks.best.save_top_k=3: must be 1"),
+        ("data.augment.brightness.p", 2, "data.augment.brightness.p=2: must be a number in 0..1"),
+        ("data.augment.pose", POSE, "pose.aside_m=-1: must be a number of 0 or more"),
         ("trainer.precision", "fp16", "trainer.precision=fp16: must be "),
         ("trainer.max_epochs", -1, "trainer.max_epochs=-1: must be a whole number of 0 or more"),
         ("data.ofset", 1, "data.ofset: no such key; did you mean data.offset"),
