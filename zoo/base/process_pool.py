@@ -5,6 +5,7 @@ import os
 import pickle
 import signal
 import sys
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -33,6 +34,7 @@ LOOK_S = 0.2  # seconds between two updates of the progress
 # Limits of `read_apart` for a small file, and for each byte of a larger one.
 READ_S, BYTES_PER_S = 30.0, 10e6
 FREE_BYTES, COPIES = 1_000_000_000, 4
+_starting = threading.Lock()  # pools of several threads tell their processes apart
 _reports: Any = None  # queue of job numbers and shares, in a process of a pool
 
 
@@ -84,11 +86,13 @@ class ProcessPool(AbstractContextManager):
         Raises:
             UsageError: an argument cannot be pickled, such as an object of a script's own class.
         """
-        number, others = self._submitted, {*multiprocessing.active_children()}
+        number = self._submitted
         try:
-            with _hidden_script(), held_interrupt():
+            with _starting, _hidden_script(), held_interrupt():
+                others = {*multiprocessing.active_children()}
                 job = bytes(ForkingPickler.dumps((function, arguments)))  # also sockets
                 future = self._executor.submit(_run, number, job)
+                self._children |= {*multiprocessing.active_children()} - others
         except BrokenProcessPool:
             raise self._killed() from None
         except (pickle.PicklingError, AttributeError, TypeError) as error:
@@ -96,7 +100,6 @@ class ProcessPool(AbstractContextManager):
                 f"{self.key}={self.processes}: {error}; define it in a module that your script "
                 f"imports, or set {self.key}=1"
             ) from None
-        self._children |= {*multiprocessing.active_children()} - others
         self._numbers[future] = number
         self._submitted += 1
         return number
@@ -182,14 +185,14 @@ class ThisProcess:
 
 @contextmanager
 def opened_pool(workers: int, most: int) -> Iterator[Pool]:
-    """Open a pool for several calls of `run_jobs`; a pool of one process is this one.
+    """Open a pool for several calls of `run_jobs`; one process, or a daemon's, is this one.
 
     Args:
         workers: number of processes; 0 for one per core.
         most: largest number of processes.
     """
     processes = min(workers or usable_cores(), most)
-    if processes <= 1:
+    if processes <= 1 or multiprocessing.current_process().daemon:  # which may start none
         yield ThisProcess()
         return
     with ProcessPool(processes) as pool:

@@ -1,11 +1,14 @@
 """Drives in several processes: their number, their results, and how they end."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -103,6 +106,28 @@ def test_one_worker_is_this_process() -> None:
     assert list(run_all(half, [], workers=1)) == []
     found = dict(run_all(half, [(4,), (6,)], workers=1))
     assert found == {0: (2.0, os.getpid()), 1: (3.0, os.getpid())}
+
+
+def test_a_daemon_which_may_start_no_process_is_the_only_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(multiprocessing.current_process(), "daemon", True)
+    found = dict(run_all(half, [(4,), (6,)], workers=2))
+    assert found == {0: (2.0, os.getpid()), 1: (3.0, os.getpid())}
+
+
+def test_a_pool_that_closes_ends_no_process_of_another_thread(tmp_path: Path) -> None:
+    closed, begin = tmp_path / "closed", threading.Barrier(2)
+
+    def results(function: Callable, argument: object) -> int:
+        with opened_pool(2, most=2) as pool:
+            begin.wait()
+            found = dict(run_jobs(pool, function, [(argument,), (argument,)]))
+        closed.touch()
+        return len(found)
+
+    with ThreadPoolExecutor(2) as threads:
+        assert list(threads.map(results, [half, stop_half_way], [1, closed])) == [2, 2]
 
 
 def test_no_number_of_workers_is_one_for_each_core(monkeypatch: pytest.MonkeyPatch) -> None:
