@@ -82,19 +82,16 @@ class ResumePoint:
     Attributes:
         path: checkpoint file.
         group_sizes: number of parameters in each group of its optimizer.
-        precision: precision of the training by Lightning's name; None if it is unknown.
         contents: checkpoint's contents.
     """
 
     path: Path
     group_sizes: list[int]
-    precision: str | None
     contents: dict
 
     def end_early(self, trainer: lightning.Trainer) -> None:
         """Let a trainer train no further epoch if early stopping had ended the training."""
-        stopping = [c for c in callbacks_of(trainer) if isinstance(c, EarlyStopping)]
-        patience = [callback.patience for callback in stopping]
+        patience = [c.patience for c in callbacks_of(trainer) if isinstance(c, EarlyStopping)]
         if has_stopped_early(self.contents, max(patience, default=None)):
             # Not one more: `SteeringModule` would resume inside an epoch that was ended early.
             trainer.fit_loop.max_epochs = self.contents["epoch"]
@@ -156,11 +153,10 @@ def find_resume_point(folder: Path, card: dict, console: Console) -> ResumePoint
             f"the recording, or start a new run with model.weights={last}"
         )
     saved = checkpoint["optimizer_states"][0]["param_groups"]
-    precision = checkpoint["drivezoo"].get("precision")
     epochs, most = trained_epochs(checkpoint), card["config"]["trainer"]["max_epochs"]
     if most < epochs:
         raise UsageError(
             f"trainer.max_epochs={most}: {counted(epochs, 'epoch')} of {folder} are finished; "
             f"set it to {epochs} or more"
         )
-    return ResumePoint(last, [len(group["params"]) for group in saved], precision, checkpoint)
+    return ResumePoint(last, [len(group["params"]) for group in saved], checkpoint)

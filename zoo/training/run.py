@@ -107,7 +107,7 @@ def _run(
 
     # Lightning's trainer knows the devices and the processes, which the plan depends on.
     network = build.build_network(config, data.view, console, resumed.path if resumed else None)
-    kept = resumed.precision if resumed else None
+    kept = resumed.contents["drivezoo"].get("precision") if resumed else None
     precision = choose_precision(config, network, data.view, console, kept, bf16)
     if precision != config.trainer.get("precision"):
         keep_config, asked = True, asked.copy()  # the folder's config repeats the run anywhere
@@ -115,14 +115,14 @@ def _run(
             OmegaConf.update(settled, "trainer.precision", precision, force_add=True)
     card["config"]["trainer"]["precision"] = card["precision"] = precision
     trainer = build.build_trainer(config, folder, has_validation=len(data.split.val) > 0)
-    if resumed is not None:
-        resumed.end_early(trainer)
     print_start(card, network, data, apart, trainer.strategy.root_device, console)
     plan = make_plan(config, data, network, trainer, console)
     print_line(console, plan.line())
     module = build.build_module(config, network, plan, card, console)
     if resumed is not None:
+        resumed.end_early(trainer)
         resumed.check_optimizer(module)
+        conclusion.read_curves(folder)  # a damaged file must not fail the training at its end
     if first:
         if resumed is not None:
             restore_monitored(folder)

@@ -200,6 +200,16 @@ def test_a_loss_that_is_not_finite_stops_and_keeps_the_last_good_checkpoint(
     assert "not finite" in read_status(two_epochs)["reason"]
 
 
+def test_a_damaged_log_is_named_before_the_next_epoch(two_epochs: Path, zoo: Zoo) -> None:
+    log = two_epochs / "metrics.csv"
+    log.write_text(log.read_text().replace("\n0,", "\n0.,", 1))
+    before = weights(two_epochs, "last")
+    line = only_line(zoo("resume=run", "trainer.max_epochs=3"), 1)
+    assert "metrics.csv, row 2: " in line
+    assert line.endswith("remove it")
+    assert equal(weights(two_epochs, "last"), before)
+
+
 def test_fewer_epochs_than_are_finished_are_refused(two_epochs: Path, zoo: Zoo) -> None:
     change_status(two_epochs, status="stopped")
     line = only_line(zoo("resume=run", "trainer.max_epochs=1"), 2)
