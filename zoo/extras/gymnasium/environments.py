@@ -136,6 +136,8 @@ class EnvironmentWorld(World):
         mapping, speed_mph = self.known, self._number(self.known.speed)
         time_s = self.steps / self.frame_rate
         is_stopped = any(self._is_stopped(source) for source in mapping.interventions)
+        # An episode of ours ends off the road, where a `margin=` may be wider.
+        is_stopped = is_stopped or (terminated and bool(info.get("off_road")))
         lap = self._number(mapping.lap)
         if lap is not None:
             self.laps = self.earlier_laps + int(lap)

@@ -161,6 +161,14 @@ def test_an_intervention_begins_another_episode_of_the_same_drive() -> None:
     assert abs(left.cross_track_m[left.intervention]).min() > 2, "half of the width"
 
 
+def test_an_episode_that_ends_off_the_road_is_an_intervention_at_any_margin() -> None:
+    scenario = Scenario(world="gymnasium:drivezoo/Lake-v0", margin=20)
+    slightly_right = as_policy(lambda frame, mph: (0.02, None))
+    driven = drive(slightly_right, open_world(scenario), scenario, first_only=True)
+    assert driven.time_s[-1] < 20
+    assert driven.intervention.sum() == 1
+
+
 def test_laps_are_counted_over_all_episodes_of_a_drive() -> None:
     driven, _ = straight(MAPPED + ROAD + "lap: {place: info.lap}\n")
     assert len(driven.lap_s) == 7, "two in each of three episodes, and one in the last"
