@@ -56,7 +56,7 @@ def train(arguments: list[str], several: bool = True) -> Path:
     arguments = [name_latest(argument) for argument in arguments]
     resumed = [argument for argument in arguments if is_resume(argument)]
     if resumed:
-        overrides = [argument for argument in arguments if argument not in resumed]
+        overrides = [word for word in arguments if word not in resumed and not is_sweep([word])]
         from zoo.training.resume import resume
 
         folder = find_run(resumed[0].removeprefix("resume="))

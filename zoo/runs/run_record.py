@@ -263,6 +263,4 @@ def _add_file(path: Path, names: Iterable[str], curves: dict[str, dict[int, floa
                         curves.setdefault(name, {})[epoch] = float(row[name])
             except (csv.Error, ValueError, TypeError) as error:
                 reason = " ".join(str(error).split())[:80]
-                raise InputError(
-                    f"{path}, row {line}: cannot be read ({reason}); remove it"
-                ) from None
+                raise InputError(f"{path}, row {line}: is damaged, remove it ({reason})") from None

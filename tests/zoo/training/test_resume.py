@@ -62,12 +62,13 @@ def test_a_finished_run_is_left_as_it_is(two_epochs: Path, zoo: Zoo) -> None:
         ("trainer.max_epochz=3", "did you mean trainer.max_epochs"),
         ("trainer.max_epochs=[", "trainer.max_epochs=["),
         ("trainer.max_epochs=3,4", "is a sweep"),
+        ("-m seed=1,2", "seed=1,2: is a sweep"),
         ("model=lenet", "keeps its config groups"),
     ],
 )
 def test_a_wrong_override_is_named(override: str, text: str, two_epochs: Path, zoo: Zoo) -> None:
     before = times(two_epochs)
-    assert text in only_line(zoo(f"resume={two_epochs}", override), 2)
+    assert text in only_line(zoo(f"resume={two_epochs}", *override.split()), 2)
     assert times(two_epochs) == before
 
 
@@ -206,7 +207,7 @@ def test_a_damaged_log_is_named_before_the_next_epoch(two_epochs: Path, zoo: Zoo
     before = weights(two_epochs, "last")
     line = only_line(zoo("resume=run", "trainer.max_epochs=3"), 1)
     assert "metrics.csv, row 2: " in line
-    assert line.endswith("remove it")
+    assert "remove it" in line
     assert equal(weights(two_epochs, "last"), before)
 
 
