@@ -54,8 +54,8 @@ def leaderboard(
     drives = sorted({path for root in named for path in drive_folders(root)})
     if not folders and not drives:
         raise InputError(
-            f"{', '.join(map(str, roots))}: no runs found; train one: drivezoo train, or score a "
-            "checkpoint: drivezoo evaluate CKPT out=FOLDER"
+            f"{', '.join(map(str, roots))}: no runs found; train one: drivezoo train, or rank "
+            "what drivezoo evaluate wrote: drivezoo leaderboard outputs/evaluations"
         )
     tables.check_files(inputs=[*folders, *drives])
     writers = [] if paper is None else [(write, paper) for write in paper_writers(paper)]

@@ -340,7 +340,7 @@ def test_runs_are_found_in_sweeps_and_not_below_runs(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("argument", "words"),
-    [("nowhere", "nowhere: "), (".", "drivezoo train"), ("--all", "all: no such key")],
+    [("nowhere", "nowhere: "), (".", "outputs/evaluations"), ("--all", "all: no such key")],
 )
 def test_bad_input_gets_one_line(argument: str, words: str, tmp_path: Path) -> None:
     assert words in only_line(run_here(tmp_path, argument, module="zoo.commands.leaderboard"))
