@@ -340,7 +340,7 @@ def expert(env: gymnasium.Env, speed: float = 15.0) -> Callable[..., np.ndarray]
     from zoo.simulator.env import DrivingEnv
     from zoo.simulator.expert import Expert, ExpertSettings
 
-    inner, settings = env.unwrapped, ExpertSettings(speed)
+    inner, settings = getattr(env, "unwrapped", env), ExpertSettings(speed)
     if not isinstance(inner, DrivingEnv):
         raise UsageError(f"env: is {type(inner).__name__}; name one of ours, as drivezoo/Lake-v0")
     driver = Expert(inner.world.track, settings)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from zoo.base.errors import library_errors
 from zoo.base.rig import CURVATURE, Rig, SteeringLabel
 
 
@@ -149,8 +150,9 @@ class FunctionPolicy(Policy):
 
     def __call__(self, frame: Any, speed_mph: float) -> Command:
         """Return the function's command for a frame."""
-        returned = self.function(frame, speed_mph)
-        return returned if isinstance(returned, Command) else Command(*returned)
+        output = self.function(frame, speed_mph)
+        with library_errors(self.name, f"returned {output!r:.80}", "return steering and throttle"):
+            return output if isinstance(output, Command) else Command(*output)
 
 
 def as_policy(driver: Policy | PolicyFunction) -> Policy:

@@ -34,7 +34,7 @@ def evaluate(ckpt: Any, *, options: EvaluateOptions) -> "Evaluation":
         InputError: the checkpoint cannot be used; or the network steered NaN, after all files are
             written.
     """
-    if options.replay is not None:
+    if options.replay is not None or (options.world != "embedded" and Path(options.world).is_dir()):
         raise UsageError("replay: call drivezoo.replay(driver, recording)")
     if options.challenge is not None or options.data is not None:
         raise UsageError("challenge: call drivezoo.challenge(driver, folder)")

@@ -104,8 +104,8 @@ def road_content(points: Sequence[Sequence[float]], width: float | None = None) 
     Raises:
         InputError: a point is no two or three numbers.
     """
-    kept = list(points[:1])
     try:
+        kept = list(points[:1])
         for point in points[1:]:
             # NaN is kept, and refused when the content is read
             if not math.dist(point[:2], kept[-1][:2]) < LEAST_STEP_M:
