@@ -86,12 +86,11 @@ class ProcessPool(AbstractContextManager):
         Raises:
             UsageError: an argument cannot be pickled, such as an object of a script's own class.
         """
-        number = self._submitted
         try:
             with _starting, _hidden_script(), held_interrupt():
                 others = {*multiprocessing.active_children()}
                 job = bytes(ForkingPickler.dumps((function, arguments)))  # also sockets
-                future = self._executor.submit(_run, number, job)
+                future = self._executor.submit(_run, self._submitted, job)
                 self._children |= {*multiprocessing.active_children()} - others
         except BrokenProcessPool:
             raise self._killed() from None
@@ -100,9 +99,9 @@ class ProcessPool(AbstractContextManager):
                 f"{self.key}={self.processes}: {error}; define it in a module that your script "
                 f"imports, or set {self.key}=1"
             ) from None
-        self._numbers[future] = number
+        self._numbers[future] = self._submitted
         self._submitted += 1
-        return number
+        return self._submitted - 1
 
     def finished(self, wait_s: float) -> list[tuple[int, Any]]:
         """Return the numbers and results of jobs that have finished.
