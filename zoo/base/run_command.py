@@ -184,9 +184,11 @@ def was_stopped(error: BaseException | None) -> bool:
     >>> was_stopped(ImportError("numpy")), was_stopped(KeyboardInterrupt())
     (False, True)
     """
-    while error is not None and not isinstance(error, KeyboardInterrupt):
+    chain: list[BaseException] = []
+    while error is not None and error not in chain:  # a cause that is raised again closes a circle
+        chain.append(error)
         error = error.__cause__ or error.__context__
-    return error is not None
+    return any(isinstance(link, KeyboardInterrupt) for link in chain)
 
 
 @contextmanager

@@ -273,8 +273,7 @@ def keep_earlier_log(folder: Path) -> None:
     """Rename a stopped run's `metrics.csv` to `metrics.1.csv` ...: CSVLogger would delete it."""
     log = folder / "metrics.csv"
     if log.is_file():
-        earlier = folder / f"metrics.{len(list(folder.glob('metrics.*.csv'))) + 1}.csv"
-        log.rename(earlier)
+        log.rename(folder / f"metrics.{len(list(folder.glob('metrics.*.csv'))) + 1}.csv")
 
 
 def silence_libraries() -> None:

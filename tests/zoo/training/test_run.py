@@ -137,12 +137,16 @@ def test_several_recordings_train_together(recorded: Written, tmp_path: Path, zo
     assert "centre camera only" in printed
 
 
+LOOP = "zoo.training.closed_loop.ClosedLoop"
+
+
 @pytest.mark.parametrize(
     ("override", "words"),
     [
         ("schedule.factor=7", "optim or schedule: "),
         ("+optim.betas=[0.9]", "optim or schedule: "),
         ("+optim.foreach=true", "optim or schedule: "),
+        (f"+callbacks.drives={{_target_: {LOOP}, starts: 0}}", "starts=0: must be 1 or more"),
         ("trainer.max_epochs=many", "max_epochs"),
         ("data.val_share=0", "monitors val/mse"),
         ("callbacks.early_stopping.patience=3", "a part that is not chosen"),
