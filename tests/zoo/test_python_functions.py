@@ -70,7 +70,8 @@ def test_a_checkpoint_and_its_policy_drive_alike(here: Path) -> None:
     path = write_constant(here / "best.ckpt", 0.05)
     files = {"table": "a.csv", "plot": "a.svg"}
     of_file = drivezoo.evaluate(path, track="lake", out="a", **files, **SHORT)
-    of_function = drivezoo.evaluate(lambda frame, mph: (0.05, None), out="b", **SHORT)
+    policy = drivezoo.load_policy(lambda frame, mph: (0.05, None))
+    of_function = drivezoo.evaluate(policy, out="b", **SHORT)
 
     (row,) = of_file.table()
     (written,) = csv.DictReader((here / "a.csv").open())
@@ -121,12 +122,6 @@ def test_a_thread_other_than_the_main_one_can_drive(here: Path) -> None:
         assert not pool.submit(StopOnSignal).result().asked
         with pytest.raises(drivezoo.InputError, match=r"no\.ckpt: no such checkpoint"):
             pool.submit(drivezoo.drive, "no.ckpt").result()
-
-
-def test_a_function_is_loaded_as_a_policy() -> None:
-    steer = drivezoo.load_policy(lambda frame, mph: (mph / 100, None))
-    assert steer(None, 25.0).steering == 0.25
-    assert drivezoo.load_policy(steer) is steer
 
 
 def test_a_policy_drives_an_environment(tmp_path: Path) -> None:

@@ -1,11 +1,9 @@
 """Drives in several processes: their number, their results, and how they end."""
 
-import multiprocessing
 import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -102,27 +100,19 @@ def test_results_come_with_the_number_of_their_job(pools: dict[int, Pool]) -> No
     assert os.getpid() not in {process for _, process in found.values()}
 
 
-def test_one_worker_is_this_process() -> None:
-    assert list(run_all(half, [], workers=1)) == []
-    found = dict(run_all(half, [(4,), (6,)], workers=1))
-    assert found == {0: (2.0, os.getpid()), 1: (3.0, os.getpid())}
-
-
-def test_a_daemon_which_may_start_no_process_is_the_only_one(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(multiprocessing.current_process(), "daemon", True)
-    found = dict(run_all(half, [(4,), (6,)], workers=2))
+@pytest.mark.parametrize(("workers", "daemon"), [(1, False), (2, True)])
+def test_one_worker_and_a_daemon_is_this_process(workers, daemon, monkeypatch) -> None:
+    monkeypatch.setattr(process_pool.multiprocessing.current_process(), "daemon", daemon)
+    assert list(run_all(half, [], workers)) == []
+    found = dict(run_all(half, [(4,), (6,)], workers))
     assert found == {0: (2.0, os.getpid()), 1: (3.0, os.getpid())}
 
 
 def test_a_pool_that_closes_ends_no_process_of_another_thread(tmp_path: Path) -> None:
-    closed, begin = tmp_path / "closed", threading.Barrier(2)
+    closed = tmp_path / "closed"
 
     def results(function: Callable, argument: object) -> int:
-        with opened_pool(2, most=2) as pool:
-            begin.wait()
-            found = dict(run_jobs(pool, function, [(argument,), (argument,)]))
+        found = dict(run_all(function, [(argument,), (argument,)], workers=2))
         closed.touch()
         return len(found)
 

@@ -163,9 +163,7 @@ def test_an_intervention_begins_another_episode_of_the_same_drive() -> None:
 
 def test_an_episode_that_ends_off_the_road_is_an_intervention_at_any_margin() -> None:
     scenario = Scenario(world="gymnasium:drivezoo/Lake-v0", margin=20)
-    slightly_right = as_policy(lambda frame, mph: (0.02, None))
-    driven = drive(slightly_right, open_world(scenario), scenario, first_only=True)
-    assert driven.time_s[-1] < 20
+    driven = drive(lambda *_: (0.02, None), open_world(scenario), scenario, first_only=True)
     assert driven.intervention.sum() == 1
 
 
