@@ -73,6 +73,7 @@ def test_a_trial_run_writes_no_checkpoint(train, tmp_path: Path) -> None:
         ("trainer.overfit_batches=2", "type trainer.limit_train_batches=N"),
         ("trainer.limit_val_batches=0", "trainer.limit_val_batches=0 leaves no validation rows"),
         ("trainer.limit_val_batches=0.5", "limit_val_batches=1.0"),
+        ("trainer.val_check_interval=1000", "trainer: `val_check_interval` (1000) must be less"),
         ("trainer.accumulate_grad_batches=0", "a whole number of 1 or more"),
     ],
 )
