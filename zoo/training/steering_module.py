@@ -95,9 +95,11 @@ class SteeringModule(RunModule):
         targets_of = self._true if type(self) is SteeringModule else self.targets_of
 
         def batch_loss(batch: Batch) -> Tensor:
-            predicted = predict(batch)
+            predicted, targets = predict(batch), targets_of(batch)
             rows = predicted.flatten(0, 1) if has_memory else predicted
-            return loss(rows, targets_of(batch))
+            if targets.ndim != 2 or targets.shape[1] > rows.shape[1]:  # they would be broadcast
+                raise InputError(f"targets_of: {[*targets.shape]} for outputs of {[*rows.shape]}")
+            return loss(rows, targets)
 
         return batch_loss
 

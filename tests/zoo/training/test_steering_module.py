@@ -1,5 +1,6 @@
 """The LightningModule: its optimizer, loss and predictions of windows, and open-loop figures."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -142,6 +143,18 @@ def test_each_prediction_is_compared_with_the_row_that_it_is_for(name: str) -> N
     for weight in network.parameters():
         assert weight.grad is not None, "every weight learns"
         assert weight.grad.isfinite().all()
+
+
+@pytest.mark.parametrize("columns", [lambda true: true[:, 0], lambda true: true.repeat(1, 2)])
+def test_targets_that_a_loss_would_broadcast_are_refused(columns: Callable) -> None:
+    class Module(SteeringModule):
+        def targets_of(self, batch: dict) -> torch.Tensor:
+            return columns(super().targets_of(batch))
+
+    network = network_of(NAMES[0])
+    module = Module(network, nn.MSELoss(), optimizer=torch.optim.Adam)
+    with pytest.raises(InputError, match=r"^targets_of: \[\d+(, 2)?\] for outputs of \[\d+, 1\]$"):
+        module._loss(batch_of(network))
 
 
 @pytest.mark.parametrize("name", NAMES)
