@@ -5,10 +5,8 @@ Each value is compared with the annotation of the constructor's argument that it
 
 import inspect
 import math
-import pkgutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from types import NoneType
 from typing import Annotated, Any, Literal
 
@@ -20,7 +18,6 @@ from zoo.base.command_keys import choices_of, typed, wanted
 from zoo.base.compose import LISTS_ALL, plain_dict
 from zoo.base.errors import UsageError, hint
 from zoo.base.key_values import convert, is_misplaced_bool, kinds_in
-from zoo.base.parts import part_of
 from zoo.models.make_network import BORDER_KEYS
 from zoo.training.build import OWN_KEYS, build_data, check_members, construct, takes
 from zoo.training.host_settings import AUTO
@@ -60,7 +57,7 @@ def check_config(config: DictConfig) -> None:
         if name in (values := OmegaConf.select(config, section) or {}):
             convert(key, kind, values[name])
     for key, settings in _parts(plain):
-        function = _named(key, settings.get(TARGET))
+        function = construct(key, {TARGET: settings.get(TARGET)}, _partial_=True).func
         if key == "module":
             check_members(key, function, RunModule, RunModule.NEEDED)
         ours = (*HYDRA, *OWN.get(key, ()))
@@ -70,16 +67,6 @@ def check_config(config: DictConfig) -> None:
         config = config.copy()
         config.data.root = record["out"]
     build_data(config)  # it checks its own values
-
-
-def _named(key: str, target: str | None) -> Callable[..., Any]:
-    """Return the function or class that a section's `_target_` names."""
-    if target and ":" not in target and not part_of(target):
-        with suppress(ImportError, AttributeError, ValueError):
-            named = pkgutil.resolve_name(target)  # in a tenth of Hydra's time
-            if callable(named):
-                return named
-    return construct(key, {TARGET: target}, _partial_=True).func
 
 
 def check_arguments(key: str, function: Callable[..., Any], given: Mapping[str, Any]) -> None:
