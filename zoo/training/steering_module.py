@@ -77,6 +77,7 @@ class SteeringModule(RunModule):
         self._loss = compile_loss(self._plain_loss()) if compile_loss else self._plain_loss()
         self._step = BatchStep(self, self._loss)
         self._samples_before = 0
+        self._begun: tuple[int, float] = 0, 0.0  # samples and losses of an epoch, when it resumes
 
     def forward(self, batch: Batch) -> Tensor:
         """Return the outputs, float32 [N, outputs], steering first; of a window's newest frame."""
@@ -110,13 +111,16 @@ class SteeringModule(RunModule):
     def on_save_checkpoint(self, checkpoint: dict) -> None:
         """Add the card, and what was trained so far, to the checkpoint."""
         super().on_save_checkpoint(checkpoint)
-        checkpoint["trained"] = [self.train_epochs, self.train_samples, self.train_seconds]
+        step = self._step
+        checkpoint["begun"] = int(step.samples), float(step.loss_sum)
+        checkpoint["trained"] = [self.train_epochs, self._samples_before, self.train_seconds]
 
     def on_load_checkpoint(self, checkpoint: dict) -> None:
         """Restore what the resumed run had trained; checkpoints of before do not hold it."""
         self.train_epochs, self._samples_before, self.train_seconds = checkpoint.get(
             "trained", [0, 0, 0.0]
         )
+        self._begun = checkpoint.get("begun", self._begun)
         loop = checkpoint["loops"]["fit_loop"]
         epochs, batches = loop["epoch_progress"], loop["epoch_loop.batch_progress"]
         ended = 0 < epochs["current"]["started"] == epochs["current"]["processed"]
@@ -133,6 +137,7 @@ class SteeringModule(RunModule):
         self._clock = time.perf_counter()
         make_step = RankStep if self.trainer.world_size > 1 else self._make_step
         self._step = make_step(self, self._loss)
+        self._step.samples, self._step.loss_sum = self._begun
 
     def on_train_epoch_start(self) -> None:
         """Start counting samples and loss of the epoch."""

@@ -1,5 +1,6 @@
 """Resuming a run: finished, moved, trained by another process, or after its disk was full."""
 
+import csv
 import os
 import shutil
 from collections.abc import Callable, Iterator
@@ -353,6 +354,9 @@ def test_a_run_that_fails_inside_an_epoch_resumes_inside_it(
     assert next(batch for batch in fed if batch[0] == 2) == (2, 0), "a later epoch is whole"
     samples = [metrics(tmp_path / run)["train_samples"] for run in ("failed", "whole")]
     assert samples[0] == samples[1]
+    logs = [csv.DictReader((tmp_path / run / "metrics.csv").open()) for run in ("failed", "whole")]
+    losses = [[row["train/loss"] for row in log if row["train/loss"]] for log in logs]
+    assert losses[0] == losses[1][-2:], "each is the mean of a whole epoch"
     for name in ("best", "last"):
         assert equal(weights(tmp_path / "failed", name), weights(tmp_path / "whole", name))
 
