@@ -74,10 +74,10 @@ class ComparedEntries(Result):
     def lines(self) -> list[str]:
         """Return the verdict over all groups, what limits it, and what is needed to tell."""
         name, overall = list(self.groups.items())[-1]
-        where = counted(overall.roads, "road") + f" of group {name}" * (name != OVERALL)
+        where = counted(overall.roads, "drive") + f" of group {name}" * (name != OVERALL)
         first, second = (f"{scores[self._score]:.1%}" for scores in (overall.a, overall.b))
         what = SCORES[self._score]
-        lines = [f"verdict: {overall.verdict} ({what} {first} and {second} on {where})"]
+        lines = [f"verdict: {overall.verdict} ({what} {first} and {second} in {where})"]
         pair = (self.a, self.b)
         if single := [side.result.entry for side in pair if side.seeds == 1 and side.is_trained]:
             lines.append(

@@ -56,6 +56,7 @@ def test_the_better_entry_is_named(folders: tuple[Path, Path], tmp_path: Path) -
     first, second = folders
     printed = succeed(compare(tmp_path, first.name, str(second / "result.json")))
     assert "verdict: B drives better" in printed
+    assert "in 28 drives)" in printed, "of fewer roads"
     assert "wrote: compare.json" in printed
     written = json.loads((tmp_path / "compare.json").read_text())
     assert list(written["groups"]) == ["like", "sharp", "dynamics", "laps", "all but laps"]
@@ -311,6 +312,10 @@ def test_the_seeds_needed_decide_in_80_of_100_cases() -> None:
 def test_a_difference_that_roads_hide_needs_more_roads() -> None:
     of_roads = np.linspace(-1, 1, 8)[None].repeat(3, 0)
     assert seeds_needed(0.1 + of_roads, 0 * of_roads).reason == "roads"
+
+
+def test_more_trainings_that_are_alike_tell_nothing_more() -> None:
+    assert seeds_needed(np.ones((3, 4)), np.zeros((3, 4))).reason == "roads"
 
 
 def test_no_number_is_given_for_a_tiny_difference() -> None:
