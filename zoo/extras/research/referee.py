@@ -86,7 +86,9 @@ class Referee(Result):
         if paired:
             policies = _shared(policies, "training", notes)
         notes += _untold(policies)
-        return cls(policies, compare_policies(policies, paired), notes, wanted.score or "success")
+        scores = {row.score for rollouts in policies.values() for row in rollouts}
+        score = wanted.score or ("success" if scores <= {0, 1} else "score")
+        return cls(policies, compare_policies(policies, paired), notes, score)
 
     @property
     def lines(self) -> list[str]:

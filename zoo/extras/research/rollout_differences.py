@@ -193,6 +193,10 @@ def _needed(a: list[Rollout], b: list[Rollout], scope: str, paired: bool) -> dic
     rollouts = max(1, round(len(a) / scenes / trainings))
     within = _unit_variance(a, b, THESE, paired)[2] if scope == NEW else variance
     between = max(0.0, variance - within)
+    if not variance + sum(part for part, _ in trained):  # all are alike: see `p_value`
+        way, present = ("scenes", scenes) if scope == NEW else ("rollouts", rollouts)
+        alike = math.log(2 / SIGNIFICANT) / math.log1p(difference)  # units
+        return {way: max(present, math.floor(alike * present / len(units))) + 1}
 
     def of_rollouts(count: int) -> Parts:
         more = freedom if scope == NEW else freedom * count / rollouts

@@ -189,6 +189,17 @@ def test_a_pair_that_only_the_correction_leaves_undecided_has_a_need() -> None:
     assert compare_policies(policies)[0].needed == {}, "a is better"
 
 
+def test_scenes_that_are_alike_tell_by_their_number_alone() -> None:
+    policies = {"a": rollouts("a", np.ones((5, 6))), "b": rollouts("b", np.zeros((5, 6)))}
+    assert compare_policies(policies)[1].needed == {"scenes": 6}, "p = 2 * (1 / 2) ** scenes"
+
+
+def test_scores_that_are_no_successes_are_not_called_so(tmp_path: Path) -> None:
+    (tmp_path / "scores.csv").write_text("policy,score\na,71.5\nb,60\n")
+    drivezoo.compare(tmp_path / "scores.csv", out=tmp_path / "out.json")
+    assert json.loads((tmp_path / "out.json").read_text())["score"] == "score"
+
+
 def test_one_rollout_a_scene_does_not_tell_how_many_are_needed() -> None:
     rng = np.random.default_rng(0)
     policies = {name: rollouts(name, rng.random((30, 1)) < 0.5) for name in "ab"}
