@@ -67,10 +67,10 @@ def over_seeds(values: Sequence[float], most: float, unit: str, form: str = ".1f
 
 
 def by_training(rows: Rows) -> list[tuple[float, float]]:
-    """Return the interventions and the kilometres of each training."""
+    """Return the interventions and the kilometres of each training, in the order of the seeds."""
+    by_seed = sorted(grouped(rows, ["seed"]), key=lambda drives: int(drives[0]["seed"]))
     trainings = [
-        (floats(drives, "interventions"), floats(drives, "driven_m"))
-        for drives in grouped(rows, ["seed"])
+        (floats(drives, "interventions"), floats(drives, "driven_m")) for drives in by_seed
     ]
     return [(sum(counts), sum(metres) / 1000) for counts, metres in trainings]
 
@@ -99,7 +99,13 @@ def clean_trainings(rows: Rows) -> str:
 
 
 def interventions_of(rows: Rows) -> str:
-    """Return the number of interventions of each training, the trainings in order."""
+    """Return the number of interventions of each training, the trainings in order.
+
+    >>> row = {"interventions": "0", "driven_m": "500"}
+    >>> interventions_of([{**row, "seed": "1"}, {**row, "seed": "10", "interventions": "3"},
+    ...                   {**row, "seed": "2"}])
+    '0, 0, 3'
+    """
     return ", ".join(f"{count:.0f}" for count, _ in by_training(rows))
 
 
