@@ -126,7 +126,7 @@ class Driver:
             lost = self._judge(session, telemetry, now_s)
             return self._drive(session, telemetry, now_s, lost)
         except TelemetryError as error:
-            self.notices.report(error.kind, str(error).removeprefix(f"{error.kind}: "))
+            self.notices.report(error.kind, error.detail)
         except Exception as error:
             frame = traceback.extract_tb(error.__traceback__)[-1]
             self.notices.report(

@@ -73,6 +73,13 @@ def test_another_shape_is_reported(shape: tuple[int, int], reported: int, make: 
     assert [driver.notices.counts[kind] for kind in kinds] == [1] * reported
 
 
+def test_a_trouble_without_details_is_named_once(make: Make) -> None:
+    driver, lines = make(), list[str]()
+    driver.notices = Notices(lines.append)
+    driver.answer(driver.connect("a"), {})
+    assert lines[1:] == ["telemetry has no image (printed once, then counted)"]
+
+
 UNKNOWN = ["NaN", float("nan"), "1e308", 1e308, -1e308, "Infinity", 10**400, None, "", [], 250]
 
 
