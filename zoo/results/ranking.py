@@ -180,10 +180,10 @@ class Figure:
         return f"{text} of {length}" if length else text
 
     def interval(self, entry: Entry) -> Estimate:
-        """Return an entry's mean with its 95 % interval over training seeds."""
+        """Return an entry's mean with its 95 % interval over training seeds, each counted once."""
         value, deviation = entry.figures.get(self.key) or (math.nan, None)
-        greatest = 1 if self.is_score else math.inf
-        return mean_over_seeds(value, deviation, len(entry.runs), (0, greatest))
+        seeds, greatest = {run.seed for run in entry.runs}, 1 if self.is_score else math.inf
+        return mean_over_seeds(value, deviation, len(seeds), (0, greatest))
 
     def column(self, short: bool) -> Column:
         """Return the column for files, with intervals or deviations, or the numbers of drives."""

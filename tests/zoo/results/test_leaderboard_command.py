@@ -23,7 +23,7 @@ from zoo.driving.drive_log import write_drive
 from zoo.driving.drive_record import SOCKET, Drive, DriveRow
 from zoo.results.benchmarked import overall
 from zoo.results.checked_result import read_result
-from zoo.results.ranking import named_columns, rank, seeds_column
+from zoo.results.ranking import named_columns, rank, ranked_figures, seeds_column
 from zoo.results.ranking_page import Ranking
 from zoo.results.scored import drive_folders, load_drive, load_run, read_scored, run_folders
 from zoo.runs.metrics_file import write_metrics_file
@@ -262,6 +262,13 @@ def test_repeats_with_other_seeds_are_one_entry_with_a_spread(tmp_path: Path) ->
     assert first.counts["lake"] == (3, 9)
     named = {one.heading for one in named_columns([first, second], tmp_path)}
     assert named == {"", "run"}, "all share the recording, and a column of settings the model"
+
+
+def test_a_repeated_training_narrows_no_interval(tmp_path: Path) -> None:
+    for name, seed, autonomy in (("a", 1, 0.9), ("again", 1, 0.9), ("b", 2, 0.8)):
+        write_run(tmp_path / name, autonomy, seed=seed, root="/a/lake")
+    (entry,) = entries = rank(read_scored(sorted(tmp_path.iterdir()))[0])
+    assert ranked_figures(entries)[0].interval(entry).low < 0.5
 
 
 @pytest.mark.parametrize(
