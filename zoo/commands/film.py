@@ -57,11 +57,8 @@ def read_shots(folder: Path) -> list[Shot]:
         raise InputError(f"{folder}: no such folder; usage: {film.usage}")
     # A log that is not a regular file, such as a pipe, is reported when it is opened.
     if (folder / drive_log.LOG_NAME).exists():
-        shots = _shots_of_drive(folder)
-    elif is_recording:
-        shots = _shots_of_recording(folder)
-    else:
-        shots = _shots_of_images(folder)
+        return _shots_of_drive(folder)  # each simulator has times of its own
+    shots = _shots_of_recording(folder) if is_recording else _shots_of_images(folder)
     if not shots:
         raise InputError(f"{folder}: has no {LOG_NAME}, JPEG or PNG; name another folder")
     times = np.array([shot.time_s for shot in shots])
@@ -165,13 +162,13 @@ def _pilots(ckpt: str, shots: list[Shot]) -> Callable[[np.ndarray, Shot], np.nda
 def _shots_of_drive(folder: Path) -> list[Shot]:
     drive = drive_log.read_drive(folder)
     notes = {PERSON: "a person drives", FALLBACK: "trouble: braking"}
-    # Only the client with the most frames: a film that alternates between clients would flicker.
-    with_frame = drive.client[drive.frame != ""]
-    client = np.bincount(with_frame).argmax() if len(with_frame) else 0
-    rows = np.flatnonzero(drive.client == client)
-    steps = np.diff(drive.time_s[rows], prepend=drive.time_s[rows][:1])
+    # One client after the other: a film that alternates between clients would flicker.
+    rows = np.argsort(drive.client, kind="stable")
+    rows = rows[np.isin(drive.client[rows], drive.client[drive.frame != ""])]
+    client, times = drive.client[rows], drive.time_s[rows]
+    steps = np.where(np.diff(client, prepend=0), 0.0, np.diff(times, prepend=times[:1]))
     # Without cross-track errors and interventions, the autonomy is unknown.
-    judged = bool(np.isfinite(drive.cross_track_m[rows]).any())
+    judged = np.isin(client, client[np.isfinite(drive.cross_track_m[rows])]).all()
     driven_s = np.cumsum(np.where((steps > 0) & (steps <= LONGEST_STEP_S), steps, 0.0))
     interventions = np.cumsum(drive.intervention[rows])
     shots, last, lost, lost_s = [], "", 0, -math.inf
@@ -182,7 +179,7 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
         lost_s = float(drive.time_s[row]) if int(interventions[number]) > lost else lost_s
         last, lost = frame, int(interventions[number])
         time_s = float(drive.time_s[row])
-        lately = "intervention" if time_s - lost_s < SHOWN_S else None
+        lately = "intervention" if 0 <= time_s - lost_s < SHOWN_S else None
         state = Overlay(
             float(drive.steering[row]),
             float(drive.throttle[row]),

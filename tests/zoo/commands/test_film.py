@@ -181,6 +181,18 @@ def test_an_autonomy_that_is_not_measured_is_not_shown(recorded: Written, tmp_pa
     assert shots[9].state.autonomy == 0, "a takeover shows that a person watches"
 
 
+def test_a_simulator_that_connects_again_is_filmed_after_its_first_frames(tmp_path: Path) -> None:
+    writer = DriveWriter(tmp_path)
+    for client, time_s in ((1, 5.0), (1, 5.1), (2, 1.0), (3, 1.0), (2, 1.1)):
+        name = "" if client == 3 else f"{client}-{time_s}.jpg"  # only one is recorded at a time
+        writer.add([DriveRow(time_s, client, frame=name, intervention=time_s == 5.1)])
+    writer.close()
+    shots = read_shots(tmp_path)
+    names = ["1-5.0.jpg", "1-5.1.jpg", "2-1.0.jpg", "2-1.1.jpg"]
+    assert [shot.path.name for shot in shots] == names
+    assert [shot.state.note for shot in shots] == [None, "intervention", None, None]
+
+
 def test_the_overlay_draws_only_known_values() -> None:
     bare = draw_overlay(GREY, Overlay(None, float("nan"), None))
     assert bare.shape == (320, 640, 3)
