@@ -10,6 +10,7 @@ from rich.text import Text
 from zoo.base.console_script import place_of
 from zoo.base.terminal import command_line, print_next
 from zoo.driving.intervals import ONE_TRACK, poisson_rate
+from zoo.driving.scenario import Scenario
 from zoo.runs.result_table import with_interval
 from zoo.scoring.evidence import (
     Evidence,
@@ -66,6 +67,7 @@ def judge(
     tracks: Sequence[str] | None = None,
     world: str = "embedded",
     replayed: str | None = None,
+    speed: float | None = None,
 ) -> Verdict:
     """Judge a network by its drives.
 
@@ -77,6 +79,7 @@ def judge(
         world: world that was driven in.
         replayed: what was replayed, in words; None if `world` says it. A network of another car
             than Udacity's gets no verdict by the embedded world.
+        speed: speed that the drives held, mph; None for that of the run's `score`.
     """
     from zoo.simulator.track_names import full_name
 
@@ -106,7 +109,7 @@ def judge(
         tuple(_track_line(track, levels[track], by_track[track]) for track in names),
         _certainty(by_track, replayed or "replay" if world == "replay" else None),
         tuple(cause.text for cause in causes),
-        tuple(_commands(level, evidence, again, worst, world)),
+        tuple(_commands(level, evidence, again, worst, world, speed or evidence.at("score.speed"))),
     )
 
 
@@ -250,7 +253,7 @@ def _certainty(by_track: Mapping[str, Sequence[Mapping]], replayed: str | None) 
 
 
 def _commands(
-    level: str, evidence: Evidence, again: str | None, track: str, world: str
+    level: str, evidence: Evidence, again: str | None, track: str, world: str, speed: object
 ) -> list[tuple[str, str]]:
     """Return pairs of a purpose and a command; the first is the one to try first."""
     steps = [("train again", again)] if again else []
@@ -258,8 +261,9 @@ def _commands(
         return steps
     if world == "replay":  # of any car: nothing here drives it on a track
         return [*steps, ("replay a whole recording of its car", _replay_command(evidence))]
-    on_track = [evidence.checkpoint, f"track={track}"]
-    watch = ("watch it drive", ["drive", evidence.checkpoint, f"sim={track}"])
+    key = [f"speed={speed:g}"] if isinstance(speed, int | float) and speed != Scenario.speed else []
+    on_track = [evidence.checkpoint, f"track={track}", *key]
+    watch = ("watch it drive", ["drive", evidence.checkpoint, f"sim={track}", *key])
     if world != "embedded":  # the only world that `correct` and `drive` have
         words = ["evaluate", *on_track, f"world={world}", "seeds=3"]
         following = [("drive it three times", words)]

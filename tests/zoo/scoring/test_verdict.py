@@ -160,6 +160,14 @@ def test_the_next_command_names_a_track_as_the_user_typed_it() -> None:
     assert "=my_track.yaml" in judge([drive(0, "my_track")], known).commands[-1][1]
 
 
+@pytest.mark.parametrize(("lost", "world"), [(0, "embedded"), (20, "embedded"), (0, "donkey")])
+def test_the_next_command_drives_at_the_speed_that_was_driven(lost: int, world: str) -> None:
+    for known, speed in ((evidence(), 28.0), (evidence({"score": {"speed": 28}}), None)):
+        command = judge([drive(lost)], known, ["lake"], world, speed=speed).commands[-1][1]
+        assert " speed=28" in command
+    assert "speed=" not in judge([drive(lost)], evidence(), speed=15.0).commands[-1][1]
+
+
 def test_the_next_command_after_another_world_names_it() -> None:
     verdict = judge([drive(0, "Lake-v0")], evidence(), ["Lake-v0"], "gymnasium")
     why, command = verdict.commands[-1]
