@@ -4,13 +4,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
 from pydantic import Field
 from rich.console import Console
 
+from datamodules.format_options import ReadOptions
 from datamodules.formats.udacity import times_from_names
 from datamodules.image import AnyImage, read_image
 from datamodules.known_formats import known_format
@@ -23,10 +24,12 @@ from zoo.base.output_files import checked_file
 from zoo.base.rig import UDACITY
 from zoo.base.terminal import counted, print_line, print_written
 from zoo.checkpoints.checkpoint_path import find_driver
+from zoo.checkpoints.policy_base import Policy
 from zoo.driving import drive_log
 from zoo.driving.drive_film import MOMENTS, Overlay, draw_overlay
 from zoo.driving.drive_record import EMBEDDED, FALLBACK, PERSON, REPLAY, SOCKET
 from zoo.driving.tally import LONGEST_STEP_S, autonomy
+from zoo.scoring.evaluate_options import read_as_trained
 
 USUAL_FPS = 15.0  # the simulator's recorder; used if the images have no times
 MOST_FPS = 60.0
@@ -44,21 +47,25 @@ class Shot:
     state: Overlay = field(default_factory=Overlay)
 
 
-def read_shots(folder: Path) -> list[Shot]:
+def read_shots(folder: Path, **said: Any) -> list[Shot]:
     """Return the frames of a drive, a recording or a folder of images, in the order of time.
+
+    Args:
+        folder: folder to film.
+        **said: fields of `ReadOptions`, for a recording.
 
     Raises:
         InputError: the folder does not exist or has no images, or its log cannot be read.
     """
     if folder.exists() and folder.name in (LOG_NAME, drive_log.LOG_NAME):
         folder = folder.parent
-    is_recording = folder.exists() and known_format(folder) is not None
+    is_recording = "format" in said or (folder.exists() and known_format(folder) is not None)
     if not folder.is_dir() and not is_recording:
         raise InputError(f"{folder}: no such folder; usage: {film.usage}")
     # A log that is not a regular file, such as a pipe, is reported when it is opened.
     if (folder / drive_log.LOG_NAME).exists():
         return _shots_of_drive(folder)  # each simulator has times of its own
-    shots = _shots_of_recording(folder) if is_recording else _shots_of_images(folder)
+    shots = _shots_of_recording(folder, said) if is_recording else _shots_of_images(folder)
     if not shots:
         raise InputError(f"{folder}: has no {LOG_NAME}, JPEG or PNG; name another folder")
     times = np.array([shot.time_s for shot in shots])
@@ -77,73 +84,35 @@ def real_fps(shots: list[Shot]) -> float:
     return float(np.clip(round(1 / float(usual.mean()), 1), 1.0, MOST_FPS))
 
 
-def make_film(
-    folder: str | Path,
-    out: str | Path | None,
-    fps: float | None,
-    console: Console,
-    ckpt: str | None = None,
-) -> Path:
-    """Write the film of a folder and return its path; the arguments are as in `film`.
-
-    Images that cannot be read are left out and counted.
+def _load_pilots(names: list[str]) -> dict[str, Policy]:
+    """Return the policies that steer in a film, by name.
 
     Raises:
-        InputError: `read_shots` fails, no image can be read, or the film cannot be written.
+        InputError: a checkpoint cannot be used.
+        UsageError: there are more than four.
     """
-    # Imported late: imageio-ffmpeg (30 MB) is needed only for films.
-    from zoo.base.video import FILMS, Film
-
-    folder = Path(folder).expanduser()
-    out = checked_file(out or f"{folder.absolute()}.mp4", FILMS, "out" if out else "")
-    shots = read_shots(folder)
-    draw = None if ckpt is None else _pilots(ckpt, shots)
-    rate = real_fps(shots) if fps is None else fps
-    faults: list[str] = []
-    size: tuple[int, int] | None = None  # of the first frame, in which all are filmed
-    try:
-        with Film(out, rate) as film, progress_bar("filming", console) as report:
-            for number, shot in enumerate(shots):
-                report(number / len(shots))
-                try:
-                    frame = read_image(shot.path)
-                except (OSError, ValueError) as error:
-                    faults.append(f"{shot.path}: {getattr(error, 'strerror', None) or error}")
-                else:
-                    image = draw(frame, shot) if draw else draw_overlay(frame, shot.state)
-                    size = size or image.shape[1::-1]
-                    film.add(cv2.resize(image, size))
-    except InputError as error:
-        raise InputError(f"{error}; or name another file with out=") from None
-    drawn = len(shots) - len(faults)
-    if not drawn:
-        raise InputError(f"{faults[0]}; none of {len(shots)} images can be read")
-    if faults:
-        print_line(console, f"{counted(len(faults), 'image')} left out: {faults[0]}")
-    print_line(console, f"{counted(drawn, 'frame')} at {rate:g} per second, {drawn / rate:.1f} s")
-    return out
+    if len(names) > MOST_PILOTS:
+        raise UsageError(f"ckpt: names {len(names)}; a film shows {MOST_PILOTS} at most")
+    drivers = {name: find_driver(name) for name in names}
+    with loading():
+        from zoo.checkpoints.checkpoint_policy import load_policy
+    return {name: load_policy(driver) for name, driver in drivers.items()}
 
 
-def _pilots(ckpt: str, shots: list[Shot]) -> Callable[[np.ndarray, Shot], np.ndarray]:
+def _pilots(pilots: dict[str, Policy], shots: list[Shot]) -> Callable[[np.ndarray, Shot], Any]:
     """Return the function that lets pilots steer on a frame, and draws them into it.
 
     Raises:
-        InputError: a checkpoint cannot be used, or the frames have no recorded steering.
-        UsageError: there are more than four.
+        InputError: the frames have no recorded steering.
     """
-    names = ckpt.split(",")
-    if len(names) > MOST_PILOTS:
-        raise UsageError(f"ckpt={ckpt}: names {len(names)}; a film shows {MOST_PILOTS} at most")
     if any(shot.state.steering is None for shot in shots):
         raise InputError("ckpt=: these frames have no steering; name the folder of a recording")
-    drivers = list(map(find_driver, names))
-    with loading():
-        from zoo.checkpoints.checkpoint_policy import load_policy
-        from zoo.driving.pilot_film import Pilots
-        from zoo.driving.run_drives import one_thread
+    from zoo.driving.pilot_film import Pilots
+    from zoo.driving.run_drives import one_thread
+
     rig, last_s = shots[0].state.rig, math.inf
-    policies = [load_policy(driver).in_car(rig) for driver in drivers]
-    pilots = Pilots(names, rig, [])
+    policies = [policy.in_car(rig) for policy in pilots.values()]
+    drawing = Pilots(list(pilots), rig, [])
 
     def draw(frame: np.ndarray, shot: Shot) -> np.ndarray:
         nonlocal last_s
@@ -153,8 +122,8 @@ def _pilots(ckpt: str, shots: list[Shot]) -> Callable[[np.ndarray, Shot], np.nda
         last_s, speed = shot.time_s, shot.state.speed_mph or 0.0
         with one_thread():
             steering = [policy(frame, speed).steering for policy in policies]
-        pilots.steering.append([shot.state.steering or 0.0, *steering])
-        return pilots.draw(frame)
+        drawing.steering.append([shot.state.steering or 0.0, *steering])
+        return drawing.draw(frame)
 
     return draw
 
@@ -202,21 +171,14 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
     return shots
 
 
-def _shots_of_recording(folder: Path) -> list[Shot]:
-    log = read_recordings(str(folder), on_bad_image="skip")
+def _shots_of_recording(folder: Path, said: dict) -> list[Shot]:
+    log = read_recordings(str(folder), **said | {"on_bad_image": "skip"})
     speed_mph = np.full(len(log), np.nan) if log.without_speed else log.speed_mph
+    columns = log.time_s, log.steering, log.throttle - log.brake, speed_mph
+    states = np.stack(columns, axis=1).tolist()
     return [
-        Shot(
-            log.images[row, 0],
-            float(log.time_s[row]),
-            Overlay(
-                float(log.steering[row]),
-                float(log.throttle[row] - log.brake[row]),
-                float(speed_mph[row]),
-                rig=log.rig,
-            ),
-        )
-        for row in range(len(log))
+        Shot(path, time_s, Overlay(steering, throttle, mph, rig=log.rig))
+        for path, (time_s, steering, throttle, mph) in zip(log.images[:, 0], states, strict=True)
     ]
 
 
@@ -237,24 +199,56 @@ def film(
     out: str | None = None,
     fps: Annotated[float, Field(gt=0, le=1000)] | None = None,
     ckpt: str | None = None,
+    read: ReadOptions,
 ) -> Path:
     """Film a drive, a recording or a folder of images.
 
     Writes an H.264 .mp4 that plays in a browser. Each frame shows steering, throttle and speed;
     frames of a drive (a folder with drive.csv) also show autonomy and the distance from the
     centreline. With ckpt=A,B each checkpoint steers on the frames of a recording: their wheels are
-    drawn beside the recorded one, and how far each is off over time.
+    drawn beside the recorded one, and how far each is off over time. Images that cannot be read
+    are left out and counted.
 
     Args:
         folder: folder of a drive, a recording or images.
         out: .mp4 file to write; null: FOLDER.mp4, next to the folder.
         fps: frames per second; null plays as fast as it was driven.
         ckpt: up to four checkpoints, A,B, that steer on the frames of a recording; null for none.
+        read: see `ReadOptions`; not given: as the first of ckpt that trained on this recording.
     """
-    console = Console(soft_wrap=True)
-    path = make_film(folder, out, fps, console, ckpt)
-    print_written([path], console=console)
-    return path
+    # Imported late: imageio-ffmpeg (30 MB) is needed only for films.
+    from zoo.base.video import FILMS, Film
+
+    console, path = Console(soft_wrap=True), Path(folder).expanduser()
+    film_path = checked_file(out or f"{path.absolute()}.mp4", FILMS, "out" if out else "")
+    pilots = {} if ckpt is None else _load_pilots(ckpt.split(","))
+    shots = read_shots(path, **read_as_trained(pilots.values(), path, read))
+    draw = _pilots(pilots, shots) if pilots else None
+    rate = real_fps(shots) if fps is None else fps
+    faults: list[str] = []
+    size: tuple[int, int] | None = None  # of the first frame, in which all are filmed
+    try:
+        with Film(film_path, rate) as film, progress_bar("filming", console) as report:
+            for number, shot in enumerate(shots):
+                report(number / len(shots))
+                try:
+                    frame = read_image(shot.path)
+                except (OSError, ValueError) as error:
+                    faults.append(f"{shot.path}: {getattr(error, 'strerror', None) or error}")
+                else:
+                    image = draw(frame, shot) if draw else draw_overlay(frame, shot.state)
+                    size = size or image.shape[1::-1]
+                    film.add(cv2.resize(image, size))
+    except InputError as error:
+        raise InputError(f"{error}; or name another file with out=") from None
+    drawn = len(shots) - len(faults)
+    if not drawn:
+        raise InputError(f"{faults[0]}; none of {len(shots)} images can be read")
+    if faults:
+        print_line(console, f"{counted(len(faults), 'image')} left out: {faults[0]}")
+    print_line(console, f"{counted(drawn, 'frame')} at {rate:g} per second, {drawn / rate:.1f} s")
+    print_written([film_path], console=console)
+    return film_path
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from datamodules.format_options import ReadOptions
 from datamodules.image import AnyImage, read_image
 from datamodules.recording_format import read_recordings
 from zoo.base.command import command
@@ -14,6 +15,7 @@ from zoo.base.output_files import checked_file
 from zoo.base.terminal import print_written
 from zoo.base.whole_file import write_output
 from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
+from zoo.scoring.evaluate_options import read_as_trained
 
 SHOWN = 12  # frames of a recording that are drawn
 CAPTION = 24  # height in pixels of the line below a pair
@@ -23,7 +25,12 @@ CAPTION = 24  # height in pixels of the line below a pair
 
 @command(outputs=True)
 def saliency(
-    ckpt: str, image_or_recording: str, *, out: str = "saliency.png", published: bool = False
+    ckpt: str,
+    image_or_recording: str,
+    *,
+    read: ReadOptions,
+    out: str = "saliency.png",
+    published: bool = False,
 ) -> None:
     """Draw what a network looks at.
 
@@ -34,6 +41,7 @@ def saliency(
         ckpt: checkpoint: a .ckpt or .onnx file, a run's folder, latest, or a network that comes
             with drivezoo, such as lenet.
         image_or_recording: JPEG or PNG, or a recording's folder.
+        read: see `ReadOptions`; not given: as in the training, if it trained on this recording.
         out: PNG file to write.
         published: true: VisualBackProp to the letter; false: weighted by the effect on the
             steering.
@@ -46,7 +54,7 @@ def saliency(
 
         policy = load_policy(checkpoint)
         look = Saliency(policy, published)
-        frames = _frames(source)
+        frames = _frames(source, read_as_trained([policy], source, read))
         height, width = frames[0][0].shape[:2]
         pairs = []
         for frame, speed, caption in frames:
@@ -68,11 +76,11 @@ def _captioned(pair: np.ndarray, caption: str) -> np.ndarray:
     return np.vstack([pair, cv2.putText(line, caption, (6, CAPTION - 8), *style)])
 
 
-def _frames(source: Path) -> list[tuple[np.ndarray, float, str]]:
+def _frames(source: Path, said: dict) -> list[tuple[np.ndarray, float, str]]:
     """Return frames, speeds in mph and names: one image, or `SHOWN` rows across a recording."""
     if source.is_file() and source.suffix != ".csv":
         return [(_read_frame(source), 0.0, f"{source.name}; right: what the steering depends on")]
-    recording = read_recordings(str(source), on_bad_image="skip")
+    recording = read_recordings(str(source), **said | {"on_bad_image": "skip"})
     rows = np.unique(np.linspace(0, len(recording) - 1, SHOWN).round().astype(int))
     return [
         (

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from datamodules.format_options import ReadOptions, said_in
 from datamodules.formats.recording_writer import write_frame
 from datamodules.looking.findings import KEYBOARD_SHARE, report_recordings
 from datamodules.recorded_car import other_car
@@ -20,7 +19,6 @@ from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
 from zoo.base.terminal import counted, print_written
 from zoo.checkpoints.checkpoint import added_rig
-from zoo.checkpoints.checkpoint_path import trained_data
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.policy_base import Policy, PolicyFunction
 from zoo.driving.drive_log import write_drive
@@ -42,7 +40,7 @@ from zoo.runs.plots import save_figure
 from zoo.runs.result_table import Table, known
 from zoo.runs.table_files import Result
 from zoo.scoring.drive_plots import error_over_distance
-from zoo.scoring.evaluate_options import ReplayOptions
+from zoo.scoring.evaluate_options import ReplayOptions, read_as_trained
 from zoo.scoring.evidence import other_car_line, source_of
 
 FRAMES = "frames"
@@ -115,7 +113,7 @@ def replay_recording(
     policy = load_policy(driver)
     name = driver if isinstance(driver, str) else policy.name
     recording = read_recordings(
-        recording_folder, **read_as_trained(policy, recording_folder, options)
+        recording_folder, **read_as_trained([policy], recording_folder, options.data)
     )
     is_own = policy.data.get("fingerprint") == recording.fingerprint()
     if is_own and recording.rig is None and isinstance(driver, str):
@@ -170,17 +168,6 @@ def held_out_replay(recording: Recording, split: Split, speed_mph: float | None)
             f"{STRETCH_S:g} s; data.split=blocks data.block_s=10 holds out blocks of 10 s"
         )
     return ReplayWorld(recording, speed_mph=speed_mph, stretches=stretches)
-
-
-def read_as_trained(policy: Policy, folder: str, options: ReplayOptions) -> dict[str, Any]:
-    """Return what the training said of a recording, if it trained on it, and the user's keys."""
-    data = trained_data(policy.config, policy.data)
-    root, said = data.get("root"), ReadOptions()
-    roots = root if isinstance(root, list) else [root]
-    paths = [Path(str(each)).expanduser().resolve() for each in roots]
-    if (path := Path(folder).expanduser().resolve()) in paths:
-        said = ReadOptions(**said_in(data)).of_each(len(paths))[paths.index(path)]
-    return said.given() | options.data.given()
 
 
 def keyboard_lines(recording: Recording, on_track: bool) -> list[str]:

@@ -1,6 +1,5 @@
 """Films of recordings, drives and folders of images, checked by decoding them."""
 
-import io
 import re
 import shutil
 import subprocess
@@ -11,7 +10,6 @@ import cv2
 import imageio_ffmpeg
 import numpy as np
 import pytest
-from rich.console import Console
 
 from tests.datamodules.exchange.test_tub import record, write_tub
 from tests.recordings import Written, write_recording
@@ -21,7 +19,7 @@ from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
 from zoo.checkpoints.policy_base import as_policy
 from zoo.commands.film import film as film_command
-from zoo.commands.film import make_film, read_shots, real_fps
+from zoo.commands.film import read_shots, real_fps
 from zoo.driving.drive_film import GREEN, RED, Overlay, draw_overlay
 from zoo.driving.drive_log import DriveWriter, write_drive
 from zoo.driving.drive_record import PERSON, REPLAY, Drive, DriveRow
@@ -77,7 +75,7 @@ def test_images_are_filmed_in_the_order_of_time(recorded: Written, tmp_path: Pat
 
 
 def test_a_drive_shows_autonomy_and_distance_from_the_centre(
-    recorded: Written, tmp_path: Path, console: Console
+    recorded: Written, tmp_path: Path
 ) -> None:
     folder = tmp_path / "drive"
     shutil.copytree(recorded.folder / "IMG", folder / "IMG")
@@ -103,7 +101,7 @@ def test_a_drive_shows_autonomy_and_distance_from_the_centre(
     assert shots[60].state.note == "a person drives"
     assert shots[-1].state.autonomy == pytest.approx(1 - 6 / shots[-1].time_s, abs=0.01)
     assert (shots[-1].state.cte_m, shots[-1].state.spread) == (-0.5, 0.05)
-    assert len(decode(make_film(folder, None, None, console))[1]) == 120
+    assert len(decode(film_command(folder))[1]) == 120
 
 
 def test_unreadable_images_are_skipped_and_odd_names_are_kept(
@@ -250,7 +248,7 @@ def test_a_recording_of_any_format_is_filmed(tmp_path: Path) -> None:
     shots = read_shots(tub)
     assert len(shots) == 5
     assert {shot.state.rig for shot in shots} == {None}, "its car is unknown"
-    out = make_film(tub, tmp_path / "tub.mp4", None, Console(file=io.StringIO()))
+    out = film_command(tub)
     assert out.stat().st_size > 0
 
 
@@ -266,6 +264,20 @@ def test_pilots_steer_beside_the_recorded_driver(tmp_path: Path) -> None:
     printed = succeed(film(tmp_path, "lake", "ckpt=a.ckpt,b.ckpt", "out=pilots.mp4"))
     assert "wrote: " in printed
     assert (tmp_path / "pilots.mp4").stat().st_size
+
+
+def test_a_film_reads_a_recording_as_in_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written, wheels = write_recording(tmp_path / "lake", rows=3), []
+    data = {"root": str(written.folder), "steering": {"right": "negative"}}
+    pilot = write_constant(tmp_path / "a.ckpt", 0.3, data=data)
+    monkeypatch.setattr(Pilots, "draw", lambda self, frame: wheels.append(self.steering) or frame)
+    film_command(written.folder, ckpt=str(pilot))
+    assert [wheel for wheel, _ in wheels[0]] == pytest.approx(-written.steering)
+    (written.folder / "driving_log.csv").open("a").write("a.jpg,b.jpg,c.jpg,far,0,0,1\n")
+    assert "on_bad_row=skip" in only_line(film(tmp_path, "lake", "out=a.mp4"))
+    assert "3 frames" in succeed(film(tmp_path, "lake", "out=a.mp4", "on_bad_row=skip"))
 
 
 def test_pilots_forget_at_pauses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,7 +21,7 @@ from tests.zoo.compositions import composed
 from zoo.base.compose import choices
 from zoo.base.errors import InputError
 from zoo.commands.evaluate import evaluate_or_replay as command
-from zoo.commands.film import make_film
+from zoo.commands.film import film
 from zoo.driving.drive_film import WorstMoments, badness
 from zoo.driving.drive_log import read_drive
 from zoo.driving.drive_record import DriveRow
@@ -170,11 +170,11 @@ def test_a_scored_drive_can_be_filmed(checkpoint: str, tmp_path: Path, console: 
             assert image.size == (320, 160)
 
 
-def test_ten_moments_are_not_a_film(tmp_path: Path, console: Console) -> None:
+def test_ten_moments_are_not_a_film(tmp_path: Path) -> None:
     from zoo.driving.drive_log import DriveWriter
 
     writer = DriveWriter(tmp_path)
     writer.add(DriveRow(i / 15, frame="frames/0.jpg" if i == 5 else "") for i in range(200))
     writer.close()
     with pytest.raises(InputError, match=r"worst moments; .*film=true"):
-        make_film(tmp_path, tmp_path / "film.mp4", None, console)
+        film(tmp_path, out=tmp_path / "film.mp4")

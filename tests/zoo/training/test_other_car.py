@@ -24,8 +24,8 @@ from zoo.checkpoints.policy_base import Policy
 from zoo.commands.doctor import next_step
 from zoo.commands.evaluate import evaluate
 from zoo.scoring.drive_section import scores
-from zoo.scoring.evaluate_options import ReplayOptions
-from zoo.scoring.replay_score import held_out_replay, read_as_trained
+from zoo.scoring.evaluate_options import read_as_trained
+from zoo.scoring.replay_score import held_out_replay
 from zoo.scoring.reported_run import ReportedRun
 
 RIG = """name: my car
@@ -209,7 +209,7 @@ def test_a_replay_reads_a_recording_as_in_training_unless_the_user_says_otherwis
     trained.config = {"data": {"root": "drives", "format": "table", "steering": "{unit: rad}"}}
 
     def said(folder: str, **typed: str) -> dict:
-        return read_as_trained(trained, folder, ReplayOptions(data=ReadOptions(**typed)))
+        return read_as_trained([Policy(), trained], folder, ReadOptions(**typed))
 
     assert said("drives") == {"format": "table", "steering": "{unit: rad}"}
     assert said("drives", steering="{unit: deg}") == {"format": "table", "steering": "{unit: deg}"}

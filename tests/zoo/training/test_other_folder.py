@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
+from datamodules.format_options import ReadOptions
 from tests.datamodules.exchange.test_tub import record, write_tub
 from tests.zoo.command_runs import run_here, succeed
 from tests.zoo.trainings import metrics
@@ -17,10 +18,9 @@ from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.commands.rerun import lead_from
-from zoo.scoring.evaluate_options import ReplayOptions
+from zoo.scoring.evaluate_options import read_as_trained
 from zoo.scoring.evidence import read_evidence
 from zoo.scoring.parity import take_frames
-from zoo.scoring.replay_score import read_as_trained
 from zoo.scoring.reported_run import ReportedRun
 
 RIG = "{name: small, camera: {size: [160, 120], vertical_fov_deg: 50, up_m: 0.2}, "
@@ -51,7 +51,7 @@ def checkpoint(begun: Path, here: Path) -> Checkpoint:
 
 def test_a_replay_and_a_report_read_recording_and_rig(begun: Path, here: Path) -> None:
     tub = str(begun / "laps" / "tub")
-    typed = read_as_trained(load_policy(begun / "run"), tub, ReplayOptions())
+    typed = read_as_trained([load_policy(begun / "run")], tub, ReadOptions())
     assert typed["rig"] == str(begun / "car.yaml")
     assert ReportedRun.open(begun / "run").recording.rig.name == "small"
 
