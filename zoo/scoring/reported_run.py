@@ -15,7 +15,7 @@ from zoo.checkpoints.checkpoint_policy import CheckpointPolicy, load_policy
 from zoo.checkpoints.policy_base import Policy
 from zoo.driving.drive_log import LOG_NAME, read_drive
 from zoo.driving.drive_record import WrittenDrive
-from zoo.runs.metrics_file import NAME, read_metrics_file
+from zoo.runs.metrics_file import read_metrics_file
 from zoo.runs.page import last_folders
 from zoo.runs.run_record import Run
 from zoo.scoring.blocks import Image
@@ -91,7 +91,7 @@ class ReportedEvaluation(ReportedDrives):
         self.tracks = {name: figures for name, figures in tracks.items() if figures}
         self.drive_folders = sorted(path.parent for path in folder.glob(f"*/{LOG_NAME}"))
         if not self.tracks:
-            raise InputError(f"{folder / NAME}: holds no drives on tracks; name an evaluation")
+            raise InputError(f"{folder}: has no drives on tracks; name one of outputs/evaluations")
 
     @property
     def title(self) -> str:

@@ -19,6 +19,7 @@ from zoo.driving.drive_log import read_drive
 from zoo.driving.drives_table import mean_and_spread
 from zoo.driving.run_drives import all_drives
 from zoo.driving.scenario import Scenario
+from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.result_table import Table
 from zoo.scoring.blocks import Image, Images, Rows, Section, Text, to_html, to_markdown
 from zoo.scoring.track_scores import KeptDrive
@@ -212,10 +213,13 @@ def test_bad_input_is_one_line(tmp_path: Path, run_folder: Path) -> None:
     shutil.copytree(run_folder / ".hydra", sweep / "0" / ".hydra")
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").touch()
+    (tmp_path / "replay").mkdir()
+    write_metrics_file(tmp_path / "replay", {"replay": {}})
     for name, said in {
         "sweep": f"name a run's folder, such as {sweep / '0'}",
         "empty": "is no run (no .hydra/config.yaml) and no evaluation (no metrics.json)",
         "file": "is no run",
+        "replay": "replay: has no drives on tracks; name one of outputs/evaluations",
     }.items():
         with pytest.raises(InputError, match=re.escape(said)):
             write_report(tmp_path / name)
