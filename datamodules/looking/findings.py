@@ -83,7 +83,7 @@ def _no_recoveries(recording: Recording) -> Iterator[str]:
             f"{count} stretches follow a pause and steer back to the middle: a network learns to "
             "return only from side cameras (data.offset) and 'augment=[shift]'; record recoveries: "
             "pause, drive off the middle, record while you return "
-            "(or drivezoo simulator record noise=1)"
+            "(or drivezoo simulator record noise=1 out=FOLDER)"
         )
 
 

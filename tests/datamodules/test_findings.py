@@ -58,7 +58,7 @@ PAUSES = with_pauses(recording_in_memory(RNG.normal(0, 1e-3, 2_000)), range(100,
 ODDITIES = [
     ("keyboard", TAPS, "^70%.*600 rows share 4 values.*drivezoo simulator drive"),
     ("keyboard", 0 * SMOOTH, r"^the steering is 0 in each row(?!.*keyboard).*data\.steering"),
-    ("no_recoveries", SMOOTH, r"^0 stretches.*data\.offset.*noise=1"),
+    ("no_recoveries", SMOOTH, r"^0 stretches.*data\.offset.*noise=1 out=FOLDER"),
     ("no_recoveries", recoveries(1), "^1 stretch"),
     ("no_recoveries", PAUSES, "^0 stretches"),
     (
