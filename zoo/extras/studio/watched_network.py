@@ -32,7 +32,7 @@ class Watched:
     """
 
     def __init__(self, name: str, path: str, scenario: dict[str, Any]) -> None:
-        self.name = name
+        self.name, self.loading = name, True
         self.frame, self.failure, self.ready = LatestFrame(), "", threading.Event()
         self._heard_s, self._patience_s = time.monotonic(), LOADS_S
         self._process = start_module(
@@ -68,7 +68,8 @@ class Watched:
 
     def state(self) -> dict[str, Any]:
         """Return the state as plain containers."""
-        return {"name": self.name, "running": self.running, "failure": self.failure}
+        state = {"name": self.name, "running": self.running, "failure": self.failure}
+        return state | {"loading": self.loading}
 
     def _read(self) -> None:
         pipe: Any = self._process.stdout
@@ -76,6 +77,7 @@ class Watched:
             self._heard_s = time.monotonic()
             if jpeg:
                 self.frame.show(jpeg, **json.loads(head))
+                self.loading = False
             else:
                 self.ready.set()
         status = self._process.wait()

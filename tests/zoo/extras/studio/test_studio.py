@@ -237,6 +237,7 @@ def test_networks_drive_side_by_side_and_a_broken_file_says_so(
     (here / "broken.ckpt").write_bytes(b"no checkpoint")
     scenario = {"track": "zoo_lake", "quality": "simple"}
     networks = [Watched(path.stem, str(path), scenario) for path in paths]
+    assert all(network.state()["loading"] for network in networks), "also in a second drive"
     start_together(networks)
     try:
         first, *broken = networks
@@ -246,6 +247,7 @@ def test_networks_drive_side_by_side_and_a_broken_file_says_so(
             assert "broken.ckpt" in network.failure
             assert "Traceback" not in network.failure
         assert not first.failure
+        assert not first.state()["loading"]
     finally:
         for network in networks:
             network.stop()

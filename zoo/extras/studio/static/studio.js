@@ -302,7 +302,7 @@ function showWatched() {
     const { panel } = sides[at];
     text($("h2", panel), network.name);
     text($(".failure", panel), network.failure);
-    text($(".state", panel), network.failure ? "" : network.running ? (sides[at].last ? "" : "Loading") : "Ended");
+    text($(".state", panel), network.failure ? "" : !network.running ? "Ended" : network.loading ? "Loading" : "");
   });
   sides.forEach(({ panel }, at) => (panel.hidden = at >= watch.length));
 }
