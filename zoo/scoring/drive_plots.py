@@ -128,11 +128,12 @@ def degradation_curves(
         axis.axvline(usual[label], color=GREY, ls=":", lw=1)
         axis.plot(list(by_value), share, color=BLUE, marker="o", lw=2)
         axis.set(xlabel=label, ylim=(-4, 104))
-        axis.set_ylabel("autonomy (%)", color=BLUE)
+        gap = "\nnot measured"
+        axis.set_ylabel("autonomy (%)" + gap * bool(np.isnan(share).all()), color=BLUE)
         right = axis.twinx()
         right.plot(list(by_value), error, color=ORANGE, marker=".", lw=1.2)
         right.set_ylim(0, max(1.0, 1.1 * worst))
-        right.set_ylabel("mean cross-track error (m)", color=ORANGE)
+        right.set_ylabel("mean cross-track error (m)" + gap * (set(error) == {None}), color=ORANGE)
         for panel in (axis, right):
             panel.spines["top"].set_visible(False)
     figure.suptitle(plot_text(title))

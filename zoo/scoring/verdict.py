@@ -265,8 +265,7 @@ def _commands(
     on_track = [evidence.checkpoint, f"track={track}", *key]
     watch = ("watch it drive", ["drive", evidence.checkpoint, f"sim={track}", *key])
     if world != "embedded":  # the only world that `correct` and `drive` have
-        words = ["evaluate", *on_track, f"world={world}", "seeds=3"]
-        following = [("drive it three times", words)]
+        following = [("drive it three times", ["evaluate", *on_track, f"world={world}", "seeds=3"])]
     elif level in (ALMOST, FAILS):
         correct = ("or let the expert correct it", ["correct", *on_track])
         corrects = evidence.can_train and place_of("correct")  # an extra's

@@ -63,7 +63,8 @@ def test_one_drive_has_no_spread_nor_has_a_figure_that_some_drives_lack() -> Non
 def test_an_unknown_figure_leaves_a_gap_in_plots_and_sweeps() -> None:
     swept = {"speed": {15.0: drive(None, cte_mean_m=None)}}
     assert figures_by_track([*swept["speed"].values()]).axes
-    assert degradation_curves(swept, {"speed": 15.0}, "lake").axes
+    axes = degradation_curves(swept, {"speed": 15.0}, "lake").axes
+    assert ["not measured" in axis.get_ylabel() for axis in axes] == [True, True]
     assert list(sweep_table(swept, Scenario()).columns[1].cells) == ["15*\n-\n-"]
 
 
