@@ -185,10 +185,8 @@ def test_a_simulator_that_connects_again_is_filmed_after_its_first_frames(tmp_pa
         name = "" if client == 3 else f"{client}-{time_s}.jpg"  # only one is recorded at a time
         writer.add([DriveRow(time_s, client, frame=name, intervention=time_s == 5.1)])
     writer.close()
-    shots = read_shots(tmp_path)
-    names = ["1-5.0.jpg", "1-5.1.jpg", "2-1.0.jpg", "2-1.1.jpg"]
-    assert [shot.path.name for shot in shots] == names
-    assert [shot.state.note for shot in shots] == [None, "intervention", None, None]
+    filmed = [(shot.path.name[0], shot.state.note) for shot in read_shots(tmp_path)]
+    assert filmed == [("1", None), ("1", "intervention"), ("2", None), ("2", None)]
 
 
 def test_the_overlay_draws_only_known_values() -> None:
