@@ -78,7 +78,7 @@ def _captioned(pair: np.ndarray, caption: str) -> np.ndarray:
 
 def _frames(source: Path, said: dict) -> list[tuple[np.ndarray, float, str]]:
     """Return frames, speeds in mph and names: one image, or `SHOWN` rows across a recording."""
-    if source.is_file() and source.suffix != ".csv":
+    if source.is_file() and source.suffix != ".csv" and "format" not in said:
         return [(_read_frame(source), 0.0, f"{source.name}; right: what the steering depends on")]
     recording = read_recordings(str(source), **said | {"on_bad_image": "skip"})
     rows = np.unique(np.linspace(0, len(recording) - 1, SHOWN).round().astype(int))

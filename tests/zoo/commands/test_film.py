@@ -264,11 +264,11 @@ def test_pilots_steer_beside_the_recorded_driver(tmp_path: Path) -> None:
     assert (tmp_path / "pilots.mp4").stat().st_size
 
 
-def test_a_film_reads_a_recording_as_in_training(
+def test_a_film_and_a_map_read_a_recording_as_in_training(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     written, wheels = write_recording(tmp_path / "lake", rows=3), []
-    data = {"root": str(written.folder), "steering": {"right": "negative"}}
+    data = {"root": str(written.folder), "steering": {"right": "negative"}, "on_bad_row": "skip"}
     pilot = write_constant(tmp_path / "a.ckpt", 0.3, data=data)
     monkeypatch.setattr(Pilots, "draw", lambda self, frame: wheels.append(self.steering) or frame)
     film_command(written.folder, ckpt=str(pilot))
@@ -276,6 +276,7 @@ def test_a_film_reads_a_recording_as_in_training(
     (written.folder / "driving_log.csv").open("a").write("a.jpg,b.jpg,c.jpg,far,0,0,1\n")
     assert "on_bad_row=skip" in only_line(film(tmp_path, "lake", "out=a.mp4"))
     assert "3 frames" in succeed(film(tmp_path, "lake", "out=a.mp4", "on_bad_row=skip"))
+    succeed(run_here(tmp_path, "a.ckpt", "lake", module="zoo.commands.saliency"))
 
 
 def test_pilots_forget_at_pauses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

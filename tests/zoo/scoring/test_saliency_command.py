@@ -13,7 +13,6 @@ from tests.recordings import Written
 from tests.slow_members import slow_but
 from tests.zoo.command_runs import run_here
 from tests.zoo.models.test_models_command import build
-from tests.zoo.written_checkpoints import write_constant
 from zoo.base.compose import choices
 from zoo.base.errors import InputError, UsageError
 from zoo.checkpoints.checkpoint import Checkpoint
@@ -117,18 +116,6 @@ def test_a_recordings_images_get_one_size(
 
     assert result.stdout.splitlines()[0] == "wrote: saliency.png"
     assert cv2.imread(str(tmp_path / "saliency.png")).shape == (6 * (160 + CAPTION), 4 * 320, 3)
-
-
-def test_a_recording_is_read_as_in_training(
-    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    data, captions = {"root": str(recorded.folder), "steering": {"right": "negative"}}, []
-    file = write_constant(tmp_path / "a.ckpt", 0.3, data=data)
-    monkeypatch.setattr(
-        "zoo.commands.saliency._captioned", lambda pair, caption: captions.append(caption) or pair
-    )
-    saliency_command(str(file), str(recorded.folder), out=tmp_path / "a.png")
-    assert float(captions[-1].split()[-1]) == pytest.approx(-recorded.steering[-1], abs=0.01)
 
 
 def test_an_image_is_beside_its_map(run_folder: Path, recorded: Written, tmp_path: Path) -> None:
