@@ -77,7 +77,6 @@ class SteeringModule(RunModule):
         self._loss = compile_loss(self._plain_loss()) if compile_loss else self._plain_loss()
         self._step = BatchStep(self, self._loss)
         self._samples_before = 0
-        self._begun: tuple[int, float] = 0, 0.0  # samples and losses of an epoch, when it resumes
 
     def forward(self, batch: Batch) -> Tensor:
         """Return the outputs, float32 [N, outputs], steering first; of a window's newest frame."""
@@ -120,7 +119,7 @@ class SteeringModule(RunModule):
         self.train_epochs, self._samples_before, self.train_seconds = checkpoint.get(
             "trained", [0, 0, 0.0]
         )
-        self._begun = checkpoint.get("begun", self._begun)
+        self._step.samples, self._step.loss_sum = checkpoint.get("begun", (0, 0.0))
         loop = checkpoint["loops"]["fit_loop"]
         epochs, batches = loop["epoch_progress"], loop["epoch_loop.batch_progress"]
         ended = 0 < epochs["current"]["started"] == epochs["current"]["processed"]
@@ -136,8 +135,8 @@ class SteeringModule(RunModule):
         """Start the clock: an epoch that is resumed inside has no start."""
         self._clock = time.perf_counter()
         make_step = RankStep if self.trainer.world_size > 1 else self._make_step
-        self._step = make_step(self, self._loss)
-        self._step.samples, self._step.loss_sum = self._begun
+        begun, self._step = self._step, make_step(self, self._loss)
+        self._step.samples, self._step.loss_sum = begun.samples, begun.loss_sum
 
     def on_train_epoch_start(self) -> None:
         """Start counting samples and loss of the epoch."""
