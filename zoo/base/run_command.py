@@ -2,6 +2,7 @@
 
 import atexit
 import errno
+import gc
 import os
 import re
 import signal
@@ -98,6 +99,8 @@ def expected_failure(error: BaseException) -> Exception | None:
 
 def exit_after(name: str, command: Callable[[list[str]], object]) -> NoReturn:
     """Run a command with the arguments of this process, and exit with its status."""
+    # Python would look through each object of PyTorch and Lightning once more, for over a second.
+    atexit.register(gc.freeze)
     # An interrupt before the command begins, or while Python ends, would print a traceback.
     atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     try:

@@ -19,6 +19,10 @@ def drivezoo(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
     return run_words(cwd, sys.executable, "-c", CALL, *arguments)
 
 
+# An exit handler that is registered before a command's runs after them.
+LAST = "import atexit, gc; atexit.register(lambda: print('frozen', gc.get_freeze_count() > 1000));"
+
+
 def test_every_command_has_a_name_and_a_purpose(tmp_path: Path) -> None:
     lines = drivezoo(tmp_path, "--help").stdout.splitlines()
     for name in ("train", "drive", "evaluate", "leaderboard", "film", "check", "simulator"):
@@ -91,3 +95,8 @@ def test_wrong_use_is_no_failure(status: int, command: str, remedy: str, tmp_pat
     result = run_here(tmp_path, *arguments, module=module)
     assert result.returncode == status, result.stderr
     assert remedy in result.stderr
+
+
+def test_a_command_ends_without_a_look_at_all_objects(tmp_path: Path) -> None:
+    end = run_words(tmp_path, sys.executable, "-c", LAST + CALL, "list")
+    assert end.stdout.splitlines()[-1] == "frozen True"
