@@ -1,13 +1,11 @@
 """Measure the cost of scoring beyond rendering and network: `make bench ONLY=scored_lap`.
 
 It compares the CPU time of a scored drive on the lake with that of rendering the same frames and
-running the network on them, each on one thread; `in turns s` is that of both, frame by frame, whose
-caches are those of a drive. Weights are random; the car is put back often, which costs nothing
-extra.
+running the network on each, on one thread. Weights are random; the car is put back often, which
+costs nothing extra.
 """
 
 import time
-from functools import partial
 
 from benchmarks.material import random_policy
 from benchmarks.measuring import Row, medians, ratios, seconds_of, take_turns
@@ -26,32 +24,20 @@ def measure(short: bool) -> list[Row]:
     scenario = Scenario("lake", laps=laps, speed=20.0)
     policy, world = random_policy("nvidia").scored(), open_world(scenario)
     simulated = world.simulated
-    frames: list = []
 
     def scored() -> float:
         return seconds_of(lambda: drives.append(drive(policy, world, scenario)), time.process_time)
 
-    def rendered(network: bool = False) -> float:
+    def in_turns() -> float:
         last, seconds = drives[-1], 0.0
-        frames.clear()
         for distance, row in zip(last.distance_m, last.rows, strict=True):
             simulated.put_back(Start(distance, cte=row.cross_track_m, speed_mph=row.speed_mph))
-            began = time.process_time()
-            frames.append(world.frame())
-            if network:
-                policy(frames[-1], 20.0)
-            seconds += time.process_time() - began
+            seconds += seconds_of(lambda: policy(world.frame(), 20.0), time.process_time)
         return seconds
 
-    def predicted() -> float:
-        return seconds_of(lambda: [policy(frame, 20.0) for frame in frames], time.process_time)
-
     drives: list[Drive] = []
-    apart = {"rendering s": rendered, "network s": predicted}
-    together = {"in turns s": partial(rendered, network=True)}
-    turns = take_turns({"scored s": scored, **apart, **together}, rounds)
+    turns = take_turns({"scored s": scored, "in turns s": in_turns}, rounds)
     world.close()
-    sums = [a + b for a, b in zip(turns["rendering s"], turns["network s"], strict=True)]
     what = f"{laps:g} scored laps of the lake, nvidia, one core"
-    ratio, parts = ratios(turns["scored s"], sums), "rendering alone + network alone"
-    return [Row(what, parts, ratio, 1.1, False, medians(turns))]
+    ratio = ratios(turns["scored s"], turns["in turns s"])
+    return [Row(what, "rendering and network, frame by frame", ratio, 1.1, False, medians(turns))]

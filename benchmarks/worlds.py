@@ -31,6 +31,7 @@ def measure(short: bool) -> list[Row]:
         scenarios = {
             "the lake": Scenario(),
             "the lake, 3 cameras": Scenario(),
+            "udacity_mountain": Scenario("udacity_mountain"),
             "the lake, quality=fast": Scenario(quality="fast"),
             "the lake, quality=fast, 3 cameras": Scenario(quality="fast"),
         }
