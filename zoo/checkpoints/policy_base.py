@@ -2,16 +2,19 @@
 
 import copy
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from datamodules.format_options import ReadOptions, said_in
 from zoo.base.errors import library_errors
 from zoo.base.rig import CURVATURE, Rig, SteeringLabel
+from zoo.checkpoints.checkpoint_path import trained_data
 
 
 @dataclass(frozen=True)
@@ -219,3 +222,16 @@ def output_command(outputs: Sequence[float], predicts_spread: bool) -> Command:
     steering, *throttle = (min(max(control, -1.0), 1.0) for control in controls)
     spread = math.exp(min(outputs[-1], 100.0)) if predicts_spread else None
     return Command(steering, throttle[0] if throttle else None, spread)
+
+
+def read_as_trained(policies: Iterable[Policy], folder: str | Path, read: ReadOptions) -> dict:
+    """Return the user's keys, and else what the first training on a recording said of it."""
+    path = Path(folder).expanduser().resolve()
+    for data in (trained_data(policy.config, policy.data) for policy in policies):
+        root = data.get("root")
+        roots = root if isinstance(root, list) else [root]
+        paths = [Path(str(each)).expanduser().resolve() for each in roots]
+        if path in paths:
+            said = ReadOptions(**said_in(data)).of_each(len(paths))[paths.index(path)]
+            return said.given() | read.given()
+    return read.given()

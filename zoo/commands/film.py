@@ -24,12 +24,11 @@ from zoo.base.output_files import checked_file
 from zoo.base.rig import UDACITY
 from zoo.base.terminal import counted, print_line, print_written
 from zoo.checkpoints.checkpoint_path import find_driver
-from zoo.checkpoints.policy_base import Policy
+from zoo.checkpoints.policy_base import Policy, read_as_trained
 from zoo.driving import drive_log
 from zoo.driving.drive_film import MOMENTS, Overlay, draw_overlay
 from zoo.driving.drive_record import EMBEDDED, FALLBACK, PERSON, REPLAY, SOCKET
 from zoo.driving.tally import LONGEST_STEP_S, autonomy
-from zoo.scoring.evaluate_options import read_as_trained
 
 USUAL_FPS = 15.0  # the simulator's recorder; used if the images have no times
 MOST_FPS = 60.0

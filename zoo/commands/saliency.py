@@ -15,7 +15,7 @@ from zoo.base.output_files import checked_file
 from zoo.base.terminal import print_written
 from zoo.base.whole_file import write_output
 from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
-from zoo.scoring.evaluate_options import read_as_trained
+from zoo.checkpoints.policy_base import read_as_trained
 
 SHOWN = 12  # frames of a recording that are drawn
 CAPTION = 24  # height in pixels of the line below a pair

@@ -1,18 +1,14 @@
 """Keys of `drivezoo evaluate` and their checks."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
 
-from datamodules.format_options import ReadOptions, said_in
+from datamodules.format_options import ReadOptions
 from zoo.base.command_keys import Section
 from zoo.base.errors import InputError, UsageError
 from zoo.base.process_pool import PROCESSES, Executor
-from zoo.checkpoints.checkpoint_path import trained_data
-from zoo.checkpoints.policy_base import Policy
 from zoo.driving.scenario import Scenario
 from zoo.runs.table_files import ResultFiles, TableFiles
 from zoo.simulator.world_settings import WorldSettings
@@ -102,19 +98,6 @@ class ReplayOptions(TableFiles):
     data: Annotated[ReadOptions, Section()] = field(default_factory=ReadOptions)
     frames: bool = False
     out: str | None = None
-
-
-def read_as_trained(policies: Iterable[Policy], folder: str | Path, read: ReadOptions) -> dict:
-    """Return the user's keys, and else what the first training on a recording said of it."""
-    path = Path(folder).expanduser().resolve()
-    for data in (trained_data(policy.config, policy.data) for policy in policies):
-        root = data.get("root")
-        roots = root if isinstance(root, list) else [root]
-        paths = [Path(str(each)).expanduser().resolve() for each in roots]
-        if path in paths:
-            said = ReadOptions(**said_in(data)).of_each(len(paths))[paths.index(path)]
-            return said.given() | read.given()
-    return read.given()
 
 
 def track_names(text: str) -> list[str]:

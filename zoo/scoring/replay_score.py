@@ -20,7 +20,7 @@ from zoo.base.new_folder import command_folder
 from zoo.base.terminal import counted, print_written
 from zoo.checkpoints.checkpoint import added_rig
 from zoo.checkpoints.checkpoint_policy import load_policy
-from zoo.checkpoints.policy_base import Policy, PolicyFunction
+from zoo.checkpoints.policy_base import Policy, PolicyFunction, read_as_trained
 from zoo.driving.drive_log import write_drive
 from zoo.driving.drive_record import Drive, DriveRow
 from zoo.driving.drives_table import (
@@ -40,7 +40,7 @@ from zoo.runs.plots import save_figure
 from zoo.runs.result_table import Table, known
 from zoo.runs.table_files import Result
 from zoo.scoring.drive_plots import error_over_distance
-from zoo.scoring.evaluate_options import ReplayOptions, read_as_trained
+from zoo.scoring.evaluate_options import ReplayOptions
 from zoo.scoring.evidence import other_car_line, source_of
 
 FRAMES = "frames"

@@ -20,11 +20,10 @@ from tests.zoo.written_checkpoints import write_constant
 from zoo.base.command import Command
 from zoo.base.errors import InputError, UsageError
 from zoo.checkpoints.checkpoint import load_checkpoint
-from zoo.checkpoints.policy_base import Policy
+from zoo.checkpoints.policy_base import Policy, read_as_trained
 from zoo.commands.doctor import next_step
 from zoo.commands.evaluate import evaluate
 from zoo.scoring.drive_section import scores
-from zoo.scoring.evaluate_options import read_as_trained
 from zoo.scoring.replay_score import held_out_replay
 from zoo.scoring.reported_run import ReportedRun
 

@@ -17,8 +17,8 @@ from zoo.checkpoints.checkpoint_path import STARTED_IN
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents
 from zoo.checkpoints.onnx_file import onnx_bytes
+from zoo.checkpoints.policy_base import read_as_trained
 from zoo.commands.rerun import lead_from
-from zoo.scoring.evaluate_options import read_as_trained
 from zoo.scoring.evidence import read_evidence
 from zoo.scoring.parity import take_frames
 from zoo.scoring.reported_run import ReportedRun
