@@ -11,6 +11,7 @@ from zoo.simulator.track_names import (
     ALIASES,
     DRAWN,
     family_names,
+    is_included,
     recorded_name,
     track_folder,
     track_names,
@@ -40,7 +41,9 @@ def read_track(name: str) -> Track:
             f"such as {families[0]}:17 ({', '.join(families)}); {hint(name, names)}"
         )
     content = read_yaml(path)
-    is_included = path.resolve().parent == track_folder().resolve()
-    own_name = recorded_name(path.stem) if is_included else path.stem
+    # A user's file is never ranked as the included track of its name.
+    is_namesake = path.resolve().parent != track_folder().resolve() and is_included(path.stem)
     with placed_errors(path):
-        return make_track(own_name, content, path.parent)
+        return make_track(
+            path.name if is_namesake else recorded_name(path.stem), content, path.parent
+        )

@@ -49,11 +49,12 @@ def test_the_mountain_is_narrow_steep_and_winding():
     assert {"rock", "drop"} <= verges
 
 
-def test_a_users_own_track_needs_only_points_and_keeps_its_name(tmp_path):
-    path = tmp_path / "zoo_lake.yaml"
+@pytest.mark.parametrize("file", ["mine", "lake.yaml", "zoo_lake.yaml", "udacity_jungle.yaml"])
+def test_a_users_own_track_needs_only_points_and_has_a_name_of_its_own(tmp_path, file):
+    path = (tmp_path / file).with_suffix(".yaml")
     path.write_text(yaml.safe_dump({"points": SQUARE}))
     track = read_track(str(path))
-    assert (track.name, track.width, track.stretches) == ("zoo_lake", 6.4, ())
+    assert (track.name, track.width, track.stretches) == (file, 6.4, ())
 
 
 def test_a_road_that_crosses_itself_is_refused_with_both_places(tmp_path):
