@@ -1,21 +1,18 @@
 """`drivezoo simulator client` with hostile servers, or servers that are not drivers."""
 
-import base64
 import contextlib
-import hashlib
-import io
 import socket
 import struct
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import engineio
 import pytest
 from rich.console import Console
 
-from tests.zoo.simulator.drivers import GUID, make_frame
+from tests.zoo.simulator.drivers import Listening, handshake_answer, make_frame
 from zoo.simulator import client as client_module
 from zoo.simulator.client import Client
 from zoo.simulator.command_options import ClientOptions
@@ -27,39 +24,18 @@ OPEN = '0{"sid":"x","upgrades":[],"pingInterval":25000,"pingTimeout":60000}'
 SEND_MOST = 64 << 20  # bytes that a hostile server sends at most
 
 
-@contextlib.contextmanager
-def serving(talk: Callable[[socket.socket], None]) -> Iterator[str]:
-    """Start a server and return its URL; `talk` handles each connection in a thread."""
+class Serving(Listening):
+    """A server whose function `talk` handles each connection."""
 
-    def run(connection: socket.socket) -> None:
-        with connection, contextlib.suppress(OSError):
-            talk(connection)
-
-    def accept() -> None:
-        while True:
-            try:
-                connection, _ = listener.accept()
-            except OSError:
-                return
-            threading.Thread(target=run, args=(connection,), daemon=True).start()
-
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        threading.Thread(target=accept, daemon=True).start()
-        yield f"http://127.0.0.1:{listener.getsockname()[1]}"
-        listener.shutdown(socket.SHUT_RDWR)
+    def __init__(self, talk: Callable[[socket.socket], None]) -> None:
+        self._talk = talk
 
 
 def shake_hands(connection: socket.socket) -> None:
     request = b""
     while not request.endswith(b"\r\n\r\n"):
         request += connection.recv(4096)
-    lines = request.split(b"\r\n")
-    key = next(one for one in lines if one.lower().startswith(b"sec-websocket-key")).split()[1]
-    accept = base64.b64encode(hashlib.sha1(key + GUID).digest())
-    connection.sendall(
-        b"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-        b"Sec-WebSocket-Accept: " + accept + b"\r\n\r\n"
-    )
+    connection.sendall(handshake_answer(request))
 
 
 def wait(connection: socket.socket) -> None:
@@ -120,8 +96,8 @@ def first_events(link: LegacySocket | ModernSocket, seconds: float = 10) -> None
 
 @pytest.mark.parametrize("name", TOO_LONG)
 def test_a_message_beyond_the_limit_ends_the_connection(name: str) -> None:
-    with serving(open_and(TOO_LONG[name])) as url:
-        link = LegacySocket(url)
+    with Serving(open_and(TOO_LONG[name])) as server:
+        link = LegacySocket(server.url)
         with contextlib.closing(link), pytest.raises(ConnectionError, match=f"{MAX_MESSAGE:,}"):
             first_events(link)
 
@@ -141,8 +117,8 @@ def test_the_modern_socket_has_the_same_limit(late: bool, monkeypatch: pytest.Mo
 
     if late:
         monkeypatch.setattr(engineio.Client, "create_event", lambda _: LateEvent())
-    with serving(open_and(send)) as url:
-        link = ModernSocket(url)
+    with Serving(open_and(send)) as server:
+        link = ModernSocket(server.url)
         with pytest.raises(ConnectionError):
             first_events(link)
 
@@ -159,7 +135,7 @@ def test_a_message_without_an_end_does_not_block_the_client(flood: bytes) -> Non
             connection.sendall(b"a")
             time.sleep(0.01)
 
-    with serving(open_and(send)) as url, contextlib.closing(LegacySocket(url)) as link:
+    with Serving(open_and(send)) as server, contextlib.closing(LegacySocket(server.url)) as link:
         assert link.events(2) == [(OPENED, None)]
         calls = 0
         for _ in range(3):  # without a limit, none of them returns while bytes arrive
@@ -182,8 +158,8 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("talk", [wait, trickle])
 @pytest.mark.parametrize("kind", [LegacySocket, ModernSocket])
 def test_a_handshake_without_an_answer_is_given_up(kind: type, talk: Callable) -> None:
-    with serving(talk) as url, pytest.raises(HandshakeSilentError):
-        kind(url)
+    with Serving(talk) as server, pytest.raises(HandshakeSilentError):
+        kind(server.url)
 
 
 RUBBISH = ("0", "0[]", "0{}", "hello", '0{"sid":1,"upgrades":2}')
@@ -202,12 +178,12 @@ def test_a_modern_session_that_is_not_opened_is_given_up(sent: str, error: type)
             connection.sendall(make_frame(sent))
         wait(connection)
 
-    with serving(talk) as url, pytest.raises(error):
-        ModernSocket(url)
+    with Serving(talk) as server, pytest.raises(error):
+        ModernSocket(server.url)
 
 
 @pytest.mark.usefixtures("impatient")
-def test_it_warns_once_and_connects_again() -> None:
+def test_it_warns_once_and_connects_again(console: Console) -> None:
     connections = []
 
     def talk(connection: socket.socket) -> None:
@@ -216,15 +192,15 @@ def test_it_warns_once_and_connects_again() -> None:
             shake_hands(connection)  # and no OPEN packet
         wait(connection)
 
-    console = Console(record=True, width=400, file=io.StringIO())
-    with serving(talk) as url:
-        client = Client(open_world("lake", quality="simple"), ClientOptions(url=url), console)
+    with Serving(talk) as server:
+        options = ClientOptions(url=server.url)
+        client = Client(open_world("lake", quality="simple"), options, console)
         for _ in range(2):
             client.run()
         threading.Timer(1, lambda: connections[2].shutdown(socket.SHUT_RDWR)).start()
         client.run()
-    printed = console.export_text()
+    printed = console.file.getvalue()
     assert printed.count("no answer to the handshake") == 1
-    assert url in printed
+    assert server.url in printed
     assert "another program on the port" in printed
     assert len(connections) == 3

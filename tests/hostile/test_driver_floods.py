@@ -9,29 +9,29 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.zoo.server.old_client import CONTINUATION, TEXT, WS_PING, OldClient, telemetry
+from tests.zoo.server.old_client import (
+    CONTINUATION,
+    TEXT,
+    WS_PING,
+    OldClient,
+    masked_frame,
+    telemetry,
+)
 from tests.zoo.server.scans import SCANS, many_scans, png_bomb
 from tests.zoo.server.serve import Served, picture, served
 from zoo.server import telemetry_message as telemetry_module
 from zoo.server.telemetry_message import MAX_IMAGE_BYTES, MAX_SCANS, TelemetryError, read_telemetry
 
 ANSWERS = 40
-MASK = bytes(4)
-
-
-def small_frame(opcode: int, payload: bytes, last: bool = True) -> bytes:
-    return bytes([opcode | (0x80 if last else 0), 0x80 | len(payload)]) + MASK + payload
-
-
 FLOODS = {
-    "events": small_frame(TEXT, b'42["x"]'),
-    "connects": small_frame(TEXT, b"40"),
-    "connects to a namespace": small_frame(TEXT, b"40/x,"),
-    "PINGs": small_frame(TEXT, b"2"),
-    "PONGs": small_frame(TEXT, b"3"),
-    "WebSocket PINGs": small_frame(WS_PING, b""),
-    "fragments of one byte": small_frame(CONTINUATION, b"x", last=False),
-    "telemetry": small_frame(TEXT, b'42["telemetry",{}]'),
+    "events": masked_frame(TEXT, b'42["x"]'),
+    "connects": masked_frame(TEXT, b"40"),
+    "connects to a namespace": masked_frame(TEXT, b"40/x,"),
+    "PINGs": masked_frame(TEXT, b"2"),
+    "PONGs": masked_frame(TEXT, b"3"),
+    "WebSocket PINGs": masked_frame(WS_PING, b""),
+    "fragments of one byte": masked_frame(CONTINUATION, b"x", last=False),
+    "telemetry": masked_frame(TEXT, b'42["telemetry",{}]'),
 }
 
 

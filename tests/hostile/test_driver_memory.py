@@ -10,11 +10,10 @@ from collections.abc import Callable
 import psutil
 import pytest
 import websocket
-from websocket import ABNF
 
 from tests.hostile.test_driver_sessions import FINE, RED, assert_drives, assert_steered, closed
 from tests.slow_members import slow_but
-from tests.zoo.server.old_client import OldClient
+from tests.zoo.server.old_client import TEXT, OldClient, masked_frame
 from tests.zoo.server.serve import Served
 from zoo.server.connections import MOST_HELD, MOST_QUIET_WEBSOCKETS
 
@@ -27,17 +26,11 @@ POST = (
 LARGE = 2 << 20  # bytes; the longest message that the driver reads
 
 
-def message(text: str) -> bytes:
-    """Return a text message of a WebSocket."""
-    return ABNF.create_frame(text, ABNF.OPCODE_TEXT).format()
-
-
-HALF = message("4" * LARGE)[:-1]
-WHOLE = message('42["x","' + "y" * (LARGE - 10) + '"]')
-DRIVING = message('42["telemetry",{}]')
+HALF = masked_frame(TEXT, b"4" * LARGE)[:-1]
+WHOLE = masked_frame(TEXT, b'42["x","' + b"y" * (LARGE - 10) + b'"]')
+DRIVING = masked_frame(TEXT, b'42["telemetry",{}]')
 # One of two large attachments of a telemetry.
-ATTACHED = message('452-["telemetry",{}]')
-ATTACHED += ABNF.create_frame(bytes(LARGE - 1000), ABNF.OPCODE_BINARY).format()
+ATTACHED = masked_frame(TEXT, b'452-["telemetry",{}]') + masked_frame(2, bytes(LARGE - 1000))
 
 
 class Attacker:

@@ -8,8 +8,9 @@ import base64
 import json
 import os
 import socket
-import struct
 import time
+
+from websocket import ABNF
 
 FRAGMENT = 1016
 CONTINUATION, TEXT, CLOSE, WS_PING = 0, 1, 8, 9
@@ -59,18 +60,7 @@ class OldClient:
             self.send_frame(TEXT if first else CONTINUATION, data[start : start + FRAGMENT], last)
 
     def send_frame(self, opcode: int, payload: bytes, last: bool = True) -> None:
-        size = len(payload)
-        head = bytes([opcode | (0x80 if last else 0)])
-        if size < 126:
-            head += bytes([0x80 | size])
-        else:
-            wide = size > 65535
-            head += bytes([0x80 | (127 if wide else 126)])
-            head += struct.pack("!Q" if wide else "!H", size)
-        mask = os.urandom(4)
-        key = (mask * (size // 4 + 1))[:size]
-        masked = int.from_bytes(payload, "big") ^ int.from_bytes(key, "big")
-        self.socket.sendall(head + mask + masked.to_bytes(size, "big"))
+        self.socket.sendall(masked_frame(opcode, payload, last))
 
     def emit(self, name: str, *arguments: object) -> None:
         self.send("42" + json.dumps([name, *arguments]))
@@ -124,7 +114,7 @@ class OldClient:
         head = self._exactly(2)
         size = head[1] & 127
         if size == 126:
-            size = struct.unpack("!H", self._exactly(2))[0]
+            size = int.from_bytes(self._exactly(2), "big")
         return head[0] & 15, self._exactly(size)
 
     def _exactly(self, size: int) -> bytes:
@@ -138,6 +128,11 @@ class OldClient:
         if not data:
             raise ConnectionError("the driver has hung up")
         return data
+
+
+def masked_frame(opcode: int, payload: bytes, last: bool = True) -> bytes:
+    """Return a WebSocket frame, as clients send it."""
+    return ABNF.create_frame(payload, opcode, int(last)).format()
 
 
 def telemetry(jpeg: bytes = b"", decimal: str = ".", **values: object) -> dict:

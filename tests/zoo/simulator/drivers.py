@@ -78,12 +78,7 @@ class RawDriver(Listening):
         self.messages.append([])
         self.times.append([])
         assert b"upgrade: websocket" in request.lower()
-        (key,) = re.findall(rb"(?i)^sec-websocket-key: (\S+)", request, re.MULTILINE)
-        accept = base64.b64encode(hashlib.sha1(key + GUID).digest())
-        connection.sendall(
-            b"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-            b"Sec-WebSocket-Accept: " + accept + b"\r\n\r\n"
-        )
+        connection.sendall(handshake_answer(request))
         whole = b""
         while True:
             final, opcode, masked, data = _read_frame(stream)
@@ -172,6 +167,16 @@ def serve_modern(reply: list) -> None:
 
     server.on("telemetry", take)
     eventlet.wsgi.server(listener, socketio.WSGIApp(server), log_output=False)
+
+
+def handshake_answer(request: bytes) -> bytes:
+    """Return the response that accepts a WebSocket."""
+    (key,) = re.findall(rb"(?i)^sec-websocket-key: (\S+)", request, re.MULTILINE)
+    accept = base64.b64encode(hashlib.sha1(key + GUID).digest())
+    return (
+        b"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        b"Sec-WebSocket-Accept: " + accept + b"\r\n\r\n"
+    )
 
 
 def steering_driver(steering: str = "0.0000", throttle: str = "0.3000") -> Callable:
