@@ -62,6 +62,16 @@ def table(dataset: Path, name: str = DATA) -> dict:
     return pq.read_table(dataset / name).to_pydict()
 
 
+def write_table(path: Path, columns: dict[str, object]) -> None:
+    pq.write_table(pa.table(columns), path)
+
+
+def come_back(dataset: Path, folder: Path) -> Recording:
+    """Return the recording that a dataset is converted to."""
+    convert_to_recording(dataset, folder)
+    return read_recordings(str(folder))
+
+
 def test_a_recording_comes_back(source: Recording, dataset: Path, tmp_path: Path) -> None:
     result = convert_to_recording(dataset, tmp_path / "again")
     again = read_recordings(str(tmp_path / "again"))
@@ -81,8 +91,7 @@ def test_images_of_one_camera_keep_their_size_but_for_an_odd_column(tmp_path: Pa
     info = json.loads((tmp_path / "dataset/meta/info.json").read_text())
     assert info["features"]["observation.images.center"]["shape"] == [256, 454, 3]
     assert "observation.images.left" not in info["features"]
-    convert_to_recording(tmp_path / "dataset", tmp_path / "again")
-    again = read_recordings(str(tmp_path / "again"))
+    again = come_back(tmp_path / "dataset", tmp_path / "again")
     assert again.frame_size() == (256, 454)
     assert again.images[0, 1] is None
 
@@ -118,8 +127,7 @@ def test_the_tables_are_lerobots(source: Recording, dataset: Path) -> None:
     assert stats["action"]["mean"][0] == pytest.approx(source.steering.mean(), abs=1e-6)
     assert np.shape(stats["observation.images.right"]["q50"]) == (3, 1, 1)
     mean = np.mean([read_image(path) for path in source.images[::10, 0]], (0, 1, 2)) / 255
-    found = np.ravel(stats["observation.images.center"]["mean"])
-    assert found == pytest.approx(mean, abs=0.02)
+    assert np.ravel(stats["observation.images.center"]["mean"]) == pytest.approx(mean, abs=0.02)
 
 
 def test_a_long_drive_is_cut_into_episodes_and_comes_back_whole(
@@ -131,8 +139,7 @@ def test_a_long_drive_is_cut_into_episodes_and_comes_back_whole(
     assert write_as("lerobot", source, tmp_path / "lr").drives == 4
     videos = [path.parts[-3] for path in (tmp_path / "lr/videos").rglob("*.mp4")]
     assert videos == ["observation.images.center"] * 4
-    convert_to_recording(tmp_path / "lr", tmp_path / "again")
-    again = read_recordings(str(tmp_path / "again"))
+    again = come_back(tmp_path / "lr", tmp_path / "again")
     np.testing.assert_array_equal(again.time_s, source.time_s)
     assert np.flatnonzero(find_breaks(again)).tolist() == [19]
     before, after = (log.image(33).astype(float) for log in (source, again))
@@ -268,21 +275,24 @@ def _info(dataset: Path, **changed: object) -> None:
     path.write_text(json.dumps(json.loads(path.read_text()) | changed))
 
 
-def _rewrite(dataset: Path, name: str, column: str, values: Callable[[list], list]) -> None:
-    found = table(dataset, name)
-    found[column] = values(found[column])
-    pq.write_table(pa.table(found), dataset / name)
+def _rewrite(dataset: Path, column: str, values: list, name: str = DATA) -> None:
+    write_table(dataset / name, table(dataset, name) | {column: values})
 
 
-def _spoil(path: Path, first: int, last: int) -> None:
+def _put(dataset: Path, column: str, value: float | None) -> None:
+    """Put a value in the seventh row."""
+    values = table(dataset)[column]
+    _rewrite(dataset, column, [*values[:6], value, *values[7:]])
+
+
+def _spoil(path: Path) -> None:
     data = bytearray(path.read_bytes())
-    first, last = first % len(data), last % (len(data) + 1)
-    data[first:last] = bytes(range(256)) * ((last - first) // 256)
+    data[-20_000:-2_000] = bytes(range(256)) * (18_000 // 256)
     path.write_bytes(data)
 
 
-def _cut(path: Path, share: float) -> None:
-    path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
+def _halve(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
 
 
 def _camera(dataset: Path, key: str) -> None:
@@ -290,9 +300,8 @@ def _camera(dataset: Path, key: str) -> None:
     _info(dataset, features=features)
 
 
-def _playlist(dataset: Path) -> None:
-    """Put a playlist in place of a video, which ffmpeg would follow to another file."""
-    (dataset / CENTER).write_text("#EXTM3U\n#EXTINF:1,\n/etc/passwd\n#EXT-X-ENDLIST\n")
+# ffmpeg would follow it to another file.
+PLAYLIST = b"#EXTM3U\n#EXTINF:1,\n/etc/passwd\n#EXT-X-ENDLIST\n"
 
 
 @pytest.mark.parametrize(
@@ -306,40 +315,31 @@ def _playlist(dataset: Path) -> None:
         (lambda one: _camera(one, "../../../other"), "camera '../../../other'"),
         (lambda one: _camera(one, ".."), "camera '..'"),
         (lambda one: (one / "meta/info.json").write_text("{"), "info.json: no JSON"),
-        (lambda one: _cut(one / DATA, 0.5), f"{DATA}: the Parquet file is damaged"),
+        (lambda one: _halve(one / DATA), f"{DATA}: the Parquet file is damaged"),
         (lambda one: (one / DATA).unlink(), "holds no chunk-000/file-000.parquet"),
         (lambda one: (one / EPISODES).write_bytes(b"PAR1"), f"{EPISODES}: the Parquet file"),
+        (lambda one: _put(one, "steering", 7.0), f"{DATA}, row 7: steering is 7, beyond -1..1"),
+        (lambda one: _put(one, "steering", None), f"{DATA}, row 7: steering is empty"),
         (
-            lambda one: _rewrite(one, DATA, "steering", lambda old: [*old[:6], 7.0, *old[7:]]),
-            f"{DATA}, row 7: steering is 7, beyond -1..1",
-        ),
-        (
-            lambda one: _rewrite(one, DATA, "steering", lambda old: [*old[:6], None, *old[7:]]),
-            f"{DATA}, row 7: steering is empty",
-        ),
-        (
-            lambda one: _rewrite(one, DATA, "steering", lambda old: ["x"] * len(old)),
+            lambda one: _rewrite(one, "steering", ["x"] * 40),
             f"{DATA}: steering is string, expected numbers",
         ),
+        (lambda one: _put(one, "timestamp", 1e9), f"{DATA}, row 7: timestamp"),
         (
-            lambda one: _rewrite(one, DATA, "timestamp", lambda old: [*old[:6], 1e9, *old[7:]]),
-            f"{DATA}, row 7: timestamp",
-        ),
-        (
-            lambda one: _rewrite(one, DATA, "episode_index", lambda old: [5] * len(old)),
+            lambda one: _rewrite(one, "episode_index", [5] * 40),
             "hold 40 rows (3 episodes differ: episode 0 has 0 rows of 20",
         ),
         (
             lambda one: _rewrite(
-                one, EPISODES, "videos/observation.images.center/file_index", lambda old: [-1, 0]
+                one, "videos/observation.images.center/file_index", [-1, 0], EPISODES
             ),
             f"{EPISODES}, row 1: no place of a video",
         ),
         (lambda one: (one / CENTER).unlink(), f"{CENTER}: No such file"),
-        (lambda one: _cut(one / CENTER, 0.5), f"{CENTER}: "),
+        (lambda one: _halve(one / CENTER), f"{CENTER}: "),
         (lambda one: (one / CENTER).write_bytes(b""), f"{CENTER}: no MP4"),
-        (lambda one: _spoil(one / CENTER, -20_000, -2_000), f"{CENTER}: "),
-        (_playlist, f"{CENTER}: no MP4"),
+        (lambda one: _spoil(one / CENTER), f"{CENTER}: "),
+        (lambda one: (one / CENTER).write_bytes(PLAYLIST), f"{CENTER}: no MP4"),
     ],
 )
 def test_damage_is_named_in_one_line_and_nothing_is_left(
@@ -382,10 +382,6 @@ def foreign_data(tmp_path: Path) -> Path:
 
 
 NAMES = ("episode_index", "timestamp", "action")
-
-
-def write_table(path: Path, columns: dict[str, object]) -> None:
-    pq.write_table(pa.table(columns), path)
 
 
 def check_refused(table: Path, words: str) -> None:
