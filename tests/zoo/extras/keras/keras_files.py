@@ -171,6 +171,12 @@ def write_keras(
     return path
 
 
+def write_any(path: Path, layers: list[Layer]) -> Path:
+    """Write a model in the format of the path's suffix."""
+    writers = {".h5": write_h5, ".json": write_json, ".keras": write_keras}
+    return writers[path.suffix](path, layers)
+
+
 def lambda_config(function: FunctionType, style: str = "base64") -> dict:
     """Return a Lambda's config; the function is marshalled by this Python, and never called.
 

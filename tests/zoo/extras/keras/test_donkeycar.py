@@ -13,7 +13,7 @@ from tests.zoo.extras.keras.keras_files import (
     write_h5,
     write_keras,
 )
-from tests.zoo.extras.keras.test_keras_layers import network_of
+from tests.zoo.extras.keras.test_keras_layers import network_of, outputs
 from zoo.base.errors import InputError
 from zoo.extras.keras.keras_file import read_keras
 from zoo.extras.keras.keras_layers import ConvertedKeras, convert
@@ -63,9 +63,7 @@ def expected(layers: list[Layer]) -> list[np.ndarray]:
 
 def answers(found: ConvertedKeras) -> np.ndarray:
     """Return what the converted network returns for the images."""
-    network = network_of(found)
-    with torch.no_grad():
-        return network(torch.from_numpy(images()).permute(0, 3, 1, 2)).numpy()
+    return outputs(network_of(found), images())
 
 
 @pytest.mark.parametrize("suffix", [".h5", ".keras"])

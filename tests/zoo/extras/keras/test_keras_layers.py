@@ -14,9 +14,9 @@ from tests.zoo.extras.keras.keras_files import (
     Layer,
     lambda_config,
     random_weights,
+    write_any,
     write_h5,
     write_json,
-    write_keras,
 )
 from zoo.base.errors import InputError
 from zoo.extras.keras.keras_file import read_keras
@@ -50,9 +50,13 @@ def network_of(found: ConvertedKeras) -> Sequential:
     return network.eval()
 
 
-def predict(found: ConvertedKeras) -> np.ndarray:
+def outputs(network: torch.nn.Module, images: np.ndarray = IMAGES) -> np.ndarray:
     with torch.inference_mode():
-        return network_of(found)(torch.from_numpy(IMAGES).permute(0, 3, 1, 2)).numpy()
+        return network.eval()(torch.from_numpy(images).permute(0, 3, 1, 2)).numpy()
+
+
+def predict(found: ConvertedKeras) -> np.ndarray:
+    return outputs(network_of(found))
 
 
 def expected(layers: list[Layer], divisor: float = 127.5, less: float = 1.0) -> np.ndarray:
@@ -63,10 +67,9 @@ def read(folder: Path, layers: list[Layer], **more: object):
     return read_keras(write_h5(folder / "m.h5", layers, **more))
 
 
-@pytest.mark.parametrize("name", ["h5", "json", "keras"])
+@pytest.mark.parametrize("name", ["m.h5", "m.json", "m.keras"])
 def test_a_model_predicts_what_it_did(name: str, tmp_path: Path) -> None:
-    write = {"h5": write_h5, "json": write_json, "keras": write_keras}[name]
-    found = convert(read_keras(write(tmp_path / f"m.{name}", [SCALE, *REST])))
+    found = convert(read_keras(write_any(tmp_path / name, [SCALE, *REST])))
     assert found.input_shape == INPUT
     assert found.scale == (127.5, 1.0)
     np.testing.assert_allclose(predict(found), expected(REST), atol=1e-5)

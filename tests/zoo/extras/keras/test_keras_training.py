@@ -13,14 +13,8 @@ from omegaconf import DictConfig, OmegaConf
 from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.command_runs import ROOT, run_here, succeed
-from tests.zoo.extras.keras.keras_files import (
-    INPUT,
-    random_weights,
-    write_h5,
-    write_json,
-    write_keras,
-)
-from tests.zoo.extras.keras.test_keras_layers import IMAGES, REST, SCALE, UNCLEAR, expected
+from tests.zoo.extras.keras.keras_files import INPUT, random_weights, write_any, write_h5
+from tests.zoo.extras.keras.test_keras_layers import REST, SCALE, UNCLEAR, expected, outputs
 from tests.zoo.trainings import SMALL
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
@@ -41,11 +35,6 @@ def composed_config() -> DictConfig:
 
 def keras_config(*overrides: str) -> DictConfig:
     return OmegaConf.merge(composed_config(), OmegaConf.from_dotlist([*overrides]))
-
-
-def outputs(network: torch.nn.Module) -> np.ndarray:
-    with torch.inference_mode():
-        return network.eval()(torch.from_numpy(IMAGES).permute(0, 3, 1, 2)).numpy()
 
 
 def test_a_training_starts_from_a_keras_model_and_resumes_without_it(
@@ -79,8 +68,7 @@ def test_a_training_starts_from_a_keras_model_and_resumes_without_it(
 
 @pytest.mark.parametrize("name", ["m.h5", "m.json", "m.keras"])
 def test_layers_and_weights_come_from_any_file_of_keras(name: str, tmp_path: Path) -> None:
-    writers = {".h5": write_h5, ".json": write_json, ".keras": write_keras}
-    path = writers[Path(name).suffix](tmp_path / name, [SCALE, *REST])
+    path = write_any(tmp_path / name, [SCALE, *REST])
     model = with_file_settings(keras_config(f"model.weights={path}")).model
     network = Sequential((3, *INPUT[:2]), OmegaConf.to_container(model.layers), model.scale)
     assert "3 layers" not in load_weights(network, str(path))

@@ -12,12 +12,8 @@ import torch
 
 from datamodules.view import View
 from tests.zoo.extras.keras import keras_reference
-from tests.zoo.extras.keras.keras_files import (
-    Layer,
-    model_config,
-    random_weights,
-    write_groups,
-)
+from tests.zoo.extras.keras.keras_files import Layer, model_config, random_weights, write_groups
+from tests.zoo.extras.keras.test_keras_layers import outputs
 from tests.zoo.models import test_models_command
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
@@ -102,9 +98,7 @@ def predictions(name: str, path: Path, layers: list) -> tuple[np.ndarray, np.nda
     network, view = build(name)
     load_weights(network, str(path))
     pictures = np.random.default_rng(1).integers(0, 256, (2, *view.shape), dtype=np.uint8)
-    with torch.no_grad():
-        ours = network.eval()(torch.from_numpy(pictures).permute(0, 3, 1, 2)).numpy()
-    return ours, keras_predict(name, pictures, layers)
+    return outputs(network, pictures), keras_predict(name, pictures, layers)
 
 
 @pytest.mark.parametrize("version", [pytest.param(1, marks=pytest.mark.slow), 2])
