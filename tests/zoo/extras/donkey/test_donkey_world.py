@@ -97,10 +97,7 @@ def test_a_simulator_that_fails_is_named(
 ) -> None:
     monkeypatch.setattr(donkey_world, "SILENT_S", 0.5)
     monkeypatch.setattr(donkey_world, "MOST_LINE", 20_000)
-    with (
-        donkey_replica(change) as (address, _),
-        pytest.raises(InputError, match=reason) as caught,
-    ):
+    with donkey_replica(change) as (address, _), pytest.raises(InputError, match=reason) as caught:
         step_through(address)
     assert address in str(caught.value)
 
