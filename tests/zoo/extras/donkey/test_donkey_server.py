@@ -242,8 +242,7 @@ def test_what_is_not_there_is_named(session: DonkeySession, notes: list[str]) ->
     assert [re.search(kinds, note)[0] for note in notes] == kinds.split("|")
 
 
-def test_a_road_is_drawn_from_a_seed(notes: list[str]) -> None:
-    session = DonkeySession("generated_road", 20.0, True, "none", notes.append)
+def test_a_road_is_drawn_from_a_seed(session: DonkeySession, notes: list[str]) -> None:
     lengths = []
     for seed in (1, 2, 1):
         say(session, "regen_road", road_style="0", rand_seed=str(seed), turn_increment="0.0")
@@ -252,18 +251,15 @@ def test_a_road_is_drawn_from_a_seed(notes: list[str]) -> None:
     say(session, "load_scene", scene_name="lake")
     say(session, "regen_road", road_style="0", rand_seed="1")
     assert "generated_road" in notes[-1]
-    session.close()
 
 
 @pytest.mark.parametrize(("style", "family"), [(0, "alpine"), (1, "country"), (2, "lakeside")])
 def test_a_style_of_roads_is_the_family_of_the_manual(
-    style: int, family: str, notes: list[str]
+    style: int, family: str, session: DonkeySession
 ) -> None:
-    session = DonkeySession("generated_road", 20.0, True, "none", notes.append)
     for seed, number in ((7, 7), (2**31, 2**31 - 1)):
         say(session, "regen_road", road_style=str(style), rand_seed=str(seed))
         assert session.scene == f"{family}:{number}"
-    session.close()
 
 
 def test_a_node_is_a_place_to_put_the_car(session: DonkeySession) -> None:
