@@ -154,13 +154,6 @@ def test_a_road_has_what_was_chosen(name: str) -> None:
         assert road.features["fog"] == max(round(parameters["fog"], 3), 0)
 
 
-def test_the_same_seed_draws_the_same_road() -> None:
-    space = SearchSpace(ALPINE, 100.0, CLEAR)
-    first, second = (space.draw(np.random.default_rng(5), {}) for _ in range(2))
-    assert first.content == second.content
-    assert first.weather == CLEAR
-
-
 def test_a_family_that_always_climbs_can_be_searched() -> None:
     climbing = ALPINE.model_copy(update={"grade": (0.05, 0.1)})
     space = SearchSpace(climbing, 100.0, CLEAR)
