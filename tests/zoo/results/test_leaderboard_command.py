@@ -384,21 +384,14 @@ def test_the_page_draws_and_picks(tmp_path: Path) -> None:
         assert browser.value(f"{order}.join()") == "1,0,2"
         # Drag along the upper third of the first axis.
         browser.value("document.querySelector('#parallel').scrollIntoView()")
-        box = browser.value(
+        x, y, height = browser.value(
             "(() => { const b = document.querySelector('.hand').getBoundingClientRect();"
             " return [b.x + b.width / 2, b.y, b.height]; })()"
         )
-        x, y, height = box
         for kind, at in (("mousePressed", 0.0), ("mouseMoved", 0.3), ("mouseReleased", 0.3)):
-            browser.call(
-                "Input.dispatchMouseEvent",
-                type=kind,
-                x=x,
-                y=y + at * height,
-                button="left",
-                buttons=0 if kind == "mouseReleased" else 1,
-                clickCount=1,
-            )
+            mouse = {"type": kind, "x": x, "y": y + at * height, "button": "left", "clickCount": 1}
+            buttons = 0 if kind == "mouseReleased" else 1
+            browser.call("Input.dispatchMouseEvent", **mouse, buttons=buttons)
         # It shows the learning rate, highest on top: the drag selects the worst entry only.
         assert browser.value("document.querySelectorAll('#ranking tr.out').length") == 2
         assert not browser.errors
