@@ -16,6 +16,7 @@ from datamodules.balance import BatchKey
 from datamodules.view import CONVERSIONS
 from tests.recordings import Written, write_resized
 from tests.slow_members import slow
+from tests.without_rights import without_rights
 from tests.zoo.bomb import Bomb
 from tests.zoo.command_runs import run, succeed
 from tests.zoo.server.old_client import telemetry
@@ -189,15 +190,9 @@ def test_a_file_that_may_not_be_read_says_so(best: Path) -> None:
         path = Path(shutil.copy(best, Path(folder) / "mine.ckpt"))
         path.chmod(0)
         Path(folder).chmod(0o755)
-        was_root = os.geteuid() == 0
-        if was_root:
-            os.seteuid(65_534)  # nobody: root may read everything
-        try:
-            with pytest.raises(InputError, match=r"mine\.ckpt: cannot be read.*ermission"):
-                load_checkpoint(path)
-        finally:
-            if was_root:
-                os.seteuid(0)
+        words = r"mine\.ckpt: cannot be read.*ermission"
+        with without_rights(), pytest.raises(InputError, match=words):
+            load_checkpoint(path)
 
 
 def test_a_network_of_an_extra_that_is_missing_names_it(tmp_path: Path) -> None:

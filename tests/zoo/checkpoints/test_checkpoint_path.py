@@ -11,6 +11,7 @@ import pytest
 import drivezoo
 from benchmarks.study_grid import Study
 from tests.slow_members import slow_but
+from tests.without_rights import without_rights
 from tests.zoo.command_runs import only_line, run, run_here, succeed
 from tests.zoo.trainings import equal, weights
 from zoo.base.errors import InputError
@@ -120,19 +121,12 @@ def test_without_a_run_latest_says_where_it_looked(here: Path) -> None:
 
 
 def test_a_folder_that_may_not_be_entered_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "closed").mkdir(mode=0o700)
+    (tmp_path / "closed").mkdir(mode=0)
     tmp_path.chmod(0o711)
-    if os.geteuid():
-        (tmp_path / "closed").chmod(0)
-    else:
-        os.seteuid(65_534)  # nobody
-    try:
-        with pytest.raises(InputError, match=r"closed/best\.ckpt: cannot be read"):
-            find_checkpoint(tmp_path / "closed" / "best.ckpt")
-    finally:
-        if os.getuid() == 0:
-            os.seteuid(0)
-        (tmp_path / "closed").chmod(0o700)
+    words = r"closed/best\.ckpt: cannot be read"
+    with without_rights(), pytest.raises(InputError, match=words):
+        find_checkpoint(tmp_path / "closed" / "best.ckpt")
+    (tmp_path / "closed").chmod(0o700)
 
 
 @pytest.fixture(scope="module")

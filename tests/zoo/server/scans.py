@@ -20,12 +20,19 @@ def many_scans(scans: int, size: int = 320) -> bytes:
 
 def png_bomb(width: int, height: int) -> bytes:
     """Return a PNG of one colour, far smaller than its pixels."""
+    return _png(width, height, (1, 0), bytes((width // 8 + 1) * height))
 
-    def chunk(kind: bytes, data: bytes) -> bytes:
+
+def png_claim(width: int, height: int) -> bytes:
+    """Return a PNG whose header claims a size, with almost no data."""
+    return _png(width, height, (8, 2), bytes(100))
+
+
+def _png(width: int, height: int, bits_and_colour: tuple[int, int], pixels: bytes) -> bytes:
+    head = struct.pack(">IIBBBBB", width, height, *bits_and_colour, 0, 0, 0)
+    chunks = {b"IHDR": head, b"IDAT": zlib.compress(pixels, 9), b"IEND": b""}
+    parts = [b"\x89PNG\r\n\x1a\n"]
+    for kind, data in chunks.items():
         check = struct.pack(">I", zlib.crc32(kind + data))
-        return struct.pack(">I", len(data)) + kind + data + check
-
-    pixels = zlib.compress(bytes((width // 8 + 1) * height), 9)
-    head = struct.pack(">IIBBBBB", width, height, 1, 0, 0, 0, 0)
-    chunks = chunk(b"IHDR", head) + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
-    return b"\x89PNG\r\n\x1a\n" + chunks
+        parts.append(struct.pack(">I", len(data)) + kind + data + check)
+    return b"".join(parts)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from datamodules.recording_format import read_recordings
+from tests.without_rights import without_rights
 from tests.zoo.command_runs import run_words
 from zoo.base.errors import InputError
 from zoo.simulator.recorder import Recorder, split_pedals
@@ -121,15 +122,9 @@ def test_a_path_that_is_a_file_is_refused(tmp_path):
 
 def test_a_folder_without_permission_is_refused(tmp_path):
     tmp_path.chmod(0o500)
-    user = os.geteuid()
-    try:
-        if user == 0:  # permissions do not restrict root
-            os.seteuid(65534)
-        with pytest.raises(InputError, match="cannot record there: Permission denied"):
-            Recorder(tmp_path / "lake")
-    finally:
-        os.seteuid(user)
-        tmp_path.chmod(0o700)
+    with without_rights(), pytest.raises(InputError, match="record there: Permission denied"):
+        Recorder(tmp_path / "lake")
+    tmp_path.chmod(0o700)
 
 
 @pytest.mark.parametrize("room", [1000, 2500], ids=["images", "log"])
