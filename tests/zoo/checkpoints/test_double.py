@@ -18,6 +18,7 @@ from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy_base import Policy, PolicyWrapper, as_policy
 
 NAMES = [name for name in choices("model") if name != "vgg"]
+DEEP = ("keras", "efficientnet_lite0")  # their sums differ more in single precision
 FRAMES = np.random.default_rng(3).integers(0, 256, (4, 160, 320, 3), np.uint8)
 
 
@@ -31,7 +32,7 @@ def test_every_network_of_the_zoo_computes_so(name: str) -> None:
     scored = policy.scored()
     assert (policy.tied, scored.tied) == ("computes in single precision", "")
     ours, theirs = commands(scored), commands(policy)
-    assert np.allclose(ours, theirs, atol=1e-5)
+    assert np.allclose(ours, theirs, rtol=0, atol=1e-5 if name in DEEP else 1e-6)
     assert (ours == ours.astype(np.float32)).all()
     assert (commands(policy.scored()) == ours).all(), "each session begins without memory"
     assert (commands(policy.session()) == theirs).all(), "the policy itself is as it was"

@@ -14,7 +14,6 @@ from tests.zoo.driving.driven_digests import driven_digests
 from tests.zoo.models.test_models_command import build
 from tests.zoo.written_checkpoints import write_network
 from zoo.base.compose import compose_config
-from zoo.checkpoints.checkpoint_policy import load_policy
 
 FOUND = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
 # Settings of PyTorch's libraries, NumPy, OpenCV, BLAS and the C library; processors of other makers
@@ -70,15 +69,3 @@ def test_fewer_instructions_drive_the_same(fewer: str, names: list[str], with_me
         assert json.loads(process.communicate()[0].splitlines()[-1]) == here
     assert len({digest for digest, _, _ in here}) == len(files)
     assert all(frames > 100 and tied == "" for _, frames, tied in here)
-
-
-@pytest.mark.parametrize("name", ["lenet", "pilotnet"])
-def test_a_network_that_is_scored_computes_in_double_precision(name: str) -> None:
-    policy = load_policy(name)
-    scored = policy.scored()
-    assert (policy.tied, scored.tied) == ("computes in single precision", "")
-    frames = np.random.default_rng(1).integers(0, 256, (3, 160, 320, 3), np.uint8)
-    for frame in frames:
-        ours, theirs = scored(frame, 9.0).steering, policy(frame, 9.0).steering
-        assert ours == np.float32(ours)
-        assert ours == pytest.approx(theirs, abs=1e-6)
