@@ -78,8 +78,9 @@ def test_a_recording_comes_back(source: Recording, dataset: Path, tmp_path: Path
     for name in LABELS:
         np.testing.assert_array_equal(getattr(again, name), getattr(source, name))
     for new, old in zip(again.images.flat, source.images.flat, strict=True):
-        before, after = read_image(old).astype(float), read_image(new).astype(float)
-        assert np.abs(after - before).mean() < 3, "the tolerance in docs/exchange.md"
+        difference = read_image(new).astype(float) - read_image(old)
+        assert np.abs(difference).mean() < 3, "the tolerance in docs/exchange.md"
+        assert abs(difference.mean()) < 0.5, "frames are not darker"
     assert np.flatnonzero(find_breaks(again)).tolist() == [19]
     assert (result.rows, result.drives, result.notes) == (40, 2, ())
 
@@ -358,21 +359,6 @@ def test_a_row_with_a_damaged_image_is_left_out_of_the_export(tmp_path: Path) ->
     result = write_as("lerobot", read_recordings(str(written.folder)), tmp_path / "lr")
     assert result.rows == 7
     assert "row 4" in result.notes[0]
-
-
-def test_a_video_has_the_frames_that_were_written(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    smooth = cv2.resize(rng.integers(0, 256, (8, 16, 3), dtype=np.uint8), (320, 160))
-    frames = [np.roll(smooth, 8 * shift, 1) for shift in range(9)]
-    with video_writer(tmp_path / "a.mp4", (320, 160), 14, 10) as video:
-        for frame in frames:
-            video.add(frame)
-    read = list(read_frames(tmp_path / "a.mp4"))
-    assert len(read) == 9
-    for new, old in zip(read, frames, strict=True):
-        difference = new.astype(float) - old
-        assert np.abs(difference).mean() < 3
-        assert abs(difference.mean()) < 0.5, "frames are not darker"
 
 
 @pytest.fixture
