@@ -42,21 +42,13 @@ def lerobot(folder: Path) -> Path:
     return ours("lerobot")(folder)
 
 
+spoil_degrees = replace_once("\n3.jpg ", "\n3.jpg x", "data.txt")
+spoil_a_frame = replace_once(",4,", ",x,", "out-key.csv")
 # As `FORMATS` of tests/contracts.
 RARE: dict[str, Example] = {
     "lerobot": (lerobot, change_column, r"file-000\.parquet, row 4", {}),
-    "sullychen": (
-        rare.sullychen,
-        replace_once("\n3.jpg ", "\n3.jpg x", "data.txt"),
-        r"data\.txt, row 4",
-        {},
-    ),
-    "deeppicar": (
-        rare.deeppicar,
-        replace_once(",4,", ",x,", "out-key.csv"),
-        r"out-key\.csv, row 5",
-        {},
-    ),
+    "sullychen": (rare.sullychen, spoil_degrees, r"data\.txt, row 4", {}),
+    "deeppicar": (rare.deeppicar, spoil_a_frame, r"out-key\.csv, row 5", {}),
     "named_images": (rare.jetracer, move_point, r"999_\S+\.jpg", {}),
     "comma2016": (rare.comma2016, change_log_of_2016, r"\.h5, row 16", {}),
     "comma2k19": (rare.comma2k19, change_signal_of_2k19, r"video\.hevc, frame", {}),

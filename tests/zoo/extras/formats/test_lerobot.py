@@ -413,14 +413,11 @@ def counted(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
         lines = [{"episode_index": n, "length": length} for n, length in enumerate((6, 4))]
         (folder / "meta/episodes.jsonl").write_text("".join(f"{json.dumps(x)}\n" for x in lines))
         return folder
-    data = folder / "data/chunk-000"
-    whole = pq.read_table(data / "file-000.parquet")
+    whole = pq.read_table(folder / DATA)
     for number, (first, count) in enumerate([(0, 6), (6, 4)]):
-        pq.write_table(whole.slice(first, count), data / f"file-00{number}.parquet")
-    episodes = next((folder / "meta/episodes").rglob("*.parquet"))
-    table = pq.read_table(episodes)
-    if "length" not in table.column_names:
-        pq.write_table(table.append_column("length", pa.array([6, 4])), episodes)
+        part = folder / f"data/chunk-000/file-00{number}.parquet"
+        pq.write_table(whole.slice(first, count), part)
+    _rewrite(folder, "length", [6, 4], EPISODES)
     return folder
 
 

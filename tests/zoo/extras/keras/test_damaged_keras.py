@@ -218,19 +218,27 @@ def test_an_operators_constant_of_400_digits_is_named(tmp_path: Path) -> None:
         convert(read_keras(write_h5(tmp_path / "m.h5", REST, config=model)), size=(20, 30))
 
 
+HUGE_CHUNK = {"chunks": (1_000_000_000,), "maxshape": (None,)}
+
+
 @pytest.mark.parametrize(
-    ("compression", "words"), [("gzip", " is compressed"), (None, ": claims 4,000,007,200 bytes")]
+    ("name", "shape", "how", "words"),
+    [
+        ("kernel:0", (10**6, 10**6), {"chunks": (1000, 1000)}, ": claims 4,000,000,000,000 bytes"),
+        ("bias:0", (1,), HUGE_CHUNK | {"compression": "gzip"}, " is compressed"),
+        ("bias:0", (1,), HUGE_CHUNK, ": claims 4,000,007,200 bytes"),
+    ],
+    ids=["large array", "compressed chunk", "large chunk"],
 )
-def test_a_huge_chunk_with_a_single_value_is_not_read(
-    compression: str | None, words: str, tmp_path: Path
+def test_an_array_that_claims_more_than_the_file_holds_is_not_read(
+    name: str, shape: tuple[int, ...], how: dict, words: str, tmp_path: Path
 ) -> None:
     path = write_h5(tmp_path / "m.h5", REST)
     with h5py.File(path, "r+") as file:
         group = file["model_weights/dense_1/dense_1"]
-        del group["bias:0"]
-        chunks = {"chunks": (1_000_000_000,), "maxshape": (None,), "compression": compression}
-        group.create_dataset("bias:0", (1,), "f4", **chunks)
-    with pytest.raises(InputError, match=rf"m\.h5: dense_1/bias:0{words}"):
+        del group[name]
+        group.create_dataset(name, shape, "f4", **how)
+    with pytest.raises(InputError, match=rf"m\.h5: dense_1/{name}{words}"):
         read_keras(path)
 
 
