@@ -5,19 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.zoo.server.conftest import driver  # noqa: F401
 from tests.zoo.server.serve import Served, served
 from zoo.base.run_command import run_command
 
 Refusal = Callable[..., str]
-
-
-@pytest.fixture(scope="module")
-def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    """Start a driver; after the module's last test it must still run and end without an error."""
-    with served(tmp_path_factory.mktemp("driver") / "drive") as process:
-        yield process
-        assert process.stop() == 0, process.lines
-        assert not any("Traceback" in line for line in process.lines), process.lines
 
 
 @pytest.fixture

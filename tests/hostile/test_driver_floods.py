@@ -3,6 +3,7 @@
 import contextlib
 import threading
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
 import cv2
@@ -11,6 +12,7 @@ import pytest
 
 from tests.zoo.server.old_client import (
     CONTINUATION,
+    RED,
     TEXT,
     WS_PING,
     OldClient,
@@ -75,12 +77,12 @@ def flooded(port: int, frame: bytes, reads: bool = True) -> Iterator[Flood]:
         flood.client.socket.close()
 
 
-@pytest.mark.parametrize("kind", FLOODS)
-def test_a_simulator_drives_beside_a_flood(driver: Served, kind: str) -> None:
-    with OldClient(driver.port, timeout_s=20) as simulator, flooded(driver.port, FLOODS[kind]):
+@pytest.mark.parametrize(("kind", "reads"), [*product(FLOODS, [True]), ("telemetry", False)])
+def test_a_simulator_drives_beside_a_flood(driver: Served, kind: str, reads: bool) -> None:
+    flood = flooded(driver.port, FLOODS[kind], reads)
+    with OldClient(driver.port, timeout_s=20) as simulator, flood:
         for number in range(ANSWERS):
-            simulator.emit("telemetry", telemetry(speed=f"{number}.0000"))
-            assert simulator.reply()[0] == "steer"
+            simulator.check_steered(speed=f"{number}.0000")
 
 
 @pytest.mark.parametrize("kind", ["PINGs", "fragments of one byte", "WebSocket PINGs"])
@@ -114,9 +116,6 @@ def test_a_client_that_reads_no_replies_is_disconnected(tmp_path: Path) -> None:
     ):
         flood.join(60)
         assert not flood.is_alive()
-
-
-RED = picture((204, 0, 0))  # steering 0.8
 
 
 def padded(size: int) -> bytes:

@@ -49,8 +49,7 @@ def test_bad_requests_print_one_line_of_a_kind(fresh: Served) -> None:
     with OldClient(fresh.port) as simulator:
         for request in 5 * BAD:
             assert not ask(fresh.port, request).startswith(b"HTTP/1.1 200"), request
-            simulator.telemetry(jpeg=picture((204, 0, 0)))
-            assert simulator.reply()[0] == "steer"
+            simulator.check_steered()
     assert fresh.stop() == 0
     kinds = [line for line in fresh.lines if "printed once" in line]
     assert len(kinds) == len({line.partition(":")[0] for line in kinds}) < 10

@@ -15,13 +15,18 @@ import pytest
 import socketio
 
 from tests.hostile.test_driver_http import ask
-from tests.zoo.server.old_client import OldClient, telemetry
-from tests.zoo.server.serve import Served, picture, served
+from tests.zoo.server.old_client import (
+    FINE,
+    NOTHING,
+    RED,
+    OldClient,
+    check_drives,
+    closed,
+    telemetry,
+)
+from tests.zoo.server.serve import Served, served
 from zoo.server.socketio_server import MOST_QUIET
 
-RED = picture((204, 0, 0))  # steering 0.8
-FINE = ("steer", {"steering_angle": "0.8000", "throttle": "0.2000"})
-RUBBISH = ("steer", {"steering_angle": "0", "throttle": "0"})
 HANDSHAKE = b"GET /socket.io/?EIO=4&transport=polling HTTP/1.1\r\nHost: 127.0.0.1\r\n%s\r\n"
 TELEMETRY = json.dumps(["telemetry", telemetry(jpeg=RED)])
 
@@ -48,29 +53,6 @@ def hold(port: int, count: int, sent: bytes = b"GET / HT") -> list[socket.socket
     return connections
 
 
-def closed(connection: socket.socket, timeout_s: float = 5) -> bool:
-    """Return whether the driver closes a connection."""
-    connection.settimeout(timeout_s)
-    try:
-        while connection.recv(4096):
-            pass
-    except TimeoutError:
-        return False
-    except OSError:
-        pass
-    return True
-
-
-def assert_steered(client: OldClient) -> None:
-    client.telemetry(jpeg=RED)
-    assert client.reply() == FINE, "a session that drives stays open"
-
-
-def assert_drives(driver: Served) -> None:
-    with OldClient(driver.port) as client:
-        assert_steered(client)
-
-
 # --- Sessions that are opened and left ---
 
 
@@ -79,8 +61,8 @@ def test_polling_sessions_without_telemetry_are_freed(fresh: Served) -> None:
         for turn in range(4 * MOST_QUIET):
             assert b"200 OK" in poll(fresh.port)
             if turn % 50 == 0:
-                assert_steered(steady)
-        assert_steered(steady)
+                steady.check_steered()
+        steady.check_steered()
         sessions, tasks = fresh.held()
     assert sessions <= 2 * MOST_QUIET + 1, "engineio iterates over a copy of its table"
     assert tasks < 16, "no task per session"
@@ -91,11 +73,11 @@ def test_sessions_end_without_telemetry_and_leave_nothing(impatient: Served) -> 
     for _ in range(20):
         poll(impatient.port)
     with OldClient(impatient.port) as driving:
-        assert_steered(driving)
+        driving.check_steered()
         for client in quiet:
             assert closed(client.socket)
         assert driving.silent_for(2)
-        assert_steered(driving)
+        driving.check_steered()
     sessions, tasks = impatient.held()
     assert sessions <= 2, "the one that drives, and the last one, in a local variable"
     assert tasks < 16
@@ -133,10 +115,10 @@ def test_another_sites_page_opens_no_session(driver: Served, headers: bytes, sta
 
 def test_half_open_connections_block_no_simulator(fresh: Served) -> None:
     with OldClient(fresh.port) as steady:
-        assert_steered(steady)
+        steady.check_steered()
         held = hold(fresh.port, 1_100)
-        assert_drives(fresh)
-        assert_steered(steady)
+        check_drives(fresh.port)
+        steady.check_steered()
         assert closed(held[0]), "the oldest is closed first"
     for connection in held:
         connection.close()
@@ -163,12 +145,12 @@ FIRST = {
     "another namespace": (["40/other,"], None),
     "a binary message": ([b"\x00\x01"], None),
     "an event with an id": (["420" + TELEMETRY], FINE),
-    "spaces": (['42 [ "telemetry", {}]'], RUBBISH),
-    "an id that is too long": (["42" + "9" * 200 + TELEMETRY], RUBBISH),
+    "spaces": (['42 [ "telemetry", {}]'], NOTHING),
+    "an id that is too long": (["42" + "9" * 200 + TELEMETRY], NOTHING),
     "a CONNECT with broken JSON": (['40{"token":'], None),
-    "no attachment": (["450-" + TELEMETRY], RUBBISH),
-    "too many attachments": (["45999999999-" + TELEMETRY], RUBBISH),
-    "an attachment that never comes": (["451-" + GOOD_BINARY, "42" + TELEMETRY], RUBBISH),
+    "no attachment": (["450-" + TELEMETRY], NOTHING),
+    "too many attachments": (["45999999999-" + TELEMETRY], NOTHING),
+    "an attachment that never comes": (["451-" + GOOD_BINARY, "42" + TELEMETRY], NOTHING),
 }
 
 
@@ -193,8 +175,8 @@ def test_a_bad_placeholder_is_answered_and_forgotten(driver: Served, number: obj
     with OldClient(driver.port) as client:
         client.send("451-" + event)
         client.send_frame(2, RED)
-        assert client.reply() == RUBBISH
-        assert_steered(client)
+        assert client.reply() == NOTHING
+        client.check_steered()
         client.send("451-" + GOOD_BINARY)
         client.send_frame(2, RED)
         assert client.reply() == FINE
@@ -205,7 +187,7 @@ def test_an_attachment_beyond_the_limit_is_answered(driver: Served) -> None:
         client.send("451-" + GOOD_BINARY)
         client.send_frame(2, bytes(5_000_000))
         assert float(client.reply()[1]["steering_angle"]) == 0
-        assert_steered(client)
+        client.check_steered()
 
 
 def test_an_invalid_packet_ends_the_session(fresh: Served) -> None:
@@ -239,4 +221,4 @@ def test_memory_does_not_grow_with_handshakes(fresh: Served) -> None:
         if time.monotonic() > ends:
             break
     assert process.memory_info().rss - before < 30 << 20
-    assert_drives(fresh)
+    check_drives(fresh.port)

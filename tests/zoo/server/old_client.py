@@ -12,8 +12,14 @@ import time
 
 from websocket import ABNF
 
+from tests.zoo.server.serve import picture
+
 FRAGMENT = 1016
 CONTINUATION, TEXT, CLOSE, WS_PING = 0, 1, 8, 9
+# An image, and the replies of `serve` to it and to what cannot be used.
+RED = picture((204, 0, 0))
+FINE = ("steer", {"steering_angle": "0.8000", "throttle": "0.2000"})
+NOTHING = ("steer", {"steering_angle": "0", "throttle": "0"})
 REQUEST = (
     "GET /socket.io/?EIO=4&transport=websocket HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n"
     "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: {key}\r\n"
@@ -68,6 +74,11 @@ class OldClient:
     def telemetry(self, **values: object) -> None:
         """Send one telemetry message of a standing car; see `telemetry`."""
         self.emit("telemetry", telemetry(**values))
+
+    def check_steered(self, **values: object) -> None:
+        """Send an image, and check the reply."""
+        self.telemetry(jpeg=RED, **values)
+        assert self.reply() == FINE, "a session that drives stays open"
 
     def packet(self, timeout_s: float | None = None) -> str:
         """Return the next Engine.IO packet; answer a PING, as the original does, and go on reading.
@@ -128,6 +139,25 @@ class OldClient:
         if not data:
             raise ConnectionError("the driver has hung up")
         return data
+
+
+def check_drives(port: int) -> None:
+    """Check that a driver steers a client that has just connected."""
+    with OldClient(port) as client:
+        client.check_steered()
+
+
+def closed(connection: socket.socket, timeout_s: float = 5) -> bool:
+    """Return whether the driver closes a connection."""
+    connection.settimeout(timeout_s)
+    try:
+        while connection.recv(4096):
+            pass
+    except TimeoutError:
+        return False
+    except OSError:
+        pass
+    return True
 
 
 def masked_frame(opcode: int, payload: bytes, last: bool = True) -> bytes:

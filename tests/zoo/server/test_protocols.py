@@ -6,18 +6,17 @@ import threading
 import pytest
 import socketio
 
-from tests.zoo.server.old_client import OldClient, telemetry
+from tests.zoo.server.old_client import RED, OldClient, telemetry
 from tests.zoo.server.serve import Served, picture
 from zoo.server.fast_socket import EagerSocket
 
-RED, DIM = picture((204, 0, 0)), picture((51, 0, 0))  # steering 0.8 and 0.1961
+DIM = picture((51, 0, 0))  # steering 0.1961
 
 
 def test_a_client_that_never_connects_to_a_namespace_is_driven(driver: Served) -> None:
     with OldClient(driver.port) as client:
         assert client.status == 101
-        client.telemetry(jpeg=RED)
-        assert client.reply() == ("steer", {"steering_angle": "0.8000", "throttle": "0.2000"})
+        client.check_steered()
         assert client.packets[1].startswith("40{"), "as if it had asked to be connected"
 
 
@@ -26,8 +25,7 @@ def test_its_pings_are_answered_before_and_after_telemetry(driver: Served) -> No
         assert client.packet().startswith("0{")
         client.send("2")
         assert client.packet() == "3"
-        client.telemetry(jpeg=RED)
-        client.reply()
+        client.check_steered()
         client.send("2")
         assert client.packet() == "3"
 
@@ -71,8 +69,7 @@ def test_a_client_that_has_disconnected_is_not_driven(driver: Served, connects: 
     with OldClient(driver.port) as client:
         if connects:
             client.send("40")
-            client.telemetry(jpeg=RED)
-            client.reply()
+            client.check_steered()
         client.send("41")
         client.telemetry(jpeg=RED)
         assert client.silent_for(0.3)
