@@ -65,10 +65,9 @@ def test_an_error_of_the_user_ends_the_training():
 
 
 def test_a_training_that_cannot_be_captured_is_the_plain_one(
-    recorded: Written, tmp_path: Path
+    recorded: Written, tmp_path: Path, console: Console
 ) -> None:
     words = (*LENET, "trainer.accelerator=cpu", "data.augment_on=device")
-    console = Console(file=StringIO(), width=300)
     group = {"batches_per_step": 4, "captured_batch": 16}
     captured, data = train_here(recorded, tmp_path / "a", *words, **group, console=console)
     plain, _ = train_here(recorded, tmp_path / "b", *words, batches_per_step=4)
@@ -82,10 +81,9 @@ def test_a_training_that_cannot_be_captured_is_the_plain_one(
 @has_gpu
 @pytest.mark.parametrize("schedule", ["constant", "cosine"])
 def test_replayed_steps_learn_what_plain_ones_do(
-    schedule: str, recorded: Written, tmp_path: Path
+    schedule: str, recorded: Written, tmp_path: Path, console: Console
 ) -> None:
     words = (*LENET, "trainer.accelerator=gpu", "trainer.precision=32-true", f"schedule={schedule}")
-    console = Console(file=StringIO(), width=300)
     replayed, _ = train_here(recorded, tmp_path / "a", *words, console=console)
     again, _ = train_here(recorded, tmp_path / "b", *words)
     plain, _ = train_here(recorded, tmp_path / "c", *words, "trainer.group_batches=false")

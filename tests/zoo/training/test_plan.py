@@ -2,7 +2,6 @@
 
 import shutil
 from dataclasses import replace
-from io import StringIO
 from pathlib import Path
 
 import lightning
@@ -136,10 +135,9 @@ def test_compiled_it_learns_the_same_and_repeats_to_the_bit(
 
 @pytest.mark.parametrize(("precision", "said"), [("bf16-mixed", True), ("32-true", False)])
 def test_bf16_that_the_processor_does_not_know_is_said(
-    precision: str, said: bool, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    precision: str, said: bool, recorded: Written, tmp_path: Path, console: Console, monkeypatch
 ) -> None:
     monkeypatch.setattr(plan, "multiplies_bf16", lambda: False)
-    console = Console(file=StringIO(), width=200)
     overrides = ("model=tiny", "data.crop=[50,0]", "trainer.max_epochs=1")
     overrides += ("trainer.accelerator=cpu", f"trainer.precision={precision}")
     train_here(recorded, tmp_path, *overrides, console=console)
@@ -172,15 +170,13 @@ def test_a_setting_of_compilation_that_is_no_truth_value_is_refused() -> None:
         compiles("maybe")
 
 
-def test_a_step_that_cannot_be_compiled_runs_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(step: object, **_: object) -> object:
-        def run(*_: object) -> object:
-            raise RuntimeError("no such header\nand much more")
+def test_a_step_that_cannot_be_compiled_runs_as_it_was(
+    console: Console, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> object:
+        raise RuntimeError("no such header\nand much more")
 
-        return run
-
-    monkeypatch.setattr(torch, "compile", broken)
-    console = Console(file=StringIO(), width=200)
+    monkeypatch.setattr(torch, "compile", lambda step, **_: broken)
     step = compile_step(lambda number: number + 1, console)
     assert [step(1), step(2)] == [2, 3]
     assert console.file.getvalue() == "torch.compile disabled: no such header and much more\n"

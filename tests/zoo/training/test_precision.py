@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from io import StringIO
 from pathlib import Path
 
 import pytest
@@ -50,11 +49,10 @@ def network_of(*overrides: str) -> tuple[DictConfig, nn.Module, View]:
     ],
 )
 def test_network_processor_and_config_choose(
-    overrides, bf16, before, chosen, printed, monkeypatch: pytest.MonkeyPatch
+    overrides, bf16, before, chosen, printed, console: Console, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(precision, "multiplies_bf16", lambda: bf16)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    console = Console(file=StringIO(), width=400)
     assert precision.choose_precision(*network_of(*overrides), console, before) == chosen
     said = console.file.getvalue()
     assert all(part in said for part in printed) if printed else said == ""

@@ -1,6 +1,5 @@
 """What a run's loggers store, read back from their files."""
 
-from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -72,8 +71,7 @@ class Lost(Logger):
         """Do nothing."""
 
 
-def test_a_logger_that_fails_at_the_end_gets_a_line(tmp_path: Path) -> None:
-    console = Console(file=StringIO(), width=200)
+def test_a_logger_that_fails_at_the_end_gets_a_line(tmp_path: Path, console: Console) -> None:
     log_results(SimpleNamespace(loggers=[Lost()], global_step=1), {}, METRICS, tmp_path, console)
     (line,) = console.file.getvalue().splitlines()
     assert line.startswith("Lost: ")

@@ -1,6 +1,5 @@
 """The plots of what is fed to a network."""
 
-import io
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -27,11 +26,11 @@ from zoo.training.training_images import figure_of_fed_batch, publish
     ],
 )
 def test_a_window_is_a_row_of_frames(
-    recorded: Written, tmp_path: Path, windows: dict, columns: int, rows: int
+    recorded: Written, console: Console, windows: dict, columns: int, rows: int
 ) -> None:
     settings = {"val_share": 0.0, "test_share": 0.0, "cache": None} | windows
     settings |= {"crop": (60, 25), "colour": "yuv", "size": (33, 100)}
-    data = DataSettings(str(recorded.folder), **settings).load(Console(file=io.StringIO()))
+    data = DataSettings(str(recorded.folder), **settings).load(console)
     (axis,) = figure_of_fed_batch(data, 11).axes
     places = np.array([text.get_position() for text in axis.texts])
     if windows.get("sequence"):
