@@ -26,6 +26,8 @@ POSE = {"_target_": "datamodules.bend.Pose", "aside_m": -1}
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
+        ("quick", "maybe", "quick=maybe"),
+        ("data.crop", 40, "data.crop=40"),
         ("seed", "one", "seed=one: must be a whole number"),
         ("seed", -1, "seed=-1: must be a whole number"),
         ("seed", 1.5, "seed=1.5: must be a whole number"),

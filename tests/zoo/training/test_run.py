@@ -166,17 +166,6 @@ def test_bad_input_gets_one_line(
         assert read_status(path.parent)["reason"] in line
 
 
-def test_a_bad_image_is_named_and_can_be_skipped(tmp_path: Path, zoo: Zoo) -> None:
-    written = write_recording(tmp_path / "lake", rows=60)
-    image = written.image(4, "left")
-    image.write_bytes(image.read_bytes()[:500])
-    keys = (*SMALL, f"data.root={written.folder}", "trainer.max_epochs=0")
-    assert "driving_log.csv, row 5: " in only_line(zoo(*keys), 1)
-    printed = succeed(zoo(*keys, "data.on_bad_image=skip", "hydra.run.dir=run"))
-    assert "skipped 1 rows with a bad image" in printed
-    assert metrics(tmp_path / "run")["data"]["rows"] == 59
-
-
 def test_preview_shows_what_will_be_fed(recorded: Written, tmp_path: Path) -> None:
     arguments = ("data.block_s=0.5", "augment=[brightness,shadow,shift,blur,noise]")
     root = f"data.root={recorded.folder}"

@@ -12,15 +12,12 @@ from rich.console import Console
 
 from datamodules.recording_format import read_recordings
 from tests.zoo.command_runs import ROOT, only_line, run_here, succeed
-from tests.zoo.trainings import SMALL
 from zoo.base.compose import ABOUT, compose_config, conf_folder
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECIPE
 from zoo.simulator.record import FIRST_TRY, RecordOptions
 from zoo.training.recorded_roads import recorded_roads, road_key
 from zoo.training.run_config import settle_windows, with_quick, with_recording
-
-USUAL = [one for one in SMALL if not one.startswith("model")]
 
 
 @pytest.mark.parametrize("folder", [(), ("hydra.run.dir=run/${now:%f}",)])
@@ -130,12 +127,6 @@ def quick(*overrides: str) -> tuple[int, int]:
 )
 def test_a_quick_training_has_fewer_samples_of_large_networks(recipe, samples):
     assert quick(recipe) == (3, samples)
-
-
-@pytest.mark.parametrize("override", ["quick=maybe", "data.crop=40"])
-def test_a_value_of_another_kind_is_named(override, recorded, tmp_path):
-    result = run_here(tmp_path, f"data.root={recorded.folder}", *USUAL, override)
-    assert override in only_line(result, 1)
 
 
 def test_the_first_try_is_lenet_s_recipe_quick_with_all_that_was_measured():
