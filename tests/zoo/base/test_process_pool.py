@@ -210,7 +210,7 @@ def test_a_command_ends_with_the_command_that_started_it(number: int) -> None:
     assert parent.returncode == -number
 
 
-def test_a_process_that_another_one_started_is_left_alone(tmp_path: Path) -> None:
+def test_a_process_that_another_one_started_is_left_alone() -> None:
     """A variable that was inherited over a further process ends nothing."""
     quiet = "import zoo, time; time.sleep(0.9)"  # it looks after its parent every half second
     found = run_words(ROOT, sys.executable, "-c", quiet, DRIVEZOO_PARENT="1")

@@ -78,14 +78,11 @@ def test_a_perturbation_changes_one_thing_and_passes_the_usual(name: str) -> Non
     assert len(set(by_value.values())) == len(by_value)
 
 
-def test_a_perturbation_that_changes_nothing_in_a_world_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_recording(tmp_path / "log", rows=190)
-    monkeypatch.chdir(tmp_path)
+def test_a_perturbation_that_changes_nothing_in_a_world_is_refused(here: Path) -> None:
+    write_recording(here / "log", rows=190)
     with pytest.raises(InputError, match=r"^perturb=fog: weather: .* world=replay; drop one$"):
         command(["lenet", "world=replay", "track=log", "perturb=fog"])
-    assert not (tmp_path / "outputs").exists()
+    assert not (here / "outputs").exists()
 
 
 def test_the_speed_is_not_swept_where_none_is_held() -> None:

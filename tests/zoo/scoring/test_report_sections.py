@@ -10,7 +10,6 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
-from rich.console import Console
 from torch import nn
 
 from datamodules.recording import Recording
@@ -146,7 +145,7 @@ def test_an_intervention_is_worse_than_any_distance() -> None:
     assert [row.intervention for _, row, _ in moments.moments] == [True]
 
 
-def test_a_scored_drive_can_be_filmed(checkpoint: str, tmp_path: Path, console: Console) -> None:
+def test_a_scored_drive_can_be_filmed(checkpoint: str, tmp_path: Path) -> None:
     options = ("laps=0.015", "speed=25", "quality=simple", "workers=1")
     filmed = (*options, "film=true", "film_speed=3", "out=filmed")
     printed = succeed(run_here(tmp_path, checkpoint, *filmed, module="zoo.commands.evaluate"))

@@ -1,6 +1,5 @@
 """The verdict: its level from the drives, its causes and its next commands."""
 
-import io
 import json
 import shlex
 from dataclasses import replace
@@ -21,13 +20,8 @@ from zoo.scoring.verdict import Verdict, judge, print_verdict
 
 def drive(interventions: int = 0, track: str = "lake", seed: int = 0, laps: float = 1.0) -> dict:
     autonomy = max(0.0, 1 - 6 * interventions / 180)
-    return {
-        "track": track,
-        "seed": seed,
-        "autonomy": autonomy,
-        "interventions": interventions,
-        "laps": laps,
-    }
+    figures = {"autonomy": autonomy, "interventions": interventions, "laps": laps}
+    return {"track": track, "seed": seed} | figures
 
 
 def words_of(verdict: Verdict) -> list[list[str]]:
@@ -138,13 +132,10 @@ def test_the_next_command_for_another_car_is_complete(facts: dict, words: str) -
 def test_a_replay_is_judged_by_its_seconds(interventions: int, driven_s: float, level: str) -> None:
     autonomy = max(0.0, 1 - 6 * interventions / driven_s)
     replay = {"track": "replay of tub", "autonomy": autonomy, "interventions": interventions}
-    known = replace(
-        evidence({"data": {"root": "my laps"}, "quick": True}, side_response={"test": 0.01}),
-        source="donkeycar",
-    )
-    verdict = judge(
-        [replay | {"laps": None, "driven_s": driven_s}], known, replayed="replay of 3 stretches"
-    )
+    replay |= {"laps": None, "driven_s": driven_s}
+    known = evidence({"data": {"root": "my laps"}, "quick": True}, side_response={"test": 0.01})
+    known = replace(known, source="donkeycar")
+    verdict = judge([replay], known, replayed="replay of 3 stretches")
     assert verdict.level == level
     assert "replay of 3 stretches" in verdict.certainty
     assert f"{driven_s:.0f} s" in verdict.tracks[0]
@@ -299,9 +290,9 @@ def test_the_command_repeats_what_was_typed(typed: list[str], changes: dict, sho
 
 
 @pytest.mark.parametrize("width", [60, 100, 200])
-def test_the_box_fits_and_its_commands_stay_whole(width: int) -> None:
+def test_the_box_fits_and_its_commands_stay_whole(width: int, console: Console) -> None:
     checkpoint = f"{'deep/' * 20}[/red]/best.ckpt"
-    console = Console(file=io.StringIO(), width=width)
+    console.width = width
     print_verdict(judge([drive(20)], Evidence(checkpoint, {}, {}, None)), console)
     lines = console.file.getvalue().splitlines()
     assert any(shlex.quote(checkpoint) in line for line in lines)
@@ -357,10 +348,10 @@ def test_the_headline_names_which_lake_was_driven(recorded: str, typed: str, nam
     assert headline == f"It does not drive {named}."
 
 
-def test_a_headline_that_is_longer_than_the_box_is_not_cut() -> None:
+def test_a_headline_that_is_longer_than_the_box_is_not_cut(console: Console) -> None:
     names = ("udacity_lake", "udacity_mountain", "udacity_jungle")
     verdict = judge([drive(0, name) for name in names], evidence())
-    console = Console(file=io.StringIO(), width=80)
+    console.width = 80
     print_verdict(verdict, console)
     printed = " ".join(console.file.getvalue().replace("│", " ").split())
     assert verdict.headline in printed
