@@ -17,8 +17,8 @@ from benchmarks import board_rows, study, study_data, study_grid, study_rows
 from benchmarks.measuring import merge, read_csv, write_csv
 from benchmarks.study_grid import FOLDER, Entry, Study
 from tests.recordings import Written
-from tests.zoo.command_runs import environment
-from tests.zoo.results.synthetic_results import result, summed, write
+from tests.zoo.command_runs import ROOT, environment
+from tests.zoo.results.synthetic_results import of_levels, summed, write
 from zoo.base.bounded_files import read_json
 from zoo.base.compose import refuse_repeated
 from zoo.base.errors import InputError
@@ -27,7 +27,6 @@ from zoo.checkpoints.checkpoint_path import PACKAGED, packaged_names, read_facts
 from zoo.results.benchmark_options import BASELINES
 from zoo.results.checked_result import read_result
 
-ROOT = Path(__file__).parents[2]
 FINGERPRINT = "d799b34fbcd58066"
 LEVELS = [  # roads of the board
     (axis, f"bends_{level}:{number}", {})
@@ -42,16 +41,15 @@ CLEAN = CLAIM | {"seed": "2", "autonomy": "1.0"}
 
 
 @pytest.fixture
-def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def pages(here: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a folder with copies of the manual's pages, which is the current folder.
 
     The results of these tests have not all roads of the suite that they name.
     """
     monkeypatch.setattr("zoo.results.checked_result._check_included_suite", lambda *_: None)
-    monkeypatch.chdir(tmp_path)
     left_out = shutil.ignore_patterns("_build", "*.csv", "*.png", "images", "api")
     shutil.copytree(ROOT / "docs", "docs", ignore=left_out)
-    return tmp_path
+    return here
 
 
 @pytest.fixture(autouse=True)
@@ -64,7 +62,7 @@ def clean(monkeypatch: pytest.MonkeyPatch) -> None:
     "name", sorted({path.stem for path in FOLDER.glob("*.yaml")} - {"lengths"})
 )
 def test_the_committed_pages_are_those_of_the_committed_figures(
-    name: str, pages: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    name: str, pages: Path, capsys: pytest.CaptureFixture
 ) -> None:
     for path in (ROOT / "docs").glob("*.csv"):
         shutil.copy(path, "docs")
@@ -194,10 +192,10 @@ def test_a_packaged_network_has_a_recipe_of_the_results() -> None:
     assert packaged["tiny41"] == (*results["tiny-no_bonnet"], "data=bench_v1")
 
 
+@pytest.mark.usefixtures("here")
 def test_a_corrected_entry_starts_from_committed_checkpoints(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     asked: list[list[str]] = []
 
     def run_logged(log: Path, words: list[str], threads: int) -> None:
@@ -268,8 +266,8 @@ def test_a_finished_run_is_not_repeated_and_a_failed_entry_not_the_last(
     assert committed.read_text() == "{}"
 
 
-def test_a_stopped_training_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.usefixtures("here")
+def test_a_stopped_training_is_resumed(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
     monkeypatch.setattr(study_grid, "run_logged", lambda log, words, threads: asked.append(words))
     opened = Study("claims", ["only=C"])
@@ -323,10 +321,7 @@ def test_rows_are_kept_as_text_and_newer_ones_replace_older(tmp_path: Path) -> N
 def write_entry(folder: Path, clean: float = 0.9, seeds: int = 3, **changes: object) -> Path:
     """Write an entry's folder: a result with a share of clean drives, command and checkpoints."""
     drawn = np.random.default_rng(1).random((seeds, len(LEVELS)))
-    content = result(np.where(drawn < clean, 1.0, 0.5), folder.name, LEVELS)
-    for drive in content["drives"]:
-        drive["level"] = int(drive["track"][6])
-        drive["figures"]["cte_max_m"] = 2.0
+    content = of_levels(np.where(drawn < clean, 1.0, 0.5), folder.name, LEVELS)
     for checkpoint in content["checkpoints"]:
         checkpoint["data"] = FINGERPRINT
     write(folder, summed(content | {"suite": "v3"}) | changes)
@@ -452,11 +447,10 @@ def test_a_page_without_markers_is_named(pages: Path) -> None:
 
 @pytest.mark.slow
 def test_a_candidate_of_the_first_try_is_trained_and_driven(
-    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    recorded: Written, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # A developer's files may differ from the commit.
     monkeypatch.setattr(study, "check_code", lambda *_: None)
-    monkeypatch.chdir(tmp_path)
     opened = Study("first_try", [f"real={recorded.folder}", "only=1-real", "seeds=1"])
     small = ("model=tiny", "trainer.max_epochs=1", "data.samples_per_epoch=64", "score.laps=0.01")
     drive = {"control": "hold 15 mph", "track": "lake", "direction": "forward", "quality": "fast"}
