@@ -1,7 +1,5 @@
 """A page that is served in this process."""
 
-import contextlib
-import http.client
 import json
 import shutil
 import threading
@@ -13,6 +11,7 @@ import pytest
 from datamodules.recording_edits import Edits
 from datamodules.recording_format import read_recordings
 from tests.recordings import Written
+from tests.zoo.page_requests import Answer, ask
 from zoo.base.page_server import PageServer
 from zoo.checkpoints.policy_base import as_policy
 from zoo.server.edit_page import EditPage
@@ -31,18 +30,8 @@ class ServedPage:
         self.port, self.page = server.server_port, page
         self.url = f"http://127.0.0.1:{self.port}"
 
-    def ask(
-        self, method: str, path: str, body: object = None, **headers: str
-    ) -> tuple[int, str, bytes]:
-        """Return status, content type and body of an answer."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
-        kind = {} if body is None else {"Content-Type": "application/json"}
-        named = {name.replace("_", "-"): value for name, value in headers.items()}
-        sent = None if body is None else json.dumps(body)
-        with contextlib.closing(connection):
-            connection.request(method, path, sent, kind | named)
-            answer = connection.getresponse()
-            return answer.status, answer.headers["Content-Type"], answer.read()
+    def ask(self, method: str, path: str, body: object = None, **headers: str) -> Answer:
+        return ask(self.port, method, path, body, **headers)
 
     def read(self, path: str) -> dict:
         status, _, body = self.ask("GET", path)

@@ -1,6 +1,5 @@
 """Checkpoints exported as ONNX: they steer the same, and commands take them."""
 
-import http.client
 import json
 import shutil
 import sys
@@ -19,6 +18,7 @@ from tests.recordings import Written
 from tests.slow_members import slow, slow_but
 from tests.zoo.command_runs import run_here
 from tests.zoo.models.test_models_command import build
+from tests.zoo.page_requests import ask
 from tests.zoo.server.serve import picture, served
 from zoo.base.compose import choices
 from zoo.base.errors import InputError
@@ -184,9 +184,7 @@ def test_the_network_uses_the_threads_of_the_driver(exported: Path) -> None:
     assert policy.onnx.get_session_options().intra_op_num_threads == 2
 
 
-def test_it_scores_as_its_checkpoint(
-    exported: Path, checkpoint: Path, tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_it_scores_as_its_checkpoint(exported: Path, checkpoint: Path, tmp_path: Path) -> None:
     options = ("laps=0.01", "speed=25", "quality=simple", "workers=1", f"out={tmp_path / 'out'}")
     evaluate.evaluate_or_replay([str(exported), *options])
     (scored,) = json.loads((tmp_path / "out" / "metrics.json").read_text())["drives"]
@@ -229,24 +227,16 @@ def test_the_live_page_switches_to_and_from_it(exported: Path, checkpoint: Path)
                         return argument["steering_angle"]
 
         first = steering()
-        status, answer = ask(driver.port, "GET", "/saliency.jpg")
+        status, _, answer = ask(driver.port, "GET", "/saliency.jpg")
         assert status == 503
-        assert "ONNX" in answer["error"]
+        assert "ONNX" in json.loads(answer)["error"]
         for path in (str(checkpoint), "model.onnx"):
-            _, state = ask(driver.port, "POST", "/command", {"switch": path})
-            assert state["checkpoint"] == path
+            _, _, state = ask(driver.port, "POST", "/command", {"switch": path})
+            assert json.loads(state)["checkpoint"] == path
             assert float(steering()) == pytest.approx(float(first), abs=1e-4)
-        assert ask(driver.port, "GET", "/state.json")[1]["fallbacks"] == 0
+        assert json.loads(ask(driver.port, "GET", "/state.json")[2])["fallbacks"] == 0
         client.close()
     assert any("PilotNet" in line and "252,219" in line for line in driver.lines)
-
-
-def ask(port: int, method: str, path: str, body: object = None) -> tuple[int, dict]:
-    connection = http.client.HTTPConnection("127.0.0.1", port)
-    kind = {} if body is None else {"Content-Type": "application/json"}
-    connection.request(method, path, None if body is None else json.dumps(body), kind)
-    answer = connection.getresponse()
-    return answer.status, json.loads(answer.read())
 
 
 def test_the_page_lists_it(exported: Path, tmp_path: Path) -> None:

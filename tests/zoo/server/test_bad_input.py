@@ -2,7 +2,6 @@
 
 import base64
 import contextlib
-import http.client
 import json
 import math
 import time
@@ -11,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.hostile.test_driver_floods import FLOODS, flooded
+from tests.zoo.page_requests import ask
 from tests.zoo.server.old_client import TEXT, OldClient, telemetry
 from tests.zoo.server.scans import png_bomb
 from tests.zoo.server.serve import BLACK, WHITE, Served, picture, served
@@ -141,9 +141,8 @@ def test_only_pages_of_this_server_may_connect(driver: Served, headers: str, sta
 
 def test_a_site_that_gives_its_name_our_address_is_refused(driver: Served) -> None:
     for path in ("/", "/socket.io/?EIO=4&transport=polling"):
-        connection = http.client.HTTPConnection("127.0.0.1", driver.port, timeout=5)
-        connection.request("GET", path, headers={"Host": f"rebound.example.org:{driver.port}"})
-        assert connection.getresponse().status == 403
+        host = f"rebound.example.org:{driver.port}"
+        assert ask(driver.port, "GET", path, Host=host)[0] == 403
 
 
 def test_refused_connections_are_closed_so_that_they_cannot_fill_the_server(driver: Served) -> None:

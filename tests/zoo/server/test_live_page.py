@@ -1,6 +1,5 @@
 """The live page, with a real driver and a simulator that it drives."""
 
-import http.client
 import io
 import json
 import shutil
@@ -13,12 +12,11 @@ import pytest
 from PIL import Image
 
 from tests.zoo.command_runs import start
+from tests.zoo.page_requests import ask
 from tests.zoo.server.browser import CHROMIUM, Browser
 from tests.zoo.server.old_client import OldClient
 from tests.zoo.server.serve import Served, picture, served
 from zoo.server.live_page import MOST_POLLS, POLL_MS, PollInterval
-
-Answer = tuple[int, str, bytes]
 
 
 @pytest.fixture(scope="module")
@@ -56,25 +54,14 @@ def _driving(driver: Served) -> None:
     until(driver, lambda state: state["telemetry"] > 5 and state["speed_mph"] > 0.5)
 
 
-def ask(driver: Served, method: str, path: str, body: object = None, **headers: str) -> Answer:
-    """Return status, content type and body of an answer."""
-    connection = http.client.HTTPConnection("127.0.0.1", driver.port, timeout=20)
-    sent = None if body is None else body if isinstance(body, bytes) else json.dumps(body).encode()
-    kind = {} if body is None else {"Content-Type": "application/json"}
-    named = {name.replace("_", "-"): value for name, value in headers.items()}
-    connection.request(method, path, sent, kind | named)
-    answer = connection.getresponse()
-    return answer.status, answer.headers["Content-Type"], answer.read()
-
-
 def read_state(driver: Served) -> dict:
-    status, _, body = ask(driver, "GET", "/state.json")
+    status, _, body = ask(driver.port, "GET", "/state.json")
     assert status == 200
     return json.loads(body)
 
 
 def order(driver: Served, **what: object) -> tuple[int, dict]:
-    status, _, body = ask(driver, "POST", "/command", what)
+    status, _, body = ask(driver.port, "POST", "/command", what)
     return status, json.loads(body)
 
 
@@ -95,7 +82,7 @@ def until(driver: Served, reached: Callable[[dict], bool], seconds: float = 15) 
     ],
 )
 def test_the_page_is_in_the_package(driver: Served, path: str, kind: str, holds: bytes) -> None:
-    status, answered, body = ask(driver, "GET", path)
+    status, answered, body = ask(driver.port, "GET", path)
     assert status == 200
     assert answered.startswith(kind)
     assert holds in body
@@ -114,14 +101,14 @@ def test_the_state_is_that_of_the_drive(driver: Served) -> None:
 
 @pytest.mark.parametrize("path", ["/frame.jpg?n=1", "/saliency.jpg"])
 def test_pictures_are_the_camera_s_size(driver: Served, path: str) -> None:
-    status, kind, body = ask(driver, "GET", path)
+    status, kind, body = ask(driver.port, "GET", path)
     assert (status, kind) == (200, "image/jpeg"), body
     assert Image.open(io.BytesIO(body)).size == (320, 160)
 
 
 def test_what_it_looks_at_is_green(driver: Served) -> None:
     plain, seen = (
-        np.asarray(Image.open(io.BytesIO(ask(driver, "GET", path)[2])), float)
+        np.asarray(Image.open(io.BytesIO(ask(driver.port, "GET", path)[2])), float)
         for path in ("/frame.jpg", "/saliency.jpg")
     )
     greener = (seen[..., 1] - seen[..., 0]) - (plain[..., 1] - plain[..., 0])
@@ -144,7 +131,7 @@ def test_recording_stops_and_goes_on(driver: Served) -> None:
 
 
 def test_checkpoints_are_listed_newest_first(driver: Served) -> None:
-    listed = json.loads(ask(driver, "GET", "/checkpoints.json")[2])
+    listed = json.loads(ask(driver.port, "GET", "/checkpoints.json")[2])
     names = ["outputs/new/checkpoints/broken.ckpt", "outputs/old/checkpoints/best.ckpt"]
     assert listed == names
 
@@ -189,7 +176,8 @@ def test_a_switch_takes_a_runs_folder_and_latest(named: str, driver: Served) -> 
 )
 def test_a_command_that_is_none_is_refused(driver: Served, body: object, status: int) -> None:
     before = read_state(driver)
-    answered, _, answer = ask(driver, "POST", "/command", body)
+    kind = "application/json"  # also of bytes that are none
+    answered, _, answer = ask(driver.port, "POST", "/command", body, Content_Type=kind)
     assert answered == status, answer
     assert json.loads(answer)["error"]
     after = read_state(driver)
@@ -199,13 +187,13 @@ def test_a_command_that_is_none_is_refused(driver: Served, body: object, status:
 
 def test_commands_of_another_origin_are_refused(driver: Served) -> None:
     for origin in ("http://example.org", "null", f"http://localhost:{driver.port}"):
-        status, _, _ = ask(driver, "POST", "/command", {"pause": True}, Origin=origin)
+        status, _, _ = ask(driver.port, "POST", "/command", {"pause": True}, Origin=origin)
         assert status == 403, origin
     own = f"http://127.0.0.1:{driver.port}"
-    assert ask(driver, "POST", "/command", {"pause": False}, Origin=own)[0] == 200
+    assert ask(driver.port, "POST", "/command", {"pause": False}, Origin=own)[0] == 200
     # Content types that a form of another site can send, by a browser that sends no Origin.
     for kind in ("text/plain", "application/x-www-form-urlencoded", ""):
-        status, _, _ = ask(driver, "POST", "/command", {"pause": True}, Content_Type=kind)
+        status, _, _ = ask(driver.port, "POST", "/command", {"pause": True}, Content_Type=kind)
         assert status == 415, kind
     assert not read_state(driver)["paused"]
 
@@ -221,7 +209,7 @@ def test_commands_of_another_origin_are_refused(driver: Served) -> None:
     ],
 )
 def test_other_requests_are_refused(driver: Served, method: str, path: str, status: int) -> None:
-    assert ask(driver, method, path)[0] == status
+    assert ask(driver.port, method, path)[0] == status
 
 
 def test_a_class_that_looks_on_asks_no_more_often_than_a_few() -> None:

@@ -1,6 +1,5 @@
 """`drivezoo studio`: its page, its steps, and what may not reach it."""
 
-import http.client
 import json
 import re
 import signal
@@ -15,6 +14,7 @@ from datamodules.recording_format import read_recordings
 from tests.recordings import write_recording
 from tests.zoo.base.test_process_pool import wait_until
 from tests.zoo.command_runs import only_line, run_here, start
+from tests.zoo.page_requests import Answer, ask
 from tests.zoo.simulator.person import Person
 from zoo.base.page_server import PageServer
 from zoo.checkpoints.checkpoint_path import PACKAGED
@@ -34,19 +34,12 @@ class Served:
     def __init__(self, page: StudioPage, port: int) -> None:
         self.page, self.port = page, port
 
-    def ask(
-        self, method: str, path: str, body: bytes | None = None, **headers: str
-    ) -> tuple[int, bytes, dict]:
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
-        named = {name.replace("_", "-"): value for name, value in headers.items()}
-        connection.request(method, path, body, named)
-        answer = connection.getresponse()
-        return answer.status, answer.read(), dict(answer.headers)
+    def ask(self, method: str, path: str, body: object = None, **headers: str) -> Answer:
+        return ask(self.port, method, path, body, **headers)
 
     def post(self, query: str = "", **sent: object) -> tuple[int, dict]:
-        body = json.dumps(sent).encode()
-        answer = self.ask("POST", f"/command{query}", body, Content_Type="application/json")
-        return answer[0], json.loads(answer[1])
+        status, _, body = self.ask("POST", f"/command{query}", sent)
+        return status, json.loads(body)
 
     def line(self, **step: object) -> list[str]:
         status, lines = self.post(line=step)
@@ -54,7 +47,7 @@ class Served:
         return lines
 
     def state(self) -> dict:
-        return json.loads(self.ask("GET", "/state.json")[1])
+        return json.loads(self.ask("GET", "/state.json")[2])
 
 
 def serve(key: str | None = None) -> Iterator[Served]:
@@ -78,7 +71,7 @@ def locked(here: Path) -> Iterator[Served]:
 
 def test_the_page_comes_from_the_package_and_shares_the_drive(studio: Served) -> None:
     for path, holds in (("/", b"studio.js"), ("/hand.js", b"HandView"), ("/style.css", b".studio")):
-        status, body, _ = studio.ask("GET", path)
+        status, _, body = studio.ask("GET", path)
         assert status == 200
         assert holds in body
         assert b"https://" not in body, "it would fetch something from elsewhere"
@@ -180,14 +173,14 @@ def test_another_host_needs_a_key(here: Path) -> None:
 
 @pytest.mark.parametrize("name", ["a.py", "a.pkl", "", "../../a.yaml"])
 def test_only_networks_are_taken(studio: Served, here: Path, name: str) -> None:
-    status, body, _ = studio.ask("POST", f"/upload?name={name}", b"x")
+    status, _, body = studio.ask("POST", f"/upload?name={name}", b"x")
     assert status == 400
     assert all(kind in json.loads(body)["error"] for kind in KINDS)
     assert not UPLOADS.exists()
 
 
 def test_an_upload_lies_in_a_folder_of_its_own(studio: Served, here: Path) -> None:
-    status, body, _ = studio.ask("POST", "/upload?name=../../evil%2F..%2Fnet.onnx", b"x")
+    status, _, body = studio.ask("POST", "/upload?name=../../evil%2F..%2Fnet.onnx", b"x")
     assert status == 200
     (path,) = [path for path in here.rglob("*") if path.is_file()]
     assert path.parent == here / UPLOADS
@@ -200,7 +193,7 @@ def test_an_upload_lies_in_a_folder_of_its_own(studio: Served, here: Path) -> No
 @pytest.mark.slow
 @pytest.mark.skipif(".h5" not in KINDS, reason="another extra imports it")
 def test_a_broken_keras_file_is_refused_in_the_words_of_import(studio: Served) -> None:
-    status, body, _ = studio.ask("POST", "/upload?name=a.h5", b"no network")
+    status, _, body = studio.ask("POST", "/upload?name=a.h5", b"no network")
     assert status == 400
     assert "drivezoo import" in json.loads(body)["error"]
     assert not list(UPLOADS.iterdir())
@@ -222,7 +215,7 @@ def test_a_person_drives_and_records(studio: Served, here: Path) -> None:
     assert any(line.startswith("rows") for line in drive["lines"])
     folder = drive["folder"]
     assert len(read_recordings(folder)) > 20
-    assert json.loads(studio.ask("GET", "/choices.json")[1])["recordings"] == [folder]
+    assert json.loads(studio.ask("GET", "/choices.json")[2])["recordings"] == [folder]
     studio.post(start={"step": "check", "folder": folder})
     wait_until(lambda: studio.state()["check"]["status"] is not None)
     assert "all images are whole" in studio.state()["check"]["lines"]
