@@ -101,8 +101,7 @@ def test_images_of_an_hdf5_file_that_no_row_names_are_counted(tmp_path: Path) ->
     assert "have no row" not in notes(folder)
     log = next((folder / "log").iterdir())
     with h5py.File(log, "r+") as file:
-        pointers = np.minimum(file["cam1_ptr"][:], ROWS - 2)
-        file["cam1_ptr"][:] = pointers
+        file["cam1_ptr"][:] = np.minimum(file["cam1_ptr"][:], ROWS - 2)
     assert "1 of 60 images in" in notes(folder)
 
 

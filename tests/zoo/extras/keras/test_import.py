@@ -135,8 +135,7 @@ def test_without_a_recording_guesses_are_named(keras_file: Path, tmp_path: Path)
 
 def test_keys_are_taken_as_given(keras_file: Path, tmp_path: Path) -> None:
     keys = ["colour=bgr", "crop=[50,20]", "resize=linear", "scale=[255,0.5]"]
-    printed = succeed(import_file(tmp_path, str(keras_file), *keys))
-    assert "guess" not in printed
+    assert "guess" not in succeed(import_file(tmp_path, str(keras_file), *keys))
     checkpoint = load_checkpoint(tmp_path / "old.ckpt")
     assert checkpoint.view == View((50, 20), "bgr", (12, 40), "linear")
     assert checkpoint.config["model"]["scale"] == [255.0, 0.5]
@@ -210,8 +209,7 @@ def test_the_line_that_is_offered_makes_the_output_steering(
         printed = succeed(import_file(tmp_path, "old.h5", *keys, *more, "overwrite=true"))
         command = re.search(r"drivezoo import (.*)", printed)[1]
         assert "not like steering" in printed
-        again = succeed(import_file(tmp_path, *shlex.split(command)))
-        assert "not certain" not in again
+        assert "not certain" not in succeed(import_file(tmp_path, *shlex.split(command)))
         factor, offset = map(float, re.search(r"steering=\[(.*?),(.*?)\]", command).groups())
         assert (factor, offset) == pytest.approx((2.4, -1.2), rel=0.1)
         assert set(keys) < set(shlex.split(command))

@@ -347,8 +347,7 @@ def test_a_scale_after_a_crop_is_the_networks(tmp_path: Path) -> None:
     dense: Layer = ("Dense", {"units": 1}, W((448, 1), (1,)))
     found = convert(read(tmp_path, [crop, SCALE, CONV, REST[1], dense]))
     assert found.scale == (127.5, 1)
-    wanted = expected([crop, CONV, REST[1], dense])
-    np.testing.assert_allclose(predict(found), wanted, atol=1e-5)
+    np.testing.assert_allclose(predict(found), expected([crop, CONV, REST[1], dense]), atol=1e-5)
 
 
 def test_a_scale_after_a_padding_stays_there(tmp_path: Path) -> None:
@@ -397,8 +396,7 @@ def test_a_batch_normalization_of_pixels_needs_no_scale(tmp_path: Path) -> None:
     for mean, scale in ((110, (1.0, 0.0)), (0.1, None)):
         means = [*W((3,), (3,)), np.full(3, mean, np.float32), *W((3,))]
         layers: list[Layer] = [("BatchNormalization", {}, means), *REST]
-        found = convert(read(tmp_path, layers))
-        assert found.scale == scale
+        assert convert(read(tmp_path, layers)).scale == scale
     np.testing.assert_allclose(
         predict(convert(read(tmp_path, layers), scale=[255, 0])),
         expected(layers, 255, 0),

@@ -72,11 +72,7 @@ def steering_network(recording: Recording, tmp_path: Path) -> Callable:
     ],
 )
 def test_colour_and_crop_of_the_training_are_found(
-    colour: str,
-    crop: tuple[int, int],
-    channels: int,
-    steering_network: Callable,
-    frames: TrialFrames,
+    colour: str, crop: tuple, channels: int, steering_network: Callable, frames: TrialFrames
 ) -> None:
     view = View(crop, colour, SIZE)
     known = KnownInput(shape=(*SIZE, channels), scale=SCALES[0])

@@ -107,8 +107,7 @@ def test_drives_of_levels_give_a_curve_for_each_axis() -> None:
     assert [entry.first.name for entry in shown.entries] == [row["entry"] for row in table]
     assert list(table[0])[5] == "without_intervention"
     assert "p: of the difference" in Path("paper/pairs.tex").read_text()
-    figure = of_results(read_entries(Path("marks/half"))).plots["profiles"]
-    panel, other = figure.axes
+    panel, other = of_results(read_entries(Path("marks/half"))).plots["profiles"].axes
     assert (panel.get_title(), other.get_title()) == ("geometry", "camera")
     assert len(other.lines[0].get_ydata()) == 3
     assert panel.lines[0].get_ydata().tolist() == [100, 50]

@@ -89,8 +89,7 @@ def test_policies_of_a_table_are_told_apart(tmp_path: Path, won: np.ndarray) -> 
     file = table(tmp_path / "r.csv", [*rollouts("act", won[0]), *rollouts("pi", won[1])])
     result = drivezoo.compare(file, policy="method", out=tmp_path / "out.json")
     assert [row.verdict for row in result.differences] == ["act is better"] * 2
-    saved = json.loads((tmp_path / "out.json").read_text())
-    figure = saved["differences"][1]["figure"]
+    figure = json.loads((tmp_path / "out.json").read_text())["differences"][1]["figure"]
     assert figure["value"] == pytest.approx(won[0].mean() - won[1].mean())
     assert figure["low"] < figure["value"] < figure["high"]
     assert "verdict: act, pi: act is better on these scenes, and on new scenes" in result.lines
@@ -112,8 +111,7 @@ def test_lerobots_file_tells_no_seeds(tmp_path: Path, won: np.ndarray) -> None:
 
 def test_files_of_one_name_are_trainings(tmp_path: Path, won: np.ndarray) -> None:
     files = [lerobot(tmp_path / f"{n}.json", list(won[n % 2])) for n in range(4)]
-    keys = {"names": "act,pi,act,pi", "out": tmp_path / "out.json"}
-    result = drivezoo.compare(*files, **keys)
+    result = drivezoo.compare(*files, names="act,pi,act,pi", out=tmp_path / "out.json")
     assert {row.training for row in result.policies["act"]} == {str(files[0]), str(files[2])}
     assert not any(line.startswith("trainings:") for line in result.lines)
 

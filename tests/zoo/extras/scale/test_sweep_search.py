@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.recordings import Written
+from tests.slow_members import slow
 from tests.zoo.command_runs import only_line, succeed
 from tests.zoo.sweeps import write_run
 from tests.zoo.training.test_sweep_command import sweep
@@ -114,8 +115,7 @@ def test_ties_of_autonomy_are_broken_and_no_error_outweighs_an_intervention(
     assert values == sorted(values, reverse=True)
     assert len(set(values)) == len(values)
     assert values[0] == pytest.approx(1 - 6 / 180 * (0.1 / 1.1))
-    undriven = write_run(tmp_path / "undriven")
-    assert _value(undriven, "drive/score") is None
+    assert _value(write_run(tmp_path / "undriven"), "drive/score") is None
 
 
 def test_a_study_of_another_figure_is_refused_and_kept(
@@ -134,9 +134,7 @@ def test_a_study_of_another_figure_is_refused_and_kept(
         ("hydra.sweeper.monitor=drive/autonomy", "add callbacks=closed_loop"),
         ("hydra.sweeper.monitor=val/mae", "monitor=val/mae: must be one of drive/score"),
         ("hydra.sweeper.pruner=axe", "pruner=axe: must be median"),
-        pytest.param(
-            "hydra.sweeper.sampler=dice", "sampler=dice: must be one of tpe", marks=pytest.mark.slow
-        ),
+        *slow(("hydra.sweeper.sampler=dice", "sampler=dice: must be one of tpe")),
         ("hydra.sweeper.n_trials=0", "must be 1 or more"),
         ("hydra.sweeper.storage=sqlite:////proc/none/study.db", "storage=sqlite:////proc/none"),
         ("hydra.sweeper.n_trails=3", "hydra.sweeper.n_trails: no such key"),
@@ -144,12 +142,9 @@ def test_a_study_of_another_figure_is_refused_and_kept(
         ("optim.lr=0.1,0.2", "other values for optim.lr"),
     ],
 )
+@pytest.mark.usefixtures("study_file")
 def test_bad_input_gets_one_line(
-    override: str,
-    words: str,
-    recorded: Written,
-    study_file: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    override: str, words: str, recorded: Written, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("zoo.extras.scale.sweep_search.ATTEMPTS", 1)
     assert words in only_line(search(recorded, override))

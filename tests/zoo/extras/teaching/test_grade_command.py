@@ -366,12 +366,9 @@ def test_an_unexpected_error_is_one_students_alone(
     assert "something odd" in (here / "out" / "grades.html").read_text()
 
 
+@pytest.mark.usefixtures("as_ada")
 def test_marks_are_written_after_each(
-    suite: Path,
-    here: Path,
-    as_ada: None,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture,
+    suite: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
     for name in ("ann", "ben", "cleo"):
         write_constant(here / "class" / f"{name}.ckpt", 0.0)
