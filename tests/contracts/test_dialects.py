@@ -12,13 +12,12 @@ import pytest
 from rich.console import Console
 
 from tests.contracts.outside_package import installed, manual_example
-from tests.zoo.simulator.drivers import RawDriver
+from tests.zoo.simulator.drivers import RawDriver, answering, event
 from zoo.base.entry_points import load_class, named_entries
 from zoo.base.errors import InputError
 from zoo.simulator.client import Client, run_client
 from zoo.simulator.command_options import DIALECTS, ClientOptions
 
-OPEN = '0{"sid":"x","upgrades":[],"pingInterval":25000,"pingTimeout":60000}'
 NAMES = ("udacity", "mine", *sorted(named_entries(DIALECTS)))
 
 
@@ -34,15 +33,8 @@ def control_of(dialect: str) -> str:
 
 
 def test_a_driver_gets_frames_and_steers(dialect: str) -> None:
-    control = control_of(dialect)
-
-    def answer(text: str) -> Iterator[str]:
-        if text == "2":
-            yield from (OPEN, "3")
-        elif text.startswith("42"):
-            yield "42" + json.dumps([control, {"steering_angle": "0.1", "throttle": "1.0"}])
-
-    with RawDriver(answer) as driver:
+    reply = event(control_of(dialect), {"steering_angle": "0.1", "throttle": "1.0"})
+    with RawDriver(answering(lambda *_: [reply])) as driver:
         options = ClientOptions(url=driver.url, dialect=dialect, seconds=1.0, quality="simple")
         client = run_client(options, Console(file=io.StringIO()))
     assert client.world.car.speed_mph > 1

@@ -12,7 +12,7 @@ import engineio
 import pytest
 from rich.console import Console
 
-from tests.zoo.simulator.drivers import Listening, handshake_answer, make_frame
+from tests.zoo.simulator.drivers import OPEN, Listening, handshake_answer, make_frame
 from zoo.simulator import client as client_module
 from zoo.simulator.client import Client
 from zoo.simulator.command_options import ClientOptions
@@ -20,7 +20,6 @@ from zoo.simulator.legacy_socket import MAX_MESSAGE, OPENED, HandshakeSilentErro
 from zoo.simulator.modern_socket import ModernSocket
 from zoo.simulator.simulated_world import open_world
 
-OPEN = '0{"sid":"x","upgrades":[],"pingInterval":25000,"pingTimeout":60000}'
 SEND_MOST = 64 << 20  # bytes that a hostile server sends at most
 
 

@@ -11,12 +11,13 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
 GUID = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
+OPEN = '0{"sid":"x","upgrades":[],"pingInterval":25000,"pingTimeout":60000}'
 
 
 class Listening:
@@ -182,7 +183,7 @@ def handshake_answer(request: bytes) -> bytes:
 def steering_driver(steering: str = "0.0000", throttle: str = "0.3000") -> Callable:
     """Return a function that answers pings and telemetry, and opens the session at first."""
     reply = '42["steer",' + json.dumps({"steering_angle": steering, "throttle": throttle}) + "]"
-    opening = iter(['0{"sid":"x","upgrades":[],"pingInterval":25000,"pingTimeout":60000}'])
+    opening = iter([OPEN])
 
     def answer(text: str) -> list[str]:
         if text == "2":
@@ -190,6 +191,25 @@ def steering_driver(steering: str = "0.0000", throttle: str = "0.3000") -> Calla
         if text == '42["telemetry",null]':
             return ['42["manual",{}]']
         return [reply] if text.startswith('42["telemetry"') else []
+
+    return answer
+
+
+def event(name: str, *data: object) -> str:
+    """Return an event as Socket.IO sends it."""
+    return "42" + json.dumps([name, *data])
+
+
+def answering(reply: Callable[[str, dict], Iterable[str]]) -> Callable[[str], Iterator[str]]:
+    """Return a driver's function that opens a session and replies to telemetry."""
+
+    def answer(text: str) -> Iterator[str]:
+        if text == "2":
+            yield from (OPEN, "3")
+        elif text.startswith("42"):
+            name, data = json.loads(text[2:])
+            if "telemetry" in name:
+                yield from reply(name, data)
 
     return answer
 

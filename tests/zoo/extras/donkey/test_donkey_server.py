@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from datamodules.recording_format import read_recordings
+from tests.datamodules.exchange.test_tub import record, write_tub
 from tests.zoo.extras.donkey.donkey_process import Process, donkey_simulator
 from zoo.base.errors import InputError
 from zoo.base.rig import RIGS
@@ -163,8 +164,7 @@ def test_cameras_have_the_size_that_a_client_asks_for(
     usual = image_of(drive(session, 1))
     camera = NO_CAMERA | {"img_w": "200", "img_h": "66", "img_enc": "PNG", "fov": "90"}
     assert say(session, "cam_config", **camera) == []
-    wide = drive(session, 1)
-    assert image_of(wide).shape == (66, 200, 3)
+    assert image_of(drive(session, 1)).shape == (66, 200, 3)
     say(session, "cam_config_b", **(NO_CAMERA | {"offset_x": "-0.8", "offset_y": "1.2"}))
     both = drive(session, 1)
     assert image_of(both, "image_b").shape == (66, 200, 3)
@@ -189,20 +189,14 @@ def test_the_rig_is_that_of_the_clients_camera(session: DonkeySession) -> None:
     assert "tub=FOLDER" in rig_line(session.rig, None)
 
 
-def write_tub(folder: Path, client: "Client", rows: int) -> None:
+def record_tub(folder: Path, client: "Client", rows: int) -> None:
     """Record as Donkeycar's own client does."""
-    (folder / "images").mkdir(parents=True, exist_ok=True)
-    lines = []
+    shutil.rmtree(folder / "images", ignore_errors=True)
+    write_tub(folder, [record(row) for row in range(rows)])
     for row in range(rows):
         client.send("control", steering="0.1", throttle="0.5", brake="0.0")
-        name = f"{row}_cam_image_array_.jpg"
-        cv2.imwrite(str(folder / "images" / name), image_of(client.wait_for("telemetry")))
-        record = {"cam/image_array": name, "user/angle": 0.1, "user/throttle": 0.5}
-        lines.append(json.dumps(record | {"_index": row, "_timestamp_ms": 50 * row}) + "\n")
-    (folder / "catalog_0.catalog").write_text("".join(lines))
-    catalogs = {"paths": ["catalog_0.catalog"], "current_index": rows, "deleted_indexes": []}
-    manifest = [["cam/image_array"], ["image_array"], {}, {}, catalogs]
-    (folder / "manifest.json").write_text("".join(json.dumps(one) + "\n" for one in manifest))
+        frame = image_of(client.wait_for("telemetry"))
+        cv2.imwrite(str(folder / "images" / f"{row}_cam_image_array_.jpg"), frame)
 
 
 def test_a_tub_of_any_client_gets_the_rig_of_its_camera(tmp_path: Path) -> None:
@@ -212,7 +206,7 @@ def test_a_tub_of_any_client_gets_the_rig_of_its_camera(tmp_path: Path) -> None:
         for camera in ({}, {"img_w": "200", "img_h": "100", "fov": "80"}):
             if camera:
                 client.send("cam_config", **(NO_CAMERA | camera))
-            write_tub(tmp_path / "tub", client, 3)
+            record_tub(tmp_path / "tub", client, 3)
             recording = read_recordings(str(tmp_path / "tub"))
             assert recording.frame_size() == recording.rig.cameras["center"].size[::-1]
             assert (recording.rig == RIGS["donkey_sim"]) == (not camera)

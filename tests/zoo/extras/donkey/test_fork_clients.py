@@ -11,32 +11,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from tests.zoo.simulator.drivers import RawDriver
+from tests.zoo.simulator.drivers import RawDriver, answering, event
 from zoo.extras.donkey.fork_clients import MOST_UNANSWERED, ForkClient
 from zoo.simulator.client import run_client
 from zoo.simulator.command_options import ClientOptions
 
-OPEN = '0{"sid":"x","upgrades":[],"pingInterval":25000,"pingTimeout":60000}'
 STRAIGHT = "@".join(f"10.0,1.9,{z:.1f}" for z in np.arange(5, 30, 1.3))
 TIGHT = "0,1.9,0@0,1.9,20@4,1.9,26@10,1.9,24@11,1.9,0"  # a bend that the car cannot follow
-
-
-def event(name: str, *data: object) -> str:
-    return "42" + json.dumps([name, *data])
-
-
-def answering(reply: Callable[[str, dict], Iterator[str]]) -> Callable[[str], Iterator[str]]:
-    """Return a driver's function that opens a session and replies to events with data."""
-
-    def answer(text: str) -> Iterator[str]:
-        if text == "2":
-            yield from (OPEN, "3")
-        elif text.startswith("42"):
-            name, data = json.loads(text[2:])
-            if "telemetry" in name:
-                yield from reply(name, data)
-
-    return answer
 
 
 def drive(dialect: str, reply: Callable, **options) -> tuple[list, ForkClient, str]:
@@ -144,8 +125,7 @@ def test_udacity_gym_reads_numbers_and_an_image_and_episodes_are_answered() -> N
         assert isinstance(data[key], float)
     assert (data["lap"], data["sector"]) == (1, 0)
     assert data["semantic_segmentation"] == ""
-    counts = {"collisionCount": 0, "outOfTrackCount": 0}
-    assert ["episode_metrics", counts] in sent
+    assert ["episode_metrics", {"collisionCount": 0, "outOfTrackCount": 0}] in sent
     names = [name for name, _ in sent if "telemetry" not in name]
     assert names == ["episode_metrics", "episode_events", "episode_ended", "episode_started"]
     assert client.world.track.name == "mountain"
