@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from datamodules.driving_log import BadRows, LogRow, read_log
 from datamodules.steering_unit import SteeringUnit
 from tests.recordings import format_number
+from tests.refusals import refusal
 from zoo.base.errors import InputError
 
 CENTER = r"C:\me\IMG\center_2018_07_16_17_11_43_382.jpg"
@@ -23,14 +24,6 @@ def read_text(folder: Path, text: str | bytes, *said: object) -> list[LogRow]:
     log = folder / "driving_log.csv"
     log.write_bytes(text if isinstance(text, bytes) else text.encode())
     return list(read_log(log, *said))
-
-
-def refusal(folder: Path, text: str) -> str:
-    with pytest.raises(InputError) as caught:
-        read_text(folder, text)
-    message = str(caught.value)
-    assert "\n" not in message
-    return message
 
 
 NUMBERS = (0.25, 0.5, 0.0, 7.0)
@@ -220,7 +213,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("text", "words"), REFUSED, ids=[words for _, words in REFUSED])
 def test_what_is_wrong_is_named_with_file_and_row(tmp_path, text, words):
-    message = refusal(tmp_path, text)
+    message = refusal(read_text, tmp_path, text)
     assert f"{tmp_path}/driving_log.csv" in message
     assert words in message
     if "beyond" in words and "steering" not in words:
@@ -232,7 +225,7 @@ def test_a_last_row_that_is_being_written_is_left_out(tmp_path):
         assert [row.line for row in read_text(tmp_path, f"{PATHS},0,0,0,1\n{PATHS}{half}")] == [1]
     assert len(read_text(tmp_path, f"{PATHS},0,0,0,1,\n{PATHS},0,0,0,2,")) == 2, "more columns"
     for rest in (f"\n{PATHS},0,0,0,1\n", "\n"):
-        within = refusal(tmp_path, f"{PATHS},0,0,0,1\n{PATHS},0,0{rest}")
+        within = refusal(read_text, tmp_path, f"{PATHS},0,0,0,1\n{PATHS},0,0{rest}")
         assert "row 2: 5 columns, expected 7" in within
 
 
@@ -240,7 +233,7 @@ def test_a_last_row_that_is_being_written_is_left_out(tmp_path):
 def test_header_that_names_a_column_twice_is_refused(tmp_path, name):
     names = HEADER.split(",")
     names[1] = name
-    message = refusal(tmp_path, f"{','.join(names)}\n{PATHS},0,0,0,1\n")
+    message = refusal(read_text, tmp_path, f"{','.join(names)}\n{PATHS},0,0,0,1\n")
     assert f"{tmp_path}/driving_log.csv, row 1: " in message
     assert f" {name} 2 times" in message
     assert HEADER in message
@@ -250,7 +243,7 @@ def test_two_stray_quotes_that_swallow_rows_are_refused_where_they_open(tmp_path
     """Row 8's quote ends at row 20's, and the thirteen rows would be read as one."""
     inside = f"{PATHS},0,0,0,1\n" * 7 + f'{CENTER},{LEFT},"{RIGHT},0,0,0,1\n'
     inside += f"{PATHS},0,0,0,1\n" * 11 + f'x",0,0,0,1\n{PATHS},0,0,0,1\n'
-    message = refusal(tmp_path, inside)
+    message = refusal(read_text, tmp_path, inside)
     assert "row 8: a quote opens here" in message
     assert "row 20" in message
     assert "delete the row" in message
@@ -259,7 +252,7 @@ def test_two_stray_quotes_that_swallow_rows_are_refused_where_they_open(tmp_path
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
 @pytest.mark.parametrize("header", ["", HEADER + "\n"], ids=["bare", "header"])
 def test_utf_16_is_named_with_the_way_to_utf_8(tmp_path, encoding, header):
-    message = refusal(tmp_path, f"{header}{PATHS},0,0,0,1\n".encode(encoding))
+    message = refusal(read_text, tmp_path, f"{header}{PATHS},0,0,0,1\n".encode(encoding))
     assert message.startswith(f"{tmp_path}/driving_log.csv, row 1: ")
     assert "UTF-16" in message
     assert "iconv" in message
@@ -271,7 +264,7 @@ def test_utf_16_is_named_with_the_way_to_utf_8(tmp_path, encoding, header):
 def test_an_image_name_that_is_no_utf_8_names_the_row(tmp_path, byte, camera):
     text = f"{PATHS},0,0,0,1\n".encode()
     bad = text.replace(f"{camera}_".encode(), camera.encode() + byte)
-    message = refusal(tmp_path, text + bad)
+    message = refusal(read_text, tmp_path, text + bad)
     assert f"{tmp_path}/driving_log.csv, row 2: " in message
     if byte != b"\0" or sys.version_info >= (3, 11):  # earlier, the csv module refuses a NUL
         assert "row 2: the image name" in message
@@ -282,7 +275,7 @@ def test_an_image_name_that_is_no_utf_8_names_the_row(tmp_path, byte, camera):
 
 def test_a_column_name_that_is_no_utf_8_can_be_printed(tmp_path):
     text = f"{HEADER},temp\xe9rature\n{PATHS},0,0,0,1\n".encode("latin-1")
-    refusal(tmp_path, text).encode()
+    refusal(read_text, tmp_path, text).encode()
 
 
 def test_bad_rows_are_left_out_and_named(tmp_path):
@@ -308,6 +301,6 @@ def test_a_log_in_degrees_has_one_remedy_and_is_read_with_it(tmp_path):
 
 
 def test_a_header_of_another_format_is_named_with_the_columns_that_are_needed(tmp_path):
-    message = refusal(tmp_path, "filename,steer_angle,velocity\n1.jpg,0.1,3\n")
+    message = refusal(read_text, tmp_path, "filename,steer_angle,velocity\n1.jpg,0.1,3\n")
     assert "row 1: the header filename,steer_angle,velocity" in message
     assert HEADER in message

@@ -12,15 +12,14 @@ import pytest
 from datamodules.recording_format import read_recordings
 from tests import foreign_recordings as foreign
 from tests.recordings import write_recording
+from tests.refusals import refusal
 from tests.zoo.command_runs import only_line, run_here
 from zoo.base.errors import InputError
 
 
-def refusal(path: Path, **said: object) -> str:
-    with pytest.raises(InputError) as caught:
-        read_recordings(str(path), **said)
-    message = str(caught.value)
-    assert "\n" not in message
+def refusal_of(path: Path) -> str:
+    """Return the words after the path with which a path is refused."""
+    message = refusal(read_recordings, str(path))
     assert message.startswith(f"{path}: ")
     return message.removeprefix(f"{path}: ")
 
@@ -48,7 +47,7 @@ WRITERS: dict[str, Callable[[Path], object]] = {
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_recording_below_is_named(name: str, deep: str, tmp_path: Path) -> None:
     WRITERS[name](tmp_path / "my [1] car" / deep)
-    message = refusal(tmp_path / "my [1] car")
+    message = refusal_of(tmp_path / "my [1] car")
     assert message.startswith("holds no driving_log.csv")
     assert message.endswith(f"name {tmp_path}/my [1] car/{deep}")
 
@@ -58,29 +57,29 @@ def test_of_several_recordings_three_are_named_and_hidden_folders_are_not(tmp_pa
         write_recording(tmp_path / name, rows=1)
     for name in (".trash", "__MACOSX"):
         tub(tmp_path / name)
-    message = refusal(tmp_path)
+    message = refusal_of(tmp_path)
     assert "4 recordings lie below" in message
     assert message.endswith(f"name {tmp_path}/a, or {tmp_path}/b, or {tmp_path}/c")
 
 
 def test_an_empty_tub_names_the_tubs_in_it(tmp_path: Path) -> None:
     tub(tmp_path / "data", rows=0)
-    message = refusal(tmp_path / "data")
+    message = refusal_of(tmp_path / "data")
     assert "deleted" not in message
     assert "has no records" in message
     tub(tmp_path / "data" / "tub_1_24-01-01")
-    assert refusal(tmp_path / "data").endswith(f"name {tmp_path}/data/tub_1_24-01-01")
+    assert refusal_of(tmp_path / "data").endswith(f"name {tmp_path}/data/tub_1_24-01-01")
 
 
 @pytest.mark.parametrize("part", ["images", "images/3.jpg", "manifest.json", "catalog_0.catalog"])
 def test_a_part_of_a_recording_names_the_whole(part: str, tmp_path: Path) -> None:
     folder = tub(tmp_path / "tub")
-    assert refusal(folder / part).endswith(f"name {folder}")
+    assert refusal_of(folder / part).endswith(f"name {folder}")
 
 
 def test_the_table_of_a_format_names_its_folder(tmp_path: Path) -> None:
     folder = foreign.challenge2_training(tmp_path / "drive")
-    assert refusal(folder / "interpolated.csv").endswith(f"name {folder}")
+    assert refusal_of(folder / "interpolated.csv").endswith(f"name {folder}")
 
 
 @pytest.mark.parametrize(
@@ -89,7 +88,7 @@ def test_the_table_of_a_format_names_its_folder(tmp_path: Path) -> None:
 def test_a_log_of_nearly_the_right_name_is_named(name: str, tmp_path: Path) -> None:
     written = write_recording(tmp_path / "lake", rows=1)
     written.log.rename(tmp_path / "lake" / name)
-    message = refusal(tmp_path / "lake")
+    message = refusal_of(tmp_path / "lake")
     assert name in message
     assert "rename" in message
 
@@ -110,7 +109,7 @@ TABLES = {
 def test_a_table_has_the_command_that_reads_it(text: str, named: str, tmp_path: Path) -> None:
     file = tmp_path / "labels.csv"
     file.write_text(text)
-    message = refusal(tmp_path if named == "folder" else file)
+    message = refusal_of(tmp_path if named == "folder" else file)
     assert f"type drivezoo check {file} format=table 'columns={{{TABLES[text]}}}'" in message
 
 
@@ -127,7 +126,7 @@ def test_the_command_of_a_table_reads_it(here: Path) -> None:
 def test_a_log_under_another_name_has_its_formats_key(tmp_path: Path) -> None:
     written = write_recording(tmp_path / "lake", rows=3)
     other = written.log.rename(tmp_path / "lake" / "lap_one.csv")
-    assert f"type drivezoo check {other} format=udacity" in refusal(tmp_path / "lake")
+    assert f"type drivezoo check {other} format=udacity" in refusal_of(tmp_path / "lake")
     assert len(read_recordings(str(other), format="udacity")) == 3
 
 
@@ -135,14 +134,14 @@ def test_a_parquet_table_in_a_folder_has_its_command(tmp_path: Path) -> None:
     pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     columns = {"img": pa.array([b"x"], pa.large_binary()), "steering": [0.1]}
     pq.write_table(pa.table(columns), tmp_path / "rows.parquet")
-    message = refusal(tmp_path)
+    message = refusal_of(tmp_path)
     assert "rows.parquet format=table 'columns={image: img, steering: steering}'" in message
 
 
 def test_tables_of_a_rosbag_are_named_with_their_columns(tmp_path: Path) -> None:
     (tmp_path / "camera.csv").write_text("time,filename\n1,a.jpg\n")
     (tmp_path / "steering.csv").write_text("time,angle\n1,0.1\n")
-    message = refusal(tmp_path)
+    message = refusal_of(tmp_path)
     assert "camera.csv has the columns time, filename" in message
     assert "steering.csv has the columns time, angle" in message
     assert "join" in message
@@ -161,7 +160,7 @@ def packed(folder: Path, name: str) -> Path:
 @pytest.mark.parametrize("named", ["folder", "file"])
 def test_an_archive_has_the_command_that_unpacks_it(name: str, named: str, tmp_path: Path) -> None:
     path = packed(tmp_path, name)
-    message = refusal(path if named == "file" else path.parent)
+    message = refusal_of(path if named == "file" else path.parent)
     command = f"python -m zipfile -e {path} {path.parent}/{path.stem}"
     if not name.lower().endswith("zip"):
         command = f"tar -xf {path} -C {path.parent}"
@@ -196,7 +195,7 @@ def test_an_address_is_no_folder_with_a_typo() -> None:
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_typo_names_the_nearest_recording_of_any_format(name: str, tmp_path: Path) -> None:
     WRITERS[name](tmp_path / "my_recording")
-    assert refusal(tmp_path / "my_recoding").endswith(f"name {tmp_path}/my_recording")
+    assert refusal_of(tmp_path / "my_recoding").endswith(f"name {tmp_path}/my_recording")
 
 
 def test_a_web_page_beside_a_log_does_not_hide_it(tmp_path: Path) -> None:

@@ -11,15 +11,7 @@ import pytest
 from datamodules.formats.udacity import times_from_names
 from datamodules.recording_format import read_recordings
 from tests.recordings import FOLDERS, replace_in, write_recording
-from zoo.base.errors import InputError
-
-
-def refusal(*arguments, **settings) -> str:
-    with pytest.raises(InputError) as caught:
-        read_recordings(*arguments, **settings)
-    message = str(caught.value)
-    assert "\n" not in message
-    return message
+from tests.refusals import refusal
 
 
 @pytest.mark.parametrize("header", [False, True], ids=["bare", "header"])
@@ -60,7 +52,7 @@ def test_a_path_out_of_the_folder_is_not_followed(tmp_path):
     image = write_recording(tmp_path / "other", rows=1).image(0)
     (tmp_path / "lake").mkdir()
     (tmp_path / "lake/driving_log.csv").write_text(f"../other/IMG/{image.name},,,0,0,0,9\n")
-    assert "row 1: no image" in refusal(str(tmp_path / "lake"))
+    assert "row 1: no image" in refusal(read_recordings, str(tmp_path / "lake"))
 
 
 def test_several_folders_keep_which_is_which(tmp_path):
@@ -140,7 +132,7 @@ def test_an_image_that_was_cleaned_out_of_a_copy_is_not_read_from_the_original(t
     written = recorded_here(tmp_path / "lake")
     shutil.copytree(written.folder, tmp_path / "clean")
     (tmp_path / "clean/IMG" / written.image(2).name).unlink()
-    message = refusal(str(tmp_path / "clean"))
+    message = refusal(read_recordings, str(tmp_path / "clean"))
     assert f"row 3: no image {written.image(2).name} in {tmp_path}/clean/IMG" in message
     recording = read_recordings(str(tmp_path / "clean"), on_bad_image="skip")
     assert recording.line.tolist() == [1, 2, 4]
@@ -177,11 +169,12 @@ def unname(image: Path) -> None:
 def test_a_missing_image_is_named_or_skipped(tmp_path, camera, replace_image, words):
     written = write_recording(tmp_path / "lake", rows=4)
     image = written.image(2, camera)
+    folder = str(written.folder)
     image.unlink()
     replace_image(image)
     place = f"{written.log}, row 3: {words.format(image.name)}"
-    assert f"{place} in {written.folder}/IMG (1 of 4 rows" in refusal(str(written.folder))
-    recording = read_recordings(str(written.folder), on_bad_image="skip")
+    assert f"{place} in {folder}/IMG (1 of 4 rows" in refusal(read_recordings, folder)
+    recording = read_recordings(folder, on_bad_image="skip")
     assert recording.line.tolist() == [1, 2, 4]
     np.testing.assert_array_equal(recording.steering, np.delete(written.steering, 2))
     assert recording.bad_images == (place,)
@@ -196,19 +189,20 @@ def test_an_image_may_be_a_link(tmp_path):
 
 def test_a_missing_folder_of_several_or_of_images_is_named(tmp_path):
     lake, nowhere = str(write_recording(tmp_path / "lake", rows=2).folder), f"{tmp_path}/nowhere"
-    for message in (refusal([lake, nowhere]), refusal(lake, images=nowhere)):
+    for root, images in (([lake, nowhere], None), (lake, nowhere)):
+        message = refusal(read_recordings, root, images=images)
         assert message.startswith(f"{nowhere}: no such folder")
 
 
 def test_empty_list_of_folders():
-    assert "data.root is an empty list" in refusal([])
+    assert "data.root is an empty list" in refusal(read_recordings, [])
 
 
 @pytest.mark.parametrize("on_bad_image", ["fail", "skip"])
 def test_all_images_missing(tmp_path, on_bad_image):
     written = write_recording(tmp_path / "lake", rows=3)
     shutil.rmtree(written.folder / "IMG")
-    message = refusal(str(written.folder), on_bad_image=on_bad_image)
+    message = refusal(read_recordings, str(written.folder), on_bad_image=on_bad_image)
     assert "row 1" in message
     assert "center_" in message
 

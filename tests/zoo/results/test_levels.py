@@ -1,5 +1,6 @@
 """Suites with axes: levels on the same roads, drives up to the first intervention, and a person."""
 
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from tests.refusals import refusal
 from tests.zoo.results.test_benchmark_command import drive, verify, write_family
 from zoo.base.errors import InputError
 from zoo.driving import baseline
@@ -97,9 +99,7 @@ def test_other_drives_of_the_suite_drive_the_whole_road(suite: Path, tmp_path: P
 def test_a_wrong_suite_of_levels_gets_one_line(tmp_path: Path, content: str, words: str) -> None:
     path = tmp_path / "own.yaml"
     path.write_text(content)
-    with pytest.raises(InputError, match=words) as raised:
-        read_suite(str(path))
-    assert "\n" not in str(raised.value)
+    assert re.search(words, refusal(read_suite, str(path)))
 
 
 def test_a_curve_is_found_with_an_interval_that_fewer_places_widen() -> None:
