@@ -9,12 +9,11 @@ import torch
 
 from tests.contracts.outside_package import installed, manual_example
 from tests.zoo.models.test_memory import NAMES
-from tests.zoo.models.test_models_command import build
-from tests.zoo.written_checkpoints import write_pilotnet
+from tests.zoo.written_checkpoints import checkpoint_of, write_pilotnet
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
 from zoo.checkpoints import policy_kinds
-from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
+from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy, load_policy
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.checkpoints.policy_base import Command, Policy, PolicyWrapper, as_policy
@@ -28,9 +27,7 @@ FACTS = (
 
 
 def of_model(name: str) -> CheckpointPolicy:
-    torch.manual_seed(1)
-    network, view = build(name, *(["model.sequence=4"] if name in NAMES else []))
-    return CheckpointPolicy(Checkpoint(network.eval(), view, {}, {"rows_per_s": 15.0}))
+    return CheckpointPolicy(checkpoint_of(name, *(["model.sequence=4"] if name in NAMES else [])))
 
 
 def exported(folder: Path) -> Policy:
@@ -96,8 +93,7 @@ def check_facts(policy: Policy) -> None:
 def test_a_file_of_an_installed_kind_drives(tmp_path: Path) -> None:
     path = tmp_path / "table.ckpt"
     torch.save({"steering": torch.linspace(-1, 1, 256)}, path)
-    code = manual_example("my_policies.py")
-    with installed(tmp_path / "site", code, "drivezoo.policies"):
+    with installed(tmp_path / "site", manual_example("my_policies.py"), "drivezoo.policies"):
         check_commands(load_policy(path))
         check_facts(load_policy(path))
         with pytest.raises(InputError, match=r"table\.ckpt: is a table of steering, .* name a"):
@@ -145,5 +141,4 @@ def check_wrapper(wrap: Callable[[Policy], PolicyWrapper], policy: Policy) -> No
         late.append(wrapper(FRAMES[0], 9.0).steering)
     assert late[0] != late[1], "the policy knows nothing of the commands on their way"
     assert wrapper.session().policy is not policy
-    function = as_policy(lambda frame, mph: Command(0.0, None, 0.1))
-    assert wrap(function).latency_s is None
+    assert wrap(as_policy(lambda frame, mph: Command(0.0, None, 0.1))).latency_s is None

@@ -11,7 +11,6 @@ import torch
 from torch import Tensor, nn
 
 from datamodules.view import View
-from tests.zoo.compositions import composed
 from tests.zoo.written_checkpoints import checkpoint_of
 from zoo.base.compose import choices
 from zoo.base.errors import UsageError
@@ -26,7 +25,6 @@ from zoo.driving.drive_loop import drive
 from zoo.driving.open_world import open_world
 from zoo.driving.scenario import Scenario
 from zoo.models.lenet import LeNet
-from zoo.models.make_network import make_network
 from zoo.models.memory import Memory
 from zoo.models.network_facts import facts_of
 from zoo.models.pilotnet import PilotNet
@@ -40,11 +38,8 @@ WHOLE = View((60, 25), "rgb", None)  # without a smaller size
 
 @pytest.mark.parametrize("name", MODELS)
 def test_a_networks_outputs_stay_the_same_to_the_bit(name: str) -> None:
-    config = composed(f"model={name}")
-    model = config["model"]
-    view = View(config["data"]["crop"], model["colour"], model["size"])
-    torch.manual_seed(1)
-    network = make_network(model, view).eval()
+    checkpoint = checkpoint_of(name)
+    network, view = checkpoint.network, checkpoint.view
     pictures = np.random.default_rng(1).integers(0, 256, (5, *view.shape), np.uint8)
     frames = [
         network_inputs(one, SPEED if facts_of(network).takes_speed else None) for one in pictures
