@@ -102,7 +102,7 @@ def test_a_drive_leaves_its_log_among_the_outputs(checkpoint: Path, tmp_path: Pa
     [
         ("drive.speed.setmph=1", "did you mean speed.set_mph"),
         ("drive.speed=turns", "bends, constant, doubt, network, pi, proportional"),
-        ("speed=doubt", "predicts no spread of its steering; drive a checkpoint"),
+        ("speed=doubt drive.port=0", "predicts no spread of its steering; drive a checkpoint"),
         ("drive.port=99999", "port=99999: must be a whole number in 0..65535"),
         ("drive.margin=0", "margin=0: must be a number of 0.2 or more, or null"),
         ("drive.port=[", "port=["),
@@ -162,8 +162,7 @@ def off_the_road(checkpoint: Path, tmp_path_factory: pytest.TempPathFactory) -> 
 def test_a_bad_network_scores_as_in_an_evaluation(off_the_road: Path, tmp_path: Path) -> None:
     options = ("drive.port=0", "drive.sim=lake", "drive.laps=0.03", "drive.record=drive")
     printed = succeed(drive(tmp_path, off_the_road, *options))
-    policy = load_policy(off_the_road)
-    (scored,) = all_drives(policy, [Scenario("lake", laps=0.03, speed=9)])
+    (scored,) = all_drives(load_policy(off_the_road), [Scenario("lake", laps=0.03, speed=9)])
     wanted = measure(scored)["interventions"]
 
     record = read_drive(tmp_path / "drive")
@@ -178,8 +177,7 @@ def test_a_bad_network_scores_as_in_an_evaluation(off_the_road: Path, tmp_path: 
 def test_a_car_that_is_not_put_back_costs_ever_more(off_the_road: Path, tmp_path: Path) -> None:
     options = ("drive.port=0", "drive.sim=lake", "drive.laps=0.03", "drive.put_back=false")
     with served(tmp_path / "x", "zoo.commands.drive", str(off_the_road), *options) as driver:
-        state = until(driver, lambda now: now["telemetry"] >= 200, seconds=60)
-        assert state["lost"] == "off_road"
+        assert until(driver, lambda now: now["telemetry"] >= 200, seconds=60)["lost"] == "off_road"
         assert driver.stop() == 0
     (folder,) = (tmp_path / "outputs" / "drives").glob("*/*")
     record = read_drive(folder)
