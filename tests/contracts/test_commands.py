@@ -188,8 +188,7 @@ def test_a_text_and_a_value_of_python_mean_the_same(
     ],
 )
 def test_wrong_use_prints_its_remedy(arguments: list[str], words: str, tmp_path: Path) -> None:
-    module = PLACES[arguments[0]].partition(":")[0]
-    result = run_here(tmp_path, *arguments[1:], module=module)
+    result = run_here(tmp_path, *arguments[1:], module=PLACES[arguments[0]].partition(":")[0])
     assert result.returncode == 2
     assert words in only_line(result)
 

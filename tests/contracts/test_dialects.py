@@ -23,8 +23,7 @@ NAMES = ("udacity", "mine", *sorted(named_entries(DIALECTS)))
 
 @pytest.fixture(params=NAMES)
 def dialect(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
-    code = manual_example("my_dialect.py")
-    with installed(tmp_path, code, DIALECTS, attribute=":MetricClient"):
+    with installed(tmp_path, manual_example("my_dialect.py"), DIALECTS, attribute=":MetricClient"):
         yield request.param
 
 

@@ -42,8 +42,7 @@ def test_a_simulator_drives_or_names_a_failure(kind: type[DrivenSimulator], tmp_
         while not simulator.ended:
             eventlet.sleep(0.01)
     failure = simulator.stop()
-    folder = driver.end(datetime.now())
-    assert (folder is None) == bool(failure)
+    assert (driver.end(datetime.now()) is None) == bool(failure)
     assert failure.startswith(address) or not failure
     assert "\n" not in failure
 

@@ -73,8 +73,7 @@ def test_a_perturbation_changes_a_scenario_by_each_value(name: str) -> None:
 
 
 def test_a_metric_of_an_installed_package_is_a_column_of_every_table(tmp_path: Path) -> None:
-    code = template("metric", "hard_turns")
-    with installed(tmp_path, code, "drivezoo.metrics", METRICS):
+    with installed(tmp_path, template("metric", "hard_turns"), "drivezoo.metrics", METRICS):
         assert list(METRICS) == [*METRICS.own(), "hard_turns"]
         figures = measure(DRIVES_OF_ROWS["embedded"])
         assert figures["hard_turns"] == 0.4
@@ -138,8 +137,7 @@ def test_a_command_measures_and_perturbs_with_the_users_files(workers: int, tmp_
     named = "parts=[my_metric.py,my_perturbation.py]"
     options = ("perturb=my_perturbation", "laps=0.02", "quality=simple", "out=out")
     words = ("it.ckpt", named, *options, f"workers={workers}")
-    printed = succeed(run(tmp_path, *words, module="zoo.commands.evaluate"))
-    assert "my_metric" in printed
+    assert "my_metric" in succeed(run(tmp_path, *words, module="zoo.commands.evaluate"))
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert metrics["tracks"]["lake"]["my_metric"][0] > 0.9
     assert len(metrics["perturbed"]["my_perturbation"]) == 3

@@ -30,8 +30,7 @@ def network(request: pytest.FixtureRequest) -> nn.Module:
 def inputs_of(network: nn.Module) -> tuple[Tensor, ...]:
     facts = facts_of(network)
     frames = (facts.window.sequence,) if facts.window else ()
-    shape = (2, *frames, *network.shape_of_view)
-    images = torch.randint(0, 256, shape, dtype=torch.uint8)
+    images = torch.randint(0, 256, (2, *frames, *network.shape_of_view), dtype=torch.uint8)
     return (images, torch.tensor([9.0, 20.0])) if facts.takes_speed else (images,)
 
 

@@ -183,8 +183,7 @@ def test_a_folder_of_images_is_taken_or_refused(name: str, tmp_path: Path) -> No
     images = str(shutil.copytree(folder, tmp_path / "elsewhere") / "IMG")
     if name == "table":
         images = str(tmp_path / "elsewhere")
-    image = read_recordings(str(folder), **said, images=images).images[0, 0]
-    assert image.startswith(images)
+    assert read_recordings(str(folder), **said, images=images).images[0, 0].startswith(images)
 
 
 def check_a_refused_folder_of_images(folder: Path, said: dict) -> None:
@@ -240,8 +239,7 @@ def test_a_copy_of_another_cars_recording_is_of_that_car(name: str, tmp_path: Pa
 
 
 def check_copied_car(name: str, tmp_path: Path) -> None:
-    folder = foreign.challenge2_training(tmp_path / "recording")
-    original = read_recordings(str(folder))
+    original = read_recordings(str(foreign.challenge2_training(tmp_path / "recording")))
     copy = edited if name == "edited" else partial(write_as, name)
     copy(original, tmp_path / "copy")
     again = read_recordings(str(tmp_path / "copy"))

@@ -100,8 +100,7 @@ def test_a_key_that_a_world_ignores_is_refused(opened: tuple[World, Scenario]) -
 
 
 def test_a_world_of_another_package_is_named_by_its_entry_point(folder: Path) -> None:
-    policy = as_policy(lambda frame, mph: (0.3, None))
-    (straight,) = all_drives(policy, [SCENARIOS["outside"]])
+    (straight,) = all_drives(as_policy(lambda frame, mph: (0.3, None)), [SCENARIOS["outside"]])
     assert straight.intervention.any(), "it leaves the straight road"
     with pytest.raises(InputError, match=r"world=strait: no such world; did you mean straight"):
         open_world(Scenario(world="strait"))

@@ -113,8 +113,7 @@ def mutated_graphs(draw: st.DrawFn, model: onnx.ModelProto) -> bytes:
 
 @FEW_AND_MANY
 def test_a_damaged_onnx_file_is_named(count: int, model: onnx.ModelProto, tmp_path: Path) -> None:
-    whole = model.SerializeToString()
-    damaged = mutated_bytes(whole) | mutated_graphs(model)
+    damaged = mutated_bytes(model.SerializeToString()) | mutated_graphs(model)
     read_damaged(damaged, driven, tmp_path / "x.onnx", count)
 
 

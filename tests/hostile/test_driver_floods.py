@@ -146,8 +146,7 @@ def test_an_expensive_image_is_not_decoded(name: str, monkeypatch: pytest.Monkey
 @pytest.mark.parametrize("kind", [".jpg", ".png"])
 def test_other_simulators_images_are_decoded(width: int, height: int, kind: str) -> None:
     noise = np.random.default_rng(0).integers(0, 60, (height, width, 3), np.uint8)
-    smooth = cv2.blur(noise, (15, 15))
-    image = cv2.imencode(kind, smooth)[1].tobytes()
+    image = cv2.imencode(kind, cv2.blur(noise, (15, 15)))[1].tobytes()
     assert len(image) < MAX_IMAGE_BYTES
     assert read_telemetry(telemetry(jpeg=image)).frame.shape == (height, width, 3)
 

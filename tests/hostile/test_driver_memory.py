@@ -160,8 +160,7 @@ def test_a_request_that_is_itself_the_largest_is_closed(fresh: Served) -> None:
     attacker = Attacker(fresh.port)
     for _ in range(MOST_HELD // LARGE - 1):
         ATTACKS["half-sent messages"](attacker)
-    post = attacker.connect(POST % (b"none", LARGE))
-    assert closed(post)
+    assert closed(attacker.connect(POST % (b"none", LARGE)))
     attacker.close()
     check_drives(fresh.port)
     assert fresh.stop() == 0

@@ -79,8 +79,7 @@ def damaged(path: Path) -> st.SearchStrategy[bytes]:
     """Return a strategy of damaged files: of a JSON's or YAML's values, or of bytes."""
     if path.suffix == ".csv":
         return mutated_bytes(path.read_bytes())
-    found = yaml.safe_load(path.read_text())
-    return mutated_json(found) | mutated_bytes(path.read_bytes())
+    return mutated_json(yaml.safe_load(path.read_text())) | mutated_bytes(path.read_bytes())
 
 
 @FEW_AND_MANY

@@ -138,8 +138,7 @@ def test_too_little_memory_gets_one_line(limit_mb: int, tmp_path: Path) -> None:
     before = sorted(tmp_path.iterdir())
     limited = ("sh", "-c", f'ulimit -v {limit_mb}000; exec "$@"', "sh")
     words = command("zoo.commands.export", "x.ckpt", "out=x.onnx")
-    result = run_words(tmp_path, *limited, *words, OPENBLAS_NUM_THREADS="1")
-    line = only_line(result)
+    line = only_line(run_words(tmp_path, *limited, *words, OPENBLAS_NUM_THREADS="1"))
     assert line.startswith("drivezoo export: ")
     assert "memory" in line
     assert sorted(tmp_path.iterdir()) == before

@@ -93,8 +93,7 @@ def test_what_is_called_latest_goes_before_the_newest_run(work: Path) -> None:
 
 
 def test_a_saved_config_keeps_the_checkpoint_that_latest_was(work: Path) -> None:
-    found = name_latest("model.weights=latest")
-    assert found == "model.weights=outputs/late/checkpoints/best.ckpt"
+    assert name_latest("model.weights=latest") == "model.weights=outputs/late/checkpoints/best.ckpt"
 
 
 @pytest.mark.parametrize(
@@ -123,8 +122,7 @@ def test_without_a_run_latest_says_where_it_looked(here: Path) -> None:
 def test_a_folder_that_may_not_be_entered_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "closed").mkdir(mode=0)
     tmp_path.chmod(0o711)
-    words = r"closed/best\.ckpt: cannot be read"
-    with without_rights(), pytest.raises(InputError, match=words):
+    with without_rights(), pytest.raises(InputError, match=r"closed/best\.ckpt: cannot be read"):
         find_checkpoint(tmp_path / "closed" / "best.ckpt")
     (tmp_path / "closed").chmod(0o700)
 
@@ -217,8 +215,7 @@ def test_each_network_loads_and_its_hash_is_recorded(name: str) -> None:
 
 @pytest.mark.parametrize("name", slow_but([QUICK], packaged_names()))
 def test_each_network_drives(name: str, here: Path, capsys: pytest.CaptureFixture) -> None:
-    result = drivezoo.evaluate(name, track="lake", laps=0.1, out="out", workers=1)
-    (figures,) = result.drives
+    (figures,) = drivezoo.evaluate(name, track="lake", laps=0.1, out="out", workers=1).drives
     assert figures["interventions"] == 0
     assert figures["laps"] > 0.09
 

@@ -39,8 +39,7 @@ def test_every_network_of_the_zoo_computes_so(name: str) -> None:
 
 
 def test_a_wrapper_computes_so() -> None:
-    policy = PolicyWrapper(CheckpointPolicy(checkpoint_of("lenet")))
-    check_scored(policy)
+    check_scored(PolicyWrapper(CheckpointPolicy(checkpoint_of("lenet"))))
 
 
 def check_scored(policy: Policy) -> None:

@@ -38,8 +38,7 @@ class Ahead(SessionPolicy):
 
     def __init__(self, car: Car) -> None:
         self.car = car
-        data = {"rows_per_s": 1 / FRAME_S, "speed_mph": MPH}
-        self.keep_memory((), Window(ahead=12), data)
+        self.keep_memory((), Window(ahead=12), {"rows_per_s": 1 / FRAME_S, "speed_mph": MPH})
 
     def steering(self) -> float:
         car, steps = Car(self.car.right_m, self.car.heading), []

@@ -40,8 +40,7 @@ def test_the_manuals_own_lines_steer_as_the_checkpoint(
 ) -> None:
     page = (ROOT / "docs" / "driving.md").read_text()
     (code,) = re.findall(r"```python\n(import cv2\nimport onnxruntime\n.*?)```", page, re.DOTALL)
-    checkpoint = load_checkpoint(PACKAGED / "lenet.ckpt")
-    (here / "model.onnx").write_bytes(onnx_bytes(checkpoint))
+    (here / "model.onnx").write_bytes(onnx_bytes(load_checkpoint(PACKAGED / "lenet.ckpt")))
     shutil.copy(recorded.image(3), here / "frame.jpg")
     exec(code, {})
     steering = float(capsys.readouterr().out.splitlines()[-1])

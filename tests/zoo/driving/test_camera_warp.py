@@ -35,8 +35,7 @@ def test_where_the_car_is_the_frame_is_the_recorded_one():
 
 def test_where_a_side_camera_was_its_own_frame_is_seen():
     right_m = PLACES["right"][0]
-    ahead = PLACES["right"][2] - PLACES["center"][2]
-    assert abs(ahead) < 0.01
+    assert abs(PLACES["right"][2] - PLACES["center"][2]) < 0.01
 
     warped = WARP(FRAMES.__getitem__, list(CAMERAS), right_m, 0.0)
 
@@ -103,9 +102,7 @@ def test_no_other_bonnet_is_smeared_over_the_road():
     for row in (150, 159):
         frames["right"][row - 5 : row + 1, :120] = 255  # its bonnet is there
 
-    warped = WARP(frames.__getitem__, list(CAMERAS), 0.6, 0.0)
-
-    assert warped.max() == 90
+    assert WARP(frames.__getitem__, list(CAMERAS), 0.6, 0.0).max() == 90
 
 
 def test_the_own_car_of_any_rig_stays_where_the_camera_sees_it():

@@ -48,8 +48,7 @@ def with_memory(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with torch.no_grad():
         network.head.weight *= 20
     config = compose_config(["model=cnn_gru"])
-    path = tmp_path_factory.mktemp("memory") / "cnn_gru.ckpt"
-    return write_network(path, network, view, config)
+    return write_network(tmp_path_factory.mktemp("memory") / "cnn_gru.ckpt", network, view, config)
 
 
 @pytest.mark.parametrize(

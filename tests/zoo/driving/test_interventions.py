@@ -205,8 +205,7 @@ def test_only_a_simulator_that_can_is_asked_to_put_the_car_back(begin: Begin) ->
     assert set(drive.send(cte="5.0000")) == {"steering_angle", "throttle"}
     drive.send(cte="0.0000")
     comma = {"steering_angle": "0,0000", "speed": "9,0000", "put_back": "1,0000"}
-    asked = drive.send(cte="5,0000", **comma)
-    assert asked["put_back"] == "12,0000"
+    assert drive.send(cte="5,0000", **comma)["put_back"] == "12,0000"
     assert "put_back" not in drive.send(cte="5.0000", put_back="1.0000"), "it was on its way"
     assert drive.driver.latest().off_road == 2
 

@@ -38,8 +38,7 @@ MEASURED = {
 def drive_by_speed() -> Drive:
     """Drive a fifth of the lake with a policy that steers by its speed."""
     policy = as_policy(lambda _, mph: ((mph - 19.5) * 0.05, None))
-    scenario = Scenario("lake", 3, laps=0.2, speed=20)
-    (drive,) = all_drives(policy, [scenario], renderer="none")
+    (drive,) = all_drives(policy, [Scenario("lake", 3, laps=0.2, speed=20)], renderer="none")
     return drive
 
 

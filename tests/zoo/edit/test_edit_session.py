@@ -115,8 +115,7 @@ def test_without_a_page_it_writes_at_once(recorded: Written, tmp_path: Path) -> 
 def test_a_wrong_option_is_named(
     recorded: Written, tmp_path: Path, options: tuple[str, ...], words: tuple[str, str]
 ) -> None:
-    folder = str(recorded.folder)
-    line = only_line(run_here(tmp_path, folder, *options, module="zoo.commands.edit"))
+    line = only_line(run_here(tmp_path, str(recorded.folder), *options, module="zoo.commands.edit"))
     assert all(word in line for word in words), line
 
 

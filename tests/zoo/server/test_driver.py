@@ -67,8 +67,7 @@ def test_another_shape_is_reported(shape: tuple[int, int], reported: int, make: 
     driver = make()
     driver.policy = Counting()
     driver.policy.view = View((40, 20), "rgb", (66, 200), frame=shape)
-    reply = driver.answer(driver.connect("a"), MOVING)
-    assert reply.row.driver != FALLBACK
+    assert driver.answer(driver.connect("a"), MOVING).row.driver != FALLBACK
     kinds = [kind for kind in driver.notices.counts if "shape" in kind]
     assert [driver.notices.counts[kind] for kind in kinds] == [1] * reported
 

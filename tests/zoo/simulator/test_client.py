@@ -258,8 +258,7 @@ def put_back(options: ClientOptions, world: World, reply: dict) -> Client:
 
 def test_a_reply_puts_the_car_back_on_the_road_with_put_back(world: World) -> None:
     reply = {**STEER, "put_back": "12,0000"}
-    options = ClientOptions(truth=True, put_back=True, decimal_comma=True)
-    client = put_back(options, world, reply)
+    client = put_back(ClientOptions(truth=True, put_back=True, decimal_comma=True), world, reply)
     assert (client.frame() == world.frame()).all(), "the frame from off the road was kept"
     assert world.cte == pytest.approx(0, abs=1e-3)
     assert world.place.distance == pytest.approx(100, abs=0.5)
@@ -290,8 +289,7 @@ def test_the_modern_protocol_drives_with_python_socketio() -> None:
 
 
 def test_spans_of_seconds_may_be_whole_numbers_on_the_command_line() -> None:
-    options = read_options(ClientOptions, ["manual=[[5,7],[20,21.5]]"])
-    assert options.manual == ([5, 7], [20, 21.5])
+    assert read_options(ClientOptions, ["manual=[[5,7],[20,21.5]]"]).manual == ([5, 7], [20, 21.5])
 
 
 @pytest.mark.parametrize(

@@ -213,8 +213,7 @@ BEFORE, AFTER = {"driven_m": 5.0, "furthest": 0.25}, {"driven_m": 7.0, "furthest
     ],
 )
 def test_a_named_reward_is_the_formula_of_its_environment(name, changes, terminated, reward):
-    info = INFO | AFTER | changes
-    assert REWARDS[name](BEFORE, info, terminated) == pytest.approx(reward)
+    assert REWARDS[name](BEFORE, INFO | AFTER | changes, terminated) == pytest.approx(reward)
 
 
 @pytest.mark.parametrize(

@@ -122,8 +122,7 @@ def test_it_returns_from_the_edge_and_from_the_grass():
 
 
 def test_it_holds_the_speed_and_the_line_beside_the_centre_that_it_is_given():
-    settings = ExpertSettings(speed_mph=15, offset_m=-0.8)
-    driven = drive("mountain", 1, 0.5, settings)
+    driven = drive("mountain", 1, 0.5, ExpertSettings(speed_mph=15, offset_m=-0.8))
     assert np.abs(driven.speed_mph[75:] - 15).max() < 1.0
     assert driven.cte[60:].mean() == pytest.approx(-0.8, abs=0.05)
 

@@ -76,8 +76,7 @@ def test_a_modern_servers_packets_are_accepted() -> None:
     with RawDriver(replies) as driver, closing(LegacySocket(driver.url)) as client:
         events = listen(client, 2)
         until(lambda: len(driver.messages[0]) == 2)
-    steer = {"steering_angle": "0.0500", "throttle": "0.2000"}
-    assert events == [(OPENED, None), ("steer", steer)]
+    assert events == [(OPENED, None), ("steer", {"steering_angle": "0.0500", "throttle": "0.2000"})]
     assert driver.messages[0] == ["2", "3"]  # the server's ping, answered
 
 

@@ -111,8 +111,7 @@ def test_an_episode_terminates_at_the_end(road_file, way):
     env.reset(seed=1, options={"speed_mph": 20})
     rewards, terminated, truncated = [], False, False
     while not (terminated or truncated):
-        action = np.array(expert(env.unwrapped.world))
-        _, reward, terminated, truncated, info = env.step(action)
+        _, reward, terminated, truncated, info = env.step(np.array(expert(env.unwrapped.world)))
         rewards.append(reward)
     assert terminated
     assert not truncated

@@ -127,8 +127,7 @@ def test_the_lakes_kerbs_are_where_the_originals_are() -> None:
 
 
 def test_a_rock_face_rises_over_the_length_of_its_taper() -> None:
-    stretches = [{"from": 100, "to": 200, "left": "rock"}]
-    track = loop(stretches=stretches, surroundings={"taper": 10})
+    track = loop(stretches=[{"from": 100, "to": 200, "left": "rock"}], surroundings={"taper": 10})
     rock = next(mesh for mesh in road_meshes(track) if mesh.material == "rock")
     heights = [across(track, rock, distance)[1].max() for distance in (100, 105, 110, 150, 195)]
     assert heights == pytest.approx([0, 2.5, 5, 5, 2.5], abs=0.6)
@@ -161,8 +160,7 @@ def test_a_tunnel_is_dark_inside_and_leaves_room_for_the_car() -> None:
 
 
 def test_a_tunnel_is_left_out_where_parts_of_the_road_are_near_each_other() -> None:
-    stretches = [{"from": 10, "to": 60, "tunnel": True}]
-    track = track_of(SWITCHBACKS, "dirt", stretches=stretches)
+    track = track_of(SWITCHBACKS, "dirt", stretches=[{"from": 10, "to": 60, "tunnel": True}])
     assert roadside_meshes(track, Ground(track)) == []
 
 
@@ -250,8 +248,7 @@ def test_a_trees_shadow_lies_on_the_side_away_from_the_sun() -> None:
 @pytest.mark.parametrize("name", sorted(MEANS))
 def test_a_textures_mean_is_the_same_for_every_seed(name: str) -> None:
     for seed in (1, 2):
-        texture = make_textures(seed)[name]
-        assert texture.mean() / 255 == pytest.approx(MEANS[name], abs=0.02)
+        assert make_textures(seed)[name].mean() / 255 == pytest.approx(MEANS[name], abs=0.02)
     assert (make_textures(1)[name] != make_textures(2)[name]).any()
 
 
@@ -316,8 +313,7 @@ def test_the_lines_follow_the_width() -> None:
 def test_a_bridge_has_walls_side_faces_and_pillars_beside_the_road_below() -> None:
     road = track_of(EIGHT)
     top, length = road.at(road.length / 2), road.length
-    meshes = bridge_meshes(road, Ground(road))
-    points = np.concatenate([mesh.points for mesh in meshes])
+    points = np.concatenate([mesh.points for mesh in bridge_meshes(road, Ground(road))])
     assert points[:, 2].max() > top[2] + 0.5
     assert (np.abs(points[:, 2] - (top[2] - DECK_M)) < 0.2).sum() > 50
     low = points[points[:, 2] < top[2] - DECK_M - 1]

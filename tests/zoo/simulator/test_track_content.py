@@ -84,8 +84,7 @@ def test_an_open_road_may_be_given_by_points():
 
 
 def test_a_survey_may_be_an_open_road(tmp_path):
-    path = write_track(tmp_path, circle(40, 10), closed=False)
-    road = read_track(path)
+    road = read_track(write_track(tmp_path, circle(40, 10), closed=False))
     assert road.length == pytest.approx(240, abs=3)
     assert 1 / np.median(road.curvature) == pytest.approx(40, rel=0.05)
     closed = read_track(write_track(tmp_path, circle(40, 10, height=3.0)))
