@@ -1,7 +1,6 @@
 """Requests that try to fill or control the terminal, or to press the page's buttons."""
 
 import contextlib
-import http.client
 import json
 import re
 import socket
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.zoo import page_requests
 from tests.zoo.server.old_client import OldClient
 from tests.zoo.server.serve import Served, picture, served
 from tests.zoo.written_checkpoints import write_constant
@@ -89,11 +89,8 @@ def exposed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
 
 
 def command(driver: Served, query: str) -> tuple[int, dict]:
-    connection = http.client.HTTPConnection("127.0.0.1", driver.port, timeout=10)
-    kind = {"Content-Type": "application/json"}
-    connection.request("POST", f"/command{query}", b'{"pause": true}', kind)
-    answer = connection.getresponse()
-    return answer.status, json.loads(answer.read())
+    status, _, answer = page_requests.ask(driver.port, "POST", f"/command{query}", {"pause": True})
+    return status, json.loads(answer)
 
 
 def token(driver: Served) -> str:
