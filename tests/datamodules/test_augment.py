@@ -137,8 +137,7 @@ def test_grey_and_yuv_are_lit_as_rgb_is(recorded):
     lit_rgb, _ = always(0.5)(rgb, zeros(rgb), seed=1)
     lit_yuv, _ = always(0.5, "yuv")(yuv, zeros(yuv), seed=1)
     wanted = np.stack([cv2.cvtColor(image, cv2.COLOR_RGB2YUV) for image in lit_rgb])
-    difference = np.abs(lit_yuv.astype(int) - wanted)
-    assert difference.mean() < 1
+    assert np.abs(lit_yuv.astype(int) - wanted).mean() < 1
     assert np.abs(yuv.astype(int) - wanted).mean() > 10, "it was changed"
 
 
@@ -200,7 +199,7 @@ def test_a_batch_without_a_changed_sample_stays(images, transforms, colour):
 def test_every_yaml_runs_on_every_colour(path, colour, recorded):
     transform = instantiate(OmegaConf.load(path), p=1.0, _convert_="all")
     if isinstance(transform, Change):
-        transform.fit((0, 0), UDACITY)
+        fitted(transform)
     inputs = views(recorded, colour)
     changed, steering = Augment([transform], colour)(inputs, zeros(inputs), seed=1)
     assert (changed.shape, changed.dtype) == (inputs.shape, np.uint8)
@@ -247,10 +246,10 @@ CAMERA = UDACITY.cameras["center"]
 BEGUN = -rig.REAR_AXLE_M
 
 
-def fitted(crop: tuple[int, int] = (0, 0), **keys: float) -> Bend:
-    bend = Bend(**keys)
-    bend.fit(crop, UDACITY)
-    return bend
+def fitted(change: Change, crop: tuple[int, int] = (0, 0)) -> Change:
+    """Return a change that knows the crop and the car of the recording."""
+    change.fit(crop, UDACITY)
+    return change
 
 
 def aside(bend: Bend, rows: int, curvature: float, begin: float, length: float) -> np.ndarray:
@@ -260,16 +259,14 @@ def aside(bend: Bend, rows: int, curvature: float, begin: float, length: float) 
 @pytest.mark.parametrize("curvature", [0.02, -0.02])
 def test_a_straight_line_becomes_the_circle_that_the_camera_would_see(curvature: float) -> None:
     """The reference projects points of a circle that touches the car at its rear axle."""
-    moved = aside(fitted(), 160, curvature, BEGUN, 60.0)
+    moved = aside(fitted(Bend()), 160, curvature, BEGUN, 60.0)
     for ahead in (4.0, 8.0, 15.0):
         along = ahead + CAMERA.ahead_m + rig.REAR_AXLE_M
         sideways = (1 - np.sqrt(1 - (curvature * along) ** 2)) / curvature
         below = np.arctan(CAMERA.up_m / ahead) - np.radians(CAMERA.pitch_down_deg)
         row = 79.5 + CAMERA.focal_px * np.tan(below)  # of 160
-        depth = depth_of(ahead, CAMERA)
-        assert np.interp(row, np.arange(160), moved) == pytest.approx(
-            CAMERA.focal_px * sideways / depth, rel=0.1
-        )
+        seen = CAMERA.focal_px * sideways / depth_of(ahead, CAMERA)
+        assert np.interp(row, np.arange(160), moved) == pytest.approx(seen, rel=0.1)
 
 
 def test_a_bend_that_has_begun_steers_by_its_radius_and_a_later_one_not_yet() -> None:
@@ -280,14 +277,14 @@ def test_a_bend_that_has_begun_steers_by_its_radius_and_a_later_one_not_yet() ->
 
 
 def test_near_rows_stay_until_the_bend_begins_and_far_ones_move_most() -> None:
-    moved = aside(fitted(), 160, 0.05, 6.0, 20.0)
+    moved = aside(fitted(Bend()), 160, 0.05, 6.0, 20.0)
     assert moved[-1] == 0
     assert (np.diff(moved[60:]) <= 0).all()
     assert moved[60] > 20
 
 
 def test_a_cropped_and_resized_view_moves_like_the_rows_it_shows() -> None:
-    whole, cropped = fitted(), fitted((40, 20))
+    whole, cropped = fitted(Bend()), fitted(Bend(), (40, 20))
     of_view = aside(cropped, 50, 0.04, BEGUN, 20.0)  # two rows of the recording each
     of_frame = aside(whole, 160, 0.04, BEGUN, 20.0)
     assert of_view == pytest.approx(of_frame[40:140].reshape(50, 2).mean(1), abs=0.7)
@@ -295,7 +292,7 @@ def test_a_cropped_and_resized_view_moves_like_the_rows_it_shows() -> None:
 
 def test_a_rig_of_twice_the_pixels_moves_the_same_shares_of_a_view() -> None:
     large = replace(CAMERA, size=(640, 320))
-    shape, bends = (9, 50, 100, 3), [fitted((40, 20)), Bend()]
+    shape, bends = (9, 50, 100, 3), [fitted(Bend(), (40, 20)), Bend()]
     bends[1].fit((40, 20), replace(UDACITY, cameras={"center": large}))
     usual, doubled = (bend.draw(shape, np.random.default_rng(2)) for bend in bends)
     assert doubled == pytest.approx(usual, abs=0.2)
@@ -309,7 +306,7 @@ def test_a_car_of_unknown_make_cannot_be_bent_for() -> None:
 def test_it_moves_the_image_to_the_side_it_steers_to() -> None:
     image = np.zeros((1, 66, 200, 3), np.uint8)
     image[:, :, 98:102] = 255  # a line straight ahead
-    augment = Augment([fitted((40, 20), p=1.0, begun=1.0)], "rgb")
+    augment = Augment([fitted(Bend(p=1.0, begun=1.0), (40, 20))], "rgb")
     for seed in range(20):
         changed, steering = augment(image, np.zeros(1, np.float32), seed)
         column = changed[0, 30].mean(-1).argmax()
@@ -319,8 +316,7 @@ def test_it_moves_the_image_to_the_side_it_steers_to() -> None:
 
 def test_a_share_of_the_samples_is_left_alone() -> None:
     images = np.random.default_rng(0).integers(0, 255, (400, 8, 16, 1)).astype(np.uint8)
-    changed, steering = Augment([fitted(p=0.3, begun=0.5)], "gray")(
-        images, np.zeros(400, np.float32), seed=1
-    )
+    augment = Augment([fitted(Bend(p=0.3, begun=0.5))], "gray")
+    changed, steering = augment(images, zeros(images), seed=1)
     assert 0.2 < (changed != images).any((1, 2, 3)).mean() < 0.4
     assert 0.15 < (steering != 0).mean() < 0.27

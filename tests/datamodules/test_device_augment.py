@@ -1,6 +1,5 @@
 """Augmentations on a GPU, or on a CPU in its place: what the others do, in batches."""
 
-import io
 from dataclasses import replace
 
 import albumentations
@@ -19,9 +18,9 @@ from datamodules.device_batches import DeviceBatches
 from datamodules.driving import DrivingData
 from datamodules.image import decode_image
 from datamodules.view import View, view_to_rgb
+from tests.datamodules.test_augment import fitted
 from tests.recordings import write_recording
 from zoo.base.errors import InputError
-from zoo.base.rig import UDACITY
 
 DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
 VIEWS = {
@@ -42,9 +41,7 @@ TRANSFORMS = {
 
 
 def make(kind: type) -> Change:
-    transform = kind(**TRANSFORMS[kind])
-    transform.fit((40, 20), UDACITY)
-    return transform
+    return fitted(kind(**TRANSFORMS[kind]), (40, 20))
 
 
 @pytest.fixture(scope="module")
@@ -205,8 +202,9 @@ def test_views_that_do_not_fit_stay_where_they_are(data) -> None:
         ("cpu", "meta", [Brightness()], None),
     ],
 )
-def test_where_batches_are_made(data, monkeypatch, setting, device, augment, made_on) -> None:
-    console = Console(file=io.StringIO(), width=200)
+def test_where_batches_are_made(
+    data, monkeypatch, console, setting, device, augment, made_on
+) -> None:
     monkeypatch.setattr(data, "options", replace(data.options, augment_on=setting))
     monkeypatch.setattr(data, "augment", Augment(augment, "rgb"))
     chosen = data.choose_batch_device(torch.device(device), console)

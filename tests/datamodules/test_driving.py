@@ -140,8 +140,7 @@ def test_validation_is_centre_even_when_only_side_cameras_are_trained_on(load, r
     data = load(cameras=["left", "right"])
     assert set(data.samples.camera) == {1, 2}
     batch = next(iter(data.val_dataloader()))
-    row = data.split.val[0]
-    image = VIEW(decode_image(recorded.image(row).read_bytes()))
+    image = VIEW(decode_image(recorded.image(data.split.val[0]).read_bytes()))
     np.testing.assert_array_equal(batch["images"][0].permute(1, 2, 0).numpy(), image)
 
 
@@ -180,8 +179,7 @@ def test_batches_are_the_same_whoever_prepares_them(load):
 
 
 def test_epochs_differ_and_come_back(load):
-    data = load(augment={"brightness": Brightness()})
-    loader = data.train_dataloader()
+    loader = load(augment={"brightness": Brightness()}).train_dataloader()
     drawn = []
     for epoch in (0, 1, 0):
         loader.sampler.set_epoch(epoch)

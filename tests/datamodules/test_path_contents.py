@@ -86,8 +86,7 @@ def test_the_table_of_a_format_names_its_folder(tmp_path: Path) -> None:
     "name", ["Driving_Log.csv", "DRIVING_LOG.CSV", "driving_log (1).csv", "driving_log.csv.txt"]
 )
 def test_a_log_of_nearly_the_right_name_is_named(name: str, tmp_path: Path) -> None:
-    written = write_recording(tmp_path / "lake", rows=1)
-    written.log.rename(tmp_path / "lake" / name)
+    write_recording(tmp_path / "lake", rows=1).log.rename(tmp_path / "lake" / name)
     message = refusal_of(tmp_path / "lake")
     assert name in message
     assert "rename" in message

@@ -65,8 +65,7 @@ def test_a_tub_without_its_manifest_is_read_in_the_order_of_its_catalogs(tmp_pat
     for number, line in zip((0, 2, 10), lines, strict=True):
         (folder / f"catalog_{number}.catalog").write_text(line)
     (folder / "manifest.json").unlink()
-    recording = read_recordings(str(folder))
-    assert recording.steering == pytest.approx([0.0, 0.01, 0.02])
+    assert read_recordings(str(folder)).steering == pytest.approx([0.0, 0.01, 0.02])
     words = "no manifest.json: deleted records are read, too, of catalog_0.catalog, catalog_2"
     assert words in notes(folder)
 

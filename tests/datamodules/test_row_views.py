@@ -41,8 +41,7 @@ def test_a_folders_name_is_no_markup_of_the_progress_bar(tmp_path):
 
 
 def test_images_of_one_camera_for_all_rows_are_copies(two, console):
-    recording = read_recordings(roots(two))
-    views, _ = load_row_views(recording, CAMERAS, VIEW, None, console)
+    views, _ = load_row_views(read_recordings(roots(two)), CAMERAS, VIEW, None, console)
     for _ in range(2):
         taken = views.take(np.arange(14), 0)
         np.testing.assert_array_equal(taken[9], view_of(two[1].image(1)))
@@ -50,8 +49,7 @@ def test_images_of_one_camera_for_all_rows_are_copies(two, console):
 
 
 def test_kept_rows_keep_their_images(two, console):
-    recording = read_recordings(roots(two))
-    views, _ = load_row_views(recording, CAMERAS, VIEW, None, console)
+    views, _ = load_row_views(read_recordings(roots(two)), CAMERAS, VIEW, None, console)
     mask = np.ones(14, dtype=bool)
     mask[[0, 9]] = False
     kept = views.keep(mask)

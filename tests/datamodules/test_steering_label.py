@@ -122,25 +122,16 @@ def test_formats_with_keys_and_weights_of_their_own_train_on_one_unit(
     toy = foreign.table(tmp_path / "toy", 90 + 45 * foreign.STEERING)
     (toy / "rig.yaml").write_text(RIG_FILE.replace("long", "toy"))
     servo = {"steering": {"unit": "servo", "zero": 90, "full": 45}, **COLUMNS}
-    settings = {"cache": None, "batch_size": 16, "block_s": 0.5, "gap_s": 0.1}
-    data = DataSettings(
-        [str(road), str(toy)],
-        colour="gray",
-        size=(16, 32),
-        label="curvature",
-        each={2: servo},
-        weights=[1, 3],
-        samples_per_epoch=4000,
-        straight_cap=None,
-        **settings,
-    ).load(Console(soft_wrap=True))
+    settings = {"cache": None, "colour": "gray", "size": (16, 32), "block_s": 0.5, "gap_s": 0.1}
+    settings |= {"batch_size": 16, "samples_per_epoch": 4000, "straight_cap": None}
+    own = {"label": "curvature", "each": {2: servo}, "weights": [1, 3]}
+    data = DataSettings([str(road), str(toy)], **own, **settings).load(Console(soft_wrap=True))
 
     driven = np.split(data.labelled.steering * data.label.curvature_per_m, 2)
     for curvature, wheels_deg, wheelbase_m in zip(driven, (31.745, 60), (2.85, 3), strict=True):
         wheels = np.radians(wheels_deg * foreign.STEERING)
         np.testing.assert_allclose(curvature, np.tan(wheels) / wheelbase_m, atol=1e-6)
-    keys = data.sampler()
-    drawn = data.samples.row[np.concatenate([key.samples for key in keys])]
+    drawn = data.samples.row[np.concatenate([key.samples for key in data.sampler()])]
     share = data.recording.recording[data.samples.row].mean()
     expected = 3 * share / (3 * share + 1 - share)
     assert data.recording.recording[drawn].mean() == pytest.approx(expected, abs=0.01)

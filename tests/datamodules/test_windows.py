@@ -15,6 +15,7 @@ from datamodules.recording import Recording
 from datamodules.samples import make_samples
 from datamodules.split import PARTS
 from datamodules.windows import Windows
+from tests.datamodules.test_augment import fitted
 from tests.recordings import recording_in_memory, write_recording
 from tests.refusals import refusal
 from zoo.base.rig import MPS_PER_MPH, UDACITY
@@ -139,17 +140,11 @@ def test_the_cap_and_the_histogram_are_of_the_newest_frame(load):
         np.testing.assert_array_equal(batches.steering(key), targets)
 
 
-def fitted_bend() -> Bend:
-    bend = Bend(p=0.6)
-    bend.fit((0, 0), UDACITY)
-    return bend
-
-
 TRANSFORMS = {
     "brightness": lambda: Brightness(p=0.6),
     "shadow": lambda: Shadow(num_shadows_limit=(1, 2), p=0.6),
     "shift": lambda: Shift(p=0.6),
-    "bend": fitted_bend,
+    "bend": lambda: fitted(Bend(p=0.6)),
     "blur": lambda: albumentations.GaussianBlur(p=0.6),
     "noise": lambda: albumentations.GaussNoise(p=0.6),
 }
@@ -293,8 +288,7 @@ def test_every_frame_has_an_image_of_the_samples_camera():
 
 def test_weights_are_those_of_the_newest_rows_recording(lake, load, tmp_path):
     other = write_recording(tmp_path / "other", rows=100, seed=1, cameras=("center",))
-    root = [str(lake.folder), str(other.folder)]
-    data = load(root=root, weights=[1, 5], **WINDOWS)
+    data = load(root=[str(lake.folder), str(other.folder)], weights=[1, 5], **WINDOWS)
     drawn = np.concatenate([key.samples for key in data.sampler()])
     number = data.recording.recording[data.samples.row]
     assert (number[drawn] == 1).sum() == pytest.approx(5 * (number == 1).sum(), abs=1)

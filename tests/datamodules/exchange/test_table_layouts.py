@@ -71,8 +71,7 @@ def test_decimal_commas_are_read_between_semicolons(tmp_path: Path) -> None:
     table = write(tmp_path / "set", "image;steering")
     table.write_text(re.sub(r"\.(?=\d)", ",", table.read_text().replace(".jpg,", ".jpg;")))
     check_whole(read(table))
-    headless = table.read_text().partition("\n")[2]
-    table.write_text(headless)
+    table.write_text(table.read_text().partition("\n")[2])
     check_whole(read(table, PLACED))
 
 
@@ -120,8 +119,7 @@ def test_no_window_reaches_over_a_bad_row(tmp_path: Path) -> None:
     lines = table.read_text().splitlines()
     lines[11] = "0.jpg,left"
     table.write_text("\n".join([*lines, ""]))
-    recording = read(table, on_bad_row="skip")
-    assert np.flatnonzero(missing_rows(recording)).tolist() == [9]
+    assert np.flatnonzero(missing_rows(read(table, on_bad_row="skip"))).tolist() == [9]
 
 
 def test_a_table_in_the_current_folder_has_its_own_images(here: Path) -> None:
