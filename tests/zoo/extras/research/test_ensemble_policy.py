@@ -9,7 +9,6 @@ import pytest
 
 from datamodules.view import View
 from tests.contracts import test_policies as contract
-from tests.zoo.checkpoints import test_double as double
 from tests.zoo.checkpoints import test_engine as engines
 from tests.zoo.written_checkpoints import write_pilotnet
 from zoo.base.rig import CURVATURE, UDACITY, Camera, single_camera_rig
@@ -115,10 +114,10 @@ def test_an_ensemble_is_wrapped(tmp_path: Path) -> None:
 
 
 def test_they_compute_in_double_precision() -> None:
-    pilotnet = double.checkpoint_of("nvidia")
-    double.check_scored(DropoutPolicy(pilotnet, samples=3, seed=1))
-    members = [CheckpointPolicy(one) for one in (double.checkpoint_of("lenet"), pilotnet)]
-    double.check_scored(EnsemblePolicy(members))
+    pilotnet = engines.checkpoint_of("nvidia")
+    engines.check_scored(DropoutPolicy(pilotnet, samples=3, seed=1))
+    members = [CheckpointPolicy(one) for one in (engines.checkpoint_of("lenet"), pilotnet)]
+    engines.check_scored(EnsemblePolicy(members))
 
 
 def test_onnxruntime_runs_dropout_samples(monkeypatch: pytest.MonkeyPatch) -> None:
