@@ -55,12 +55,11 @@ def test_a_driver_gets_frames_and_steers(dialect: str) -> None:
     ],
 )
 def test_a_package_without_a_client_is_named(code: str, words: str, tmp_path: Path) -> None:
-    options = ClientOptions(dialect="mine")
     with (
         installed(tmp_path, code, DIALECTS, attribute=":Mine"),
         pytest.raises(InputError, match=f"^outside_part:Mine: {words}"),
     ):
-        run_client(options, Console())
+        run_client(ClientOptions(dialect="mine"), Console())
 
 
 def test_an_unknown_dialect_gets_one_line() -> None:

@@ -134,9 +134,8 @@ def test_a_command_measures_and_perturbs_with_the_users_files(workers: int, tmp_
     for kind in ("metric", "perturbation"):
         (tmp_path / f"my_{kind}.py").write_text(template(kind, f"my_{kind}"))
     write_constant(tmp_path / "it.ckpt", 0.8)
-    named = "parts=[my_metric.py,my_perturbation.py]"
     options = ("perturb=my_perturbation", "laps=0.02", "quality=simple", "out=out")
-    words = ("it.ckpt", named, *options, f"workers={workers}")
+    words = ("it.ckpt", "parts=[my_metric.py,my_perturbation.py]", *options, f"workers={workers}")
     assert "my_metric" in succeed(run(tmp_path, *words, module="zoo.commands.evaluate"))
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert metrics["tracks"]["lake"]["my_metric"][0] > 0.9

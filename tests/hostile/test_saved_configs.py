@@ -351,6 +351,5 @@ def test_an_own_class_trains_in_several_processes(recorded: Written, tmp_path: P
     """Each of these jobs is a separate command, which reads the config that the sweep saved."""
     more = ["trainer=ddp_cpu", "hydra.sweep.dir=sweep"]
     # The class is found on the path, not in the current folder.
-    path = environment(tmp_path)["PYTHONPATH"]
     words = command("zoo", "-m", *own_loss(tmp_path, recorded), *more)
-    succeed(run_words(tmp_path, *words, PYTHONPATH=path))
+    succeed(run_words(tmp_path, *words, PYTHONPATH=environment(tmp_path)["PYTHONPATH"]))

@@ -43,9 +43,8 @@ def test_the_manuals_own_lines_steer_as_the_checkpoint(
     (here / "model.onnx").write_bytes(onnx_bytes(load_checkpoint(PACKAGED / "lenet.ckpt")))
     shutil.copy(recorded.image(3), here / "frame.jpg")
     exec(code, {})
-    steering = float(capsys.readouterr().out.splitlines()[-1])
     expected = load_policy("lenet")(read_image(here / "frame.jpg"), 15.0).steering
-    assert steering == pytest.approx(expected, abs=1e-4)
+    assert float(capsys.readouterr().out.splitlines()[-1]) == pytest.approx(expected, abs=1e-4)
 
 
 def test_another_programs_file_is_refused_in_one_line(tmp_path: Path) -> None:

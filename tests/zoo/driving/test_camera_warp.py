@@ -34,10 +34,9 @@ def test_where_the_car_is_the_frame_is_the_recorded_one():
 
 
 def test_where_a_side_camera_was_its_own_frame_is_seen():
-    right_m = PLACES["right"][0]
     assert abs(PLACES["right"][2] - PLACES["center"][2]) < 0.01
 
-    warped = WARP(FRAMES.__getitem__, list(CAMERAS), right_m, 0.0)
+    warped = WARP(FRAMES.__getitem__, list(CAMERAS), PLACES["right"][0], 0.0)
 
     # The cameras are not quite as far ahead: close to the car that is a part of a pixel.
     assert np.abs(warped[:70].astype(int) - FRAMES["right"][:70]).mean() < 3

@@ -163,9 +163,8 @@ def test_the_lane_is_as_wide_as_the_road_at_the_car() -> None:
 
 def test_a_policy_that_doubts_is_compared_with_the_expert(lake: EmbeddedWorld) -> None:
     driven = drive(by_expert(lake.simulated, lambda _: 0.01), lake, Scenario("lake", 1, laps=0.1))
-    figures = measure(driven)
     assert (driven.spread == 0.01).all()
-    assert figures["spread_coverage"] > 0.95
+    assert measure(driven)["spread_coverage"] > 0.95
     straight = drive(straight_on, lake, Scenario("lake", 1, laps=0.02))
     assert np.isnan([straight.spread, straight.expert_steering]).all()
 

@@ -33,9 +33,8 @@ def test_the_interval_of_a_rate_is_scipys(count: int) -> None:
     low = stats.chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
     high = stats.chi2.ppf(0.975, 2 * count + 2) / 2
 
-    expected = (count / 8, low / 8, high / 8)
     rate = poisson_rate(count, 8.0)
-    assert (rate.value, rate.low, rate.high) == pytest.approx(expected)
+    assert (rate.value, rate.low, rate.high) == pytest.approx((count / 8, low / 8, high / 8))
 
 
 def test_a_rate_without_exposure_is_unknown() -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from datamodules.recording_format import read_recordings
 from tests.recordings import Written
+from tests.zoo.base.test_process_pool import wait_until
 from tests.zoo.edit.conftest import ServedPage
 from tests.zoo.server.browser import CHROMIUM, Browser
 from zoo.base.page_server import MOST_REQUESTS
@@ -19,12 +20,8 @@ needs_chromium = pytest.mark.skipif(
 )
 
 
-def analysed(served: ServedPage, seconds: float = 30) -> dict:
-    ends = time.monotonic() + seconds
-    while (state := served.read("/state.json"))["analysed"] < 120:
-        assert time.monotonic() < ends, state
-        time.sleep(0.05)
-    return state
+def wait_for_analysis(served: ServedPage) -> None:
+    wait_until(lambda: served.read("/state.json")["analysed"] == 120)
 
 
 def test_the_page_comes_from_the_package(served: ServedPage) -> None:
@@ -69,7 +66,7 @@ def test_a_row_is_described_by_its_place(served: ServedPage) -> None:
 
 
 def test_frames_are_analysed_and_predicted_in_the_background(served: ServedPage) -> None:
-    analysed(served)
+    wait_for_analysis(served)
     answer = np.frombuffer(served.ask("GET", "/predicted.bin?known=20")[2], "<f4")
     rows, predicted = answer.reshape(2, 100)
     assert len({*rows}) == 100
@@ -265,7 +262,7 @@ def drag(browser: Browser, selector: str, first: float, last: float) -> None:
 
 @needs_chromium
 def test_a_user_cleans_a_recording(served: ServedPage, tmp_path: Path) -> None:
-    analysed(served)
+    wait_for_analysis(served)
     with Browser(tmp_path / "profile", 1400, 900) as browser:
         browser.open(served.url)
         browser.wait_for("document.documentElement.dataset.ready")

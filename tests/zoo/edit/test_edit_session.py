@@ -2,7 +2,6 @@
 
 import shutil
 import signal
-import time
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ import pytest
 from datamodules.recording_edits import Edits
 from datamodules.recording_format import read_recordings
 from tests.recordings import Written
+from tests.zoo.base.test_process_pool import wait_until
 from tests.zoo.command_runs import only_line, run_here, start, succeed
 from zoo.base.errors import InputError
 from zoo.base.page_server import PageServer
@@ -81,10 +81,7 @@ def test_every_row_is_analysed_in_order_by_a_policy_with_memory(recorded: Writte
     recording = read_recordings(str(recorded.folder))
     analysis = FrameAnalysis(recording, Counting())
     analysis.start()
-    ends = time.monotonic() + 60
-    while analysis.done < len(recording):
-        assert time.monotonic() < ends
-        time.sleep(0.02)
+    wait_until(lambda: analysis.done == len(recording))
     analysis.stop()
     rows, predicted = analysis.predicted_after(20)
     assert rows.tolist() == list(range(20, len(recording)))

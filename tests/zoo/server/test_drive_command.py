@@ -17,6 +17,7 @@ import torch
 from datamodules.image import decode_image
 from datamodules.recording_format import read_recordings
 from tests.recordings import Written
+from tests.zoo.base.test_process_pool import wait_until
 from tests.zoo.command_runs import only_line, run, succeed
 from tests.zoo.server.old_client import OldClient
 from tests.zoo.server.serve import served
@@ -206,7 +207,5 @@ def test_ctrl_c_at_the_simulator_first_is_no_failure(checkpoint: Path, tmp_path:
 def test_a_simulator_that_fails_is_noticed() -> None:
     client = EmbeddedClient("nowhere", "http://127.0.0.1:1", None, put_back=True)
     client.start()
-    deadline_s = time.monotonic() + 20
-    while not client.ended and time.monotonic() < deadline_s:
-        time.sleep(0.05)
+    wait_until(lambda: client.ended)
     assert "exit status 1" in client.stop()

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.zoo.base.test_process_pool import wait_until
 from tests.zoo.simulator.drivers import RawDriver, make_frame
 from zoo.base.errors import InputError
 from zoo.simulator import legacy_socket
@@ -29,13 +30,6 @@ def listen(client: LegacySocket, wanted: int, patience_s: float = 2.0) -> list[t
     return events
 
 
-def until(condition, patience_s: float = 2.0) -> None:
-    end_s = time.monotonic() + patience_s
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.005)
-
-
 def answers_to_ping(*replies: str | bytes):
     """Return a driver's function that answers only the first ping, with these replies."""
     left = [replies]
@@ -45,7 +39,7 @@ def answers_to_ping(*replies: str | bytes):
 def test_telemetry_is_17_fragments_or_so_of_1016_bytes_and_a_rest() -> None:
     with RawDriver(lambda _: []) as driver, closing(LegacySocket(driver.url)) as client:
         client.emit("telemetry", TELEMETRY)
-        until(lambda: len(driver.messages[0]) == 2)
+        wait_until(lambda: len(driver.messages[0]) == 2)
     ping, *fragments = driver.frames[0]
     assert ping == (True, 1, True, 1)
     assert all(masked for _, _, masked, _ in fragments)
@@ -75,7 +69,7 @@ def test_a_modern_servers_packets_are_accepted() -> None:
     replies = answers_to_ping(opened, '40{"sid":"x"}', "3", "41", "1", "2", STEER)
     with RawDriver(replies) as driver, closing(LegacySocket(driver.url)) as client:
         events = listen(client, 2)
-        until(lambda: len(driver.messages[0]) == 2)
+        wait_until(lambda: len(driver.messages[0]) == 2)
     assert events == [(OPENED, None), ("steer", {"steering_angle": "0.0500", "throttle": "0.2000"})]
     assert driver.messages[0] == ["2", "3"]  # the server's ping, answered
 

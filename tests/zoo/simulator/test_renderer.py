@@ -50,9 +50,8 @@ def yellow_columns(frame: np.ndarray, row: int) -> np.ndarray:
 
 def test_the_road_is_as_wide_as_in_the_original(lake: World) -> None:
     """Lines 6.4 m apart, seen from 1.2 m, are 5.3 columns apart per row below the horizon."""
-    frame = look(lake, distance=330)
     row = 90
-    columns = yellow_columns(frame, row)
+    columns = yellow_columns(look(lake, distance=330), row)
     left, right = columns[columns < 160].max(), columns[columns > 160].min()
     assert (right - left) / (row - 56.8) == pytest.approx(5.3, abs=0.45)
 
