@@ -12,7 +12,6 @@ import pytest
 
 from tests.zoo.server.old_client import (
     CONTINUATION,
-    RED,
     TEXT,
     WS_PING,
     OldClient,
@@ -20,7 +19,7 @@ from tests.zoo.server.old_client import (
     telemetry,
 )
 from tests.zoo.server.scans import SCANS, many_scans, png_bomb
-from tests.zoo.server.serve import Served, picture, served
+from tests.zoo.server.serve import RED, Served, picture, served
 from zoo.server import telemetry_message as telemetry_module
 from zoo.server.telemetry_message import MAX_IMAGE_BYTES, MAX_SCANS, TelemetryError, read_telemetry
 

@@ -12,15 +12,8 @@ import pytest
 import websocket
 
 from tests.slow_members import slow_but
-from tests.zoo.server.old_client import (
-    NOTHING,
-    TEXT,
-    OldClient,
-    check_drives,
-    closed,
-    masked_frame,
-)
-from tests.zoo.server.serve import Served
+from tests.zoo.server.old_client import TEXT, OldClient, check_drives, closed, masked_frame
+from tests.zoo.server.serve import NOTHING, Served
 from zoo.server.connections import MOST_HELD, MOST_QUIET_WEBSOCKETS
 
 MOST_GROWTH_MB = 100

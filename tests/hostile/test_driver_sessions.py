@@ -15,16 +15,8 @@ import pytest
 import socketio
 
 from tests.hostile.test_driver_http import ask
-from tests.zoo.server.old_client import (
-    FINE,
-    NOTHING,
-    RED,
-    OldClient,
-    check_drives,
-    closed,
-    telemetry,
-)
-from tests.zoo.server.serve import Served, served
+from tests.zoo.server.old_client import OldClient, check_drives, closed, telemetry
+from tests.zoo.server.serve import FINE, NOTHING, RED, Served, served
 from zoo.server.socketio_server import MOST_QUIET
 
 HANDSHAKE = b"GET /socket.io/?EIO=4&transport=polling HTTP/1.1\r\nHost: 127.0.0.1\r\n%s\r\n"

@@ -102,15 +102,9 @@ except KeyboardInterrupt:
 def test_ctrl_c_at_once_ends_a_command_with_one_line(
     arguments: tuple[str, ...], after_s: float, tmp_path: Path
 ) -> None:
-    process = subprocess.Popen(
-        [sys.executable, "-c", "from zoo.base.console_script import main; main()", *arguments],
-        cwd=tmp_path,
-        env=environment(),
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    words = [sys.executable, "-c", "from zoo.base.console_script import main; main()", *arguments]
+    streams = dict.fromkeys(("stdin", "stdout"), subprocess.DEVNULL) | {"stderr": subprocess.PIPE}
+    process = subprocess.Popen(words, cwd=tmp_path, env=environment(), text=True, **streams)
     first = "_multiarray" if arguments[0] in ("check", "simulator") else FIRST
     maps = Path(f"/proc/{process.pid}/maps")
     until = time.monotonic() + 20

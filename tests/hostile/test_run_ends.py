@@ -85,11 +85,8 @@ def test_a_recording_that_is_removed_while_it_trains(
     check_whole(tmp_path / "run")
 
 
-SCRIPT = [
-    sys.executable,
-    "-c",
-    "from zoo.base.console_script import main; raise SystemExit(main())",
-]
+MAIN = "from zoo.base.console_script import main; raise SystemExit(main())"
+SCRIPT = [sys.executable, "-c", MAIN]
 COMMANDS = [
     *("--help", "check", "list tracks"),
     pytest.param("check --help", marks=pytest.mark.slow),
@@ -101,14 +98,9 @@ def printing(
 ) -> tuple[int, str]:
     """Return the exit status of a command and its errors, for a redirection of its output."""
     words = {"check": ["check", str(recorded.folder)]}.get(name, name.split())
-    with subprocess.Popen(
-        ["sh", "-c", f'exec "$@" {shell}', "sh", *SCRIPT, *words],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=cwd,
-        env=environment(),
-    ) as process:
+    line = ["sh", "-c", f'exec "$@" {shell}', "sh", *SCRIPT, *words]
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(line, cwd=cwd, env=environment(), **streams) as process:
         if close:
             process.stdout.close()
         _, errors = process.communicate()

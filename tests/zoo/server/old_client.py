@@ -12,14 +12,10 @@ import time
 
 from websocket import ABNF
 
-from tests.zoo.server.serve import picture
+from tests.zoo.server.serve import FINE, RED
 
 FRAGMENT = 1016
 CONTINUATION, TEXT, CLOSE, WS_PING = 0, 1, 8, 9
-# An image, and the replies of `serve` to it and to what cannot be used.
-RED = picture((204, 0, 0))
-FINE = ("steer", {"steering_angle": "0.8000", "throttle": "0.2000"})
-NOTHING = ("steer", {"steering_angle": "0", "throttle": "0"})
 REQUEST = (
     "GET /socket.io/?EIO=4&transport=websocket HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n"
     "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: {key}\r\n"

@@ -44,6 +44,12 @@ def picture(
     return cv2.imencode(kind, pixels)[1].tobytes()
 
 
+# An image, and the driver's replies to it and to what cannot be used.
+RED = picture((204, 0, 0))
+FINE = ("steer", {"steering_angle": "0.8000", "throttle": "0.2000"})
+NOTHING = ("steer", {"steering_angle": "0", "throttle": "0"})
+
+
 class Served:
     """A driver's process; `lines` holds what it printed until `stop`."""
 

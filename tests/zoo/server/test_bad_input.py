@@ -10,18 +10,9 @@ from pathlib import Path
 import pytest
 
 from tests.zoo.page_requests import ask
-from tests.zoo.server.old_client import (
-    FINE,
-    NOTHING,
-    RED,
-    TEXT,
-    OldClient,
-    check_drives,
-    closed,
-    telemetry,
-)
+from tests.zoo.server.old_client import TEXT, OldClient, check_drives, closed, telemetry
 from tests.zoo.server.scans import png_bomb
-from tests.zoo.server.serve import BLACK, WHITE, Served, picture, served
+from tests.zoo.server.serve import BLACK, FINE, NOTHING, RED, WHITE, Served, picture, served
 
 AGAIN = ("steer", {"steering_angle": "0.8000", "throttle": "-0.2000"})
 

@@ -6,8 +6,8 @@ import threading
 import pytest
 import socketio
 
-from tests.zoo.server.old_client import RED, OldClient, telemetry
-from tests.zoo.server.serve import Served, picture
+from tests.zoo.server.old_client import OldClient, telemetry
+from tests.zoo.server.serve import RED, Served, picture
 from zoo.server.fast_socket import EagerSocket
 
 DIM = picture((51, 0, 0))  # steering 0.1961
