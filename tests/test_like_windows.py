@@ -36,14 +36,8 @@ class Windows:
 
     def run(self, *words: str) -> str:
         """Return what `python WORDS` prints."""
-        done = subprocess.run(
-            [sys.executable, *words],
-            cwd=self.place,
-            env=self.variables,
-            capture_output=True,
-            timeout=300,
-            check=False,
-        )
+        how = {"cwd": self.place, "env": self.variables, "timeout": 300}
+        done = subprocess.run([sys.executable, *words], capture_output=True, check=False, **how)
         printed = (done.stdout + done.stderr).decode("cp1252")
         assert done.returncode == 0, printed
         return printed

@@ -335,16 +335,9 @@ def test_the_readme_is_short() -> None:
 def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     pytest.importorskip("sphinx")
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
-    commands.succeed(
-        subprocess.run(
-            [*command, "-d", str(tmp_path / "doctrees"), str(DOCS), str(tmp_path / "site")],
-            env=commands.environment(),
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-    )
     site = tmp_path / "site"
+    words = [*command, "-d", str(tmp_path / "doctrees"), str(DOCS), str(site)]
+    commands.succeed(subprocess.run(words, env=commands.environment(), **commands.CAPTURED))
     entries = sidebar(site)
     assert len(entries) > 20
     for address, entry in entries.items():

@@ -36,14 +36,9 @@ def words_in_zsh(lines: list[str], folder: Path) -> list[list[str] | None]:
     (folder / "lines").write_text("\n".join([*lines, ""]))
     (folder / "out").mkdir()
     (folder / "empty").mkdir()  # a glob finds nothing
-    script = READ % " ".join(PROGRAMS)
-    subprocess.run(
-        ["zsh", "-f", "-i", "-c", script],
-        cwd=folder / "empty",
-        env={"OUT": str(folder / "out"), "COMMANDS": str(folder / "lines"), "HOME": str(folder)},
-        capture_output=True,
-        check=False,
-    )
+    shell = ["zsh", "-f", "-i", "-c", READ % " ".join(PROGRAMS)]
+    places = {"OUT": str(folder / "out"), "COMMANDS": str(folder / "lines"), "HOME": str(folder)}
+    subprocess.run(shell, cwd=folder / "empty", env=places, capture_output=True, check=False)
     found = [folder / "out" / str(number) for number in range(1, len(lines) + 1)]
     texts = [path.read_text() if path.exists() else None for path in found]
     return [None if text is None else text.split("\0")[:-1] for text in texts]

@@ -56,14 +56,9 @@ print(json.dumps(told), flush=True)
 
 def start_build(paths: list[str], folder: Path, pause_s: float = 0.0, limit: int = 0):
     arguments = json.dumps([paths, str(folder), pause_s, limit])
-    process = subprocess.Popen(
-        [sys.executable, "-c", PROCESS, arguments],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=REPOSITORY,
-    )
+    words = [sys.executable, "-c", PROCESS, arguments]
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    process = subprocess.Popen(words, text=True, cwd=REPOSITORY, **pipes)
     assert process.stdout.readline() == "ready\n"
     return process
 

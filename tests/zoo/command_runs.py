@@ -22,6 +22,7 @@ from zoo.base.child_process import module_command
 
 ROOT = Path(__file__).parents[2]
 Zoo = Callable[..., subprocess.CompletedProcess]  # of the fixture
+CAPTURED = {"capture_output": True, "text": True, "check": False}
 
 
 def environment(code: Path = ROOT) -> dict[str, str]:
@@ -53,15 +54,8 @@ def run(
     """
     variables = environment(code) | {"OMP_NUM_THREADS": threads}
     if sys.platform != "linux":  # elsewhere, forking a process that has threads is not safe
-        return subprocess.run(
-            command(module, *last_of_each(module, arguments)),
-            cwd=cwd,
-            env=variables,
-            capture_output=True,
-            text=True,
-            timeout=timeout,
-            check=False,
-        )
+        words = command(module, *last_of_each(module, arguments))
+        return subprocess.run(words, cwd=cwd, env=variables, timeout=timeout, **CAPTURED)
     with tempfile.NamedTemporaryFile("r") as output, tempfile.NamedTemporaryFile("r") as errors:
         files = Path(output.name), Path(errors.name)
         words = [module, *last_of_each(module, arguments)]
@@ -112,15 +106,8 @@ def last_of_each(module: str, arguments: Sequence[str]) -> list[str]:
 
 def run_words(cwd: Path, *words: str, **variables: str) -> subprocess.CompletedProcess:
     """Return the output and exit status of a program in a process and an environment of its own."""
-    return subprocess.run(
-        words,
-        cwd=cwd,
-        env=environment() | variables,
-        capture_output=True,
-        text=True,
-        timeout=240,
-        check=False,
-    )
+    known = environment() | variables
+    return subprocess.run(words, cwd=cwd, env=known, timeout=240, **CAPTURED)
 
 
 def train_in_fork(
@@ -136,14 +123,8 @@ def start(cwd: Path, module: str, *arguments: str) -> subprocess.Popen | ForkedP
     """Start `python -m MODULE ARGUMENTS`, whose output and errors are its `stdout`."""
     if sys.platform == "linux":
         return ForkedProcess(forked_commands(ROOT), [module, *arguments], cwd, environment())
-    return subprocess.Popen(
-        command(module, *arguments),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        cwd=cwd,
-        env=environment(),
-    )
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    return subprocess.Popen(command(module, *arguments), cwd=cwd, env=environment(), **streams)
 
 
 @functools.cache

@@ -41,14 +41,9 @@ class ForkedCommands:
     """A process that forks commands and waits for them; it ends with this process."""
 
     def __init__(self, environment: dict[str, str], code: Path) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", __name__],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env=environment,
-            cwd=code,
-        )
+        words = [sys.executable, "-m", __name__]
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+        self._process = subprocess.Popen(words, env=environment, cwd=code, **pipes)
 
     def start(
         self,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.zoo.command_runs import ROOT, environment
+from tests.zoo.command_runs import CAPTURED, ROOT, environment
 from zoo.base.console_script import commands
 
 DRIVING = """
@@ -74,9 +74,7 @@ def start(folder: Path, how: str) -> subprocess.CompletedProcess:
     (folder / "test_part.py").write_text("import drivezoo\n\ndef test(): drivezoo.evaluate\n")
     given = os.environ | {"PYTHONPATH": str(ROOT)}
     given.pop("PYTHONSAFEPATH", None)
-    return subprocess.run(
-        [sys.executable, *STARTS[how]], cwd=folder, env=given, capture_output=True, text=True
-    )
+    return subprocess.run([sys.executable, *STARTS[how]], cwd=folder, env=given, **CAPTURED)
 
 
 @pytest.mark.parametrize("how", STARTS)

@@ -163,13 +163,9 @@ except KeyboardInterrupt:
 def test_all_end_with_the_parent(send: Callable, number: int, status: int, tmp_path: Path) -> None:
     """Signal the parent, or as a terminal does all processes, in the middle of two drives."""
     begun = [tmp_path / "1", tmp_path / "2"]
-    parent = subprocess.Popen(
-        [sys.executable, "-c", PARENT, *map(str, begun)],
-        cwd=ROOT,
-        env=environment(),
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-    )
+    words = [sys.executable, "-c", PARENT, *map(str, begun)]
+    apart = {"stderr": subprocess.PIPE, "start_new_session": True}
+    parent = subprocess.Popen(words, cwd=ROOT, env=environment(), **apart)
     try:
         wait_until(lambda: all(one.exists() for one in begun))
         send(parent.pid, number)

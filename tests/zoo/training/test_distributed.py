@@ -109,15 +109,10 @@ def validate_together(root: str, folder: str) -> None:
         true = data.recording.steering[data.split.val].astype(np.float32)
         figures = {f"val/{name}": one for name, one in open_loop_metrics(predicted, true).items()}
         np.savez(own / "one.npz", predicted, true, rows, figures)
-        lightning.Trainer(
-            accelerator="cpu",
-            devices=3,
-            strategy="ddp_fork",
-            callbacks=[Kept(own)],
-            logger=False,
-            enable_progress_bar=False,
-            use_distributed_sampler=False,
-        ).validate(module, datamodule=data, verbose=False)
+        ranks = {"accelerator": "cpu", "devices": 3, "strategy": "ddp_fork"}
+        without = ("logger", "enable_progress_bar", "use_distributed_sampler")
+        trainer = lightning.Trainer(callbacks=[Kept(own)], **ranks, **dict.fromkeys(without, False))
+        trainer.validate(module, datamodule=data, verbose=False)
 
 
 def test_processes_that_validate_share_the_rows_and_all_have_the_figures_of_one(
@@ -166,14 +161,9 @@ def test_when_a_process_dies_the_first_says_so_in_a_line_and_ends(
     recorded: Written, tmp_path: Path
 ) -> None:
     root = (f"data.root={recorded.folder}", "trainer=ddp_cpu", "trainer.max_epochs=5000")
-    first = subprocess.Popen(
-        command("zoo", *SETTINGS, *root, "hydra.run.dir=run"),
-        cwd=tmp_path,
-        env=environment(),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    words = command("zoo", *SETTINGS, *root, "hydra.run.dir=run")
+    streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+    first = subprocess.Popen(words, cwd=tmp_path, env=environment(), **streams)
     try:
         until = time.monotonic() + 90
         while not (tmp_path / "run" / "checkpoints" / "last.ckpt").is_file():

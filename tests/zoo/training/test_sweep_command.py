@@ -58,14 +58,9 @@ def test_a_killed_sweep_resumes_where_it_stopped(recorded: Written, here: Path) 
     folders = [here / "s" / str(number) for number in range(3)]
     free = {name: value for name, value in environment().items() if name != "OMP_NUM_THREADS"}
     with (here / "log.txt").open("w") as log:
-        process = subprocess.Popen(
-            command("zoo", "-m", *SMALL, *data_of(recorded), *overrides, *pool),
-            cwd=here,
-            env=free,
-            stdout=log,
-            stderr=log,
-            start_new_session=True,
-        )
+        words = command("zoo", "-m", *SMALL, *data_of(recorded), *overrides, *pool)
+        apart = {"stdout": log, "stderr": log, "start_new_session": True}
+        process = subprocess.Popen(words, cwd=here, env=free, **apart)
     try:
         until = time.monotonic() + 120
         while True:
