@@ -26,31 +26,15 @@ def write_run(
     """Write a finished run with the same figures on each track; autonomy None: without drives."""
     drive = None
     if autonomy is not None:
-        figures = {
-            "autonomy": [autonomy, 0.0],
-            "cte_mean_m": [cte_m, 0.0],
-            "interventions": [round(10 * (1 - autonomy)), 0.0],
-            "drives": start_seeds,
-        }
-        clean = 0 if figures["interventions"][0] else start_seeds
-        figures["drives_without_intervention"] = clean
-        drive = {
-            "speed_mph": 20.0,
-            "laps": 1.0,
-            "seeds": start_seeds,
-            "tracks": dict.fromkeys(tracks, figures),
-        }
-    metrics = {
-        "version": 1,
-        "model": "tiny",
-        "parameters": 41,
-        "open_loop": {part: {"mse": val_mse} for part in ("train", "val", "test")},
-        "drive": drive,
-        "seed": seed,
-        "wall_s": 12.0,
-        "data": {"fingerprint": fingerprint, "rows": 900},
-        **more,
-    }
+        figures = {"autonomy": [autonomy, 0.0], "cte_mean_m": [cte_m, 0.0], "drives": start_seeds}
+        lost = round(10 * (1 - autonomy))
+        figures["interventions"] = [lost, 0.0]
+        figures["drives_without_intervention"] = 0 if lost else start_seeds
+        drive = {"speed_mph": 20.0, "laps": 1.0, "seeds": start_seeds}
+        drive["tracks"] = dict.fromkeys(tracks, figures)
+    metrics = {"version": 1, "model": "tiny", "parameters": 41, "seed": seed, "wall_s": 12.0}
+    metrics["open_loop"] = {part: {"mse": val_mse} for part in ("train", "val", "test")}
+    metrics |= {"drive": drive, "data": {"fingerprint": fingerprint, "rows": 900}} | more
     (folder / ".hydra").mkdir(parents=True)
     (folder / "metrics.json").write_text(json.dumps(metrics))
     settings = dict(one.split("=", 1) for one in overrides)

@@ -26,13 +26,8 @@ def write_constant(path: Path, steering: float, epoch: int = 0, **config: object
         epoch: epoch after which it was saved, from 0 on.
         config: sections of the card's config, in addition to `model`.
     """
-    model = {
-        "_target_": "zoo.models.linear.Linear",
-        "name": "linear",
-        "colour": "hsv_s",
-        "size": [1, 14],
-        "weights": None,
-    }
+    model = {"_target_": "zoo.models.linear.Linear", "name": "linear", "weights": None}
+    model |= {"colour": "hsv_s", "size": [1, 14]}
     view = View([60, 40], "hsv_s", [1, 14])
     network = make_network(model, view)
     with torch.no_grad():
@@ -54,16 +49,8 @@ def write_network(
 
 def write_pilotnet(path: Path, seed: int = 0, dropout: float = 0.3) -> Path:
     """Write a checkpoint of a narrow PilotNet with random weights, and return its path."""
-    model = {
-        "_target_": "zoo.models.pilotnet.PilotNet",
-        "name": "nvidia",
-        "colour": "rgb",
-        "size": [66, 200],
-        "weights": None,
-        "width": 0.1,
-        "dropout": [dropout, dropout],
-    }
+    model = {"_target_": "zoo.models.pilotnet.PilotNet", "name": "nvidia", "weights": None}
+    model |= {"colour": "rgb", "size": [66, 200], "width": 0.1, "dropout": [dropout, dropout]}
     view = View([60, 20], "rgb", [66, 200])
     torch.manual_seed(seed)
-    network = make_network(model, view)
-    return write_network(path, network, view, {"model": model})
+    return write_network(path, make_network(model, view), view, {"model": model})

@@ -75,14 +75,9 @@ def test_at_a_start_the_first_frame_stands_for_those_before(name: str) -> None:
 def test_the_recurrent_unit_is_torchs() -> None:
     ours, theirs = GruCell(5, 7), nn.GRUCell(5, 7)
     state = theirs.state_dict()
-    ours.load_state_dict(
-        {
-            "inputs.weight": state["weight_ih"],
-            "inputs.bias": state["bias_ih"],
-            "recurrent.weight": state["weight_hh"],
-            "recurrent.bias": state["bias_hh"],
-        }
-    )
+    copied = {f"inputs.{part}": state[f"{part}_ih"] for part in ("weight", "bias")}
+    copied |= {f"recurrent.{part}": state[f"{part}_hh"] for part in ("weight", "bias")}
+    ours.load_state_dict(copied)
     values, hidden = torch.randn(3, 5), torch.randn(3, 7)
     torch.testing.assert_close(ours(values, hidden), theirs(values, hidden))
 
@@ -97,8 +92,7 @@ def test_the_neural_circuit_is_sparse() -> None:
         counts.append(int(third[:, : third.shape[1] - len(third)].sum()))
     # 253 in Lechner et al. 2020 with the command neurons' synapses on each other.
     assert counts == [32 * 6, 12 * 4, 6]
-    again = memory_of("ncp")
-    assert torch.equal(again.cells[0].mask, network.cells[0].mask)
+    assert torch.equal(memory_of("ncp").cells[0].mask, network.cells[0].mask)
 
 
 def test_a_masked_synapse_changes_nothing() -> None:

@@ -17,6 +17,9 @@ ROADS = (
 )
 
 
+LENET = {"model": "LeNet", "parameters": 1000, "data": "f00d"}
+
+
 def figures(
     rng: np.random.Generator, mean: float, seeds: int, by_seed: float, roads: np.ndarray
 ) -> np.ndarray:
@@ -35,14 +38,7 @@ def result(autonomy: np.ndarray, entry: str = "lenet", roads: Sequence = ROADS) 
         "code": {"hash": "a1", "commit": None},
         "entry": entry,
         "checkpoints": [
-            {
-                "file": f"{seed}.ckpt",
-                "sha256": f"{seed:064x}",
-                "model": "LeNet",
-                "parameters": 1000,
-                "training_seed": seed,
-                "data": "f00d",
-            }
+            {"file": f"{seed}.ckpt", "sha256": f"{seed:064x}", "training_seed": seed} | LENET
             for seed in range(len(autonomy))
         ],
         "drives": [

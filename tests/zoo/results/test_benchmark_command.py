@@ -36,16 +36,9 @@ def write_family(folder: Path, **changes: object) -> Path:
 def write_suite(folder: Path, **changes: object) -> Path:
     """Write a suite with one clean and one shifted drive of 60 m, and return its path."""
     track = f"{write_family(folder)}:1"
-    content = {
-        "name": "tiny",
-        "quality": "simple",
-        "mean_steering": 0.1,
-        "speed": 20,
-        "groups": {
-            "like": [{"track": track}],
-            "looks": [{"track": track, "weather": {"fog": 0.4}}],
-        },
-    }
+    content = {"name": "tiny", "quality": "simple", "mean_steering": 0.1, "speed": 20}
+    shifted = {"track": track, "weather": {"fog": 0.4}}
+    content["groups"] = {"like": [{"track": track}], "looks": [shifted]}
     path = folder / "tiny.yaml"
     path.write_text(json.dumps(content | changes))
     return path

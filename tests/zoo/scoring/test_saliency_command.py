@@ -12,10 +12,9 @@ from datamodules.image import decode_image
 from tests.recordings import Written
 from tests.slow_members import slow_but
 from tests.zoo.command_runs import run_here
-from tests.zoo.models.test_models_command import build
+from tests.zoo.written_checkpoints import checkpoint_of
 from zoo.base.compose import choices
 from zoo.base.errors import InputError, UsageError
-from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy, load_policy
 from zoo.commands.saliency import CAPTION
 from zoo.commands.saliency import saliency as saliency_command
@@ -23,9 +22,7 @@ from zoo.scoring.visual_backprop import Saliency, enlarge, overlay
 
 
 def policy_of(name: str) -> CheckpointPolicy:
-    torch.manual_seed(0)
-    network, view = build(name)
-    return CheckpointPolicy(Checkpoint(network.eval(), view, {}, {}))
+    return CheckpointPolicy(checkpoint_of(name, seed=0))
 
 
 @pytest.fixture
