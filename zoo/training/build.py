@@ -239,16 +239,18 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
     for callback in callbacks:
         if isinstance(callback, ModelCheckpoint):
             callback.dirpath = str(folder / "checkpoints")
-        monitor, name = getattr(callback, "monitor", None) or "", type(callback).__name__
+        monitor = getattr(callback, "monitor", None) or ""
+        what = f"{type(callback).__name__} monitors {monitor}"
         if monitor.startswith("val/") and no_rows:
             raise InputError(
-                f"{name} monitors {monitor}, but {no_rows} leaves no validation rows; set another "
+                f"{what}, but {no_rows} leaves no validation rows; set another "
                 "number, or callbacks.early_stopping=null callbacks.best.monitor=train/loss"
             )
         if monitor.startswith(DROVE) and not drives:
-            raise InputError(
-                f"{name} monitors {monitor}, but nothing drives; add callbacks=closed_loop"
-            )
+            raise InputError(f"{what}, but nothing drives; add callbacks=closed_loop")
+        best = "max" if monitor in ("drive/autonomy", "drive/score") else "min"
+        if monitor.startswith(DROVE) and getattr(callback, "mode", best) != best:
+            raise InputError(f"{what}, of which the {best} is best; set its mode={best} too")
     loggers = [CSVLogger(folder, name="", version="")]
     for name, settings in (config.get("logger") or {}).items():
         if settings:

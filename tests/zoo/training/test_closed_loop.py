@@ -152,16 +152,23 @@ def test_where_no_renderer_opens_it_says_so_once_and_trains(
     assert trainer.current_epoch == 2
     printed = capsys.readouterr().out
     assert printed.count("closed loop: not driven: renderer=auto: none opens here") == 1
-    with pytest.raises(InputError, match="monitors drive/autonomy, but renderer=auto: none opens"):
-        fit(recorded, tmp_path / "b", console, *tiny, "callbacks.best.monitor=drive/autonomy")
+    with pytest.raises(InputError, match="monitors drive/cte_mean, but renderer=auto: none opens"):
+        fit(recorded, tmp_path / "b", console, *tiny, "callbacks.best.monitor=drive/cte_mean")
 
 
-def test_nothing_that_drives_is_monitored_without_a_driver(
-    recorded: Written, tmp_path: Path
+@pytest.mark.parametrize(
+    ("key", "problem"),
+    [
+        ("callbacks.early_stopping.patience=3", "but nothing drives; add callbacks=closed_loop"),
+        ("callbacks=closed_loop", "of which the max is best; set its mode=max too"),
+    ],
+)
+def test_nothing_that_drives_is_monitored_without_a_driver_or_in_the_wrong_direction(
+    key: str, problem: str, recorded: Written, tmp_path: Path
 ) -> None:
-    keys = (*small(recorded), "callbacks.early_stopping.monitor=drive/autonomy")
+    keys = (*small(recorded), key, "callbacks.early_stopping.monitor=drive/autonomy")
     line = only_line(run_here(tmp_path, *keys))
-    assert "EarlyStopping monitors drive/autonomy, but nothing drives; add callbacks=cl" in line
+    assert f"EarlyStopping monitors drive/autonomy, {problem}" in line
 
 
 def test_on_an_open_road_every_drive_has_its_length(tmp_path: Path) -> None:

@@ -197,7 +197,7 @@ def test_a_step_between_two_stretches_is_not_driven(recorded: Written) -> None:
 
 
 def test_no_track_chooses_its_checkpoint(short: Written, tmp_path: Path) -> None:
-    monitored = ("callbacks=closed_loop", "callbacks.best.monitor=drive/autonomy")
+    monitored = ("callbacks=closed_loop", "callbacks.best.monitor=drive/cte_mean")
     keys = (*SMALL, *monitored, "data.block_s=0.5", "data.gap_s=0.1", f"data.root={short.folder}")
     line = only_line(run_here(tmp_path, *keys, "hydra.run.dir=run"))
     assert "another car than the recording (my car)" in line
