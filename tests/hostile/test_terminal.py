@@ -11,7 +11,7 @@ from rich.table import Table
 from tests.recordings import write_recording
 from tests.zoo.base.test_console_progress import on_a_terminal
 from tests.zoo.command_runs import command, only_line, run_here
-from tests.zoo.server.browser import CHROMIUM, Browser
+from tests.zoo.server.browser import Browser, needs_chromium
 from tests.zoo.sweeps import change_status, write_run
 from zoo.base.terminal import error_line, guard_rich
 from zoo.results.ranking_page import Ranking
@@ -107,10 +107,6 @@ PLACEHOLDER = "{{data}} {% raw %} {{ 7*7 }} ${hacked=1}"
 HOSTILE = f"{IMAGE} {SCRIPT} {PLACEHOLDER} \"'onload=hacked=1 </title></style></pre>"
 # A name that a folder can have.
 NAME = "<img src=x onerror=hacked=1> {{data}} \"'"
-
-needs_chromium = pytest.mark.skipif(
-    CHROMIUM is None, reason="chromium is not installed; apt install chromium"
-)
 
 
 @pytest.fixture

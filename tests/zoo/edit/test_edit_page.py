@@ -12,12 +12,8 @@ from datamodules.recording_format import read_recordings
 from tests.recordings import Written
 from tests.zoo.base.test_process_pool import wait_until
 from tests.zoo.edit.conftest import ServedPage
-from tests.zoo.server.browser import CHROMIUM, Browser
+from tests.zoo.server.browser import Browser, needs_chromium
 from zoo.base.page_server import MOST_REQUESTS
-
-needs_chromium = pytest.mark.skipif(
-    CHROMIUM is None, reason="chromium is not installed; apt install chromium"
-)
 
 
 def wait_for_analysis(served: ServedPage) -> None:

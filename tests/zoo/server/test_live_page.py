@@ -13,10 +13,13 @@ from PIL import Image
 
 from tests.zoo.command_runs import start
 from tests.zoo.page_requests import ask
-from tests.zoo.server.browser import CHROMIUM, Browser
+from tests.zoo.server.browser import Browser, needs_chromium
 from tests.zoo.server.old_client import OldClient
 from tests.zoo.server.serve import Served, picture, served
 from zoo.server.live_page import MOST_POLLS, POLL_MS, PollInterval
+
+said = "document.getElementById('{}').textContent".format
+size = "document.documentElement.{}".format
 
 
 @pytest.fixture(scope="module")
@@ -220,18 +223,16 @@ def test_a_class_that_looks_on_asks_no_more_often_than_a_few() -> None:
         assert interval.poll_ms == pytest.approx(poll_ms, rel=0.1)
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed; apt install chromium")
+@needs_chromium
 def test_a_person_watches_and_commands_in_a_browser(driver: Served, tmp_path: Path) -> None:
-    said = "document.getElementById('{}').textContent".format
     with Browser(tmp_path / "profile", 1280, 800) as browser:
         browser.open(f"http://127.0.0.1:{driver.port}/")
         browser.wait_for(f"Number({said('speed-value')}) > 0")
         browser.wait_for("document.getElementById('frame').naturalWidth === 320")
         assert browser.value(said("status-text")) == "Driving"
         assert browser.value(said("autonomy")) == "not measured"
-        size = "document.documentElement.{}"
-        assert browser.value(size.format("scrollWidth")) == 1280
-        assert browser.value(size.format("scrollHeight")) == 800, "it fits without scrolling"
+        assert browser.value(size("scrollWidth")) == 1280
+        assert browser.value(size("scrollHeight")) == 800, "it fits without scrolling"
 
         browser.click("#look")
         browser.wait_for("document.getElementById('saliency').naturalWidth === 320")
@@ -267,10 +268,9 @@ def test_a_person_watches_and_commands_in_a_browser(driver: Served, tmp_path: Pa
         assert width == 320, "the last frame stays"
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed; apt install chromium")
+@needs_chromium
 def test_the_page_turns_red_when_the_car_leaves_the_road(folder: Path, tmp_path: Path) -> None:
     options = ("outputs/old/checkpoints/best.ckpt", "drive.port=0", f"drive.record={tmp_path}/d")
-    said = "document.getElementById('{}').textContent".format
     looks = "document.getElementById('{}').className".format
     with (
         served(folder / "x", "zoo.commands.drive", *options) as driver,
@@ -309,9 +309,8 @@ def test_the_page_turns_red_when_the_car_leaves_the_road(folder: Path, tmp_path:
         assert browser.errors == []
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed; apt install chromium")
+@needs_chromium
 def test_the_page_shows_the_band_of_a_policy_that_doubts(tmp_path: Path) -> None:
-    content = "document.getElementById('{}').textContent".format
     serve = ("tests.zoo.server.serve", str(tmp_path / "drive"), "doubt")
     with (
         served(tmp_path / "drive", *serve) as driver,
@@ -319,16 +318,15 @@ def test_the_page_shows_the_band_of_a_policy_that_doubts(tmp_path: Path) -> None
         Browser(tmp_path / "profile", 1280, 800, "dark") as browser,
     ):
         browser.open(f"http://127.0.0.1:{driver.port}/")
-        browser.wait_for(f"{content('strip-name')} === 'Steering'")
+        browser.wait_for(f"{said('strip-name')} === 'Steering'")
         for number in range(8):
             red = round(60 + 40 * np.sin(number / 2))
             simulator.telemetry(jpeg=picture((red, 40, 8 if number < 4 else 25)), speed="9.0000")
             simulator.reply()
             time.sleep(0.1)
-        browser.wait_for(f"{content('strip-name')}.includes('95 % band')")
-        band_deg = float(str(browser.value(content("band"))).strip("± °"))
+        browser.wait_for(f"{said('strip-name')}.includes('95 % band')")
+        band_deg = float(str(browser.value(said("band"))).strip("± °"))
         assert band_deg == pytest.approx(1.96 * 25 / 255 * 25, abs=0.5)
-        size = "document.documentElement.{}"
-        assert browser.value(size.format("scrollHeight")) == 800, "it fits without scrolling"
+        assert browser.value(size("scrollHeight")) == 800, "it fits without scrolling"
         browser.screenshot(tmp_path / "page.png")
         assert browser.errors == []

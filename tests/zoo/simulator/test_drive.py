@@ -9,7 +9,7 @@ import pytest
 
 from datamodules.recording_format import read_recordings
 from tests.zoo.command_runs import start
-from tests.zoo.server.browser import CHROMIUM, Browser
+from tests.zoo.server.browser import Browser, needs_chromium
 from tests.zoo.simulator.person import Person
 from zoo.base.run_command import run_command
 from zoo.commands.simulator import simulator
@@ -140,7 +140,7 @@ def test_a_command_that_is_none_is_refused():
                 person.send(**sent)
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
+@needs_chromium
 def test_keys_drive_in_a_browser(tmp_path, begin):
     process, person = begin("out=mine")
     with Browser(tmp_path / "profile", 390, 844) as browser:
