@@ -72,9 +72,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("colour", "resize", "frame"), CASES)
-def test_the_view_is_opencvs_to_the_bit(
-    colour: str, resize: str, frame: tuple[int, int], tmp_path: Path
-) -> None:
+def test_a_view_is_opencvs_exactly(colour: str, resize: str, frame: tuple, tmp_path: Path) -> None:
     for number, (crop, size) in enumerate([((60, 40), (33, 64)), ((0, 0), (80, 160))]):
         view, source = View(crop, colour, size, resize, frame), CSource(floats=1)
         write_view(view, source)
@@ -215,9 +213,7 @@ def test_the_command_writes_both_files_with_the_card(recorded: Written, tmp_path
     assert "Latency: a frame takes" in header
 
 
-def test_a_compilers_message_may_have_any_bytes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_compiler_may_print_any_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compiler = tmp_path / "cc"
     compiler.write_text("#!/bin/sh\nprintf 'ung\\201ltig' >&2\nexit 1\n")
     compiler.chmod(0o700)

@@ -16,9 +16,7 @@ from zoo.scoring.parity import compare, take_frames
 
 
 @pytest.mark.parametrize("name", ["lenet", "cnn_gru"])
-def test_a_file_of_8_bits_steers_nearly_as_its_checkpoint(
-    name: str, recorded: Written, tmp_path: Path
-) -> None:
+def test_8_bits_steer_nearly_as_32(name: str, recorded: Written, tmp_path: Path) -> None:
     checkpoint = checkpoint_of(name, *["model.sequence=4"] * (name == "cnn_gru"))
     kind = Int8OnnxFile(checkpoint, tmp_path / "model.onnx", str(recorded.folder))
     contents = kind.files("# card")[".onnx"]
@@ -31,12 +29,6 @@ def test_a_file_of_8_bits_steers_nearly_as_its_checkpoint(
 
 
 def test_a_calibration_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    out, keys = str(tmp_path / "model.onnx"), {"weights": "int8", "calibration": "nowhere"}
     with pytest.raises(InputError, match="nowhere"):
-        export_checkpoint(
-            "tiny41",
-            str(tmp_path / "model.onnx"),
-            None,
-            Console(quiet=True),
-            weights="int8",
-            calibration="nowhere",
-        )
+        export_checkpoint("tiny41", out, None, Console(quiet=True), **keys)

@@ -98,8 +98,7 @@ def test_a_drive_holds_its_own_times(tmp_path: Path) -> None:
 
 
 def test_an_improvement_changes_one_property(tmp_path: Path) -> None:
-    times = read_loop_times(written(tmp_path, "100\n200\n"), rate=20)
-    found = times.improved()
+    found = read_loop_times(written(tmp_path, "100\n200\n"), rate=20).improved()
     assert found["half the delay"].loop == ((0.1, 0.05), (0.2, 0.1))
     assert found["twice the frame rate"].loop == ((0.05, 0.1), (0.1, 0.2))
     assert found["no jitter"].loop == ((0.15, 0.15),) * 2

@@ -50,17 +50,14 @@ def test_only_a_sure_improvement_is_advised() -> None:
     assert "up to 10 mph on each" in found.lines[0]
     unsurely = timing_of({MEASURED: measured, "no jitter": unsure, "both": better})
     assert "no single improvement" in unsurely.advice
-    fast = timing_of({MEASURED: [30] * 8, "both": [30] * 8})
-    assert "nothing to improve" in fast.advice
+    assert "nothing to improve" in timing_of({MEASURED: [30] * 8, "both": [30] * 8}).advice
     slow = timing_of({MEASURED: [4] * 8, "both": [4] * 8})
     assert "up to less than 5 mph on the median" in slow.lines[0]
     cells = {column.name: column.cells for column in slow.result_table().columns}
     assert cells["speed_mph"] == cells["every_road_mph"] == ["below 5"] * 2
 
 
-def test_a_search_writes_its_figures_and_its_plot(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_search_writes_figures_and_plot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def drives(checkpoint: str, scenarios: Sequence[Scenario], **_: object) -> list:
         """Drive one scenario, of which all others have the intervention."""
         return len(scenarios) * all_drives(checkpoint, scenarios[-1:], first_only=True)

@@ -20,6 +20,7 @@ from tests.contracts.test_policies import check_wrapper, of_model
 from tests.datamodules.exchange.test_tub import write_tub
 from tests.hostile.test_saved_configs import change, listed
 from tests.recordings import Written
+from tests.refusals import refusal
 from tests.zoo.bomb import Bomb
 from tests.zoo.command_runs import run_here, succeed
 from tests.zoo.simulator.tracks import loop
@@ -111,10 +112,7 @@ def test_a_round_starts_from_the_checkpoints_weights_and_split(
     corrected: Path, checkpoint: str, recorded: Written
 ) -> None:
     config = load_checkpoint(rounds_of(corrected)[1]["checkpoint"]).config
-    assert config["data"]["root"] == [
-        str(recorded.folder),
-        str(corrected / "round-1" / "recording"),
-    ]
+    assert config["data"]["root"] == [str(recorded.folder), f"{corrected}/round-1/recording"]
     assert config["data"]["weights"] == [1.0, 4.0]
     assert config["model"]["weights"] == checkpoint
     own = load_checkpoint(checkpoint).config
@@ -141,9 +139,7 @@ def test_the_last_epochs_weights_are_kept(corrected: Path) -> None:
         assert tensor.equal(last["state_dict"][name])
 
 
-def test_the_same_command_resumes_after_the_last_finished_round(
-    corrected: Path, checkpoint: str, tmp_path: Path
-) -> None:
+def test_a_command_resumes_after_a_round(corrected: Path, checkpoint: str, tmp_path: Path) -> None:
     folder = tmp_path / "out"
     shutil.copytree(corrected, folder)
     first = folder / "round-1" / "run" / "checkpoints" / "last.ckpt"
@@ -216,17 +212,14 @@ def overridden(recorded: Written, tmp_path: Path) -> Path:
     return folder
 
 
-def test_a_person_fills_in_the_steering_that_a_drive_lacks(
-    overridden: Path, checkpoint: str, tmp_path: Path
-) -> None:
+def test_a_person_fills_in_the_steering(overridden: Path, checkpoint: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     arguments = [checkpoint, *SHORT, LAPS, f"drive={overridden}", "before_s=1", f"out={out}"]
     with pytest.raises(InputError, match=r"labels\.csv: .*last column"):
         correct.main(arguments)
     with pytest.raises(InputError, match=r"labels\.csv: .*steering column"):
         correct.main(arguments)
-    with (out / "labels.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = list(csv.DictReader((out / "labels.csv").read_text().splitlines()))
     assert [row["override"] for row in rows] == ["1"] * 2
     assert [row["sent"] for row in rows] == ["-0.250"] * 2
     assert cv2.imread(str(out / "labels.png")) is not None
@@ -244,13 +237,9 @@ def test_a_person_fills_in_the_steering_that_a_drive_lacks(
     assert len(rounds_of(out)) == 2
 
 
-def test_a_persons_recording_gets_other_file_names(
-    recorded: Written, checkpoint: str, tmp_path: Path
-) -> None:
+def test_a_persons_recording_is_renamed(recorded: Written, checkpoint: str, tmp_path: Path) -> None:
     """Two recordings of one simulator can have the same file names."""
-    correct.main(
-        [checkpoint, *SHORT, LAPS, f"recording={recorded.folder}", f"out={tmp_path / 'out'}"]
-    )
+    correct.main([checkpoint, *SHORT, LAPS, f"recording={recorded.folder}", f"out={tmp_path}/out"])
     recording = read_recordings(str(tmp_path / "out" / "round-1" / "recording"))
     assert recording.steering.tolist() == recorded.steering.tolist()
     assert recording.time_s.tolist() == recorded.time_s.tolist()
@@ -291,12 +280,8 @@ def test_what_a_config_says_of_its_recordings_is_not_said_of_corrections() -> No
         ("recording=nowhere", "nowhere: "),
     ],
 )
-def test_a_mistake_is_one_line_before_anything_is_written(
-    option: str, text: str, checkpoint: str, tmp_path: Path
-) -> None:
-    with pytest.raises(InputError) as error:
-        correct.main([checkpoint, option, f"out={tmp_path / 'out'}"])
-    assert text in str(error.value)
+def test_a_mistake_writes_nothing(option: str, text: str, checkpoint: str, tmp_path: Path) -> None:
+    assert text in refusal(correct.main, [checkpoint, option, f"out={tmp_path / 'out'}"])
     assert not (tmp_path / "out").exists()
 
 
@@ -309,18 +294,14 @@ def test_a_network_of_another_format_cannot_be_trained_on(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("key", "value", "refused"),
     [
-        (
-            "loss",
-            {"_target_": "torch.load", "f": "x.pt", "weights_only": False},
-            "trust=torch.load",
-        ),
+        ("loss", {"_target_": "torch.load", "f": "x", "weights_only": False}, "trust=torch.load"),
         ("model.width", 1e9, "parameters"),
     ],
 )
 def test_a_strangers_config_chooses_no_code_and_no_size(
     key: str, value: object, refused: str, checkpoint: str, here: Path
 ) -> None:
-    torch.save(Bomb(here / "ran"), here / "x.pt")
+    torch.save(Bomb(here / "ran"), here / "x")
     run = Path(shutil.copytree(Path(checkpoint).parents[1], here / "run"))
     change(run, key, value)
     before = listed(here)
@@ -338,9 +319,7 @@ def test_no_track_is_driven_that_the_user_does_not_name(checkpoint: str, tmp_pat
     check_no_track_is_driven(correct, tmp_path / "run", tmp_path)
 
 
-def test_a_correction_adds_to_the_recording_in_the_trainings_folder(
-    checkpoint: str, tmp_path: Path
-) -> None:
+def test_a_correction_adds_to_the_trainings_recording(checkpoint: str, tmp_path: Path) -> None:
     loaded = load_checkpoint(checkpoint)
     log = write_tub(tmp_path / "there" / "lake", [])
     config = loaded.config | {"data": loaded.config["data"] | {"root": "lake"}}
@@ -426,9 +405,7 @@ def test_frames_around_interventions_and_far_off_are_kept() -> None:
     assert not worth_keeping(rows[:5], 3.0, 3.0, 1.0).any()
 
 
-def test_the_recording_has_the_frames_that_the_model_saw(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_frames_seen_are_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
 
     def policy(frame: np.ndarray, speed_mph: float) -> tuple[float, None]:

@@ -13,14 +13,8 @@ from zoo.extras.corrections.correct_options import CorrectOptions
 from zoo.extras.corrections.correction import open_progress, save
 
 TRACKS = ("rounds", 0, "tracks", "lake")
-FIGURES = {
-    "autonomy": [0.5, 0.1],
-    "interventions": [1.0, None],
-    "cte_mean_m": [0.3, 0.1],
-    "cte_max_m": [1.0, 0.1],
-    "drives": 2,
-    "drives_without_intervention": 1,
-}
+FIGURES = {"autonomy": [0.5, 0.1], "interventions": [1.0, None], "cte_mean_m": [0.3, 0.1]}
+FIGURES |= {"cte_max_m": [1.0, 0.1], "drives": 2, "drives_without_intervention": 1}
 
 CORRECT = ANY | {
     "text for rounds": (field("rounds", value="x"), "rounds: "),
@@ -43,9 +37,7 @@ CORRECT = ANY | {
 
 
 @pytest.mark.parametrize("name", CORRECT)
-def test_a_damaged_correction_is_named_and_not_changed(
-    name: str, tmp_path: Path, refusal: Refusal
-) -> None:
+def test_a_damaged_file_is_named_and_unchanged(name: str, tmp_path: Path, refusal: Refusal) -> None:
     checkpoint = tmp_path / "x.ckpt"
     checkpoint.write_bytes(b"weights")
     out, options = tmp_path / "out", read_options(CorrectOptions)

@@ -49,9 +49,7 @@ def donkey_replica(
         number, text = 0, ""
 
         def send(*messages: dict) -> None:
-            connection.sendall(
-                b"".join(json.dumps(message).encode() + b"\n" for message in messages)
-            )
+            connection.sendall(b"".join(json.dumps(one).encode() + b"\n" for one in messages))
 
         with connection, suppress(OSError):  # the client has left
             send({"msg_type": "scene_selection_ready"})

@@ -42,9 +42,7 @@ def change_at_20(number: int, message: dict) -> dict:
 
 
 @pytest.mark.parametrize("put_back", [True, False])
-def test_a_failing_donkeycar_simulator_leaves_a_line_and_the_drive(
-    tmp_path: Path, put_back: bool
-) -> None:
+def test_a_failing_simulator_leaves_a_line_and_the_drive(tmp_path: Path, put_back: bool) -> None:
     with donkey_replica(change_at_20) as (address, received):
         port = address.partition(":")[2].partition("/")[0]
         options = ("scene=oval", "page=0", "record=drive", f"put_back={str(put_back).lower()}")
@@ -58,5 +56,4 @@ def test_a_failing_donkeycar_simulator_leaves_a_line_and_the_drive(
 
 
 def test_two_simulators_at_once_are_refused(tmp_path: Path) -> None:
-    line = only_line(drive(tmp_path, "sim=lake"))
-    assert "sim=lake: world=donkey is driven; drop one" in line
+    assert "sim=lake: world=donkey is driven; drop one" in only_line(drive(tmp_path, "sim=lake"))

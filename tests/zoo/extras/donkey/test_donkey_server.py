@@ -79,9 +79,7 @@ def test_a_client_chooses_a_scene(notes: list[str]) -> None:
         say(session, "load_scene", scene_name="moon")
 
 
-def test_a_client_names_roads_of_the_families_and_no_files(
-    notes: list[str], tmp_path: Path
-) -> None:
+def test_a_client_names_roads_of_families_and_no_files(notes: list[str], tmp_path: Path) -> None:
     session = DonkeySession(None, 20.0, False, "none", notes.append)
     for scene in ("country:7", "alpine"):
         say(session, "load_scene", scene_name=scene)
@@ -158,9 +156,7 @@ def test_reset_puts_the_car_at_the_start(session: DonkeySession) -> None:
     assert drive(session, 1) == first
 
 
-def test_cameras_have_the_size_that_a_client_asks_for(
-    session: DonkeySession, notes: list[str]
-) -> None:
+def test_cameras_have_the_size_a_client_asks_for(session: DonkeySession, notes: list[str]) -> None:
     usual = image_of(drive(session, 1))
     camera = NO_CAMERA | {"img_w": "200", "img_h": "66", "img_enc": "PNG", "fov": "90"}
     assert say(session, "cam_config", **camera) == []
@@ -248,9 +244,7 @@ def test_a_road_is_drawn_from_a_seed(session: DonkeySession, notes: list[str]) -
 
 
 @pytest.mark.parametrize(("style", "family"), [(0, "alpine"), (1, "country"), (2, "lakeside")])
-def test_a_style_of_roads_is_the_family_of_the_manual(
-    style: int, family: str, session: DonkeySession
-) -> None:
+def test_a_style_of_roads_is_a_family(style: int, family: str, session: DonkeySession) -> None:
     for seed, number in ((7, 7), (2**31, 2**31 - 1)):
         say(session, "regen_road", road_style=str(style), rand_seed=str(seed))
         assert session.scene == f"{family}:{number}"

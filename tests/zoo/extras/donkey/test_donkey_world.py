@@ -92,9 +92,7 @@ def test_a_crossing_before_the_drive_is_no_lap(kind: str) -> None:
     ],
     ids=["leaves", "silent", "nan", "image", "size", "endless"],
 )
-def test_a_simulator_that_fails_is_named(
-    monkeypatch: pytest.MonkeyPatch, change: Change, reason: str
-) -> None:
+def test_a_failure_is_named(monkeypatch: pytest.MonkeyPatch, change: Change, reason: str) -> None:
     monkeypatch.setattr(donkey_world, "SILENT_S", 0.5)
     monkeypatch.setattr(donkey_world, "MOST_LINE", 20_000)
     with donkey_replica(change) as (address, _), pytest.raises(InputError, match=reason) as caught:

@@ -143,8 +143,7 @@ def test_a_paused_world_sends_telemetry_and_does_not_move() -> None:
 
     places, paused = [], False
     sent, _, _ = drive("udacity_gym", reply, clock="realtime")
-    names = [name for name, _ in sent if name.startswith("sim_")]
-    assert names == ["sim_paused", "sim_resumed"]
+    assert [name for name, _ in sent if name.startswith("sim_")] == ["sim_paused", "sim_resumed"]
     assert len(set(places[7:12])) == 1
     assert places[-1] != places[11]
 

@@ -20,6 +20,7 @@ from tests.contracts import test_recordings as contract
 from tests.datamodules.exchange.test_parquet_types import RAGGED
 from tests.datamodules.test_recording_sizes import notes
 from tests.recordings import Written, convert_to_recording, write_as, write_recording, write_resized
+from tests.refusals import refusal
 from tests.zoo.command_runs import run_here
 from tests.zoo.commands.test_convert import check_rows_and_size
 from tests.zoo.extras.formats.rare_recordings import described_images
@@ -131,9 +132,7 @@ def test_the_tables_are_lerobots(source: Recording, dataset: Path) -> None:
     assert np.ravel(stats["observation.images.center"]["mean"]) == pytest.approx(mean, abs=0.02)
 
 
-def test_a_long_drive_is_cut_into_episodes_and_comes_back_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_long_drives_are_cut_and_come_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("zoo.extras.formats.lerobot_export.MOST_S", 1)
     whole = read_recordings(str(write_recording(tmp_path / "one", 80, cameras=("center",)).folder))
     source = whole.keep(np.isin(np.arange(len(whole)), ROWS))
@@ -188,8 +187,7 @@ def write_foreign(folder: Path, steering: str = "steering wheel", png: bool = Fa
 
 @pytest.mark.parametrize("png", [False, True])
 def test_a_foreign_dataset_is_understood_by_its_names(png: bool, tmp_path: Path) -> None:
-    foreign = write_foreign(tmp_path / "foreign", png=png)
-    result = convert_to_recording(foreign, tmp_path / "new")
+    result = convert_to_recording(write_foreign(tmp_path / "foreign", png=png), tmp_path / "new")
     new = read_recordings(str(tmp_path / "new"))
     assert new.steering.tolist() == [float(np.float32(number / 10)) for number in range(10)]
     assert new.throttle.tolist() == [0.5] * 10
@@ -241,10 +239,9 @@ def test_what_no_name_tells_is_asked_for(tmp_path: Path) -> None:
         convert_to_recording(foreign, tmp_path / "new")
     with pytest.raises(UsageError, match="action:0, action:1"):
         convert_to_recording(foreign, tmp_path / "new", ReadOptions(steering="action:9"))
+    rear = ReadOptions(steering="action:1", camera="rear")
     with pytest.raises(UsageError, match="front_left"):
-        convert_to_recording(
-            foreign, tmp_path / "new", ReadOptions(steering="action:1", camera="rear")
-        )
+        convert_to_recording(foreign, tmp_path / "new", rear)
     named = ReadOptions(steering="action:1", camera="front_left")
     convert_to_recording(foreign, tmp_path / "new", named)
     assert read_recordings(str(tmp_path / "new")).steering[3] == np.float32(0.3)
@@ -347,9 +344,7 @@ def test_damage_is_named_in_one_line_and_nothing_is_left(
     damage: Callable[[Path], None], named: str, copy: Path, tmp_path: Path
 ) -> None:
     damage(copy)
-    with pytest.raises(InputError, match=r"^[^\n]*$") as caught:
-        convert_to_recording(copy, tmp_path / "new")
-    assert named in str(caught.value)
+    assert named in refusal(convert_to_recording, copy, tmp_path / "new")
     assert [path.name for path in tmp_path.iterdir()] == ["copy"]
 
 
@@ -433,11 +428,8 @@ def test_a_dataset_that_has_other_rows_than_it_says_is_refused(counted: Path) ->
 
     _info(counted, total_frames=10)
     sorted(counted.glob("data/chunk-000/*.parquet"))[1].unlink()
-    with pytest.raises(
-        InputError,
-        match=r"info\.json: total_frames is 10, .* 6 rows "
-        r".*episode 1 has 0 rows of 4.*on_bad_row=skip",
-    ):
+    lost = r"info\.json: total_frames is 10, .* 6 rows .*episode 1 has 0 rows of 4.*on_bad_row=skip"
+    with pytest.raises(InputError, match=lost):
         read_recordings(str(counted))
     recording = read_recordings(str(counted), on_bad_row="skip")
     assert len(recording) == 6

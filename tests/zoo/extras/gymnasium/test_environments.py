@@ -90,11 +90,9 @@ class SmallCar(gymnasium.Env):
 
 
 @pytest.fixture(autouse=True)
-def _registered(tmp_path: Path) -> Iterator[None]:
+def _registered(here: Path) -> Iterator[None]:
     gymnasium.register("SmallCar-v0", SmallCar)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(tmp_path)
-        yield
+    yield
     del gymnasium.registry["SmallCar-v0"]
 
 
@@ -135,9 +133,7 @@ def test_no_cross_track_error_leaves_the_autonomy_unmeasured() -> None:
     assert how_well(pooled) == "autonomy not measured, return 8.0"
 
 
-def test_a_report_without_a_cross_track_error_has_its_verdict_and_its_drives(
-    tmp_path: Path,
-) -> None:
+def test_a_report_without_a_cross_track_error_has_its_verdict_and_drives(tmp_path: Path) -> None:
     Path("small.yaml").write_text(MAPPED)
     options = EvaluateOptions(world="small.yaml", seeds=2, film=True, out=tmp_path / "a")
     evaluation = score_driver(as_policy(lambda frame, mph: (0.0, None)), options, Console())
@@ -243,10 +239,7 @@ def test_an_id_is_the_world_itself_and_excludes_a_track() -> None:
 
 @pytest.mark.parametrize(
     ("name", "line"),
-    [
-        ("Lak-v0", r"^track=Lak-v0: "),
-        ("os:Lake-v0", r"^track=os:Lake-v0: names a module.*parts=os"),
-    ],
+    [("Lak-v0", "^track=Lak-v0: "), ("os:Lake-v0", "^track=os:Lake-v0: names a module.*parts=os")],
 )
 def test_an_unknown_environment_is_named_and_imports_nothing(name: str, line: str) -> None:
     with pytest.raises(InputError, match=line):

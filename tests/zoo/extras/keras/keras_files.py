@@ -62,9 +62,7 @@ def model_config(layers: list[Layer], shape: tuple | None = INPUT, version: int 
     }
 
 
-def functional(
-    layers: list[Layer], version: int = 2, ends: int = 1, shape: tuple[int, ...] = INPUT
-) -> dict:
+def functional(layers: list[Layer], version: int = 2, ends: int = 1, shape: tuple = INPUT) -> dict:
     """Return the config of a functional model whose layers are not in the order of the data.
 
     Args:

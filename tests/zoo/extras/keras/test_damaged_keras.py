@@ -138,9 +138,8 @@ def test_a_damaged_hdf5_file_is_named(name: str, count: int, tmp_path: Path) -> 
         path = tmp_path / "m.zip"
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr("course/m.h5", whole)
-        damaged = mutated_zip(path.read_bytes(), {".h5": damaged}) | mutated_bytes(
-            path.read_bytes()
-        )
+        packed = path.read_bytes()
+        damaged = mutated_zip(packed, {".h5": damaged}) | mutated_bytes(packed)
     read_damaged(damaged, imported, path, count)
 
 

@@ -68,9 +68,7 @@ def commands_of(policy: CheckpointPolicy) -> np.ndarray:
         (LINEAR[:1], "linear", 0.2),
     ],
 )
-def test_a_throttle_is_bounded_in_the_file(
-    names: tuple[str, ...], activation: str, most: float, tmp_path: Path
-) -> None:
+def test_a_throttle_is_bounded(names: tuple, activation: str, most: float, tmp_path: Path) -> None:
     free = imported(tmp_path, names, donkeycar_layers(names, UNITS[names], activation))
     bounded = donkeycar_file.bounded(free, most)
     contents, kind = donkeycar_file.donkeycar_bytes(bounded)
@@ -87,9 +85,7 @@ def test_a_throttle_is_bounded_in_the_file(
 
 
 @pytest.mark.parametrize("names", TYPES)
-def test_litert_torch_writes_a_file_that_steers_the_same(
-    names: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_a_file_of_litert_torch_steers_the_same(names: tuple[str, ...], tmp_path: Path) -> None:
     pytest.importorskip("litert_torch", reason="the converter is optional")
     checkpoint = imported(tmp_path, names, donkeycar_layers(names, UNITS[names], "linear"))
     path = tmp_path / "pilot.tflite"

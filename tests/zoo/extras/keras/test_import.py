@@ -15,6 +15,7 @@ from datamodules.image import read_image
 from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from tests.recordings import Written, write_recording
+from tests.slow_members import slow
 from tests.zoo.command_runs import only_line, run_here, succeed
 from tests.zoo.extras.keras.keras_files import Layer, lambda_config, write_h5
 from tests.zoo.extras.keras.keras_networks import (
@@ -62,9 +63,7 @@ def imported(keras_file: Path, lake: Written, tmp_path_factory: pytest.TempPathF
     return cwd / "old.ckpt"
 
 
-def test_the_input_is_found_printed_and_stands_in_the_checkpoint(
-    imported: Path, lake: Written
-) -> None:
+def test_the_input_is_found_printed_and_in_the_checkpoint(imported: Path, lake: Written) -> None:
     checkpoint = load_checkpoint(imported)
     recording = read_recordings(str(lake.folder))
     assert checkpoint.view == VIEW
@@ -94,10 +93,8 @@ def test_the_checkpoint_steers_as_recorded(imported: Path, lake: Written) -> Non
         ("zoo.commands.evaluate", ["laps=0.01", "workers=1"]),
         ("zoo.commands.replay", ["RECORDING"]),
         ("zoo.commands.saliency", ["RECORDING"]),
-        pytest.param(
-            "zoo.commands.drive", ["sim=lake", "laps=0.005", "port=0"], marks=pytest.mark.slow
-        ),
-        pytest.param("zoo.commands.doctor", ["RECORDING", "port=4599"], marks=pytest.mark.slow),
+        *slow(("zoo.commands.drive", ["sim=lake", "laps=0.005", "port=0"])),
+        *slow(("zoo.commands.doctor", ["RECORDING", "port=4599"])),
     ],
 )
 def test_every_command_takes_the_checkpoint(
@@ -107,9 +104,7 @@ def test_every_command_takes_the_checkpoint(
     succeed(run_here(tmp_path, str(imported), *arguments, module=module))
 
 
-def test_a_checkpoint_of_version_0_1_drives_the_same(
-    imported: Path, lake: Written, tmp_path: Path
-) -> None:
+def test_a_network_of_0_1_drives_the_same(imported: Path, lake: Written, tmp_path: Path) -> None:
     contents, earlier = torch.load(imported, weights_only=True), tmp_path / "earlier.ckpt"
     card = contents["drivezoo"]
     assert "parts" not in card  # as in version 0.1: the extra's code is drivezoo's
@@ -146,10 +141,8 @@ def test_a_network_of_donkeycar_needs_no_key_and_drives_with_its_throttle(tmp_pa
     printed = succeed(import_file(tmp_path, "pilot.h5", "throttle_range=0.5"))
     assert "guess" not in printed
     assert "next: drivezoo replay pilot.ckpt FOLDER" in printed, "no track shows its car"
-    assert load_checkpoint(tmp_path / "pilot.ckpt").view == View(
-        (0, 0), "rgb", None, frame=(12, 16)
-    )
     policy = load_policy(tmp_path / "pilot.ckpt")
+    assert policy.view == View((0, 0), "rgb", None, frame=(12, 16))
     frames = np.random.default_rng(0).integers(0, 256, (40, 1, 1, 3), np.uint8)
     commands = [policy(np.tile(one, (160, 320, 1)), 9.0) for one in frames]
     assert {round(one.throttle / (0.5 / 20), 4) % 1 for one in commands} == {0}
@@ -169,9 +162,7 @@ def test_a_network_that_never_learned_is_not_certain(lake: Written, tmp_path: Pa
 
 
 @pytest.mark.parametrize("outputs", [1, 2])
-def test_a_line_is_applied_by_the_checkpoint_and_by_an_export(
-    outputs: int, lake: Written, tmp_path: Path
-) -> None:
+def test_a_line_is_applied_and_exported(outputs: int, lake: Written, tmp_path: Path) -> None:
     """Its output is 0..1, 0.5 straight on, by a sigmoid, which no weights before it can undo."""
     rng = np.random.default_rng(0)
     weights = rng.normal(size=(12 * 40 * 3, outputs)).astype(np.float32) / 20
@@ -194,9 +185,7 @@ def test_a_line_is_applied_by_the_checkpoint_and_by_an_export(
             assert policy(frame, 9.0).throttle == pytest.approx(throttle, abs=1e-5)
 
 
-def test_the_line_that_is_offered_makes_the_output_steering(
-    keras_file: Path, lake: Written, tmp_path: Path
-) -> None:
+def test_the_line_offered_makes_steering(keras_file: Path, lake: Written, tmp_path: Path) -> None:
     """Also after a wrong line; the command keeps the other keys."""
     shutil.copy(keras_file, tmp_path)
     with h5py.File(tmp_path / "old.h5", "r+") as file:
@@ -261,9 +250,7 @@ def test_a_wrong_key_is_refused(
     ],
     ids=["no scale", "unclear scale"],
 )
-def test_an_unclear_scale_is_asked_for_by_key(
-    before: list[Layer], lake: Written, tmp_path: Path
-) -> None:
+def test_an_unclear_scale_is_asked_for(before: list[Layer], lake: Written, tmp_path: Path) -> None:
     write_steering_h5(tmp_path / "old.h5", read_recordings(str(lake.folder)), VIEW, *before)
     assert "set 'scale=[" in only_line(import_file(tmp_path, "old.h5"))
     assert import_file(tmp_path, "old.h5", "scale=[127.5,1]").returncode == 0

@@ -228,16 +228,15 @@ def test_a_truncated_file_is_one_line(name: str, share: float, tmp_path: Path) -
 
 
 def test_links_and_other_files_are_not_read(tmp_path: Path) -> None:
-    (tmp_path / "secret").write_bytes(b"\0" * 4000)
+    secret = tmp_path / "secret"
+    secret.write_bytes(b"\0" * 4000)
     for kind in ("external", "link", "soft"):
         path = write_h5(tmp_path / f"{kind}.h5", LAYERS)
         with h5py.File(path, "a") as file:
             group = file["model_weights/dense_1/dense_1"]
             del group["bias:0"]
             if kind == "external":
-                group.create_dataset(
-                    "bias:0", (1,), "f4", external=[(str(tmp_path / "secret"), 0, 4)]
-                )
+                group.create_dataset("bias:0", (1,), "f4", external=[(str(secret), 0, 4)])
             elif kind == "link":
                 group["bias:0"] = h5py.ExternalLink(str(path), "/model_weights/dense_1")
             else:
@@ -291,9 +290,7 @@ def test_pickled_code_in_a_file_is_never_run(tmp_path: Path) -> None:
     assert not (tmp_path / "ran").exists()
 
 
-def test_without_h5py_the_error_says_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_h5py_names_its_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_keras(tmp_path / "m.keras", LAYERS)
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(InputError, match="pip install h5py"):
@@ -320,9 +317,7 @@ def test_a_file_that_the_library_reads_without_end_is_named(tmp_path: Path) -> N
         read_keras_apart(path)
 
 
-def test_reading_ends_after_the_time_for_a_files_size(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_endless_reading_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_endless(tmp_path / "endless.h5")
     monkeypatch.setattr("zoo.base.process_pool.READ_S", 0.0)
     with pytest.raises(InputError, match=r"endless\.h5: is damaged.*copy it again"):

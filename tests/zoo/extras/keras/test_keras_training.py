@@ -37,9 +37,7 @@ def keras_config(*overrides: str) -> DictConfig:
     return OmegaConf.merge(composed_config(), OmegaConf.from_dotlist([*overrides]))
 
 
-def test_a_training_starts_from_a_keras_model_and_resumes_without_it(
-    recorded: Written, tmp_path: Path
-) -> None:
+def test_a_run_starts_from_keras_and_resumes_without_it(recorded: Written, tmp_path: Path) -> None:
     source = write_h5(tmp_path / "old.h5", [SCALE, *REST])
     run = tmp_path / "run"
     start = [*USUAL, *KERAS, f"data.root={recorded.folder}", f"hydra.run.dir={run}"]

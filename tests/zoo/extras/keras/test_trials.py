@@ -84,9 +84,7 @@ def test_colour_and_crop_of_the_training_are_found(
     assert shares[-1] == 1
 
 
-def test_the_progress_counts_every_image_that_a_network_sees(
-    steering_network: Callable, frames: TrialFrames
-) -> None:
+def test_the_progress_counts_every_image(steering_network: Callable, frames: TrialFrames) -> None:
     """Also those of the last stage, on all frames, which takes longest."""
     known = KnownInput(shape=(*SIZE, 3), scale=SCALES[0])
     make, seen = steering_network(View((60, 25), "rgb", SIZE)), [0]
@@ -168,9 +166,7 @@ def test_a_crop_that_leaves_the_input_is_not_resized() -> None:
 
 
 def test_what_is_known_is_not_tried() -> None:
-    known = KnownInput(
-        shape=(66, 200, 3), colour="bgr", crop=(61, 26), resize="linear", scale=(2.0, 0.0)
-    )
+    known = replace(PILOTNET, colour="bgr", crop=(61, 26), resize="linear", scale=(2.0, 0.0))
     (only,) = combinations(known)
     assert only == Combination(View((61, 26), "bgr", (66, 200), "linear"), (2.0, 0.0))
     assert with_each_resize(only, known) == [only]

@@ -36,23 +36,21 @@ def folder(tmp_path: Path) -> Path:
     return made
 
 
-def frames_of(folder: Path) -> tuple[list[str], np.ndarray]:
-    with (folder / TEST).open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    return [row["frame_id"] for row in rows], np.array(
-        [float(row["steering_angle"]) for row in rows]
-    )
+def frames_of(path: Path) -> tuple[list[str], np.ndarray]:
+    rows = list(csv.DictReader(path.read_text().splitlines()))
+    angles = np.array([float(row["steering_angle"]) for row in rows])
+    return [row["frame_id"] for row in rows], angles
 
 
 def write_team(folder: Path, name: str, angles: np.ndarray) -> Path:
-    rows = zip(frames_of(folder)[0], angles.tolist(), strict=True)
+    rows = zip(frames_of(folder / TEST)[0], angles.tolist(), strict=True)
     text = "".join(f"{frame},{angle!r}\n" for frame, angle in rows)
     (folder / name).write_text(f"frame_id,steering_angle\n{text}")
     return folder / name
 
 
 def test_the_errors_are_those_of_the_angles_of_each_half(folder: Path, tmp_path: Path) -> None:
-    frames, angles = frames_of(folder)
+    frames, angles = frames_of(folder / TEST)
     write_team(folder, "team.csv", angles + 0.25)
     result = drivezoo.challenge(RightHalf(), folder, out=tmp_path / "out")
 
@@ -65,16 +63,15 @@ def test_the_errors_are_those_of_the_angles_of_each_half(folder: Path, tmp_path:
     wheel = -np.radians(degrees) * 14.8
     own = np.sqrt(((angles[private] - wheel) ** 2).mean())
     assert result.rmse["policy"]["private"].value == pytest.approx(own, rel=1e-3)
-    with (tmp_path / "out" / "submission.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert [row["frame_id"] for row in rows] == frames
-    assert float(rows[0]["steering_angle"]) == pytest.approx(wheel, rel=1e-3)
+    sent, steering = frames_of(tmp_path / "out" / "submission.csv")
+    assert sent == frames
+    assert steering[0] == pytest.approx(wheel, rel=1e-3)
     saved = json.loads((tmp_path / "out" / "metrics.json").read_text())["challenge"]
     assert saved["rmse_rad"]["team"]["private"]["value"] == pytest.approx(0.25)
 
 
 def test_odd_files_of_teams_are_left_out(folder: Path, tmp_path: Path) -> None:
-    write_team(folder, "policy.csv", frames_of(folder)[1])  # the network's own name
+    write_team(folder, "policy.csv", frames_of(folder / TEST)[1])  # the network's own name
     (folder / "example.csv").write_text("frame_id,steering_angle\n1,0.5\n")  # other frames
     result = drivezoo.challenge(RightHalf(), folder, out=tmp_path / "out")
     assert result.rmse["policy"]["private"].value > 0.1
@@ -95,7 +92,7 @@ def test_a_network_of_these_frames_needs_a_split(folder: Path, tmp_path: Path) -
     with pytest.raises(UsageError, match="split="):
         drivezoo.challenge(policy, folder)
 
-    frames = frames_of(folder)[0]
+    frames = frames_of(folder / TEST)[0]
     rows = [f"{one}.jpg,{'test' if one in frames[:4] else 'train'}\n" for one in frames]
     (tmp_path / "split.csv").write_text("".join(["image,part\n", *rows]))
     result = drivezoo.challenge(policy, folder, split=tmp_path / "split.csv", out=tmp_path / "out")
@@ -133,7 +130,7 @@ def test_a_car_whose_steering_range_is_unknown_is_refused(folder: Path) -> None:
     ],
 )
 def test_a_damaged_test_is_one_line(folder: Path, change: str, words: str) -> None:
-    frames, angles = frames_of(folder)
+    frames, angles = frames_of(folder / TEST)
     if change == "degrees":
         write_team(folder, "team.csv", np.degrees(angles) + 40)
     elif change == "short":

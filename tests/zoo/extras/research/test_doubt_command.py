@@ -56,8 +56,7 @@ def test_the_table_has_a_row_for_each_checkpoint(here: Path, capsys: pytest.Capt
     members = [write_constant(Path(f"{one}.ckpt"), one) for one in (0.1, 0.3)]
     members.append(write_pilotnet(Path("[red].ckpt")))
     doubt.main([*map(str, members), "table=networks.csv"])
-    with Path("networks.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = list(csv.DictReader(Path("networks.csv").read_text().splitlines()))
     assert [one["checkpoint"] for one in rows] == ["0.1.ckpt", "0.3.ckpt", "[red].ckpt"]
     assert [one["network"] for one in rows] == ["Linear", "Linear", "PilotNet"]
     assert sum(int(one["parameters"]) for one in rows) == load_policy("doubt.ckpt").parameters
@@ -79,18 +78,16 @@ def test_the_file_holds_plain_containers_and_all_that_it_needs(file: Path) -> No
 @pytest.mark.parametrize(
     ("module", "arguments"),
     [
-        ("zoo.commands.export", ["FILE"]),
-        ("zoo.extras.research.doubt", ["FILE"]),
-        ("zoo", ["model=nvidia", "model.weights=FILE", "data.root=RECORDING", "score=none"]),
+        ("zoo.commands.export", ["{file}"]),
+        ("zoo.extras.research.doubt", ["{file}"]),
+        ("zoo", ["model=nvidia", "model.weights={file}", "data.root={recording}", "score=none"]),
     ],
 )
 def test_a_command_that_needs_one_network_names_the_way(
     module: str, arguments: list[str], ensemble: Path, tmp_path: Path, recorded: object
 ) -> None:
-    places = {"FILE": str(ensemble), "RECORDING": str(recorded.folder)}
-    for name, place in places.items():
-        arguments = [one.replace(name, place) for one in arguments]
-    line = only_line(run_here(tmp_path, *arguments, module=module))
+    words = [one.format(file=ensemble, recording=recorded.folder) for one in arguments]
+    line = only_line(run_here(tmp_path, *words, module=module))
     assert f"{ensemble}: is a file of drivezoo doubt" in line
     assert "name a checkpoint that it was written from" in line
 
@@ -117,7 +114,7 @@ def test_an_earlier_file_is_replaced_and_a_checkpoint_is_kept(dropout: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("arguments", "place", "remedy"),
+    ("words", "place", "remedy"),
     [
         (["linear.ckpt"], "linear.ckpt: Linear has no dropout", "several checkpoints"),
         (["linear.ckpt", "copy.ckpt"], "copy.ckpt: is the same network", "training seeds"),
@@ -128,13 +125,11 @@ def test_an_earlier_file_is_replaced_and_a_checkpoint_is_kept(dropout: Path) -> 
         (["pilotnet.ckpt", "out=no/doubt.ckpt"], "out=no/doubt.ckpt", "name another"),
     ],
 )
-def test_wrong_input_is_one_line(
-    arguments: list[str], place: str, remedy: str, tmp_path: Path
-) -> None:
+def test_wrong_input_is_one_line(words: list[str], place: str, remedy: str, tmp_path: Path) -> None:
     write_pilotnet(tmp_path / "pilotnet.ckpt")
     shutil.copy(write_constant(tmp_path / "linear.ckpt", 0.1), tmp_path / "copy.ckpt")
     before = sorted(tmp_path.iterdir())
-    line = only_line(run_here(tmp_path, *arguments, module="zoo.extras.research.doubt"))
+    line = only_line(run_here(tmp_path, *words, module="zoo.extras.research.doubt"))
     assert place in line
     assert remedy in line
     assert sorted(tmp_path.iterdir()) == before
@@ -154,9 +149,7 @@ def test_wrong_input_is_one_line(
         (lambda one: one.update(members=["model"]), "member 1: is not a checkpoint"),
     ],
 )
-def test_a_changed_file_is_one_line(
-    spoil: Callable[[dict], None], words: str, dropout: Path
-) -> None:
+def test_a_changed_file_is_one_line(spoil: Callable, words: str, dropout: Path) -> None:
     contents = torch.load(dropout, weights_only=True)
     spoil(contents)
     torch.save(contents, dropout)

@@ -126,9 +126,7 @@ class Twice(nn.Module):
 
 @pytest.mark.parametrize("names", [("a", "a"), ("a", "b")])
 @pytest.mark.parametrize("sizes", [(30, 30), (30, 40)])
-def test_a_layer_has_masks_for_each_of_its_calls(
-    names: tuple[str, str], sizes: tuple[int, int], frame: np.ndarray
-) -> None:
+def test_a_layer_has_masks_for_each_call(names: tuple, sizes: tuple, frame: np.ndarray) -> None:
     network, inputs = Twice(names, sizes).eval(), network_inputs(VIEW(frame), None)
     sampled = SampledNetwork(network, VIEW, 9, seed=1)
     samples = sampled(*inputs)

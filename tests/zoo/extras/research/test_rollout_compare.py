@@ -36,19 +36,12 @@ def wilson(successes: int, trials: int) -> tuple[float, float]:
 
 def lerobot(path: Path, successes: list[list[int]]) -> Path:
     """Write what lerobot-eval 0.4 to 0.6 writes; a list for each task."""
-    tasks = [
-        {
-            "task_group": "suite",
-            "task_id": number,
-            "metrics": {
-                "sum_rewards": [10.0 * value for value in values],
-                "max_rewards": [float(value) for value in values],
-                "successes": [bool(value) for value in values],
-                "video_paths": [],
-            },
-        }
-        for number, values in enumerate(successes)
-    ]
+    tasks = []
+    for number, values in enumerate(successes):
+        metrics = {"sum_rewards": [10.0 * value for value in values], "video_paths": []}
+        metrics["max_rewards"] = [float(value) for value in values]
+        metrics["successes"] = [bool(value) for value in values]
+        tasks.append({"task_group": "suite", "task_id": number, "metrics": metrics})
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps({"per_task": tasks, "per_group": {}, "overall": {}}))
     return path
@@ -96,9 +89,7 @@ def test_policies_of_a_table_are_told_apart(tmp_path: Path, won: np.ndarray) -> 
 
 
 def test_lerobots_file_tells_no_seeds(tmp_path: Path, won: np.ndarray) -> None:
-    files = [
-        lerobot(tmp_path / name / "eval_info.json", list(won[n])) for n, name in enumerate("ab")
-    ]
+    files = [lerobot(tmp_path / name / "eval_info.json", [*won[n]]) for n, name in enumerate("ab")]
     result = drivezoo.compare(*(file.parent for file in files), out=tmp_path / "out.json")
     assert any(line.startswith("seeds: none in") for line in result.lines)
     pairs = drivezoo.compare(*files, same_seeds=True, out=tmp_path / "pairs.json")
@@ -160,12 +151,11 @@ def test_pairs_take_fewer_rollouts_where_seeds_matter() -> None:
 
 
 def test_no_failure_has_the_exact_bound() -> None:
-    figure = mean_score(rollouts("a", np.ones((5, 6))), THESE)
+    won = rollouts("a", np.ones((5, 6)))
+    figure = mean_score(won, THESE)
     assert figure.high == 1
     assert figure.low == pytest.approx(share_interval(30, 30)[0])
-    assert mean_score(rollouts("a", np.ones((5, 6))), NEW).low == pytest.approx(
-        share_interval(5, 5)[0]
-    )
+    assert mean_score(won, NEW).low == pytest.approx(share_interval(5, 5)[0])
 
 
 def test_several_pairs_are_corrected(won: np.ndarray) -> None:

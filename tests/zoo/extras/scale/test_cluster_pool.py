@@ -15,19 +15,16 @@ SCENARIOS = [Scenario("lake", seed, laps=0.01) for seed in range(2)]
 
 
 @pytest.fixture
-def checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.chdir(tmp_path)
-    return str(write_constant(tmp_path / "best.ckpt", 0.05))
+def checkpoint(here: Path) -> str:
+    return str(write_constant(here / "best.ckpt", 0.05))
 
 
-def assert_same(checkpoint: str, executor: str) -> None:
-    here, there = (
-        all_drives(checkpoint, SCENARIOS, executor=name) for name in ("processes", executor)
-    )
+def assert_same(path: str, executor: str) -> None:
+    here, there = (all_drives(path, SCENARIOS, executor=name) for name in ("processes", executor))
     for one, other in zip(here, there, strict=True):
         np.testing.assert_array_equal(one.cross_track_m, other.cross_track_m)
     with pytest.raises(InputError, match=r"^seed=-1: "):
-        all_drives(checkpoint, [Scenario("lake", seed=-1)], executor=executor)
+        all_drives(path, [Scenario("lake", seed=-1)], executor=executor)
 
 
 @pytest.mark.slow

@@ -208,9 +208,7 @@ def test_a_smaller_cache_than_before_deletes_shards(server: Server, tmp_path: Pa
     assert 0 < cached(cache) <= whole / 2
 
 
-def test_corrected_labels_of_the_same_shards_are_fetched(
-    shards: Path, server: Server, tmp_path: Path
-) -> None:
+def test_corrected_labels_are_fetched(shards: Path, server: Server, tmp_path: Path) -> None:
     address, cache = "s3://bucket/shards", str(tmp_path / "cache")
     before = read_recordings(address, cache=cache)
     corrected = replace(read_recordings(str(shards)), steering=before.steering / 2)
@@ -279,12 +277,9 @@ def test_the_cap_draws_from_the_same_window(shards: Path) -> None:
         assert set(window[batch]) == {number}
 
 
-def test_a_server_that_is_away_for_a_while(
-    server: Server, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_server_comes_back(server: Server, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     server.refuses = 2
-    recording = read_recordings("s3://bucket/shards", cache=str(tmp_path / "cache"))
-    assert len(recording) == ROWS
+    assert len(read_recordings("s3://bucket/shards", cache=str(tmp_path / "cache"))) == ROWS
     assert "index.json: HTTP 503; trying again" in capsys.readouterr().err
 
 

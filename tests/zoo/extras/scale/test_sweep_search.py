@@ -20,13 +20,9 @@ optuna = pytest.importorskip("optuna")
 
 RATES = optuna.distributions.FloatDistribution(1e-4, 1e-2, log=True)
 SEARCH = (
-    "hydra/sweeper=optuna",
-    "hydra.sweeper.monitor=val/mse",
-    "hydra.sweeper.storage=sqlite:///study.db",
-    "hydra.sweeper.startup_trials=0",
-    "hydra.sweeper.warmup_epochs=0",
-    "hydra.sweep.dir=s",
-    "trainer.max_epochs=2",
+    *("hydra/sweeper=optuna", "hydra.sweeper.monitor=val/mse"),
+    *("hydra.sweeper.storage=sqlite:///study.db", "hydra.sweeper.startup_trials=0"),
+    *("hydra.sweeper.warmup_epochs=0", "hydra.sweep.dir=s", "trainer.max_epochs=2"),
     "optim.lr=tag(log,interval(1e-4,1e-2))",
 )
 
@@ -39,15 +35,9 @@ def first_study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     study = optuna.create_study(
         storage=f"sqlite:///{path}", study_name="drivezoo", direction="minimize"
     )
-    for _ in range(2):
-        study.add_trial(
-            optuna.trial.create_trial(
-                params={"optim.lr": 1e-3},
-                distributions={"optim.lr": RATES},
-                value=0.0,
-                intermediate_values={0: 0.0, 1: 0.0},
-            )
-        )
+    known = {"params": {"optim.lr": 1e-3}, "distributions": {"optim.lr": RATES}}
+    losses = {"value": 0.0, "intermediate_values": {0: 0.0, 1: 0.0}}
+    study.add_trials([optuna.trial.create_trial(**known, **losses) for _ in range(2)])
     return path
 
 
@@ -77,13 +67,10 @@ def test_a_trial_that_others_beat_is_pruned(recorded: Written, study: "optuna.St
     assert "study: 3 of 3 trials, 2 complete, 1 pruned" in out
 
 
-def test_a_trial_that_a_killed_process_left_is_resumed(
-    recorded: Written, study: "optuna.Study"
-) -> None:
+def test_a_trial_of_a_killed_process_is_resumed(recorded: Written, study: "optuna.Study") -> None:
     left = study.ask({"optim.lr": RATES})
     left.set_user_attr("folder", str(Path("s").resolve()))
-    other = study.ask({"optim.lr": RATES})
-    other.set_user_attr("folder", "/another/machine")
+    study.ask({"optim.lr": RATES}).set_user_attr("folder", "/another/machine")
 
     succeed(search(recorded, "hydra.sweeper.n_trials=4", "hydra.sweeper.pruner=none"))
 
@@ -97,9 +84,7 @@ def test_a_trial_that_a_killed_process_left_is_resumed(
     assert lr == f"- optim.lr={left.params['optim.lr']}", "with its own values"
 
 
-def test_ties_of_autonomy_are_broken_and_no_error_outweighs_an_intervention(
-    tmp_path: Path,
-) -> None:
+def test_ties_of_autonomy_are_broken_and_no_error_outweighs_an_intervention(tmp_path: Path) -> None:
     """Rank drives from best to worst by `drive/score`."""
     drives = [(0, 0.1), (0, 0.4), (0, 30.0), (1, 0.0), (1, 5.0), (29, 1.0), (40, 1.0), (41, 0.5)]
     values = []
@@ -118,9 +103,7 @@ def test_ties_of_autonomy_are_broken_and_no_error_outweighs_an_intervention(
     assert _value(write_run(tmp_path / "undriven"), "drive/score") is None
 
 
-def test_a_study_of_another_figure_is_refused_and_kept(
-    recorded: Written, study: "optuna.Study"
-) -> None:
+def test_a_study_of_another_figure_is_refused(recorded: Written, study: "optuna.Study") -> None:
     study.set_user_attr("monitor", "drive/cte_mean")
     line = only_line(search(recorded, "hydra.sweeper.n_trials=3"))
     assert "study drivezoo" in line

@@ -99,9 +99,7 @@ def test_each_step_is_a_command(studio: Served, here: Path) -> None:
     assert studio.line(step="rank") == ["drivezoo leaderboard"]
 
 
-def test_an_open_editor_keeps_its_edits_and_prints_them_at_the_end(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_editor_keeps_and_prints_its_edits(here: Path, capsys: pytest.CaptureFixture) -> None:
     served = serve()
     studio = next(served)
     for name in "ab":
@@ -224,9 +222,7 @@ def test_a_person_drives_and_records(studio: Served, here: Path) -> None:
 @pytest.mark.parametrize(
     "paths", [[LENET], pytest.param([LENET, Path("broken.ckpt")], marks=pytest.mark.slow)]
 )
-def test_networks_drive_side_by_side_and_a_broken_file_says_so(
-    here: Path, paths: list[Path]
-) -> None:
+def test_networks_drive_side_by_side_and_broken_files_say_so(here: Path, paths: list[Path]) -> None:
     (here / "broken.ckpt").write_bytes(b"no checkpoint")
     scenario = {"track": "zoo_lake", "quality": "simple"}
     networks = [Watched(path.stem, str(path), scenario) for path in paths]

@@ -14,10 +14,7 @@ from tests.zoo.command_runs import command, environment
 from tests.zoo.extras.studio.key_latency import measure, press
 from tests.zoo.server.browser import CHROMIUM, Browser
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here"),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")]
 
 
 def text(selector: str) -> str:
@@ -111,13 +108,8 @@ def test_a_person_drives_records_trains_and_watches(here: Path) -> None:
             browser.wait_for(shown("#ranking"), 60)
             report("ranked")
             for width in (1280, 390):
-                browser.call(
-                    "Emulation.setDeviceMetricsOverride",
-                    width=width,
-                    height=844,
-                    deviceScaleFactor=1,
-                    mobile=False,
-                )
+                screen = {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": False}
+                browser.call("Emulation.setDeviceMetricsOverride", **screen)
                 for room in ("drive", "recordings", "train", "watch"):
                     browser.value(f"location.hash = '{room}'")
                     browser.wait_for(shown(f"#{room}"))

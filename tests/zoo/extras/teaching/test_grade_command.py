@@ -17,7 +17,7 @@ import torch
 import yaml
 
 from datamodules.recording import make_recording
-from tests.zoo.command_runs import run_here
+from tests.zoo.command_runs import only_line, run_here
 from tests.zoo.results.test_benchmark_command import write_family, write_suite
 from tests.zoo.written_checkpoints import write_constant, write_pilotnet
 from zoo.base import console_progress
@@ -157,8 +157,7 @@ def test_a_random_seed_is_kept_and_resumed(
     again = grade("class", suite=str(suite), seed="random", out="out")
     assert (here / "out" / graded.SUITE).read_text() == roads
     assert again.table() == first.table()
-    with (here / "out" / "grades.csv").open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = csv.DictReader((here / "out" / "grades.csv").read_text().splitlines())
     assert [(row["student"], row["number"], row["points"]) for row in rows] == [
         ("0123_ann", "0123", "10.0"),
         ("9lives", "", "10.0"),
@@ -456,8 +455,7 @@ def test_without_onnxruntime_nothing_is_driven(
     shutil.copytree(submitted, here / "class")
     (here / "class" / "gus.onnx").touch()
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    result = run_here(here, "class", "out=out", module="zoo.extras.teaching.grade")
-    assert result.returncode == 2
-    assert "gus.onnx: onnxruntime" in result.stderr
-    assert "pip install" in result.stderr
+    line = only_line(run_here(here, "class", "out=out", module="zoo.extras.teaching.grade"), 2)
+    assert "gus.onnx: onnxruntime" in line
+    assert "pip install" in line
     assert not (here / "out").exists()
