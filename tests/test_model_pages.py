@@ -17,6 +17,7 @@ from tests.layer_tables import (
     pages_by_network,
 )
 from zoo.base.compose import choices, compose_config
+from zoo.base.conf_files import conf_folder
 from zoo.commands.list import zoo_table
 
 PAGES = Path(__file__).parents[1] / "docs" / "models"
@@ -107,6 +108,13 @@ def named_choices() -> list[tuple[str, str]]:
 @pytest.mark.parametrize(("group", "name"), named_choices())
 def test_a_named_choice_exists(group: str, name: str) -> None:
     assert name in choices(group), f"docs/settings.md names {group}={name}"
+
+
+def test_the_recipes_with_fewer_quick_samples_are_named() -> None:
+    (line,) = [line for line in PAGE.splitlines() if line.startswith("| `quick_samples`")]
+    recipes = {path.stem: OmegaConf.load(path) for path in (conf_folder() / "experiment").glob("*.yaml")}
+    fewer = {name for name, keys in recipes.items() if keys.get("quick_samples")}
+    assert set(re.findall(r"`(\w+)`", line.partition("3,200")[2])) == fewer
 
 
 def test_the_choices_are_found_on_the_page() -> None:
