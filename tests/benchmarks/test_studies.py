@@ -79,8 +79,7 @@ def test_the_committed_pages_are_those_of_the_committed_figures(
 def test_pages_name_the_commit_of_a_study_that_is_gone() -> None:
     gone = []
     for page in (ROOT / "docs").rglob("*.md"):
-        paragraphs = page.read_text().split("\n\n")
-        for before, text in itertools.pairwise(["", *paragraphs]):
+        for before, text in itertools.pairwise(["", *page.read_text().split("\n\n")]):
             for words in re.findall(r"benchmarks/study\.py ([^`\n]*)", text):
                 if "commit" in before + text:
                     continue
@@ -129,8 +128,7 @@ def test_figures_are_measured_from_a_commit(
 
 def test_rows_of_two_versions_make_no_table(pages: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     opened = Study("claims", [])
-    rows = [CLAIM, CLEAN]
-    for row, code in zip(rows, ("aaaa", "bbbb"), strict=True):
+    for row, code in ((CLAIM, "aaaa"), (CLEAN, "bbbb")):
         monkeypatch.setattr(study, "code_fingerprint", lambda code=code: {"hash": code})
         study.add_rows(opened, [row])
     with pytest.raises(InputError, match=r"claims\.csv: .*2 versions of the code \(aaaa, bbbb\)"):
@@ -354,11 +352,8 @@ def test_the_most_clean_drives_stand_first_and_ties_share_a_rank(pages: Path) ->
     for name, clean in (("a_worst", 0.2), ("tied", 0.9), ("alike", 0.89)):
         add_entry(write_entry(pages / name, clean))
     rows = board_rows.rows_of_board()
-    assert list(dict.fromkeys((row["entry"], row["rank"]) for row in rows)) == [
-        ("tied", "1 to 2"),
-        ("alike", "1 to 2"),
-        ("a_worst", "3"),
-    ]
+    ranks = [("tied", "1 to 2"), ("alike", "1 to 2"), ("a_worst", "3")]
+    assert list(dict.fromkeys((row["entry"], row["rank"]) for row in rows)) == ranks
 
 
 def test_entries_that_no_training_or_an_expert_made_have_no_rank(pages: Path) -> None:

@@ -23,15 +23,8 @@ from tests.recordings import write_recording
 from zoo.base.errors import InputError
 
 DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-VIEWS = {
-    "rgb": (66, 200),
-    "bgr": (66, 200),
-    "yuv": (66, 200),
-    "yuv_old": (66, 200),
-    "hsv": (66, 200),
-    "gray": (32, 64),
-    "hsv_s": (11, 32),
-}
+VIEWS = dict.fromkeys(("rgb", "bgr", "yuv", "yuv_old", "hsv"), (66, 200))
+VIEWS |= {"gray": (32, 64), "hsv_s": (11, 32)}
 TRANSFORMS = {
     Brightness: {"p": 0.8},
     Shadow: {"p": 0.8, "num_shadows_limit": (1, 2)},

@@ -140,8 +140,7 @@ def _construct(group: str, name: str, folder: Path) -> None:
         _import_package_of(settings._target_)
     data = build_data(config)
     if group == "model":
-        model = OmegaConf.to_container(config.model)
-        make_network(model, data.view)
+        make_network(OmegaConf.to_container(config.model), data.view)
     elif group in ("loss", "optim", "schedule"):
         optimizers = module_of(config, data.view).configure_optimizers()
         assert optimizers["optimizer"].param_groups

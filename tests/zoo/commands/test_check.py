@@ -85,12 +85,10 @@ def test_the_next_command_turns_the_sign(
 
 def test_several_recordings(written, tmp_path):
     other = write_recording(tmp_path / "other", rows=4, cameras=("center",))
-    done = run_check(written.folder, other.folder)
-    assert [line.split(": ")[0] for line in done.stdout.splitlines()[:4]] == [
-        str(written.folder),
-        str(other.folder),
-    ] * 2
-    assert "40 images of 320 x 160" in done.stdout
+    folders = [str(written.folder), str(other.folder)]
+    printed = run_check(*folders).stdout
+    assert [line.split(": ")[0] for line in printed.splitlines()[:4]] == 2 * folders
+    assert "40 images of 320 x 160" in printed
 
 
 def test_images_elsewhere(written, tmp_path):
@@ -206,12 +204,8 @@ def test_the_next_commands_close(tmp_path):
     see, train = run_check(folder, f"images={images}").stdout.splitlines()[-2:]
     keys = [f"data.root={folder}", f"data.images={images}"]
     assert shlex.split(see.partition(": ")[2]) == ["drivezoo", "preview", *keys]
-    assert shlex.split(train.partition(": ")[2]) == [
-        "drivezoo",
-        "train",
-        "experiment=first_try",
-        *keys,
-    ]
+    training = ["drivezoo", "train", "experiment=first_try", *keys]
+    assert shlex.split(train.partition(": ")[2]) == training
 
 
 def test_the_advice_on_held_out_rows_is_no_other_command_than_the_next() -> None:

@@ -39,8 +39,7 @@ def as_wheel(folder: Path) -> Path:
         (site / name).mkdir(parents=True)
         for path in (ROOT / name).iterdir():
             (site / name / path.name).symlink_to(path)
-    included = ("conf", "zoo/conf"), ("notebooks", "zoo/notebooks")
-    for source, place in included:
+    for source, place in (("conf", "zoo/conf"), ("notebooks", "zoo/notebooks")):
         (site / place).symlink_to(ROOT / source)
     return site
 

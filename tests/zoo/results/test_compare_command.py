@@ -24,6 +24,9 @@ from zoo.results.differences import (
     seeds_needed,
 )
 
+# Autonomy of three trainings that differ by their seed alone.
+VARIED = 0.6 + np.array([[-0.2], [0.0], [0.2]]) + np.zeros(len(ROADS))
+
 
 def compare(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
     return run_here(cwd, *arguments, module="zoo.commands.compare")
@@ -86,9 +89,7 @@ def test_the_order_of_the_drives_does_not_matter(folders: tuple[Path, Path]) -> 
 
 def test_it_says_how_many_training_seeds_would_tell(tmp_path: Path) -> None:
     """Trainings differ much more than the entries."""
-    offsets = np.array([[-0.2], [0.0], [0.2]])
-    autonomy = 0.6 + offsets + np.zeros(len(ROADS))
-    shown, groups = compared(tmp_path, result(autonomy + 0.1), result(autonomy))
+    shown, groups = compared(tmp_path, result(VARIED + 0.1), result(VARIED))
     assert "verdict: cannot tell" in shown
     needed = groups["like"]["needed"]
     assert needed["reason"] == "seeds"
@@ -98,9 +99,8 @@ def test_it_says_how_many_training_seeds_would_tell(tmp_path: Path) -> None:
 
 def test_paired_trainings_leave_out_what_their_seeds_share(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
-    shared = 0.6 + np.array([[-0.2], [0.0], [0.2]]) + np.zeros(len(ROADS))
-    a = np.clip(shared + 0.05 + 0.01 * rng.normal(size=shared.shape), 0, 1)
-    shown, groups = compared(tmp_path, result(a), result(shared))
+    a = np.clip(VARIED + 0.05 + 0.01 * rng.normal(size=VARIED.shape), 0, 1)
+    shown, groups = compared(tmp_path, result(a), result(VARIED))
     assert "verdict: cannot tell" in shown
     shown = succeed(compare(tmp_path, "a", "b", "paired=true", "out=pairs.json"))
     assert "verdict: A drives better" in shown
@@ -174,11 +174,9 @@ def test_one_training_seed_says_nothing_about_other_trainings(tmp_path: Path) ->
 
 
 def test_a_baseline_needs_no_further_training_seed(tmp_path: Path) -> None:
-    offsets = np.array([[-0.2], [0.0], [0.2]])
-    network = result(0.6 + offsets + np.zeros(len(ROADS)), "network")
     expert = result(np.full((1, len(ROADS)), 0.7), "expert")
     expert["checkpoints"][0]["sha256"] = None
-    shown, _ = compared(tmp_path, network, expert)
+    shown, _ = compared(tmp_path, result(VARIED, "network"), expert)
     assert "a baseline" in shown
     assert "to estimate how many" not in shown
 

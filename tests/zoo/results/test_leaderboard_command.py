@@ -1,6 +1,7 @@
 """The ranking of runs: order, repeats by training seed, files, and runs that cannot be ranked."""
 
 import csv
+import itertools
 import json
 import re
 import shlex
@@ -399,24 +400,14 @@ def test_the_page_draws_and_picks(tmp_path: Path) -> None:
 
 def many_runs(folder: Path) -> list[Path]:
     """Write runs with names and settings too long for a narrow terminal."""
-    return [
-        write_run(
-            folder / f"2026-11-2{seed}" / f"10-00-0{seed}[/red]{model}",
-            0.9 + 0.01 * seed,
-            seed=seed,
-            overrides=(
-                f"model={model}",
-                f"augment=[brightness,shadow,{model}]",
-                f"data.offset=0.{len(model)}",
-                f"optim.lr=0.00{len(model)}",
-            ),
-            tracks=("lake", "mountain"),
-            start_seeds=3,
-            root=f"/{model}/lake",
-        )
-        for model in ("nvidia", "commaai")
-        for seed in (1, 2, 3)
-    ]
+    runs = []
+    for model, seed in itertools.product(("nvidia", "commaai"), (1, 2, 3)):
+        path = folder / f"2026-11-2{seed}" / f"10-00-0{seed}[/red]{model}"
+        keys = (f"model={model}", f"augment=[brightness,shadow,{model}]")
+        keys += (f"data.offset=0.{len(model)}", f"optim.lr=0.00{len(model)}")
+        driven = {"tracks": ("lake", "mountain"), "start_seeds": 3, "root": f"/{model}/lake"}
+        runs.append(write_run(path, 0.9 + 0.01 * seed, seed=seed, overrides=keys, **driven))
+    return runs
 
 
 def cells_of(text: str) -> list[list[str]]:

@@ -47,21 +47,12 @@ def result() -> BenchmarkResult:
     content = synthetic_results.result(np.array([[1.0, 1.0, 0.9, 0.8]]), "<i>Ada's</i> net", roads)
     content["checkpoints"][0]["file"] = "my run/best.ckpt"
     shared = {"cte_mean_m": figure(0.5), "steering_per_s": figure(0.3)}
-    content["groups"] = {
-        "like": {
-            **shared,
-            "autonomy": figure(0.9),
-            "m_per_intervention": figure(None, 400.0, None),
-            "without_intervention": figure(1.0),
-        },
-        "looks": {
-            **shared,
-            "autonomy": figure(0.65, 0.6, 0.7),
-            "m_per_intervention": figure(90.0),
-            "without_intervention": figure(0.5),
-        },
-        "all but laps": {"autonomy": figure(0.81)},
-    }
+    like = {"autonomy": figure(0.9), "without_intervention": figure(1.0)}
+    like["m_per_intervention"] = figure(None, 400.0, None)
+    looks = {"autonomy": figure(0.65, 0.6, 0.7), "without_intervention": figure(0.5)}
+    looks["m_per_intervention"] = figure(90.0)
+    content["groups"] = {"like": shared | like, "looks": shared | looks}
+    content["groups"]["all but laps"] = {"autonomy": figure(0.81)}
     return BenchmarkResult.model_validate(content)
 
 

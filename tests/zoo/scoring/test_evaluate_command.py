@@ -217,8 +217,6 @@ def test_paths_are_printed_as_they_are(checkpoint: str, tmp_path: Path) -> None:
 
 def test_a_recording_is_scored_too(checkpoint: str, tmp_path: Path) -> None:
     """Pass `replay=` and the other options on to `zoo.commands.replay`."""
-    for keys, words in (
-        (["replay=nowhere"], "nowhere"),
-        (["replay=x", "laps=2"], "laps: no such key"),
-    ):
+    refused = {"nowhere": ["replay=nowhere"], "laps: no such key": ["replay=x", "laps=2"]}
+    for words, keys in refused.items():
         assert words in only_line(evaluate(tmp_path, checkpoint, *keys))
