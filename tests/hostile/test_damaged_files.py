@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from tests.zoo.command_runs import only_line, run, run_here
+from tests.zoo.command_runs import only_line, run_here
 from tests.zoo.sweeps import write_run
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.bounded_files import MOST_JSON_BYTES, MOST_YAML_BYTES, read_json, read_yaml
@@ -178,7 +178,7 @@ def test_a_command_names_the_file_and_the_field(module: str, name: str, trained:
     damage(trained / file)
     before = sorted(trained.rglob("*"))
     argument = f"resume={trained}" if module == "zoo" else str(trained)
-    line = only_line(run(trained.parent, argument, module=module, timeout=60))
+    line = only_line(run_here(trained.parent, argument, module=module))
     assert file in line
     assert words in line
     assert sorted(trained.rglob("*")) == before
