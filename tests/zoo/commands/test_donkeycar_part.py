@@ -68,12 +68,9 @@ def test_it_sees_what_the_training_saw(colour: str, resize: str, part: ModuleTyp
     pytest.importorskip("onnxruntime")
     metadata = {"data": {}, "predicts_spread": False, "view": view.to_dict()}
     shape = ["batch", view.shape[2], *view.shape[:2]]
-    session = SimpleNamespace(
-        get_inputs=lambda: [SimpleNamespace(name="images", shape=shape)],
-        get_modelmeta=lambda: SimpleNamespace(
-            custom_metadata_map={"drivezoo": json.dumps(metadata)}
-        ),
-    )
+    given = [SimpleNamespace(name="images", shape=shape)]
+    about = SimpleNamespace(custom_metadata_map={"drivezoo": json.dumps(metadata)})
+    session = SimpleNamespace(get_inputs=lambda: given, get_modelmeta=lambda: about)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("onnxruntime.InferenceSession", lambda *_, **__: session)
         network = part.OnnxNetwork(Path("my_pilot.onnx"))

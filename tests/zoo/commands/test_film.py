@@ -81,16 +81,11 @@ def test_a_drive_shows_autonomy_and_distance_from_the_centre(
     writer = DriveWriter(folder)
     names = [f"IMG/{recorded.image(row).name}" for row in range(120)]
     # Each image twice, as the original simulator sends it; a person intervenes after 4 s.
+    figures = {"steering": 0.1, "throttle": 0.2, "speed_mph": 9.0, "spread": 0.05}
     for number in range(240):
-        row = number // 2
-        person = 120 <= number < 130
-        writer.add([
-            DriveRow(
-                time_s=number / 30, frame=names[row], steering=0.1, throttle=0.2, speed_mph=9.0,
-                cross_track_m=-0.5, driver=PERSON if person else "policy",
-                intervention=number == 120, spread=0.05,
-            )
-        ])  # fmt: skip
+        driver = PERSON if 120 <= number < 130 else "policy"
+        row = DriveRow(number / 30, frame=names[number // 2], driver=driver, **figures)
+        writer.add([replace(row, cross_track_m=-0.5, intervention=number == 120)])
     writer.close()
 
     shots = read_shots(folder)
