@@ -10,7 +10,10 @@ from tests.zoo.written_checkpoints import checkpoint_of
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy, load_policy
 from zoo.checkpoints.onnx_file import onnx_bytes
-from zoo.extras.car.car_exports import Int8OnnxFile
+from zoo.checkpoints.onnx_policy import TOLERANCE
+from zoo.commands.export import export
+from zoo.extras.car.car_exports import INT8_TOLERANCE, Int8OnnxFile
+from zoo.extras.car.donkeycar_export import ROUNDED_TOLERANCE
 from zoo.scoring.checked_export import export_checkpoint
 from zoo.scoring.parity import compare, take_frames
 
@@ -32,3 +35,11 @@ def test_a_calibration_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     out, keys = str(tmp_path / "model.onnx"), {"weights": "int8", "calibration": "nowhere"}
     with pytest.raises(InputError, match="nowhere"):
         export_checkpoint("tiny41", out, None, Console(quiet=True), **keys)
+
+
+@pytest.mark.parametrize("largest", [TOLERANCE, ROUNDED_TOLERANCE, INT8_TOLERANCE])
+def test_the_help_of_export_names_each_allowed_difference(
+    largest: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    export.main(["--help"])
+    assert f"{largest:g}" in capsys.readouterr().out
