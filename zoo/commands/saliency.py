@@ -38,8 +38,8 @@ def saliency(
     right and a line below that names it.
 
     Args:
-        ckpt: checkpoint: a .ckpt or .onnx file, a run's folder, latest, or a network that comes
-            with drivezoo, such as lenet.
+        ckpt: checkpoint: a .ckpt file, a run's folder, latest, or a network that comes with
+            drivezoo, such as lenet.
         image_or_recording: JPEG or PNG, or a recording's folder.
         read: see `ReadOptions`; not given: as in the training, if it trained on this recording.
         out: PNG file to write.

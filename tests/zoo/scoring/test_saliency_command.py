@@ -138,6 +138,11 @@ def test_a_users_image_is_not_replaced(checkpoint: str, recorded: Written, tmp_p
         saliency_command.main([checkpoint, str(recorded.image(3)), given[2]])
 
 
+def test_no_network_without_gradients_is_offered(capsys: pytest.CaptureFixture[str]) -> None:
+    saliency_command.main(["--help"])
+    assert ".onnx" not in capsys.readouterr().out
+
+
 def test_a_mistake_is_said_with_what_to_do(checkpoint: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="usage"):
         saliency_command.main([checkpoint])

@@ -26,8 +26,8 @@ def correct(ckpt: str, *overrides: str, options: CorrectOptions) -> None:
     dot, such as data.root=FOLDER or optim.lr=0.0003, change the checkpoint's config.
 
     Args:
-        ckpt: checkpoint: a .ckpt or .onnx file, a run's folder, latest, or a network that comes
-            with drivezoo, such as lenet.
+        ckpt: checkpoint: a .ckpt file, a run's folder, latest, or a network that comes with
+            drivezoo, such as lenet.
         *overrides: keys of the checkpoint's config.
         options: see `CorrectOptions`.
 

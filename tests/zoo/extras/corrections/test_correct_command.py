@@ -285,7 +285,11 @@ def test_a_mistake_writes_nothing(option: str, text: str, checkpoint: str, tmp_p
     assert not (tmp_path / "out").exists()
 
 
-def test_a_network_of_another_format_cannot_be_trained_on(tmp_path: Path) -> None:
+def test_a_network_of_another_format_cannot_be_trained_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    correct.main(["--help"])
+    assert ".onnx" not in capsys.readouterr().out
     (tmp_path / "model.onnx").write_bytes(b"any")
     with pytest.raises(InputError, match=r"model\.onnx: .*exported from"):
         correct.main([str(tmp_path / "model.onnx")])
