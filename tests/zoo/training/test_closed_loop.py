@@ -188,8 +188,7 @@ def test_on_an_open_road_every_drive_has_its_length(tmp_path: Path) -> None:
     network = make_network({"_target_": "zoo.models.linear.Linear"}, view)
     torch.nn.init.zeros_(network.head.weight)
     torch.nn.init.zeros_(network.head.bias)
-    figures = callback.drive(network, view, {})
-    assert figures["interventions"] == 0
+    assert callback.drive(network, view, {})["interventions"] == 0
     assert begun == pytest.approx([0, 10, 20], abs=1)
     callback.world.close()
 
