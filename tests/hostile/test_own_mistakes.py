@@ -16,7 +16,7 @@ import pytest
 
 from tests.hostile.conftest import Refusal
 from tests.recordings import write_recording
-from tests.zoo.command_runs import ROOT, command, environment, only_line, run, run_words
+from tests.zoo.command_runs import ROOT, command, environment, only_line, run_here, run_words
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
 from zoo.base.run_command import run_command
@@ -177,4 +177,4 @@ def test_a_track_with_an_impossible_name_is_refused(name: str) -> None:
 @pytest.mark.parametrize("value", [f"{{fog: {'9' * 5_000}}}", "[" * 5000, "[&a [1], *a]"])
 def test_the_simulator_refuses_such_an_option(value: str, tmp_path: Path) -> None:
     arguments = ("record", "out=lake", f"weather={value}")
-    only_line(run(tmp_path, *arguments, module="zoo.commands.simulator", timeout=60))
+    only_line(run_here(tmp_path, *arguments, module="zoo.commands.simulator"))
