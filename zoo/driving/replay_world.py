@@ -199,8 +199,8 @@ class ReplayWorld(World):
             try:
                 return read_image(paths[camera])
             except (OSError, ValueError) as error:
-                row = self.recording.place(self.row)
-                raise InputError(f"{row}: {paths[camera]}: {error}") from None
+                image = f"{self.recording.place(self.row)}: {paths[camera]}"
+                raise InputError(f"{image}: {error}; drivezoo edit leaves it out") from None
 
         cameras = [camera for camera, path in paths.items() if path and camera in self.rig.cameras]
         warp = self._warp(recorded("center").shape[:2])
