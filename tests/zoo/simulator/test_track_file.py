@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from tests.zoo.simulator.tracks import loop, refusal, right_of, write_track
 from zoo.base.errors import InputError
+from zoo.commands.list import description
 from zoo.simulator.centreline import STEP_M, make_centreline
 from zoo.simulator.track_content import TIGHTEST_RADIUS_M
 from zoo.simulator.track_file import make_track, read_track
@@ -36,6 +37,20 @@ def test_every_included_track_can_be_driven(path):
     assert 1 / np.abs(track.curvature).max() > TIGHTEST_RADIUS_M
     assert np.abs(track.grade).max() < (0.27 if "jungle" in track.name else 0.13)
     assert all(one.end <= track.length for one in track.stretches)
+
+
+@pytest.mark.parametrize(
+    ("name", "figures"),
+    [
+        ("udacity_jungle", "bends of {radius:.1f} m radius, grades of {down:.0f} %"),
+        ("zoo_mountain", "hairpins of {radius:.0f} to 15 m radius, climbs of {up:.0f} %"),
+    ],
+)
+def test_a_tracks_description_has_its_figures(name, figures):
+    track = read_track(name)
+    radius, grades = 1 / np.abs(track.curvature).max(), 100 * track.grade
+    words = figures.format(radius=radius, up=grades.max(), down=-grades.min())
+    assert words in description(track_folder() / f"{name}.yaml")
 
 
 def test_the_mountain_is_narrow_steep_and_winding():
