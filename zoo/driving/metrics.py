@@ -332,8 +332,8 @@ def steering_per_s(drive: Drive) -> float:
 def expert_steering_per_s(drive: Drive) -> float | None:
     """Steering change of a reference driver, by the formula of `steering_per_s`.
 
-    On a track: the expert's, on a lap at the same speed from start seed 0 in clear weather. In a
-    replay: that of the recorded driver.
+    On a track: the expert's, on a lap at the same speed from start seed 0 in clear weather, in
+    `metrics.json` alone. In a replay: that of the recorded driver.
     """
     is_known = math.isfinite(drive.expert_steering_per_s)
     return drive.expert_steering_per_s if is_known else None
@@ -440,9 +440,9 @@ the cross-track error `e[i]` in metres (from the centreline, positive is right),
 speed `v[i]` in mph, and whether an intervention begins. In the embedded world a row is 1/15 s of
 simulated time by default (`frame_rate=15`); on a socket it is one telemetry message.
 
-Every drive has these metrics in its `drive.json`. `metrics.json` has their mean and sample
-standard deviation (n - 1) over the drives of a track. Means over rows leave out rows without a
-value. A metric that is unknown, or infinite, is `null`. A *share* is shown in percent in tables.
+`drive.json` has a drive's metrics. `metrics.json` has their mean and sample standard deviation
+(n - 1) over the drives of a track. Means over rows leave out rows without a value. A metric that is
+unknown, or infinite, is `null`. A *share* is shown in percent in tables.
 """
 
 
