@@ -81,10 +81,10 @@ def test_exchanged_entries_have_the_opposite_difference(folders: tuple[Path, Pat
 
 
 def test_the_order_of_the_drives_does_not_matter(folders: tuple[Path, Path]) -> None:
-    before = compare_entries(*read_entries(*folders))
+    before = repr(compare_entries(*read_entries(*folders)))  # with NaN, which equals nothing
     content = json.loads((folders[1] / "result.json").read_text())
     change(folders[1], **summed(content | {"drives": content["drives"][::-1]}))
-    assert compare_entries(*read_entries(*folders)) == before
+    assert repr(compare_entries(*read_entries(*folders))) == before
 
 
 def test_it_says_how_many_training_seeds_would_tell(tmp_path: Path) -> None:
