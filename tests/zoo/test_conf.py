@@ -11,11 +11,13 @@ from hydra.core.plugins import Plugins
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 
+from datamodules.view import RESIZES
 from tests.slow_members import slow_but
 from tests.zoo.compositions import composed
 from tests.zoo.training.test_config_values import check
 from tests.zoo.trainings import module_of
 from zoo.base.compose import choices, compose_config, conf_folder, config_groups
+from zoo.base.conf_files import choice_files
 from zoo.base.errors import InputError, UsageError
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_path import find_checkpoint
@@ -57,6 +59,12 @@ def test_every_yaml_constructs_its_object(path: Path, tmp_path: Path) -> None:
         assert Plugins.instance()._instantiate(settings)
     else:
         _construct(group, name, tmp_path)
+
+
+@pytest.mark.parametrize("file", choice_files("model").values(), ids=lambda file: file.stem)
+def test_the_help_of_a_model_names_every_resize(file: Path) -> None:
+    (line,) = re.findall(r"^resize: .*", file.read_text(), re.M)
+    assert set(RESIZES) <= set(re.findall(r"\w+", line))
 
 
 def test_a_recipe_s_key_of_a_callback_that_is_left_out_is_one_line(tmp_path: Path) -> None:
