@@ -103,21 +103,21 @@ def fault_of_module(module: str, arguments: list[str]) -> str | None:
     room = module.partition(".")[0]
     if room not in OWN or not module.islower():  # pip, pytest; zoo.COMMAND
         return None
-    place = ROOT.joinpath(*module.split("."))
-    if not (place.with_suffix(".py").is_file() or (place / "__main__.py").is_file()):
+    path = ROOT.joinpath(*module.split("."))
+    if not (path.with_suffix(".py").is_file() or (path / "__main__.py").is_file()):
         return f"no module {module}"
     if module in ("zoo", "zoo.commands.train", "zoo.commands.preview"):
         return fault_of_config(arguments)
     subcommand = ()
     if module == "zoo.commands.simulator":
         subcommand, arguments = tuple(arguments[:1]), arguments[1:]
-    known = help_of(module, *subcommand, *(one for one in arguments if one.startswith("speed=")))
+    text = help_of(module, *subcommand, *(word for word in arguments if word.startswith("speed=")))
     for argument in arguments:
         key, equals, _ = argument.lstrip("-").partition("=")
         flag = argument.startswith("-") and argument not in ("-h", "--help")
-        if (not equals and not flag) or key.startswith("hydra") or (flag and argument in known):
+        if (not equals and not flag) or key.startswith("hydra") or (flag and argument in text):
             continue
-        if not re.search(rf"(?<!\w){re.escape(key.rpartition('.')[2])} ?[=:]", known):
+        if not re.search(rf"(?<!\w){re.escape(key.rpartition('.')[2])} ?[=:]", text):
             return f"no key {key}"
     return None
 
@@ -139,11 +139,11 @@ def fault_of_config(arguments: list[str]) -> str | None:
         elif (conf_folder() / key).is_dir():
             # A name in capitals or of the reader's own, as my_net, stands for any choice.
             names = value.strip("[]").split(",") if value not in ("[]", "null") else []
-            named = [one for one in names if not (one.isupper() or one.startswith("my_"))]
-            unknown = [one for one in named if one not in choices(key)]
+            actual = [name for name in names if not (name.isupper() or name.startswith("my_"))]
+            unknown = [name for name in actual if name not in choices(key)]
             if unknown:
                 return f"no choice {key}={unknown[0]}"
-            if names and named == names:
+            if names and actual == names:
                 groups.append(f"{key}={value if value[0] == '[' else names[0]}")
         elif key not in ("parts", "resume", "rerun", "seeds", "trust", "--config-dir"):
             keys.append(key.lstrip("+"))
@@ -171,14 +171,14 @@ def composed(groups: tuple[str, ...]) -> dict:
 def fault_of_script(script: Path, arguments: list[str]) -> str | None:
     if not script.is_file():
         return f"no file {script}"
-    known = script.read_text()
+    text = script.read_text()
     if script.name == "study.py":
         study = script.parent / "studies" / f"{arguments[0]}.yaml"
         if not study.is_file():
             return f"no study {arguments[0]}"
-        known = study.read_text() + (script.parent / "study_grid.py").read_text()
+        text = study.read_text() + (script.parent / "study_grid.py").read_text()
     keys = [word.partition("=")[0] for word in arguments if re.match(r"[a-z_]+=", word)]
-    missing = [key for key in keys if not re.search(rf"\b{key}\b", known)]
+    missing = [key for key in keys if not re.search(rf"\b{key}\b", text)]
     return f"no key {missing[0]}" if missing else None
 
 
@@ -206,7 +206,7 @@ def test_every_page_that_the_code_cites_exists() -> None:
         for page in re.findall(r"\bdocs/[\w/-]+\.md\b", path.read_text())
     }
     assert len(cited) > 5
-    assert [one for one in sorted(cited) if not (ROOT / one[0]).is_file()] == []
+    assert [citation for citation in sorted(cited) if not (ROOT / citation[0]).is_file()] == []
 
 
 def test_every_command_exists_with_its_keys() -> None:
@@ -254,8 +254,8 @@ def test_a_marked_command_runs(
 
         write_steering_h5(tmp_path / "model.h5", recording, view, SCALED)
         monkeypatch.setattr(tied_drives, "STRETCH", SHORT_STRETCH)
-    for name, place in places.items():
-        words = [re.sub(rf"\b{name}\b", str(place), word) for word in words]
+    for name, path in places.items():
+        words = [re.sub(rf"\b{name}\b", str(path), word) for word in words]
     assert words[0] == "drivezoo", "only these can be run"
     commands.succeed(commands.run_here(tmp_path, *words[2:], module=drivezoo_commands()[words[1]]))
 
@@ -285,8 +285,8 @@ def test_every_link_leads_somewhere(page: Path) -> None:
         target, _, anchor = link["target"].partition("#")
         if "://" in target:
             continue
-        place = (page.parent / target).resolve() if target else page
-        if not place.exists() or (anchor and anchor not in anchors(place)):
+        path = (page.parent / target).resolve() if target else page
+        if not path.exists() or (anchor and anchor not in anchors(path)):
             lost.append(link["target"])
     assert lost == []
 
@@ -300,9 +300,9 @@ def toctree_entries() -> Iterator[tuple[Path, str]]:
                 globs = ":glob:" in lines
                 for entry in entries:
                     name = entry.rpartition("<")[2].rstrip(">")
-                    found = sorted(page.parent.glob(f"{name}.md")) if globs else []
-                    yield from ((page, str(one.relative_to(page.parent))[:-3]) for one in found)
-                    if not found:
+                    paths = sorted(page.parent.glob(f"{name}.md")) if globs else []
+                    yield from ((page, str(path.relative_to(page.parent))[:-3]) for path in paths)
+                    if not paths:
                         yield page, name
 
 
@@ -323,8 +323,8 @@ def sidebar(site: Path) -> dict[str, str]:
         r'<div class="sidebar-tree">(.*?)\n</div>', (site / "index.html").read_text(), re.S
     )
     assert tree
-    found = re.findall(r'<a class="reference internal" href="([^"#]+)">(.*?)</a>', tree[1])
-    return {address: re.sub("<.*?>", "", text) for address, text in found}
+    links = re.findall(r'<a class="reference internal" href="([^"#]+)">(.*?)</a>', tree[1])
+    return {address: re.sub("<.*?>", "", text) for address, text in links}
 
 
 def test_the_readme_is_short() -> None:

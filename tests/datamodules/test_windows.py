@@ -49,8 +49,8 @@ def some(data: DrivingData, rank: int = 0, world: int = 1) -> BatchKey:
 
 def singles(data: DrivingData, rows: list[int], camera: int) -> BatchKey:
     """Return the key of the samples of these rows, in order."""
-    known = {pair: at for at, pair in enumerate(zip(data.samples.row, data.samples.camera))}  # noqa: B905
-    return BatchKey(0, 0, np.array([known[row, camera] for row in rows]))
+    numbers = {pair: at for at, pair in enumerate(zip(data.samples.row, data.samples.camera))}  # noqa: B905
+    return BatchKey(0, 0, np.array([numbers[row, camera] for row in rows]))
 
 
 @pytest.mark.parametrize("recover_s", [None, 2.0])
@@ -68,8 +68,8 @@ def test_a_window_is_a_row_those_before_it_and_targets_ahead(load, recover_s):
         rows = [row - 4, row - 2, row, row + 2]
         frames = plain.training_batches()[singles(plain, rows, camera)]
         assert torch.equal(batch["images"][at], frames["images"][:3])
-        known = 3 if camera else 4  # a side camera returns to the line in the step ahead
-        assert torch.equal(batch["targets"][at, :known], frames["targets"][:known])
+        steps = 3 if camera else 4  # a side camera returns to the line in the step ahead
+        assert torch.equal(batch["targets"][at, :steps], frames["targets"][:steps])
         assert batch["speed"][at] == frames["speed"][2]
 
 
@@ -124,9 +124,9 @@ def test_a_window_is_flipped_as_one(load, flip, view):
     settings = view | WINDOWS
     data, mirrored = load(flip=0.0, **settings), load(flip=flip, **settings)
     key = some(data)
-    own = key.samples + len(mirrored.samples) // 2 if flip == "both" else key.samples
+    samples = key.samples + len(mirrored.samples) // 2 if flip == "both" else key.samples
     straight = data.training_batches()[key]
-    flipped = mirrored.training_batches()[BatchKey(0, 0, own)]
+    flipped = mirrored.training_batches()[BatchKey(0, 0, samples)]
     assert torch.equal(flipped["images"], straight["images"].flip(-1))
     assert torch.equal(flipped["targets"], straight["targets"] * torch.tensor([-1.0, 1.0]))
 
@@ -206,7 +206,7 @@ def test_shards_together_are_the_batch_of_one_process(load, world):
         whole = batches[BatchKey(0, 3, samples)]
         shards = [batches[BatchKey(0, 3, samples, rank, world)] for rank in range(world)]
         for name, tensor in whole.items():
-            assert torch.equal(torch.cat([one[name] for one in shards]), tensor), name
+            assert torch.equal(torch.cat([shard[name] for shard in shards]), tensor), name
 
 
 def test_evaluation_has_the_rows_whose_past_is_in_their_part(load):
@@ -218,7 +218,7 @@ def test_evaluation_has_the_rows_whose_past_is_in_their_part(load):
         wanted = [row for row in alone.rows if {row - 4, row - 3, row - 2, row - 1} <= held]
         assert batches.rows.tolist() == wanted
         images = torch.cat([batch["images"] for batch in batches])
-        frames = dict(zip(alone.rows, torch.cat([one["images"] for one in alone]), strict=True))
+        frames = dict(zip(alone.rows, torch.cat([batch["images"] for batch in alone]), strict=True))
         for row, window in zip(batches.rows, images, strict=True):
             past = torch.stack([frames[row - 4], frames[row - 2], frames[row]])
             assert torch.equal(window, past)
@@ -233,7 +233,7 @@ def test_shards_of_the_evaluation_together_are_all_rows(load):
     shards = [batches.share(rank, world) for rank in range(world)]
     assert shards[-1][0]["images"].shape == (0, 3, 3, 33, 100)
     for name in ("images", "speed", "targets"):
-        parts = torch.cat([batch[name] for one in shards for batch in one])
+        parts = torch.cat([batch[name] for shard in shards for batch in shard])
         assert torch.equal(parts, torch.cat([batch[name] for batch in batches]))
 
 
@@ -244,7 +244,7 @@ def test_sides_need_the_side_images_of_all_frames(load):
     left, right = data.evaluation_batches("val").sides()
     missing = {row - 2, row, row + 2}
     assert left.rows.tolist() == [
-        one for one in data.evaluation_batches("val").rows if one not in missing
+        other for other in data.evaluation_batches("val").rows if other not in missing
     ]
     assert right[0]["images"].shape[1:] == (3, 3, 33, 100)
 
@@ -296,17 +296,17 @@ def test_weights_are_those_of_the_newest_rows_recording(lake, load, tmp_path):
 
 def test_loading_prints_how_many_rows_have_a_window(load, console):
     data = load(**WINDOWS)
-    line = next(one for one in console.file.getvalue().splitlines() if "windows of 3" in one)
+    line = next(text for text in console.file.getvalue().splitlines() if "windows of 3" in text)
     assert f"{len(data.evaluation_batches('val').rows)} of {len(data.split.val)} val" in line
 
 
 @pytest.mark.parametrize(
-    ("settings", "named"),
+    ("settings", "fault"),
     [
         ({"sequence": 100}, "no val row"),
         ({"sequence": 100, "stride": 5}, "no train row"),
         ({"sequence": 9, "split": "random"}, "data.block_s"),
     ],
 )
-def test_wrong_windows_are_refused_in_one_line(load, settings, named):
-    assert named in refusal(load, **settings)
+def test_wrong_windows_are_refused_in_one_line(load, settings, fault):
+    assert fault in refusal(load, **settings)

@@ -37,7 +37,7 @@ def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path
     """Train a network of the user's own for an epoch, and return the folder of file and run."""
     folder = tmp_path_factory.mktemp("outside")
     write_network(folder)
-    usual = [one for one in SMALL if not one.startswith("model=")]
+    usual = [setting for setting in SMALL if not setting.startswith("model=")]
     places = (f"data.root={recorded.folder}", "data.cache=null", "hydra.run.dir=run")
     printed = succeed(run(folder, NAMED, "model=my_net", *usual, *places, "trainer.max_epochs=1"))
     assert NAMED in printed.partition("next: ")[2], "the next command names the part"
@@ -45,9 +45,9 @@ def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 @pytest.fixture
-def place(trained: Path, tmp_path: Path) -> Path:
+def workspace(trained: Path, tmp_path: Path) -> Path:
     """Return a copy of the folder, which a test may change."""
-    return shutil.copytree(trained, tmp_path / "place")
+    return shutil.copytree(trained, tmp_path / "workspace")
 
 
 @pytest.fixture
@@ -59,26 +59,26 @@ def named_here(monkeypatch: pytest.MonkeyPatch) -> Iterator[NameFile]:
 
 
 @pytest.fixture
-def named(tmp_path: Path, named_here: NameFile) -> Path:
+def part(tmp_path: Path, named_here: NameFile) -> Path:
     """Return a file with a network, which is named in this process."""
     path = write_network(tmp_path)
     named_here(path)
     return path
 
 
-def test_the_variable_names_a_folder(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("DRIVEZOO_PARTS", str(place))  # a folder: all its files
-    succeed(run(place, "resume=run", "trainer.max_epochs=2"))
-    assert json.loads((place / "run" / "metrics.json").read_text())["epochs"] == 2
+def test_the_variable_names_a_folder(workspace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DRIVEZOO_PARTS", str(workspace))  # a folder: all its files
+    succeed(run(workspace, "resume=run", "trainer.max_epochs=2"))
+    assert json.loads((workspace / "run" / "metrics.json").read_text())["epochs"] == 2
 
 
 @pytest.mark.parametrize(
     "words", [("zoo.commands.evaluate", "run"), ("zoo", "resume=run", "trainer.max_epochs=2")]
 )
-def test_a_run_runs_no_code_that_the_user_did_not_name(words: tuple, place: Path) -> None:
-    (place / "my_net.py").write_text("raise SystemExit('it ran')\n")
+def test_a_run_runs_no_code_that_the_user_did_not_name(words: tuple, workspace: Path) -> None:
+    (workspace / "my_net.py").write_text("raise SystemExit('it ran')\n")
     module, *arguments = words
-    line = only_line(run(place, *arguments, module=module))
+    line = only_line(run(workspace, *arguments, module=module))
     assert "my_net.MyNet" in line
     assert NAMED in line
 
@@ -93,26 +93,26 @@ def test_a_checkpoint_drives_with_the_part_named(
 
 
 def test_a_changed_file_is_reported_and_used(
-    place: Path, named_here: NameFile, capsys: pytest.CaptureFixture[str]
+    workspace: Path, named_here: NameFile, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with (place / "my_net.py").open("a") as file:
+    with (workspace / "my_net.py").open("a") as file:
         file.write("# changed\n")
-    named_here(place / "my_net.py")
-    load_checkpoint(place / "run")
+    named_here(workspace / "my_net.py")
+    load_checkpoint(workspace / "run")
     (line,) = capsys.readouterr().err.splitlines()
     assert "best.ckpt: my_net.py has changed" in line
 
 
-def test_a_changed_file_that_does_not_fit_is_refused(place: Path, named_here: NameFile) -> None:
-    code = (place / "my_net.py").read_text().replace("self.head", "self.last")
-    (place / "my_net.py").write_text(code)
-    named_here(place / "my_net.py")
+def test_a_changed_file_that_does_not_fit_is_refused(workspace: Path, named_here: NameFile) -> None:
+    code = (workspace / "my_net.py").read_text().replace("self.head", "self.last")
+    (workspace / "my_net.py").write_text(code)
+    named_here(workspace / "my_net.py")
     with pytest.raises(InputError, match=r"lacks last\.weight"):
-        load_checkpoint(place / "run")
+        load_checkpoint(workspace / "run")
 
 
 @pytest.mark.parametrize(
-    ("named", "found"),
+    ("word", "fault"),
     [
         ("parts=none.py", "no such file"),
         ("parts=.my_net", "no such file"),
@@ -126,13 +126,13 @@ def test_a_changed_file_that_does_not_fit_is_refused(place: Path, named_here: Na
         ("parts=co:lon/my_net.py", "cannot be used"),
     ],
 )
-def test_a_wrong_name_is_refused(named: str, found: str, here: Path) -> None:
+def test_a_wrong_name_is_refused(word: str, fault: str, here: Path) -> None:
     (here / "my-net.py").touch()
     write_network(here / "co:lon")
     (here / "empty").mkdir()
-    with pytest.raises(InputError, match=f"^parts=.*{found}") as failed:
-        take_parts(["seed=1", named])
-    assert named.removeprefix("parts=")[:20] in str(failed.value) or len(named) > 200
+    with pytest.raises(InputError, match=f"^parts=.*{fault}") as failed:
+        take_parts(["seed=1", word])
+    assert word.removeprefix("parts=")[:20] in str(failed.value) or len(word) > 200
 
 
 def test_a_saved_sweep_may_choose_a_named_part(tmp_path: Path, named_here: NameFile) -> None:
@@ -177,7 +177,7 @@ def test_the_variable_takes_whole_paths(here: Path, monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize(
-    ("change", "found"),
+    ("change", "fault"),
     [
         (("import Tensor, nn", "import Tensor, nm"), "line 3: ImportError"),
         (("self.head((", "self.tail(("), "line 17: AttributeError"),
@@ -191,36 +191,36 @@ def test_the_variable_takes_whole_paths(here: Path, monkeypatch: pytest.MonkeyPa
         (("class MyNet(nn.Module)", "class MyNet"), "derive the class from torch.nn.Module"),
     ],
 )
-def test_a_mistake_in_the_file_is_one_line(change: tuple, found: str, named: Path) -> None:
-    named.write_text(named.read_text().replace(*change))
-    with pytest.raises(InputError, match=re.escape(found)):
+def test_a_mistake_in_the_file_is_one_line(change: tuple, fault: str, part: Path) -> None:
+    part.write_text(part.read_text().replace(*change))
+    with pytest.raises(InputError, match=re.escape(fault)):
         make_network({"_target_": "my_net.MyNet"}, VIEW)
 
 
-def test_a_file_that_is_edited_after_its_import_is_refused_until_a_reload(named: Path) -> None:
+def test_a_file_that_is_edited_after_its_import_is_refused_until_a_reload(part: Path) -> None:
     make_network({"_target_": "my_net.MyNet"}, VIEW)
-    named.write_text(named.read_text() + "# edited\n")
+    part.write_text(part.read_text() + "# edited\n")
     with pytest.raises(InputError, match=r"my_net\.py: was edited .* restart Python"):
         name_parts([])
     importlib.reload(sys.modules["my_net"])
     name_parts([])
 
 
-def test_a_metric_that_cannot_be_imported_is_never_left_out(named: Path) -> None:
-    named.write_text("import no_module\n\n\n@metric\ndef turns(): ...\n")
+def test_a_metric_that_cannot_be_imported_is_never_left_out(part: Path) -> None:
+    part.write_text("import no_module\n\n\n@metric\ndef turns(): ...\n")
     for _ in range(2):
         with pytest.raises(InputError, match=r"my_net\.py: line 1: .*no_module"):
             list(METRICS)
 
 
-def test_a_yaml_file_that_is_added_later_is_a_choice(named: Path) -> None:
-    conf = (named.parent / "conf").rename(named.parent / "later")
+def test_a_yaml_file_that_is_added_later_is_a_choice(part: Path) -> None:
+    conf = (part.parent / "conf").rename(part.parent / "later")
     assert "my_net" not in choices("model")
-    conf.rename(named.parent / "conf")
+    conf.rename(part.parent / "conf")
     assert "my_net" in choices("model")
 
 
-@pytest.mark.usefixtures("named")
+@pytest.mark.usefixtures("part")
 def test_an_error_of_a_part_in_a_command_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     network = make_network({"_target_": "my_net.MyNet"}, VIEW)
 
@@ -238,11 +238,11 @@ def test_a_commands_own_exit_status_stays() -> None:
 
 
 @pytest.mark.parametrize("module", ["zoo", "zoo.commands.export"])
-def test_a_part_without_a_network_is_named(module: str, place: Path) -> None:
-    code = (place / "my_net.py").read_text()
-    (place / "my_net.py").write_text(code.replace("class MyNet(nn.Module)", "class MyNet"))
+def test_a_part_without_a_network_is_named(module: str, workspace: Path) -> None:
+    code = (workspace / "my_net.py").read_text()
+    (workspace / "my_net.py").write_text(code.replace("class MyNet(nn.Module)", "class MyNet"))
     what = "resume=run" if module == "zoo" else "run"
-    result = run(place, NAMED, what, module=module)
+    result = run(workspace, NAMED, what, module=module)
     assert result.returncode == 1
     assert "Traceback" not in result.stderr
     assert "my_net.py defines no such network" in result.stderr
@@ -255,7 +255,7 @@ def test_a_file_named_as_another_module_is_refused(tmp_path: Path, named_here: N
         make_network({"_target_": "wave.MyNet"}, VIEW)
 
 
-@pytest.mark.usefixtures("named")
+@pytest.mark.usefixtures("part")
 def test_a_class_that_the_file_only_imports_is_refused() -> None:
     for name in ("my_net.Tensor", "my_net.nn.Linear", "my_net.nn"):
         with pytest.raises(InputError, match=r"my_net"):

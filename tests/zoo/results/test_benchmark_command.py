@@ -73,10 +73,10 @@ def verify(result: Path, suite: Path, drives: int = 0) -> None:
 
 def changed(entry: Path, folder: Path, change: Callable[[dict], object]) -> Path:
     """Write a copy of a result with a change, and return its path."""
-    found = json.loads((entry / NAME).read_text())
-    change(found)
+    result = json.loads((entry / NAME).read_text())
+    change(result)
     path = folder / NAME
-    path.write_text(json.dumps(found))
+    path.write_text(json.dumps(result))
     return path
 
 
@@ -84,10 +84,10 @@ def test_a_result_names_what_was_driven(entry: Path, checkpoint: Path) -> None:
     result = read_result(entry)
     assert (result.version, result.suite, result.entry) == (1, "tiny", "linear")
     assert re.fullmatch("[0-9a-f]{16}", result.roads)
-    assert [one.training_seed for one in result.checkpoints] == [7, 8]
+    assert [network.training_seed for network in result.checkpoints] == [7, 8]
     assert result.checkpoints[0].file == str(checkpoint)
     assert result.checkpoints[0].data == "0" * 16
-    driven = [(one.checkpoint, one.group, one.settings) for one in result.drives]
+    driven = [(record.checkpoint, record.group, record.settings) for record in result.drives]
     fog = {"weather": {"fog": 0.4}}
     assert driven == [(0, "like", {}), (0, "looks", fog), (1, "like", {}), (1, "looks", fog)]
     figures = result.drives[0].figures
@@ -112,13 +112,13 @@ def test_a_terminal_of_60_columns_shows_the_main_figures(entry: Path, console: C
 @pytest.fixture
 def interrupted(suite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the folder of a benchmark that was stopped in its second drive."""
-    left = iter([drive_figures])
+    functions = iter([drive_figures])
 
     def drive_once(*arguments: object) -> object:
-        one = next(left, None)
-        if one is None:
+        function = next(functions, None)
+        if function is None:
             raise KeyboardInterrupt
-        return one(*arguments)
+        return function(*arguments)
 
     out = tmp_path / "out"
     with monkeypatch.context() as patched:
@@ -131,24 +131,24 @@ def interrupted(suite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 def test_an_interrupted_benchmark_resumes_and_has_the_same_digest(
     interrupted: Path, suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    kept = interrupted / UNFINISHED
-    kept.write_text(kept.read_text() + '{"job": 1, "dri')  # as a killed process leaves it
+    path = interrupted / UNFINISHED
+    path.write_text(path.read_text() + '{"job": 1, "dri')  # as a killed process leaves it
     resumed = read_result(drive(["zero"], suite, interrupted))
     assert "1 finished drive" in capsys.readouterr().out
     assert resumed == read_result(drive(["zero"], suite, tmp_path / "whole"))
-    assert not kept.exists()
+    assert not path.exists()
 
 
 @pytest.mark.parametrize("small_disk", ["64k"], indirect=True)
 def test_a_full_disk_keeps_the_drives(interrupted: Path, suite: Path, small_disk: Path) -> None:
     out = small_disk / "out"
     shutil.copytree(interrupted, out)
-    kept = (out / UNFINISHED).read_bytes()
+    content = (out / UNFINISHED).read_bytes()
     free = shutil.disk_usage(small_disk).free
     (small_disk / "full").write_bytes(bytes(free))
     with pytest.raises(InputError, match=f"{UNFINISHED}: No space left"):
         drive(["zero"], suite, out)
-    assert (out / UNFINISHED).read_bytes() == kept
+    assert (out / UNFINISHED).read_bytes() == content
 
 
 def test_drives_of_another_driver_are_not_resumed(interrupted: Path, suite: Path) -> None:
@@ -158,8 +158,8 @@ def test_drives_of_another_driver_are_not_resumed(interrupted: Path, suite: Path
 
 @pytest.mark.parametrize("line", ["{", "[]", '{"job": 0}', '{"job": "0", "drive": {}}'])
 def test_damaged_drives_are_not_resumed(interrupted: Path, suite: Path, line: str) -> None:
-    kept = interrupted / UNFINISHED
-    kept.write_text(kept.read_text() + line + "\n")
+    path = interrupted / UNFINISHED
+    path.write_text(path.read_text() + line + "\n")
     with pytest.raises(InputError, match=f"{UNFINISHED}.*"):
         drive(["zero"], suite, interrupted)
 
@@ -240,10 +240,10 @@ def test_verify_refuses_a_changed_result(
 
 
 def test_figures_of_an_older_analysis_are_computed_again(entry: Path, tmp_path: Path) -> None:
-    def age(found: dict) -> None:
-        del found["analysis"]
-        found |= {"headline": {"value": 1.0, "low": 1.0, "high": 1.0}}
-        found["groups"]["like"]["autonomy"]["low"] = 1.0
+    def age(result: dict) -> None:
+        del result["analysis"]
+        result |= {"headline": {"value": 1.0, "low": 1.0, "high": 1.0}}
+        result["groups"]["like"]["autonomy"]["low"] = 1.0
 
     assert read_result(changed(entry, tmp_path, age)).groups == read_result(entry).groups
 
@@ -251,16 +251,16 @@ def test_figures_of_an_older_analysis_are_computed_again(entry: Path, tmp_path: 
 def test_a_checkpoint_is_found_in_the_results_folder(
     entry: Path, suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    files = [Path(one.file) for one in read_result(entry).checkpoints]
-    hashes = [one.sha256 for one in read_result(entry).checkpoints]
+    files = [Path(network.file) for network in read_result(entry).checkpoints]
+    hashes = [network.sha256 for network in read_result(entry).checkpoints]
     shutil.copy(files[0], tmp_path / "best.ckpt")
     shutil.copy(files[1], tmp_path / f"{hashes[1][:16]}.ckpt")
     os.mkfifo(tmp_path / "another.ckpt")  # is not opened
     (tmp_path / "endless.onnx").symlink_to("/dev/zero")
 
-    def move(found: dict) -> None:
-        found["checkpoints"][0]["file"] = "/another machine/checkpoints/best.ckpt"
-        found["checkpoints"][1]["file"] = r"C:\another machine\checkpoints\best.ckpt"
+    def move(content: dict) -> None:
+        content["checkpoints"][0]["file"] = "/another machine/checkpoints/best.ckpt"
+        content["checkpoints"][1]["file"] = r"C:\another machine\checkpoints\best.ckpt"
 
     changed(entry, tmp_path, move)
     verify(tmp_path, suite, drives=1)
@@ -275,22 +275,22 @@ def test_the_baselines_have_their_order(tmp_path: Path) -> None:
         "dynamics": [{"track": "country:613", "speed": 25}],
     }
     suite = write_suite(tmp_path, groups=groups)
-    found = {
+    results = {
         name: read_result(drive([name], suite, tmp_path / name))
         for name in ("zero", "mean", "expert", "expert_late")
     }
     for name in ("zero", "mean"):
-        assert overall(found[name])["autonomy"].value < 0.5
-        assert not any(one.figures["interventions"] == 0 for one in found[name].drives)
-    assert all(one.figures["interventions"] == 0 for one in found["expert"].drives)
-    autonomy = overall(found["expert"])["autonomy"]
+        assert overall(results[name])["autonomy"].value < 0.5
+        assert not any(record.figures["interventions"] == 0 for record in results[name].drives)
+    assert all(record.figures["interventions"] == 0 for record in results["expert"].drives)
+    autonomy = overall(results["expert"])["autonomy"]
     assert autonomy.value == 1
     assert autonomy.low < 1  # no failure in four drives is no certainty
-    for good, late in zip(found["expert"].drives, found["expert_late"].drives, strict=True):
+    for good, late in zip(results["expert"].drives, results["expert_late"].drives, strict=True):
         assert late.figures["autonomy"] <= good.figures["autonomy"]
         assert late.figures["steering_per_s"] > good.figures["steering_per_s"]
     (good,), (late,) = (
-        drives_of(found[one].drives, "dynamics") for one in ("expert", "expert_late")
+        drives_of(results[name].drives, "dynamics") for name in ("expert", "expert_late")
     )
     assert late.figures["cte_mean_m"] > 2 * good.figures["cte_mean_m"]
 
@@ -308,7 +308,7 @@ def test_a_missed_mark_fails_after_all_files_are_written(tmp_path: Path) -> None
     suite = write_suite(tmp_path, marks={"like": {"autonomy": 0.9}})
     with pytest.raises(InputError, match="marks not reached"):
         drive(["mean"], suite, tmp_path / "mean")
-    names = {one.name for one in (tmp_path / "mean").iterdir() if one.name[0] != "."}
+    names = {path.name for path in (tmp_path / "mean").iterdir() if path.name[0] != "."}
     assert names == {NAME, PAGE, "marks.json", "marks.html", "failures"}
     assert "data:image/jpeg" in (tmp_path / "mean" / "marks.html").read_text()
     drive(["expert"], suite, tmp_path / "expert")
@@ -378,5 +378,5 @@ def test_the_dev_roads_are_a_suite_of_their_own(tmp_path: Path) -> None:
     suite = write_suite(tmp_path, dev=["lakeside:301"])
     result = read_result(drive(["zero"], suite, tmp_path / "out", "split=dev"))
     assert result.suite == "tiny-dev"
-    assert [(one.group, one.track) for one in result.drives] == [("dev", "lakeside:301")]
+    assert [(record.group, record.track) for record in result.drives] == [("dev", "lakeside:301")]
     verify(tmp_path / "out", suite)

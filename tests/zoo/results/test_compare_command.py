@@ -116,7 +116,7 @@ def test_paired_trainings_leave_out_what_their_seeds_share(tmp_path: Path) -> No
 def reseed(folder: Path, *seeds: int | None) -> None:
     checkpoints = json.loads((folder / "result.json").read_text())["checkpoints"]
     pairs = zip(checkpoints, seeds, strict=True)
-    change(folder, checkpoints=[one | {"training_seed": seed} for one, seed in pairs])
+    change(folder, checkpoints=[network | {"training_seed": seed} for network, seed in pairs])
 
 
 def test_pairs_are_of_the_seeds_that_both_have(tmp_path: Path) -> None:
@@ -183,12 +183,12 @@ def test_a_baseline_needs_no_further_training_seed(tmp_path: Path) -> None:
 
 def of_drives(change: Callable[[list[dict]], list[dict]]) -> Callable[[dict], dict]:
     """Return a change of a result's drives alone."""
-    return lambda found: found | {"drives": change(found["drives"])}
+    return lambda content: content | {"drives": change(content["drives"])}
 
 
-def without_a_road(found: dict) -> dict:
-    kept = [one for one in found["drives"] if one["track"] != "alpine:703"]
-    return summed(found | {"drives": kept})
+def without_a_road(content: dict) -> dict:
+    drives = [drive for drive in content["drives"] if drive["track"] != "alpine:703"]
+    return summed(content | {"drives": drives})
 
 
 AGAIN = "run the benchmark again"
@@ -197,13 +197,13 @@ AGAIN = "run the benchmark again"
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        (lambda found: found | {"suite": "v9"}, ("suite", "v9", "own")),
-        (lambda found: found | {"roads": "fedcba9876543210"}, ("roads", "fedcba9876543210")),
+        (lambda content: content | {"suite": "v9"}, ("suite", "v9", "own")),
+        (lambda content: content | {"roads": "fedcba9876543210"}, ("roads", "fedcba9876543210")),
         (of_drives(lambda _: []), ("drives", AGAIN)),
         (of_drives(lambda drives: drives[1:]), ("lakeside:501", "it once", AGAIN)),
         (of_drives(lambda drives: drives[:1] * (MOST["drives"] + 1)), ("5,001 drives",)),
         (
-            of_drives(lambda drives: [one for one in drives if one["group"] != "like"]),
+            of_drives(lambda drives: [drive for drive in drives if drive["group"] != "like"]),
             ("drive of lakeside:501 with", "group like"),
         ),
         (without_a_road, ("alpine:703", "which", AGAIN)),
@@ -264,44 +264,44 @@ def drawn(
     rng: np.random.Generator, difference: float, seeds: int, by_seed: float, roads: int = 20
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the figures of A and B; A's mean is greater by `difference`, the roads vary it."""
-    shared, own = rng.normal(size=roads), 0.2 * rng.normal(size=roads)
+    shared, of_roads = rng.normal(size=roads), 0.2 * rng.normal(size=roads)
     a, b = (
         by_seed * rng.normal(size=(seeds, 1)) + shared + 0.3 * rng.normal(size=(seeds, roads))
         for _ in range(2)
     )
-    return a + own + difference, b
+    return a + of_roads + difference, b
 
 
 def verdicts(difference: float, seeds: int, by_seed: float, repetitions: int = 300) -> list[str]:
     rng = np.random.default_rng(3)
-    found = []
+    answers = []
     for _ in range(repetitions):
         a, b = drawn(rng, difference, seeds, by_seed)
         differences = a[:, None] - b[None]
         told = p_value(differences, range(a.shape[1]), [""] * a.shape[1]) < 0.05
         better = A_BETTER if differences.mean() > 0 else B_BETTER
-        found.append(better if told else CANNOT_TELL)
-    return found
+        answers.append(better if told else CANNOT_TELL)
+    return answers
 
 
 @pytest.mark.parametrize("by_seed", [0.0, 0.5])
 @pytest.mark.parametrize("seeds", [3, 6])
 def test_equal_entries_are_seldom_told_apart(seeds: int, by_seed: float) -> None:
-    found = verdicts(0.0, seeds, by_seed)
+    answers = verdicts(0.0, seeds, by_seed)
 
-    assert found.count(CANNOT_TELL) / len(found) > 0.92
+    assert answers.count(CANNOT_TELL) / len(answers) > 0.92
 
 
 def test_the_seeds_needed_decide_in_80_of_100_cases() -> None:
     # Five training seeds and 20 roads with exactly the variances of `drawn`.
-    of_seeds, own = np.array([-1, -1, 0, 1, 1]), np.linspace(-1, 1, 20)
+    of_seeds, of_roads = np.array([-1, -1, 0, 1, 1]), np.linspace(-1, 1, 20)
     of_seeds = of_seeds * np.sqrt(0.5**2 + 0.3**2 / 20)
     b = np.tile(of_seeds[:, None], 20)
-    needed = seeds_needed(b + 0.2 * own / own.std(ddof=1) + 0.5, b)
+    needed = seeds_needed(b + 0.2 * of_roads / of_roads.std(ddof=1) + 0.5, b)
     assert needed.reason == "seeds"
 
-    found = verdicts(0.5, needed.seeds, 0.5)
-    assert 0.7 < found.count(A_BETTER) / len(found) < 0.9
+    answers = verdicts(0.5, needed.seeds, 0.5)
+    assert 0.7 < answers.count(A_BETTER) / len(answers) < 0.9
 
 
 def test_a_difference_that_roads_hide_needs_more_roads() -> None:
@@ -321,19 +321,19 @@ def test_no_number_is_given_for_a_tiny_difference() -> None:
 def test_the_probability_is_that_of_mann_and_whitney(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     a, b = (rng.integers(5, size=(seeds, len(ROADS))) / 4 for seeds in (6, 7))  # with equal values
-    entries = [write(tmp_path / name, result(one)) for name, one in (("a", a), ("b", b))]
+    entries = [write(tmp_path / name, result(values)) for name, values in (("a", a), ("b", b))]
     roads = [road for road, (group, *_) in enumerate(ROADS) if group == "sharp"]
     shares = [stats.mannwhitneyu(a[:, road], b[:, road]).statistic / (6 * 7) for road in roads]
 
-    found = compare_entries(*read_entries(*entries))["sharp"]
+    comparison = compare_entries(*read_entries(*entries))["sharp"]
 
-    assert found.a_better.value == pytest.approx(np.mean(shares))
+    assert comparison.a_better.value == pytest.approx(np.mean(shares))
 
 
 def test_the_p_values_of_groups_are_corrected_for_their_number(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     drawn = [figures(rng, mean, 3, 0.01, np.zeros(len(ROADS))) for mean in (0.6, 0.62)]
-    a, b = read_entries(*(write(tmp_path / f"{one.mean()}", result(one)) for one in drawn))
+    a, b = read_entries(*(write(tmp_path / f"{values.mean()}", result(values)) for values in drawn))
     together = compare_entries(a, b)
     roads = [road for road in a.drives if road.group == "sharp"]
 
@@ -344,7 +344,7 @@ def test_the_p_values_of_groups_are_corrected_for_their_number(tmp_path: Path) -
 def test_one_training_is_never_better(tmp_path: Path) -> None:
     first = write(tmp_path / "a", result(np.ones((1, len(ROADS)))))
     second = write(tmp_path / "b", result(np.zeros((3, len(ROADS)))))
-    found = compare_entries(*read_entries(first, second))["all but laps"]
+    comparison = compare_entries(*read_entries(first, second))["all but laps"]
 
-    assert found.p < 0.05
-    assert found.verdict == CANNOT_TELL
+    assert comparison.p < 0.05
+    assert comparison.verdict == CANNOT_TELL

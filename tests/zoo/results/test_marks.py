@@ -58,7 +58,7 @@ def result() -> BenchmarkResult:
 
 def test_a_figure_at_its_mark_passes_and_one_below_does_not(result: BenchmarkResult) -> None:
     reached = reached_marks(result, marks_of(MARKS))
-    assert [(one.group, one.figure) for one in reached if not one.passed] == [("looks", "autonomy")]
+    assert [(row.group, row.figure) for row in reached if not row.passed] == [("looks", "autonomy")]
     assert len(reached) == 6
     line = missed_line(reached)
     assert "1 of 6" in line
@@ -105,7 +105,7 @@ def test_a_lower_error_passes_an_unknown_figure_not(
 
 
 @pytest.mark.parametrize(
-    ("marks", "named"),
+    ("marks", "fault"),
     [
         ([], "marks: should be keys and values"),
         ({}, "marks: "),
@@ -116,9 +116,9 @@ def test_a_lower_error_passes_an_unknown_figure_not(
         ({"headline": {"autonomy": 0.8}}, "marks.headline: "),
     ],
 )
-def test_wrong_marks_get_one_line(marks: object, named: str, tmp_path: Path) -> None:
+def test_wrong_marks_get_one_line(marks: object, fault: str, tmp_path: Path) -> None:
     path = write_suite(tmp_path, marks=marks)
-    assert re.search(f"{re.escape(str(path))}: {named}", refusal(read_suite, str(path)))
+    assert re.search(f"{re.escape(str(path))}: {fault}", refusal(read_suite, str(path)))
 
 
 def test_the_suite_of_a_course_has_roads_of_its_own_and_marks_for_its_groups() -> None:
@@ -135,8 +135,8 @@ def test_the_suite_of_a_course_has_roads_of_its_own_and_marks_for_its_groups() -
 def tracks_in(content: object) -> set[str]:
     """Return all values of the key `track` in a file."""
     if isinstance(content, dict):
-        own = {content["track"]} if "track" in content else set()
-        return own.union(*map(tracks_in, content.values()))
+        tracks = {content["track"]} if "track" in content else set()
+        return tracks.union(*map(tracks_in, content.values()))
     return set().union(*map(tracks_in, content)) if isinstance(content, list) else set()
 
 
@@ -147,15 +147,15 @@ def test_an_autograder_and_a_student_get_files(result: BenchmarkResult, tmp_path
     ]
     groups = {
         "like": [],
-        "looks": [{"track": one.track} | one.settings for one in result.drives[2:]],
+        "looks": [{"track": record.track} | record.settings for record in result.drives[2:]],
     }
     path = str(write_suite(tmp_path, speed=28, groups=groups))
     graded, page = write_marks(tmp_path, result, reached, read_suite(path), path)
-    found = json.loads(graded.read_text())
-    assert not found["passed"]
-    assert found["marks_passed"] == 5
+    content = json.loads(graded.read_text())
+    assert not content["passed"]
+    assert content["marks_passed"] == 5
     mark = {"group": "like", "figure": "autonomy", "value": 0.9}
-    assert found["marks"][0] == mark | {"reached": 0.9, "passed": True, "status": "passed"}
+    assert content["marks"][0] == mark | {"reached": 0.9, "passed": True, "status": "passed"}
     text = page.read_text()
     assert "5 of 6 marks reached" in text
     assert "<i>" not in text  # the entry's name is escaped
@@ -188,32 +188,32 @@ DIGESTS = {  # of the drawn roads, and of the names and settings of the drives
 @pytest.mark.parametrize("name", DIGESTS)
 def test_a_suite_is_frozen(name: str) -> None:
     suite = read_suite(name)
-    keys = hashlib.sha256(repr([tuple(one.key) for one in suite.drives]).encode()).hexdigest()[:16]
+    keys = hashlib.sha256(repr([tuple(row.key) for row in suite.drives]).encode()).hexdigest()[:16]
     assert (suite.roads, keys) == DIGESTS[name]
 
 
 def test_v1_pairs_each_shifted_drive_with_a_clean_one() -> None:
     suite = read_suite("v1")
-    counts = Counter(one.group for one in suite.drives)
+    counts = Counter(drive.group for drive in suite.drives)
     assert counts == {"like": 22, "sharp": 8, "looks": 8, "dynamics": 8, "laps": 2}
-    clean = {one.track for one in suite.drives if one.group == "like"}
-    assert {one.track for one in suite.drives if one.settings} <= clean
-    assert len({one.key for one in suite.drives}) == len(suite.drives)
+    clean = {drive.track for drive in suite.drives if drive.group == "like"}
+    assert {drive.track for drive in suite.drives if drive.settings} <= clean
+    assert len({drive.key for drive in suite.drives}) == len(suite.drives)
 
 
 def test_quick_is_a_part_of_v1() -> None:
-    keys = {one.key for one in read_suite("v1").drives}
+    keys = {drive.key for drive in read_suite("v1").drives}
     quick = read_suite("quick")
     assert quick.name == "v1-quick"
-    assert {one.key for one in quick.drives} < keys
+    assert {drive.key for drive in quick.drives} < keys
 
 
 @pytest.mark.parametrize(
-    ("name", "found"),
+    ("name", "expected"),
     [("v1", ("v1", "test")), ("v1-dev", ("v1", "dev")), ("v1-quick", ("quick", "test"))],
 )
-def test_a_results_suite_is_found_by_its_name(name: str, found: tuple[str, str]) -> None:
-    assert find_suite(name, "v1") == found
+def test_a_results_suite_is_found_by_its_name(name: str, expected: tuple[str, str]) -> None:
+    assert find_suite(name, "v1") == expected
 
 
 def test_a_suite_of_too_many_drives_is_refused_before_its_roads_are_drawn(tmp_path: Path) -> None:

@@ -62,15 +62,15 @@ def test_each_track_has_its_own_verdict_and_the_worst_comes_first() -> None:
 
 def test_clean_laps_of_the_track_that_chose_the_checkpoint_are_named_as_such() -> None:
     choice = {"drives": [{"file": "best.ckpt"}]}
-    known = evidence({"score": {"track": "zoo_lake,mountain"}}, choice=choice)
-    verdict = judge([drive(), drive(0, "mountain")], known)
+    facts = evidence({"score": {"track": "zoo_lake,mountain"}}, choice=choice)
+    verdict = judge([drive(), drive(0, "mountain")], facts)
     assert verdict.headline == (
         "It drove 2 of 2 laps of zoo_mountain and zoo_lake, the track that it was chosen on."
     )
     record = {"out": "expert", "passes": [{"track": "mountain"}]}
     for root, words in ((None, ", the track that it was trained on"), ("own", "")):
-        own = evidence({"data": {"root": root, "record": record}})
-        headline = judge([drive(0, "mountain")], own).headline
+        facts = evidence({"data": {"root": root, "record": record}})
+        headline = judge([drive(0, "mountain")], facts).headline
         assert headline == f"It drove 1 of 1 laps of zoo_mountain{words}."
 
 
@@ -87,8 +87,8 @@ def test_it_drives_only_after_16_of_16_clean_roads(roads: int, lost: int, begin:
     drives = [drive(0 if road else lost, f"lakeside:{road}") for road in range(roads)]
     assert judge(drives, evidence()).headline.startswith(begin)
     # The track that chose the checkpoint does not count.
-    own = evidence({"score": {"track": "lakeside:1"}}, choice={"drives": [{}]})
-    assert "It drives" not in judge(drives, own).headline
+    facts = evidence({"score": {"track": "lakeside:1"}}, choice={"drives": [{}]})
+    assert "It drives" not in judge(drives, facts).headline
 
 
 def test_a_line_of_a_track_has_each_comma_once() -> None:
@@ -102,8 +102,8 @@ def test_an_autonomy_that_is_not_measured_is_not_printed_as_0() -> None:
 
 
 def test_a_network_of_another_car_gets_no_verdict_by_driving() -> None:
-    known = replace(evidence({"data": {"root": "my laps"}}, ("quick=true",)), source="donkeycar")
-    verdict = judge([drive(20)], known)
+    facts = replace(evidence({"data": {"root": "my laps"}}, ("quick=true",)), source="donkeycar")
+    verdict = judge([drive(20)], facts)
     assert (verdict.level, verdict.causes) == ("unknown", ())
     assert "donkeycar" in verdict.certainty
     assert [words[:2] for words in words_of(verdict)] == [["drivezoo", "replay"]]
@@ -120,8 +120,8 @@ def test_a_network_of_another_car_gets_no_verdict_by_driving() -> None:
     ],
 )
 def test_the_next_command_for_another_car_is_complete(facts: dict, words: str) -> None:
-    known = evidence({"data": {"root": "tub"}}, data=facts)
-    verdict = judge([], replace(known, source="donkeycar", has_rig=has_rig(facts)))
+    tub = evidence({"data": {"root": "tub"}}, data=facts)
+    verdict = judge([], replace(tub, source="donkeycar", has_rig=has_rig(facts)))
     assert verdict.commands[0][1] == f"drivezoo {words}"
 
 
@@ -133,28 +133,28 @@ def test_a_replay_is_judged_by_its_seconds(interventions: int, driven_s: float, 
     autonomy = max(0.0, 1 - 6 * interventions / driven_s)
     replay = {"track": "replay of tub", "autonomy": autonomy, "interventions": interventions}
     replay |= {"laps": None, "driven_s": driven_s}
-    known = evidence({"data": {"root": "my laps"}, "quick": True}, side_response={"test": 0.01})
-    known = replace(known, source="donkeycar")
-    verdict = judge([replay], known, replayed="replay of 3 stretches")
+    facts = evidence({"data": {"root": "my laps"}, "quick": True}, side_response={"test": 0.01})
+    facts = replace(facts, source="donkeycar")
+    verdict = judge([replay], facts, replayed="replay of 3 stretches")
     assert verdict.level == level
     assert "replay of 3 stretches" in verdict.certainty
     assert f"{driven_s:.0f} s" in verdict.tracks[0]
     assert "side cameras" not in " ".join(verdict.causes)
-    assert words_of(verdict)[-1][1:] == ["replay", known.checkpoint, "my laps"]
+    assert words_of(verdict)[-1][1:] == ["replay", facts.checkpoint, "my laps"]
 
 
 def test_the_next_command_names_a_track_as_the_user_typed_it() -> None:
     for lost in (0, 20):
         verdict = judge([drive(lost, "own")], evidence(), ["lake", "my roads/own.yaml"])
         assert words_of(verdict)[-1][-1].endswith("=my roads/own.yaml")
-    known = evidence({"score": {"track": "my_track.yaml,lake"}})
-    assert "=my_track.yaml" in judge([drive(0, "my_track")], known).commands[-1][1]
+    facts = evidence({"score": {"track": "my_track.yaml,lake"}})
+    assert "=my_track.yaml" in judge([drive(0, "my_track")], facts).commands[-1][1]
 
 
 @pytest.mark.parametrize(("lost", "world"), [(0, "embedded"), (20, "embedded"), (0, "donkey")])
 def test_the_next_command_drives_at_the_speed_that_was_driven(lost: int, world: str) -> None:
-    for known, speed in ((evidence(), 28.0), (evidence({"score": {"speed": 28}}), None)):
-        command = judge([drive(lost)], known, ["lake"], world, speed=speed).commands[-1][1]
+    for facts, speed in ((evidence(), 28.0), (evidence({"score": {"speed": 28}}), None)):
+        command = judge([drive(lost)], facts, ["lake"], world, speed=speed).commands[-1][1]
         assert " speed=28" in command
     assert "speed=" not in judge([drive(lost)], evidence(), speed=15.0).commands[-1][1]
 
@@ -175,7 +175,7 @@ def test_start_seeds_of_one_track_have_a_count_and_no_interval() -> None:
 
 
 @pytest.mark.parametrize(
-    ("known", "cause", "typed"),
+    ("facts", "cause", "typed"),
     [
         (evidence({"quick": True}, ("quick=true", "seed=3")), "quick=true", "seed=3"),
         (
@@ -207,14 +207,14 @@ def test_start_seeds_of_one_track_have_a_count_and_no_interval() -> None:
         ),
     ],
 )
-def test_a_likely_cause_is_named_with_a_remedy(known: Evidence, cause: str, typed: str) -> None:
-    verdict = judge([drive(20)], known)
+def test_a_likely_cause_is_named_with_a_remedy(facts: Evidence, cause: str, typed: str) -> None:
+    verdict = judge([drive(20)], facts)
     assert cause in " ".join(verdict.causes)
     commands = words_of(verdict)
     assert commands[0][:2] == ["drivezoo", "train"]
     assert typed in commands[0]
     if place_of("correct"):  # an extra's
-        assert commands[-1][:3] == ["drivezoo", "correct", known.checkpoint]
+        assert commands[-1][:3] == ["drivezoo", "correct", facts.checkpoint]
 
 
 def test_where_no_command_corrects_a_network_it_is_watched(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -234,8 +234,8 @@ def test_the_command_against_the_causes_keeps_what_the_training_had() -> None:
 def test_a_remedy_that_the_training_had_is_not_advised_again() -> None:
     had = {"data": {"augment": {"brightness": {}, "shadow": {}, "shift": {}}}}
     findings = [{"text": "no side cameras: an effect; set augment=[shift]"}]
-    known = evidence(had, ("augment=[brightness,shadow,shift]",), findings=findings)
-    verdict = judge([drive(20)], known)
+    facts = evidence(had, ("augment=[brightness,shadow,shift]",), findings=findings)
+    verdict = judge([drive(20)], facts)
     assert "augment=" not in " ".join(verdict.causes)
     assert not any("train again" in purpose for purpose, _ in verdict.commands)
 
@@ -255,8 +255,8 @@ def test_the_recipe_is_not_advised_to_a_network_that_had_it() -> None:
 
 
 def test_a_track_recorded_under_its_longer_name_is_a_track_it_has_seen() -> None:
-    known = evidence({"data": {"record": {"passes": [{"track": "zoo_lake"}]}}})
-    assert "training images" not in " ".join(judge([drive(20, "lake")], known).causes)
+    facts = evidence({"data": {"record": {"passes": [{"track": "zoo_lake"}]}}})
+    assert "training images" not in " ".join(judge([drive(20, "lake")], facts).causes)
 
 
 def test_a_network_that_drives_has_no_cause_and_is_told_how_sure_that_is() -> None:
@@ -269,8 +269,8 @@ def test_a_network_that_drives_has_no_cause_and_is_told_how_sure_that_is() -> No
     "config", [{"data": 3}, {"data": {"crop": "x", "augment": 5}}, {"quick": []}]
 )
 def test_what_a_stranger_wrote_into_a_checkpoint_breaks_no_verdict(config: dict) -> None:
-    known = Evidence("a.ckpt", config, {"side_response": "x", "findings": 7, "epochs": {}}, None)
-    assert judge([drive(20)], known).level == "fails"
+    facts = Evidence("a.ckpt", config, {"side_response": "x", "findings": 7, "epochs": {}}, None)
+    assert judge([drive(20)], facts).level == "fails"
 
 
 @pytest.mark.parametrize(
@@ -335,7 +335,7 @@ def test_a_run_ends_with_the_verdict_and_its_report_begins_with_it(run_folder: P
 
 
 @pytest.mark.parametrize(
-    ("recorded", "typed", "named"),
+    ("recorded", "typed", "name"),
     [
         ("lake", "lake", "zoo_lake"),
         ("lake", "zoo_lake", "zoo_lake"),
@@ -343,9 +343,9 @@ def test_a_run_ends_with_the_verdict_and_its_report_begins_with_it(run_folder: P
         ("lake", "roads/lake.yaml", "lake"),
     ],
 )
-def test_the_headline_names_which_lake_was_driven(recorded: str, typed: str, named: str) -> None:
+def test_the_headline_names_which_lake_was_driven(recorded: str, typed: str, name: str) -> None:
     headline = judge([drive(12, recorded)], evidence(), [typed]).headline
-    assert headline == f"It does not drive {named}."
+    assert headline == f"It does not drive {name}."
 
 
 def test_a_headline_that_is_longer_than_the_box_is_not_cut(console: Console) -> None:

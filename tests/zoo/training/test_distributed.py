@@ -61,7 +61,7 @@ def test_shares_put_together_are_the_batch_of_one_process(
         keys = [replace(whole_key, rank=rank, world=world) for rank in range(world)]
         shares = [batches[key] for key in keys]
         for name, tensor in batches[whole_key].items():
-            assert torch.equal(torch.cat([one[name] for one in shares]), tensor), name
+            assert torch.equal(torch.cat([share[name] for share in shares]), tensor), name
         steering = [batches.steering(key) for key in keys]
         assert np.array_equal(np.concatenate(steering), batches.steering(whole_key))
 
@@ -74,11 +74,11 @@ def test_the_rows_to_validate_on_are_shared_out_in_order(
     data = loaded(recorded, tmp_path)
     batches = replace(data.evaluation_batches("val"), rows=data.split.train[:11])
     shares = [batches.share(rank, world) for rank in range(world)]
-    assert max(len(one.rows) for one in shares) - min(len(one.rows) for one in shares) <= 1
-    parts = [batch for one in shares for batch in one]
+    assert max(len(share.rows) for share in shares) - min(len(share.rows) for share in shares) <= 1
+    parts = [batch for share in shares for batch in share]
     assert len(parts) == world
     for name, tensor in batches[0].items():
-        assert torch.equal(torch.cat([one[name] for one in parts]), tensor), name
+        assert torch.equal(torch.cat([part[name] for part in parts]), tensor), name
 
 
 class Kept(lightning.Callback):
@@ -103,15 +103,15 @@ def validate_together(root: str, folder: str) -> None:
     module = module_of(config, data.view)
     for rows in (2, 50):
         data.split = replace(data.split, val=data.split.train[:rows])
-        own = Path(folder) / str(rows)
-        own.mkdir()
+        out = Path(folder) / str(rows)
+        out.mkdir()
         predicted = predict_steering(module, data.evaluation_batches("val"))
         true = data.recording.steering[data.split.val].astype(np.float32)
-        figures = {f"val/{name}": one for name, one in open_loop_metrics(predicted, true).items()}
-        np.savez(own / "one.npz", predicted, true, rows, figures)
+        figures = {f"val/{key}": value for key, value in open_loop_metrics(predicted, true).items()}
+        np.savez(out / "one.npz", predicted, true, rows, figures)
         ranks = {"accelerator": "cpu", "devices": 3, "strategy": "ddp_fork"}
         without = ("logger", "enable_progress_bar", "use_distributed_sampler")
-        trainer = lightning.Trainer(callbacks=[Kept(own)], **ranks, **dict.fromkeys(without, False))
+        trainer = lightning.Trainer(callbacks=[Kept(out)], **ranks, **dict.fromkeys(without, False))
         trainer.validate(module, datamodule=data, verbose=False)
 
 
@@ -121,18 +121,18 @@ def test_processes_that_validate_share_the_rows_and_all_have_the_figures_of_one(
     arguments = (f"data.root={recorded.folder}", str(tmp_path))
     succeed(run(tmp_path, *arguments, module="tests.zoo.training.test_distributed"))
     for rows in (2, 50):
-        predicted, true, _, figures = kept(tmp_path / str(rows) / "one.npz")
-        found = [kept(tmp_path / str(rows) / f"{rank}.npz") for rank in range(3)]
-        assert sum(int(seen) for _, _, seen, _ in found) == rows, "each row once"
-        for own_predicted, own_true, _, own_figures in found:
+        predicted, true, _, figures = arrays(tmp_path / str(rows) / "one.npz")
+        ranks = [arrays(tmp_path / str(rows) / f"{rank}.npz") for rank in range(3)]
+        assert sum(int(seen) for _, _, seen, _ in ranks) == rows, "each row once"
+        for own_predicted, own_true, _, own_figures in ranks:
             # A row's sums depend, in the last bits, on how many others are in its batch.
             np.testing.assert_allclose(own_predicted, predicted, rtol=0, atol=1e-6)
             assert own_true.tolist() == true.tolist()
             assert own_figures.item() == pytest.approx(figures.item(), abs=1e-6)
-            assert own_figures.item() == found[0][3].item(), "to the bit, in all processes"
+            assert own_figures.item() == ranks[0][3].item(), "to the bit, in all processes"
 
 
-def kept(path: Path) -> list[np.ndarray]:
+def arrays(path: Path) -> list[np.ndarray]:
     with np.load(path, allow_pickle=True) as file:
         return list(file.values())
 
@@ -147,10 +147,10 @@ def test_two_processes_come_to_the_same_as_one(recorded: Written, tmp_path: Path
     result = run(tmp_path, *more, "trainer=ddp_cpu", "hydra.run.dir=two")
     assert (result.returncode, result.stderr) == (0, "")
     assert result.stdout.count(" train, ") == 1, "one process speaks"
-    one, two = (weights(tmp_path / name) for name in ("one", "two"))
-    assert one.keys() == two.keys()
-    for name in one:
-        torch.testing.assert_close(two[name], one[name], rtol=0, atol=TOLERANCE)
+    single, two = (weights(tmp_path / name) for name in ("one", "two"))
+    assert single.keys() == two.keys()
+    for name in single:
+        torch.testing.assert_close(two[name], single[name], rtol=0, atol=TOLERANCE)
     curves = [read_curves(tmp_path / name) for name in ("one", "two")]
     for name, curve in curves[0].items():
         assert curves[1][name] == pytest.approx(curve, rel=1e-5), name
@@ -172,13 +172,13 @@ def test_when_a_process_dies_the_first_says_so_in_a_line_and_ends(
             time.sleep(0.1)
         (second,) = psutil.Process(first.pid).children()
         second.kill()
-        _, said = first.communicate(timeout=60)
+        _, error = first.communicate(timeout=60)
     finally:
         first.kill()
     assert first.returncode == 1
-    assert said.count("\n") == 1, said
-    assert "process 2 of the 2 that train together ended (SIGKILL)" in said
-    assert "resume with: drivezoo train resume=" in said
+    assert error.count("\n") == 1, error
+    assert "process 2 of the 2 that train together ended (SIGKILL)" in error
+    assert "resume with: drivezoo train resume=" in error
     assert read_status(tmp_path / "run")["status"] == "failed"
 
 
@@ -215,16 +215,16 @@ def lose(folder: Path, other: subprocess.Popen) -> None:
 
 
 @pytest.mark.parametrize(
-    ("how", "said"),
+    ("how", "end"),
     [
         ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "SIGKILL"),
         ("raise SystemExit(3)", "exit status 3"),
     ],
 )
 def test_an_error_for_want_of_another_process_is_said_as_its_end(
-    tmp_path: Path, how: str, said: str
+    tmp_path: Path, how: str, end: str
 ) -> None:
-    with pytest.raises(InputError, match=rf"process 2 of the 2 .* ended \({said}\).*GO ON"):
+    with pytest.raises(InputError, match=rf"process 2 of the 2 .* ended \({end}\).*GO ON"):
         lose(tmp_path, ended(how))
 
 
