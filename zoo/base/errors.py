@@ -88,11 +88,11 @@ def library_errors(file: object, fault: str, remedy: str) -> Iterator[None]:
 
 @contextmanager
 def placed_errors(source: object) -> Iterator[None]:
-    """Raise an InputError within the block again with its place in front."""
+    """Raise an InputError within the block again, of its kind, with its place in front."""
     try:
         yield
     except InputError as error:
-        raise InputError(f"{source}: {error}") from None
+        raise type(error)(f"{source}: {error}") from None
 
 
 @contextmanager

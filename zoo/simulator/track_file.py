@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from zoo.base.bounded_files import read_yaml
-from zoo.base.errors import InputError, hint, placed_errors
+from zoo.base.errors import UsageError, hint, placed_errors
 from zoo.simulator.road_family import draw_road, find_family
 from zoo.simulator.track import Track
 from zoo.simulator.track_content import make_track
@@ -36,7 +36,7 @@ def read_track(name: str) -> Track:
     if not usable or not path.exists():
         name = ascii(name[:MOST_PATH])[1:-1] if "\0" in name else name[:MOST_PATH]
         names, families = sorted(map(recorded_name, track_names())), family_names()
-        raise InputError(
+        raise UsageError(
             f"there is no track {name}, .yaml file, or road of a family and a number, "
             f"such as {families[0]}:17 ({', '.join(families)}); {hint(name, names)}"
         )

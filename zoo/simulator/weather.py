@@ -10,7 +10,7 @@ from pydantic import Field
 
 from zoo.base.bounded_files import parse_yaml
 from zoo.base.command_keys import Section, keys_of, typed_keys
-from zoo.base.errors import InputError, placed_errors
+from zoo.base.errors import UsageError, placed_errors
 from zoo.base.key_values import check_keys, check_values, constructed
 from zoo.simulator.udacity_car import CameraOffset
 
@@ -107,7 +107,7 @@ def read_weather(weather: str | Mapping[str, Any] | Weather) -> Weather | str:
     0.4
 
     Raises:
-        InputError: the weather is none of these, or a setting or its value is wrong.
+        UsageError: the weather is none of these, or a setting or its value is wrong.
     """
     if weather == "random" or isinstance(weather, Weather):
         return weather
@@ -118,7 +118,7 @@ def read_weather(weather: str | Mapping[str, Any] | Weather) -> Weather | str:
         with suppress(ValueError):
             settings = parse_yaml(weather)
     if not isinstance(settings, Mapping):
-        raise InputError(
+        raise UsageError(
             f"weather={weather}: must be clear, random or settings such as {{fog: 0.4}}"
         )
     with placed_errors("weather"):

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from zoo.base.errors import InputError
+from zoo.base.errors import UsageError
 from zoo.base.key_values import check_values
 from zoo.simulator.track_names import recorded_name
 from zoo.simulator.udacity_car import PHYSICS_STEP_S
@@ -52,10 +52,10 @@ class WorldSettings:
         return {name: getattr(self, name) for name in names if name != "weather"}
 
     def check(self) -> None:
-        """Raise InputError for a value that is not allowed."""
+        """Raise UsageError for a value that is not allowed."""
         check_values(self)
         if self.direction not in self.directions:
             allowed = " or ".join(("forward", "backward", *map(str, self.directions[2:])))
-            raise InputError(f"direction={self.direction}: must be {allowed}")
+            raise UsageError(f"direction={self.direction}: must be {allowed}")
         if isinstance(self.weather, str):
             read_weather(self.weather)
